@@ -21,11 +21,13 @@ import numpy as np
 from ...arrays import Columns, Complex, Float
 from ...materials import Material
 from ...spirals.clearance.table_range import SCALE_RANGE
+from ...spirals.curves import law
 from ...spirals.curves.blends import MATE_LEAN, MATE_WIND, OWN_LEAN, OWN_WIDTH, OWN_WIND, RADIUS, blend_joints
 from ...spirals.curves.blends import MATE_WIDTH as BY_MATE_WIDTH
 from ..assembly import Assembly
 from .beams import SHEAR_FACTOR, gauss, torsion_constant
 from .grain import SectionFlexibility, line_compliance
+from .stations import product, spiral_stations, sum_products
 from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE, SHORTEST
 
 # Parameters, besides its geometry, on which the compliance of an arm depends: its own width and twist, the mean width
@@ -251,33 +253,6 @@ def _dual(value: np.ndarray, by: Mapping[int, np.ndarray | float], count: int) -
     return out
 
 
-def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Product of two arrays of values with derivatives (product rule)."""
-    out = a * b[:1]
-    out[1:] += a[:1] * b[1:]
-    return out
-
-
-def _spiral(
-    arms: CutArms, t: np.ndarray, *, twist: int | None = None, radius: int | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Positions, seen from the tips, and t-derivatives of pure spirals at t (1 + P, S, N); ``twist``, ``radius``: indices."""
-    wind = arms.twist * t
-    if twist is not None:
-        wind[1 + twist] += t[0]
-    turn = arms.radius * np.exp(1j * wind[0])
-    place, pace = (1.0 - t[0]) * turn, (1j * arms.twist * (1.0 - t[0]) - 1.0) * turn
-    places = np.concatenate([place[None], 1j * place * wind[1:] - turn * t[1:]])
-    paces = np.concatenate([pace[None], 1j * pace * wind[1:] - 1j * arms.twist * turn * t[1:]])
-    if twist is not None:
-        paces[1 + twist] += 1j * (1.0 - t[0]) * turn
-    if radius is not None:
-        places[1 + radius] += place / arms.radius - 1.0
-        paces[1 + radius] += pace / arms.radius
-    places[0] -= arms.radius
-    return places, paces
-
-
 def _blend_lines(arms: CutArms, by: slice = _BY_DESIGN) -> tuple[_Line, _Line]:
     """The blended ends, and the pure spirals that they replace, with derivatives by the design or by shape and grain."""
     x, w = gauss(POINTS)
@@ -289,14 +264,12 @@ def _blend_lines(arms: CutArms, by: slice = _BY_DESIGN) -> tuple[_Line, _Line]:
     )
     x, w = x[:, None], w[:, None]
     t, weight = share * x, share * w
-    place, pace = _spiral(arms, t, **({"twist": TWIST} if of_design else {"radius": 0}))
+    place, pace = spiral_stations(
+        arms.radius, arms.twist, t, **({"by_twist": 1 + TWIST} if of_design else {"by_radius": 1})
+    )
     width = _dual(arms.width[None], {WIDTH: 1.0} if of_design else {}, 4)
-    xx = x * x
-    # blending quintics of ``spirals.curves.spiral``
-    bent = place + _times(slope, share) * (x * (1.0 + xx * (-6.0 + x * (8.0 - 3.0 * x))))
-    speed = pace + slope * (1.0 + xx * (-18.0 + x * (32.0 - 15.0 * x)))
-    wide = width + (joint - width) * (1.0 + xx * x * (-10.0 + x * (15.0 - 6.0 * x)))
-    return (bent, speed, wide, weight), (place, pace, width, weight)
+    bent, speed = place + product(slope, share) * law.offset(x), pace + slope * law.offset_slope(x)
+    return (bent, speed, width + (joint - width) * law.fade(x), weight), (place, pace, width, weight)
 
 
 def _root_line(arms: CutArms, of_design: bool = True) -> _Line:
@@ -316,7 +289,9 @@ def _root_line(arms: CutArms, of_design: bool = True) -> _Line:
     way = (true - own)[:, None]
     t = -(own[:, None] + way * x[:, None])
     t[0] += 1.0
-    place, pace = _spiral(arms, t, **({"twist": TWIST} if of_design else {"radius": 0}))
+    place, pace = spiral_stations(
+        arms.radius, arms.twist, t, **({"by_twist": 1 + TWIST} if of_design else {"by_radius": 1})
+    )
     return place, pace, _dual(arms.width[None], {WIDTH: 1.0} if of_design else {}, count), way * w[:, None]
 
 
@@ -339,41 +314,34 @@ def _line_compliance(
     unit = 1j * along.imag * (pace[0] / speed**2)
     unit[0] = pace[0] / speed
     tx, ty = unit.real, unit.imag
-    length = _times(weight, np.concatenate([speed[None], along.real[1:]]))
-    lever, torque = _times(x, tx) + _times(y, ty), _times(y, tx) - _times(x, ty)
+    length = product(weight, np.concatenate([speed[None], along.real[1:]]))
+    lever, torque = product(x, tx) + product(y, ty), product(y, tx) - product(x, ty)
 
     stretch, bend, lift, twist = _flexibilities(width, length, height, material)
     shear = 2.0 * SHEAR_FACTOR * (1.0 + material.poisson)
 
-    sx, sy = _times(stretch, tx), _times(stretch, ty)
-    xx, xy, yy = _dot(sx, tx), _dot(sx, ty), _dot(sy, ty)
-    bx, by = _times(bend, x), _times(bend, y)
+    sx, sy = product(stretch, tx), product(stretch, ty)
+    xx, xy, yy = sum_products(sx, tx), sum_products(sx, ty), sum_products(sy, ty)
+    bx, by = product(bend, x), product(bend, y)
     inside = (
-        _dot(by, y) + xx + shear * yy,
-        (1.0 - shear) * xy - _dot(by, x),
-        _dot(bx, x) + yy + shear * xx,
+        sum_products(by, y) + xx + shear * yy,
+        (1.0 - shear) * xy - sum_products(by, x),
+        sum_products(bx, x) + yy + shear * xx,
         -by.sum(axis=1),
         bx.sum(axis=1),
         bend.sum(axis=1),
     )
-    tt, tw_x, tw_y = _times(twist, torque), _times(twist, tx), _times(twist, ty)
-    rl, ra_x, ra_y = _times(lift, lever), _times(lift, tx), _times(lift, ty)
+    tt, tw_x, tw_y = product(twist, torque), product(twist, tx), product(twist, ty)
+    rl, ra_x, ra_y = product(lift, lever), product(lift, tx), product(lift, ty)
     outside = (
-        _dot(tt, torque) + _dot(rl, lever) + shear * stretch.sum(axis=1),
-        _dot(tt, tx) + _dot(rl, ty),
-        _dot(tw_x, tx) + _dot(ra_y, ty),
-        _dot(tt, ty) - _dot(rl, tx),
-        _dot(tw_x, ty) - _dot(ra_x, ty),
-        _dot(tw_y, ty) + _dot(ra_x, tx),
+        sum_products(tt, torque) + sum_products(rl, lever) + shear * stretch.sum(axis=1),
+        sum_products(tt, tx) + sum_products(rl, ty),
+        sum_products(tw_x, tx) + sum_products(ra_y, ty),
+        sum_products(tt, ty) - sum_products(rl, tx),
+        sum_products(tw_x, ty) - sum_products(ra_x, ty),
+        sum_products(tw_y, ty) + sum_products(ra_x, tx),
     )
     return np.stack(inside + outside)
-
-
-def _dot(a: np.ndarray, b: np.ndarray) -> Float[np.ndarray, "numbers n"]:
-    """Sum over the stations of the product of two arrays of values with derivatives."""
-    out = np.einsum("psn,sn->pn", a, b[0])
-    out[1:] += np.einsum("sn,psn->pn", a[0], b[1:])
-    return out
 
 
 def _flexibilities(
@@ -385,7 +353,7 @@ def _flexibilities(
     def flex(value: np.ndarray, by_width: np.ndarray) -> np.ndarray:
         out = by_width * width
         out[0] = value
-        return _times(length, out)
+        return product(length, out)
 
     w = width[0]
     soft = 1.0 / (material.youngs * height * w)

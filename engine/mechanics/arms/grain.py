@@ -28,6 +28,7 @@ import numpy as np
 from ...arrays import Float
 from ...materials import Orthotropy
 from .beams import SHEAR_FACTOR, Blocks, gauss, torsion_constant
+from .stations import product, spiral_stations, sum_products
 from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE
 
 # Gauss points along an arm; more are slower. Compliances of 300 random arms with moduli in the ratio of 16 to 1 are
@@ -103,16 +104,16 @@ class SectionFlexibility:
         s11, s16, s66, s55 = (np.stack([v[0], np.zeros_like(v[0]), v[1]]) for v in _rotated_compliances(known, angle))
         level = np.stack([width * height**3 / 12.0, height**3 / 12.0 + 0.0 * width, 0.0 * width])
         upright = np.stack([height * width**3 / 12.0, height * width**2 / 4.0, 0.0 * width])
-        over = _inverse(_times(s11, s66) - _times(s16, s16))
-        bent, mixed = _times(level, _times(s66, over)), _times(level, _times(s16, over))
-        twisted = _times(level, _times(s11, over)) + _times(upright, _inverse(s55))
-        both = _inverse(_times(bent, twisted) - _times(mixed, mixed))
-        bend = _inverse(_times(upright, _times(s66, over))) - free.bend
+        over = _inverse(product(s11, s66) - product(s16, s16))
+        bent, mixed = product(level, product(s66, over)), product(level, product(s16, over))
+        twisted = product(level, product(s11, over)) + product(upright, _inverse(s55))
+        both = _inverse(product(bent, twisted) - product(mixed, mixed))
+        bend = _inverse(product(upright, product(s66, over))) - free.bend
         constant, slope = torsion_constant(height / width)
         torsion = np.stack([width**4 * constant, 4.0 * width**3 * constant - width**2 * height * slope, 0.0 * width])
-        alike = _times(torsion, _inverse(level + upright))
-        lift, coupled = _times(twisted, both) - free.lift, -_times(mixed, both) - free.coupled
-        twist = _times(bent, both) - _times(alike, free.twist)
+        alike = product(torsion, _inverse(level + upright))
+        lift, coupled = product(twisted, both) - free.lift, -product(mixed, both) - free.coupled
+        twist = product(bent, both) - product(alike, free.twist)
         none = np.zeros_like(bend)
         return cls(none, none, none, none, bend, lift, twist, coupled)
 
@@ -167,27 +168,10 @@ def _torsion(level: np.ndarray, upright: np.ndarray, width: np.ndarray, height: 
     return np.stack([value, by_wide * wider, by_angle])
 
 
-# arrays (1 + P, ...) of values and their derivatives, as in ``cut``
-
-
-def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Product of two arrays of values with derivatives (product rule)."""
-    out = a * b[:1] + a[:1] * b
-    out[0] = a[0] * b[0]
-    return out
-
-
 def _inverse(a: np.ndarray) -> np.ndarray:
     """Reciprocal of values with derivatives."""
     out = -a / a[0] ** 2
     out[0] = 1.0 / a[0]
-    return out
-
-
-def _dot(a: np.ndarray, b: np.ndarray) -> Float[np.ndarray, "numbers n"]:
-    """Sum over the stations of the product of two arrays of values with derivatives."""
-    out = np.einsum("psn,sn->pn", a, b[0])
-    out[1:] += np.einsum("sn,psn->pn", a[0], b[1:])
     return out
 
 
@@ -216,13 +200,13 @@ def line_compliance(
     turn = along.imag / speed
     turn[0] = np.angle(unit[0])
     angle = grain - turn
-    length = _times(weight, np.concatenate([speed[None], along.real[1:]]))
+    length = product(weight, np.concatenate([speed[None], along.real[1:]]))
     yields = of(angle[0], width[0], height)
 
     def over(value: np.ndarray) -> np.ndarray:
         out = value[1] * width + value[2] * angle
         out[0] = value[0]
-        return _times(length, out)
+        return product(length, out)
 
     one, none = np.zeros_like(tx), np.zeros_like(tx)
     one[0] = 1.0
@@ -230,7 +214,7 @@ def line_compliance(
     inside = _sum_squares(bend, (-y, x, one))
     forces = _sum_coupled(stretch, slide, mixed, (tx, ty, none), (-ty, tx, none))
     twist, lift, coupled, rise = (over(v) for v in (yields.twist, yields.lift, yields.coupled, yields.rise))
-    lever, torque = _times(x, tx) + _times(y, ty), _times(y, tx) - _times(x, ty)
+    lever, torque = product(x, tx) + product(y, ty), product(y, tx) - product(x, ty)
     outside = _sum_coupled(twist, lift, coupled, (torque, tx, ty), (-lever, -ty, tx))
     outside[0] += rise.sum(axis=1)
     return np.concatenate([inside + forces, outside])
@@ -238,8 +222,8 @@ def line_compliance(
 
 def _sum_squares(value: np.ndarray, rows: tuple[np.ndarray, ...]) -> Float[np.ndarray, "6 numbers n"]:
     """Sum value a_i a_j over the stations, for (i, j) in ``ENTRIES``; ``rows`` are a_0, a_1, a_2."""
-    scaled = [_times(value, row) for row in rows]
-    return np.stack([_dot(scaled[i], rows[j]) for i, j in ENTRIES])
+    scaled = [product(value, row) for row in rows]
+    return np.stack([sum_products(scaled[i], rows[j]) for i, j in ENTRIES])
 
 
 def _sum_coupled(
@@ -247,9 +231,10 @@ def _sum_coupled(
 ) -> Float[np.ndarray, "6 numbers n"]:
     """Sum first a_i a_j + second b_i b_j + mixed (a_i b_j + b_i a_j) over the stations, for (i, j) in ``ENTRIES``."""
     rows = [
-        (_times(first, p) + _times(mixed, q), _times(mixed, p) + _times(second, q)) for p, q in zip(a, b, strict=True)
+        (product(first, p) + product(mixed, q), product(mixed, p) + product(second, q))
+        for p, q in zip(a, b, strict=True)
     ]
-    return np.stack([_dot(rows[i][0], a[j]) + _dot(rows[i][1], b[j]) for i, j in ENTRIES])
+    return np.stack([sum_products(rows[i][0], a[j]) + sum_products(rows[i][1], b[j]) for i, j in ENTRIES])
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,35 +282,22 @@ class GrainBeams:
         share[0] = np.exp(-((away / HUB_HOLDS) ** 2))
         share[1 + _WIDTH] = 2.0 * (away / HUB_HOLDS) ** 2 * share[0]
         share[1 + _RADIUS] = -share[1 + _WIDTH] / radius
-        lines, free = _spiral(radius, twist, t), partial(SectionFlexibility.evaluate, self.known)
+        rows = {"by_radius": 1 + _RADIUS, "by_twist": 1 + _TWIST}
+        lines = spiral_stations(radius, twist, t, **rows)
+        free = partial(SectionFlexibility.evaluate, self.known)
         along = line_compliance(*lines, width, weight, angle, height, free)
         weight = weight * share[:1] + weight[:1] * share
         weight[0] = w[:, None] * share[0]
         along += line_compliance(*lines, width, weight, angle, height, partial(SectionFlexibility.of_held, self.known))
         t = np.zeros((5, 1, n))
         t[0], t[1 + _RADIUS], t[1 + _WIDTH] = 1.0 - HUB_AT / radius, HUB_AT / radius**2, -HUB_AT / radius
-        places, paces = _spiral(radius, twist, t)
+        places, paces = spiral_stations(radius, twist, t, **rows)
         # one station whose length is 1 for all parameters
         speed = np.abs(paces[0])
         weight = -(paces * np.conj(paces[0])).real / speed**3
         weight[0] *= -1.0
         of = partial(SectionFlexibility.of_hub, self.known, poisson=self.poisson)
         return along + line_compliance(places, paces, width, weight, angle, height, of)
-
-
-def _spiral(radius: np.ndarray, twist: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Positions, seen from the tips, and t-derivatives of pure spirals at t (5, S, 1 or n), with parameter derivatives."""
-    whole, last = t, t[0]
-    turn = np.exp(1j * twist * last)
-    place, pace = (1.0 - last) * turn, (1j * twist * (1.0 - last) - 1.0) * turn
-    change = (-2j * twist - twist**2 * (1.0 - last)) * turn
-    places, paces = radius * pace * whole, radius * change * whole
-    places[0], paces[0] = radius * (place - 1.0), radius * pace
-    places[1 + _RADIUS] += place - 1.0
-    paces[1 + _RADIUS] += pace
-    places[1 + _TWIST] += radius * (1j * last * place)
-    paces[1 + _TWIST] += radius * (1j * last * pace + 1j * (1.0 - last) * turn)
-    return places, paces
 
 
 def direction_share(

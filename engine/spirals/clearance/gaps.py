@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...arrays import Columns, Complex, Float, Int
+from ..curves import law
 from ..curves.blends import ANGLE, OWN_WIND, RADIUS
 from ..curves.lines import ArmCurves, blend_offset
 from ..curves.spiral import arm_widths
@@ -366,13 +367,13 @@ def sharp_slopes(
     lines: ArmCurves, i: Int[np.ndarray, " k"], u: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, "k numbers"]:
     """Return the derivatives of the ratios of ``sharp`` with respect to the parameters of the arms' blends."""
-    end, uu = lines.end, u * u
+    end = lines.end
     share, slope, wind = end.share[i], end.slope[i], lines.wind[i]
     t = share * u
     _, d1, d2, half = lines.at(i, t)[:4]
-    turn = np.exp(1j * (lines.angle[i] + wind * t))
+    turn = law.turn(lines.angle[i], wind, t)
     r = lines.radius[i] * (1.0 - t)
-    q1, q2 = 1.0 + uu * (-18.0 + u * (32.0 - 15.0 * u)), u * (-36.0 + u * (96.0 - 60.0 * u))
+    q1, q2 = law.offset_slope(u), law.offset_bend(u)
     first, second = slope * q1, slope * q2 / share
     pure = d1 - first, d2 - second
     third = (3.0 * wind**2 * lines.radius[i] - 1j * wind**3 * r) * turn
@@ -389,7 +390,7 @@ def sharp_slopes(
     bent = (np.conj(d1) * d2).imag
     change = (np.conj(moves[0]) * d2[:, None] + np.conj(d1)[:, None] * moves[1]).imag / (size**3)[:, None]
     change -= (3.0 * bent / size**5)[:, None] * (np.conj(d1)[:, None] * moves[0]).real
-    joint = 1.0 + uu * u * (-10.0 + u * (15.0 - 6.0 * u))
+    joint = law.fade(u)
     # at a fixed u, the width does not depend on the length of the blend
     wide = 0.5 * joint[:, None] * end.width_by[i]
     wide[:, 0] += 0.5 * (1.0 - joint)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Complex, Float, Int
+from . import law
 from .blends import ANGLE, N_BLEND_PARAMETERS, OWN_WIDTH, OWN_WIND, RADIUS, Blends, blend_joints
 from .spiral import arm_widths, curve_points
 
@@ -87,8 +88,8 @@ class ArmCurves:
         Complex numbers, metres
         """
         end = self.end
-        turn = np.exp(1j * (self.angle[i] + self.wind[i] * t))
-        return self.centre[i] + self.radius[i] * (1.0 - t) * turn + end.slope[i] * blend_offset(end.share[i], t)
+        pure = self.radius[i] * (1.0 - t) * law.turn(self.angle[i], self.wind[i], t)
+        return self.centre[i] + pure + end.slope[i] * blend_offset(end.share[i], t)
 
     def pull(
         self, i: Int[np.ndarray, " m"], t: Float[np.ndarray, " m"], along: Complex[np.ndarray, " m"]
@@ -107,10 +108,8 @@ class ArmCurves:
         """
         end, share, slope = self.end, self.end.share[i], self.end.slope[i]
         u = np.minimum(t / share, 1.0)
-        uu = u * u
-        value = u * (1.0 + uu * (-6.0 + u * (8.0 - 3.0 * u)))
-        change = 1.0 + uu * (-18.0 + u * (32.0 - 15.0 * u))
-        turn = np.exp(1j * (self.angle[i] + self.wind[i] * t))
+        value, change = law.offset(u), law.offset_slope(u)
+        turn = law.turn(self.angle[i], self.wind[i], t)
         point = np.zeros((len(i), N_ARM_PARAMETERS))
 
         def project(move: np.ndarray) -> np.ndarray:
@@ -127,8 +126,7 @@ class ArmCurves:
         point[:, RADIUS] += radial
         point[:, ANGLE] += across
         point[:, CENTRE_X], point[:, CENTRE_Y] = along.real, along.imag
-        joint = 1.0 + uu * u * (-10.0 + u * (15.0 - 6.0 * u))
-        narrows = -30.0 * (u * (1.0 - u)) ** 2 * -u / share
+        joint, narrows = law.fade(u), law.fade_slope(u) * -u / share
         half = np.zeros((len(i), N_ARM_PARAMETERS))
         half[:, :N_BLEND_PARAMETERS] = 0.5 * joint[:, None] * end.width_by[i]
         half[:, :N_BLEND_PARAMETERS] += (0.5 * (end.width[i] - self.width[i]) * narrows)[:, None] * end.share_by[i]
@@ -155,7 +153,7 @@ class ArmCurves:
         """
         end, rest, radius, wind = self.end, 1.0 - t, self.radius[:, None], self.wind[:, None]
         # in a frame that turns with the spiral, derivatives along the spoke (real part) and across it (imaginary part)
-        back = np.exp(-1j * (self.angle[:, None] + wind * t))
+        back = np.conj(law.turn(self.angle[:, None], wind, t))
         own, pace = back * point, back * velocity
         (along, aside), (along1, aside1) = ((np.ascontiguousarray(x) for x in (y.real, y.imag)) for y in (own, pace))
         level = wind * rest
@@ -171,11 +169,9 @@ class ArmCurves:
         share, slope = end.share[:, None], end.slope[:, None]
         point, velocity, half = point[:, some], velocity[:, some], half[:, some]
         u = np.minimum(t[:, some] / share, 1.0)
-        uu = u * u
-        value, change = u * (1.0 + uu * (-6.0 + u * (8.0 - 3.0 * u))), 1.0 + uu * (-18.0 + u * (32.0 - 15.0 * u))
-        again, joint = u * (-36.0 + u * (96.0 - 60.0 * u)), 1.0 + uu * u * (-10.0 + u * (15.0 - 6.0 * u))
+        value, change, again, joint = law.offset(u), law.offset_slope(u), law.offset_bend(u), law.fade(u)
         by_point, by_velocity = _dot(point, slope), _dot(velocity, slope)
-        narrowing = half * (-15.0 * (end.width - self.width)[:, None] / share) * (u * (1.0 - u)) ** 2
+        narrowing = half * (0.5 * (end.width - self.width)[:, None] / share) * law.fade_slope(u)
         further = by_velocity * (again / share) + narrowing
         by_t[:, some] += by_point * change + further
         by_slope = (point * (share * value) + velocity * change).sum(1)
@@ -200,6 +196,4 @@ def blend_offset(share: np.ndarray, t: np.ndarray) -> np.ndarray:
     share : length of the blend, in t
     t : places on the arm, of a shape that broadcasts with ``share``
     """
-    u = np.minimum(t / share, 1.0)
-    uu = u * u
-    return share * u * (1.0 + uu * (-6.0 + u * (8.0 - 3.0 * u)))
+    return share * law.offset(np.minimum(t / share, 1.0))

@@ -16,6 +16,7 @@ from ...arrays import Columns, Float, Int
 from ...params import SpiralParams
 from ...patches.flattening.flatten import FlatPatches
 from ...surface.mesh import QuadMesh
+from . import law
 from .blends import blend_joints, lean_angles
 
 LEFT, RIGHT = 1.0, -1.0  # sides of an arm, seen from the centre outwards
@@ -189,21 +190,15 @@ def curve_points(
     radius, angle, wind, slope, share : as in ``Arms``, with a complex slope; all arguments broadcast
     t : 0 at the joint, 1 at the centre
     """
-    # r e^(i angle) in the complex plane; straight beyond the centre
-    beyond = (t > 1.0).any()
-    turn = np.exp(1j * (angle + wind * (np.minimum(t, 1.0) if beyond else t)))
-    p = radius * (1.0 - t) * turn
-    wind = np.where(t > 1.0, 0.0, wind) if beyond else wind
-    rw = radius * (1.0 - t) * wind
-    d1 = (1j * rw - radius) * turn
-    d2 = (-wind * rw - 2j * (wind * radius)) * turn
+    # straight beyond the centre
+    if (t > 1.0).any():
+        angle, wind = np.where(t > 1.0, angle + wind, angle), np.where(t > 1.0, 0.0, wind)
+    p, d1, d2 = law.spiral_points(radius, angle, wind, t)
     if slope.any():
         u = np.minimum(t / share, 1.0)
-        uu = u * u
-        # quintic with value 0 and slope 1 at the joint, and no curvature there; value, slope and curvature 0 at u = 1
-        p += slope * (share * u * (1.0 + uu * (-6.0 + u * (8.0 - 3.0 * u))))
-        d1 += slope * (1.0 + uu * (-18.0 + u * (32.0 - 15.0 * u)))
-        d2 += slope * (u * (-36.0 + u * (96.0 - 60.0 * u)) / share)
+        p += slope * (share * law.offset(u))
+        d1 += slope * law.offset_slope(u)
+        d2 += slope * (law.offset_bend(u) / share)
     return p, d1, d2
 
 
@@ -237,13 +232,8 @@ def arm_widths(
     t : 0 at the joint, 1 at the centre
     """
     u = np.minimum(t / share, 1.0)
-    change, rest = joint - width, u * (1.0 - u)
-    g = 1.0 + u * u * u * (-10.0 + u * (15.0 - 6.0 * u))
-    return (
-        width + change * g,
-        change * (-30.0 * rest * rest / share),
-        change * (-60.0 * rest * (1.0 - 2.0 * u) / share**2),
-    )
+    change, bend = joint - width, -60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)
+    return width + change * law.fade(u), change * (law.fade_slope(u) / share), change * (bend / share**2)
 
 
 def widening(extra: Floats, full: Floats, over: Floats, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -257,8 +247,7 @@ def widening(extra: Floats, full: Floats, over: Floats, t: np.ndarray) -> tuple[
     """
     span = np.maximum(np.asarray(over) - full, 1e-9)
     u = np.clip((t - full) / span, 0.0, 1.0)
-    rest = u * (1.0 - u)
-    return extra * (1.0 + u * u * u * (-10.0 + u * (15.0 - 6.0 * u))), -30.0 * extra * rest * rest / span
+    return extra * law.fade(u), extra * law.fade_slope(u) / span
 
 
 def edge_points(

@@ -1,0 +1,56 @@
+"""The law of an arm's curve and width (FlexMaps section 5); t is 0 at the joint and 1 at the quad's centre.
+
+Outside the blend, an arm is an Archimedean spiral, r = R (1 - t), angle = A + t wind, of constant width. The blend, over u = t / share from 0 to 1,
+adds an offset with a given slope at the joint, and changes the width.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def turn(angle: np.ndarray | float, wind: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Return the directions of spirals at t from their centres, as complex numbers; arguments as for ``spiral_points``."""
+    return np.exp(1j * (angle + wind * t))
+
+
+def spiral_points(
+    radius: np.ndarray, angle: np.ndarray | float, wind: np.ndarray, t: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the points of Archimedean spirals at t and their first and second derivatives by t, as complex numbers.
+
+    Parameters
+    ----------
+    radius, angle, wind : distance (metres) and direction (radians) of the joint from the centre, and the twist with its sign
+    t : all arguments broadcast
+    """
+    way, rest = turn(angle, wind, t), radius * (1.0 - t)
+    across = rest * wind
+    return rest * way, (1j * across - radius) * way, (-wind * across - 2j * (wind * radius)) * way
+
+
+def offset(u: np.ndarray) -> np.ndarray:
+    """Return the blend's offset at u, a quintic with slope 1 and no curvature at 0; value, slope and curvature are 0 at 1."""
+    uu = u * u
+    return u * (1.0 + uu * (-6.0 + u * (8.0 - 3.0 * u)))
+
+
+def offset_slope(u: np.ndarray) -> np.ndarray:
+    """Return the derivative of the blend's offset."""
+    return 1.0 + u * u * (-18.0 + u * (32.0 - 15.0 * u))
+
+
+def offset_bend(u: np.ndarray) -> np.ndarray:
+    """Return the second derivative of the blend's offset."""
+    return u * (-36.0 + u * (96.0 - 60.0 * u))
+
+
+def fade(u: np.ndarray) -> np.ndarray:
+    """Return a quintic that falls from 1 at 0 to 0 at 1, without slope and curvature at both ends."""
+    return 1.0 + u * u * u * (-10.0 + u * (15.0 - 6.0 * u))
+
+
+def fade_slope(u: np.ndarray) -> np.ndarray:
+    """Return the derivative of ``fade``."""
+    rest = u * (1.0 - u)
+    return -30.0 * rest * rest
