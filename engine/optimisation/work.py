@@ -48,7 +48,6 @@ class Work:
     rated : whether the present stage ends at ``rate``; factor : by which its steps count more, far from the target
     steps : total work after its steps, and their decrease of the objective's logarithm
     cheapest : least work from a step to the proposal of the next one, so far; the next takes at least about as much
-    extended : work done, and the fraction of the progress reached, when the limit was last extended
     """
 
     limit: float | None = None
@@ -60,7 +59,6 @@ class Work:
     factor: float = 1.0
     steps: list[tuple[float, float]] = field(default_factory=list)
     cheapest: float = np.inf
-    extended: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
     def for_spirals(cls, size: int, patience: float) -> Work:
@@ -105,7 +103,6 @@ class Work:
         seconds : that it may add
         rated : whether the stage ends at ``rate``
         """
-        self.extended = self.done, self.fraction
         self.begin((self.done + seconds) / self.limit if self.limit else 1.0, rated=rated)
 
     def note(self, decrease: float) -> None:
@@ -125,17 +122,14 @@ class Work:
 
     @property
     def fraction(self) -> float:
-        """Fraction of the progress that the work done so far stands for, which never falls; 0 without a limit.
+        """Fraction of the progress that the work done so far stands for; 0 without a limit.
 
         Most searches end well before their limit, at a time that nobody knows. So it is the square root of the share of the limit
-        that is used, which runs ahead at first. Where the limit is extended, the rest of the bar stands for the work that was added.
+        that is used, which runs ahead at first. It falls where the limit is extended, see ``Progress.rising``.
         """
-        if self.limit is None:
+        if not self.limit:
             return 0.0
-        before, reached = self.extended
-        left = max(1.0, self.share) * self.limit - before
-        used = min(1.0, (self.done - before) / left) if left > 0.0 else 1.0
-        return reached + (1.0 - reached) * used**0.5
+        return min(1.0, self.done / (max(1.0, self.share) * self.limit)) ** 0.5
 
     def paced(self, progress: Progress) -> Progress:
         """Return a progress that follows the work done, as the number of steps is unknown; unchanged without a limit."""

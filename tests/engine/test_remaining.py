@@ -62,3 +62,18 @@ def test_the_bar_of_a_search_moves_on_where_it_takes_all_of_its_time() -> None:
     # where it ends after a quarter of its time, the share is wrong by the same factor as where it goes on
     early = shown[5]
     assert 1.0 / early == pytest.approx(early / 0.25)
+
+
+def test_the_bar_of_a_search_does_not_fall_where_its_time_is_extended() -> None:
+    shown: list[float] = []
+    work = Work(limit=10.0)
+    told = work.paced(Progress(report=lambda share, _: shown.append(share)).rising())
+    for seconds in (0.0, 5.0, 10.0):
+        work.done = seconds
+        told(0.0, "")
+    work.extend(10.0)
+    for seconds in (10.0, 15.0, 20.0):
+        work.done = seconds
+        told(0.0, "")
+    assert (np.diff(shown) >= 0.0).all() and shown[-1] == pytest.approx(1.0)
+    assert work.fraction == 1.0 and shown[2] == pytest.approx(1.0)
