@@ -11,7 +11,7 @@ from .. import api
 from ..engine.errors import FlexMapsError
 from ..engine.extras import registry
 from ..engine.fabrication.writers import export
-from ..engine.params import SHOWN, ChooseParams, ObjectSettings, Settings, format_value
+from ..engine.params import SHOWN, ChooseParams, ObjectSettings, Settings, every_setting, format_value, sections
 from ..engine.progress import Progress
 from ..engine.runs import job
 from . import extras, handles, painting, pressing, summary
@@ -114,16 +114,16 @@ def _formats(made: argparse.ArgumentParser) -> None:
 
 
 def _flags(made: argparse.ArgumentParser) -> None:
-    names = Counter(f.name for block in fields(Settings) for f in fields(block.default_factory))  # type: ignore[arg-type, misc]
-    for block in fields(Settings):
-        group = made.add_argument_group(f"{block.name} settings")
-        for f in fields(block.default_factory):  # type: ignore[arg-type, misc]
+    names = Counter(f.name for _, f in every_setting(Settings))
+    for section, kind in sections(Settings).items():
+        group = made.add_argument_group(f"{section} settings")
+        for f in fields(kind):  # type: ignore[arg-type]
             # prefix a name that several sections have, so that no flag is ambiguous
-            name = f"{block.name}_{f.name}" if names[f.name] > 1 else f.name
-            _flag(group, name, f"{block.name}.{f.name}", f, get_type_hints(block.default_factory)[f.name])
-        for name in block.default_factory.WERE:  # type: ignore[union-attr, misc]
-            old, switch = f"{block.name}.{name}", argparse.BooleanOptionalAction
-            group.add_argument(f"--{name}", dest=old, action=switch, help=argparse.SUPPRESS)
+            name = f"{section}_{f.name}" if names[f.name] > 1 else f.name
+            _flag(group, name, f"{section}.{f.name}", f, get_type_hints(kind)[f.name])
+        for name in kind.WERE:
+            switch = argparse.BooleanOptionalAction
+            group.add_argument(f"--{name}", dest=f"{section}.{name}", action=switch, help=argparse.SUPPRESS)
 
 
 def _flag(group: argparse._ActionsContainer, name: str, dest: str, f: Field, kind: type) -> None:
@@ -249,16 +249,15 @@ def _simulate_if_needed(args: argparse.Namespace, tell: Any) -> Any:
 
 def _list_settings() -> dict[str, Any]:
     rows = {}
-    for block in fields(ObjectSettings):
-        for f in fields(block.default_factory):  # type: ignore[arg-type, misc]
-            factor, unit = SHOWN[f.metadata["unit"]]
-            bounds = [None if f.metadata[k] is None else round(f.metadata[k] * factor, 9) for k in ("low", "high")]
-            default = f.default * factor if isinstance(f.default, float) else f.default
-            rows[f"{block.name}.{f.name}"] = {
-                "default": round(default, 9) if isinstance(default, float) else default,
-                "unit": unit,
-                "bounds": bounds,
-                "choices": [c[0] for c in f.metadata["choices"]],
-                "help": f.metadata["help"],
-            }
+    for name, f in every_setting(ObjectSettings):
+        factor, unit = SHOWN[f.metadata["unit"]]
+        bounds = [None if f.metadata[k] is None else round(f.metadata[k] * factor, 9) for k in ("low", "high")]
+        default = f.default * factor if isinstance(f.default, float) else f.default
+        rows[name] = {
+            "default": round(default, 9) if isinstance(default, float) else default,
+            "unit": unit,
+            "bounds": bounds,
+            "choices": [c[0] for c in f.metadata["choices"]],
+            "help": f.metadata["help"],
+        }
     return {"settings": rows}

@@ -10,14 +10,14 @@ from typing import Any
 
 from flexmaps.command import arguments, sources
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.params import SHOWN, ObjectSettings, values_in_shown_units, with_values
+from flexmaps.engine.params import SHOWN, ObjectSettings, sections, values_in_shown_units, with_values
 
 ODD: tuple[Any, ...] = (
     "", " ", "nan", "inf", "-inf", "1e999", "-1e999", "1e-400", "1_0", "\uff11\uff10", "\u0661", "0x10", "1,5", "1/2", "2 mm", "true",
     "on", "no", "None", "x" * 10_000, "9" * 5_000, "9" * 20, "-0", "+5", "1e5", "\0", "\n", "\ud800", None, True, False, 0, -1, 1.5,
     10**400, float("nan"), float("inf"), [], {}, (), 1j, b"1", object(),
 )  # fmt: skip
-NAMES = [(block.name, f) for block in fields(ObjectSettings) for f in fields(block.default_factory)]  # type: ignore[arg-type]
+NAMES = [(section, f) for section, kind in sections(ObjectSettings).items() for f in fields(kind)]  # type: ignore[arg-type]
 
 
 def _value(rng: random.Random, f: Any) -> Any:

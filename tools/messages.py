@@ -11,7 +11,6 @@ import inspect
 import re
 import sys
 from collections.abc import Iterator
-from dataclasses import fields
 from pathlib import Path
 
 import polib
@@ -86,20 +85,18 @@ def _of_operators() -> Found:
 
 def _of_settings() -> Found:
     """Names and explanations of settings and their choices; the explanations of materials name sources, which stay."""
-    from flexmaps.engine.params import ObjectSettings
+    from flexmaps.engine.params import ObjectSettings, every_setting
 
-    for block in fields(ObjectSettings):
-        for f in fields(block.default_factory):  # type: ignore[arg-type]
-            name = f"{block.name}.{f.name}"
-            yield "", f.metadata["label"], f"setting {name}"
-            yield "", f.metadata["help"], f"explanation of {name}"
-            for key, label, explanation in f.metadata["choices"]:
-                yield "", label, f"choice of {name}"
-                yield (
-                    "",
-                    explanation if f.name != "material" or key == "custom" else "",
-                    f"explanation of a choice of {name}",
-                )
+    for name, f in every_setting(ObjectSettings):
+        yield "", f.metadata["label"], f"setting {name}"
+        yield "", f.metadata["help"], f"explanation of {name}"
+        for key, label, explanation in f.metadata["choices"]:
+            yield "", label, f"choice of {name}"
+            yield (
+                "",
+                explanation if f.name != "material" or key == "custom" else "",
+                f"explanation of a choice of {name}",
+            )
 
 
 def _of_panels() -> Found:

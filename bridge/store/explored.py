@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import fields
 from typing import Any
 
 import bpy
 
 from ...engine.extras.exploring.space import MEASURES, SIZES
-from ...engine.params import SHOWN, ObjectSettings, with_values
+from ...engine.params import SHOWN, ObjectSettings, every_setting, with_values
 from . import settings
 from .i18n import interface
 
@@ -82,12 +81,10 @@ def said(name: str, found: object) -> str:
     name : "section.name", "edge" or "height"
     found : the value, as shown
     """
-    section, _, short = ("remesh.edge" if name == "edge" else name).partition(".")
-    block = {f.name: f.default_factory for f in fields(ObjectSettings)}.get(section)
-    known = [f for f in fields(block) if f.name == short] if block is not None else []  # type: ignore[arg-type]
-    if not known:  # a setting of another version
+    setting = dict(every_setting(ObjectSettings)).get("remesh.edge" if name == "edge" else name)
+    if setting is None:  # a setting of another version
         return f"{name} {found}"
-    meta = known[0].metadata
+    meta = setting.metadata
     for key, label, _ in meta["choices"]:
         if key == found:
             return interface(label)

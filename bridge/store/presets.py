@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import MISSING, fields
 from functools import lru_cache
 from operator import attrgetter
 from pathlib import Path
@@ -15,7 +14,7 @@ import bpy
 
 from ...engine import files
 from ...engine.errors import FlexMapsError
-from ...engine.params import ObjectSettings
+from ...engine.params import ObjectSettings, every_setting
 
 SUBFOLDER = "flexmaps"  # in Blender's folder of presets
 OWN = {"loads", "export.folder", "render.file"}  # settings of one object, which presets leave out
@@ -24,14 +23,8 @@ TAKEN = "flexmaps_preset"  # on an object: the preset that it took last, and the
 
 def values() -> list[str]:
     """Return the settings that a preset holds, as Python expressions."""
-    expressions = []
-    for block in fields(ObjectSettings):
-        kind = block.default_factory
-        if kind is MISSING or block.name in OWN:
-            continue
-        names = [f"{block.name}.{f.name}" for f in fields(kind)]  # type: ignore[arg-type]
-        expressions += [f"settings.{name}" for name in names if name not in OWN]
-    return expressions
+    names = (name for name, _ in every_setting(ObjectSettings))
+    return [f"settings.{name}" for name in names if OWN.isdisjoint((name, name.partition(".")[0]))]
 
 
 def keep(name: str, values: Mapping[str, Any]) -> Path:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import Field, dataclass, field, fields, replace
 from numbers import Integral
 from os import PathLike
@@ -156,6 +156,17 @@ def values_in_shown_units(settings: Settings) -> dict[str, dict[str, Any]]:
         }
         for block in fields(settings)
     }
+
+
+def sections(kind: type) -> dict[str, type[Params]]:
+    """Return the classes of the sections of ``Settings`` or ``ObjectSettings`` by their names."""
+    return {block.name: block.default_factory for block in fields(kind)}  # type: ignore[misc]
+
+
+def every_setting(kind: type) -> Iterator[tuple[str, Field]]:
+    """Yield all settings of ``Settings`` or ``ObjectSettings``, each as "section.name" with its field."""
+    for name, section in sections(kind).items():
+        yield from ((f"{name}.{f.name}", f) for f in fields(section))  # type: ignore[arg-type]
 
 
 def _as_shown(f: Field, value: Any) -> Any:

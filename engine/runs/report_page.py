@@ -19,6 +19,7 @@ from ..display.run_plots import MapValues
 from ..extras import registry
 from ..files import NewFile
 from ..params import SHOWN, ObjectSettings
+from ..params import sections as all_sections
 from ..progress import SILENT, Progress
 from . import share_page
 from .result import Result
@@ -213,21 +214,21 @@ def _settings(
     In a section every setting has its label, its value, and whether it differs from the default.
     """
     changed, sections = [], []
-    for block in fields(ObjectSettings):
+    for section, kind in all_sections(ObjectSettings).items():
         lines = []
-        for f in fields(block.default_factory):  # type: ignore[arg-type, misc]
-            if f.name not in values.get(block.name, {}):
+        for f in fields(kind):  # type: ignore[arg-type]
+            if f.name not in values.get(section, {}):
                 continue
-            value = values[block.name][f.name]
+            value = values[section][f.name]
             factor, unit = SHOWN[f.metadata["unit"]]
             default = f.default * factor if isinstance(f.default, float) else f.default
             text = _value(value, unit, {c[0]: c[1] for c in f.metadata["choices"]})
             other = abs(value - default) > 1e-6 * abs(default) if isinstance(default, float) else value != default
             lines.append((f.metadata["label"], text, other))
             if other:
-                changed.append((f"{f.metadata['label']} ({block.name}.{f.name})", text))
+                changed.append((f"{f.metadata['label']} ({section}.{f.name})", text))
         if lines:
-            sections.append((block.name.capitalize(), lines))
+            sections.append((section.capitalize(), lines))
     return changed, sections
 
 
