@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays import Float
-from ...spirals.curves import law
 
 
 def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -38,13 +37,17 @@ def spiral_stations(
     t : (1 + P, stations, 1 or N)
     by_radius, by_twist : rows of the derivatives by radius and twist, if there are any
     """
-    place, pace, bend = law.spiral_points(radius, 0.0, twist, t[0])
-    places, paces = pace * t, bend * t
-    places[0], paces[0] = place - radius, pace
+    wind = twist * t
     if by_twist is not None:
-        places[by_twist] += 1j * t[0] * place
-        paces[by_twist] += 1j * t[0] * pace + 1j * place
+        wind[by_twist] += t[0]
+    turn = radius * np.exp(1j * wind[0])
+    place, pace = (1.0 - t[0]) * turn, (1j * twist * (1.0 - t[0]) - 1.0) * turn
+    places = np.concatenate([place[None], 1j * place * wind[1:] - turn * t[1:]])
+    paces = np.concatenate([pace[None], 1j * pace * wind[1:] - 1j * twist * turn * t[1:]])
+    if by_twist is not None:
+        paces[by_twist] += 1j * (1.0 - t[0]) * turn
     if by_radius is not None:
         places[by_radius] += place / radius - 1.0
         paces[by_radius] += pace / radius
+    places[0] -= radius
     return places, paces

@@ -29,10 +29,15 @@ def spiral_points(
     return rest * way, (1j * across - radius) * way, (-wind * across - 2j * (wind * radius)) * way
 
 
-def offset(u: np.ndarray) -> np.ndarray:
-    """Return the blend's offset at u, a quintic with slope 1 and no curvature at 0; value, slope and curvature are 0 at 1."""
-    uu = u * u
-    return u * (1.0 + uu * (-6.0 + u * (8.0 - 3.0 * u)))
+def offset(u: np.ndarray, share: np.ndarray | float = 1.0) -> np.ndarray:
+    """Return the blend's offset at u, a quintic with slope 1 and no curvature at 0; value, slope and curvature are 0 at 1.
+
+    Parameters
+    ----------
+    u : place in the blend
+    share : length of the blend, by which the offset is multiplied
+    """
+    return share * u * (1.0 + u * u * (-6.0 + u * (8.0 - 3.0 * u)))
 
 
 def offset_slope(u: np.ndarray) -> np.ndarray:

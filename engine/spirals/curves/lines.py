@@ -126,7 +126,7 @@ class ArmCurves:
         point[:, RADIUS] += radial
         point[:, ANGLE] += across
         point[:, CENTRE_X], point[:, CENTRE_Y] = along.real, along.imag
-        joint, narrows = law.fade(u), law.fade_slope(u) * -u / share
+        joint, narrows = law.fade(u), -30.0 * (u * (1.0 - u)) ** 2 * -u / share
         half = np.zeros((len(i), N_ARM_PARAMETERS))
         half[:, :N_BLEND_PARAMETERS] = 0.5 * joint[:, None] * end.width_by[i]
         half[:, :N_BLEND_PARAMETERS] += (0.5 * (end.width[i] - self.width[i]) * narrows)[:, None] * end.share_by[i]
@@ -171,7 +171,7 @@ class ArmCurves:
         u = np.minimum(t[:, some] / share, 1.0)
         value, change, again, joint = law.offset(u), law.offset_slope(u), law.offset_bend(u), law.fade(u)
         by_point, by_velocity = _dot(point, slope), _dot(velocity, slope)
-        narrowing = half * (0.5 * (end.width - self.width)[:, None] / share) * law.fade_slope(u)
+        narrowing = half * (-15.0 * (end.width - self.width)[:, None] / share) * (u * (1.0 - u)) ** 2
         further = by_velocity * (again / share) + narrowing
         by_t[:, some] += by_point * change + further
         by_slope = (point * (share * value) + velocity * change).sum(1)
@@ -196,4 +196,4 @@ def blend_offset(share: np.ndarray, t: np.ndarray) -> np.ndarray:
     share : length of the blend, in t
     t : places on the arm, of a shape that broadcasts with ``share``
     """
-    return share * law.offset(np.minimum(t / share, 1.0))
+    return law.offset(np.minimum(t / share, 1.0), share)

@@ -196,7 +196,7 @@ def curve_points(
     p, d1, d2 = law.spiral_points(radius, angle, wind, t)
     if slope.any():
         u = np.minimum(t / share, 1.0)
-        p += slope * (share * law.offset(u))
+        p += slope * law.offset(u, share)
         d1 += slope * law.offset_slope(u)
         d2 += slope * (law.offset_bend(u) / share)
     return p, d1, d2
@@ -232,7 +232,7 @@ def arm_widths(
     t : 0 at the joint, 1 at the centre
     """
     u = np.minimum(t / share, 1.0)
-    change, bend = joint - width, -60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)
+    change, bend = joint - width, -60.0 * (u * (1.0 - u)) * (1.0 - 2.0 * u)
     return width + change * law.fade(u), change * (law.fade_slope(u) / share), change * (bend / share**2)
 
 
@@ -247,7 +247,8 @@ def widening(extra: Floats, full: Floats, over: Floats, t: np.ndarray) -> tuple[
     """
     span = np.maximum(np.asarray(over) - full, 1e-9)
     u = np.clip((t - full) / span, 0.0, 1.0)
-    return extra * law.fade(u), extra * law.fade_slope(u) / span
+    rest = u * (1.0 - u)
+    return extra * law.fade(u), -30.0 * extra * rest * rest / span
 
 
 def edge_points(
