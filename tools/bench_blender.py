@@ -41,12 +41,12 @@ def main(arguments: list[str]) -> int:
 
 def survey(_: argparse.Namespace) -> Iterator[Row]:
     """Try every operator and panel in this Blender, in that of the other Python, and in a real Blender if there is one."""
-    yield from _told(_run_survey(sys.executable))
+    yield from _rows_of_survey(_run_survey(sys.executable))
     other = _other_python()
     if other is None:
         yield note("other Blender", "survey", "no other environment")
     else:
-        yield from _told(_run_survey(other))
+        yield from _rows_of_survey(_run_survey(other))
     yield from _real_blender()
 
 
@@ -68,7 +68,7 @@ def _answer(console: str) -> dict[str, Any]:
     return found
 
 
-def _told(found: dict[str, Any]) -> Iterator[Row]:
+def _rows_of_survey(found: dict[str, Any]) -> Iterator[Row]:
     name = f"Blender {found['blender'].split()[0]}"
     for error in found["errors"]:
         print(error, file=sys.stderr)
@@ -103,7 +103,7 @@ def _real_blender() -> Iterator[Row]:
 
         for _ in range(3):  # the first run installs, the second compiles bytecode
             done = real_blender.run(TOOLS / "blender_survey.py", work, window=False, timeout=240)
-    yield from _told(_answer(done.stdout + done.stderr))
+    yield from _rows_of_survey(_answer(done.stdout + done.stderr))
 
 
 # -- random calls ----------------------------------------------------------------------------------------------------------------

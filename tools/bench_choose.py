@@ -48,7 +48,9 @@ def main(arguments: list[str]) -> int:
     if not bench.options.only:
         bench.options.only = "*" if bench.options.thorough else ",".join(QUICK)
     primitives: Surfaces = {PREFIX + name: partial(_primitive, name) for name in PRIMITIVES}
-    bench.each(measured, primitives | from_zoo(*ZOO) | from_folder(MESHES, "**/*.o[bf][jf]"), bench.options.quads)
+    bench.each(
+        measure_layouts, primitives | from_zoo(*ZOO) | from_folder(MESHES, "**/*.o[bf][jf]"), bench.options.quads
+    )
     return bench.finish()
 
 
@@ -61,7 +63,7 @@ def _primitive(name: str) -> PolygonMesh:
     return PolygonMesh(points, corners, np.array([polygon.loop_total for polygon in mesh.polygons]))
 
 
-def measured(name: str, polygons: PolygonMesh, quads: int) -> list[Row]:
+def measure_layouts(name: str, polygons: PolygonMesh, quads: int) -> list[Row]:
     """Return the rows of one surface."""
     settings = Settings()
     count = len(polygons.sizes)

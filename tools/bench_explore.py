@@ -33,7 +33,7 @@ def main(arguments: list[str]) -> int:
     options = bench.options
     piece = api.layout(api.load(f"shape:{SHAPE}", edge=16))
     began = processor()
-    seconds, made = tried(piece, options.candidates, cores=options.cores)
+    seconds, made = explore_piece(piece, options.candidates, cores=options.cores)
     each = (processor() - began) / max(len(made.candidates), 1)
     name, faults = f"{SHAPE} {len(piece.mesh.quads)}", sum(bool(one.fault) for one in made.candidates)
     asked = MINUTES if (options.candidates, options.cores) == (200, 2) else None
@@ -46,7 +46,7 @@ def main(arguments: list[str]) -> int:
     return bench.finish(*(on_cluster(piece, options.cores, name) if options.cluster else ()))
 
 
-def tried(piece: Any, count: int, **where: Any) -> tuple[float, Any]:
+def explore_piece(piece: Any, count: int, **where: Any) -> tuple[float, Any]:
     """Explore; return the seconds and the result."""
     begun = time.perf_counter()
     made = api.explore(piece, VARY, candidates=count, **where)
@@ -62,8 +62,8 @@ def on_cluster(piece: Any, workers: int, name: str) -> Iterator[Row]:
         with LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None) as cluster:
             address = cluster.scheduler_address
             # load the program on all workers before measuring
-            tried(piece, 2 * count, scheduler=address)
-            took, made = tried(piece, PART, scheduler=address)
+            explore_piece(piece, 2 * count, scheduler=address)
+            took, made = explore_piece(piece, PART, scheduler=address)
         seconds.append(took)
         found.append(made.report())
         yield note(name, f"seconds on a cluster of {count}", round(took, 1))

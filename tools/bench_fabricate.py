@@ -110,7 +110,7 @@ def connector_rows(name: str, spirals: SpiralDesign, made: Connections) -> list[
     rows = [
         note(name, "connectors", len(made.connectors), given_way),
         at_most(name, "without their partner", 0, alone + len(cuts) - len(set(named))),
-        at_most(name, "joints without connector", 0, len(made.unsolved), _cramped(spirals, made)),
+        at_most(name, "joints without connector", 0, len(made.unsolved), _describe_cramped(spirals, made)),
     ]
     for kerf in KERFS if made.connectors else ():
         found = connector_gaps.fit(spirals, made, kerf)
@@ -120,7 +120,7 @@ def connector_rows(name: str, spirals: SpiralDesign, made: Connections) -> list[
     return rows
 
 
-def _cramped(spirals: SpiralDesign, made: Connections) -> dict[str, Any]:
+def _describe_cramped(spirals: SpiralDesign, made: Connections) -> dict[str, Any]:
     """Describe the sizes of the spirals whose joints have no connector."""
     small = [float(spirals.scale[[*faces]].min()) * 1e3 for _, *faces in made.unsolved]
     return {"their spirals, mm": f"{min(small):.1f} to {max(small):.1f}"} if small else {}

@@ -32,7 +32,7 @@ def _primitive(name: str, **options: Any) -> Callable[[], None]:
     return lambda: getattr(bpy.ops.mesh, f"primitive_{name}_add")(**options)
 
 
-def _converted(add: Callable[[], Any]) -> Callable[[], None]:
+def _convert(add: Callable[[], Any]) -> Callable[[], None]:
     def made() -> None:
         add()
         bpy.ops.object.convert(target="MESH")
@@ -40,7 +40,7 @@ def _converted(add: Callable[[], Any]) -> Callable[[], None]:
     return made
 
 
-def _modified(kind: str, base: str = "monkey", **settings: Any) -> Callable[[], None]:
+def _modify(kind: str, base: str = "monkey", **settings: Any) -> Callable[[], None]:
     def made() -> None:
         _primitive(base)()
         modifier = bpy.context.object.modifiers.new(kind, kind)
@@ -87,13 +87,13 @@ def _mask() -> None:
     bm.free()
 
 
-def _turned() -> None:
+def _turn_faces() -> None:
     _primitive("uv_sphere")()
     for polygon in list(bpy.context.object.data.polygons)[:200:3]:
         polygon.flip()
 
 
-def _shared() -> None:
+def _share_mesh() -> None:
     _primitive("torus")()
     bpy.ops.object.duplicate(linked=True)
 
@@ -124,19 +124,19 @@ OBJECTS: dict[str, Callable[[], None]] = {
     "lamp": _lamp,
     "mask": _mask,
     "monkey": _primitive("monkey"),
-    "nurbs sphere": _converted(bpy.ops.surface.primitive_nurbs_surface_sphere_add),
-    "nurbs torus": _converted(bpy.ops.surface.primitive_nurbs_surface_torus_add),
-    "nurbs patch": _converted(bpy.ops.surface.primitive_nurbs_surface_surface_add),
+    "nurbs sphere": _convert(bpy.ops.surface.primitive_nurbs_surface_sphere_add),
+    "nurbs torus": _convert(bpy.ops.surface.primitive_nurbs_surface_torus_add),
+    "nurbs patch": _convert(bpy.ops.surface.primitive_nurbs_surface_surface_add),
     "curve": _curve,
-    "metaball": _converted(lambda: bpy.ops.object.metaball_add(type="ELLIPSOID")),
+    "metaball": _convert(lambda: bpy.ops.object.metaball_add(type="ELLIPSOID")),
     "boolean": _boolean,
-    "subdivided monkey": _modified("SUBSURF"),
-    "thick monkey": _modified("SOLIDIFY", thickness=0.1),
-    "remeshed monkey": _modified("REMESH"),
-    "decimated monkey": _modified("DECIMATE", ratio=0.5),
-    "subdivided cube": _modified("SUBSURF", "cube", levels=3),
-    "turned faces": _turned,
-    "shared mesh": _shared,
+    "subdivided monkey": _modify("SUBSURF"),
+    "thick monkey": _modify("SOLIDIFY", thickness=0.1),
+    "remeshed monkey": _modify("REMESH"),
+    "decimated monkey": _modify("DECIMATE", ratio=0.5),
+    "subdivided cube": _modify("SUBSURF", "cube", levels=3),
+    "turned faces": _turn_faces,
+    "shared mesh": _share_mesh,
 }
 
 

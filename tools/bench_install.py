@@ -38,12 +38,12 @@ def main(arguments: list[str]) -> int:
         if own is None:
             bench.table.add(note("this machine", "install", "no zip is made for its system"))
         else:
-            for one in _installed(build_zip.build(own, build_zip.own_line(), Path(place)), bench.options.repeat):
+            for one in _rows_of_install(build_zip.build(own, build_zip.own_line(), Path(place)), bench.options.repeat):
                 bench.table.add(one)
     return bench.finish()
 
 
-def _installed(path: Path, repeat: int) -> Iterator[Row]:
+def _rows_of_install(path: Path, repeat: int) -> Iterator[Row]:
     """A zip from the disk and the same from a repository on the loopback, each in a Blender that never saw it."""
     name = f"{build_zip.own_platform()} {build_zip.LINES[build_zip.own_line()].python}"
     with tempfile.TemporaryDirectory() as place:

@@ -78,17 +78,17 @@ def others(mesh: Any) -> Iterator[tuple[str, Callable[[LiveInput], LiveInput]]]:
     yield "material", lambda g: replace(g, material=material("pla"))
     yield "supports", lambda g: replace(g, supports=parse_supports(mesh, "lowest"))
     yield "gravity", lambda g: replace(g, simulate=replace(g.simulate, gravity=True))
-    yield "vertices of the target pulled", pulled
-    yield "a seam cleared", lambda g: replace(g, seams=cleared(g, mesh))
+    yield "vertices of the target pulled", pull_vertices
+    yield "a seam cleared", lambda g: replace(g, seams=clear_seam(g, mesh))
 
 
-def pulled(given: LiveInput) -> LiveInput:
+def pull_vertices(given: LiveInput) -> LiveInput:
     away = np.linalg.norm(given.vertices - given.vertices[len(given.vertices) // 3], axis=1)
     shift = 0.005 * np.exp(-((away / 0.04) ** 2))[:, None] * [0.0, 0.0, 1.0]
     return replace(given, vertices=given.vertices + shift)
 
 
-def cleared(given: LiveInput, mesh: Any) -> np.ndarray:
+def clear_seam(given: LiveInput, mesh: Any) -> np.ndarray:
     """Return the seams without those between two of the patches."""
     from flexmaps.engine.patches.layout import PatchLayout
 
@@ -164,7 +164,7 @@ def hand(options: argparse.Namespace) -> Iterator[Row]:
         end, memory = time.monotonic() + 60.0 * options.minutes, []
         while time.monotonic() < end:
             worked.act()
-            memory.append((resident("self"), resident(str(worked.process))))
+            memory.append((resident_bytes("self"), resident_bytes(str(worked.process))))
         name, acts = f"{len(worked.obj.data.polygons)} spirals", sorted(worked.done.items())
         yield note(name, "acts of the hand, by kind", ", ".join(f"{count} {kind}" for kind, count in acts))
         first = {"first": worked.errors[0][:200]} if worked.errors else None
@@ -180,7 +180,7 @@ def hand(options: argparse.Namespace) -> Iterator[Row]:
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
 
 
-def resident(process: str) -> float:
+def resident_bytes(process: str) -> float:
     """Return the resident memory of a process in bytes; where the system does not report it, this process's peak."""
     try:
         return float(Path(f"/proc/{process}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")

@@ -80,7 +80,7 @@ def _mesh(name: str) -> QuadMesh:
     return as_quad_mesh(zoo.SURFACES[name].polygons()) if name in zoo.SURFACES else shapes.make(name)
 
 
-def _shown(mesh: QuadMesh, count: int, random: np.random.Generator) -> tuple[np.ndarray, float]:
+def _sample_scan(mesh: QuadMesh, count: int, random: np.random.Generator) -> tuple[np.ndarray, float]:
     """Sample a surface and return the points on one side of a random plane, which the scan covers, and the surface's size."""
     of = random.choice(len(mesh.quads), count, p=mesh.areas / mesh.areas.sum())
     corners = mesh.quads[of][:, [0, 1, 2]]
@@ -94,7 +94,7 @@ def _shown(mesh: QuadMesh, count: int, random: np.random.Generator) -> tuple[np.
 def _end(mesh: QuadMesh, seed: int, anywhere: bool) -> float:
     """RMS distance of the true points from the surface where they were laid, as a share of the size; infinite if refused."""
     random = np.random.default_rng(seed)
-    true, size = _shown(mesh, 8000, random)
+    true, size = _sample_scan(mesh, 8000, random)
     low, middle = true.min(axis=0), true.mean(axis=0)
     table = np.column_stack([middle[:2] + 0.6 * size * (random.random((1500, 2)) - 0.5), np.full(1500, low[2])])
     others = np.concatenate([table, middle + size * (random.random((200, 3)) - 0.5)])

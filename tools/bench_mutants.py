@@ -121,7 +121,7 @@ def main(argv: list[str]) -> int:
         shutil.copytree(ROOT, copied, ignore=shutil.ignore_patterns(".*", "out", "dist", "build", "__pycache__"))
         for label in chosen:
             if label not in known:
-                known[label] = judged(copied, ROOT / label.split(":")[0], found[label])
+                known[label] = judge(copied, ROOT / label.split(":")[0], found[label])
                 options.file.write_text(json.dumps(known, indent=1) + "\n")
             print(f"{known[label]:10} {label}", flush=True)
     answers = [known[label] for label in chosen]
@@ -132,7 +132,7 @@ def main(argv: list[str]) -> int:
     return 0
 
 
-def judged(copied: Path, path: Path, text: str) -> str:
+def judge(copied: Path, path: Path, text: str) -> str:
     """Return whether tests catch a changed source, or that it lives."""
     target = copied / path.relative_to(ROOT)
     environment = dict(os.environ, OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", PYTHONDONTWRITEBYTECODE="1")

@@ -187,7 +187,7 @@ def published_problem(name: str, found: Result) -> list[Row]:
         note(name, "max %", round(block["max_percent"], 3)),
         note(name, "at bounds", round(block["at_bound"], 3)),
         note(name, "strain / limit", round(result.after.report()["strain_share_max"], 2)),
-        note(name, "slots closed", _closed(result.after)),
+        note(name, "slots closed", _describe_closed(result.after)),
         note(name, "rmse mm, within limit", round(borne.report()["laplacian_rmse_mm"], 4)),
         note(name, "rms %, within limit", round(borne.report()["rms_percent"], 3)),
         note(name, "strain, within limit", round(borne.after.report()["strain_share_max"], 2)),
@@ -202,7 +202,7 @@ def _slots(simulation: Simulation) -> SpaceSlots:
     return found
 
 
-def _closed(simulation: Simulation) -> str:
+def _describe_closed(simulation: Simulation) -> str:
     """Return the number of closed slots in the simulated shape, and the largest overlap."""
     slots = _slots(simulation)
     return f"{len(slots.closed)} of {len(slots.width)}, {1e3 * float(slots.width.min()):.2f} mm"

@@ -43,7 +43,7 @@ def main(arguments: list[str]) -> int:
     surfaces: dict[str, Any] = from_folder(folder, "*.o[bf][jf]") | from_folder(folder, "foreign/*.o[bf][jf]")
     surfaces |= {name: zoo.SURFACES[name].make for name in MADE if name in zoo.SURFACES}
     bench.each(_rows, {name[:17]: make for name, make in surfaces.items()}, bench.options.quads)
-    return bench.finish(*_summed(bench.table.rows))
+    return bench.finish(*_sum_up(bench.table.rows))
 
 
 def _rows(name: str, polygons: PolygonMesh, count: int) -> Iterator[Row]:
@@ -80,7 +80,7 @@ def _rows(name: str, polygons: PolygonMesh, count: int) -> Iterator[Row]:
         )
 
 
-def _summed(rows: list[Row]) -> list[Row]:
+def _sum_up(rows: list[Row]) -> list[Row]:
     """Return the rows over all surfaces, beside those of the first candidates."""
 
     def both(name: str, meshes: set[str] | None = None) -> tuple[list[float], list[float]]:

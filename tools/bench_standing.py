@@ -73,17 +73,17 @@ def main(arguments: list[str]) -> int:
     for name, make in bench.cases((from_zoo(*MADE, *HUNG) | files).items()):
         for kind in kinds if name not in HUNG else ["eyelets"] if "eyelets" in kinds else []:
             try:
-                made = _made(make(), kind)
+                made = _make(make(), kind)
             except FlexMapsError as error:
                 table.add(note(name, f"no {kind}", str(error)[:60]))
                 continue
-            (_hung if kind == "eyelets" else _stands)(table, f"{name} {kind}", made)
+            (_rows_of_hung if kind == "eyelets" else _rows_of_standing)(table, f"{name} {kind}", made)
             counts[kind] += 1
     summary = [at_least("all", f"open meshes with {kind}", 6, counts[kind]) for kind in kinds]
     return bench.finish(*(summary if bench.options.only == "*" else []))
 
 
-def _made(polygons: PolygonMesh, kind: str) -> Result:
+def _make(polygons: PolygonMesh, kind: str) -> Result:
     """The sheets of a piece on its lowest spirals, or hung by its highest ones with its weight."""
     settings = with_values(Settings(), {"base.base": kind, "sheet.nesting": "FAST"})
     if kind != "eyelets":
@@ -94,7 +94,7 @@ def _made(polygons: PolygonMesh, kind: str) -> Result:
     return job.run(polygons, settings, edge=0.02, supports=top.tolist())
 
 
-def _stands(table: Table, name: str, made: Result) -> None:
+def _rows_of_standing(table: Table, name: str, made: Result) -> None:
     """Rows of a piece on feet, and of its frame where that is what it stands on."""
     fit = read_back(made)
     table.add(
@@ -118,7 +118,7 @@ def _stands(table: Table, name: str, made: Result) -> None:
         )
 
 
-def _hung(table: Table, name: str, made: Result) -> None:
+def _rows_of_hung(table: Table, name: str, made: Result) -> None:
     """Rows of a piece that hangs."""
     fit = read_eyelets(made)
     table.add(
@@ -233,7 +233,7 @@ def read_back(made: Result) -> Fit:
         window = shapely.Polygon([centre + u * way + (aside + v) * side for u, v in corners])
         patch = int(made.design.flat.layout.patch_of[quad])
         piece = max(shapely.get_parts(panels[patch].intersection(window)), key=lambda p: p.area)
-        body = _extruded(piece, sheet)
+        body = _extrude(piece, sheet)
         local = body.vertices - [*centre, 0.5 * sheet]
         body.vertices = local @ rotation.T + 1e3 * pose.centres[quad]
         sections = [_section(body, height) for height in (ground - 1e3 * LEVEL, ground - sheet + 1e3 * LEVEL)]
@@ -292,7 +292,7 @@ def _back(points: np.ndarray, turn: float, shift: np.ndarray) -> np.ndarray:
     return (points - shift) @ np.array([[cos, -sin], [sin, cos]])
 
 
-def _extruded(shape: Any, height: float) -> Any:
+def _extrude(shape: Any, height: float) -> Any:
     """A polygon without holes as a body."""
     corners = shapely.get_coordinates(shapely.constrained_delaunay_triangles(shape)).reshape(-1, 4, 2)[:, :3]
     points, faces = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)

@@ -39,11 +39,11 @@ def main(arguments: list[str]) -> int:
     for name, make in MADE.items():
         for way, how in WAYS.items():
             if bench.asked(f"{name}, {way}"):
-                _compared(bench.table, name, way, Case(f"{name}, {way}", make(), **how), bench.options.patience)
+                _compare(bench.table, name, way, Case(f"{name}, {way}", make(), **how), bench.options.patience)
     return bench.finish()
 
 
-def _compared(table: Table, name: str, way: str, case: Case, patience: float) -> None:
+def _compare(table: Table, name: str, way: str, case: Case, patience: float) -> None:
     try:
         piece = case.spirals(patience)
     except FlexMapsError as error:

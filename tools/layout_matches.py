@@ -48,7 +48,7 @@ def compare(surfaces: Mapping[str, PolygonMesh], path: Path, layouts: int, patie
             cut = np.flatnonzero(laid.cut).tolist()
             row = next((one for one in rows if one["surface"] == name and one["cut"] == cut), None)
             if row is None:
-                reached = _reached(piece, laid, patience)
+                reached = _search(piece, laid, patience)
                 row = {"surface": name, "cut": cut, "quads": len(mesh.quads), "panels": laid.panels, "reached": reached}
                 rows.append(row)
                 path.write_text(json.dumps(rows))
@@ -84,7 +84,7 @@ def _cuts(mesh: QuadMesh, settings: Settings) -> Iterator[np.ndarray]:
     yield from (cut for _, cut in equal_cuts(mesh, PARTS, []))
 
 
-def _reached(piece: LayoutProblem, laid: FlatLayout, patience: float) -> float:
+def _search(piece: LayoutProblem, laid: FlatLayout, patience: float) -> float:
     """Percent of the size, RMS, that a search comes near."""
     settings = piece.settings
     wanted = curvature_adjusted(settings.spiral, curvature.rms_curvature(piece.mesh))

@@ -115,7 +115,7 @@ def _single(values: np.ndarray) -> np.ndarray:
     return values.astype(np.float32).astype(float)
 
 
-def _compared(stage: str, reported: State, found: Simulation) -> Comparison:
+def _compare(stage: str, reported: State, found: Simulation) -> Comparison:
     return Comparison(stage, reported, State.of_simulation(found), found.softest()[1])
 
 
@@ -133,9 +133,9 @@ def after_optimise(result: Result, settings: Settings) -> list[Comparison]:
     at_rest = replace(made.simulation, equilibrium=rest.with_pose(made.simulation.loads.align(
         rest.pose, made.simulation.assembly.pairs, made.simulation.equilibrium.pose)))  # fmt: skip
     return [
-        _compared("optimise", told, found),
-        _compared("simulate", State.of_simulation(made.simulation), found),
-        _compared(
+        _compare("optimise", told, found),
+        _compare("simulate", State.of_simulation(made.simulation), found),
+        _compare(
             "structure", State.of_simulation(at_rest), fresh(made, settings, made.design, loaded=False, start=start)
         ),
     ]
@@ -158,7 +158,7 @@ def after_stop(result: Result, settings: Settings, looks: int = 5) -> list[Compa
         progress=stopping,
     )
     again = fresh(result, settings, found.design)
-    return [_compared("stopped", State.of_simulation(found.after), again)]
+    return [_compare("stopped", State.of_simulation(found.after), again)]
 
 
 def after_judging(result: Result, settings: Settings, share: float, thorough: bool | None) -> list[Comparison]:
@@ -169,7 +169,7 @@ def after_judging(result: Result, settings: Settings, share: float, thorough: bo
     assert judged is not None
     found = fresh(result, settings, SpiralDesign(judged.flat, settings.spiral, *judged.spirals))
     told = State(judged.rms * found.size, None, judged.strain)
-    return [_compared("choose" if thorough is None else "explore", told, found)]
+    return [_compare("choose" if thorough is None else "explore", told, found)]
 
 
 def after_live(result: Result, settings: Settings) -> list[Comparison]:
@@ -189,7 +189,7 @@ def after_live(result: Result, settings: Settings) -> list[Comparison]:
         while not (shape := piece.advance()).resting:
             pass
     found = fresh(result, settings, replace(design, width=width, twist=twist))
-    return [_compared("live", State(shape.rms, None, None), found)]
+    return [_compare("live", State(shape.rms, None, None), found)]
 
 
 # what compares the states that a stage reports, by its name; figures are shares of the optimiser's patience

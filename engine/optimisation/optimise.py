@@ -193,7 +193,7 @@ def optimise(
     search = Search(task, trace, accepted, _distance_limit(given, problem), design.flat)
     accepted(start)
     try:
-        name = names[search.run(first, design, work.paced(progress.part(0.12, 0.9)))]
+        name = names[search.run(first, design, work.pace(progress.part(0.12, 0.9)))]
         found = _continued(search, progress) if prove else _best_unproved(search)
     except Cancelled:
         trace.ended, found = CANCELLED, _best_so_far(search, *latest)
@@ -277,7 +277,7 @@ def _best_starts(points: dict[str, DesignPoint], farthest: float) -> list[str]:
 
 def _continued(search: Search, progress: Progress) -> SimulatedResult | None:
     """Return the best proved design, after going on with springs where the search ended far from its target."""
-    continue_far(search, search.task.work.paced(progress.part(0.12, 0.9)))
+    continue_far(search, search.task.work.pace(progress.part(0.12, 0.9)))
     return _prove_best(search, progress.part(0.9, 1.0))
 
 

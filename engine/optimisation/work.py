@@ -131,7 +131,7 @@ class Work:
             return 0.0
         return min(1.0, self.done / (max(1.0, self.share) * self.limit)) ** 0.5
 
-    def paced(self, progress: Progress) -> Progress:
+    def pace(self, progress: Progress) -> Progress:
         """Return a progress that follows the work done, as the number of steps is unknown; unchanged without a limit."""
         report = progress.report
         if self.limit is None or report is None:

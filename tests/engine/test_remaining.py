@@ -54,7 +54,7 @@ def test_times_are_said_as_people_say_them() -> None:
 def test_the_bar_of_a_search_moves_on_where_it_takes_all_of_its_time() -> None:
     shown: list[float] = []
     work = Work(limit=10.0)
-    told = work.paced(Progress(report=lambda share, _: shown.append(share)))
+    told = work.pace(Progress(report=lambda share, _: shown.append(share)))
     for seconds in np.arange(0.0, 10.5, 0.5):
         work.done = seconds
         told(0.0, "")
@@ -67,7 +67,7 @@ def test_the_bar_of_a_search_moves_on_where_it_takes_all_of_its_time() -> None:
 def test_the_bar_of_a_search_does_not_fall_where_its_time_is_extended() -> None:
     shown: list[float] = []
     work = Work(limit=10.0)
-    told = work.paced(Progress(report=lambda share, _: shown.append(share)).rising())
+    told = work.pace(Progress(report=lambda share, _: shown.append(share)).rising())
     for seconds in (0.0, 5.0, 10.0):
         work.done = seconds
         told(0.0, "")

@@ -93,7 +93,7 @@ def run(
         result = job.run(
             polygons, settings, edge=EDGE, optimised=optimised, supports=supports, progress=Progress(report=clock)
         )
-        record |= described(result, settings)
+        record |= describe(result, settings)
     except FlexMapsError as error:
         record["refused"] = str(error)
         record["findings"] = [finding.code for finding in check.findings(check.scale_to_metres(polygons, edge=EDGE))]
@@ -120,7 +120,7 @@ def remeshed(polygons: PolygonMesh, count: int) -> PolygonMesh:
         return remesh.quads_of(polygons, count, ObjectSettings()).polygons
 
 
-def described(result: job.Result, settings: Settings) -> dict[str, Any]:
+def describe(result: job.Result, settings: Settings) -> dict[str, Any]:
     """The figures of a job that came to its end."""
     full = report.build(result, source="")
     assert result.flat is not None
@@ -154,7 +154,7 @@ def described(result: job.Result, settings: Settings) -> dict[str, Any]:
     if result.design is not None:
         record["uncuttable"] = count_uncuttable(result.design)
     if result.optimisation is not None:
-        record |= _optimised(result, full["optimise"])
+        record |= _describe_search(result, full["optimise"])
     if result.simulation is not None:
         made = full["equilibrium"]
         record |= {
@@ -168,7 +168,7 @@ def described(result: job.Result, settings: Settings) -> dict[str, Any]:
     return record
 
 
-def _optimised(result: job.Result, block: dict[str, Any]) -> dict[str, Any]:
+def _describe_search(result: job.Result, block: dict[str, Any]) -> dict[str, Any]:
     assert result.optimisation is not None
     before, after = result.optimisation.before.report(), result.optimisation.after.report()
     strained = (

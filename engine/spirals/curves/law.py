@@ -10,7 +10,12 @@ import numpy as np
 
 
 def turn(angle: np.ndarray | float, wind: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Return the directions of spirals at t from their centres, as complex numbers; arguments as for ``spiral_points``."""
+    """Return the directions of spirals at t from their centres, as complex numbers.
+
+    Parameters
+    ----------
+    angle, wind, t : as for ``spiral_points``
+    """
     return np.exp(1j * (angle + wind * t))
 
 
