@@ -8,7 +8,7 @@ from typing import Any
 from .. import api
 from ..engine.extras.calibrating.coupons import KINDS
 from ..engine.extras.calibrating.sheet_files import USUAL, WRITERS
-from .sources import assigned
+from .sources import parse_assignments
 
 
 def add(commands: Any) -> None:
@@ -50,7 +50,7 @@ def add(commands: Any) -> None:
 
 
 def _draw(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    wanted = assigned(args.settings)
+    wanted = parse_assignments(args.settings)
     written = api.calibration_sheet(args.out, wanted, formats=args.formats, overwrite=args.overwrite, progress=tell)
     return {"files": [path.name for path in written]}
 

@@ -14,7 +14,7 @@ from ..engine.surface.formats.meshio import SHAPE
 PAGES = {"compare", "structure", "report"}  # commands that write the report's page into their folder
 
 
-def guarded(run: Any, args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+def run_guarded(run: Any, args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     """Run a command, after refusing if it would replace the user's files, so that no work is lost."""
     read = [args.mesh, *getattr(args, "others", ()), *filter(None, [getattr(args, "scan", None)]), *args.remnants_given]
     guard = Guard([path for path in read if not path.startswith(SHAPE)], args.overwrite)

@@ -13,7 +13,7 @@ from ..engine.fabrication.nesting.remnants import SEPARATOR
 from ..engine.params import RemeshParams, goal_values
 from ..engine.surface import shapes
 from ..engine.surface.formats.meshio import SHAPE
-from .guarding import guarded
+from .guarding import run_guarded
 
 KEEP = {"choose", "optimise", "explore"}  # commands that return what they have so far when stopped
 
@@ -29,7 +29,7 @@ def number(text: str) -> float:
 def command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argparse.ArgumentParser:
     """Add a command that reads a mesh, with the arguments that all such commands have."""
     made = commands.add_parser(name, help=help, description=help[0].upper() + help[1:] + ".")
-    made.set_defaults(run=partial(guarded, run), tell=tell, keeps=name in KEEP)
+    made.set_defaults(run=partial(run_guarded, run), tell=tell, keeps=name in KEEP)
     made.add_argument(
         "mesh", help=f"an .obj, .ply, .stl, .off or .blend file, or {SHAPE}NAME ({', '.join(shapes.NAMES)})"
     )
@@ -53,7 +53,7 @@ def command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argpars
     return made
 
 
-def assigned(texts: Sequence[str]) -> dict[str, str]:
+def parse_assignments(texts: Sequence[str]) -> dict[str, str]:
     """Return the assignments of --set, as the api takes them."""
     values = {}
     for text in texts:
@@ -67,7 +67,7 @@ def assigned(texts: Sequence[str]) -> dict[str, str]:
 def settings(args: argparse.Namespace) -> dict[str, Any]:
     """Return the settings given by flags and --set, as the api takes them."""
     values = {name: value for name, value in vars(args).items() if "." in name and value is not None}
-    values |= assigned(args.settings)
+    values |= parse_assignments(args.settings)
     if args.remnants_given:
         values["sheet.remnants"] = SEPARATOR.join(args.remnants_given)
     wished = {name: values.get(f"choose.{name}") for name in ("goal", "panels", "match")}

@@ -69,11 +69,11 @@ class Advised(ContinuedStage["Made"]):
             made = self.changed(result, snapshot, searched, progress.part(0.0, 0.3))
             if searched:
                 made = search(made, progress.part(0.3, 0.9))
-                made = live_shape.settled(
+                made = live_shape.settle(
                     made, replace(wanted, simulate=replace(wanted.simulate, restarts=0)), progress.part(0.9, 0.92)
                 )
             else:
-                made = live_shape.settled(made, wanted, progress.part(0.3, 0.9))
+                made = live_shape.settle(made, wanted, progress.part(0.3, 0.9))
             progress(0.92, "Drawing outlines")
             panels = PanelDrawing.from_design(made.need(DesignVersion).design, wanted, progress.part(0.92, 0.99))
             return advised.Made(result, made, panels, report.blocks(made, progress=progress.part(0.99, 1.0)))

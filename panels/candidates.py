@@ -43,7 +43,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     column = body.box().column(align=True)
     for number, row in enumerate(kept["rows"][:CANDIDATES]):
         line = column.split(factor=0.62, align=True)
-        text = ", ".join(explored.said(*one) for one in row["values"].items())
+        text = ", ".join(explored.describe(*one) for one in row["values"].items())
         button(line, "flexmaps.use_candidate", text).number = number
         measures = row["measures"]
         share = measures.get("strain_share", 0.0)

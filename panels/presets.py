@@ -21,7 +21,7 @@ class PresetPanel(BlenderPresets, bpy.types.Panel):
     @classmethod
     def draw_by_name(cls, layout: Any, obj: bpy.types.Object) -> None:
         """Draw the menu under the name of the preset taken, with a star where a setting was changed since."""
-        layout.popover(panel=cls.bl_idname, text=presets.taken(obj)[0] or tr("Presets"), translate=False)
+        layout.popover(panel=cls.bl_idname, text=presets.last_preset(obj)[0] or tr("Presets"), translate=False)
 
 
 CLASSES = (PresetPanel,)

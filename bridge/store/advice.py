@@ -37,7 +37,7 @@ def unadvised(mesh: bpy.types.Mesh, remedy: str) -> str | None:
     return None if remedy in read_advice(mesh) else translate("The advice under Optimise is another one")
 
 
-def compared(remedy: str, was: float, now: float, before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
+def compare(remedy: str, was: float, now: float, before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
     """Return the note of a remedy's effect.
 
     Parameters
@@ -50,7 +50,7 @@ def compared(remedy: str, was: float, now: float, before: dict[str, Any], after:
     return {"remedy": remedy, "was": was, "now": now, **pairs}
 
 
-def helped(brought: dict[str, Any]) -> bool:
+def has_helped(brought: dict[str, Any]) -> bool:
     """Return whether the shape came clearly nearer, a strain beyond its limit fell, or fewer slots close than before."""
     far, near = brought["rms_percent"]
     strain, eased = brought["strain_share_max"]
@@ -65,7 +65,7 @@ def _closed_slots(brought: dict[str, Any]) -> tuple[int, int]:
     return (0, 0) if before is None or after is None else (before, after)
 
 
-def said(brought: dict[str, Any]) -> str:
+def describe(brought: dict[str, Any]) -> str:
     """Describe a remedy's effect as a line for people, as far as it is known."""
     was, now = brought["was"], brought["now"]
     done = {
@@ -83,4 +83,4 @@ def said(brought: dict[str, Any]) -> str:
         line = translate(text, done, *distance, *shares)
     if closed[0] != closed[1]:
         line = translate("{}, closed slots {} to {}", line, *closed)
-    return line if helped(brought) else f"{line}. {translate('It brought nothing; undo takes it back')}"
+    return line if has_helped(brought) else f"{line}. {translate('It brought nothing; undo takes it back')}"

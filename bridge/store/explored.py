@@ -73,7 +73,7 @@ def edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
     return 1e3 * float(job.begin(mesh.read_surface(obj, scene).polygons).mesh.median_edge)
 
 
-def said(name: str, found: object) -> str:
+def describe(name: str, found: object) -> str:
     """Return a value with its unit, in the words of its setting.
 
     Parameters

@@ -140,10 +140,10 @@ def _delete_inner_skins(place: _Place) -> None:
     """Keep the larger skin of every shell, and delete the other one and the rim; nothing where folds divide the skins."""
     left, gone = set(place.faces), []
     while left:
-        shell = _reached(next(iter(left)), left, np.pi)
+        shell = _grow(next(iter(left)), left, np.pi)
         rest, skins = set(shell), []
         while rest:
-            skins.append(_reached(next(iter(rest)), rest, SHARP))
+            skins.append(_grow(next(iter(rest)), rest, SHARP))
         skins.sort(key=_area, reverse=True)
         areas = [_area(skin) for skin in skins]
         if len(areas) > 1 and areas[0] + areas[1] >= SKINS * sum(areas) and areas[1] >= INNER * areas[0]:
@@ -156,7 +156,7 @@ def _area(faces: set[bmesh.types.BMFace]) -> float:
     return sum(face.calc_area() for face in faces)
 
 
-def _reached(first: bmesh.types.BMFace, left: set[bmesh.types.BMFace], turn: float) -> set[bmesh.types.BMFace]:
+def _grow(first: bmesh.types.BMFace, left: set[bmesh.types.BMFace], turn: float) -> set[bmesh.types.BMFace]:
     """Move the faces out of ``left`` that can be reached from a first one over edges that turn by at most ``turn`` radians."""
     found, ahead = {first}, [first]
     left.discard(first)

@@ -64,7 +64,7 @@ def note(obj: bpy.types.Object, path: Path) -> None:
     obj[TAKEN] = json.dumps({"file": str(path), "values": {k: v for k, v in values.items() if v is not None}})
 
 
-def taken(obj: bpy.types.Object) -> tuple[str, str]:
+def last_preset(obj: bpy.types.Object) -> tuple[str, str]:
     """Return name and file of the preset that an object took last, the name with a star where a value was changed since."""
     stored = _parse(str(obj.get(TAKEN, "")))
     if stored is None:

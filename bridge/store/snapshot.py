@@ -144,7 +144,7 @@ def take(obj: bpy.types.Object, surface: ObjectSurface, used: ObjectSettings, *,
     if not loaded:
         return snapshot
     held, force = supports.loads(obj, surface, used.loads)
-    return replace(snapshot, held=held, force=force, groups=supports.named(obj, surface, used))
+    return replace(snapshot, held=held, force=force, groups=supports.read_groups(obj, surface, used))
 
 
 def read(obj: bpy.types.Object) -> Stored:
@@ -163,7 +163,7 @@ def read(obj: bpy.types.Object) -> Stored:
     except FlexMapsError:
         return Stored(surface.polygons, used, surface.uid)
     held, force = supports.loads(obj, surface, used.loads)
-    loaded = result.with_user(supports=held, force=force, groups=supports.named(obj, surface, used))
+    loaded = result.with_user(supports=held, force=force, groups=supports.read_groups(obj, surface, used))
     return Stored(surface.polygons, used, surface.uid, loaded, snapshot.seams(result))
 
 

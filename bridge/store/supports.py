@@ -36,7 +36,7 @@ def loads(
     ------
     FlexMapsError where a vertex group is missing or holds no quad.
     """
-    return supported(obj, surface, params), force(obj, surface, params)
+    return read_supports(obj, surface, params), force(obj, surface, params)
 
 
 def loads_of(
@@ -53,7 +53,7 @@ def loads_of(
     return loads(obj, mesh.read_surface(obj, bpy.context.scene), params)
 
 
-def named(obj: bpy.types.Object, surface: ObjectSurface, used: Settings) -> dict[str, Int[np.ndarray, " some"]]:
+def read_groups(obj: bpy.types.Object, surface: ObjectSurface, used: Settings) -> dict[str, Int[np.ndarray, " some"]]:
     """Return the quads of the vertex groups that load cases use.
 
     Groups that hold no quad are left out; cases that cannot be read yield {}.
@@ -91,7 +91,7 @@ def named_of(uid: int, used: Settings) -> dict[str, Int[np.ndarray, " some"]]:
     used : settings, whose load cases name vertex groups
     """
     obj = objects.find(uid)
-    return named(obj, mesh.read_surface(obj, bpy.context.scene), used)
+    return read_groups(obj, mesh.read_surface(obj, bpy.context.scene), used)
 
 
 def is_group(uid: int, name: str) -> bool:
@@ -105,7 +105,9 @@ def is_group(uid: int, name: str) -> bool:
     return objects.find(uid).vertex_groups.get(name) is not None
 
 
-def supported(obj: bpy.types.Object, surface: ObjectSurface, params: LoadParams) -> Int[np.ndarray, " supports"] | None:
+def read_supports(
+    obj: bpy.types.Object, surface: ObjectSurface, params: LoadParams
+) -> Int[np.ndarray, " supports"] | None:
     """Return the quads held by the group and by single marks; None where none are held.
 
     Parameters

@@ -62,11 +62,13 @@ def write(
         mesh.write_design(obj, surface, made.panels.design)
     shape = made.after.need(SimulatedShape)
     equilibrium.write(obj, surface, shape.simulation, shape.limits)
-    brought = advice.compared(*change, figures, blocks["equilibrium"])
+    brought = advice.compare(*change, figures, blocks["equilibrium"])
     blocks["reach"] |= {advice.BROUGHT: brought}
     notes.write_all(obj.data, blocks)
     text, warning = equilibrium.sentences(blocks["equilibrium"])
-    return ". ".join([advice.said(brought), *([text] if warning else [])]), advice.helped(brought) and not warning
+    return ". ".join([advice.describe(brought), *([text] if warning else [])]), advice.has_helped(
+        brought
+    ) and not warning
 
 
 def alike(surface: ObjectSurface, mesh: QuadMesh) -> bool:

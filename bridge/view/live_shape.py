@@ -127,7 +127,7 @@ def middle_edge(corners: Float[np.ndarray, "quads 4 3"]) -> float:
     return float(np.median(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)))
 
 
-def settled(result: Result, settings: ObjectSettings, progress: Progress) -> Result:
+def settle(result: Result, settings: ObjectSettings, progress: Progress) -> Result:
     """Simulate the result, and show the shape while it moves.
 
     Parameters

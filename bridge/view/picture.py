@@ -318,7 +318,7 @@ def _base(obj: bpy.types.Object, design: SpiralDesign) -> Base | None:
     used = settings.read(obj.flexmaps, ObjectSettings)
     if used.base.base == "none":
         return None
-    held = supports.supported(obj, mesh.read_surface(obj, bpy.context.scene), used.loads)
+    held = supports.read_supports(obj, mesh.read_surface(obj, bpy.context.scene), used.loads)
     return preview.base_of(design, _stand(obj, design), held, used)
 
 

@@ -17,7 +17,7 @@ from ...engine.progress import SILENT, Progress
 from ...engine.runs import report
 from ...engine.runs.result import Result
 from ...engine.spirals.design import SpiralDesign
-from ...engine.surface.mesh import PolygonMesh, QuadMesh
+from ...engine.surface.mesh import QuadMesh
 from ..store import choices as stored
 from ..store import equilibrium, fields, handles, keys, mesh, modifiers, notes, scans, settings, states, supports
 from ..store.objects import CONVERTIBLE
@@ -28,12 +28,6 @@ if TYPE_CHECKING:
     from ...engine.extras.choosing.choice import Choice
     from ...engine.extras.scanning.compare import Comparison
     from ...engine.extras.structure.analysis import Structure
-
-
-def read_blend(path: str | Path) -> PolygonMesh:
-    """Open a .blend file and return its visible polygons in metres and world axes; raises as ``open_blend`` does."""
-    obj, context = open_blend(path), bpy.context
-    return mesh.read_evaluated(obj, context.scene)
 
 
 def open_blend(path: str | Path) -> bpy.types.Object:
@@ -57,7 +51,7 @@ def open_blend(path: str | Path) -> bpy.types.Object:
     active = context.view_layer.objects.active
     candidates = [active, *context.scene.objects] if active is not None else list(context.scene.objects)
     obj = next((o for o in candidates if o.type == "MESH" and len(o.data.polygons)), None)
-    obj = obj or next(filter(None, (converted(o, context) for o in candidates if o.type in CONVERTIBLE)), None)
+    obj = obj or next(filter(None, (convert(o, context) for o in candidates if o.type in CONVERTIBLE)), None)
     if obj is None:
         raise FlexMapsError(f"{path.name} holds no object with faces; add a mesh, or give another file")
     if obj.mode != "OBJECT":
@@ -65,7 +59,7 @@ def open_blend(path: str | Path) -> bpy.types.Object:
     return obj
 
 
-def converted(obj: bpy.types.Object, context: bpy.types.Context) -> bpy.types.Object | None:
+def convert(obj: bpy.types.Object, context: bpy.types.Context) -> bpy.types.Object | None:
     """Make a mesh object beside a text, curve, surface or metaball, which is hidden; None where it has no faces.
 
     Parameters

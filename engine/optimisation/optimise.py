@@ -194,7 +194,7 @@ def optimise(
     accepted(start)
     try:
         name = names[search.run(first, design, work.pace(progress.part(0.12, 0.9)))]
-        found = _continued(search, progress) if prove else _best_unproved(search)
+        found = _continue_and_prove(search, progress) if prove else _best_unproved(search)
     except Cancelled:
         trace.ended, found = CANCELLED, _best_so_far(search, *latest)
     found = _better(found, SimulatedResult(before, given, search.farthest), trace)
@@ -275,7 +275,7 @@ def _best_starts(points: dict[str, DesignPoint], farthest: float) -> list[str]:
     return [first, *sorted(others, key=lambda name: sound[name].value)[:1]]
 
 
-def _continued(search: Search, progress: Progress) -> SimulatedResult | None:
+def _continue_and_prove(search: Search, progress: Progress) -> SimulatedResult | None:
     """Return the best proved design, after going on with springs where the search ended far from its target."""
     continue_far(search, search.task.work.pace(progress.part(0.12, 0.9)))
     return _prove_best(search, progress.part(0.9, 1.0))

@@ -62,7 +62,7 @@ def test_read_blend_takes_what_is_seen(add: Any, tmp_path: Path) -> None:
     bpy.context.scene.unit_settings.scale_length = 0.01
     path = tmp_path / "piece.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    polygons = scene.read_blend(path)
+    polygons = mesh.read_evaluated(scene.open_blend(path), bpy.context.scene)
     assert len(polygons.sizes) == 3
     assert np.ptp(polygons.vertices, axis=0) == pytest.approx([0.06, 0.01, 0.0])
     assert polygons.vertices[:, 2] == pytest.approx(np.full(len(polygons.vertices), 0.03))
@@ -73,15 +73,15 @@ def test_read_blend_takes_what_is_seen(add: Any, tmp_path: Path) -> None:
 
 def test_read_blend_refuses_what_is_no_mesh(tmp_path: Path) -> None:
     with pytest.raises(FlexMapsError, match="no file"):
-        scene.read_blend(tmp_path / "nothing.blend")
+        mesh.read_evaluated(scene.open_blend(tmp_path / "nothing.blend"), bpy.context.scene)
     broken = tmp_path / "broken.blend"
     broken.write_bytes(b"BLENDER nonsense")
     with pytest.raises(FlexMapsError, match="cannot be opened"):
-        scene.read_blend(broken)
+        mesh.read_evaluated(scene.open_blend(broken), bpy.context.scene)
     empty = tmp_path / "empty.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(empty))
     with pytest.raises(FlexMapsError, match="no object with faces"):
-        scene.read_blend(empty)
+        mesh.read_evaluated(scene.open_blend(empty), bpy.context.scene)
 
 
 @pytest.mark.parametrize("kind", ["text", "surface", "metaball", "curve"])

@@ -142,7 +142,9 @@ def test_the_target_is_what_is_read(piece: Any, tmp_path: Path) -> None:
     assert tuple(bpy.context.object.dimensions) == pytest.approx(tuple(np.ptp(target, axis=0)), abs=0.3 * EDGE)
     bpy.context.view_layer.objects.active = piece
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "piece.blend"))
-    assert scene.read_blend(tmp_path / "piece.blend").vertices == pytest.approx(target, abs=1e-7)
+    assert mesh.read_evaluated(scene.open_blend(tmp_path / "piece.blend"), bpy.context.scene).vertices == pytest.approx(
+        target, abs=1e-7
+    )
 
 
 def test_another_shape_gets_its_own_key(piece: Any) -> None:
