@@ -149,15 +149,17 @@ def _extents(flat: FlatPatches, params: SpiralParams) -> Float[np.ndarray, "arms
     lean, sign = lean_angles(flat.corners, angle), mate_signs(flat.layout.mesh, params)
     width = np.full((radius.size, 2), params.width_max)
     both = np.stack([lean, sign * lean[mate, side]], axis=-1).reshape(-1, 2)
-    t = np.broadcast_to(_REACH_T, (radius.size, len(_REACH_T)))
-    i = np.broadcast_to(np.arange(radius.size)[:, None], t.shape)
+    t = np.broadcast_to(_REACH_T[:, None], (len(_REACH_T), radius.size))
+    i = np.broadcast_to(np.arange(radius.size), t.shape)
     directions = np.exp(2j * np.pi / _DIRECTIONS * np.arange(_DIRECTIONS))
-    out = np.full((radius.size, _DIRECTIONS), -np.inf)
+    out = np.full((_DIRECTIONS, radius.size), -np.inf)
     zero, sense = np.zeros(radius.size, dtype=complex), -1.0 if params.clockwise else 1.0
     for own, other in product(_OWN, _MATES):
         twist = sense * params.twist_max * np.stack([np.full(radius.size, own), other * sign.ravel()], axis=1)
         lines = ArmCurves.from_arms(zero, radius.ravel(), angle.ravel(), (width, twist, both), params.blend)
+        # arms along the last axis, so that numpy compares long contiguous runs
         points = lines.points(i, t)
-        for k, n in enumerate(directions):
-            out[:, k] = np.maximum(out[:, k], (points.real * n.real + points.imag * n.imag).max(axis=1))
-    return out
+        along, aside = points.real.copy(), points.imag.copy()
+        for reach, n in zip(out, directions, strict=True):
+            np.maximum(reach, (along * n.real + aside * n.imag).max(axis=0), out=reach)
+    return np.ascontiguousarray(out.T)
