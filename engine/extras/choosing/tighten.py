@@ -7,21 +7,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, islice, zip_longest
 
 import numpy as np
 
 from ...errors import FlexMapsError
 from ...params import ChooseParams
 from ...patches.flattening.flatten import FlatPatches
-from ...patches.flattening.flattening_report import forced_notes
+from ...patches.flattening.flattening_report import forced_notes, symmetry_kept
 from ...patches.layout import PatchLayout
 from ...patches.merging.merge import merge
 from ...progress import SILENT, Progress
 from ...surface.curvature import is_flat
+from ...surface.symmetry import keeping, symmetries
 from ...threads import one_thread
-from .drawn_cuts import along_folds
-from .judge import Idea, LayoutProblem, lay_flat
+from .drawn_cuts import along_folds, drop_images, equal_cuts
+from .judge import Idea, LayoutProblem, lay_flat, panel_curvature
 from .predict import PredictionStart, predict
 
 SHARES = (0.5, 0.25)  # limits under which the surface is merged again, as shares of the distortion limit
@@ -33,13 +34,18 @@ FURTHER = 1
 # Share of the wanted distance within which the expected one must lie. Of 16 surfaces three are expected at 0.92 to 0.96 %; two end at 0.76 and
 # 0.78 %, and a head of 472 quads in 7 panels at 1.07 % with eight closed slots; in 12 panels it ends at 0.50 % with none
 WANTED_SHARE = 0.9
+# Most equal parts that are tried, most divisions that are laid flat, and most of those whose match is predicted; not measured, they bound the time.
+# A layout that may have more panels than PARTS has first cuts enough: of a head in 12 panels, no division into equal parts kept the limits
+PARTS, LAID, PREDICTED = 8, 6, 3
 
 
 @one_thread
 def tighten(
     piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, params: ChooseParams, progress: Progress = SILENT
 ) -> FlatPatches:
-    """Return another layout, cut along folds or merged under tighter limits, if the present one is expected to miss the required match.
+    """Return another layout if the present one is expected to miss the required match.
+
+    The surface is cut along its folds, merged under tighter limits, or divided into equal parts.
 
     A layout along the folds also replaces one with more panels, if both are expected to meet the match.
 
@@ -69,7 +75,8 @@ def tighten(
     best, limits, wanted = flat, piece.settings.layout, WANTED_SHARE * 0.01 * params.match
     tries = _along_folds(piece, progress)
     if left > wanted:
-        tries = chain(tries, _under_tighter_limits(piece, begun, flat, progress.part(0.1, 1.0)))
+        tighter = _under_tighter_limits(piece, begun, flat, progress.part(0.1, 0.8))
+        tries = chain(tries, tighter, islice(_in_equal_parts(piece, flat, progress.part(0.8, 1.0)), PREDICTED))
     for one in tries:
         fewer = _panels(one) < _panels(best)
         fits = float(one.energy.max()) <= max(limits.distortion_limit, float(flat.energy.max()))
@@ -83,7 +90,7 @@ def tighten(
     notes = best.layout.notes
     if best is not flat:
         notes.pop("forced", None)
-        notes |= forced_notes(best, limits)
+        notes |= forced_notes(best, limits) | _symmetry_notes(best)
     notes["expected_percent"] = 100.0 * left
     return best
 
@@ -111,6 +118,44 @@ def _under_tighter_limits(
             begun, replace(limits, distortion_limit=share * limits.distortion_limit), part, held=piece.is_loaded
         )
         yield last
+
+
+def _in_equal_parts(piece: LayoutProblem, flat: FlatPatches, progress: Progress) -> Iterator[FlatPatches]:
+    """Yield equal strips, rings or petals that keep all limits and are distorted less than a layout: the best of each number of panels, few first.
+
+    The first cuts of smooth tubes and strips may leave fewer panels than come near, which no limit of merging changes.
+    """
+    mesh, limits, most = piece.mesh, piece.settings.layout, MOST * _panels(flat)
+    if most > PARTS:
+        return
+    curved = panel_curvature(flat.layout)
+    found = symmetries(mesh, progress=progress.quiet()) if limits.symmetric else []
+    sketches: dict[int, list[tuple[float, int, Idea]]] = {}  # by number of parts
+    for number, (name, cut) in enumerate(drop_images(equal_cuts(mesh, most, found), found)):
+        sketch = PatchLayout(mesh, cut)
+        if len(sketch.patches) <= most:
+            rated = round(panel_curvature(sketch), 9), number, Idea(cut, name)
+            sketches.setdefault(len(sketch.patches), []).append(rated)
+    # the least curved of each number of parts first, then the second of each
+    ranked = [one for same in zip_longest(*map(sorted, sketches.values())) for one in same if one is not None]
+    best: dict[int, FlatPatches] = {}
+    for _, _, idea in progress.each(ranked[:LAID], "Dividing into equal parts"):
+        laid = lay_flat(piece, idea, curved, progress.quiet())
+        if laid is not None and not forced_notes(laid.flat, limits):
+            known = best.get(laid.panels, flat)
+            if laid.flat.energy.max() < known.energy.max():
+                best[laid.panels] = laid.flat
+    yield from (best[panels] for panels in sorted(best))
+
+
+def _symmetry_notes(flat: FlatPatches) -> dict[str, object]:
+    """Return notes on the symmetries that a layout keeps; none if it has them, or if the surface has no symmetry."""
+    layout = flat.layout
+    if "symmetry" in layout.notes:
+        return {}
+    found = symmetries(layout.mesh)
+    said, text = symmetry_kept(found, keeping(found, layout.cut))
+    return said | {"symmetry": text} if found else {}
 
 
 def _panels(flat: FlatPatches) -> int:

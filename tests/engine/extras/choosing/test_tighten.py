@@ -9,7 +9,7 @@ import pytest
 from flexmaps.engine.extras.choosing.drawn_cuts import along_folds
 from flexmaps.engine.extras.choosing.judge import FlatLayout, Idea, LayoutProblem, judge, lay_flat
 from flexmaps.engine.extras.choosing.predict import predict
-from flexmaps.engine.extras.choosing.tighten import MOST, tighten
+from flexmaps.engine.extras.choosing.tighten import MOST, SHARES, tighten
 from flexmaps.engine.params import Settings
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.patches.layout import PatchLayout
@@ -18,9 +18,10 @@ from flexmaps.engine.patches.tracing.trace import trace
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface import shapes
-from flexmaps.engine.surface.mesh import PolygonMesh
+from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
 SETTINGS = Settings()
+ALONG = 15  # quads along the tube with a waist
 NEAR = replace(SETTINGS.choose, match=1e-3)  # what no layout holds
 
 
@@ -72,6 +73,23 @@ def test_a_cut_along_the_folds_replaces_more_panels_that_hold_the_match() -> Non
     np.testing.assert_array_equal(found.layout.cut, ridge)
 
 
+def test_a_tube_is_divided_into_equal_parts_where_tighter_limits_change_nothing() -> None:
+    piece = LayoutProblem(_waist(), SETTINGS)
+    layout = trace(piece.mesh, SETTINGS.layout)
+    flat = merge(layout, SETTINGS.layout)
+    few = len(flat.layout.patches)
+    for share in SHARES:
+        limits = replace(SETTINGS.layout, distortion_limit=share * SETTINGS.layout.distortion_limit)
+        np.testing.assert_array_equal(merge(layout, limits).layout.cut, flat.layout.cut)
+    found = tighten(piece, layout, flat, SETTINGS.choose)
+    assert few < len(found.layout.patches) <= MOST * few
+    sizes = [len(quads) for quads in found.layout.patches]
+    assert max(sizes) - min(sizes) <= ALONG  # equal but for one row of quads
+    assert predict(piece, found) < 0.01 < predict(piece, flat)
+    assert found.layout.notes["symmetries_kept"] > 1
+    assert "forced" not in found.layout.notes
+
+
 def test_merge_says_what_match_to_expect(predicted_match: None) -> None:
     made = job.run(PolygonMesh.from_quads(shapes.dome(4)), SETTINGS, edge=0.02, stop_after="merge")
     assert made.outputs["merged"].merged.layout.notes["expected_percent"] > 0.0
@@ -89,6 +107,20 @@ def test_an_end_from_outside_ends_it(sphere: tuple[LayoutProblem, PatchLayout, F
     piece, layout, flat = sphere
     with pytest.raises(Cancelled):
         tighten(piece, layout, flat, NEAR, Progress(stopped=lambda: True))
+
+
+def _waist(around: int = 28, along: int = ALONG) -> QuadMesh:
+    """Return a tube with the narrow waist of a catenoid, open at both ends."""
+    k, j = (one.ravel() for one in np.meshgrid(np.arange(around), np.arange(along), indexing="ij"))
+    quads = np.stack([k + (j + step) * around for step in (0, 1)], axis=-1)
+    turned = (k + 1) % around + j * around
+    quads = np.stack([quads[:, 0], turned, turned + around, quads[:, 1]], axis=-1)
+    row, turn = np.divmod(np.arange(around * (along + 1)), around)
+    height, angle = np.linspace(-1.0, 1.0, along + 1)[row], 2.0 * np.pi * turn / around
+    radius = np.cosh(height)
+    points = np.c_[radius * np.cos(angle), radius * np.sin(angle), height]
+    mesh = QuadMesh(points, quads)
+    return mesh.moved(points * 0.02 / mesh.median_edge)
 
 
 def _rods() -> Settings:
