@@ -46,8 +46,9 @@ AWAY = 0.01  # largest distance of the live shape from a simulation, millimetres
 
 def main(arguments: list[str]) -> int:
     """Measure, print the table and write the rows; return 0 whatever the figures."""
-    minutes, surfaces = (10.0, "how long the hand works"), (24, "surfaces of the zoo at the most")
-    return Bench("live", arguments, 44, only="*", minutes=minutes, surfaces=surfaces).run(PARTS)
+    options = {"minutes": (10.0, "how long the hand works"), "surfaces": (24, "surfaces of the zoo at the most")}
+    parts = (changes, surfaces, brush, wishes, foreign, hand)
+    return Bench("live", arguments, 44, only="*", **options).run({part.__name__: part for part in parts})
 
 
 # -- how soon --------------------------------------------------------------------------------------------------------------
@@ -186,13 +187,3 @@ def resident_bytes(process: str) -> float:
         return float(Path(f"/proc/{process}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:
         return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
-
-
-PARTS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
-    "changes": changes,
-    "surfaces": surfaces,
-    "brush": brush,
-    "wishes": wishes,
-    "foreign": foreign,
-    "hand": hand,
-}

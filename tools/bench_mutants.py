@@ -8,7 +8,6 @@ to FILE at once; mutants that are there and whose line is still the same do not 
 
 from __future__ import annotations
 
-import argparse
 import ast
 import copy
 import json
@@ -23,7 +22,8 @@ from collections.abc import Iterator
 from itertools import accumulate
 from pathlib import Path
 
-from rows import Table, at_least, note
+from harness import Bench
+from rows import at_least, note
 
 ROOT = Path(__file__).resolve().parent.parent
 WANTED = 0.85  # share of the mutants that must be caught
@@ -102,15 +102,13 @@ def nearest(path: Path) -> list[list[str]]:
     return [[str(test.relative_to(ROOT)) for test in files] for files in (own, near) if files]
 
 
-def main(argv: list[str]) -> int:
+def main(arguments: list[str]) -> int:
     """Run the mutants, print the survivors and their share; return 0 whatever it is."""
-    parser = argparse.ArgumentParser(prog="dev.py bench mutants")
-    parser.add_argument("--count", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", default="**/*.py", help="files below engine/")
-    parser.add_argument("--at", default="", help="only changes whose label begins so")
-    parser.add_argument("--file", type=Path, default=ROOT / "out" / "mutants.json", help="the answers, old and new")
-    options = parser.parse_args(argv)
+    bench = Bench(
+        "mutants", arguments, 30, only="**/*.py", count=(200, "mutants"), seed=(0, "another number takes others"),
+        at=("", "only changes whose label begins so"), file=(ROOT / "out" / "mutants.json", "the answers, old and new"),
+    )  # fmt: skip
+    options = bench.options
     known = json.loads(options.file.read_text()) if options.file.is_file() else {}
     found = {label: text for path in sorted((ROOT / "engine").glob(options.only)) for label, text in mutants(path)}
     labels = sorted(label for label in found if label.startswith(options.at))
@@ -125,11 +123,10 @@ def main(argv: list[str]) -> int:
                 options.file.write_text(json.dumps(known, indent=1) + "\n")
             print(f"{known[label]:10} {label}", flush=True)
     answers = [known[label] for label in chosen]
-    table = Table(30)
     for answer in sorted(set(answers)):
-        table.add(note("engine", answer, answers.count(answer)))
-    table.add(at_least("engine", "share caught", WANTED, 1.0 - answers.count("lives") / max(len(answers), 1)))
-    return 0
+        bench.table.add(note("engine", answer, answers.count(answer)))
+    caught = 1.0 - answers.count("lives") / max(len(answers), 1)
+    return bench.finish(at_least("engine", "share caught", WANTED, caught))
 
 
 def judge(copied: Path, path: Path, text: str) -> str:
