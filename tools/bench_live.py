@@ -46,9 +46,9 @@ AWAY = 0.01  # largest distance of the live shape from a simulation, millimetres
 
 def main(arguments: list[str]) -> int:
     """Measure, print the table and write the rows; return 0 whatever the figures."""
-    options = {"minutes": (10.0, "how long the hand works"), "surfaces": (24, "surfaces of the zoo at the most")}
-    parts = (changes, surfaces, brush, wishes, foreign, hand)
-    return Bench("live", arguments, 44, only="*", **options).run({part.__name__: part for part in parts})
+    minutes, count = (10.0, "how long the hand works"), (24, "surfaces of the zoo at the most")
+    bench = Bench("live", arguments, 44, only="*", minutes=minutes, surfaces=count)
+    return bench.run({part.__name__: part for part in (changes, surfaces, brush, wishes, foreign, hand)})
 
 
 # -- how soon --------------------------------------------------------------------------------------------------------------
