@@ -37,8 +37,9 @@ def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
         print(f"  {with_count(spirals['count'], 'spiral', 'spirals')}, narrowest slot {spirals['slot_min_mm']:.2f} mm")
     if "optimise" in described:
         better = described["optimise"]
-        print(f"  optimised in {with_count(better['iterations'], 'step', 'steps')}: RMSE {better['laplacian_rmse_mm_before']:.3g} "
-              f"to {better['laplacian_rmse_mm']:.3g} mm. {better['end']}")  # fmt: skip
+        before, after = (format_figure(better[name]) for name in ("rms_percent_before", "rms_percent"))
+        print(f"  optimised in {with_count(better['iterations'], 'step', 'steps')}: distance (RMS) {before} to {after} % of the size. "
+              f"{better['end']}")  # fmt: skip
     if "equilibrium" in described:
         from ..bridge.store import equilibrium
 

@@ -94,7 +94,7 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
         lines = [
             *([] if report["finished"] else [translate("Stopped; the best so far is kept")]),
             translate(
-                "Mean distance {} to {} % in {} step" if steps == 1 else "Mean distance {} to {} % in {} steps",
+                "Distance (RMS) {} to {} % in {} step" if steps == 1 else "Distance (RMS) {} to {} % in {} steps",
                 *away,
                 steps,
             ),

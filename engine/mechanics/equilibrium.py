@@ -173,7 +173,7 @@ class _Balance:
     def watch(self, state: Any, history: list[Iteration]) -> None:
         residual, least = history[-1].residual, np.log(self.tolerance)
         done = 1.0 - np.log(max(residual, self.tolerance) / self.tolerance) / -least
-        self.progress(float(np.clip(done, 0.0, 0.99)), f"Iteration: {len(history) - 1}, residual {residual:.1e}")
+        self.progress(float(np.clip(done, 0.0, 0.99)), f"Coming to rest, step {len(history) - 1}")
         self.progress.show(state.pose)
 
     def factor(self, here: Local, convex: float, shift: float) -> bool:
