@@ -36,6 +36,8 @@ MODE_COUNT = 4  # number of softest modes that count; with fewer, the set change
 # from the target as one with 0.1: in finite elements of a saddle of 64 quads the latter was 1.25 times as near, though predicted 1.45 times
 # as far. With 0.03 a lattice ended at 0.024; larger weights make pieces stiffer and less like their target
 BARRIER_WEIGHT = 0.3
+# Smallest mismatch by which it is weighed, that of an RMSE of 0.014 distances of neighbours: a piece on its target is not to snap either
+LEAST_MISMATCH = 1e-4
 BARRIER_POLE = (
     0.008  # eigenvalue m where the logarithm would be infinite: slightly below the one at which steps are refused
 )
@@ -61,7 +63,7 @@ class StabilityRequirement:
     @classmethod
     def from_mismatch(cls, mismatch: float) -> StabilityRequirement:
         """Return the requirement for a stage that starts with this mismatch."""
-        return cls(BARRIER_WEIGHT * mismatch)
+        return cls(BARRIER_WEIGHT * max(mismatch, LEAST_MISMATCH))
 
     @property
     def margins(self) -> tuple[float, ...]:
@@ -74,10 +76,11 @@ class StabilityRequirement:
         near = np.maximum(room, TANGENT_BELOW)
         return np.log((enough - BARRIER_POLE) / near) + (near - room) / TANGENT_BELOW, -1.0 / near
 
-    def merit(self, rises: Float[np.ndarray, " k"]) -> float:
-        """Return the factor on the objective of a result with these eigenvalues, for comparing results; 1 if stable enough."""
+    def merit(self, value: float, rises: Float[np.ndarray, " k"]) -> float:
+        """Return an objective plus a penalty on the eigenvalues of a shape that is not stable enough, for comparing results."""
         below = rises[rises < STABLE_EIGENVALUE]
-        return 1.0 + 0.5 * BARRIER_WEIGHT * float((self.rows(below, STABLE_EIGENVALUE)[0] ** 2).sum())
+        logarithms = self.rows(below, STABLE_EIGENVALUE)[0]
+        return value + 0.5 * BARRIER_WEIGHT * max(value, LEAST_MISMATCH) * float((logarithms**2).sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,10 +238,9 @@ class StabilityBarrier(Term):
     def value(self) -> float:
         return 0.5 * self.asked.weight * float((self._rows[0] ** 2).sum())
 
-    @property
-    def merit(self) -> float:
-        """Factor on the objective by which results of searches are compared."""
-        return self.asked.merit(self.rises)
+    def merit(self, value: float) -> float:
+        """Return an objective plus the penalty by which results of searches are compared."""
+        return self.asked.merit(value, self.rises)
 
     @property
     def gradient(self) -> ScalarChange:

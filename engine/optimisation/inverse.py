@@ -215,7 +215,7 @@ class DesignPoint:
         # barriers of the flat shapes guide a search and say nothing about its result
         value = (found or self.mismatch).value + sum(c.value for c in InverseProblem.costs(self.problem, self.x))
         value += sum(goal.value for goal in self.goals) + (0.0 if self._closing is None else self._closing.value)
-        value *= 1.0 if self.barrier is None else self.barrier.merit
+        value = value if self.barrier is None else self.barrier.merit(value)
         if self.strains is None or self.problem.bearing is None:
             return value
         largest = float(self.strains.values.max()) if strain is None else strain

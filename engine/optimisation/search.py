@@ -216,7 +216,7 @@ class Search:
             if not found.value < start.value:
                 break
             here = found
-            exact = self.task.params.stop > 0.0 and here.point.mismatch.value < EXACT_MISMATCH
+            exact = self.task.params.stop > 0.0 and here.value < EXACT_MISMATCH
             if not here.strained and (exact or here.value >= (1.0 - gain) * start.value):
                 break
         return here

@@ -15,6 +15,7 @@ from flexmaps.engine.optimisation.codesign_problem import FlatProblem, FlatRange
 from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.firmness import (
     BARRIER_POLE,
+    LEAST_MISMATCH,
     STABLE_EIGENVALUE,
     TANGENT_BELOW,
     RequirementWithoutSprings,
@@ -144,13 +145,22 @@ def test_the_logarithm_goes_on_in_a_straight_line() -> None:
 def test_results_are_compared_alike_whatever_the_barrier_weighs() -> None:
     rises = np.array([0.02, 0.2])
     first, last = StabilityRequirement(0.0), StabilityRequirement.from_mismatch(1e-6)
-    assert first.merit(rises) == last.merit(rises) == last.merit(rises[:1]) > 1.0
-    assert last.merit(rises[1:]) == 1.0 < last.merit(np.array([0.05])) < last.merit(rises)
+    assert first.merit(1.0, rises) == last.merit(1.0, rises) == last.merit(1.0, rises[:1]) > 1.0
+    assert last.merit(1.0, rises[1:]) == 1.0 < last.merit(1.0, np.array([0.05])) < last.merit(1.0, rises)
+
+
+def test_a_piece_on_its_target_that_is_about_to_snap_is_worse_than_one_a_little_farther() -> None:
+    asked, snapping, stable = StabilityRequirement(0.0), np.array([0.02]), np.array([0.5])
+    unseen = 0.1 * LEAST_MISMATCH
+    assert asked.merit(0.0, stable) < asked.merit(unseen, stable) < asked.merit(0.0, snapping)
+    values = np.array([0.5, 1.0, 2.0]) * LEAST_MISMATCH
+    penalties = [asked.merit(value, snapping) - value for value in values]
+    assert penalties[0] == pytest.approx(penalties[1]) and penalties[2] == pytest.approx(2.0 * penalties[1])
 
 
 def test_the_barrier_weighs_a_share_of_the_mismatch_of_each_stage() -> None:
-    few, many = (StabilityRequirement.from_mismatch(one) for one in (1e-6, 1e-2))
-    assert few.weight == pytest.approx(1e-4 * many.weight)
+    least, few, many = (StabilityRequirement.from_mismatch(share * LEAST_MISMATCH) for share in (0.0, 1.0, 1e2))
+    assert least.weight == few.weight == pytest.approx(1e-2 * many.weight)
     here = start()
     firmness = here.firmed().problem.firmness
     assert firmness is not None
@@ -165,4 +175,4 @@ def test_a_lack_of_stability_weighs_nothing_in_the_first_stage() -> None:
     later = dataclasses.replace(here, problem=dataclasses.replace(here.problem, firmness=firmness))
     assert any(isinstance(term, StabilityBarrier) for term in later.terms) and later.value > here.value
     # results are compared by their stability from the first stage on
-    assert here.merit(0.0) == pytest.approx(here.mismatch.value * StabilityRequirement(0.0).merit(rises))
+    assert here.merit(0.0) == pytest.approx(StabilityRequirement(0.0).merit(here.mismatch.value, rises))
