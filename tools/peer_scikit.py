@@ -91,3 +91,55 @@ def _interpolated(basis: Any, nodes: np.ndarray, start: np.ndarray) -> np.ndarra
         smooth = LinearNDInterpolator(nodes, start)(place)
         u[own] = np.where(np.isnan(smooth), near(place) - place, smooth)[:, i]
     return u
+
+
+def pair_motion(solid: Any, centres: np.ndarray, force: np.ndarray, poisson: float) -> np.ndarray:
+    """The mean motion of the second hub of a flat pair of spirals under a small force, the first one held in the mean.
+
+    By scikit-fem, with quadratic hexahedra between the nodes of a ``DesignSolid`` that stand round these centres.
+    """
+    import skfem
+    from skfem.helpers import ddot, eye, sym_grad, trace
+
+    hexes, hub = _cells(solid, centres)
+    points, corners = np.unique(hexes.reshape(-1, 3).round(7), axis=0, return_inverse=True)
+    mesh = skfem.MeshHex(points.T, corners.reshape(-1, 8).T)
+    element = skfem.ElementVector(skfem.ElementHex2())
+    basis = skfem.Basis(mesh, element, intorder=4)
+    lame, shear = poisson / ((1 + poisson) * (1 - 2 * poisson)), 0.5 / (1 + poisson)
+
+    @skfem.BilinearForm
+    def stiffness(u, v, w):
+        e = sym_grad(u)
+        return ddot(2 * shear * e + lame * eye(trace(e), 3), sym_grad(v))
+
+    def means(own: np.ndarray, centre: np.ndarray) -> np.ndarray:
+        part = skfem.Basis(mesh, element, elements=np.flatnonzero(own), intorder=4)
+        shifts = [skfem.LinearForm(lambda v, w, i=i: v[i]).assemble(part) for i in range(3)]
+        r = [lambda w, i=i: w.x[i] - centre[i] for i in range(3)]
+        turns = [
+            skfem.LinearForm(lambda v, w, i=i, j=j: r[i](w) * v[j] - r[j](w) * v[i]).assemble(part)
+            for i, j in ((1, 2), (2, 0), (0, 1))
+        ]
+        volume = skfem.Functional(lambda w: 1.0 + 0.0 * w.x[0]).assemble(part)
+        return np.array([*shifts, *turns]) / volume
+
+    held, pulled = means(hub == 0, centres[0]), means(hub == 1, centres[1])[:3]
+    border = block_array([[stiffness.assemble(basis), csc_array(held.T)], [csc_array(held), None]]).tocsc()
+    u = splu(border).solve(np.concatenate([force @ pulled, np.zeros(6)]))[: basis.N]
+    return pulled @ u
+
+
+def _cells(solid: Any, centres: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the small hexahedra between the nodes of all elements, in scikit-fem's order, and whose hub they belong to."""
+    n, out, hub = solid.mesh.numbering, [], []
+    elements = np.concatenate([n.hub, n.arms.reshape(-1, 4, 16)]).reshape(-1, 4, 4, 4)
+    for spiral, (nodes, centre) in enumerate(zip(solid.mesh.nodes, centres)):
+        place = (nodes + centre)[elements]
+        # MeshHex runs through x last of its eight corners
+        at = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 1, 1)]
+        for i, j, k in np.ndindex(3, 3, 3):
+            out.append(np.stack([place[:, i + a, j + b, k + c] for a, b, c in at], axis=1))
+            own = np.arange(len(elements)) < len(n.hub)
+            hub.append(np.where(own, spiral, -1))
+    return np.concatenate(out), np.concatenate(hub)
