@@ -33,7 +33,7 @@ def _peer(flat: FlatPatches, method: Method) -> dict[str, float]:
         u = (points[:, 0] + 1j * points[:, 1])[corners]
         d = np.roll(u, -1, axis=1) - u
         before = np.roll(d, 1, axis=1)
-        own = tri.pick(quads)
+        own = tri.subset(quads)
         a, b = own.along * d + own.against * before, own.along_bar * d + own.against_bar * before
         worst = max(worst, float(quad_energy(own, np.abs(a), np.abs(b)).max()))
     return {"energy_max": round(worst, 4), "seconds": round(seconds, 2)}
