@@ -61,6 +61,7 @@ def main(arguments: list[str]) -> int:
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:
         store = options.store or Path(folder)
+        store.mkdir(parents=True, exist_ok=True)
         for kind, name in SURFACES.values():
             path = store / f"{name}.npz"
             if not path.is_file():
