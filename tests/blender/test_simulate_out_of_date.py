@@ -142,14 +142,14 @@ def test_a_running_simulation_shows_its_shape_and_touches_nothing(
     running.start()
     try:
         until, said = time.monotonic() + 20.0, ""
-        while (running.shown is None or "residual" not in said) and time.monotonic() < until:
+        while (running.shown is None or "Coming to rest" not in said) and time.monotonic() < until:
             said = running.text
             time.sleep(0.001)
         assert isinstance(running.shown, live_shape.LiveShape)
         points, rgba, lines = running.shown.drawn(1.0)
         assert points.shape == (12 * LENGTH * WIDTH, 3) and len(lines) == 8 * LENGTH * WIDTH
         assert np.isfinite(points).all() and ((rgba >= 0) & (rgba <= 1)).all()
-        assert "residual" in said
+        assert "Coming to rest" in said
     finally:
         running.end()
     assert isinstance(running.error, Cancelled)
