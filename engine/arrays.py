@@ -20,7 +20,7 @@ __all__ = ["Bool", "Columns", "Complex", "Float", "Int", "Num", "Shaped"]
 
 
 class Columns:
-    """Base of dataclasses of arrays, or of others like it, with equally many rows, one for each item."""
+    """Base of dataclasses whose fields are arrays, or other ``Columns``, with one row for each item."""
 
     def subset(self, rows: np.ndarray | slice) -> Self:
         """Return some rows of all arrays; ``rows`` holds their numbers or is a mask or slice. Other values are kept."""

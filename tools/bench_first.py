@@ -183,7 +183,8 @@ def rows_of_object(name: str, add: Callable[[], None], quads: int, cure: bool) -
     if figures["rms_percent"] is not None:
         yield note(name, "strain, share of the limit", figures["strain_share"])
         yield at_most(name, FAR, RMS, figures["rms_percent"])
-    yield note(name, LEFT, len(left), {"left": [finding["words"] for finding in left]})
+    if figures["sheets"]:  # an object that ends before has not been spared its warnings
+        yield note(name, LEFT, len(left), {"left": [finding["words"] for finding in left]})
     yield at_most(name, "warnings without a cure", 0, len(without_cure), {"words": without_cure})
     yield at_most(name, "told by no finding", 0, len(missed), {"faults": missed})
     for finding in findings:
@@ -194,7 +195,7 @@ def rows_of_object(name: str, add: Callable[[], None], quads: int, cure: bool) -
 
 
 def sum_up(rows: list[Row]) -> Iterator[Row]:
-    """Return the rows over all objects; the required numbers hold for 25 of them."""
+    """Yield totals over all objects; the required numbers are for a run of 25 objects."""
 
     def count(name: str, limit: float) -> int:
         return sum(one["measured"] <= limit for one in rows if one["row"] == name)

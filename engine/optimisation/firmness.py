@@ -36,7 +36,8 @@ MODE_COUNT = 4  # number of softest modes that count; with fewer, the set change
 # from the target as one with 0.1: in finite elements of a saddle of 64 quads the latter was 1.25 times as near, though predicted 1.45 times
 # as far. With 0.03 a lattice ended at 0.024; larger weights make pieces stiffer and less like their target
 BARRIER_WEIGHT = 0.3
-# Smallest mismatch by which it is weighed, that of an RMSE of 0.014 distances of neighbours: a piece on its target is not to snap either
+# Smallest mismatch that weighs the barrier, that of an RMSE of 0.014 of the distance between neighbouring hubs: pieces on their target must
+# not snap either. Larger values make them more stable, and leave them farther from their target (docs/tuning.md)
 LEAST_MISMATCH = 1e-4
 BARRIER_POLE = (
     0.008  # eigenvalue m where the logarithm would be infinite: slightly below the one at which steps are refused

@@ -125,7 +125,7 @@ class Work:
         """Fraction of the progress that the work done so far stands for; 0 without a limit.
 
         Most searches end well before their limit, at a time that nobody knows. So it is the square root of the share of the limit
-        that is used, which runs ahead at first. It falls where the limit is extended, see ``Progress.rising``.
+        that is used, which runs ahead at first. It falls where the limit is extended; ``Progress.rising`` keeps the bar from falling.
         """
         if not self.limit:
             return 0.0

@@ -35,7 +35,7 @@ FURTHER = 1
 # 0.78 %, and a head of 472 quads in 7 panels at 1.07 % with eight closed slots; in 12 panels it ends at 0.50 % with none
 WANTED_SHARE = 0.9
 # Most equal parts that are tried, most divisions that are laid flat, and most of those whose match is predicted; not measured, they bound the time.
-# A layout that may have more panels than PARTS has first cuts enough: of a head in 12 panels, no division into equal parts kept the limits
+# Layouts that may have more than PARTS panels are left out: of a head in 12 panels, no division into equal parts kept the limits
 PARTS, LAID, PREDICTED = 8, 6, 3
 
 
@@ -90,7 +90,7 @@ def tighten(
     notes = best.layout.notes
     if best is not flat:
         notes.pop("forced", None)
-        notes |= forced_notes(best, limits) | _symmetry_notes(best)
+        notes |= forced_notes(best, limits) | _symmetry_notes(best, symmetric=limits.symmetric)
     notes["expected_percent"] = 100.0 * left
     return best
 
@@ -121,9 +121,10 @@ def _under_tighter_limits(
 
 
 def _in_equal_parts(piece: LayoutProblem, flat: FlatPatches, progress: Progress) -> Iterator[FlatPatches]:
-    """Yield equal strips, rings or petals that keep all limits and are distorted less than a layout: the best of each number of panels, few first.
+    """Yield layouts of equal strips, rings or petals that keep all limits and are distorted less than ``flat``.
 
-    The first cuts of smooth tubes and strips may leave fewer panels than come near, which no limit of merging changes.
+    For each number of panels it is the least distorted one, the fewest panels first. On smooth tubes and strips the first cuts may leave too few
+    panels to come near the target, and tighter limits do not add any.
     """
     mesh, limits, most = piece.mesh, piece.settings.layout, MOST * _panels(flat)
     if most > PARTS:
@@ -148,10 +149,10 @@ def _in_equal_parts(piece: LayoutProblem, flat: FlatPatches, progress: Progress)
     yield from (best[panels] for panels in sorted(best))
 
 
-def _symmetry_notes(flat: FlatPatches) -> dict[str, object]:
-    """Return notes on the symmetries that a layout keeps; none if it has them, or if the surface has no symmetry."""
+def _symmetry_notes(flat: FlatPatches, *, symmetric: bool) -> dict[str, object]:
+    """Return notes on the symmetries that a layout keeps; none if it has them, if the surface has no symmetry, or if it need not be symmetric."""
     layout = flat.layout
-    if "symmetry" in layout.notes:
+    if "symmetry" in layout.notes or not symmetric:
         return {}
     found = symmetries(layout.mesh)
     said, text = symmetry_kept(found, keeping(found, layout.cut))

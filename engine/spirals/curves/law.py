@@ -27,7 +27,7 @@ def spiral_points(
     Parameters
     ----------
     radius, angle, wind : distance (metres) and direction (radians) of the joint from the centre, and the twist with its sign
-    t : all arguments broadcast
+    t : 0 at the joint, 1 at the centre; all arguments broadcast
     """
     way, rest = turn(angle, wind, t), radius * (1.0 - t)
     across = rest * wind
