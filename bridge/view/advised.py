@@ -66,9 +66,8 @@ def write(
     blocks["reach"] |= {advice.BROUGHT: brought}
     notes.write_all(obj.data, blocks)
     text, warning = equilibrium.sentences(blocks["equilibrium"])
-    return ". ".join([advice.describe(brought), *([text] if warning else [])]), advice.has_helped(
-        brought
-    ) and not warning
+    lines = [advice.describe(brought), *([text] if warning else [])]
+    return ". ".join(lines), advice.has_helped(brought) and not warning
 
 
 def alike(surface: ObjectSurface, mesh: QuadMesh) -> bool:

@@ -81,7 +81,7 @@ class StabilityRequirement:
         """Return an objective plus a penalty on the eigenvalues of a shape that is not stable enough, for comparing results."""
         below = rises[rises < STABLE_EIGENVALUE]
         logarithms = self.rows(below, STABLE_EIGENVALUE)[0]
-        return value + 0.5 * BARRIER_WEIGHT * max(value, LEAST_MISMATCH) * float((logarithms**2).sum())
+        return value + 0.5 * self.from_mismatch(value).weight * float((logarithms**2).sum())
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,8 @@ TWIST_FACTOR, MAX_UNWINDINGS, MAX_GROWTH = 0.8, 8, 1.1
 # close can be seen. A sphere of 520 quads kept three closed slots at 0.041 %, and one at 0.011 %; all open at 0.045 and 0.012 %
 UNSEEN_PERCENT = 0.1
 # Factor by which the mismatch of a piece within the wanted distance may grow if no slot stays closed: a piece whose arms touch is worth less
-# than one that lies a little farther. The mismatch is a square: 2 lets the distance grow 1.4 times. A cross of 480 quads kept 16 closed slots at 0.49 %; all open at 0.56 %
+# than one that lies a little farther. The mismatch is a square, so 2 lets the distance grow 1.4 times. A cross of 480 quads kept 16 closed
+# slots at 0.49 %; all open at 0.54 to 0.56 %
 OPEN_GROWTH = 2.0
 MAX_IDLE = 2  # reductions in a row that may open no slot
 # Largest number of further searches, and the share of the work before that each may add. In five runs of Suzanne's search that differ by rounding, 4

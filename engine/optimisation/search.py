@@ -216,6 +216,7 @@ class Search:
             if not found.value < start.value:
                 break
             here = found
+            # the whole objective: a piece on its target that is about to snap goes on
             exact = self.task.params.stop > 0.0 and here.value < EXACT_MISMATCH
             if not here.strained and (exact or here.value >= (1.0 - gain) * start.value):
                 break

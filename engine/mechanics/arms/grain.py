@@ -36,8 +36,7 @@ from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE
 POINTS = 48
 # Extra flexibility of a hub in bending in the sheet and out of it: lengths of arm, in arm widths, per excess of the
 # ratio of Young's to shear modulus over the isotropic one. HUB_HOLDS is the distance from the centre, in arm widths,
-# over which a hub keeps sections from warping; 1.4 and 2 fit about as well. Fitted to 240 solids of random spirals and
-# materials.
+# over which a hub keeps sections from warping; 1.4 and 2 fit about as well. Fitted to 240 solids of random spirals and materials
 HUB_BEND, HUB_LIFT, HUB_HOLDS = 0.045, 0.025, 1.7
 HUB_TALL = 0.31  # fourth power of w/h at which HUB_LIFT changes from tall arms to wide ones, in solids of straight arms
 HUB_AT = 0.5  # arm widths from the centre to where a hub yields, which is where the arm leaves it
