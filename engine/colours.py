@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from .arrays import Float
+
 # Colour scales from low to high, sRGB anchors, chosen by eye. They get darker with the value, so that they also work in greyscale.
 # for errors, strains and other values that should be low
 ERROR_SCALE = np.array([[0.93, 0.95, 0.92], [0.98, 0.86, 0.50], [0.93, 0.48, 0.24], [0.66, 0.09, 0.20]])
@@ -22,6 +24,9 @@ LIMITS: dict[str, tuple[tuple[float, float, float], str]] = {
 }
 MISSING_GREY = np.array([0.62, 0.62, 0.62])  # values that were not measured: a grey that is on no scale; by eye
 LEAST_DISTANCE = 0.1  # mm, smallest upper end of the scale of distances: with less, rounding errors would be coloured
+LEAST_ANISOTROPY = 1.0  # percent, smallest upper end of its scale, so that rounding does not look like a difference
+LEAST_SLOT = 0.3  # mm, smallest upper end of the scale of slots: the narrowest that a laser cuts
+LIGHT = np.array([0.27, -0.45, 0.85])  # unit vector to a light: enough shade to read the shape; by eye
 
 
 def linear(srgb: np.ndarray) -> np.ndarray:
@@ -107,3 +112,8 @@ def map_to_scale(values: np.ndarray, low: float, high: float, scale: np.ndarray)
     span = high - low
     t = np.clip((values - low) / span, 0.0, 1.0) if span > 0 else np.zeros(len(values))
     return linear(on_scale(t, scale))
+
+
+def pale(scale: Float[np.ndarray, "anchors 3"]) -> Float[np.ndarray, "anchors 3"]:
+    """Return a scale half as far from white, on which dark lines and arms stand out."""
+    return 0.5 + 0.5 * scale

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..bridge.hosts import live
-from .stage import AtOnce, OnObject, redraw
+from .stage import TICK, AtOnce, OnObject, redraw
 
 
 class Live(AtOnce, OnObject, bpy.types.Operator):
@@ -34,7 +34,7 @@ def _tick() -> float | None:
         redraw(bpy.context, "WINDOW")
     if before != (following.resting, following.problem):
         redraw(bpy.context, "UI")
-    return live.TICK
+    return TICK
 
 
 def register() -> None:

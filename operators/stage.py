@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import bpy
 
 from ..bridge.hosts import background, preload
+from ..bridge.hosts.background import TICK
 from ..bridge.store.i18n import button_name, translate
 from ..bridge.view import framing, progress, tab
 from ..bridge.view.progress import redraw
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
 
 Made = TypeVar("Made")  # what the work of a stage hands to its ``finish``
 Work = Callable[[Progress], Made]
-
-TICK = 0.02  # seconds between two looks at the job; smaller reacts sooner and takes more of the window's time
 
 
 class Polled:

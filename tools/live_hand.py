@@ -12,7 +12,7 @@ from typing import Any
 import bpy
 import flexmaps
 import numpy as np
-from flexmaps.bridge.hosts import live
+from flexmaps.bridge.hosts import background, live
 from flexmaps.bridge.store import attributes, given
 from flexmaps.engine.surface import shapes
 
@@ -93,7 +93,7 @@ class Hand:
             if time.monotonic() > end:
                 self.lost += 1
                 return
-            time.sleep(live.TICK)
+            time.sleep(background.TICK)
         self.slowest = max(self.slowest, following.slowest)
         now = given.read(self.obj, bpy.context.scene)
         if following._companion.error or following._given is None or now.changes(following._given):  # type: ignore[union-attr]

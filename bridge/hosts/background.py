@@ -19,6 +19,7 @@ from ...engine.remaining import Remaining, format_seconds
 
 Work = Callable[[Progress], Any]
 
+TICK = 0.02  # seconds between two looks at what computes elsewhere; smaller reacts sooner and takes more of the window's time
 # seconds until a waiting thread gets Python's lock while the worker computes. Drawing a sidebar takes the lock about a
 # hundred times: with Python's own 5 ms the window seems to hang. Smaller keeps the window quicker and slows the worker
 SWITCH = 0.0003

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from ..view.followed import Followed
     from .companion import Companion
 
-TICK = 0.02  # seconds between two looks, as for jobs; smaller follows sooner and takes more of the window's time
 SELDOM = 0.2  # seconds between two looks without a reported change, because scripts change data silently
 SHARE = 0.2  # largest share of the window's time spent on reading; a drag reports a change at every tick
 

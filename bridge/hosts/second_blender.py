@@ -21,6 +21,7 @@ import numpy as np
 from ...engine.errors import FlexMapsError
 from ...engine.progress import SILENT, Progress
 from ...engine.surface.mesh import PolygonMesh
+from .background import TICK
 
 SCRIPT = Path(__file__).with_name("second_blender_script.py")
 # seconds until a request is given up: the slowest of 60 QuadriFlow runs on 500 to 70,000 faces took 3 s of processor time
@@ -33,7 +34,6 @@ USER_FILES = (
     "EXTENSIONS",
     "DATAFILES",
 )  # folders that Blender takes from the environment
-LOOK = 0.02  # seconds between two looks for the answer; smaller answers sooner and polls more
 
 
 class SecondBlender:
@@ -117,7 +117,7 @@ class SecondBlender:
                 if self._process.poll() is not None or time.monotonic() > ends:
                     self._end()
                     return None
-                time.sleep(LOOK)
+                time.sleep(TICK)
                 progress(0.0, tool)
         except OSError:  # the process ended before the request arrived
             self._end()

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from ...engine.errors import FlexMapsError
 from ...engine.progress import Progress
-from .second_blender import LOOK, started
+from .background import TICK
+from .second_blender import started
 
 SCRIPT = Path(__file__).with_name("second_render_script.py")
 SAMPLE = re.compile(rb"Sample (\d+)/(\d+)")
@@ -36,7 +37,7 @@ def render(pack: Path, made: Path, frames: int, progress: Progress) -> list[Path
         try:
             while process.poll() is None:
                 progress(*_progress_of(log, made, frames))
-                time.sleep(LOOK)
+                time.sleep(TICK)
         finally:
             process.kill()
             process.wait()

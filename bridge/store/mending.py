@@ -15,6 +15,7 @@ from ...engine.surface.checking import check
 from ...engine.surface.checking.folds import SHARP
 from ...engine.surface.checking.sewing import border_twins
 from ...engine.surface.checking.topology import sides_of
+from ...engine.tolerances import SINGLE_TOL
 from . import keys, mesh, notes, objects
 from .i18n import translate
 
@@ -22,11 +23,10 @@ if TYPE_CHECKING:
     from ...engine.surface.checking.check import Finding
     from .surface import ObjectSurface
 
-SHORT = 1e-6  # of the median edge: shorter counts as no length, as in the check
 # Smallest area of both skins, as a share of their shell's, and of the inner skin, as a share of the outer one's, at which the
 # inner one is deleted. Less means that folds divide a skin, and only one part of it would be kept
 SKINS, INNER = 0.7, 0.5
-TOUCHING = 2.0  # merge distance, times SHORT; above 1 so that all edges vanish that the check names
+TOUCHING = 2.0  # merge distance, times SINGLE_TOL; above 1 so that all edges vanish that the check names
 
 
 @dataclass(frozen=True)
@@ -112,8 +112,8 @@ def _count_faults(findings: list[Finding], codes: tuple[str, ...]) -> int:
 
 def _merge_short_edges(place: _Place) -> None:
     verts = {v for edge in place.edges for v in edge.verts} | {v for face in place.faces for v in face.verts}
-    bmesh.ops.remove_doubles(place.bm, verts=list(verts), dist=TOUCHING * SHORT * place.edge)
-    bmesh.ops.dissolve_degenerate(place.bm, dist=TOUCHING * SHORT * place.edge, edges=place.bm.edges)
+    bmesh.ops.remove_doubles(place.bm, verts=list(verts), dist=TOUCHING * SINGLE_TOL * place.edge)
+    bmesh.ops.dissolve_degenerate(place.bm, dist=TOUCHING * SINGLE_TOL * place.edge, edges=place.bm.edges)
 
 
 def _weld_doubles(place: _Place) -> None:
@@ -172,9 +172,9 @@ def _grow(first: bmesh.types.BMFace, left: set[bmesh.types.BMFace], turn: float)
 
 def _dissolve_thin_faces(place: _Place) -> None:
     bmesh.ops.dissolve_degenerate(
-        place.bm, dist=TOUCHING * SHORT * place.edge, edges=[edge for face in place.faces for edge in face.edges]
+        place.bm, dist=TOUCHING * SINGLE_TOL * place.edge, edges=[edge for face in place.faces for edge in face.edges]
     )
-    thin = [face for face in place.bm.faces if face.calc_area() <= SHORT * place.edge**2]
+    thin = [face for face in place.bm.faces if face.calc_area() <= SINGLE_TOL * place.edge**2]
     bmesh.ops.delete(place.bm, geom=thin, context="FACES")
 
 

@@ -68,10 +68,6 @@ KINDS = {
 }  # fmt: skip
 ITEMS = [("NONE", "No colours", "No colours"), *((kind, one.name, one.explanation) for kind, one in KINDS.items())]
 SIMULATED = ("DISTANCE", "STRAIN_ENERGY", "REACH", "SAFETY", "SLOT")
-OPEN = 0.3  # mm: lowest upper end of the slots' scale, the narrowest slot that a laser leaves
-LEAST_ANISOTROPY = (
-    1.0  # percent: lowest upper end of the anisotropy's scale, so that rounding errors do not look like a difference
-)
 SQUARE_HIGH = 0.25  # upper end of the scale; the paper's worst quad of a regularised mesh has 0.238
 
 
@@ -119,7 +115,7 @@ def painted(
             stiffness_share(values, low, high), 0.0, 1.0, colours.QUANTITY_SCALE
         ), stiffness_legend(low, high)
     if kind == "SLOT":
-        high = max(high, OPEN)
+        high = max(high, colours.LEAST_SLOT)
         text = f"Slots in this shape, narrowest {low:.2f} mm"
         return colours.map_to_scale(high - values, 0.0, high, colours.ERROR_SCALE), Legend(
             text, f"{high:.2g} mm", "closed", colours.ERROR_SCALE
@@ -130,7 +126,7 @@ def painted(
         rgb[values < 0] = colours.linear(colours.MISSING_GREY)
         return rgb, Legend(f"{label}, grey where there is none", "0", f"{high:.3g} mm", colours.ERROR_SCALE)
     if kind == "ANISOTROPY":
-        low, high = 0.0, max(high, LEAST_ANISOTROPY)
+        low, high = 0.0, max(high, colours.LEAST_ANISOTROPY)
     if kind == "DISTANCE":
         high = max(high, colours.LEAST_DISTANCE)
         legend = Legend(label, "0", f"{high:.3g} mm", colours.ERROR_SCALE)

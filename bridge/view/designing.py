@@ -13,16 +13,13 @@ import numpy as np
 from ...engine import colours
 from ...engine.display import bands
 from .legend import Legend
-from .live_shape import LiveShape, middle_edge
+from .live_shape import LIFT, LiveShape, middle_edge
 
 if TYPE_CHECKING:
     from ...engine.optimisation.optimise import OptimisationStep
     from ...engine.params import ObjectSettings, SpiralParams
     from ...engine.progress import Progress
     from ...engine.runs.result import Result
-
-PALE = 0.5 + 0.5 * colours.QUANTITY_SCALE  # scale lightened so that the dark arms stand out
-LIFT = 0.012  # height of the arms above the faces, in edges; too small flickers
 
 
 class Designing(LiveShape):
@@ -41,13 +38,13 @@ class Designing(LiveShape):
         self._highest = params.twist_max
         high = f"{np.degrees(params.twist_max):.3g}\N{DEGREE SIGN}"
         title = f"Twist of the spirals; step {look.step}, {1e3 * look.distance:.3g} mm from the target"
-        self.legend = Legend(title, "0\N{DEGREE SIGN}", high, PALE)
+        self.legend = Legend(title, "0\N{DEGREE SIGN}", high, colours.pale(colours.QUANTITY_SCALE))
 
     @property
     def colours(self) -> np.ndarray:
         # scale over all that the settings allow, so that a colour means the same in every step
         share = np.clip(self._twist / max(self._highest, 1e-9), 0.0, 1.0)
-        return colours.on_scale(share, PALE)
+        return colours.on_scale(share, colours.pale(colours.QUANTITY_SCALE))
 
     def bands(self, unit: float) -> tuple[np.ndarray, np.ndarray]:
         """Return points (N, 3) and triangles (T, 3) of the arms."""

@@ -20,7 +20,7 @@ from ..store import attributes, equilibrium, fields, notes, objects, settings, s
 from ..store import seen as seeing
 from ..store.checksums import Checksums
 from .colouring import stiffness_legend, stiffness_share
-from .live_shape import LiveShape, middle_edge
+from .live_shape import LIFT, LiveShape, middle_edge
 
 if TYPE_CHECKING:
     from ...engine.spirals.dab import PaintSurface
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from ..store.surface import ObjectSurface
 
 TOOL = "flexmaps.brush"  # the tool in Blender's toolbar
-PALE = 0.5 + 0.5 * colours.QUANTITY_SCALE  # scale lightened so that the dark arms stand out
-LIFT = 0.012  # height of the arms above the faces, in edges; too small flickers
 PROTECTED = np.array([0.55, 0.60, 0.68])  # sRGB of protected spirals; by eye
 # states of the spirals that an easel recognises after undo; Blender can undo 32 by default. Larger takes memory
 STEPS = 64
@@ -57,7 +55,7 @@ class Painting(LiveShape):
     @property
     def colours(self) -> np.ndarray:
         share = stiffness_share(self._stiffness, *self._range)
-        rgb = colours.on_scale(share, PALE)
+        rgb = colours.on_scale(share, colours.pale(colours.QUANTITY_SCALE))
         return np.where(self._protected[:, None], PROTECTED, rgb)
 
     def bands(self, unit: float) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,6 @@ from ..store.i18n import translate
 from .legend import Legend
 from .live_shape import LiveShape
 
-PALE = 0.5 + 0.5 * colours.ERROR_SCALE  # scale lightened so that the lines stand out
 # millimetres, possible upper ends of the scale; a continuous end would make colours flicker while a piece moves
 ENDS = np.array([1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0])
 
@@ -25,7 +24,7 @@ class Followed(LiveShape):
         self._end = float(ENDS[min(int(np.searchsorted(ENDS, far.max(initial=0.0))), len(ENDS) - 1)])
         self._share = np.clip(far / self._end, 0.0, 1.0)
         title = translate("Live: distance to the target, RMS {:.2f} mm", 1e3 * shape.rms)
-        self.legend = Legend(title, "0", f"{self._end:g} mm", PALE)
+        self.legend = Legend(title, "0", f"{self._end:g} mm", colours.pale(colours.ERROR_SCALE))
 
     @classmethod
     def from_shape(cls, shape: LiveEquilibrium, unit: float) -> Followed | None:
@@ -44,4 +43,4 @@ class Followed(LiveShape):
 
     @property
     def colours(self) -> np.ndarray:
-        return colours.on_scale(self._share, PALE)
+        return colours.on_scale(self._share, colours.pale(colours.ERROR_SCALE))

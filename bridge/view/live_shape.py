@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import numpy as np
 
+from ...engine import colours
 from ...engine.arrays import Float, Int
 from .legend import Legend
 
@@ -19,8 +20,8 @@ if TYPE_CHECKING:
     from ...engine.runs.result import Result
 
 FILL, LINE = np.array([0.97, 0.80, 0.46]), np.array([0.10, 0.11, 0.14])  # sRGB of faces and lines; by eye
-LIFT = 0.01  # height of lines above the faces, in edges; too small flickers; not measured
-LIGHT = np.array([0.27, -0.45, 0.85])  # unit vector to a light: enough shade to read the shape; by eye
+# height of lines and arms above the faces, in edges; half as much flickers in a piece seen from far, twice as much floats; by eye
+LIFT = 0.01
 
 
 class LiveShape:
@@ -113,7 +114,7 @@ class LiveShape:
         Four triangles a quad about its centre, so that no diagonal of a warped quad stands out.
         """
         corners, normal = self.frame(unit)
-        rgb = self.colours * (0.74 + 0.26 * normal @ LIGHT)[:, None]
+        rgb = self.colours * (0.74 + 0.26 * normal @ colours.LIGHT)[:, None]
         rgba = np.repeat(np.c_[rgb, np.ones(len(rgb))], 12, axis=0).astype(np.float32)
         lifted = corners + LIFT * middle_edge(corners) * normal[:, None]
         ends = np.stack([lifted, np.roll(lifted, -1, axis=1)], axis=2).reshape(-1, 3)

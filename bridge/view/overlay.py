@@ -19,7 +19,7 @@ from ..store import seen as seeing
 from ..store.columns import column
 from . import colouring, legend
 from .legend import Legend
-from .live_shape import LIGHT, LiveShape
+from .live_shape import LIFT, LiveShape
 
 EDIT_ALPHA = 0.55  # opacity of the colours in edit mode, so that the mesh shines through; by eye
 SEAMS = "flexmaps_seam"  # edge attribute with the numbers of seams
@@ -29,7 +29,6 @@ NO_SEAM = -2  # number of an edge that is not a seam; -1 is a seam without a num
 # sRGB of the bars that show the stiffer direction of a spiral
 CROSS = (0.05, 0.05, 0.05, 1.0)
 BAR = 0.8  # length of the longest bar, in quads; by eye
-LIFT = 0.005  # height of the colours above the surface, in edges; too small flickers; not measured
 
 
 def renew(obj: bpy.types.Object, made: str = "") -> None:
@@ -167,7 +166,7 @@ def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
     seams, corners = quads.seams, quads.positions[quads.corners]
     up, normal = _normals(quads)
     lifted = on_both_sides(corners, up[quads.corners])
-    light = 0.78 + 0.22 * np.concatenate([normal, -normal]) @ LIGHT  # enough shade to read the shape
+    light = 0.78 + 0.22 * np.concatenate([normal, -normal]) @ colours.LIGHT  # enough shade to read the shape
     srgb = np.tile(np.clip(rgb, 0.0, 1.0) ** (1 / 2.2), (2, 1)) * light[:, None]
     points = lifted[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3).astype(np.float32)
     alpha = np.full(len(srgb), EDIT_ALPHA if obj.data.is_editmode else 1.0)

@@ -11,11 +11,11 @@ import numpy as np
 
 from .. import MARK, colours
 from ..arrays import Float
+from ..tolerances import SINGLE_TOL
 
 INK, GREY, GRID, PAPER = "#262b33", "#6b7280", "#e4e7eb", "#ffffff"
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 SHADES = 96  # number of shades of a colour scale; few, so that shapes of equal colour become one path
-SINGLE = 1e-6  # in steps: distance of a tick beyond the end of its axis that rounding to single precision explains
 SEAM = 0.5  # pixels: filled shapes grow by half of this, to close hairlines between neighbours
 
 
@@ -196,8 +196,8 @@ def ticks(low: float, high: float, count: int = 5) -> list[float]:
     raw = span / count
     power = 10.0 ** np.floor(np.log10(raw))
     step = power * next((m for m in (1, 2, 5) if m * power >= raw * 0.999), 10)
-    first = np.ceil(low / step - SINGLE)
-    return [float(k * step) + 0.0 for k in np.arange(first, np.floor(high / step + SINGLE) + 1)]
+    first = np.ceil(low / step - SINGLE_TOL)
+    return [float(k * step) + 0.0 for k in np.arange(first, np.floor(high / step + SINGLE_TOL) + 1)]
 
 
 def decades(low: float, high: float) -> list[float]:

@@ -32,7 +32,6 @@ CURVE, ACCENT = "#2e8599", "#d9622b"
 BRIGHT, PALE = "#fab840", "#9e9e9e"  # readable on dark and on light paper
 LOGARITHMIC = 8.0  # ratio of largest to smallest value above which a scale is logarithmic; chosen by eye
 WIDTH, HEIGHT = 520, 320  # of a plot, pixels
-LIGHT = np.array([0.27, -0.45, 0.85])  # direction to the light of ``shape_map``; chosen by eye
 VIEW = np.array([0.9, -1.0, 0.85])  # direction to the viewer of ``shape_map``
 
 
@@ -279,7 +278,7 @@ def shape_map(vertices: np.ndarray, quads: np.ndarray, sides: np.ndarray, colour
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
     facing = np.where(normal @ eye < 0.0, -1.0, 1.0)
-    lit = 0.80 + 0.20 * (facing[:, None] * normal) @ LIGHT
+    lit = 0.80 + 0.20 * (facing[:, None] * normal) @ colours.LIGHT
     order = np.argsort(corners.mean(axis=1) @ eye)
     drawing, placed = _fitted(points, colouring)
     shades = np.clip(colouring.fills * lit[:, None], 0.0, 1.0)

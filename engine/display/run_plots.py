@@ -25,10 +25,6 @@ from .plots import Colouring
 NAMES = ("surface", "patches", "distortion", "width", "anisotropy", "twist", "history", "objective", "errors", "shape", "distance", "safety",
          "slots", "limits")  # fmt: skip
 
-LEAST_ANISOTROPY = 1.0  # percent: smallest end of its scale, so that rounding does not look like a difference
-# mm: smallest end of the scale of slots in the simulated shape, the narrowest slot that a laser cuts
-LEAST_SLOT = 0.3
-
 
 @dataclass(frozen=True, eq=False)
 class MapValues:
@@ -145,7 +141,7 @@ def _spirals(m: MapValues) -> dict[str, Drawing]:
     ):
         low, high = float(values.min()), float(values.max())
         if name == "anisotropy":
-            low, high = 0.0, max(high, LEAST_ANISOTROPY)
+            low, high = 0.0, max(high, colours.LEAST_ANISOTROPY)
         made = Colouring.from_values(title, values, unit, colours.QUANTITY_SCALE, low, high)
         found[name] = plots.flat_map(m.corners, m.sides, made)
     return found
@@ -194,7 +190,7 @@ def _match(m: MapValues, described: Mapping[str, Any]) -> dict[str, Drawing]:
         )
         found["safety"] = plots.flat_map(m.corners, m.sides, loaded)
     if m.slot is not None:
-        low, high = min(0.0, float(m.slot.min())), max(LEAST_SLOT, float(np.median(m.slot)))
+        low, high = min(0.0, float(m.slot.min())), max(colours.LEAST_SLOT, float(np.median(m.slot)))
         room = Colouring.from_values("Slots in the simulated shape", m.slot, "mm", colours.ERROR_SCALE[::-1], low, high)
         found["slots"] = plots.flat_map(m.corners, m.sides, room)
     if m.kind is not None:

@@ -19,6 +19,7 @@ from ..spirals.clearance.room import ClearanceModel
 from ..spirals.constraints import NO_CONSTRAINTS, Constraints
 from ..spirals.design import SpiralDesign
 from ..surface.mesh import QuadMesh
+from ..tolerances import SINGLE_TOL
 from .design_space import DesignSpace
 from .inverse import DesignPoint, InverseProblem
 from .objective import Target
@@ -31,7 +32,6 @@ from .work import CURVING, SPACE, Work
 GROUP_COUNTS = {"alike": 1, "pairs": 2, "each": 4}  # number of groups of arms with one width, by the setting
 # Smallest tolerance of equilibria during the search, whatever the settings say; see docs/tuning.md
 COARSE_TOLERANCE = 1e-6
-ROUNDING = 1e-6  # relative difference of lengths, or of twists in radians, below which assemblies count as equal
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,4 +171,4 @@ class Task:
 def _equal_but_rounding(one: Assembly, two: Assembly) -> bool:
     """Return whether two assemblies of the same joints differ by rounding only."""
     apart = [np.abs(one.lever - two.lever) / one.radius.mean(), one.width / two.width - 1.0, one.twist - two.twist]
-    return all(float(np.abs(part).max()) < ROUNDING for part in apart)
+    return all(float(np.abs(part).max()) < SINGLE_TOL for part in apart)

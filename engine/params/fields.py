@@ -13,6 +13,7 @@ from numbers import Integral, Real
 from typing import Any, ClassVar
 
 from ..errors import FlexMapsError
+from ..tolerances import SINGLE_TOL
 
 # by unit: factor from the SI value to the shown value, and symbol of the shown unit
 SHOWN: dict[str, tuple[float, str]] = {
@@ -50,7 +51,6 @@ def setting(
 
 
 LARGEST = 1e300  # largest magnitude of any setting, which also refuses infinity and NaN
-SLACK = 1e-6  # relative tolerance of bounds, because Blender stores values in single precision
 
 
 def describe_numbers(f: Field) -> str:
@@ -91,7 +91,7 @@ def refuse_if_above(block: Params, name: str, other: Params, limit: str, remedy:
     remedy : end of the message: what the user should do
     """
     value, most = getattr(block, name), getattr(other, limit)
-    if value > most + SLACK * abs(most):
+    if value > most + SINGLE_TOL * abs(most):
         low, high = (next(f for f in fields(b) if f.name == n) for b, n in ((block, name), (other, limit)))  # type: ignore[arg-type]
         raise FlexMapsError(
             f"{low.metadata['label']} {format_value(low, value)} is above {high.metadata['label']} {format_value(high, most)}; {remedy}"
@@ -130,11 +130,11 @@ def _refuse_wrong(f: Field, value: Any) -> None:
         raise FlexMapsError(f"{meta['label']} {quote(value)}: give {describe_numbers(f)}")
     else:
         low, high = meta["low"], meta["high"]
-        if low is not None and value < low - SLACK * abs(low):
+        if low is not None and value < low - SINGLE_TOL * abs(low):
             raise FlexMapsError(
                 f"{meta['label']} {format_value(f, value)} is below its smallest value {format_value(f, low)}"
             )
-        if high is not None and value > high + SLACK * abs(high):
+        if high is not None and value > high + SINGLE_TOL * abs(high):
             raise FlexMapsError(
                 f"{meta['label']} {format_value(f, value)} is above its largest value {format_value(f, high)}"
             )

@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 
 from ..errors import FlexMapsError
-from .fields import SLACK, Params, setting
+from ..tolerances import SINGLE_TOL
+from .fields import Params, setting
 
 
 @dataclass(frozen=True)
@@ -133,12 +134,12 @@ class SpiralParams(Params):
         super().__post_init__()
         if self.border != "rim" or self.rim_hole == 0.0:
             return
-        if self.rim_width < 2.0 * self.rim_hole * (1.0 - SLACK):
+        if self.rim_width < 2.0 * self.rim_hole * (1.0 - SINGLE_TOL):
             raise FlexMapsError(
                 f"A rim of {self.rim_width * 1e3:g} mm is too narrow for holes of {self.rim_hole * 1e3:g} mm; make it at least twice as wide as "
                 "its holes, or the holes smaller"
             )
-        if self.rim_spacing < 2.0 * self.rim_hole * (1.0 - SLACK):
+        if self.rim_spacing < 2.0 * self.rim_hole * (1.0 - SINGLE_TOL):
             raise FlexMapsError(
                 f"Holes of {self.rim_hole * 1e3:g} mm cannot be {self.rim_spacing * 1e3:g} mm apart; make the hole spacing at least twice their diameter"
             )

@@ -20,6 +20,7 @@ from ..errors import FlexMapsError
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..surface.checking.finding import with_count
+from ..tolerances import SINGLE_TOL
 from .clearance.slots import min_slot_width
 from .curves.arc_path import ArcPath
 from .curves.arcs import Curve
@@ -27,7 +28,6 @@ from .curves.spiral import opposite_sides
 
 # largest slope of a strip's end against the border's normal, as it follows the seam; beyond 45 degrees it would be a point
 _SLANT = 1.0
-_STRAIGHT = 1e-6  # largest turn between two sides of the border that count as one straight line, radians
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,7 @@ class Rim:
         slope = np.tan(0.5 * turn)
         there, here = half[j] + reach * slope, half[i] + reach * slope  # to the crossing of both straights
         room = np.minimum(here, there) - _clear(params)
-        bends = np.abs(turn) > _STRAIGHT
+        bends = np.abs(turn) > SINGLE_TOL
         size = np.where(bends, np.abs(slope), 1.0)
         radius = np.where(bends, room / size, 0.0)
         # at a convex corner, the strip's inner edge must stay outside the border's corner

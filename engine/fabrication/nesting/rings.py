@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...tolerances import DOUBLE_TOL
+
 if TYPE_CHECKING:
     from shapely import Polygon
 
 SNAP_DISTANCE = 2e-4  # snap distance in metres for ends and coinciding lines; a larger one joins separate lines
-_NODE = 1e-9  # grid in metres to which crossings of lines are rounded
 
 
 @dataclass(eq=False)
@@ -74,7 +75,7 @@ def _simple(points: np.ndarray) -> list[Polygon]:
     ring = shapely.Polygon(points)
     if ring.is_valid:
         return [ring] if ring.area > 0.0 else []
-    faces = shapely.get_parts(shapely.polygonize([shapely.unary_union(ring.exterior, grid_size=_NODE)]))
+    faces = shapely.get_parts(shapely.polygonize([shapely.unary_union(ring.exterior, grid_size=DOUBLE_TOL)]))
     return [shapely.Polygon(p.exterior) for p in shapely.get_parts(shapely.unary_union(faces)) if p.area > 0.0]
 
 
@@ -101,7 +102,7 @@ def _enclosed(lines: list[np.ndarray]) -> list[Polygon]:
     tree = shapely.STRtree(strings)
     point, line = tree.query(alone, predicate="dwithin", distance=SNAP_DISTANCE)
     bridges = shapely.shortest_line(alone[point], np.array(strings, dtype=object)[line])
-    whole = shapely.unary_union([*strings, *bridges[shapely.length(bridges) > 0.0]], grid_size=_NODE)
+    whole = shapely.unary_union([*strings, *bridges[shapely.length(bridges) > 0.0]], grid_size=DOUBLE_TOL)
     return [p for p in shapely.get_parts(shapely.polygonize(shapely.get_parts(whole))) if p.area > 0.0]
 
 

@@ -12,17 +12,17 @@ import numpy as np
 from ...errors import FlexMapsError
 from ...spirals.contours import Outline
 from ...spirals.curves.arcs import Curve
+from ...tolerances import DOUBLE_TOL
 
 SMOOTH = 2e-3  # radians; a smaller change of direction between segments counts as smooth
 SHORT = 2e-5  # metres; controllers stutter on shorter segments, while removing longer ones would be visible
-_MIN_LENGTH = 1e-9  # metres; shorter segments are dropped
 
 Arc = tuple[complex, complex, float]  # start, end, bulge
 
 
 def without_empty_segments(curve: Curve) -> Curve:
     """Return the curve without segments of zero length."""
-    kept = np.linalg.norm(np.roll(curve.points, -1, axis=0) - curve.points, axis=1) > _MIN_LENGTH
+    kept = np.linalg.norm(np.roll(curve.points, -1, axis=0) - curve.points, axis=1) > DOUBLE_TOL
     if not curve.closed:
         kept[-1] = True
     return curve if kept.all() else Curve(curve.points[kept], curve.bulge[kept], curve.closed)
@@ -80,7 +80,7 @@ def offset(curve: Curve, distance: float) -> Curve:
     before, after = _directions(start, end, bulge)
     begins, ends = start - 1j * distance * before, end - 1j * distance * after
     # an arc with a radius below the offset would turn inside out
-    row = np.flatnonzero(((ends - begins) * (end - start).conj()).real > _MIN_LENGTH * np.abs(end - start))
+    row = np.flatnonzero(((ends - begins) * (end - start).conj()).real > DOUBLE_TOL * np.abs(end - start))
     if len(row) < 1 + curve.closed:
         raise FlexMapsError(f"A curve is too small for an offset of {abs(distance) * 1e3:g} mm")
     ahead = np.roll(row, -1)
@@ -133,7 +133,7 @@ def _shortened(
     """Return the bulges (N,) of arcs after moving their ends (N,) along their circles."""
     round_ = np.abs(bulge) > 1e-9
     centre = _centre(start, end, np.where(round_, bulge, 1.0))
-    tiny = np.abs(start - centre) < _MIN_LENGTH
+    tiny = np.abs(start - centre) < DOUBLE_TOL
     centre = np.where(tiny, centre + 1.0, centre)
     change = np.angle((last - centre) / (end - centre)) - np.angle((first - centre) / (start - centre))
     return np.where(round_, np.tan(0.25 * (4.0 * np.arctan(bulge) + change)), bulge)
@@ -142,7 +142,7 @@ def _shortened(
 def _intersection(one: Arc, two: Arc) -> complex:
     """Return the intersection of two segments, extended to lines and circles, nearest to where they should meet."""
     near = 0.5 * (one[1] + two[0])
-    if abs(one[1] - two[0]) < _MIN_LENGTH:
+    if abs(one[1] - two[0]) < DOUBLE_TOL:
         return near
     found = _crossings(one, two)
     if not found:
@@ -172,7 +172,7 @@ def _crossings(one: Arc, two: Arc) -> list[complex]:
     else:
         other = complex(_centre(np.array(one[0]), np.array(one[1]), np.array(one[2])))
         apart = abs(other - centre)
-        if apart < _MIN_LENGTH:
+        if apart < DOUBLE_TOL:
             return []
         x = (apart**2 + radius**2 - abs(one[0] - other) ** 2) / (2.0 * apart)
         foot, d = centre + x * (other - centre) / apart, 1j * (other - centre) / apart

@@ -16,9 +16,8 @@ from ...progress import SILENT, Progress
 from ...spirals.curves.arcs import Curve
 from ...spirals.curves.spiral import Arms, centre_line, width_at
 from ...spirals.roots import SlotRoots
-from .lettering import along, length, straight
+from .lettering import FILL_SHARE, along, length, straight
 
-_FILL = 0.62  # height of letters along an arm as a share of its width
 _SAMPLES = 97  # samples along an arm; the line of a label is straight between them; not measured
 LEGIBLE = 0.002  # metres; height of letters legible without a lens
 _TICK = 8  # length of a tick in samples of its arm, from the hub
@@ -185,7 +184,7 @@ def key_label(name: str, neck: float, long: float, params: SheetParams) -> tuple
     neck, long : width of the key's neck and length of the key, metres
     params : heights of labels, and whether there are any
     """
-    height = min(params.label_height, _FILL * neck, 0.8 * long / length(name))
+    height = min(params.label_height, FILL_SHARE * neck, 0.8 * long / length(name))
     if not params.labels or height < params.label_min:
         return ()
     found = straight(name, height, np.zeros(2), np.array([1.0, 0.0]))
@@ -216,7 +215,7 @@ class _Lines:
     def height(self, quad: int, side: int, text: str, largest: float) -> float:
         """Return the maximum height in metres of the letters of a text along this arm."""
         room = 0.9 * (self.length[quad, side] - self.taken[quad, side] - 0.4 * self.width[quad, side, 0])
-        return float(min(largest, _FILL * self.narrowest[quad, side], room / length(text)))
+        return float(min(largest, FILL_SHARE * self.narrowest[quad, side], room / length(text)))
 
     def on_hub(self, quad: int, text: str, largest: float) -> float:
         """Return the maximum height in metres of the letters of a text on this hub; 0 if it is occupied."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from ...arrays import Float
 
+FILL_SHARE = 0.62  # height of letters along an arm or on a foot, as a share of its width
 ADVANCE = 0.85  # distance between letters as a share of their height
 _SQUEEZE = 0.6  # width of a letter as a share of its height
 

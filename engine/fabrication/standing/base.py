@@ -15,13 +15,12 @@ from ...params import BaseParams, SheetParams, SpiralParams
 from ...spirals.curves.arcs import Curve
 from ...spirals.design import SpiralDesign
 from ..nesting.packing import turn_that_fits
-from ..panels.lettering import length, straight
+from ..panels.lettering import FILL_SHARE, length, straight
 from .corners import hull
 from .eyelets import Eyelet, eyelets_report
 from .feet import Foot, make_feet
 from .frame import planks
 
-FILL = 0.62  # height of a foot's number as a share of the foot's width, as for labels along arms
 BESIDE = 0.001  # metres between a slot and its number
 
 
@@ -122,7 +121,7 @@ def foot_name(foot: Foot, mark: str = "") -> str:
 
 def _height(foot: Foot, params: SheetParams, mark: str = "") -> float:
     """Return the height in metres of the letters of a foot's number."""
-    return min(params.label_height, FILL * foot.width, 0.4 * foot.shoulder / length(foot_name(foot, mark)))
+    return min(params.label_height, FILL_SHARE * foot.width, 0.4 * foot.shoulder / length(foot_name(foot, mark)))
 
 
 def make_base(

@@ -6,8 +6,9 @@ import numpy as np
 
 from ...arrays import Float
 from ...spirals.curves.arcs import Curve
+from ...tolerances import SINGLE_TOL
 
-STRAIGHT = 1e-6  # radians; smaller turns are not corners
+CORNER = 0.0006  # metres, radius of the outer corners of feet and planks
 
 
 def round_corners(
@@ -30,7 +31,7 @@ def round_corners(
         sides = np.linalg.norm(before), np.linalg.norm(after)
         before, after = before / sides[0], after / sides[1]
         turn = np.pi - np.arccos(np.clip(before @ after, -1.0, 1.0))
-        if turn < STRAIGHT:
+        if turn < SINGLE_TOL:
             nodes.append(point)
             bulges.append(0.0)
             continue

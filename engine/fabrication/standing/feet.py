@@ -22,7 +22,7 @@ from ...spirals.curves.spiral import LEFT, RIGHT, edge_points
 from ...spirals.design import SpiralDesign
 from ...surface.checking.finding import with_count
 from ...surface.mesh import QuadMesh
-from .corners import round_corners
+from .corners import CORNER, round_corners
 
 # Minimum slope in radians. Flatter sheets would lie on the base instead of standing, with slots wider than three
 # thicknesses
@@ -34,7 +34,6 @@ UNWOUND = 0.02  # maximum twist in radians of a spiral that counts as not wound
 TONGUE = 0.6  # width of the tongue as a share of the foot's, leaving shoulders of a fifth on both sides; by eye
 FLARE = 0.8  # length over which a foot widens from its hub, as a share of the widening on one side; by eye
 BEYOND = 1.0  # length of the tongue beyond the slot in thicknesses
-CORNER = 0.0006  # metres, radius of the outer corners of shoulders and tongue
 
 
 @dataclass(frozen=True, eq=False)

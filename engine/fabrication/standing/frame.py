@@ -15,8 +15,9 @@ from ...arrays import Float
 from ...errors import FlexMapsError
 from ...params import SheetParams
 from ...spirals.curves.arcs import Curve
+from ...tolerances import DOUBLE_TOL
 from ..nesting.packing import turn_that_fits
-from .corners import round_corners
+from .corners import CORNER, round_corners
 
 TURN = np.radians(75.0)  # maximum turn of a plank, so that it stays slender; by eye
 # narrowest and widest width and depth of a dovetail, as shares of the plank's width; by eye
@@ -25,11 +26,9 @@ NECK, HEAD, DEEP = 0.3, 0.42, 0.25
 # the ring
 WIDER = 1.4
 SMALLEST = 0.4  # minimum size of a dovetail as a share of its usual size, where feet are close together; by eye
-CORNER = 0.0006  # metres, radius of corners, as for feet
 # chords per quarter circle around a slot's corner before corners are rounded again, and their tolerance in metres
 CHORDS, STRAY = 12, 1e-5
 BEHIND = 1e-7  # metres by which cutting shapes extend beyond an edge, so that no slivers are left
-ROUNDS = 60  # maximum passes of the search for the shortest order, which ends earlier without improvement; not measured
 LEAST = 3  # minimum number of slots for a ring
 
 
@@ -83,16 +82,16 @@ def shortest_round(points: Float[np.ndarray, "n 2"]) -> np.ndarray:
     seen = points - points.mean(axis=0)
     order = np.argsort(np.arctan2(seen[:, 1], seen[:, 0]))
     count = len(order)
-    for _ in range(ROUNDS):
-        before = order.copy()
+    shorter = True
+    while shorter:
+        shorter = False
         for i in range(count - 1):
             for j in range(i + 2, count - (i == 0)):
                 a, b, c, d = points[order[[i, i + 1, j, (j + 1) % count]]]
                 gain = np.linalg.norm(a - b) + np.linalg.norm(c - d) - np.linalg.norm(a - c) - np.linalg.norm(b - d)
-                if gain > 1e-9:
+                if gain > DOUBLE_TOL:
                     order[i + 1 : j + 1] = order[i + 1 : j + 1][::-1].copy()
-        if (order == before).all():
-            break
+                    shorter = True
     p = points[order]
     area = 0.5 * (p[:, 0] * np.roll(p[:, 1], -1) - p[:, 1] * np.roll(p[:, 0], -1)).sum()
     return order if area > 0.0 else order[::-1].copy()

@@ -22,12 +22,12 @@ from ..assembly import Pose, rest_joints
 from ..vectors import matvec, rotation_matrix, rotation_vector, skew
 from .bent_rim import RimPieces, rim_pieces
 from .pieces import POISSON, STATIONS, Grain, piece_flexibilities
+from .stacked import BATCH
 
 ROUNDS = 12  # Newton iterations at most; the remaining error is spread along the arms
 # Error, relative to the size of a spiral, at which Newton's method takes its last step; the remaining error is spread
 # along the arms. Larger is faster and less exact: arms of 150 and 986 spirals are within 0.3 nanometres of exact ones.
 TIP_TOLERANCE = 1e-4
-BATCH = 400  # joints at a time, few enough to stay in the processor's cache
 BENDING = "Bending the arms"  # text of the progress
 _MAX_TURN = 0.5  # radians by which a joint turns at most in one iteration
 

@@ -31,9 +31,9 @@ from ..vectors import outer, skew
 from .beams import torsion_constant
 from .cut import CutArms
 from .grain import SectionFlexibility
+from .stacked import BATCH
 
 POINTS = 10  # of the Gauss quadrature, within 2e-8 of 20 points on a dome, a saddle and a torus; more are slower
-BATCH = 128  # joints at a time, few enough to stay in the processor's cache
 _EYE = np.eye(3)  # unit matrix
 _X, _W = np.polynomial.legendre.leggauss(POINTS)
 _NODES, _WEIGHTS = 0.5 * (_X + 1.0), 0.5 * _W  # Gauss quadrature on [0, 1]

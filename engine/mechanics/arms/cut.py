@@ -27,6 +27,7 @@ from ...spirals.curves.blends import MATE_WIDTH as BY_MATE_WIDTH
 from ..assembly import Assembly
 from .beams import SHEAR_FACTOR, gauss, torsion_constant
 from .grain import SectionFlexibility, line_compliance
+from .stacked import BATCH
 from .stations import product, spiral_stations, sum_products
 from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE, SHORTEST
 
@@ -61,7 +62,6 @@ FILLET_REACH = 0.55
 # arms, which include very unequal ones and some that cannot be cut.
 POINTS = 8
 ROOT_POINTS = 3  # Gauss points between the two roots: within 4e-6 of 8 points in all of these arms
-BATCH = 500  # arms at a time, few enough to stay in the processor's cache
 
 
 @dataclass(frozen=True, eq=False)

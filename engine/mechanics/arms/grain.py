@@ -28,6 +28,7 @@ import numpy as np
 from ...arrays import Float
 from ...materials import Orthotropy
 from .beams import SHEAR_FACTOR, Blocks, gauss, torsion_constant
+from .stacked import BATCH
 from .stations import product, spiral_stations, sum_products
 from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE
 
@@ -40,7 +41,6 @@ POINTS = 48
 HUB_BEND, HUB_LIFT, HUB_HOLDS = 0.045, 0.025, 1.7
 HUB_TALL = 0.31  # fourth power of w/h at which HUB_LIFT changes from tall arms to wide ones, in solids of straight arms
 HUB_AT = 0.5  # arm widths from the centre to where a hub yields, which is where the arm leaves it
-BATCH = 500  # arms at a time, few enough to stay in the processor's cache
 _RADIUS, _WIDTH, _TWIST, _GRAIN = range(4)  # parameters by which the beam is differentiated
 
 

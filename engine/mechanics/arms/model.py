@@ -29,6 +29,7 @@ from .curving import CurvedArms, add_second_order, contract_with_wrench, second_
 from .cut import added_compliance_by_shape, rest_shapes
 from .joint_motion import JointMotion, SpatialMotion, first_order, joint_motion, second_order
 from .sensitivity import JointDerivatives, arm_loads, convex_by_design
+from .stacked import BATCH
 from .strain_changes import arm_strains
 
 
@@ -383,7 +384,6 @@ def _rotate_to_space(motion: JointMotion, vectors: Float[np.ndarray, "joints 6"]
 
 # motions of a joint out of the sheet's plane: the shift along the normal and the turns about the two axes in the plane
 OUT_OF_PLANE_MASK = np.array([False, False, True, True, True, False])
-BATCH = 1000  # joints at a time, few enough to stay in the processor's cache
 
 
 def _bend_levers(assembly: Assembly, bend: np.ndarray) -> Float[np.ndarray, "joints 2 3"]:

@@ -32,6 +32,7 @@ from .bar_sections import Curvature, Torsion
 from .bars import NUMBERS as BAR_NUMBERS
 from .bars import PIECES, BarPull, Bars
 from .grain import direction_share
+from .stacked import BATCH
 
 GRAIN_INDEX = BAR_NUMBERS  # parameter after those of ``bars``: radians from the radius to the grain
 NUMBERS = BAR_NUMBERS + 1  # number of parameters of an arm
@@ -42,7 +43,6 @@ LAG = 2
 POWER = 32  # degree of the power mean, a power of two; larger is closer to the maximum and less smooth
 MEAN_OVER_MAX = 0.881  # power mean over maximum: the median of 1,978 arms, 90 of 100 of which lie at 0.86 to 0.91
 ROUNDING = 1e-5  # strain below which absolute values are rounded off
-BATCH = 256  # arms at a time, few enough to stay in the processor's cache
 _SIDES = np.array([-1.0, 1.0])[:, None, None]  # right and left edge of a section, in half widths
 
 

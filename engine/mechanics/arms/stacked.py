@@ -11,6 +11,7 @@ from ...arrays import Float
 from ..vectors import fill_skew
 
 EYE = np.eye(3)[:, :, None]  # unit matrix, broadcast over the joints
+BATCH = 256  # arms or joints at a time, few enough to stay in the processor's cache
 
 
 def joints_last(values: np.ndarray) -> Float[np.ndarray, "... joints"]:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...arrays import Float
+from ...tolerances import SINGLE_TOL
 from ..mesh import PolygonMesh
 from .finding import REMESH, Finding, finding, list_faces, with_count
 from .topology import Sides, sides_of
@@ -14,8 +15,6 @@ from .topology import Sides, sides_of
 RATIO_ERROR, RATIO_WARNING = 10.0, 3.0  # limits of the 99th over the 1st percentile of the faces' mean edge lengths
 SIZES = 1e-6, 1e6  # smallest and largest median edge, metres; nothing beyond them can be cut, whatever the units
 FAR = 1e6  # a vertex is far out at so many times the median distance from the middle: no quad mesh has that by intent
-# displacement of a vertex by rounding to double precision, in median edges, above which the mesh is too far out
-ROUNDED = 1e-6
 FOLDED = -1.0 + 1e-8  # cosine between the normals of neighbours; below it they lie on each other, to 0.008 degrees
 SMALL = 0.01  # side of the smallest quad that suits a spiral, metres
 STEP = 0.05  # the factor by which a model would have to grow is rounded up to multiples of this
@@ -55,7 +54,7 @@ def far_out(polygons: PolygonMesh, face_of: np.ndarray) -> list[Finding]:
         text = f"{with_count(len(far), 'vertex lies', 'vertices lie')} more than {FAR:g} times as far out as the others, at {list_faces(faces)}: move or delete {'it' if len(far) == 1 else 'them'}"
         return [finding("far-vertices", text, faces)]
     edge = float(np.median(lengths_of(polygons, sides_of(polygons))))
-    if 0 < edge * ROUNDED < np.abs(p).max() * np.finfo(float).eps:
+    if 0 < edge * SINGLE_TOL < np.abs(p).max() * np.finfo(float).eps:
         text = f"The mesh lies {np.abs(p).max() / edge:.1g} edges away from the origin, so far that its positions are rounded: move it to the origin and export it again"
         return [finding("far-from-origin", text)]
     return []
@@ -68,13 +67,15 @@ def degenerate(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
     middle = float(np.median(lengths))
     area_vectors = area_vectors_of(polygons, sides)
     areas = np.linalg.norm(area_vectors, axis=1)
-    short = np.flatnonzero(lengths <= 1e-6 * middle)
+    short = np.flatnonzero(lengths <= SINGLE_TOL * middle)
     if len(short):
         faces = np.unique(sides.face[np.isin(sides.edge, short)])
         text = f"{with_count(len(short), 'edge has', 'edges have')} no length, at {list_faces(faces)}: merge both ends (Merge by Distance)"
         found.append(finding("zero-edge", text, faces, short))
-    flat = np.flatnonzero(areas <= 1e-6 * middle**2)
-    bows = flat[_corner_areas(polygons, sides)[flat] > 1e-6 * middle**2]  # the two halves of a crossed quad cancel out
+    flat = np.flatnonzero(areas <= SINGLE_TOL * middle**2)
+    bows = flat[
+        _corner_areas(polygons, sides)[flat] > SINGLE_TOL * middle**2
+    ]  # the two halves of a crossed quad cancel out
     flat = np.setdiff1d(flat, bows)
     if len(flat):
         text = f"{list_faces(flat, 'has', 'have')} no area: dissolve {'it' if len(flat) == 1 else 'them'}"
@@ -126,7 +127,7 @@ def sizes(polygons: PolygonMesh, sides: Sides, body: np.ndarray, edge: float | N
     else:
         scale = edge / middle
     side = np.sqrt(areas) * scale
-    small = np.flatnonzero((side < SMALL * (1 - 1e-6)) & (areas > 1e-6 * middle**2))
+    small = np.flatnonzero((side < SMALL * (1 - SINGLE_TOL)) & (areas > SINGLE_TOL * middle**2))
     if len(small):
         least = float(side[small].min())
         text = f"{list_faces(small, 'is', 'are')} under {SMALL * 1e3:g} mm wide (the smallest {least * 1e3:.3g} mm), too small for a spiral that bends easily: make the piece larger, or use fewer quads"

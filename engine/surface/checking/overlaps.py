@@ -18,6 +18,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from ...arrays import Bool, Float, Int
+from ...tolerances import SINGLE_TOL
 from ..mesh import PolygonMesh
 from ..welding import NEAR, short_edge
 from .finding import Finding, finding, list_faces, with_count
@@ -28,9 +29,6 @@ from .topology import Sides, bodies, sides_of
 SKIN = 0.75
 OPPOSITE = -0.7  # largest cosine between the normals of two skins
 SKINS = 0.6  # smallest share of the faces of a closed body that have another skin behind them
-# A crossing must lie inside an edge by this share of it, and may lie outside a triangle by this share of its height:
-# symmetric parts cross exactly at edges, and parts that only touch end there.
-THROUGH = 1e-6
 ON_EACH_OTHER = 0.01  # smallest share of the smaller of two coplanar triangles that the other covers
 
 
@@ -239,5 +237,13 @@ def _intersect(
     turn = np.cross(off, one)
     v = np.einsum("ni,ni->n", way, turn) * inverse
     t = np.einsum("ni,ni->n", two, turn) * inverse
-    inside = ~level & (u > -THROUGH) & (v > -THROUGH) & (u + v < 1 + THROUGH) & (t > THROUGH) & (t < 1 - THROUGH)
+    # inside the edge, and in or on the triangle: symmetric parts cross exactly at edges, and parts that only touch end there
+    inside = (
+        ~level
+        & (u > -SINGLE_TOL)
+        & (v > -SINGLE_TOL)
+        & (u + v < 1 + SINGLE_TOL)
+        & (t > SINGLE_TOL)
+        & (t < 1 - SINGLE_TOL)
+    )
     return inside, start + t[:, None] * way

@@ -17,13 +17,13 @@ from scipy.sparse import csr_array
 from ...arrays import Float, Int, Num
 from ...errors import FlexMapsError
 from ...progress import SILENT, Progress
+from ...tolerances import SINGLE_TOL
 from .seamless import SIGN, TAKEN, Maps
 
 TOO_MANY_FOLDS = "The surface has too many sharp folds for a map"
 NEAR = 2.0  # in quads: irregular points farther apart need no constraint
 ACROSS = 1.2  # in quads: borders and folds farther from a point need no constraint
 BESIDE = 0.6  # in quads: a point counts as beside a border if it is at most this far off along it
-SAME_PLACE = 1e-6  # in quads: nearer points coincide, up to rounding errors
 # Largest number of pairs: Suzanne with 500 quads has at most 785, other objects of Blender's own up to 76; noise or
 # many pleats give 70,000 and more, which take half a gigabyte and minutes.
 MANY = 5000
@@ -143,13 +143,13 @@ class _NeighbourWalk:
         way = [turn[c][0] * u + turn[c][1] * v + shift[c] - here[c] for c in (0, 1)]
         both = [held[c] and (there[0] if turn[c][0] else there[1]) for c in (0, 1)]
         if all(both):
-            if max(abs(way[0]), abs(way[1])) < NEAR and (size := hypot(*way)) > SAME_PLACE:
+            if max(abs(way[0]), abs(way[1])) < NEAR and (size := hypot(*way)) > SINGLE_TOL:
                 row = self._difference(corner, h, frame)
                 if row.any():
                     self._note(np.array(way) @ row / size, LEAST)
             return
         for c in (0, 1):
-            if both[c] and SAME_PLACE < abs(way[c]) < ACROSS and abs(way[1 - c]) < BESIDE:
+            if both[c] and SINGLE_TOL < abs(way[c]) < ACROSS and abs(way[1 - c]) < BESIDE:
                 row = self._difference(corner, h, frame)[c]
                 if row.any():
                     self._note(row if way[c] > 0 else -row, 1.0)

@@ -9,13 +9,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...arrays import Float
+from ...tolerances import SINGLE_TOL
 from ..checking.topology import sides_of
 from ..mesh import PolygonMesh
 from .bodies import concatenate_meshes, target_of
 from .mend import of_rows
 
 ALIKE = 1e-3  # symmetry tolerance, as a share of the extent: farthest that a mirrored vertex may lie from the surface
-SNAPPED = 1e-6  # share of the extent: a vertex nearer to the plane lies on it, up to rounding in single precision
 AT_PLANE = 0.5  # in quad edges: border vertices of a half nearer to the plane are merged with their images
 FITS = 4  # rounds of fitting a plane to pairs of a point and its image
 
@@ -80,7 +80,7 @@ def half(mesh: PolygonMesh, plane: Plane) -> PolygonMesh | None:
     """Cut the mesh at the plane and keep the triangles above; None if a face lies in the plane or none lies above."""
     rows = mesh.corners.reshape(-1, 3)
     heights = plane.heights(mesh.vertices)
-    heights[np.abs(heights) < SNAPPED * np.ptp(mesh.vertices, axis=0).max()] = 0.0
+    heights[np.abs(heights) < SINGLE_TOL * np.ptp(mesh.vertices, axis=0).max()] = 0.0
     sign = np.sign(heights)[rows]
     if (sign == 0).all(axis=1).any() or not (sign > 0).any():
         return None

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Bool, Float, Int
+from ...tolerances import DOUBLE_TOL, SINGLE_TOL
 from ..checking.check import findings
 from ..checking.topology import sides_of, split_vertices
 from ..mesh import PolygonMesh
@@ -23,11 +24,9 @@ USELESS = FOLDED | {"thin"}  # quads without room for a spiral
 POOR = USELESS | {"concave", "warped"}
 ROUNDS = 6  # rounds of moving and collapsing; not measured
 SMALL = 0.7  # small quads are pulled to squares of at least this share of the median quad's side
-SIZELESS = 1e-6  # quads smaller than this share of the median quad's side have no usable directions
 # Angle between two triangles at a sharp edge, degrees. It lies between the 30 and less of round surfaces with few
 # triangles and the 90 of boxes and rims.
 SHARP = 50.0
-ON_SHARP = 1e-9  # metres, on bodies scaled to an extent of 2: rounding errors of a corner put onto a sharp edge
 MOVES = 12  # moves of every corner per round; not measured
 
 
@@ -198,7 +197,7 @@ def to_squares(quads: PolygonMesh, links: np.ndarray) -> Move:
         size = np.linalg.norm(squares[:, 0] - middle[:, 0], axis=1)
         usual = np.median(size)
         # a quad without size has no direction to grow in, except from rounding errors
-        larger = np.maximum(SMALL * usual / np.maximum(size, SIZELESS * usual + 1e-300), 1.0)[:, None, None]
+        larger = np.maximum(SMALL * usual / np.maximum(size, SINGLE_TOL * usual + 1e-300), 1.0)[:, None, None]
         return _sum_by_index(corners.ravel(), (middle + larger * (squares - middle)).reshape(-1, 3), count) / degree
 
     return wish
@@ -231,7 +230,7 @@ def move_corners(
     links = np.concatenate([links, links[:, ::-1]])
     links = links[~on_border[links[:, 0]] | on_border[links[:, 1]]]  # border vertices follow border neighbours only
     moving = near & (np.bincount(links[:, 0], minlength=len(points)) > 1) & ~line_corners(points, border)
-    moving &= target.onto_sharp(points)[0] > ON_SHARP
+    moving &= target.onto_sharp(points)[0] > DOUBLE_TOL
     inner, outer = np.flatnonzero(moving & ~on_border), np.flatnonzero(moving & on_border)
     line, wish = points.copy(), way(quads, links)
     _, normals = target.nearest(points)

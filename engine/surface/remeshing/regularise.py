@@ -15,6 +15,7 @@ import numpy as np
 from ...arrays import Bool, Float
 from ...params import RegulariseParams
 from ...progress import SILENT, Progress
+from ...tolerances import DOUBLE_TOL
 from ..checking.geometry import breadth
 from ..mesh import QuadMesh
 from ..symmetry import symmetries
@@ -36,7 +37,6 @@ SHORT = 0.3  # smallest edge length, in median edges
 # In median edges: quads broader than this have enough room, so squareness matters more; cubespheres and saddles fall
 # from 0.8 to 0.75.
 PLENTY = 0.4
-ROUNDED = 1e-9  # relative decrease that may come from rounding alone
 SPARE = 0.99  # factor on measured breadths and lengths, in reserve for the symmetrisation, which changes them by less
 ROUNDS = 40  # rounds of shortening moves round quads without room, before all moves are given up
 SHORTER = 0.7  # factor on a move per such round; not measured
@@ -97,7 +97,7 @@ def regularise(mesh: QuadMesh, params: RegulariseParams, progress: Progress = SI
     points = _shorten_moves(mesh, _unwarp(mesh, points))
     points = _symmetrise(mesh, points, progress.part(0.9, 1.0))
     better = square_energy(points[mesh.quads]).mean() < square_energy(mesh.vertices[mesh.quads]).mean()
-    return mesh.moved(points) if better and not _tight_quads(mesh, points, 1.0 + ROUNDED).any() else mesh
+    return mesh.moved(points) if better and not _tight_quads(mesh, points, 1.0 + DOUBLE_TOL).any() else mesh
 
 
 # -- one round -------------------------------------------------------------------------------------------------------
@@ -274,8 +274,8 @@ def _tight_quads(mesh: QuadMesh, points: np.ndarray, limit: float) -> Bool[np.nd
     # compare shares of the median edge, which scales the mesh back to its size; a quad that did not move is never at
     # fault
     middle, now, room, least = np.median(edges), np.median(sides), breadth(before), breadth(after)
-    narrow = (limit * least / now < min(room.min() / middle, PLENTY)) & (least < (1.0 - ROUNDED) * room)
-    short = (limit * sides < SHORT * now) & (edges >= SHORT * middle) & (sides < (1.0 - ROUNDED) * edges)
+    narrow = (limit * least / now < min(room.min() / middle, PLENTY)) & (least < (1.0 - DOUBLE_TOL) * room)
+    short = (limit * sides < SHORT * now) & (edges >= SHORT * middle) & (sides < (1.0 - DOUBLE_TOL) * edges)
     return narrow | short.any(axis=1)
 
 

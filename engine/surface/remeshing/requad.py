@@ -18,6 +18,7 @@ import numpy as np
 from ...errors import Cancelled, FlexMapsError
 from ...params import RemeshParams
 from ...progress import SILENT, Progress
+from ...tolerances import SINGLE_TOL
 from ..checking.check import Finding
 from ..checking.topology import bodies, sides_of
 from ..mesh import PolygonMesh
@@ -33,7 +34,6 @@ from .soundness import SoundQuads, judge, judge_raw, squarer
 from .tool import Tool
 
 EXTENT = 2.0  # extent of bodies given to the tool; QuadriFlow took all of 16 surfaces at this size, only some at 0.16
-JOINED = 1e-6  # share of the extent: corners nearer than this are merged
 CRUMBS = RemeshParams.crumbs  # default share of the area, in bodies too small for the count, that may be left out
 FIRST, REST = (0.05, 0.3), (0.3, 1.0)  # ranges of the progress: first quads of every body, better ones
 # Smallest number of quads of open and closed bodies; smaller bodies are left out. Seven closed bodies ended 4 to 20 %
@@ -110,7 +110,9 @@ def requad(
     mesh = weld(mesh).in_order()
     low, high = mesh.vertices[mesh.corners].min(axis=0), mesh.vertices[mesh.corners].max(axis=0)
     scale = EXTENT / max(float((high - low).max()), 1e-300)
-    triangles = tool.triangles(replace(mesh, vertices=(mesh.vertices - low) * scale), JOINED * EXTENT, progress.quiet())
+    triangles = tool.triangles(
+        replace(mesh, vertices=(mesh.vertices - low) * scale), SINGLE_TOL * EXTENT, progress.quiet()
+    )
     if triangles is None or not len(triangles.sizes):
         raise FlexMapsError("The faces of the mesh have no area; choose an object whose faces have some")
     parts, found = parts_of(triangles, tool, progress)
@@ -264,8 +266,8 @@ class _BodySearch:
         except FlexMapsError:
             return
         edge = (self._whole.area / self._count) ** 0.5
-        ends = side.vertices[np.abs(first.heights(side.vertices)) < JOINED]
-        ends = ends[self._whole.to_border(ends) < JOINED]
+        ends = side.vertices[np.abs(first.heights(side.vertices)) < SINGLE_TOL]
+        ends = ends[self._whole.to_border(ends) < SINGLE_TOL]
         for quads in search.ranked:
             made = mirror_and_join(quads, first, edge, ends)
             if is_clean(made) and euler(made) == euler(self._small):
