@@ -110,9 +110,8 @@ def requad(
     mesh = weld(mesh).in_order()
     low, high = mesh.vertices[mesh.corners].min(axis=0), mesh.vertices[mesh.corners].max(axis=0)
     scale = EXTENT / max(float((high - low).max()), 1e-300)
-    triangles = tool.triangles(
-        replace(mesh, vertices=(mesh.vertices - low) * scale), SINGLE_TOL * EXTENT, progress.quiet()
-    )
+    sized = replace(mesh, vertices=(mesh.vertices - low) * scale)
+    triangles = tool.triangles(sized, SINGLE_TOL * EXTENT, progress.quiet())
     if triangles is None or not len(triangles.sizes):
         raise FlexMapsError("The faces of the mesh have no area; choose an object whose faces have some")
     parts, found = parts_of(triangles, tool, progress)
