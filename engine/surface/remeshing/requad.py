@@ -108,8 +108,8 @@ def requad(
     if not len(mesh.sizes) or not np.isfinite(mesh.vertices[mesh.corners]).all():
         raise FlexMapsError("The mesh has no faces, or vertices that are not finite: add faces, or delete these")
     mesh = weld(mesh).in_order()
-    low, high = mesh.vertices[mesh.corners].min(axis=0), mesh.vertices[mesh.corners].max(axis=0)
-    scale = EXTENT / max(float((high - low).max()), 1e-300)
+    low = mesh.vertices[mesh.corners].min(axis=0)
+    scale = EXTENT / max(float(np.ptp(mesh.vertices[mesh.corners], axis=0).max()), 1e-300)
     sized = replace(mesh, vertices=(mesh.vertices - low) * scale)
     triangles = tool.triangles(sized, SINGLE_TOL * EXTENT, progress.quiet())
     if triangles is None or not len(triangles.sizes):
