@@ -16,6 +16,20 @@ from .tool import Tool
 BEYOND = 2  # factor by which small bodies may raise the number of quads; a mesh of loose faces should be merged instead
 
 
+def triangulated(mesh: PolygonMesh, tolerance: float, tool: Tool, progress: Progress) -> PolygonMesh:
+    """Return a mesh as triangles, with corners nearer than the tolerance merged.
+
+    Parameters
+    ----------
+    mesh, tolerance : any faces; tolerance in the mesh's units
+    tool, progress : maker of the triangles; may cancel
+    """
+    triangles = tool.triangles(mesh, tolerance, progress.quiet())
+    if triangles is None or not len(triangles.sizes):
+        raise FlexMapsError("The faces of the mesh have no area; choose an object whose faces have some")
+    return triangles
+
+
 def parts_of(triangles: PolygonMesh, tool: Tool, progress: Progress) -> tuple[list[PolygonMesh], list[Finding]]:
     """Return the bodies to remesh one by one, and findings on bodies that were joined or cut apart."""
     whole, found = apart(triangles), []
