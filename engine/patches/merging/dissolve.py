@@ -17,11 +17,10 @@ from ...surface.symmetry import Symmetry, keeping
 from ..layout import PatchLayout
 from .board import NOTHING, Board, Effort, SeamChange
 from .sketch import SketchedPatch
-from .straighten import badness, gain_of, widen
+from .straighten import badness, widen
 
 # budget in quads times solves per quad, equal on every machine; layouts with many small patches take 180 to 230
 WORK = 500.0
-DRAWN = 1e-3  # weight of an edge of cut relative to a patch; small, because it only decides ties
 
 
 def without_crumbs(
@@ -105,7 +104,6 @@ def _best_change(board: Board, piece: SketchedPatch) -> SeamChange | None:
             continue
         old = np.unique(board.pieces_at(np.concatenate([change.opens, change.closes]))).tolist()
         gain = badness(board, [board.pieces[n] for n in old]) - badness(board, change.pieces)
-        gain += DRAWN * gain_of(board, change.opens, change.closes)
         if gain > 0:
             found.append((-round(gain, 6), len(found), change))
     return min(found, key=lambda f: f[:2])[2] if found else None

@@ -11,14 +11,14 @@ from ..flattening.flatten import flatten, overlapping, seam_mismatch
 from ..layout import PatchLayout
 from ..tracing.trace import middle_line
 from .board import Board
-from .straighten import LONG, badness, drawing_cost
+from .straighten import badness, drawing_cost
 
 # Largest seam mismatch that the last merges may leave, as a share of an edge; 0.05 and 0.2 give the same on seven
 # surfaces.
 MISMATCH = 0.1
-# an asymmetric layout must have less than this share of a symmetric layout's patches to replace it; chosen by eye
+# An asymmetric layout must have less than this share of a symmetric layout's patches to replace it. Without the factor 2 of 30
+# surfaces lose their symmetry for 20 > 12 and 14 > 12 patches
 HALF = 0.5
-FEW = 40  # median number of quads per patch below which another way of laying out is tried; not measured
 
 
 class Ranking:
@@ -45,9 +45,7 @@ class Ranking:
         """Return whether a merged layout is so poor that another way is worth trying."""
         sizes = np.array([len(quads) for quads in split_long(board.layout, board.params).patches])
         necks = sum(p.sketch.isthmuses for p in board.pieces.values())
-        # a symmetric layout yields only to half as many patches
-        few = FEW * (HALF if keeping(self.whole_group, board.cut) else 1.0)
-        return len(sizes) > 1 and (necks > 0 or sizes.min() < board.params.patch_min or float(np.median(sizes)) < few)
+        return len(sizes) > 1 and (necks > 0 or sizes.min() < board.params.patch_min)
 
     def fits(self, board: Board, progress: Progress) -> bool:
         """Return whether the seams' sides can still be made equally long within the distortion limit."""
@@ -73,13 +71,9 @@ def _fits(board: Board, progress: Progress) -> bool:
 
 def in_the_end(board: Board) -> float:
     """Return the cost of a layout after its long patches are cut up: patches, faults, and drawing."""
-    pieces, limit = board.pieces.values(), board.params.compactness_limit
-    split = split_long(board.layout, board.params)
-    total = len(split.patches) + badness(board, pieces) - len(pieces)
-    # replace the penalty of patches that will be cut up
-    total += LONG * float(np.maximum(split.compactness - limit, 0.0).sum())
-    total -= LONG * sum(max(p.sketch.compactness - limit, 0.0) for p in pieces)
-    return total + 1e-3 * drawing_cost(board)
+    pieces = board.pieces.values()
+    more = len(split_long(board.layout, board.params).patches) - len(pieces)
+    return more + badness(board, pieces) + 1e-3 * drawing_cost(board)
 
 
 def worth(board: Board) -> float:

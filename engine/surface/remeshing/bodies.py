@@ -16,7 +16,7 @@ from .tool import Tool
 BEYOND = 2  # factor by which small bodies may raise the number of quads; a mesh of loose faces should be merged instead
 
 
-def triangulated(mesh: PolygonMesh, tolerance: float, tool: Tool, progress: Progress) -> PolygonMesh:
+def triangles_of(mesh: PolygonMesh, tolerance: float, tool: Tool, progress: Progress) -> PolygonMesh:
     """Return a mesh as triangles, with corners nearer than the tolerance merged.
 
     Parameters

@@ -25,7 +25,7 @@ from ..mesh import PolygonMesh
 from ..quadrangulation.even import simplify
 from ..quadrangulation.quadrangulate import quadrangulate
 from ..welding import weld
-from .bodies import concatenate_meshes, is_clean, is_closed, parts_of, target_of, triangulated, without_crumbs
+from .bodies import concatenate_meshes, is_clean, is_closed, parts_of, target_of, triangles_of, without_crumbs
 from .coverage import warn_of_gaps
 from .halves import Plane, euler, half, mirror_and_join, own_planes, planes_of
 from .mend import SHARP, TargetSurface, of_rows
@@ -111,7 +111,7 @@ def requad(
     low = mesh.vertices[mesh.corners].min(axis=0)
     scale = EXTENT / max(float(np.ptp(mesh.vertices[mesh.corners], axis=0).max()), 1e-300)
     sized = replace(mesh, vertices=(mesh.vertices - low) * scale)
-    parts, found = parts_of(triangulated(sized, SINGLE_TOL * EXTENT, tool, progress), tool, progress)
+    parts, found = parts_of(triangles_of(sized, SINGLE_TOL * EXTENT, tool, progress), tool, progress)
     areas = np.array([target_of(part).area for part in parts])
     share = count * areas / areas.sum()
     fewest = np.where([is_closed(part) for part in parts], FEWEST_CLOSED, FEWEST)
