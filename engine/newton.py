@@ -30,7 +30,6 @@ SHORTEST = 2.0**-30  # smallest share of a step in the line search; shorter step
 RECENT = 5
 NOISE = 1e-13  # relative rounding error of the sum of the energy's terms
 NEGLIGIBLE_STEP = 1e-13  # radians and metres; smaller steps are rounding errors
-ESCAPES = 5  # number of saddles to leave before the search gives up; not measured, usually there is one
 # The iteration stagnates if the residual is below CREEPING and has not halved in STEPS steps: it follows the ridge of a saddle or a
 # flat valley, where the convex part makes steps far too short. Smaller convex shares are then tried first. Without this, a piece
 # of 196 spirals just beyond a bifurcation didn't converge in 500 steps
@@ -226,22 +225,17 @@ class LineSearch:
 
     tolerance : residual at which the iteration has converged; iterations : largest number of iterations
     convex : present share of the convex part; decay : its factor after each step
-    escapes : number of saddles left so far
     """
 
     tolerance: float
     iterations: int
     decay: float = DECAY
     convex: float = 0.0
-    escapes: int = 0
 
     def advance(self, problem: Escapable, state: Any, here: Local, history: list[Iteration]) -> tuple[Any, str | None]:
         if here.residual <= self.tolerance:
             if problem.stable(state):
                 return state, CONVERGED
-            if self.escapes == ESCAPES:
-                return state, SADDLE
-            self.escapes += 1
             return min(problem.exits(state), key=problem.energy), None
         if len(history) > self.iterations:
             return state, ITERATIONS

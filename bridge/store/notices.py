@@ -31,8 +31,7 @@ REMESHED = {
     "non-manifold-edge",
     "repeated-vertex",
 }  # codes that a remesh helps with
-LARGER = 1.5  # factor offered where spirals lack room; not measured
-MOST_LARGER = 2.0  # largest factor offered; beyond it a remesh is offered instead; by eye
+LARGER = 1.5  # factor offered where spirals lack room, between the largest and the smallest that remedies offer; by eye
 # simulation's finding -> remedies that help with it if advised, best first
 HELPED = {
     "stays-flat": (remedies.CUT,),
@@ -169,7 +168,7 @@ def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, findings: list[dict[s
         if code in MADE_SQUARER and not helpless:
             ways.append(cures.regularise())
         if larger := row.get("larger"):
-            ways += [cures.larger(larger)] if larger <= MOST_LARGER else []
+            ways += [cures.larger(larger)] if larger <= remedies.MAX_FACTOR else []
             ways += [cures.remesh(n) for n in cures.fewer(len(obj.data.polygons))[:1]]
         if code in REMESHED or code in MADE_SQUARER or code == "surface-missed":
             from ...engine.surface.remeshing.coverage import finer  # scipy comes with it

@@ -20,7 +20,7 @@ Values = dict[str, Any]
 SIZES = ("edge", "height", "quads")  # variables that are not settings: millimetres, millimetres, a number
 # sections of the settings that a candidate depends on
 SECTIONS = ("layout", "choose", "spiral", "sheet", "material", "simulate", "optimise")
-DIGITS = 4  # significant digits of values, finer than any cutter and short to read; not measured
+DIGITS = 4  # significant digits of values, short to read; of widths in mm they leave 1 um, finer than any cutter
 # measures of a candidate, with their labels and units for a plot
 MEASURES = {
     "rms_percent": "RMS distance (%)",

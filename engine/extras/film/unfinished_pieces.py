@@ -34,8 +34,6 @@ from ...surface.checking.finding import with_count
 
 # approximate number of stages in which a panel is joined, at least one per seam; by eye
 PARTS = 3
-# maximum Newton steps to equilibrium after opening joints, and after weakening them; not measured
-AT_ONCE, SLOWLY = 150, 40
 # shares of stiffness for gradual opening; joints are far stiffer in translation than in rotation, hence many decades
 WEAKER = 10.0 ** -np.arange(1.0, 13.0)
 
@@ -185,15 +183,15 @@ class _Disassembly:
     def _relax(self, here: UnfinishedPiece, panel: int, progress: Progress) -> UnfinishedPiece | None:
         """Return the stage at rest; None without equilibrium."""
         loads, quiet = Loads.for_spirals(len(here.hubs)), progress.quiet()
-        found = solve(self._model(here), here.pose, loads, self.params, quiet, iterations=AT_ONCE)
+        found = solve(self._model(here), here.pose, loads, self.params, quiet)
         if not found.converged:
             opened = self.before & ~self.closed & np.isin(self.pairs, here.hubs).all(axis=1)
             joints, pose = np.flatnonzero(here.closed | opened), here.pose
             held = self.model.part(here.hubs, joints)
             for share in WEAKER:
                 weaker = held.scale_stiffness(np.where(opened[joints], share, 1.0))
-                pose = solve(weaker, pose, loads, self.params, quiet, iterations=SLOWLY).pose
-            found = solve(self._model(here), pose, loads, self.params, quiet, iterations=AT_ONCE)
+                pose = solve(weaker, pose, loads, self.params, quiet).pose
+            found = solve(self._model(here), pose, loads, self.params, quiet)
         if not found.converged:
             return None
         # a panel held by few joints counts little for the position of the piece

@@ -20,8 +20,8 @@ from ...spirals.design import SpiralDesign
 # minimum speed along an edge of a tip as a share of the speed along the other edge; at 0 the edge folds
 UNFOLDED = 0.15
 ARM_SHARE = 0.85  # share of an arm, from its tip towards its hub, that a connector may occupy
-_TABLE = 41  # rows of the table from length along an arm to parameter; not measured
-_FOLD_SAMPLES = 41  # places along a tip where its edges are tested for folds; not measured
+# Samples along an arm or the edge of a tip. Over five surfaces 81 change the length of connectors by 0.02 %, 21 make two tabs smaller
+SAMPLES = 41
 
 
 def complexes(points: Float[np.ndarray, "... 2"]) -> np.ndarray:
@@ -96,7 +96,7 @@ class Halves(Columns):
         roots = design.roots
         single = design.arms.one_by_one(quad, side)
         end = np.minimum(roots.left[quad, side], roots.right[quad, side - 1])
-        t = end[:, None] * np.linspace(0.0, 1.0, _TABLE)
+        t = end[:, None] * np.linspace(0.0, 1.0, SAMPLES)
         p, d, _ = (complexes(x[:, 0]) for x in centre_line(single, t[:, None]))
         length = np.concatenate([np.zeros((len(t), 1)), np.cumsum(np.abs(np.diff(p, axis=1)), axis=1)], axis=1)
         speed = np.abs(d[:, 0])
@@ -151,7 +151,7 @@ class Throughs(Columns):
     def folds(self, begin: np.ndarray, full: np.ndarray, wide: Widening) -> Bool[np.ndarray, " arms"]:
         """Return whether an edge would intersect itself between two tau (n,) when widened, for parallel curves."""
         low = np.maximum(begin, -self.other.end / self.scale)
-        tau = low[:, None] + (np.minimum(full, self.own.end) - low)[:, None] * np.linspace(0.0, 1.0, _FOLD_SAMPLES)
+        tau = low[:, None] + (np.minimum(full, self.own.end) - low)[:, None] * np.linspace(0.0, 1.0, SAMPLES)
         edges = self.edges(tau)[0]
         width = np.abs(edges[0] - edges[1])
         left, right = np.abs(np.diff(edges, axis=2))

@@ -18,7 +18,7 @@ from ...spirals.curves.spiral import Arms, centre_line, width_at
 from ...spirals.roots import SlotRoots
 from .lettering import FILL_SHARE, along, length, straight
 
-_SAMPLES = 97  # samples along an arm; the line of a label is straight between them; not measured
+_SAMPLES = 97  # samples along an arm; the line of a label is straight between them; 25 and 193 place the same labels on five surfaces
 LEGIBLE = 0.002  # metres; height of letters legible without a lens
 _TICK = 8  # length of a tick in samples of its arm, from the hub
 _PLACES = 8  # ends of arms to which the tick of a panel's number may point

@@ -22,12 +22,12 @@ from .regularise import best_squares
 FOLDED = {"zero-edge", "zero-area", "crossed", "repeated-vertex", "duplicate-faces"}
 USELESS = FOLDED | {"thin"}  # quads without room for a spiral
 POOR = USELESS | {"concave", "warped"}
-ROUNDS = 6  # rounds of moving and collapsing; not measured
+ROUNDS = 6  # rounds of moving and collapsing: 3 and 12 mend the same on six surfaces whose vertices were moved by 0.6 of an edge
 SMALL = 0.7  # small quads are pulled to squares of at least this share of the median quad's side
 # Angle between two triangles at a sharp edge, degrees. It lies between the 30 and less of round surfaces with few
 # triangles and the 90 of boxes and rims.
 SHARP = 50.0
-MOVES = 12  # moves of every corner per round; not measured
+MOVES = 12  # moves of every corner per round; 6 and 24 mend the same on these surfaces
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,9 +39,9 @@ SHORT = 0.3  # smallest edge length, in median edges
 PLENTY = 0.4
 SPARE = 0.99  # factor on measured breadths and lengths, in reserve for the symmetrisation, which changes them by less
 ROUNDS = 40  # rounds of shortening moves round quads without room, before all moves are given up
-SHORTER = 0.7  # factor on a move per such round; not measured
-SHORTEST = 0.01  # a move shortened to less than this share is dropped; not measured
-RISE = 0.2  # largest difference of these shares within a quad; a larger one would pull its corners apart; not measured
+# Factor on a move per such round: over ten surfaces 0.5 leaves some more quads bent, 0.85 some less in more rounds
+SHORTER = 0.7
+SHORTEST = 0.01  # a move shortened to less than this share is dropped: without it a bunny keeps 70 bent quads, not 19; 0.02 is as good
 SYMMETRY = 0.01  # symmetry tolerance, in median edges
 
 
@@ -261,9 +261,6 @@ def _shorten_moves(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
             return moved
         share[_corners_of(mesh, wrong)] *= SHORTER
         share[share < SHORTEST] = 0.0
-        for _ in range(round(1.0 / RISE)):
-            least = share[mesh.quads].min(axis=1)
-            np.minimum.at(share, mesh.quads, (least + RISE)[:, None])
     return mesh.vertices
 
 
