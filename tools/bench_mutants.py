@@ -1,9 +1,10 @@
-"""Random changes of one place in the engine's sources, and whether the nearest quick tests fail then (mutation testing).
+"""Mutation testing: change one random place in the engine's sources at a time, and see whether the nearest quick tests fail.
 
 python3 tools/dev.py bench mutants [--count N] [--seed S] [--only GLOB] [--at FILE:LINE] [--file FILE]
 
-The nearest tests are those of the module's own name, then those of its room and those that import the module. Every answer goes
-to FILE at once; mutants that are there and whose line is still the same do not run again. Works on a copy of the checkout.
+Tests of the module's own name run first, then those of its folder and those that import the module, until one fails: the mutant is caught.
+Every result is written to FILE at once. A mutant that is in FILE does not run again while its line of source is unchanged. The bench works
+on a copy of the checkout.
 """
 
 from __future__ import annotations

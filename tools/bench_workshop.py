@@ -2,11 +2,12 @@
 
 python3 tools/dev.py bench workshop [--only PATTERNS] [--meshes DIR] [--json FILE]
 
-Sheets are of 600 x 400 mm, borders without stubs as in the demo. Of the emptiest sheet only the used end counts; a row counts the used
-ends of all, as for somebody who keeps the straight offcuts. Beside them is one endless strip of the same height, searched for a
-longer time: no sheets can be filled better than the strip, but for what the search did not find. What fills the sheets is counted twice. The
-outlines of panels leave out the slots that are open to their border, and every cut opens more of them: of two layouts, the one with more cuts may
-count less. The quads of the panels, as they lie flat, are the surface that is made, whatever the cuts.
+Sheets measure 600 x 400 mm, and borders have no stubs, as in the demo. The fill is the area of the panels over the area of the sheets, where
+the emptiest sheet counts up to the last panel on it. Another row counts every sheet so, as for somebody who keeps the straight offcuts.
+A strip of the same height without an end, searched for a longer time, is the bound: sheets cannot be filled better.
+
+The area of the panels is measured in two ways. Their outlines leave out slots that are open to the border; every cut opens more slots, so that
+a layout with more cuts seems to fill less. The flat quads of the panels have the same area whatever the cuts.
 """
 
 from __future__ import annotations

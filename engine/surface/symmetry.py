@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -13,6 +14,8 @@ from ..progress import SILENT, Progress
 from .mesh import QuadMesh
 
 SEARCH = "Looking for symmetries"
+
+_known: WeakKeyDictionary[QuadMesh, dict[tuple[float, int], list[Symmetry]]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +71,7 @@ def _direction(axis: np.ndarray) -> str:
 def symmetries(
     mesh: QuadMesh, tolerance: float = 0.05, largest: int = 128, progress: Progress = SILENT
 ) -> list[Symmetry]:
-    """Find the rigid motions, without the identity, that map the mesh onto itself corner by corner.
+    """Return the rigid motions, without the identity, that map the mesh onto itself corner by corner; a mesh is searched once.
 
     Parameters
     ----------
@@ -81,6 +84,14 @@ def symmetries(
     -------
     all different motions
     """
+    known = _known.setdefault(mesh, {})
+    if (tolerance, largest) not in known:
+        known[tolerance, largest] = _find(mesh, tolerance, largest, progress)
+    return list(known[tolerance, largest])
+
+
+def _find(mesh: QuadMesh, tolerance: float, largest: int, progress: Progress) -> list[Symmetry]:
+    """Search a mesh for its symmetries."""
     centre = mesh.vertices.mean(axis=0)
     points = mesh.vertices - centre
     marks = _marks(mesh, points, progress)

@@ -7,7 +7,7 @@ import pytest
 from flexmaps.engine.params import LayoutParams
 from flexmaps.engine.patches.merging.board import Board
 from flexmaps.engine.patches.tracing import trace
-from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface import shapes, symmetry
 from flexmaps.engine.surface.symmetry import keeping, subgroups, symmetries
 
 
@@ -34,6 +34,14 @@ def test_turned_in_space_they_are_the_same() -> None:
     q, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
     turned = mesh.moved(mesh.vertices @ q.T + [1.0, 2.0, 3.0])
     assert len(symmetries(turned)) == len(symmetries(mesh))
+
+
+def test_a_mesh_is_searched_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = shapes.make("dome")
+    found = symmetries(mesh)
+    monkeypatch.setattr(symmetry, "_find", lambda *_: [])
+    assert symmetries(mesh) == found != []
+    assert symmetries(mesh, tolerance=0.01) == symmetries(shapes.make("dome")) == []
 
 
 def test_a_dent_breaks_them() -> None:
