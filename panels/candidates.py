@@ -9,14 +9,13 @@ import bpy
 from ..bridge.store import explored
 from ..engine.figures import format_figure
 from ..engine.materials import OVERSTRAIN_SHARE
-from .rows import button, sentence, tr, value
+from .rows import A_ROW, button, sentence, tr, value
 
 CANDIDATES = 6  # rows shown at most, so that the section stays short; by eye
 VARIED = (
     ("vary_size", "Size"), ("vary_thickness", "Thickness"), ("vary_widths", "Width"), ("vary_twist", "Twist"),
     ("vary_material", "Material"), ("vary_arms", "Arms"), ("vary_panels", "Panels"),
 )  # fmt: skip
-A_ROW = 3  # toggles in a row; more would cut their words
 
 
 def draw(body: Any, context: bpy.types.Context) -> None:

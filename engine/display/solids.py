@@ -23,7 +23,7 @@ DEGREES = 9.5  # degrees of an arm's twist per step
 # Largest number of faces of all arms, above which steps are longer: 10,000 spirals have 2 million faces of 12 steps per
 # arm instead of 7 million.
 MOST = 2_000_000
-DRAWN = 0.00005  # metres: tolerance of the outlines drawn beside the model
+DRAWN = 5e-5  # metres: tolerance of the outlines of panels and plates in pictures
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from ...arrays import Float
 from ...linalg import NotPositiveDefinite, SparseLU
 from ...mechanics.assembly import Pose
 from ...mechanics.elastic import ElasticModel, Expansion, sum_joint_vectors
-from ...mechanics.equilibrium import force_scale
+from ...mechanics.equilibrium import TURN_CAP, force_scale
 from ...mechanics.newton_system import NewtonSystem
 from ...mechanics.vectors import skew
 from ...newton import NEGLIGIBLE_STEP
@@ -33,7 +33,6 @@ SHORTEST = 1e-6  # shortest step, in these units and as a share of the largest f
 # maximum increase of the factor per step as a share of the largest factor, so that curves have enough points
 SHARE = 0.125
 USUAL, MOST = 5, 14  # Newton steps at which the step length is kept, and at which it is halved
-TURN_CAP = 0.5  # maximum rotation of a hub per Newton step in radians, as in ``equilibrium``
 BRACKET_TOL = 1e-3  # relative width to which the critical factor is bracketed
 HALVINGS = 24  # maximum bisections for that
 BEYOND = 12  # steps followed after the critical load

@@ -13,14 +13,11 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from ...arrays import Int
-from ...surface.corner_costs import rings
+from ...surface.corner_costs import REFLEX, rings
 from ...surface.mesh import QuadMesh
 from .board import Board
 from .straighten import GAIN, gain_of, try_change
 
-# Cost of a quarter turn, in median edges, equal to a reflex corner of a patch; 1.5 and 6 give the same on two irregular
-# surfaces.
-BEND = 3.0
 # Numbers of edges that the ends of a seam may move along the outline of both patches. Over 17 surfaces 0 alone and 0, 1, 3 leave four edges
 # more of cut on one
 SLIDES = (0, 2, 5)
@@ -50,7 +47,7 @@ def bends(mesh: QuadMesh) -> csr_array:
                 corner = max(turn - np.pi / 8, 0.0) / (np.pi / 2 - np.pi / 8)
                 rows.append(into)
                 cols.append(f if first[f] == vertex else count + f)
-                values.append(length[f] + BEND * (corner + 0.02 * turn))
+                values.append(length[f] + REFLEX * (corner + 0.02 * turn))
     return csr_array((values, (rows, cols)), shape=(2 * count, 2 * count))
 
 

@@ -10,9 +10,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from ...arrays import Float, Int
+from ...surface.corner_costs import REFLEX
 from ..flattening.flatten import FlatPatches
 
-BEND = 3.0  # cost of a quarter turn of a run, in mean edges; as in ``merging.reroute``
 # Largest product of starts and directed edges; beyond it only some starts are used, which bounds memory to some 200 MB.
 MOST = 10_000_000
 CHUNK = 500_000  # starts times directed edges processed between two reports of progress
@@ -81,7 +81,7 @@ def straight_runs(flat: FlatPatches, patch: int, tick: Callable[[], None] = lamb
     bend = np.abs(np.arctan2(cross, (step[one] * step[two]).sum(axis=1)))
     # small bends up to 22.5 degrees are not corners: lines of quads bend slightly all the time
     corner = np.maximum(bend - np.pi / 8, 0.0) / (np.pi / 2 - np.pi / 8)
-    weight = length[two] + BEND * length.mean() * (corner + 0.02 * bend)
+    weight = length[two] + REFLEX * length.mean() * (corner + 0.02 * bend)
     starts, ends = np.flatnonzero(on_outline[tail]), np.flatnonzero(on_outline[head])
     starts = starts[:: max(1, len(starts) * len(tail) // MOST)]
     graph = coo_array((weight, (one, two)), shape=(len(tail), len(tail))).tocsr()
