@@ -200,7 +200,7 @@ def _optimisers(design: SpiralDesign, mesh: QuadMesh, held: np.ndarray | None) -
     """Run our optimiser and the baseline on one problem from one start: best point, processor seconds, trace."""
     assembly = assembly_from_design(design)
     loads = Loads.for_spirals(assembly.size, supports=held)
-    aim = Target(assembly.pairs, mesh.centroids, free=held is None)
+    aim = Target(assembly.pairs, mesh.centroids, supports=held)
     space = DesignSpace.from_design(design, assembly)
     x, pose = space.coordinates(design.width, design.twist), target_pose(mesh, design.flat.corners)
     runs = []

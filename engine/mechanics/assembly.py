@@ -73,6 +73,12 @@ class Pose:
         """Select hubs (k,) int."""
         return Pose(self.centres[hubs], self.rotations[hubs], None if self.nodes is None else self.nodes.part(hubs))
 
+    def with_part(self, hubs: Int[np.ndarray, " some"], part: Pose) -> Pose:
+        """Replace the poses of hubs (k,) int by those of ``part``."""
+        centres, rotations = self.centres.copy(), self.rotations.copy()
+        centres[hubs], rotations[hubs] = part.centres, part.rotations
+        return replace(self, centres=centres, rotations=rotations)
+
     def aligned(self, centres: Float[np.ndarray, "spirals 3"]) -> Pose:
         """Move the whole pose rigidly so that its centres lie closest to ``centres`` (n, 3) metres (Procrustes)."""
         rotation = nearest_rotation((self.centres - self.centres.mean(axis=0)).T @ (centres - centres.mean(axis=0)))

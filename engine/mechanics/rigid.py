@@ -8,7 +8,7 @@ the loads do no work along the motions; where the loads do work, there is no equ
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import qr
@@ -65,9 +65,7 @@ class Freedom:
             else:
                 rotation = nearest_rotation(covariance)
             moved = part.transform(rotation, pivot - rotation @ pivot)
-        centres, rotations = pose.centres.copy(), pose.rotations.copy()
-        centres[self.members], rotations[self.members] = moved.centres, moved.rotations
-        return replace(pose, centres=centres, rotations=rotations)
+        return pose.with_part(self.members, moved)
 
 
 def free_pieces(

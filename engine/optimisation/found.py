@@ -196,7 +196,10 @@ def _ease_strains(
     beside = closed.arms[closed.closed] // 4
     space = replace(given.space, kept=before.point.problem.space.kept).including(design)
     space = space.winding_at_most(design, design.twist < found.simulation.design.twist)
-    near, mates = design.unlike(found.simulation.design), opposite_sides(search.task.target)[0]
+    near, mates = (
+        design.unlike(found.simulation.design) | loose.strained_by(before),
+        opposite_sides(search.task.target)[0],
+    )
     for _ in range(EASED_RINGS):
         near |= near[mates].any(axis=1)
     near[beside[beside[:, 0] != beside[:, 1]]] = False

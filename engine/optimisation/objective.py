@@ -6,13 +6,30 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_array, vstack
+from scipy.linalg import orth
+from scipy.sparse import coo_array, csr_array, vstack
+from scipy.sparse.csgraph import connected_components
 
 from ..arrays import Float, Int
 from ..mechanics.assembly import Pose, nearest_rotation
 from ..mechanics.laplacian import uniform_laplacian
 from ..params import OptimiseParams
 from .wishes import Wishes
+
+# Singular value, as a share of the largest, below which a rotation counts as none: bodies of one or two spirals have fewer than three
+FLAT_ROTATION = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class FreeBody:
+    """A connected body that nothing holds.
+
+    hubs : (k,) int, its spirals; rows : rows of ``Target.operator`` about them; places : those of these rows that are positions
+    """
+
+    hubs: Int[np.ndarray, " k"]
+    rows: Int[np.ndarray, " rows"]
+    places: Int[np.ndarray, " places"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,14 +41,15 @@ class Target:
         than about 30 spirals, so a piece may match in all of them and still lie far from the target. Values in between compare
         slopes too, the differences of neighbours. This is a Sobolev norm: deviations longer than (1 - lies) / lies spirals
         count by position, shorter ones by curvature
-    free : whether the object may lie anywhere; it is then rotated and shifted onto the target before comparing
+    supports : (k,) int, spirals that are held; None for none. Every connected body without one may lie anywhere, so it is rotated and
+        shifted onto the target before comparing
     wishes : further target places of some spirals; urge : weight of their mean square distance, in ``unit``
     """
 
     pairs: Int[np.ndarray, "joints 2"]
     points: Float[np.ndarray, "spirals 3"]
     lies: float = OptimiseParams.lies
-    free: bool = True
+    supports: Int[np.ndarray, " k"] | None = None
     wishes: Wishes | None = None
     urge: float = OptimiseParams.urge
 
@@ -63,8 +81,26 @@ class Target:
         compared = vstack([weight * part for weight, part in parts if weight]) / (self.unit * np.sqrt(n))
         if self.wishes is None:
             return csr_array(compared)
-        wished = places[self.wishes.quads].toarray() - (1.0 / n if self.free else 0.0)
+        wished = places[self.wishes.quads].toarray()
+        for body in self.bodies:
+            wished[np.ix_(np.isin(self.wishes.quads, body.hubs), body.hubs)] -= 1.0 / len(body.hubs)
         return csr_array(vstack([compared, csr_array(self._wish_factor * wished)]))
+
+    @cached_property
+    def bodies(self) -> list[FreeBody]:
+        """The connected bodies that nothing holds."""
+        n, (a, b) = len(self.points), self.pairs.T
+        label = connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)[1]
+        held = set() if self.supports is None else set(label[self.supports].tolist())
+        bends, slopes, places = (bool(weight) for weight in self.weights)
+        wished = np.zeros(0, np.int64) if self.wishes is None else self.wishes.quads
+        of_row = label[np.concatenate([*[np.arange(n)] * bends, *[a] * slopes, *[np.arange(n)] * places, wished])]
+        first = n * bends + len(a) * slopes if places else len(of_row)
+        found = []
+        for k in sorted(set(label.tolist()) - held):
+            rows = np.flatnonzero(of_row == k)
+            found.append(FreeBody(np.flatnonzero(label == k), rows, rows[(rows >= first) & (rows < first + n)]))
+        return found
 
     @property
     def _wish_factor(self) -> float:
@@ -87,17 +123,18 @@ class Target:
         return found
 
     def centred(self, values: np.ndarray) -> np.ndarray:
-        """Return compared coordinates (rows, 3) with the mean of the positions subtracted, where the object is free."""
-        if not (self.free and self.weights[2]):
-            return values
-        end = len(values) - (0 if self.wishes is None else len(self.wishes.quads))
-        first = end - len(self.points)
-        places = values[first:end]
-        return np.concatenate([values[:first], places - places.mean(axis=0), values[end:]])
+        """Return compared coordinates (rows, 3) with the mean of the positions of every free body subtracted."""
+        centred = values.copy()
+        for body in self.bodies:
+            if len(body.places):
+                centred[body.places] -= values[body.places].mean(axis=0)
+        return centred
 
     def laid(self, pose: Pose) -> Pose:
-        """Return a pose aligned with the target where the object is free, else the pose itself."""
-        return pose.aligned(self.points) if self.free else pose
+        """Return a pose with every free body aligned with the target."""
+        for body in self.bodies:
+            pose = pose.with_part(body.hubs, pose.part(body.hubs).aligned(self.points[body.hubs]))
+        return pose
 
     def distance(self, pose: Pose) -> float:
         """Return the RMS distance of a pose's centres from the target's, in units of ``unit``."""
@@ -114,20 +151,28 @@ class Target:
     def compare(self, centres: Float[np.ndarray, "spirals 3"]) -> Mismatch:
         """Return the mismatch of centres (n, 3), metres."""
         own = self.centred(self.operator @ centres)
-        rotation = nearest_rotation(own.T @ self.wanted) if self.free else np.eye(3)
-        return Mismatch(self, own @ rotation.T, rotation)
+        turns = [nearest_rotation(own[body.rows].T @ self.wanted[body.rows]) for body in self.bodies]
+        return Mismatch(self, self.turned(own, turns), turns)
+
+    def turned(self, values: np.ndarray, turns: list[np.ndarray]) -> Float[np.ndarray, "joints 3"]:
+        """Return compared coordinates (rows, 3) with the rows of every free body rotated by its matrix in ``turns``."""
+        turned = values.copy()
+        for body, turn in zip(self.bodies, turns, strict=True):
+            turned[body.rows] = values[body.rows] @ turn.T
+        return turned
 
 
 @dataclass(frozen=True, eq=False)
 class Mismatch:
     """One comparison with the target; its value is half the sum of the squared residuals.
 
-    own : (rows, 3) compared coordinates of the centres, rotated by ``rotation`` (3, 3) onto the target's
+    own : (rows, 3) compared coordinates of the centres, rotated onto the target's
+    turns : rotation (3, 3) of every free body
     """
 
     target: Target
     own: Float[np.ndarray, "joints 3"]
-    rotation: np.ndarray
+    turns: list[np.ndarray]
 
     @property
     def residual(self) -> Float[np.ndarray, "joints 3"]:
@@ -156,41 +201,54 @@ class Mismatch:
 
     @property
     def gradient(self) -> Float[np.ndarray, "spirals 3"]:
-        """Gradient of the value by the centres, per metre; the best rotation adds nothing to it (envelope theorem)."""
+        """Gradient of the value by the centres, per metre; the best rotations add nothing to it (envelope theorem)."""
         return self.backward(self.residual, project=False)
 
     @cached_property
-    def _rotation_basis(self) -> Float[np.ndarray, "_ some"]:
-        """Orthonormal basis (3 rows, k) of the residual's changes under small rotations of the piece; empty where it is held."""
-        if not self.target.free:
-            return np.zeros((self.own.size, 0))
-        turned = np.stack([np.cross(axis, self.own).ravel() for axis in np.eye(3)], axis=1)
-        return np.linalg.qr(turned)[0]
+    def _rotation_bases(self) -> list[np.ndarray]:
+        """Orthonormal bases (3 rows, k) of the residual's changes under small rotations of every free body."""
+        bases = []
+        for body in self.target.bodies:
+            turned = np.stack([np.cross(axis, self.own[body.rows]).ravel() for axis in np.eye(3)], axis=1)
+            bases.append(orth(turned, rcond=FLAT_ROTATION))
+        return bases
 
     def forward(self, shift: np.ndarray) -> Float[np.ndarray, "joints 3"]:
-        """Return the linearised change (rows, 3) of the residual for shifts (n, 3) of the centres, metres; the rotation adjusts."""
-        return self._project_out_rotations(self.target.centred(self.target.operator @ shift) @ self.rotation.T)
+        """Return the linearised change (rows, 3) of the residual for shifts (n, 3) of the centres, metres; the rotations adjust."""
+        target = self.target
+        return self._project_out_rotations(target.turned(target.centred(target.operator @ shift), self.turns))
 
     def backward(self, change: np.ndarray, project: bool = True) -> np.ndarray:
-        """Return the transposed product of ``forward``; if not ``project``, with the rotation held fixed."""
+        """Return the transposed product of ``forward``; if not ``project``, with the rotations held fixed."""
         kept = self._project_out_rotations(change) if project else change
-        return self.target.back @ self.target.centred(kept @ self.rotation)
+        back = self.target.turned(kept, [turn.T for turn in self.turns])
+        return self.target.back @ self.target.centred(back)
 
     def product(self, shift: Float[np.ndarray, "spirals 3"]) -> Float[np.ndarray, "spirals 3"]:
         """Return ``backward`` of ``forward``: the product of the Gauss-Newton matrix by the centres."""
         found = self.target.back @ (self.target.operator @ shift)
-        return found - (self._undone @ (self._undone.T @ shift.ravel())).reshape(-1, 3)
+        for body, undone in zip(self.target.bodies, self._undone, strict=True):
+            found[body.hubs] -= (undone @ (undone.T @ shift[body.hubs].ravel())).reshape(-1, 3)
+        return found
 
     @cached_property
-    def _undone(self) -> Float[np.ndarray, "_ some"]:
-        """Derivatives (3 n, k) by the centres of the components that centring and ``_project_out_rotations`` take away."""
-        turned = (self._rotation_basis.reshape(*self.own.shape, -1).swapaxes(1, 2) @ self.rotation).swapaxes(1, 2)
-        place = np.ones((len(self.own), 1)) - self.target.centred(np.ones((len(self.own), 1)))
-        shifted = (place / max(float(np.linalg.norm(place)), 1.0))[:, :, None] * np.eye(3)
-        both = np.concatenate([shifted, turned], axis=2)
-        return (self.target.back @ both.reshape(len(both), -1)).reshape(3 * self.target.back.shape[0], -1)
+    def _undone(self) -> list[np.ndarray]:
+        """Derivatives (3 k, some) by every free body's centres of what centring and ``_project_out_rotations`` take away."""
+        found = []
+        for body, turn, basis in zip(self.target.bodies, self.turns, self._rotation_bases, strict=True):
+            both = np.zeros((len(self.own), 3, 3 + basis.shape[1]))
+            if len(body.places):
+                both[body.places, :, :3] = np.eye(3) / np.sqrt(len(body.places))
+            turned = basis.reshape(len(body.rows), 3, -1).swapaxes(1, 2) @ turn
+            both[body.rows, :, 3:] = turned.swapaxes(1, 2)
+            parts = (self.target.back @ both.reshape(len(both), -1)).reshape(-1, 3, both.shape[2])
+            found.append(parts[body.hubs].reshape(3 * len(body.hubs), -1))
+        return found
 
     def _project_out_rotations(self, change: np.ndarray) -> np.ndarray:
-        """Subtract from a change of the residual the component that a small rotation of the piece undoes."""
-        flat = change.ravel()
-        return (flat - self._rotation_basis @ (self._rotation_basis.T @ flat)).reshape(change.shape)
+        """Subtract from a change of the residual the components that small rotations of the free bodies undo."""
+        kept = change.copy()
+        for body, basis in zip(self.target.bodies, self._rotation_bases, strict=True):
+            flat = change[body.rows].ravel()
+            kept[body.rows] = (flat - basis @ (basis.T @ flat)).reshape(-1, 3)
+        return kept

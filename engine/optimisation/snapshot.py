@@ -38,6 +38,6 @@ class OptimisationStep:
     @classmethod
     def from_simulation(cls, given: Simulation, task: Task) -> Self:
         """Return the snapshot of the given design, before the first step."""
-        aim = task.aim(given.assembly, not given.loads.fixed.any())
+        aim = task.aim(given.assembly)
         distance = aim.unit * aim.distance(given.equilibrium.pose)
         return cls(given.vertices, given.design.width, given.design.twist, distance, 0)

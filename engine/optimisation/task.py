@@ -75,7 +75,7 @@ class Task:
         return InverseProblem(
             assembly,
             space or self.space(design, progress),
-            self.aim(assembly, not loads.fixed.any()),
+            self.aim(assembly),
             loads,
             self.model,
             replace(physics, tolerance=max(physics.tolerance, COARSE_TOLERANCE)),
@@ -103,16 +103,15 @@ class Task:
         )
         return problem.at(space.coordinates(design.width, design.twist), start, progress, MAX_NEWTON_ITERATIONS)
 
-    def aim(self, assembly: Assembly, free: bool) -> Target:
+    def aim(self, assembly: Assembly) -> Target:
         """Return the target of the spirals' centres.
 
         Parameters
         ----------
         assembly : of any design of the piece
-        free : whether nothing holds the piece
         """
         wishes = self.wishes if self.params.urge > 0.0 else None
-        return Target(assembly.pairs, self.target.centroids, self.params.lies, free, wishes, self.params.urge)
+        return Target(assembly.pairs, self.target.centroids, self.params.lies, self.supports, wishes, self.params.urge)
 
     def space(self, design: SpiralDesign, progress: Progress = SILENT) -> DesignSpace:
         """Return the design space of this design's patches.

@@ -77,7 +77,7 @@ def problem(
     whole = FlatProblem(
         assembly=assembly,
         space=space,
-        target=Target(assembly.pairs, mesh.centroids, free=not feet),
+        target=Target(assembly.pairs, mesh.centroids, supports=supports),
         loads=loads,
         build=lambda a, _: build_model(a, VERO, model, quick=not curving),
         simulate=EXACT,

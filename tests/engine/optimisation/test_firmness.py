@@ -63,7 +63,7 @@ def start(
     given = {
         "assembly": assembly,
         "space": space,
-        "target": Target(assembly.pairs, mesh.centroids, free=not held),
+        "target": Target(assembly.pairs, mesh.centroids, supports=supports),
         "loads": loads,
         "stance": Stance(loads, mesh, design.flat.corners),
         "build": lambda a, _: build_model(a, VERO, "arm", quick=not curving),

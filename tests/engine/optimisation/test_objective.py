@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.mechanics.assembly import Pose
 from flexmaps.engine.optimisation import optimise
 from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.reach import find_limits
@@ -17,6 +18,7 @@ from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
+from scipy.spatial.transform import Rotation
 
 VERO = MATERIALS["vero"]
 
@@ -64,7 +66,7 @@ def test_a_long_bend_counts_by_where_it_leads_though_neighbours_hardly_feel_it()
     points, height = np.stack([x, 0 * x, 0 * x], axis=1), 0.25 * x**2  # a radius of 2 m
     pairs = np.stack([np.arange(40), np.arange(1, 41)], axis=1)
     bent = points + np.stack([0 * x, 0 * x, height], axis=1)
-    target = Target(pairs, points, 0.2, free=False)
+    target = Target(pairs, points, 0.2, supports=np.arange(1))
     found = target.compare(bent)
     around = np.pad(height, 1, mode="reflect")  # at the ends the one neighbour is the mean
     felt, distance = np.sqrt(((height - 0.5 * (around[:-2] + around[2:])) ** 2).mean()), np.sqrt((height**2).mean())
@@ -73,11 +75,11 @@ def test_a_long_bend_counts_by_where_it_leads_though_neighbours_hardly_feel_it()
     tilt = np.sqrt((np.diff(height) ** 2).mean())
     squares = (felt**2 * 256 + tilt**2 * 16 + distance**2) / (256 + 16 + 1)
     assert found.value == pytest.approx(0.5 * squares / 0.02**2)
-    bends = Target(pairs, points, 0.0, free=False).compare(bent)
+    bends = Target(pairs, points, 0.0, supports=np.arange(1)).compare(bent)
     assert bends.value == pytest.approx(0.5 * (felt / 0.02) ** 2)
     assert bends.rmse == pytest.approx(found.rmse)
     # in places alone, no Laplacian coordinates are compared
-    assert Target(pairs, points, lies=1.0, free=False).compare(bent).rmse == pytest.approx(distance)
+    assert Target(pairs, points, lies=1.0, supports=np.arange(1)).compare(bent).rmse == pytest.approx(distance)
 
 
 @pytest.mark.thorough
@@ -104,17 +106,43 @@ def test_a_spiral_comes_nearer_to_where_it_is_wished() -> None:
         )
 
 
-@pytest.mark.parametrize("free", [True, False])
-@pytest.mark.parametrize("lies", [0.0, 0.5])
-@pytest.mark.parametrize("wished", [False, True])
-def test_product_is_backward_of_forward(free: bool, lies: float, wished: bool) -> None:
+def bodies() -> tuple[np.ndarray, np.ndarray]:
+    """Joined pairs and places of a dome's spirals, of two joined spirals and of one alone."""
     _, mesh = made()
+    n = len(mesh.quads)
+    away = np.array([[0.5, 0.0, 0.0], [0.52, 0.0, 0.0], [0.0, 0.5, 0.0]])
+    return np.concatenate([mesh.edge_quads[~mesh.border], [[n, n + 1]]]), np.concatenate([mesh.centroids, away])
+
+
+@pytest.mark.parametrize("supports", [None, np.array([3]), np.array([-1])], ids=["free", "dome held", "one held"])
+@pytest.mark.parametrize("lies", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("wished", [False, True])
+def test_derivatives_of_the_mismatch(supports: np.ndarray | None, lies: float, wished: bool) -> None:
+    """The product is backward of forward, and the gradient that of finite differences."""
+    pairs, points = bodies()
     rng = np.random.default_rng(1)
-    offsets = np.zeros((len(mesh.quads), 3))
-    offsets[::5] = rng.normal(0.0, 0.01, offsets[::5].shape)
-    wishes = Wishes.from_offsets(mesh, offsets) if wished else None
-    target = Target(mesh.edge_quads[~mesh.border], mesh.centroids, lies, free, wishes)
-    away, shift = rng.normal(0.0, 0.005, (2, *mesh.centroids.shape))
-    found = target.compare(mesh.centroids + away)
+    quads = np.arange(0, len(points), 5)
+    wishes = Wishes(quads, points[quads] + rng.normal(0.0, 0.01, (len(quads), 3))) if wished else None
+    target = Target(pairs, points, lies, supports, wishes)
+    away, shift = rng.normal(0.0, 0.005, (2, *points.shape))
+    found = target.compare(points + away)
     wanted = found.backward(found.forward(shift))
     assert found.product(shift) == pytest.approx(wanted, abs=1e-12 * np.abs(wanted).max())
+    ahead, behind = (target.compare(points + away + sign * 1e-4 * shift) for sign in (1.0, -1.0))
+    rate = (ahead.value - behind.value) / 2e-4
+    assert float((found.gradient * shift).sum()) == pytest.approx(rate, rel=1e-6)
+    residual = (ahead.residual - behind.residual) / 2e-4
+    assert found.backward(residual) == pytest.approx(wanted, abs=1e-5 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("lies", [0.0, 0.5, 1.0])
+def test_bodies_may_lie_anywhere_unless_they_are_held(lies: float) -> None:
+    """Bodies that are moved rigidly, each in its own way, match their target exactly, but a body with a support does not."""
+    pairs, points = bodies()
+    moved, n = points.copy(), len(points) - 3
+    turns = Rotation.from_rotvec([[0.1, 0.4, -0.2], [1.0, 0.5, 0.0]]).as_matrix()
+    moved[:n], moved[n:] = points[:n] @ turns[0].T + 0.1, points[n:] @ turns[1].T - 0.3
+    free, held = (Target(pairs, points, lies, supports) for supports in (None, np.array([0])))
+    pose = Pose(moved, np.tile(np.eye(3), (len(moved), 1, 1)))
+    assert free.compare(moved).value < 1e-20 and free.distance(pose) < 1e-10
+    assert held.compare(moved).value > 1e-4 and held.distance(pose) > 1.0
