@@ -24,7 +24,7 @@ from .optimisers import EXACT_MISMATCH, Accepted, SearchRecord, gauss_newton
 from .other_weights import with_lies, with_problem
 from .remedies import WANTED_PERCENT
 from .task import Task
-from .terms import LENIENT, STRICT
+from .terms import LOOSE, STRICT
 from .work import SLOW
 
 Stage = Callable[["StageResult", Progress], "StageResult"]
@@ -157,7 +157,7 @@ class Search:
             part = progress.part(end * k / len(starts), end * (k + 1) / len(starts))
             other = self.begun(here, part) if codesigned else self.improved(here, params, part)
             tried.append(other if other.value < here.value else here)
-        chosen = min(range(len(tried)), key=lambda k: tried[k].merit(LENIENT))
+        chosen = min(range(len(tried)), key=lambda k: tried[k].merit(LOOSE))
         here, ended = tried[chosen], self.trace.ended
         if codesigned:
             work.begin(TIME_WITH_FLATS)
