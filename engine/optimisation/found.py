@@ -16,6 +16,7 @@ from ..spirals.clearance.slots import min_slot_width
 from ..spirals.curves.spiral import opposite_sides
 from ..spirals.design import SpiralDesign
 from ..spirals.fabricable import make_fabricable, resolve_contacts
+from .firmness import LEAST_MISMATCH
 from .inverse import DesignPoint
 from .optimisers import CANCELLED
 from .remedies import WANTED_PERCENT
@@ -29,7 +30,7 @@ TWIST_FACTOR, MAX_UNWINDINGS, MAX_GROWTH = 0.8, 8, 1.1
 # RMS distance from the target, in percent of the size, within which the mismatch may grow by any factor: nobody sees it, and slots that
 # close can be seen. A sphere of 520 quads kept three closed slots at 0.041 %, and one at 0.011 %; all open at 0.045 and 0.012 %
 UNSEEN_PERCENT = 0.1
-# Factor by which the mismatch of a piece within the wanted distance may grow if no slot stays closed: a piece whose arms touch is worth less
+# Factor by which the merit of a piece within the wanted distance may grow if no slot stays closed: a piece whose arms touch is worth less
 # than one that lies a little farther. The mismatch is a square, so 2 lets the distance grow 1.4 times. A cross of 480 quads kept 16 closed
 # slots at 0.49 %; all open at 0.54 to 0.56 %
 OPEN_GROWTH = 2.0
@@ -78,18 +79,18 @@ class SimulatedResult:
         return self.point.merit(strictness, mismatch, largest)
 
     def bears(self, other: SimulatedResult) -> bool:
-        """Return whether strains and the mismatch are hardly larger than in ``other``, the result before slots were opened.
+        """Return whether strains and the merit are hardly larger than in ``other``, the result before slots were opened.
 
-        Both may grow by ``MAX_GROWTH``, the mismatch of a piece within ``UNSEEN_PERCENT`` of its target by any factor, and that of a piece
-        within ``WANTED_PERCENT`` without closed slots by ``OPEN_GROWTH``.
+        Both may grow by ``MAX_GROWTH``, and the merit of a piece within ``WANTED_PERCENT`` without closed slots by ``OPEN_GROWTH``. The
+        mismatch in it may grow by any factor while the piece is within ``UNSEEN_PERCENT`` of its target.
         """
-        if self.merit(LOOSE) == np.inf or self.strained_by(other).any():
+        merit, before = self.merit(LOOSE), max(other.merit(LOOSE), LEAST_MISMATCH)
+        if merit == np.inf or self.strained_by(other).any():
             return False
-        target = self.point.problem.target
-        now, before = (target.compare(one.simulation.equilibrium.pose.centres).value for one in (self, other))
         percent = self.simulation.match["rms_percent"]
-        growth = OPEN_GROWTH if percent <= WANTED_PERCENT and not self.closed else MAX_GROWTH
-        return now <= growth * before or percent <= UNSEEN_PERCENT
+        if percent <= UNSEEN_PERCENT:
+            merit -= self.point.problem.target.compare(self.simulation.equilibrium.pose.centres).value
+        return merit <= before * (OPEN_GROWTH if percent <= WANTED_PERCENT and not self.closed else MAX_GROWTH)
 
     def strained_by(self, other: SimulatedResult) -> Bool[np.ndarray, " spirals"]:
         """Return a mask of overstrained spirals: beyond the limit, or ``MAX_GROWTH`` times the other result's worst if that is beyond it."""
@@ -110,14 +111,12 @@ def open_closed_slots(search: Search, found: SimulatedResult, progress: Progress
         return found
     try:
         best = _open_slots(search, found, progress)
-        if best is found:
-            return found
-        design = with_room(best.simulation.design, found.point.problem.space.free, progress)
-        best = best if design is best.simulation.design else _with_design(search, best, design, progress)
     except Cancelled:
         search.trace.ended = CANCELLED
         return found
     except FlexMapsError:
+        return found
+    if best is found:
         return found
     best = replace(best, nearby=None, point=_with_kept(best.point, found.point))
     return best if best.bears(found) and best.closed < found.closed else found
@@ -133,15 +132,21 @@ def with_room(design: SpiralDesign, free: Bool[np.ndarray, " spirals"], progress
 
 def _open_slots(search: Search, found: SimulatedResult, progress: Progress) -> SimulatedResult:
     """Return the result with the fewest closed slots, by less twist and by further searches, that ``SimulatedResult.bears`` accepts."""
-    best = here = _unwind(search, found, found, progress, bearable=True)
-    for _ in range(MAX_SEARCHES):
-        eased = _ease_strains(search, here, found, progress) if best.closed else None
+    best, free = found, found.point.problem.space.free
+    here = again = _unwind(search, found, found, progress, bearable=True)
+    for searches in range(MAX_SEARCHES + 1):
+        if again.closed < best.closed:
+            design = with_room(again.simulation.design, free, progress)
+            if design is not again.simulation.design:
+                here = again = _with_design(search, again, design, progress)
+            if again.closed < best.closed and again.bears(found):
+                best = again
+        if not best.closed or searches == MAX_SEARCHES:
+            break
+        eased = _ease_strains(search, here, found, progress)
         if eased is None:
             break
-        here = eased
-        again = _unwind(search, eased, found, progress, bearable=True)
-        if again.closed < best.closed and again.bears(found):
-            best = again
+        here, again = eased, _unwind(search, eased, found, progress, bearable=True)
     return best
 
 

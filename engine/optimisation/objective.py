@@ -87,19 +87,29 @@ class Target:
         return csr_array(vstack([compared, csr_array(self._wish_factor * wished)]))
 
     @cached_property
+    def body_of(self) -> Int[np.ndarray, " spirals"]:
+        """Connected body of every spiral."""
+        n, (a, b) = len(self.points), self.pairs.T
+        return connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)[1]
+
+    @cached_property
+    def row_of(self) -> Int[np.ndarray, " joints"]:
+        """Spiral that every row of ``operator`` is about; one of both where it compares their difference."""
+        n, wished = len(self.points), [] if self.wishes is None else [self.wishes.quads]
+        parts = zip(self.weights, (np.arange(n), self.pairs[:, 0], np.arange(n)), strict=True)
+        return np.concatenate([*(part for weight, part in parts if weight), *wished])
+
+    @cached_property
     def bodies(self) -> list[FreeBody]:
         """The connected bodies that nothing holds."""
-        n, (a, b) = len(self.points), self.pairs.T
-        label = connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)[1]
-        held = set() if self.supports is None else set(label[self.supports].tolist())
-        bends, slopes, places = (bool(weight) for weight in self.weights)
-        wished = np.zeros(0, np.int64) if self.wishes is None else self.wishes.quads
-        of_row = label[np.concatenate([*[np.arange(n)] * bends, *[a] * slopes, *[np.arange(n)] * places, wished])]
-        first = n * bends + len(a) * slopes if places else len(of_row)
+        body_of, n = self.body_of, len(self.points)
+        held = set() if self.supports is None else set(body_of[self.supports].tolist())
+        end = len(self.row_of) - (0 if self.wishes is None else len(self.wishes.quads))
         found = []
-        for k in sorted(set(label.tolist()) - held):
-            rows = np.flatnonzero(of_row == k)
-            found.append(FreeBody(np.flatnonzero(label == k), rows, rows[(rows >= first) & (rows < first + n)]))
+        for k in sorted(set(body_of.tolist()) - held):
+            rows = np.flatnonzero(body_of[self.row_of] == k)
+            placed = (rows >= end - n) & (rows < end) if self.weights[2] else np.zeros(len(rows), bool)
+            found.append(FreeBody(np.flatnonzero(body_of == k), rows, rows[placed]))
         return found
 
     @property
@@ -182,6 +192,11 @@ class Mismatch:
     @property
     def value(self) -> float:
         return 0.5 * float((self.residual**2).sum())
+
+    @property
+    def by_body(self) -> Float[np.ndarray, " bodies"]:
+        """Value of every connected body."""
+        return 0.5 * np.bincount(self.target.body_of[self.target.row_of], (self.residual**2).sum(axis=1))
 
     @property
     def rmse(self) -> float:

@@ -158,7 +158,10 @@ class Search:
             other = self.begun(here, part) if codesigned else self.improved(here, params, part)
             tried.append(other if other.value < here.value else here)
         chosen = min(range(len(tried)), key=lambda k: tried[k].merit(LOOSE))
-        here, ended = tried[chosen], self.trace.ended
+        here, ended = (
+            self._with_best_bodies(tried, tried[chosen], progress.at(end, "Starting shapes")),
+            self.trace.ended,
+        )
         if codesigned:
             work.begin(TIME_WITH_FLATS)
             here = self.cycled(here, progress.part(0.3, 0.8))
@@ -170,6 +173,22 @@ class Search:
         late = "time" if work.late else "converged" if ended == "time" else ended
         self.trace.ended = SLOW if slow or work.slow else late
         return chosen
+
+    def _with_best_bodies(self, tried: list[StageResult], best: StageResult, progress: Progress) -> StageResult:
+        """Return a result with every body of the piece as in the result where it matches best; ``best`` if that is no better."""
+        target = best.point.mismatch.target
+        nearest = np.argmin([one.point.mismatch.by_body for one in tried], axis=0)[target.body_of]
+        if (nearest == nearest[0]).all():
+            return best
+        (width, twist), pose = best.point.spirals, best.point.equilibrium.pose
+        for k, one in enumerate(tried):
+            hubs = np.flatnonzero(nearest == k)
+            width[hubs], twist[hubs] = (spirals[hubs] for spirals in one.point.spirals)
+            pose = pose.with_part(hubs, one.point.equilibrium.pose.part(hubs))
+        space = best.point.problem.space.including(replace(best.design, width=width, twist=twist))
+        problem = replace(best.point.problem, space=space)
+        found = self.hold(best.design, problem.at(space.coordinates(width, twist), pose, progress))
+        return found if found.merit(LOOSE) < best.merit(LOOSE) else best
 
     def begun(self, here: StageResult, progress: Progress) -> StageResult:
         """Optimise the spirals alone, coarsely, before the flat shapes move too."""
