@@ -16,7 +16,6 @@ from ..spirals.clearance.slots import min_slot_width
 from ..spirals.curves.spiral import opposite_sides
 from ..spirals.design import SpiralDesign
 from ..spirals.fabricable import make_fabricable, resolve_contacts
-from .firmness import LEAST_MISMATCH
 from .inverse import DesignPoint
 from .optimisers import CANCELLED
 from .remedies import WANTED_PERCENT
@@ -30,7 +29,7 @@ TWIST_FACTOR, MAX_UNWINDINGS, MAX_GROWTH = 0.8, 8, 1.1
 # RMS distance from the target, in percent of the size, within which the mismatch may grow by any factor: nobody sees it, and slots that
 # close can be seen. A sphere of 520 quads kept three closed slots at 0.041 %, and one at 0.011 %; all open at 0.045 and 0.012 %
 UNSEEN_PERCENT = 0.1
-# Factor by which the merit of a piece within the wanted distance may grow if no slot stays closed: a piece whose arms touch is worth less
+# Factor by which the mismatch of a piece within the wanted distance may grow if no slot stays closed, and less where some do: a piece whose arms touch is worth less
 # than one that lies a little farther. The mismatch is a square, so 2 lets the distance grow 1.4 times. A cross of 480 quads kept 16 closed
 # slots at 0.49 %; all open at 0.54 to 0.56 %
 OPEN_GROWTH = 2.0
@@ -79,18 +78,24 @@ class SimulatedResult:
         return self.point.merit(strictness, mismatch, largest)
 
     def bears(self, other: SimulatedResult) -> bool:
-        """Return whether strains and the merit are hardly larger than in ``other``, the result before slots were opened.
+        """Return whether strains, the mismatch and the lack of stability are hardly larger than in ``other``, before slots were opened.
 
-        Both may grow by ``MAX_GROWTH``, and the merit of a piece within ``WANTED_PERCENT`` without closed slots by ``OPEN_GROWTH``. The
-        mismatch in it may grow by any factor while the piece is within ``UNSEEN_PERCENT`` of its target.
+        All may grow by ``MAX_GROWTH``; the mismatch of a piece within ``UNSEEN_PERCENT`` of its target by any factor, and that of a piece
+        within ``WANTED_PERCENT`` by up to ``OPEN_GROWTH``, the more the larger the share of the closed slots that are open now.
         """
-        merit, before = self.merit(LOOSE), max(other.merit(LOOSE), LEAST_MISMATCH)
-        if merit == np.inf or self.strained_by(other).any():
+        if self.merit(LOOSE) == np.inf or self.strained_by(other).any():
             return False
-        percent = self.simulation.match["rms_percent"]
-        if percent <= UNSEEN_PERCENT:
-            merit -= self.point.problem.target.compare(self.simulation.equilibrium.pose.centres).value
-        return merit <= before * (OPEN_GROWTH if percent <= WANTED_PERCENT and not self.closed else MAX_GROWTH)
+        target, percent, growth = self.point.problem.target, self.simulation.match["rms_percent"], MAX_GROWTH
+        now, before = (target.compare(one.simulation.equilibrium.pose.centres).value for one in (self, other))
+        if percent <= WANTED_PERCENT and self.closed < other.closed:
+            growth += (OPEN_GROWTH - MAX_GROWTH) * (1.0 - self.closed / other.closed)
+        now = min(now, before) if percent <= UNSEEN_PERCENT else now
+        return self._with_stability(now) <= growth * other._with_stability(before)
+
+    def _with_stability(self, mismatch: float) -> float:
+        """Return a mismatch with the penalty on the lack of stability of the search's point."""
+        barrier = self.point.barrier
+        return mismatch if barrier is None else barrier.merit(mismatch)
 
     def strained_by(self, other: SimulatedResult) -> Bool[np.ndarray, " spirals"]:
         """Return a mask of overstrained spirals: beyond the limit, or ``MAX_GROWTH`` times the other result's worst if that is beyond it."""
@@ -188,8 +193,8 @@ def _ease_strains(
     """Open closed slots by less twist, then take a few steps of the search near there, with these twists as upper limits.
 
     Estimates of slots within spirals are corrected to the exact widths. Slots between spirals have no estimate, so spirals
-    beside such a closed slot are kept. Return None if no slot opens, no step improves, no fewer spirals are
-    overstrained, or the design cannot be cut.
+    beside such a closed slot are kept. Return None if no slot opens, no step improves, no strain beyond the
+    limit decreases, or the design cannot be cut.
 
     before : result of the search, whose kept spirals do not change
     """
@@ -225,8 +230,9 @@ def _ease_strains(
     except FlexMapsError:
         return None
     eased = _with_design(search, replace(loose, point=held.point), design, progress)
-    strained = [int(one.strained_by(before).sum()) for one in (loose, eased)]
-    return None if 0 < strained[0] <= strained[1] else eased
+    strains = [one.simulation.strain for one in (loose, eased)]
+    worst = [0.0 if strain is None else float(strain.max()) for strain in strains]
+    return None if loose.strained_by(before).any() and worst[0] <= worst[1] else eased
 
 
 def _with_kept(point: DesignPoint, other: DesignPoint) -> DesignPoint:

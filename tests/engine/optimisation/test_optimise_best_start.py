@@ -5,8 +5,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.mechanics.assembly import target_pose
 from flexmaps.engine.optimisation import optimise
+from flexmaps.engine.optimisation.optimisers import SearchRecord
+from flexmaps.engine.optimisation.search import Search
 from flexmaps.engine.optimisation.task import Task
 from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
@@ -54,3 +58,27 @@ def test_a_result_too_far_away_is_worth_nothing() -> None:
     near = optimise.SimulatedResult(task.rested(made.design, start), start, start.distance * 1.01)
     assert np.isfinite(near.merit(1.0))
     assert dataclasses.replace(near, farthest=start.distance * 0.99).merit(1.0) == np.inf
+
+
+def test_every_body_is_taken_from_the_result_where_it_matches_best() -> None:
+    """Of two equal domes, the first has the better spirals in one result, and the second in the other."""
+    polygons = PolygonMesh.from_quads(shapes.make("dome", 0.04))
+    apart = polygons.vertices + np.array([2.0 * np.ptp(polygons.vertices[:, 0]), 0.0, 0.0])
+    corners = np.concatenate([polygons.corners, polygons.corners + len(polygons.vertices)])
+    two = PolygonMesh(np.concatenate([polygons.vertices, apart]), corners, np.tile(polygons.sizes, 2))
+    made = job.run(two, Settings(), edge=0.02, stop_after="spirals")
+    assert made.design is not None
+    task = Task(made.mesh, MATERIALS["vero"], OptimiseParams(), SimulateParams(restarts=0), None, None, Work())
+    problem, start = task.problem(made.design), target_pose(made.mesh, made.design.flat.corners)
+    body = problem.target.body_of
+    shares = np.where(body[None] == [[0], [1]], 0.2, 0.8)
+    halves = np.full((len(body), problem.space.each - 1), 0.5)
+    points = [problem.at(np.column_stack([halves, share]).ravel(), start).weighed(1.0) for share in shares]
+    search = Search(task, SearchRecord(), lambda _: None, np.inf, made.design.flat)
+    tried = [search.hold(made.design, one) for one in points]
+    best = search._with_best_bodies(tried, tried[0], optimise.SILENT)
+    print([(o.merit(0.0),o.point.mismatch.by_body,o.point.equilibrium.spare,o.sound) for o in search.held])
+    values = np.array([one.point.mismatch.by_body for one in tried])
+    assert np.argmin(values, axis=0).tolist() in ([0, 1], [1, 0])
+    assert best.point.mismatch.by_body == pytest.approx(values.min(axis=0), rel=1e-4)
+    assert search._with_best_bodies([best, *tried], best, optimise.SILENT) is best
