@@ -12,7 +12,7 @@ from ..bridge.store import guidance, notes, states
 from ..bridge.store.guidance import Guidance
 
 ICONS = {states.TODO: "BLANK1", states.DONE: "CHECKMARK", states.OLD: "FILE_REFRESH"}
-ONE_REDRAW = 0.2  # seconds in which popovers reuse the states that the tab computed: longer than a redraw, shorter than a person waits; by eye
+ONE_REDRAW = 0.2  # seconds in which popovers reuse the states that the tab computed: longer than a redraw, shorter than a person waits; not measured
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ REMESHED = {
     "non-manifold-edge",
     "repeated-vertex",
 }  # codes that a remesh helps with
-LARGER = 1.5  # factor offered where spirals lack room, between the largest and the smallest that remedies offer; by eye
+LARGER = 1.5  # factor offered where spirals lack room, between the largest and the smallest that remedies offer; not measured
 # simulation's finding -> remedies that help with it if advised, best first
 HELPED = {
     "stays-flat": (remedies.CUT,),

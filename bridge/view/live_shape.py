@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ...engine.runs.result import Result
 
 FILL, LINE = np.array([0.97, 0.80, 0.46]), np.array([0.10, 0.11, 0.14])  # sRGB of faces and lines; by eye
-# height of lines and arms above the faces, in edges; half as much flickers in a piece seen from far, twice as much floats; by eye
+# height of lines and arms above the faces, in edges; not measured
 LIFT = 0.01
 
 

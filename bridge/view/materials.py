@@ -13,7 +13,7 @@ from ...engine.arrays import Float, Int
 
 UV = "flexmaps_flat"  # UV map in millimetres, so that a grain has its true size and runs the same way in all panels
 
-FEW = 64  # single-colour materials on an object at most: more than a person tells apart; by eye
+FEW = 64  # single-colour materials on an object at most: more than a person tells apart; not measured
 
 
 @dataclass(frozen=True)

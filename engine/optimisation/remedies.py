@@ -21,7 +21,7 @@ StrainForecast = Callable[[float, float], float]
 # Factor on the size where no strain determines it, a step of the R10 series of preferred sizes. A dome of 192 quads whose spirals are as
 # soft as possible ends at 3.0 % of its size from the target, and at 1.3 % when 1.5 times as large; the first step is half of that
 FIRST_FACTOR = 1.25
-MAX_FACTOR = 2.0  # largest factor on the size in one step; pressing again continues from there, or a remesh is offered instead; by eye
+MAX_FACTOR = 2.0  # largest factor on the size in one step; pressing again continues from there, or a remesh is offered instead; not measured
 MAX_SIZES = 3  # largest number of sizes whose strain is computed; strain is nearly inverse to size, so the second is mostly right
 MAX_SHEETS = 6  # largest number of thinner sheets whose strain is computed, down to a quarter of the thickness
 STEP = 0.05  # factors on the size are rounded up to a multiple of it

@@ -31,7 +31,7 @@ from .moves import IDEAS, weight_by_fixability, with_cuts
 from .predict import PredictionStart, predict
 
 BORDER, ROUND = "border", "round"  # ways besides ``LOWEST`` and ``CUT``: supports at the border, and rounded folds
-WORTH = 0.8  # largest ratio of new to present distance that is worth pressing a button; larger offers more buttons, and more that bring little; by eye
+WORTH = 0.8  # largest ratio of new to present distance that is worth pressing a button; larger offers more buttons, and more that bring little; not measured
 MOST_HELD = 0.5  # largest share of held quads: with more, too little of the piece is left to bend
 
 

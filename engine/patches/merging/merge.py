@@ -29,7 +29,7 @@ from .straighten import natural_stops, straighten, widen
 # all everywhere, and on seven surfaces gives the same in 1.5 times the time.
 WORK = 70_000
 # Smallest budget, and budget per quad, see ``Effort``. Without the former one of 31 surfaces gets a panel more, half of it is enough; half of the
-# latter and no limit give the same on 13
+# latter gives the same on 13 surfaces and not on a fourteenth
 WORK_LEAST, WORK_EACH = 2e6, 2.5e3
 # Largest number of places where a part of a seam may begin or end: 6 gives the same on 24 surfaces, no limit one panel more on one
 # of 31

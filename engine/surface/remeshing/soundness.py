@@ -17,7 +17,7 @@ from .quality import quality
 from .refine import refine_quads
 from .regularise import flatter, regularise
 
-WORTH = 10.0  # cost factor per share of poor quads: a tenth of them poor doubles the cost; by eye
+WORTH = 10.0  # cost factor per share of poor quads: a tenth of them poor doubles the cost; not measured
 # in quad edges: distance between quads and surface, at its 95th percentile, at which thin parts such as a rabbit's ears
 # are lost
 LOST = 3
