@@ -74,7 +74,13 @@ class Pose:
         return Pose(self.centres[hubs], self.rotations[hubs], None if self.nodes is None else self.nodes.part(hubs))
 
     def with_part(self, hubs: Int[np.ndarray, " some"], part: Pose) -> Pose:
-        """Replace the poses of hubs (k,) int by those of ``part``."""
+        """Replace the poses of some hubs.
+
+        Parameters
+        ----------
+        hubs : (k,) int
+        part : their new poses
+        """
         centres, rotations = self.centres.copy(), self.rotations.copy()
         centres[hubs], rotations[hubs] = part.centres, part.rotations
         return replace(self, centres=centres, rotations=rotations)
