@@ -35,8 +35,7 @@ class Pose:
     nodes: Nodes | None = None
 
     def moved(self, step: np.ndarray) -> Pose:
-        """Shift the hubs by step[:, :3] metres and turn them by the rotation vectors step[:, 3:] radians, in space, (n,
-        6).
+        """Shift the hubs by step[:, :3] metres and turn them by the rotation vectors step[:, 3:] radians, in space, (n, 6).
 
         Rows of the nodes may follow the rows of the hubs; without such rows the nodes move with their hubs.
         """
@@ -55,9 +54,8 @@ class Pose:
             return self
         hub, frame = self.nodes.hub, self.rotations[self.nodes.hub]
         centres = self.centres[hub] + np.einsum("nij,nj->ni", frame, self.nodes.centres)
-        return Pose(
-            np.concatenate([self.centres, centres]), np.concatenate([self.rotations, frame @ self.nodes.rotations])
-        )
+        turns = frame @ self.nodes.rotations
+        return Pose(np.concatenate([self.centres, centres]), np.concatenate([self.rotations, turns]))
 
     def transform(self, rotation: Float[np.ndarray, "3 3"], shift: np.ndarray) -> Pose:
         """Rotate the whole pose and then shift it.
