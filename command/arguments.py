@@ -121,6 +121,9 @@ def _flags(made: argparse.ArgumentParser) -> None:
             # prefix a name that several sections have, so that no flag is ambiguous
             name = f"{section}_{f.name}" if names[f.name] > 1 else f.name
             _flag(group, name, f"{section}.{f.name}", f, get_type_hints(kind)[f.name])
+        for name in kind.WERE:
+            switch = argparse.BooleanOptionalAction
+            group.add_argument(f"--{name}", dest=f"{section}.{name}", action=switch, help=argparse.SUPPRESS)
 
 
 def _flag(group: argparse._ActionsContainer, name: str, dest: str, f: Field, kind: type) -> None:

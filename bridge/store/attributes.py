@@ -36,6 +36,7 @@ KINDS: dict[str, tuple[str, int, type, str]] = {
 # attributes that FlexMaps writes: name without prefix -> domain, kind, least and largest value; patch and seam numbers are
 # also below the number of quads or edges
 OURS: dict[str, tuple[str, str, float, float]] = {
+    "cut": ("EDGE", "BOOLEAN", 0, 1),  # in older files, instead of "seam"
     "seam": ("EDGE", "INT", -1, np.inf),
     "choices": ("EDGE", "INT", 0, 255),  # bit k: cut in proposal k
     "flat": ("CORNER", "FLOAT2", -LARGEST, LARGEST),
@@ -63,6 +64,8 @@ OURS: dict[str, tuple[str, str, float, float]] = {
     "wish": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
     "colour": ("CORNER", "FLOAT_COLOR", -LARGEST, LARGEST),
 }
+# widths that older files store once a face, not once a corner
+ONCE_ON_FACES = ("width", "last_width")
 
 
 @contextmanager
@@ -86,8 +89,20 @@ def readable(obj: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
 def get(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
     """Return the values of an attribute, (N,) or (N, 2 to 4).
 
-    Return None where the attribute is missing, has a kind that FlexMaps never writes, or holds values out of its bounds: any
-    program or script can write there.
+    Widths that an older file stores once a face come once a corner. Return None where the attribute is missing, has a kind
+    that FlexMaps never writes, or holds values out of its bounds: any program or script can write there.
+
+    Parameters
+    ----------
+    mesh : Blender's mesh, outside edit mode
+    name : name with prefix
+    """
+    values = stored(mesh, name)
+    return _on_corners(mesh, name, values)
+
+
+def stored(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
+    """Return the values as ``get`` does, but leave widths of older files as they are stored, one a face.
 
     Parameters
     ----------
@@ -103,12 +118,25 @@ def on_faces(values: Shaped[np.ndarray, " corners"]) -> Float[np.ndarray, "quads
     return values.reshape(-1, 4).astype(float)
 
 
+def _on_corners(mesh: bpy.types.Mesh, name: str, values: np.ndarray | None) -> np.ndarray | None:
+    """Repeat values that an older file stores once a face for all corners of the face."""
+    attribute = mesh.attributes.get(name)
+    if values is None or attribute is None or not _older(name, attribute):
+        return values
+    return np.repeat(values, column(mesh.polygons, "loop_total"))
+
+
+def _older(name: str, attribute: bpy.types.Attribute) -> bool:
+    return name.removeprefix(PREFIX) in ONCE_ON_FACES and (attribute.domain, attribute.data_type) == ("FACE", "FLOAT")
+
+
 def _raw(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
     """Return the values unchecked; None where the attribute is missing or of another domain or kind than FlexMaps writes."""
     attribute = mesh.attributes.get(name)
     if attribute is None or attribute.data_type not in KINDS:
         return None
-    if _is_ours(name) and (attribute.domain, attribute.data_type) != OURS[name.removeprefix(PREFIX)][:2]:
+    as_ours = _is_ours(name) and (attribute.domain, attribute.data_type) == OURS[name.removeprefix(PREFIX)][:2]
+    if _is_ours(name) and not as_ours and not _older(name, attribute):
         return None
     prop, width, dtype, _ = KINDS[attribute.data_type]
     values: np.ndarray = np.empty(len(attribute.data) * width, dtype=dtype)
@@ -147,12 +175,14 @@ def ours(mesh: bpy.types.Mesh) -> tuple[dict[str, np.ndarray], dict[str, np.ndar
     unsound: dict[str, np.ndarray] = {}
     for name in OURS:
         if PREFIX + name in mesh.attributes:
-            values = _raw(mesh, PREFIX + name)
+            values = _on_corners(mesh, PREFIX + name, _raw(mesh, PREFIX + name))
             wrong = np.zeros(0, bool) if values is None else ~_within(PREFIX + name, values)
             if values is None or wrong.any():
                 unsound[name] = np.unique(np.nonzero(wrong)[0])
             else:
                 sound[name] = values
+    if "cut" in sound and PREFIX + "seam" not in mesh.attributes:
+        sound["seam"] = np.where(sound["cut"], 0, -1).astype(np.int32)  # older files number no seams
     return sound, unsound
 
 

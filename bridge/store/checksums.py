@@ -79,7 +79,7 @@ class Checksums:
         """Return the named attributes of faces and corners as bytes, as they are stored."""
         mesh = self._obj.data
         if not mesh.is_editmode:
-            stored = (attributes.get(mesh, attributes.PREFIX + name) for name in names)
+            stored = (attributes.stored(mesh, attributes.PREFIX + name) for name in names)
             return b"".join(b"" if values is None else values.tobytes() for values in stored)
         bm = bmesh.from_edit_mesh(mesh)  # in edit mode the mesh itself has no attribute data
         faces = bm.faces

@@ -62,7 +62,7 @@ def _weight(mesh: bpy.types.Mesh, place: Vector, weights: Float[np.ndarray, " ve
 def _of_faces(old: bpy.types.Object, made: bpy.types.Object, tree: BVHTree) -> None:
     nearest: Int[np.ndarray, " quads"] = np.array([tree.find_nearest(face.center)[2] for face in made.data.polygons])
     for name in (*handles.NAMES, "protect"):
-        values = attributes.get(old.data, attributes.PREFIX + name)
+        values = attributes.stored(old.data, attributes.PREFIX + name)
         if values is not None and values.any() and len(old.data.polygons) == len(values):
             domain, kind, _, _ = attributes.OURS[name]
             attributes.put(made, attributes.PREFIX + name, domain, kind, values[nearest])

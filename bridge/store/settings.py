@@ -63,6 +63,9 @@ def group(cls: type) -> type[bpy.types.PropertyGroup]:
         for f in fields(cls):
             inner: type = hints[f.name]
             annotations[f.name] = PointerProperty(type=group(inner)) if is_dataclass(inner) else _property(f)
+        # keep settings of earlier versions for old files and presets; in read() their successors win once set
+        for name in getattr(cls, "WERE", {}):
+            annotations[name] = BoolProperty(default=True, options={"HIDDEN"})
         made = type(f"FLEXMAPS_PG_{cls.__name__}", (bpy.types.PropertyGroup,), {"__annotations__": annotations})
         bpy.utils.register_class(made)
         _groups[cls] = made
@@ -98,6 +101,9 @@ def read(properties: bpy.types.PropertyGroup, cls: type[T]) -> T:
             values[f.name] = _exact(value) / SHOWN[f.metadata["unit"]][0]
         else:
             values[f.name] = value
+    for name, instead in getattr(cls, "WERE", {}).items():
+        if not getattr(properties, name):
+            values |= {key: value for key, value in instead.items() if not properties.is_property_set(key)}
     return cls(**values)
 
 

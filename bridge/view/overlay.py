@@ -253,15 +253,18 @@ def _quads(obj: bpy.types.Object, kind: str) -> _Quads | None:
         import bmesh
 
         bm = bmesh.from_edit_mesh(obj.data)
-        on_corners = attributes.OURS[name.removeprefix(attributes.PREFIX)][0] == "CORNER"
-        layers = bm.loops.layers if on_corners else bm.faces.layers
-        layer = layers.float.get(name) or layers.int.get(name)
-        if layer is None or any(len(face.verts) != 4 for face in bm.faces):
+        layer = bm.faces.layers.float.get(name) or bm.faces.layers.int.get(name)
+        corner = bm.loops.layers.float.get(name)
+        if (layer is None and corner is None) or any(len(face.verts) != 4 for face in bm.faces):
             return None
         bm.verts.index_update()
         positions = np.array([v.co for v in bm.verts], dtype=float)
         corners = np.array([[v.index for v in face.verts] for face in bm.faces])
-        own = np.array([one[layer] for face in bm.faces for one in (face.loops if on_corners else (face,))])
+        if corner is not None:
+            own = np.array([loop[corner] for face in bm.faces for loop in face.loops])
+        else:
+            own = np.array([face[layer] for face in bm.faces])
+            own = np.repeat(own, 4) if name == "flexmaps_width" else own  # an older file stores one width a face
         if not attributes.fits(name, own):
             return None
         number = bm.edges.layers.int.get(SEAMS)

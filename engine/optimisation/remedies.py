@@ -135,5 +135,7 @@ def quad_count(quads: int) -> int | None:
 
 
 def read_block(block: Mapping[str, Any]) -> Amounts:
-    """Return the remedies of a ``reach`` block; none where it has none."""
-    return {name: amount for name, amount in block.get("remedies", {}).items() if name in REMEDIES}
+    """Return the remedies of a ``reach`` block; in blocks of earlier versions only the sentence tells whether a cut would help."""
+    if "remedies" in block:
+        return {name: amount for name, amount in block["remedies"].items() if name in REMEDIES}
+    return {CUT: None} if "cut" in block["advice"] else {}

@@ -73,6 +73,8 @@ class Params:
     """Base of all settings; raises FlexMapsError for values of a wrong type, out of bounds, or in a wrong order."""
 
     ORDERED: ClassVar[tuple[tuple[str, str], ...]] = ()  # pairs of settings; the first must not be above the second
+    # switches of earlier versions, on by default, with the settings that replace them where they are off
+    WERE: ClassVar[dict[str, dict[str, Any]]] = {}
     GONE: ClassVar[tuple[str, ...]] = ()  # settings of earlier versions, whose values are read and ignored
 
     def __post_init__(self) -> None:

@@ -143,6 +143,7 @@ class SimulateParams(Params):
 class OptimiseParams(Params):
     """Search for the spirals whose assembly takes the target's shape (FlexMaps section 7)."""
 
+    WERE = {"laplacian": {"lies": 1.0}}
     GONE = ("method",)
 
     arms: str = setting(

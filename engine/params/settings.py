@@ -113,6 +113,10 @@ def with_values(settings: S, values: Mapping[str, Any]) -> S:
                 f"There is no setting {quote(key)}; give it as section.name, with one of the sections {names}"
             )
         known = {f.name: f for f in fields(block)}  # type: ignore[arg-type]
+        if name in block.WERE:
+            instead = {} if _parse_switch(name, value) else block.WERE[name]
+            blocks.setdefault(section, {}).update(instead)
+            continue
         if name in block.GONE:
             continue
         if name not in known:

@@ -1,4 +1,4 @@
-"""Four arms of four widths: what is stored, what is said of what cannot be."""
+"""Four arms of four widths: what is stored, what is read of older files, what is said of what cannot be."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import bmesh
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge.store import attributes, mesh, notes
+from flexmaps import api
+from flexmaps.bridge.store import attributes, checksums, mesh, notes
 from flexmaps.bridge.view import overlay
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.spirals.design import SpiralDesign
@@ -101,6 +102,46 @@ def test_a_face_whose_corners_begin_elsewhere_keeps_its_widths(dome: Any) -> Non
     faces = {frozenset(face.vertices): face.index for face in dome.data.polygons}
     after = {ends: width for (index, ends), width in _by_edge(dome).items() if index == faces[old]}
     assert after == {ends: width for (index, ends), width in before.items() if index == 3}
+
+
+def _as_older_files(obj: Any, names: tuple[str, ...] = ("flexmaps_width",)) -> np.ndarray:
+    """Widths as they were written before: one a face."""
+    one = np.linspace(1.0, 1.4, len(obj.data.polygons))
+    for name in names:
+        obj.data.attributes.remove(obj.data.attributes[name])
+        obj.data.attributes.new(name, "FLOAT", "FACE").data.foreach_set("value", one.astype(np.float32))
+    return one
+
+
+@pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
+def test_one_width_a_face_of_an_older_file(dome: Any, mode: str) -> None:
+    press("flatten")
+    press("spirals")
+    one = _as_older_files(dome)
+    before = checksums.Checksums(dome, bpy.context.scene)["design"]
+    bpy.ops.object.mode_set(mode=mode)
+    assert checksums.Checksums(dome, bpy.context.scene)["design"] == before
+    piece = api.load(dome)
+    assert not [f for f in api.check(piece) if f.code == "left-out"]
+    assert piece.result.design is not None
+    assert piece.result.design.width == pytest.approx(1e-3 * np.repeat(one[:, None], 4, axis=1), rel=1e-6)
+    press("overlay", kind="WIDTH")
+    quads = overlay._quads(dome, "WIDTH")
+    assert quads is not None and quads.values == pytest.approx(one, rel=1e-6)
+    press("spirals")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert dome.data.attributes["flexmaps_width"].domain == "CORNER"
+
+
+def test_older_widths_are_shelved_as_four(dome: Any) -> None:
+    press("flatten")
+    press("spirals")
+    one = _as_older_files(dome)
+    press("flatten")
+    last = dome.data.attributes["flexmaps_last_width"]
+    assert last.domain == "CORNER" and len(last.data) == 4 * len(one)
+    values = attributes.get(dome.data, "flexmaps_last_width")
+    assert values is not None and values == pytest.approx(np.repeat(one, 4), rel=1e-6)
 
 
 @pytest.mark.parametrize(("value", "button"), [(np.nan, "simulate"), (-1.0, "simulate"), (15.0, "optimise")])

@@ -16,6 +16,18 @@ def test_defaults_are_those_of_the_engine(dome: Any) -> None:
     assert settings.read(dome.flexmaps, Settings) == Settings()
 
 
+def test_switches_of_earlier_versions_are_read(dome: Any) -> None:
+    """A file or a preset that matched places alone still does, until somebody moves what stands for it."""
+    block = dome.flexmaps.optimise
+    block.laplacian = False
+    assert settings.read(dome.flexmaps, Settings).optimise.lies == 1.0
+    block.lies = 0.5
+    assert settings.read(dome.flexmaps, Settings).optimise.lies == 0.5
+    block.laplacian = False
+    settings.write(dome.flexmaps, ObjectSettings())
+    assert settings.read(dome.flexmaps, ObjectSettings) == ObjectSettings()
+
+
 def test_there_and_back(dome: Any) -> None:
     wanted = ObjectSettings(
         spiral=SpiralParams(thickness=0.003, width_min=0.00123, slot_min=0.00045, twist_max=4.2, clockwise=True),

@@ -96,7 +96,7 @@ def test_values_that_are_never_written_are_left_out(simulated: Any) -> None:
 
 
 def test_attributes_of_another_kind_or_place(simulated: Any) -> None:
-    for name in ("patch", "width", "reach", "colour"):
+    for name in ("cut", "patch", "width", "reach", "colour"):
         key = attributes.PREFIX + name
         for kind, domain in (("FLOAT", "POINT"), ("INT", "EDGE"), ("STRING", "FACE"), ("FLOAT_COLOR", "CORNER")):
             if name == "colour" and kind == "FLOAT_COLOR":

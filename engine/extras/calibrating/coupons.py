@@ -90,7 +90,7 @@ def read(path: str | Path) -> Coupons:
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
         assert found.pop("flexmaps") == "calibration"
-        found.pop("program")
+        found.pop("program", None)  # missing in files of earlier versions
         found["spirals"] = tuple(SpiralCoupon(**one) for one in found["spirals"])
         found["clearances"] = tuple(map(float, found["clearances"]))
         made = Coupons(**found)

@@ -16,7 +16,7 @@ from ..loops import NEXT
 from .arap import FlatPatch, PatchProblem, SideSprings, minimax, settle
 from .outline import simple
 
-ROUNDS = 24  # rounds for a whole layout, of which the best state is kept: 10 leave up to 1.3 % mismatch, this 0.2, 48 0.01 (Enneper surface)
+ROUNDS = 24  # rounds for a whole layout, of which the best state is kept; not measured
 QUICK = 10  # rounds for the few patches of a hand edit, which should take 0.1 s
 # Patches of fewer quads are solved side by side, since alone each takes as long as many together: 3,840 patches of one
 # quad take 3 s instead of 32 s.

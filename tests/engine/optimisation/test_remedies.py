@@ -60,9 +60,12 @@ def test_what_cannot_be_followed_is_left_out() -> None:
     assert least == {"cut": None, "larger": 1.35}
 
 
-def test_remedies_of_another_version_are_left_out_of_a_block() -> None:
-    assert remedies.read_block({"advice": "a cut there would help"}) == {}
-    assert remedies.read_block({"remedies": {"larger": 1.25, "of another version": 3}}) == {"larger": 1.25}
+def test_blocks_of_earlier_versions_tell_of_a_cut_in_their_sentence_alone() -> None:
+    assert remedies.read_block({"advice": "a cut there would help"}) == {"cut": None}
+    assert remedies.read_block({"advice": "a larger object would help"}) == {}
+    assert remedies.read_block({"advice": "a cut", "remedies": {"larger": 1.25, "of another version": 3}}) == {
+        "larger": 1.25
+    }
 
 
 def stand_in(strain: float | None, *, flat: bool | None = None, line: int = 0, quads: int = 100) -> Any:
