@@ -27,9 +27,8 @@ if TYPE_CHECKING:
     SearchedSpirals = tuple[PanelDrawing, Result, dict[str, Any], dict[str, Any], dict[str, Any] | None]
 
 
-FIRST = (
-    0.07  # share of the progress bar for what comes before the search: 2.2 of 30 s with 986 spirals, 6 of 69 with 2,362
-)
+# share of the progress bar for what comes before the search: 2.2 of 30 s with 986 spirals, 6 of 69 with 2,362
+FIRST = 0.07
 SEARCHED, DRAWN = 0.8, 0.85  # of the progress bar: the search ends, the outlines are drawn; then remedies are tried
 
 

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from ...engine.runs.result import Result
 
 FILL, LINE = np.array([0.97, 0.80, 0.46]), np.array([0.10, 0.11, 0.14])  # sRGB of faces and lines; by eye
-# height of lines and arms above the faces, in edges; not measured
-LIFT = 0.01
+LIFT = 0.01  # height of lines and arms above the faces, in edges; too small flickers; not measured
 
 
 class LiveShape:

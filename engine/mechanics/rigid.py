@@ -68,6 +68,18 @@ class Freedom:
         return pose.with_part(self.members, moved)
 
 
+def connected_pieces(pairs: Int[np.ndarray, "joints 2"], size: int) -> Int[np.ndarray, " spirals"]:
+    """Return the number of the connected piece of every hub.
+
+    Parameters
+    ----------
+    pairs : (m, 2) int, joined hubs
+    size : number of hubs
+    """
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
+    return connected_components(links, directed=False)[1]
+
+
 def free_pieces(
     fixed: Bool[np.ndarray, "spirals 6"], pairs: Int[np.ndarray, "joints 2"], centres: Float[np.ndarray, "spirals 3"]
 ) -> list[Freedom]:
@@ -75,9 +87,8 @@ def free_pieces(
 
     fixed : (n, 6) bool, shifts and turns of the hubs that are held; pairs : (m, 2) int, joined hubs; centres : (n, 3) m
     """
-    n = len(fixed)
-    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    count, piece = connected_components(links, directed=False)
+    piece = connected_pieces(pairs, len(fixed))
+    count = int(piece.max(initial=-1)) + 1
     spacing = float(np.linalg.norm(centres[pairs[:, 1]] - centres[pairs[:, 0]], axis=1).mean()) if len(pairs) else 1.0
     clamped = np.bincount(piece, weights=fixed.all(axis=1), minlength=count) > 0
     found = []

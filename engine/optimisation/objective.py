@@ -7,17 +7,15 @@ from functools import cached_property
 
 import numpy as np
 from scipy.linalg import orth
-from scipy.sparse import coo_array, csr_array, vstack
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_array, vstack
 
 from ..arrays import Float, Int
 from ..mechanics.assembly import Pose, nearest_rotation
 from ..mechanics.laplacian import uniform_laplacian
+from ..mechanics.rigid import connected_pieces
 from ..params import OptimiseParams
+from ..tolerances import DOUBLE_TOL
 from .wishes import Wishes
-
-# Singular value, as a share of the largest, below which a rotation counts as none: bodies of one or two spirals have fewer than three
-FLAT_ROTATION = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +87,7 @@ class Target:
     @cached_property
     def body_of(self) -> Int[np.ndarray, " spirals"]:
         """Connected body of every spiral."""
-        n, (a, b) = len(self.points), self.pairs.T
-        return connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)[1]
+        return connected_pieces(self.pairs, len(self.points))
 
     @cached_property
     def row_of(self) -> Int[np.ndarray, " joints"]:
@@ -225,7 +222,7 @@ class Mismatch:
         bases = []
         for body in self.target.bodies:
             turned = np.stack([np.cross(axis, self.own[body.rows]).ravel() for axis in np.eye(3)], axis=1)
-            bases.append(orth(turned, rcond=FLAT_ROTATION))
+            bases.append(orth(turned, rcond=DOUBLE_TOL))  # fewer than three for a body of one or two spirals
         return bases
 
     def forward(self, shift: np.ndarray) -> Float[np.ndarray, "joints 3"]:

@@ -143,7 +143,7 @@ class Search:
         return min(self.held, key=lambda one: one.merit(STRICT))
 
     def run(self, starts: list[DesignPoint], design: SpiralDesign, progress: Progress) -> int:
-        """Run the first stage from every start, and all others from the best result; return the index of its start.
+        """Run the first stage from every start, and all others from the best result of every body; return the index of the best start.
 
         starts : points in the design's flat shapes, which share the time of the first stage equally
         """
@@ -157,6 +157,7 @@ class Search:
             part = progress.part(end * k / len(starts), end * (k + 1) / len(starts))
             other = self.begun(here, part) if codesigned else self.improved(here, params, part)
             tried.append(other if other.value < here.value else here)
+        # regardless of strains, which later stages relieve
         chosen = min(range(len(tried)), key=lambda k: tried[k].merit(LOOSE))
         here, ended = (
             self._with_best_bodies(tried, tried[chosen], progress.at(end, "Starting shapes")),

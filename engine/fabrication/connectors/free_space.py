@@ -28,14 +28,8 @@ from .tips import Attempt, Tip, ends_of, make_tips
 
 # kinds to try in turn for a requested kind
 KINDS = {"dovetail": ("dovetail", "key", "tab"), "key": ("key", "tab"), "tab": ("tab",)}
-SCALES = (
-    1.0,
-    0.9,
-    0.8,
-    0.7,
-    0.6,
-    0.5,
-)  # sizes to try in turn, as shares of the requested size; half and twice the steps give the same on five surfaces
+# sizes to try in turn, as shares of the requested size; half and twice the steps give the same on five surfaces
+SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
 STEP = 1e-5  # metres; widths of arms are rounded down to multiples of this
 BACKS = (0.0, 3e-4, 6e-4, 1e-3, 1.5e-3)  # metres by which the faces of keys and tabs may be set back
 _SHIFTS = 12  # shifts to try to either side
