@@ -344,8 +344,10 @@ def test_the_sidebar_offers_what_is_advised(strained: Any, add: Any) -> None:
     assert "flexmaps.make_larger" not in found.operators
 
 
-def test_notes_without_remedies_offer_none(distorted: Any) -> None:
+def test_notes_of_earlier_versions_offer_a_cut_alone(distorted: Any) -> None:
     block = {key: value for key, value in report(distorted)["reach"].items() if key != "remedies"}
     notes.write(distorted.data, "reach", block)
+    assert advice.read_advice(distorted.data) == {"cut": None}
+    notes.write(distorted.data, "reach", block | {"advice": "finer quads would help"})
     assert advice.read_advice(distorted.data) == {}
     assert "flexmaps.cut_there" not in drawn().operators
