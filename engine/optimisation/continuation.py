@@ -30,7 +30,7 @@ SHARES = (1e-3, 1e-4, 1e-5, 1e-6)
 # usual search goes on from a released piece that is nearer than the second
 HOPEFUL, SUCCESS = 0.5, 0.5
 STABILITY_WEIGHT = 1.0  # of the required stability, in mismatches of the result without springs
-# Work that this stage may add, with springs and after them, as shares of the limit of this search
+# Work that this stage may add, with springs and after them, as shares of the usual time of this search
 TIME_WITH_SPRINGS, TIME_AFTER_SPRINGS = 1.25, 0.75
 MESSAGE = "Held near the target by springs"  # shown with the progress
 
@@ -47,10 +47,10 @@ def continue_far(search: Search, progress: Progress) -> None:
     far = WANTED_PERCENT if search.snapping else FAR_PERCENT
     if not search.task.params.codesign or here.point.arms is None or here.percent <= far:
         return
-    work.extend(TIME_WITH_SPRINGS * (work.limit or 0.0))
+    work.extend(TIME_WITH_SPRINGS * work.usual)
     released = _release_from_springs(search, here, _without_shape(progress.part(0.0, 0.7)))
     if released is not None:
-        work.extend(TIME_AFTER_SPRINGS * (work.limit or 0.0), rated=True)
+        work.extend(TIME_AFTER_SPRINGS * work.usual, rated=True)
         search.relieve(search.cycled(released, progress.part(0.7, 0.95)), progress.part(0.95, 1.0))
     search.trace.ended = ended  # how the usual search ended, which is what users are told
 

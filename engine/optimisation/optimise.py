@@ -308,8 +308,8 @@ def _best_unproved(search: Search) -> SimulatedResult | None:
 
 
 def _strictness(search: Search) -> float:
-    """Return the penalty on excess strain when ranking results; lenient after the time limit, as the next run goes on from there."""
-    return LENIENT if search.trace.ended == "time" else STRICT
+    """Return the penalty on excess strain when ranking results; lenient if no time was left to reduce it, as the next run goes on from there."""
+    return LENIENT if search.task.work.late else STRICT
 
 
 def _drop_similar(held: list[StageResult], strictness: float) -> list[StageResult]:

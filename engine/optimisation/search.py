@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..materials import OVERSTRAIN_SHARE, STRAIN_MARGIN
+from ..newton import CONVERGED, TIME
 from ..params import OptimiseParams
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import Progress
@@ -159,10 +160,8 @@ class Search:
             tried.append(other if other.value < here.value else here)
         # regardless of strains, which later stages relieve
         chosen = min(range(len(tried)), key=lambda k: tried[k].merit(LOOSE))
-        here, ended = (
-            self._with_best_bodies(tried, tried[chosen], progress.at(end, "Starting shapes")),
-            self.trace.ended,
-        )
+        ended = self.trace.ended
+        here = self._with_best_bodies(tried, tried[chosen], progress.at(end, "Starting shapes"))
         if codesigned:
             work.begin(TIME_WITH_FLATS)
             here = self.cycled(here, progress.part(0.3, 0.8))
@@ -170,9 +169,14 @@ class Search:
         if not codesigned:
             work.begin(1.0)
             here = self._repeat(self.polished, here, MAX_POLISHES, POLISH_GAIN, progress.part(0.8, 0.95))
+        late = work.late  # ``relieve`` may add work
         self.relieve(here, progress.part(0.95, 1.0))
-        late = "time" if work.late else "converged" if ended == "time" else ended
-        self.trace.ended = SLOW if slow or work.slow else late
+        if slow or work.slow:
+            self.trace.ended = SLOW
+        elif late or work.late:
+            self.trace.ended = TIME
+        else:
+            self.trace.ended = CONVERGED if ended == TIME else ended
         return chosen
 
     def _with_best_bodies(self, tried: list[StageResult], best: StageResult, progress: Progress) -> StageResult:

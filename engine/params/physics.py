@@ -212,7 +212,7 @@ class OptimiseParams(Params):
     patience: float = setting(
         1.0,
         "Patience",
-        "Time limit of the search: 1 allows about 25 s for 1,500 quads and 90 s for 6,000, and ends earlier where steps bring little for their time; 2 doubles both times, 0 sets no limit",
+        "Time limit of the search: 1 allows about 50 s for 1,500 quads and 3 min for 6,000, and nearly always ends earlier, where steps bring little for their time; 2 doubles both times, 0 sets no limit",
         low=0.0,
         high=1000.0,
     )

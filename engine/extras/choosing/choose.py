@@ -180,7 +180,7 @@ def _begin(search: LayoutSearch, first: FlatLayout, progress: Progress) -> None:
         search.known[key(first)] = search.known.get(key(first)) or reached
         search.learn(reached)
     search.first = time.monotonic() - began
-    counted = LONG * (Work.for_spirals(len(piece.mesh.quads), 1.0).limit or 0.0)
+    counted = Work.for_spirals(len(piece.mesh.quads), LONG).limit or 0.0
     search.pace = SLOWER * counted * search.first / search.one
     if search.known[key(first)] is not None:
         progress(1.0, search.progress_text)

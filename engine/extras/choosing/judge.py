@@ -59,6 +59,23 @@ class LayoutProblem:
         """Whether supports or forces deform the piece, so that one panel without cuts need not stay flat."""
         return self.supports is not None and len(self.supports) > 0
 
+    def part(self, mesh: QuadMesh, quads: Int[np.ndarray, " some"]) -> LayoutProblem:
+        """Return the problem of some quads by themselves, without symmetries.
+
+        Parameters
+        ----------
+        mesh : mesh of these quads
+        quads : their indices, ascending
+        """
+        return replace(
+            self,
+            mesh=mesh,
+            supports=None if self.supports is None else np.flatnonzero(np.isin(quads, self.supports)),
+            force=None if self.force is None else self.force[quads],
+            symmetries=(),
+            spirals=self.spirals and (self.spirals[0][quads], self.spirals[1][quads]),
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Idea:
@@ -136,6 +153,16 @@ class JudgedLayout:
         return self.rms * max(1.0, self.strain) ** EASED if LONG <= self.share < WHOLE else self.rms
 
 
+def starting_spirals(piece: LayoutProblem) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]]:
+    """Return the widths (metres) and twists (radians) from which searches start: those of the piece, or the curvature-adjusted ones.
+
+    Parameters
+    ----------
+    piece : the surface and settings
+    """
+    return piece.spirals or curvature_adjusted(piece.settings.spiral, curvature.rms_curvature(piece.mesh))
+
+
 def lay_flat(piece: LayoutProblem, idea: Idea, most: float = np.inf, progress: Progress = SILENT) -> FlatLayout | None:
     """Flatten an idea: open patches that are not disks, join tiny ones, cut those larger than a sheet. None if that fails, or if
     an ``even`` idea gives the same cuts as without ``even``.
@@ -194,11 +221,9 @@ def judge(
         params = replace(params, open_slots=False)
     params = replace(params, patience=patience, restart=thorough and piece.spirals is None)
     try:
-        if piece.spirals is None:
-            spirals = curvature_adjusted(settings.spiral, curvature.rms_curvature(piece.mesh))
-        else:
-            spirals = piece.spirals
-        design = make_fabricable(laid.flat, settings.spiral, *spirals, prove=not quick, progress=progress.quiet())
+        design = make_fabricable(
+            laid.flat, settings.spiral, *starting_spirals(piece), prove=not quick, progress=progress.quiet()
+        )
         found = optimise(
             design,
             piece.mesh,

@@ -30,9 +30,8 @@ from ...optimisation.work import Work
 from ...patches.flattening.flatten import FlatPatches
 from ...progress import SILENT, Progress
 from ...spirals.design import SpiralDesign
-from ...spirals.fabricable import curvature_adjusted, make_fabricable
-from ...surface import curvature
-from .judge import FlatLayout, JudgedLayout, LayoutProblem, judge_shape
+from ...spirals.fabricable import make_fabricable
+from .judge import FlatLayout, JudgedLayout, LayoutProblem, judge_shape, starting_spirals
 
 ROUNDS = 80  # of conjugate gradients in the step; most end after 30 to 60
 DAMPING = 1e-4  # penalty, as a share of the objective, on a step over the whole range of one coordinate
@@ -51,9 +50,7 @@ class PredictionStart:
     @classmethod
     def from_layout(cls, piece: LayoutProblem, flat: FlatPatches, progress: Progress = SILENT) -> PredictionStart:
         """Return the spirals of the piece, or the curvature-adjusted ones, changed where they cannot be cut in a layout."""
-        settings = piece.settings
-        wanted = piece.spirals or curvature_adjusted(settings.spiral, curvature.rms_curvature(piece.mesh))
-        design = make_fabricable(flat, settings.spiral, *wanted, prove=False, progress=progress)
+        design = make_fabricable(flat, piece.settings.spiral, *starting_spirals(piece), prove=False, progress=progress)
         return cls((design.width, design.twist), _task(piece).space(design, progress))
 
 

@@ -11,18 +11,20 @@ from itertools import chain, islice, zip_longest
 
 import numpy as np
 
+from ...arrays import Float
 from ...errors import FlexMapsError
 from ...params import ChooseParams
-from ...patches.flattening.flatten import FlatPatches
+from ...patches.flattening.flatten import FlatPatches, flatten, with_energies
 from ...patches.flattening.flattening_report import forced_notes, symmetry_kept
-from ...patches.layout import PatchLayout
+from ...patches.layout import PatchLayout, alone
+from ...patches.merging.dissolve import without_crumbs
 from ...patches.merging.merge import merge
 from ...progress import SILENT, Progress
 from ...surface.curvature import is_flat
 from ...surface.symmetry import keeping, symmetries
 from ...threads import one_thread
 from .drawn_cuts import along_folds, drop_images, equal_cuts
-from .judge import Idea, LayoutProblem, lay_flat, panel_curvature
+from .judge import Idea, LayoutProblem, lay_flat, panel_curvature, starting_spirals
 from .predict import PredictionStart, predict
 
 SHARES = (0.5, 0.25)  # limits under which the surface is merged again, as shares of the distortion limit
@@ -48,9 +50,8 @@ def tighten(
 ) -> FlatPatches:
     """Return another layout if the present one is expected to miss the required match.
 
-    The surface is cut along its folds, merged under tighter limits, or divided into equal parts.
-
-    A layout along the folds also replaces one with more panels, if both are expected to meet the match.
+    The surface is cut along its folds, merged under tighter limits, or divided into equal parts. A layout along the folds also
+    replaces one with more panels, if both are expected to meet the match. Every connected body is a piece of its own, of its own size.
 
     Parameters
     ----------
@@ -61,20 +62,66 @@ def tighten(
 
     Returns
     -------
-    The first layout that is expected within ``WANTED_SHARE`` of the match, else the one that is expected nearest, of at most ``MOST`` times the panels
-    of ``flat``; ``flat`` itself if no other is better. Its notes have ``expected_percent``, the RMS distance from the target
-    with which a search may end, as a percentage of the size.
+    For every body the first layout that is expected within ``WANTED_SHARE`` of the match, else the one that is expected nearest, of at most ``MOST`` times
+    its panels in ``flat``; ``flat`` itself if no other is better. Its notes have ``expected_percent``, the RMS distance from the target with which a
+    search may end, as a percentage of the size.
     """
-    if params.goal != "match" or piece.settings.simulate.model == "rod" or is_flat(piece.mesh):
+    mesh = piece.mesh
+    if params.goal != "match" or piece.settings.simulate.model == "rod" or is_flat(mesh):
         return flat
+    bodies = mesh.body_of.max() + 1
+    if bodies == 1:
+        best, expected = _tighten_body(piece, begun, flat, params, progress)
+    else:
+        best, expected = _tighten_bodies(piece, begun, flat, params, progress)
+    if np.isfinite(expected):
+        best.layout.notes["expected_percent"] = 100.0 * expected
+    return best
+
+
+def _tighten_bodies(
+    piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, params: ChooseParams, progress: Progress
+) -> tuple[FlatPatches, float]:
+    """Return a layout of several connected bodies, each as ``_tighten_body`` finds it, and the expected distance of all."""
+    mesh = piece.mesh
+    piece = replace(piece, spirals=starting_spirals(piece))  # the curvature of all bodies decides them
+    cut, corners, squares = flat.layout.cut.copy(), flat.corners, 0.0
+    for body in progress.each(range(mesh.body_of.max() + 1), "Predicting the match"):
+        quads = np.flatnonzero(mesh.body_of == body)
+        layout, edges = alone(flat.layout, quads)
+        first = PatchLayout(layout.mesh, begun.cut[edges], origin=begun.origin)
+        present, own = _with_corners(layout, corners[quads]), piece.part(layout.mesh, quads)
+        found, expected = _tighten_body(own, first, present, params, progress.quiet())
+        cut[edges], corners[quads] = found.layout.cut, found.corners
+        squares += len(quads) * (expected * layout.mesh.diagonal) ** 2
+    if (cut != flat.layout.cut).any():
+        notes = {key: value for key, value in flat.layout.notes.items() if key != "forced"}
+        flat = _with_corners(PatchLayout(mesh, cut, notes, flat.layout.origin), corners)
+        notes |= forced_notes(flat, piece.settings.layout)
+    return flat, float(np.sqrt(squares / len(mesh.quads))) / mesh.diagonal
+
+
+def _with_corners(layout: PatchLayout, corners: Float[np.ndarray, "quads 4 2"]) -> FlatPatches:
+    """Return the flat patches with given corners of every quad, metres."""
+    points = np.empty((int(layout.flat_corners.max()) + 1, 2))
+    points[layout.flat_corners] = corners
+    return with_energies(layout, points)
+
+
+def _tighten_body(
+    piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, params: ChooseParams, progress: Progress
+) -> tuple[FlatPatches, float]:
+    """Return a layout of a connected body, and the expected distance as a share of its size; infinite if it has no equilibrium."""
+    if is_flat(piece.mesh):
+        return flat, 0.0
     progress(0.0, "Predicting the match")
     try:
         start = PredictionStart.from_layout(piece, flat, progress.quiet())
     except FlexMapsError:  # quads are too small for spirals; the next stage reports it
-        return flat
+        return flat, np.inf
     left = _expected(piece, flat, start, progress)
     if left == np.inf:
-        return flat
+        return flat, left
     best, limits, wanted = flat, piece.settings.layout, WANTED_SHARE * 0.01 * params.match
     tries = _along_folds(piece, progress)
     if left > wanted:
@@ -90,12 +137,11 @@ def tighten(
                 best, left = one, now
         if left <= wanted:
             break
-    notes = best.layout.notes
     if best is not flat:
+        notes = best.layout.notes
         notes.pop("forced", None)
         notes |= forced_notes(best, limits) | _symmetry_notes(best, symmetric=limits.symmetric)
-    notes["expected_percent"] = 100.0 * left
-    return best
+    return best, left
 
 
 def _along_folds(piece: LayoutProblem, progress: Progress) -> Iterator[FlatPatches]:
@@ -111,16 +157,16 @@ def _under_tighter_limits(
 ) -> Iterator[FlatPatches]:
     """Yield layouts merged under ever tighter limits, until the next one may have too many panels."""
     limits, last = piece.settings.layout, flat
+    kept = symmetries(piece.mesh, progress=progress.quiet()) if limits.symmetric else ()
     for turn, share in enumerate(SHARES):
-        if (
-            _panels(last) ** 2 > MOST * _panels(flat) ** 2
-        ):  # the next one would have more than MOST if it grew by as much again
+        if _panels(last) ** 2 > MOST * _panels(flat) ** 2:  # if it grew by as much again it would have more than MOST
             return
         part = progress.part(turn / len(SHARES), (turn + 1) / len(SHARES))
         last = merge(
             begun, replace(limits, distortion_limit=share * limits.distortion_limit), part, held=piece.is_loaded
         )
-        yield last
+        joined = without_crumbs(last.layout, limits, kept, progress.quiet())
+        yield last if joined is last.layout else flatten(joined, limits, progress.quiet())
 
 
 def _in_equal_parts(piece: LayoutProblem, flat: FlatPatches, progress: Progress) -> Iterator[FlatPatches]:

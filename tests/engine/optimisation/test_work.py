@@ -9,8 +9,8 @@ from flexmaps.engine.optimisation.work import END_RATE, RATED_STEPS, Work
 def test_work_is_counted_not_timed() -> None:
     usual, large = Work.for_spirals(1500, 1.0).limit, Work.for_spirals(6000, 1.0).limit
     assert usual is not None and large is not None
-    assert 18.0 < usual < 25.0 and 60.0 < large < 90.0  # the whole stage promises 25 and 90 s
-    assert Work.for_spirals(12000, 0.5).limit == pytest.approx(large)
+    assert 36.0 < usual < 50.0 and 120.0 < large < 180.0  # the setting promises 50 s and 3 min
+    assert Work.for_spirals(12000, 0.5).limit == pytest.approx(0.5 * large)  # short searches have half as long for each
     endless, short = Work.for_spirals(100, 0.0), Work.for_spirals(100, 1.0)
     for work in (endless, short):
         work.add(1e6, 100)

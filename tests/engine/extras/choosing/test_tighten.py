@@ -90,6 +90,22 @@ def test_a_tube_is_divided_into_equal_parts_where_tighter_limits_change_nothing(
     assert "forced" not in found.layout.notes
 
 
+def test_every_body_is_a_piece_of_its_own() -> None:
+    """A tube with a waist, which is divided into more panels, beside a dome that its panels match."""
+    tube, dome = _waist(), shapes.dome(4)
+    vertices = np.concatenate([tube.vertices, dome.vertices * tube.median_edge / dome.median_edge + [1.0, 0.0, 0.0]])
+    mesh = QuadMesh(vertices, np.concatenate([tube.quads, dome.quads + len(tube.vertices)]))
+    layout, flat = _merged(mesh)
+    found = tighten(LayoutProblem(mesh, SETTINGS), layout, flat, SETTINGS.choose)
+    before, after = (np.bincount(mesh.body_of[[p[0] for p in one.layout.patches]]) for one in (flat, found))
+    assert before[0] < after[0] <= MOST * before[0] and before[1] == after[1]
+    of_dome = mesh.body_of[mesh.edge_quads[:, 0]] == 1
+    np.testing.assert_array_equal(found.layout.cut[of_dome], flat.layout.cut[of_dome])
+    np.testing.assert_array_equal(found.corners[mesh.body_of == 1], flat.corners[mesh.body_of == 1])
+    alone = tighten(LayoutProblem(tube, SETTINGS), *_merged(tube), SETTINGS.choose).layout.notes["expected_percent"]
+    assert 0.0 < found.layout.notes["expected_percent"] < alone  # of a larger whole
+
+
 def test_merge_says_what_match_to_expect(predicted_match: None) -> None:
     made = job.run(PolygonMesh.from_quads(shapes.dome(4)), SETTINGS, edge=0.02, stop_after="merge")
     assert made.outputs["merged"].merged.layout.notes["expected_percent"] > 0.0
@@ -121,6 +137,11 @@ def _waist(around: int = 28, along: int = ALONG) -> QuadMesh:
     points = np.c_[radius * np.cos(angle), radius * np.sin(angle), height]
     mesh = QuadMesh(points, quads)
     return mesh.moved(points * 0.02 / mesh.median_edge)
+
+
+def _merged(mesh: QuadMesh) -> tuple[PatchLayout, FlatPatches]:
+    layout = trace(mesh, SETTINGS.layout)
+    return layout, merge(layout, SETTINGS.layout)
 
 
 def _rods() -> Settings:
