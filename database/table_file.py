@@ -42,12 +42,6 @@ def judge(folder: Path, progress: Progress = SILENT, target: Path = stiffness.TA
     }
 
 
-def judge_slender(folder: Path, progress: Progress = SILENT, target: Path = stiffness.TABLE) -> dict[str, float]:
-    """The largest error of the compliance beyond the nodes."""
-    compliance = errors(table.slender(), folder, "slender", progress, target)
-    return {"compliance_worst": float(np.abs(compliance).max())}
-
-
 def errors(
     spirals: list[tuple[Spiral, float]],
     folder: Path,

@@ -1,18 +1,14 @@
 """Benchmark of scan registration: share of random starting poses from which the scan is aligned with the surface.
 
-python3 tools/dev.py bench make [--starts N] [--only PATTERNS] [--anywhere] [--json FILE]
-
 Each synthetic scan covers three fifths of a surface, with noise, a table below and outliers, rotated by up to 30 degrees, or with
-``--anywhere`` by any angle. The error is the RMS distance between the surface and the aligned noise-free points; the pose itself is not
-compared, since symmetric surfaces have several right ones. Surfaces take turns, so that an interrupted run covers all of them; it is
-resumed from the starts in the file.
+``--anywhere`` by any angle. The error is the RMS distance between the surface and the aligned noise-free points, since symmetric surfaces
+have several right poses. Surfaces take turns, so that an interrupted run covers all of them.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import time
+from collections import Counter
+from functools import partial
 
 import igl
 import numpy as np
@@ -23,8 +19,7 @@ from flexmaps.engine.extras.scanning.reading import Scan
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.check import as_quad_mesh
 from flexmaps.engine.surface.mesh import QuadMesh
-from harness import Bench
-from rows import Row, at_least, note, row
+from harness import Bench, Cases, Options, Row, Rows, at_least, fits, note
 from scipy.spatial.transform import Rotation
 
 WANTED, NEAR = 0.99, 0.001  # share of starts that end within this share of the size
@@ -37,47 +32,29 @@ MADE = (
 )  # fmt: skip
 
 
-def main(arguments: list[str]) -> int:
-    """Measure, print the table, write the starts; return 0 whatever the figures."""
-    anywhere = (False, "rotated by any angle")
-    bench = Bench("make", arguments, 26, only="*", starts=(1000, "starts over all surfaces"), anywhere=anywhere)
-    bench.table.add(*measure_starts([name for name in MADE if bench.asked(name)], bench.options))
-    bench.table.finish(None)  # the file holds the starts
-    return 0
+def cases(options: Options) -> Cases:
+    """Return the starts, surface by surface in turns."""
+    names = [name for name in MADE if fits(name, options.only.split(","))]
+    seeds = range(-(-options.starts // max(1, len(names))))
+    starts = [(name, seed) for seed in seeds for name in names][: options.starts]
+    return {f"{name} {seed}": partial(_start, name, seed) for name, seed in starts}
 
 
-def measure_starts(names: list[str], options: argparse.Namespace) -> list[Row]:
-    """Return the share of successful starts, for each surface and in all."""
-    known = json.loads(options.json.read_text()) if options.json and options.json.is_file() else {}
-    starts = [(name, seed) for seed in range(-(-options.starts // max(1, len(names)))) for name in names]
-    starts = starts[: options.starts]
-    for name, seed in starts:
-        if f"{name} {seed}" in known:
-            continue
-        begun = time.process_time()
-        known[f"{name} {seed}"] = _end(_mesh(name), seed, options.anywhere), time.process_time() - begun
-        if options.json:
-            beside = options.json.with_suffix(".new")
-            beside.write_text(json.dumps(known) + "\n")
-            beside.replace(options.json)
-    rows = []
-    for name in names:
-        found = np.array([known[f"{one} {seed}"][0] for one, seed in starts if one == name])
-        if len(found):
-            rows.append(row(name, "starts that end right", f"of {len(found)}", float(np.mean(found <= NEAR)), None))
-            rows.append(note(name, "median distance", float(f"{np.median(found):.2g}")))
-            rows.append(note(name, "largest distance", float(f"{found.max():.2g}")))
-    if starts:
-        ends, seconds = np.array([known[f"{name} {seed}"] for name, seed in starts]).T
-        rows.append(note("all", "processor seconds, median", float(np.median(seconds))))
-        rows.append(note("all", "starts", len(starts)))
-        rows.append(at_least("all", "starts that end right", WANTED, float(np.mean(ends <= NEAR))))
-    return rows
+def _start(name: str, seed: int) -> tuple[QuadMesh, int]:
+    """Return a surface of the zoo or a built-in one, and the number of the start."""
+    return (as_quad_mesh(zoo.SURFACES[name].polygons()) if name in zoo.SURFACES else shapes.make(name)), seed
 
 
-def _mesh(name: str) -> QuadMesh:
-    """Return a surface of the zoo or a built-in one."""
-    return as_quad_mesh(zoo.SURFACES[name].polygons()) if name in zoo.SURFACES else shapes.make(name)
+def measure(name: str, start: tuple[QuadMesh, int], options: Options) -> Rows:
+    """Lay a scan on its surface, and tell how far from it the true points come to lie."""
+    return [note(name, "distance over size", _end(*start, options.anywhere))]
+
+
+def sum_up(rows: list[Row], _: Options) -> Rows:
+    """Return the share of successful starts, and the surfaces on which one fails."""
+    right = [one["measured"] <= NEAR for one in rows]
+    failed = Counter(one["mesh"].rpartition(" ")[0] for one in rows if one["measured"] > NEAR)
+    return [at_least("all", "starts that end right", WANTED, float(np.mean(right or [0.0])), {"failed": failed})]
 
 
 def _sample_scan(mesh: QuadMesh, count: int, random: np.random.Generator) -> tuple[np.ndarray, float]:
@@ -111,3 +88,9 @@ def _end(mesh: QuadMesh, seed: int, anywhere: bool) -> float:
     triangles = np.concatenate([mesh.quads[:, [0, 1, 2]], mesh.quads[:, [0, 2, 3]]])
     squared = igl.point_mesh_squared_distance(laid, mesh.vertices, triangles)[0]
     return float(np.sqrt(np.mean(squared)) / size)
+
+
+main = Bench(
+    "make", cases, measure, summary=sum_up, resume=True,
+    starts=(1000, "starts over all surfaces"), anywhere=(False, "rotated by any angle"),
+)  # fmt: skip

@@ -1,38 +1,30 @@
 """Mutation testing: change one random place in the engine's sources at a time, and see whether the nearest quick tests fail.
 
-python3 tools/dev.py bench mutants [--count N] [--seed S] [--only GLOB] [--at FILE:LINE] [--file FILE]
-
 Tests of the module's own name run first, then those of its folder and those that import the module, until one fails: the mutant is caught.
-Every result is written to FILE at once. A mutant that is in FILE does not run again while its line of source is unchanged. The bench works
-on a copy of the checkout.
+A mutant whose answer is in FILE does not run again while its line of source is unchanged. The bench works on a copy of the checkout.
 """
 
 from __future__ import annotations
 
 import ast
 import copy
-import json
-import os
 import random
 import re
 import shutil
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
+from functools import partial
 from itertools import accumulate
 from pathlib import Path
 
-from harness import Bench
-from rows import at_least, note
+from harness import ONE_THREAD, ROOT, Bench, Cases, Kept, Options, Row, Rows, at_least, note, run
 
-ROOT = Path(__file__).resolve().parent.parent
 WANTED = 0.85  # share of the mutants that must be caught
 LONGEST = 600  # seconds for the tests of one mutant; one that never ends is caught too
-SWAPPED: dict[type, type] = {
-    ast.Lt: ast.GtE, ast.GtE: ast.Lt, ast.Gt: ast.LtE, ast.LtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
-    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.And: ast.Or, ast.Or: ast.And,
-}  # fmt: skip
+COPY = tempfile.TemporaryDirectory()  # of the checkout, until the bench ends
+PAIRS = {ast.Lt: ast.GtE, ast.Gt: ast.LtE, ast.Eq: ast.NotEq, ast.Add: ast.Sub, ast.Mult: ast.Div, ast.And: ast.Or}
+SWAPPED: dict[type, type] = PAIRS | {after: before for before, after in PAIRS.items()}  # type: ignore[assignment]
 NAMES = {"min": "max", "any": "all", "minimum": "maximum", "argmin": "argmax", "sum": "mean", "floor": "ceil"}
 NAMES |= {after: before for before, after in NAMES.items()}
 
@@ -55,12 +47,10 @@ def variants(node: ast.AST) -> Iterator[ast.AST]:
     elif isinstance(new, ast.IfExp):
         yield new.body
     elif isinstance(node, ast.Call) and isinstance(new, ast.Call):
-        name = new.func
-        if isinstance(name, ast.Name) and name.id in NAMES:
-            name.id = NAMES[name.id]
-            yield new
-        elif isinstance(name, ast.Attribute) and name.attr in NAMES:
-            name.attr = NAMES[name.attr]
+        field = "id" if isinstance(new.func, ast.Name) else "attr"
+        other = NAMES.get(getattr(new.func, field, ""))
+        if other is not None:
+            setattr(new.func, field, other)
             yield new
         if new.keywords:
             yield ast.Call(node.func, node.args, node.keywords[:-1])
@@ -103,46 +93,47 @@ def nearest(path: Path) -> list[list[str]]:
     return [[str(test.relative_to(ROOT)) for test in files] for files in (own, near) if files]
 
 
-def main(arguments: list[str]) -> int:
-    """Run the mutants, print the survivors and their share; return 0 whatever it is."""
-    bench = Bench(
-        "mutants", arguments, 30, only="**/*.py", count=(200, "mutants"), seed=(0, "another number takes others"),
-        at=("", "only changes whose label begins so"), file=(ROOT / "out" / "mutants.json", "the answers, old and new"),
-    )  # fmt: skip
-    options = bench.options
-    known = json.loads(options.file.read_text()) if options.file.is_file() else {}
-    found = {label: text for path in sorted((ROOT / "engine").glob(options.only)) for label, text in mutants(path)}
+def cases(options: Options) -> Cases:
+    """Return as many mutants as are asked for, drawn at random; a copy of the checkout is changed for each."""
+    sources = sorted((ROOT / "engine").glob(options.only))
+    found = {label: (path, text) for path in sources for label, text in mutants(path)}
     labels = sorted(label for label in found if label.startswith(options.at))
     chosen = random.Random(options.seed).sample(labels, min(options.count, len(labels)))
-    options.file.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as folder:
-        copied = Path(folder) / "checkout"
-        shutil.copytree(ROOT, copied, ignore=shutil.ignore_patterns(".*", "out", "dist", "build", "__pycache__"))
-        for label in chosen:
-            if label not in known:
-                known[label] = judge(copied, ROOT / label.split(":")[0], found[label])
-                options.file.write_text(json.dumps(known, indent=1) + "\n")
-            print(f"{known[label]:10} {label}", flush=True)
-    answers = [known[label] for label in chosen]
-    for answer in sorted(set(answers)):
-        bench.table.add(note("engine", answer, answers.count(answer)))
-    caught = 1.0 - answers.count("lives") / max(len(answers), 1)
-    return bench.finish(at_least("engine", "share caught", WANTED, caught))
+    copied, known = Path(COPY.name) / "checkout", Kept(options.file)
+    shutil.copytree(ROOT, copied, ignore=shutil.ignore_patterns(".*", "out", "dist", "build", "__pycache__"))
+    return {label: partial(known.answer, label, partial(judge, copied, *found[label])) for label in chosen}
+
+
+def measure(label: str, answer: str, _: Options) -> Rows:
+    return [note("engine", label, answer)]
 
 
 def judge(copied: Path, path: Path, text: str) -> str:
     """Return whether tests catch a changed source, or that it lives."""
-    target = copied / path.relative_to(ROOT)
-    environment = dict(os.environ, OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", PYTHONDONTWRITEBYTECODE="1")
+    target, environment = copied / path.relative_to(ROOT), ONE_THREAD | {"PYTHONDONTWRITEBYTECODE": "1"}
     before = target.read_bytes()
     target.write_text(text, encoding="utf-8")
     try:
         for files in nearest(path):
-            pytest = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *files]
-            if subprocess.run(pytest, cwd=copied, env=environment, capture_output=True, timeout=LONGEST).returncode:
+            words = ("-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *files)
+            if run(*words, cwd=copied, env=environment, timeout=LONGEST).returncode:
                 return "caught"
     except subprocess.TimeoutExpired:
         return "never ends"
     finally:
         target.write_bytes(before)
     return "lives"
+
+
+def sum_up(rows: list[Row], _: Options) -> Rows:
+    """Return how many there are of each answer, and the share that is caught."""
+    answers = [one["measured"] for one in rows]
+    counts = {answer: answers.count(answer) for answer in sorted(set(answers))}
+    return [at_least("all", "share caught", WANTED, 1.0 - counts.get("lives", 0) / max(len(answers), 1), counts)]
+
+
+main = Bench(
+    "mutants", cases, measure, patterns=None, summary=sum_up, count=(200, "mutants"), seed=(0, "another number takes others"),
+    at=("", "only changes whose label begins so"), file=(ROOT / "out" / "mutants.json", "the answers, old and new"),
+    only=("**/*.py", "files below engine/"),
+)  # fmt: skip

@@ -1,12 +1,12 @@
 """Benchmark of strain estimates: largest surface strains of arms against solids of whole designs, arm by arm, and their cost.
 
-python3 tools/dev.py bench strain [--only PATTERNS] [--solve] [--json FILE]
-
 What the solids say lies in ``database/validation/strain``; ``--solve`` solves those that are missing or whose design is cut otherwise
 today, a minute each. Arms count whose strain is above ``LARGE`` of the largest of their piece.
 """
 
 from __future__ import annotations
+
+from functools import partial
 
 import numpy as np
 from flexmaps.database import validation_strain
@@ -14,110 +14,87 @@ from flexmaps.database.validation_strain import ArmStrains
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.arms.strain_changes import KINK_LIMIT, KINK_STRAIN_FACTOR, Strains
 from flexmaps.engine.mechanics.assembly import assembly_from_design, target_pose
-from harness import Bench, seconds
-from rows import Row, at_least, at_most, note, row
+from harness import Bench, Cases, Options, Row, Rows, at_least, at_most, each, fits, note, seconds
 from scipy.stats import spearmanr
 
 LARGE = 0.3  # arms count whose strain exceeds this share of their piece's largest strain
 CLOSE, NEAR = 0.15, 0.2  # relative errors within which estimates count as close and near
+SOLVED = 40  # required designs
+found: list[ArmStrains] = []  # of all pieces measured
 
 
-def main(arguments: list[str]) -> int:
-    """Measure and print the table; return 0 whatever the figures."""
-    bench = Bench("strain", arguments, 40, only="*", solve=(False, "solve the solids that are missing"))
-    cases = [one for one in validation_strain.strain_cases() if bench.asked(one.name)]
-    if bench.options.solve:
-        print("solved:", ", ".join(validation_strain.run(cases)) or "none were missing")
-    known, found = [case for case in cases if validation_strain.is_done(case)], []
-    for case in known:
-        states = validation_strain.compare(case)
-        found += states
-        bench.table.add(*_of_piece(case.name, states))
-    if any(_large(one).any() for one in found):
-        bench.table.add(*_of_all(found), *_of_joints(found))
-    designs = row("designs", "solved", ">= 40", len(known), len(known) >= 40)
-    return bench.finish(designs if bench.options.only == "*" else note("designs", "solved", len(known)), *_cost())
+def cases(options: Options) -> Cases:
+    """Return the designs whose solids are solved; with ``--solve``, solve the others before."""
+    designs = [one for one in validation_strain.strain_cases() if fits(one.name, options.only.split(","))]
+    if options.solve:
+        print("solved:", ", ".join(validation_strain.run(designs)) or "none were missing")
+    known = filter(validation_strain.is_done, designs)
+    return each(measure, {one.name: partial(validation_strain.compare, one) for one in known})
 
 
-def _ratios(found: list[ArmStrains]) -> np.ndarray:
-    """Estimate over solid of all arms that count."""
-    return np.concatenate([(one.estimate / one.solid)[_large(one)] for one in found])
+def measure(name: str, states: list[ArmStrains], _: Options) -> Rows:
+    found.extend(states)
+    solid, estimate = (100.0 * max(float(getattr(one, key).max()) for one in states) for key in ("solid", "estimate"))
+    largest, pool = {"largest %": {"solid": f"{solid:.2f}", "estimate": f"{estimate:.2f}"}}, _pool(states)
+    return [note(name, "arms within 15 %", round(_share(pool[0] / pool[1]), 1), largest)]
 
 
-def _large(one: ArmStrains) -> np.ndarray:
-    return (one.solid > LARGE * one.solid.max()) & (one.solid > 0.0)
+def _pool(states: list[ArmStrains], of_joints: bool = False) -> np.ndarray:
+    """Return estimate, solid, kink and rim of the arms that count, or of the larger of both arms of joints."""
+    parts = []
+    for one in states:
+        values = np.stack([one.estimate, one.solid, one.kink])
+        if of_joints:
+            order = np.argsort(one.joint, kind="stable")
+            values = np.maximum.reduceat(values[:, order], np.unique(one.joint[order], return_index=True)[1], axis=1)
+        values = values[:, (values[1] > LARGE * values[1].max()) & (values[1] > 0.0)]
+        parts.append(np.vstack([values, np.full(values.shape[1], one.rim)]))
+    return np.concatenate(parts, axis=1)
 
 
 def _share(ratio: np.ndarray) -> float:
     return 100.0 * float((np.abs(ratio - 1.0) < CLOSE).mean())
 
 
-def _of_piece(name: str, states: list[ArmStrains]) -> list[Row]:
-    ratio = _ratios(states)
-    solid, guess = (max(float(getattr(one, which).max()) for one in states) for which in ("solid", "estimate"))
-    spread = {f"{k} %": f"{np.percentile(ratio, k):.2f}" for k in (5, 50, 95) if len(ratio)}
-    whole = {"largest %": {"solid": f"{100 * solid:.2f}", "estimate": f"{100 * guess:.2f}"}}
-    return [note(name, "arms within 15 %", round(_share(ratio), 1), {f"{len(ratio)} arms": spread, **whole})]
-
-
-def _of_all(found: list[ArmStrains]) -> list[Row]:
-    ratio = _ratios(found)
-    third = np.concatenate([(one.estimate / one.solid)[one.solid > one.limit / 3.0] for one in found])
-    smooth = ratio[np.concatenate([one.kink[_large(one)] < KINK_LIMIT for one in found])]
-    fillets = np.concatenate([(one.fillet / one.solid)[_large(one)] for one in found])
-    rank = spearmanr(*(np.concatenate([getattr(one, n)[_large(one)] for one in found]) for n in ("solid", "estimate")))
-    upper = {"95 %": f"{np.quantile(fillets, 0.95):.2f}"}
-    rows = [
-        at_least("all", "arms within 15 %", 90.0, _share(ratio), {"arms": str(len(ratio))}),
-        note("all", "arms estimated under 0.8, %", round(100.0 * float((ratio < 1.0 - NEAR).mean()), 2)),
-        at_least("all", "rank correlation", 0.95, float(rank.statistic)),
-        note("all", "fillets over surface, median", round(float(np.median(fillets)), 2), upper),
-    ]
-    if len(third):
-        peer = {"arms": str(len(third))}
-        rows.insert(1, at_least("all", "those above a third of the limit", 90.0, _share(third), peer))
-    if len(smooth):  # none where all arms asked for are kinked
-        rows.insert(-3, at_least("all", "smallest estimate over solid, no kink", 0.8, float(smooth.min())))
-    return rows
-
-
-def _joints(one: ArmStrains) -> tuple[np.ndarray, np.ndarray]:
-    """Estimate over solid of the joints that count, the larger of both arms each, and how sharp their kinks are."""
-    count = int(one.joint.max()) + 1
-    solid, guess, kink = np.zeros(count), np.zeros(count), np.zeros(count)
-    for of_joints, of_arms in ((solid, one.solid), (guess, one.estimate), (kink, one.kink)):
-        np.maximum.at(of_joints, one.joint, of_arms)
-    large = solid > LARGE * one.solid.max()
-    return guess[large] / solid[large], kink[large]
-
-
-def _of_joints(found: list[ArmStrains]) -> list[Row]:
-    """The larger of both arms of every joint, and the worst under-estimates by kind of joint."""
-    ratio = np.concatenate([_joints(one)[0] for one in found])
-    kink = np.concatenate([_joints(one)[1] for one in found])
-    rim = np.concatenate([np.full(len(_joints(one)[0]), one.rim) for one in found])
-    rows = [at_least("joints", "larger of both arms within 15 %", 95.0, _share(ratio), {"joints": str(len(ratio))})]
-    for name, chosen, asked in (
-        ("joints, smooth", (kink < KINK_LIMIT) & ~rim, 1.0 - NEAR),
-        ("joints, rim", (kink < KINK_LIMIT) & rim, 1.0 - NEAR),
-        ("joints, kinked", kink >= KINK_LIMIT, 1.0 / KINK_STRAIN_FACTOR),
+def of_all(states: list[ArmStrains]) -> Rows:
+    """Return the rows over all arms and joints, and the worst under-estimates by kind of joint."""
+    estimate, solid, arm_kink, _ = _pool(states)
+    joint_estimate, joint_solid, kink, rim = _pool(states, of_joints=True)
+    third = np.concatenate([(one.estimate / one.solid)[one.solid > one.limit / 3.0] for one in states])
+    arms, joints, smooth = estimate / solid, joint_estimate / joint_solid, kink < KINK_LIMIT
+    rows = [at_least("all", "rank correlation", 0.95, float(spearmanr(solid, estimate).statistic))]
+    for kind, name, ratio, share in (
+        ("all", "arms within 15 %", arms, 90.0),
+        ("all", "those above a third of the limit", third, 90.0),
+        ("joints", "larger of both arms within 15 %", joints, 95.0),
     ):
-        if chosen.any():
-            close = {f"{chosen.sum()} joints": f"{_share(ratio[chosen]):.0f} %"}
-            rows.append(at_least(name, "smallest estimate over solid", asked, float(ratio[chosen].min()), close))
+        if len(ratio):
+            rows.append(at_least(kind, name, share, _share(ratio), {"of": len(ratio)}))
+    for kind, ratio, asked in (
+        ("arms, no kink", arms[arm_kink < KINK_LIMIT], 1.0 - NEAR),
+        ("joints, smooth", joints[smooth & (rim == 0.0)], 1.0 - NEAR),
+        ("joints, rim", joints[smooth & (rim > 0.0)], 1.0 - NEAR),
+        ("joints, kinked", joints[~smooth], 1.0 / KINK_STRAIN_FACTOR),
+    ):
+        if len(ratio):  # none of a kind where all are of others
+            rows.append(at_least(kind, "smallest estimate over solid", asked, float(ratio.min()), {"of": len(ratio)}))
     return rows
 
 
-def _cost() -> list[Row]:
-    """Microseconds of processor an arm, values alone and with all derivatives."""
+def _cost() -> Row:
+    """Microseconds of processor an arm with all derivatives."""
     case = next(c for c in validation_strain.strain_cases() if c.name == "box")
     model = ArmModel.from_assembly(assembly_from_design(case.design), case.material)
     changes = model.changes(model.start(target_pose(case.mesh, case.design.flat.corners)))
     count = 2 * len(model.pairs)
     strains, every = Strains.from_changes(model.assembly, changes, case.material), np.tile(np.arange(count), 10)
-    plain = seconds(lambda: Strains.from_changes(model.assembly, changes, case.material), 20)
     whole = seconds(lambda: strains.slopes(every), 10) / 10.0
-    return [
-        note("cost", "values, us an arm", round(1e6 * plain / count, 1)),
-        at_most("cost", "with all derivatives, us an arm", 35.0, 1e6 * whole / count),
-    ]
+    return at_most("cost", "with all derivatives, us an arm", 35.0, 1e6 * whole / count)
+
+
+def sum_up(rows: list[Row], options: Options) -> Rows:
+    solved = [at_least("designs", "solved", SOLVED, len(rows))] if options.only == "*" else []
+    return [*(of_all(found) if found else ()), *solved, _cost()]
+
+
+main = Bench("strain", cases, summary=sum_up, solve=(False, "solve the solids that are missing"))

@@ -17,8 +17,7 @@ from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.spirals import fabricable, touching
 from flexmaps.engine.surface import curvature
 from flexmaps.engine.surface.mesh import QuadMesh
-from harness import EDGE
-from rows import Row, at_most
+from harness import EDGE, Row, at_most
 
 NAME = "growth"
 SIZES = (16, 32, 64)  # quads along the sides of the shells of one-quad panels whose stages are timed

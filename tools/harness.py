@@ -1,33 +1,53 @@
-"""Common part of the benches: options, named cases, rows that are known already, and the table with its end."""
+"""The one harness of the benches: a table of cases, what measures a case, and the rows beside their wanted values.
+
+A bench is ``main = Bench(name, cases, measure)``. ``Bench`` makes the options, leaves out the cases that are not asked for or are
+known, names those that are refused, prints every row as it comes and writes the file.
+"""
 
 from __future__ import annotations
 
 import argparse
 import fnmatch
+import hashlib
 import json
 import os
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import partial
+from contextlib import contextmanager
+from functools import cache, partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
+import numpy as np
 from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.params import Settings, with_values
+from flexmaps.engine.runs import job
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
-from rows import Row, Table, note
 
-MESHES = Path(__file__).resolve().parent.parent.parent / "shared" / "meshes"  # larger meshes beside the checkout
+ROOT = Path(__file__).resolve().parent.parent
+MESHES = ROOT.parent / "shared" / "meshes"  # larger meshes beside the checkout
 FORMATS = (".obj", ".off", ".ply", ".stl")
-EDGE = 0.02  # metres, quads of the surfaces that the project makes
-Case = TypeVar("Case")
-Surfaces = dict[str, Callable[[], PolygonMesh]]  # what makes each, by name
+EDGE = 0.02  # metres, quads of all surfaces
+WIDTH = 48  # of the rows' names
+Cases = dict[str, Callable[..., Any]]  # what makes each, by name
+Options = argparse.Namespace
+Row = dict[str, Any]
+Rows = Iterable[Row]
+Peer = dict[str, Any] | None
+ONE_THREAD = dict(os.environ, OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1")
 
 
-def surfaces(folder: Path | None) -> Surfaces:
-    """Return the surfaces that the project makes, and the meshes of a folder."""
-    return {f"made:{name}": partial(built_in, name) for name in shapes.NAMES} | from_folder(folder)
+# -- cases ---------------------------------------------------------------------------------------------------------------
+
+
+def surfaces(options: Options) -> Cases:
+    """Return the surfaces that the project makes, and the meshes of the folder that the options name."""
+    return {f"made:{name}": partial(built_in, name) for name in shapes.NAMES} | from_folder(options.meshes)
 
 
 def built_in(name: str) -> PolygonMesh:
@@ -35,17 +55,61 @@ def built_in(name: str) -> PolygonMesh:
     return PolygonMesh.from_quads(shapes.make(name, EDGE))
 
 
-def from_zoo(*names: str) -> Surfaces:
+def from_zoo(*names: str) -> Cases:
     """Return surfaces of the zoo by name; those that it does not have are left out."""
     import zoo
 
     return {name: zoo.SURFACES[name].polygons for name in names if name in zoo.SURFACES}
 
 
-def from_folder(folder: Path | None, pattern: str = "*") -> Surfaces:
+def from_folder(folder: Path | None, pattern: str = "*") -> Cases:
     """Return the meshes of a folder by the stems of their names; none without a folder."""
     paths = sorted(folder.glob(pattern)) if folder is not None else []
     return {path.stem: partial(meshio.read, path) for path in paths if path.suffix.lower() in FORMATS}
+
+
+def each(measure: Callable[..., Iterable[Row]], cases: Mapping[str, Callable[..., Any]]) -> Cases:
+    """Return cases that give the rows of what those cases make: ``measure(name, case(), options)``."""
+    return {
+        name: lambda options, name=name, case=case: measure(name, case(), options)  # type: ignore[misc]
+        for name, case in cases.items()
+    }
+
+
+def fits(name: str, patterns: list[str]) -> bool:
+    """Return whether the name of a case fits one of the patterns; "cube 3", of several of a surface, fits "cube" too."""
+    return any(fnmatch.fnmatch(one, pattern) for one in (name, name.rpartition(" ")[0]) for pattern in patterns)
+
+
+def from_blender(add: Callable[[], Any]) -> PolygonMesh:
+    """Return the object that is added to an empty file of Blender, with its modifiers applied."""
+    import bpy
+
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    add()
+    mesh = bpy.context.object.evaluated_get(bpy.context.evaluated_depsgraph_get()).to_mesh()
+    points = np.array([vertex.co for vertex in mesh.vertices])
+    corners = np.array([loop.vertex_index for loop in mesh.loops])
+    return PolygonMesh(points, corners, np.array([polygon.loop_total for polygon in mesh.polygons]))
+
+
+# -- measuring -----------------------------------------------------------------------------------------------------------
+
+
+def made(polygons: PolygonMesh, stop_after: str = job.STAGE_NAMES[-1], /, **options: Any) -> Any:
+    """Run the main job on a surface with quads of 20 mm.
+
+    ``values`` of the options are settings; the result's optional values have no types here, for a bench knows how far it went.
+    """
+    settings = with_values(Settings(), options.pop("values", {}))
+    return job.run(polygons, settings, edge=EDGE, stop_after=stop_after, **options)
+
+
+@contextmanager
+def temporary() -> Iterator[Path]:
+    """Give a folder that is gone afterwards."""
+    with tempfile.TemporaryDirectory() as folder:
+        yield Path(folder)
 
 
 def processor() -> float:
@@ -54,46 +118,177 @@ def processor() -> float:
     return used.user + used.system + used.children_user + used.children_system
 
 
+def timed(action: Callable[[], Any], clock: Callable[[], float] = time.process_time) -> tuple[float, Any]:
+    """Return the seconds that an action takes, of the processor unless another clock is given, and its result."""
+    began = clock()
+    result = action()
+    return clock() - began, result
+
+
 def seconds(action: Callable[[], Any], repeats: int = 1) -> float:
     """Return the fewest processor seconds that an action takes in several runs."""
+    return min(timed(action)[0] for _ in range(repeats))
 
-    def once() -> float:
-        began = time.process_time()
-        action()
-        return time.process_time() - began
 
-    return min(once() for _ in range(repeats))
+def run(*words: object, python: str = sys.executable, **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run Python with these words in a process of its own, in the checkout, and return what it printed."""
+    command = [python, *map(str, words)]
+    usual: dict[str, Any] = {"capture_output": True, "text": True, "cwd": ROOT}
+    return subprocess.run(command, **usual | options)
+
+
+@cache
+def checksum(*places: str) -> str:
+    """Return a checksum of Python's version and of all files below places of the checkout, on which stored answers depend."""
+    made = hashlib.sha256(sys.version.encode())
+    for path in sorted(path for place in places for path in (ROOT / place, *(ROOT / place).rglob("*"))):
+        if path.is_file() and path.suffix != ".pyc":
+            made.update(path.read_bytes())
+    return made.hexdigest()[:16]
+
+
+class Kept(dict[str, Any]):
+    """Answers by key in a JSON file, with which an interrupted bench goes on; without a path they are not stored."""
+
+    def __init__(self, path: Path | None):
+        super().__init__(json.loads(path.read_text()) if path is not None and path.is_file() else {})
+        self._path = path
+
+    def answer(self, key: str, make: Callable[[], Any]) -> Any:
+        """Return the answer to a key; a new one is made and stored, the whole file or nothing."""
+        if key not in self:
+            self[key] = make()
+            if self._path is not None:
+                self._path.parent.mkdir(parents=True, exist_ok=True)
+                fresh = self._path.with_suffix(".new")
+                fresh.write_text(json.dumps(self, indent=1) + "\n")
+                fresh.replace(self._path)
+        return self[key]
+
+
+# -- rows ---------------------------------------------------------------------------------------------------------------
+
+
+def row(mesh: str, name: str, asked: str, measured: Any, ok: bool | None, peer: Peer = None) -> Row:
+    """Make one row; ``ok`` is None without a required value."""
+    return {"mesh": mesh, "row": name, "asked": asked, "measured": measured, "peer": peer or {}, "ok": ok}
+
+
+def note(mesh: str, name: str, measured: Any, peer: Peer = None) -> Row:
+    """A row without a required value."""
+    return row(mesh, name, "", measured, None, peer)
+
+
+def at_most(mesh: str, name: str, limit: float | None, measured: float, peer: Peer = None) -> Row:
+    """A row whose figure may not exceed ``limit``; NaN never passes."""
+    measured = float(f"{measured:.4g}") if isinstance(measured, float) else int(measured)
+    if limit is None:
+        return note(mesh, name, measured, peer)
+    return row(mesh, name, f"<= {limit:g}", measured, bool(measured <= limit * (1 + 1e-9)), peer)
+
+
+def at_least(mesh: str, name: str, limit: float, measured: float, peer: Peer = None) -> Row:
+    """A row whose figure must reach ``limit``."""
+    return row(mesh, name, f">= {limit:g}", float(f"{measured:.4g}"), bool(measured >= limit), peer)
+
+
+def judged(
+    mesh: str, wanted: Mapping[str, str], figures: Mapping[str, Any], peers: Mapping[str, Peer] = {}
+) -> list[Row]:
+    """Make a row of every figure beside what is wanted of it, such as "<= 5" or ">= 1"; one of which nothing is wanted is a note."""
+    rows = []
+    for name, figure in figures.items():
+        sign, _, limit = wanted.get(name, "").partition(" ")
+        make = at_least if sign == ">=" else at_most
+        rows.append(make(mesh, name, float(limit) if sign else None, figure, peers.get(name)))  # type: ignore[arg-type]
+    return rows
+
+
+class Table:
+    """Collects rows and prints each as it comes.
+
+    path : of the file with the rows as JSON
+    rows : those that are known already; others : those that stay in the file where this run has none of their mesh
+    """
+
+    def __init__(self, path: Path | None = None, rows: Iterable[Row] = (), others: Iterable[Row] = ()):
+        self.rows, self._others, self._path = list(rows), list(others), path
+        print(f"{'mesh':<18}{'row':<{WIDTH}}{'asked':>12}{'measured':>14}  ok   peers")
+
+    def add(self, *rows: Row) -> None:
+        """Print rows and collect them."""
+        for one in rows:
+            self._print(one)
+            self.rows.append(one)
+
+    def _print(self, one: Row) -> None:
+        mark = {True: "yes", False: "NO", None: ""}[one["ok"]]
+        peer = "; ".join(
+            f"{name} " + (" ".join(f"{k} {v}" for k, v in value.items()) if isinstance(value, dict) else str(value))
+            for name, value in one["peer"].items()
+        )
+        measured = f"{one['measured']:.5g}" if isinstance(one["measured"], float) else str(one["measured"])
+        line = f"{one['mesh'] + ' ':<18}{one['row']:<{WIDTH}}{one['asked']:>12}{measured:>14}  {mark:<4} {peer}"
+        print(line.rstrip(), flush=True)
+
+    def write(self) -> None:
+        """Write the rows as JSON, if there is a file."""
+        if self._path is not None:
+            fresh = {one["mesh"] for one in self.rows}
+            rows = [one for one in self._others if one["mesh"] not in fresh] + self.rows
+            self._path.write_text(json.dumps(rows, indent=1) + "\n")
+
+    def finish(self) -> None:
+        """Write the rows, and say what was missed."""
+        self.write()
+        missed = [r for r in self.rows if r["ok"] is False]
+        print(f"{len(self.rows)} rows, {len(missed)} missed" + "".join(f"\n  {r['mesh']}: {r['row']}" for r in missed))
+
+
+# -- the bench -----------------------------------------------------------------------------------------------------------
 
 
 class Bench:
-    """Options and table of one run of a bench.
+    """A bench; calling it with the arguments of the command line runs it.
 
     Parameters
     ----------
     name : of the bench
-    arguments : of the command line
-    width : of the rows' names
-    only : default patterns of the cases, or None for a bench without ``--only``; between : what stands between them
+    cases : by name, or what makes them of the options
+    measure : returns the rows of a case from its name, what the case makes, and the options; without it, the cases return rows from the options
+    summary : returns the rows over all cases from those before and the options
+    quick : patterns of the cases that are run without ``--thorough``; empty for a bench without that option
+    patterns : default of ``--only``, which chooses cases, or None for a bench without it; between : what stands between them
     meshes : whether there is ``--meshes``, a folder that is by default the one beside the checkout; or as an option
-    resume : whether rows in the file of ``--json`` are kept, and their cases left out
+    resume : whether cases that have rows in the file of ``--json`` are left out
+    must : name of the rows of which a missed one, or a refused case, is an error; otherwise the exit status is 0 whatever the figures
     options : default and help of every further option; a default of False makes a flag, a type an option without a default
     """
 
     def __init__(
         self,
         name: str,
-        arguments: list[str],
-        width: int = 24,
+        cases: Mapping[str, Callable[..., Any]] | Callable[[Options], Mapping[str, Callable[..., Any]]],
+        measure: Callable[..., Iterable[Row]] | None = None,
         *,
-        only: str | None = None,
+        summary: Callable[[list[Row], Options], Iterable[Row]] | None = None,
+        quick: tuple[str, ...] = (),
+        patterns: str | None = "*",
         between: str = ",",
         meshes: bool | tuple[Any, str] = False,
         resume: bool = False,
+        must: str = "",
         **options: tuple[Any, str],
     ):
-        parser = argparse.ArgumentParser(prog=f"dev.py bench {name}")
-        if only is not None:
-            parser.add_argument("--only", default=only, help=f"patterns of names, with {between} between them")
+        self._cases, self._measure, self._summary = cases, measure, summary
+        self._quick, self._between, self._resume, self._must = quick, between, resume, must
+        self._has_patterns = patterns is not None
+        self._parser = parser = argparse.ArgumentParser(prog=f"dev.py bench {name}")
+        if patterns is not None:
+            parser.add_argument("--only", default=patterns, help=f"patterns of names, with {between} between them")
+        if quick:
+            parser.add_argument("--thorough", action="store_true", help=f"all cases, not only {', '.join(quick)}")
+            parser.set_defaults(only="")
         if isinstance(meshes, tuple):
             options["meshes"] = meshes
         elif meshes:
@@ -107,49 +302,28 @@ class Bench:
             else:
                 parser.add_argument(flag, type=type(default), default=default, help=text)
         parser.add_argument("--json", type=Path, help=f"write the rows here too{', and go on from them' * resume}")
-        self.options = parser.parse_args(arguments)
-        self.table, self._between = Table(width), between
-        file = self.options.json
-        if resume and file is not None and file.is_file():
-            self.table.rows = [one for one in json.loads(file.read_text()) if one["mesh"] != "all"]
-        self._known = {one["mesh"] for one in self.table.rows}
 
-    def asked(self, name: str) -> bool:
-        """Return whether a name fits one of the patterns."""
-        return any(fnmatch.fnmatch(name, pattern) for pattern in self.options.only.split(self._between))
-
-    def cases(self, named: Iterable[tuple[str, Case]]) -> Iterator[tuple[str, Case]]:
-        """Yield the cases that are asked for and have no rows yet."""
-        yield from ((name, case) for name, case in self.fresh(named) if self.asked(name))
-
-    def fresh(self, named: Iterable[tuple[str, Case]]) -> Iterator[tuple[str, Case]]:
-        """Yield the cases that have no rows yet."""
-        yield from ((name, case) for name, case in named if name not in self._known)
-
-    def each(self, rows: Callable[..., Iterable[Row]], surfaces: Surfaces, *arguments: Any) -> None:
-        """Add ``rows(name, polygons, *arguments)`` for every surface that is asked for and has no rows yet."""
-        for name, make in self.cases(surfaces.items()):
-            self.measure(lambda name, make: rows(name, make(), *arguments), name, make)
-
-    def measure(self, rows: Callable[..., Iterable[Row]], name: str, *arguments: Any) -> None:
-        """Add the rows of a case, or one that says why it is refused, and write them."""
-        try:
-            for one in rows(name, *arguments):
-                self.table.add(one)
-        except FlexMapsError as error:
-            self.table.add(note(name, "refused", str(error)[:80]))
-        if self.options.json is not None:
-            self.options.json.write_text(json.dumps(self.table.rows, indent=1) + "\n")
-
-    def run(self, parts: Mapping[str, Callable[[argparse.Namespace], Iterable[Row]]]) -> int:
-        """Add the rows of the parts that are asked for, each as it comes; return the exit status."""
-        for _, part in self.cases(parts.items()):
-            for one in part(self.options):
-                self.table.add(one)
-        return self.finish(keep=self.options.only != "*")
-
-    def finish(self, *summary: Row, keep: bool = False) -> int:
-        """Add the rows over all cases, write all, and say what was missed; return the exit status."""
-        self.table.add(*summary)
-        self.table.finish(self.options.json, keep)
-        return 0
+    def __call__(self, arguments: list[str]) -> int:
+        """Measure the cases that are asked for and have no rows yet, print the table and write the rows; return the exit status."""
+        options = self._parser.parse_args(arguments)
+        if self._quick and not options.only:
+            options.only = "*" if options.thorough else self._between.join(self._quick)
+        patterns = options.only.split(self._between) if self._has_patterns else ["*"]
+        there = options.json is not None and options.json.is_file()
+        earlier = [one for one in json.loads(options.json.read_text()) if one["mesh"] != "all"] if there else []
+        kept = {"rows": earlier} if self._resume else {"others": earlier if patterns != ["*"] else []}
+        table = Table(options.json, **kept)
+        known = {one["mesh"] for one in table.rows}
+        cases = self._cases(options) if callable(self._cases) else self._cases
+        for name, case in (cases if self._measure is None else each(self._measure, cases)).items():
+            if name not in known and fits(name, patterns):
+                try:
+                    for one in case(options):
+                        table.add(one)
+                except FlexMapsError as error:
+                    table.add(note(name, "refused", str(error)[:80]))
+                table.write()
+        if self._summary is not None:
+            table.add(*self._summary(table.rows, options))
+        table.finish()
+        return int(any(one["row"] in (self._must, "refused") and not one["ok"] for one in table.rows if self._must))

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
+import hashlib
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import islice
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from flexmaps.engine.errors import FlexMapsError
@@ -19,49 +18,31 @@ from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.params import Settings
 from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.tracing import trace
-from flexmaps.engine.runs import job
 from flexmaps.engine.spirals.fabricable import curvature_adjusted, make_fabricable
 from flexmaps.engine.surface import curvature
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
+from harness import Kept, Options, Row, at_least, at_most, made, note, timed
+from scipy.stats import spearmanr
 
-EDGE = 0.02  # metres, median quad edge of every mesh here
 LIMITS = 1.0, 0.4, 0.15, 0.06  # times the usual distortion: layouts of more and more panels
 PARTS = 6  # strips, rings and petals where the limits lead to too few layouts
 CUTTABLE = 0.1  # percent of the size: nobody tells nearer pieces apart, so that they count as this near
 FACTOR = 1.5  # within which a prediction shall be
+LEAST = 3  # layouts of which a correlation says anything
+PREDICTED = ": predicted, %"  # end of the rows' names
 
 
-def compare(surfaces: Mapping[str, PolygonMesh], path: Path, layouts: int, patience: float) -> None:
-    """Predict layouts, search those that have no row in the file yet, and print how well both agree."""
-    rows: list[dict[str, Any]] = json.loads(path.read_text()) if path.is_file() else []
-    found = []
-    for name, polygons in surfaces.items():
-        try:
-            mesh = job.run(polygons, Settings(), edge=EDGE, stop_after="regularise").mesh
-            piece = LayoutProblem(mesh, Settings())
-            several = list(islice(_layouts(piece), layouts))
-            start = PredictionStart.from_layout(piece, several[0].flat)
-        except (FlexMapsError, IndexError) as error:
-            print(name, "is left out:", error)
-            continue
-        for laid in several:
-            cut = np.flatnonzero(laid.cut).tolist()
-            row = next((one for one in rows if one["surface"] == name and one["cut"] == cut), None)
-            if row is None:
-                reached = _search(piece, laid, patience)
-                row = {"surface": name, "cut": cut, "quads": len(mesh.quads), "panels": laid.panels, "reached": reached}
-                rows.append(row)
-                path.write_text(json.dumps(rows))
-            began = time.thread_time()
-            percent = 100.0 * predict(piece, laid.flat, start)
-            took = time.thread_time() - began
-            found.append((name, percent, row["reached"], 1e3 * took / len(mesh.quads)))
-            print(
-                f"{name:<24}{len(mesh.quads):>6} quads{laid.panels:>4} panels  predicted {percent:7.3f} %  reached {row['reached']:7.3f} %{took:6.1f} s",
-                flush=True,
-            )
-    if len(found) > 2:
-        _agreement(found)
+def measure(name: str, polygons: PolygonMesh, options: Options) -> Iterator[Row]:
+    """Predict layouts, search those of which the file has no answer yet, and yield both."""
+    piece, answers = LayoutProblem(made(polygons, "regularise").mesh, Settings()), Kept(options.match)
+    several = list(islice(_layouts(piece), options.layouts))
+    start = PredictionStart.from_layout(piece, several[0].flat) if several else None
+    for laid in several:
+        key = f"{name} {hashlib.sha256(laid.cut.tobytes()).hexdigest()[:16]}"
+        reached = answers.answer(key, partial(_search, piece, laid, options.patience))
+        seconds, share = timed(partial(predict, piece, laid.flat, start), time.thread_time)
+        peer = {"reached": reached, "s for 1,000 quads": round(1e3 * seconds / len(piece.mesh.quads), 2)}
+        yield note(name, f"{laid.panels} panels{PREDICTED}", float(f"{100.0 * share:.4g}"), peer)
 
 
 def _layouts(piece: LayoutProblem) -> Iterator[FlatLayout]:
@@ -94,22 +75,21 @@ def _search(piece: LayoutProblem, laid: FlatLayout, patience: float) -> float:
     return float(found.after.match["rms_percent"])
 
 
-def _agreement(found: list[tuple[str, float, float, float]]) -> None:
-    """Print rank correlations, the share of predictions that are near, and seconds for 1,000 quads."""
-    from scipy.stats import spearmanr
-
-    names = np.array([one[0] for one in found])
-    percent, reached, seconds = (np.array([one[k] for one in found]) for k in (1, 2, 3))
-    percent, reached = np.maximum(percent, CUTTABLE), np.maximum(reached, CUTTABLE)
-    each = [
-        spearmanr(percent[names == name], reached[names == name])[0]
-        for name in np.unique(names)
-        if (names == name).sum() > 2
+def sum_up(rows: list[Row], options: Options) -> list[Row]:
+    """Return rank correlations, the share of predictions that are near, and seconds for 1,000 quads."""
+    found = [one for one in rows if one["row"].endswith(PREDICTED)]
+    if len(found) < LEAST:
+        return []
+    names = np.array([one["mesh"] for one in found])
+    percent = np.maximum([one["measured"] for one in found], CUTTABLE)
+    reached = np.maximum([one["peer"]["reached"] for one in found], CUTTABLE)
+    seconds = [one["peer"]["s for 1,000 quads"] for one in found]
+    several = [names == name for name in np.unique(names) if (names == name).sum() >= LEAST]
+    each = [spearmanr(percent[some], reached[some])[0] for some in several]
+    near = 100.0 * float((np.abs(np.log(percent / reached)) <= np.log(FACTOR)).mean())
+    own = {"of one surface, median": f"{np.nanmedian(each):.2f}"} if each else {}
+    return [
+        at_least("all", "rank correlation", 0.9, float(spearmanr(percent, reached)[0]), own),
+        at_least("all", f"within a factor of {FACTOR:g}, %", 80.0, near),
+        at_most("all", "seconds for 1,000 quads, median", 2.0, float(np.median(seconds)), {"most": max(seconds)}),
     ]
-    near = float((np.abs(np.log(percent / reached)) <= np.log(FACTOR)).mean())
-    print(f"{len(found)} layouts of {len(set(names))} surfaces")
-    print(
-        f"rank correlation {spearmanr(percent, reached)[0]:.2f} (asked .9), among layouts of one surface {np.nanmedian(each):.2f} in the median"
-    )
-    print(f"within a factor of {FACTOR:g}: {100 * near:.0f} % (asked 80)")
-    print(f"seconds for 1,000 quads: {np.median(seconds):.1f} in the median, at most {seconds.max():.1f} (asked 2)")

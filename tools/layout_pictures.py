@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import bench_first
-import bpy
 import numpy as np
 import zoo
 from flexmaps.engine.display import plots, raster
@@ -23,11 +22,12 @@ from flexmaps.engine.params import Settings
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
+from harness import EDGE, from_blender
 from PIL import Image, ImageDraw, ImageFont
 from zoo import trial
 
 TARGET = Path(__file__).resolve().parent.parent / "docs" / "images" / "layouts_chosen.png"
-QUADS, EDGE = 500, 0.02  # of what is remeshed; metres
+QUADS = 500  # of what is remeshed
 # title: where the surface comes from, its name there
 SURFACES = {
     "Elbow": ("zoo", "elbow"),
@@ -83,12 +83,7 @@ def polygons(kind: str, name: str) -> PolygonMesh:
     """Return a surface of the zoo, or an object of Blender with its modifiers applied."""
     if kind == "zoo":
         return zoo.SURFACES[name].polygons()
-    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    bench_first.OBJECTS[name]()
-    mesh = bpy.context.object.evaluated_get(bpy.context.evaluated_depsgraph_get()).to_mesh()
-    points = np.array([vertex.co for vertex in mesh.vertices])
-    corners = np.array([loop.vertex_index for loop in mesh.loops])
-    return PolygonMesh(points, corners, np.array([polygon.loop_total for polygon in mesh.polygons]))
+    return from_blender(bench_first.OBJECTS[name])
 
 
 def compared(surface: PolygonMesh, *, remesh: bool) -> Pair:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import bpy
@@ -13,7 +14,7 @@ import responsiveness
 from flexmaps.bridge.view import dabs, easel
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import QuadMesh
-from rows import Row, at_most
+from harness import Row, at_most, timed
 
 DABS = 6  # of a stroke
 STROKES = 8  # alternately softer and stiffer
@@ -22,24 +23,16 @@ FLOW = 0.2  # of every dab, as of the tool's strength of one half
 
 @dataclass
 class Held:
-    """Seconds of the window's thread that every dab, every written stroke and every undo took, and Blender's own undo steps.
+    """Seconds of the window's thread that every dab, every written stroke and every undo took."""
 
-    opened : seconds until the brush was in hand; seen : by the clock, until a dab could be seen
-    """
-
-    opened: float
     dabs: list[float] = field(default_factory=list)
     written: list[float] = field(default_factory=list)
     undone: list[float] = field(default_factory=list)
-    steps: list[float] = field(default_factory=list)
-    seen: list[float] = field(default_factory=list)
 
 
-def timed(action: Callable[..., Any], *given: Any) -> float:
-    """Seconds of this thread's processor."""
-    began = time.thread_time()
-    action(*given)
-    return time.thread_time() - began
+def _seconds(action: Callable[..., Any], *given: Any) -> float:
+    """Return seconds of this thread's processor."""
+    return timed(partial(action, *given), time.thread_time)[0]
 
 
 def painted(count: int, share: float, limit: float) -> Iterator[Row]:
@@ -49,33 +42,28 @@ def painted(count: int, share: float, limit: float) -> Iterator[Row]:
     held = strokes(obj, share)
     for what, seconds in (("a dab", held.dabs), ("writing a stroke", held.written), ("after an undo", held.undone)):
         yield at_most(name, f"brush: {what}, main thread, s", limit, float(np.max(seconds)))
-    yield at_most(name, "brush: Blender's own undo step, s", None, float(np.max(held.steps)))
-    yield at_most(name, "brush: taken in hand, once, s", None, held.opened)
-    yield at_most(name, "brush: a dab until it can be seen, s by the clock, median", None, float(np.median(held.seen)))
 
 
 def strokes(obj: bpy.types.Object, share: float, count: int = STROKES) -> Held:
     """Strokes of that share of an object's spirals, each with an undo and a redo."""
     rng = np.random.default_rng(0)
-    held = Held(timed(easel.easel_of, obj, bpy.context.scene))
+    held = Held()
     for k in range(count):
         on = easel.easel_of(obj, bpy.context.scene)
         radius = 0.9 * np.sqrt(share * 4.0 * on.ground.reach.mean() ** 2 * len(on.ground.reach) / np.pi)
         work = dabs.Dabs(on, ("softer", "stiffer")[k % 2], False)
         at = rng.integers(len(on.ground.centres))
         for _ in range(DABS):
-            began = time.perf_counter()
-            held.dabs.append(timed(_dab, work, on, at, radius))
+            held.dabs.append(_seconds(_dab, work, on, at, radius))
             while not work.look():
                 time.sleep(0.001)
-            held.seen.append(time.perf_counter() - began)
         work.wait()
         work.close()
-        held.written.append(timed(on.write, bpy.context.scene))
-        held.steps.append(timed(lambda: bpy.ops.ed.undo_push(message="stroke")))
+        held.written.append(_seconds(on.write, bpy.context.scene))
+        bpy.ops.ed.undo_push(message="stroke")
         bpy.ops.ed.undo()
         obj = bpy.context.object
-        held.undone.append(timed(_taken_again, obj))
+        held.undone.append(_seconds(_taken_again, obj))
         bpy.ops.ed.redo()
         obj = bpy.context.object
     easel.forget()

@@ -10,10 +10,10 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import QuadMesh
+from harness import Row, at_most, note, row
 from live_brush import spiralled, strokes
 from live_cases import given_of, of_mesh, stroke
 from live_followed import Followed
-from rows import Row, at_most, note, row
 
 # of quads alone and with a border, 240 to 871 of them
 NAMES = ("cmc1.obj", "0-static.off", "heart.obj", "chebyshev_sphere.obj", "six.off", "M2_eq_quad2.obj")

@@ -11,8 +11,8 @@ from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.optimisation.wishes import Wishes
 from flexmaps.engine.params import MaterialParams, OptimiseParams, SimulateParams
 from flexmaps.engine.surface.checking import check
+from harness import Row, at_most, note, row
 from live_cases import of_mesh
-from rows import Row, at_most, note, row
 from zoo import SURFACES
 
 # caps, stars, tubes, saddles and sheets, of few quads; some of them are a single panel that nothing bends

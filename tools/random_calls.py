@@ -166,7 +166,8 @@ def _options(rng: random.Random, operator: Any) -> dict[str, Any]:
         elif prop.identifier == "filepath":
             found[prop.identifier] = str(rng.choice([*PRESETS, Path("nowhere.py")]))
         elif prop.type == "FLOAT":
-            found[prop.identifier] = rng.choice((prop.soft_min, prop.soft_max, prop.default))
+            value = rng.choice((prop.soft_min, prop.soft_max, prop.default))
+            found[prop.identifier] = [value] * prop.array_length if prop.is_array else value
     return found
 
 

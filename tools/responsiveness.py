@@ -1,4 +1,4 @@
-"""Parts of ``bench blender`` on responsiveness: progress, sidebar, preview, frames, and whole runs by *Next*."""
+"""Parts of ``bench blender`` on responsiveness: sidebar, preview, frames, and whole runs by *Next*."""
 
 from __future__ import annotations
 
@@ -13,69 +13,17 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-from rows import Row, at_most, note, row
+from harness import Row, at_most, note, row
 
 if TYPE_CHECKING:
     from flexmaps.engine.surface.mesh import QuadMesh
 
 ROOT = Path(__file__).resolve().parent.parent
-WINDOW = ROOT / "out" / "window" / "figures.json"  # left by the window test
 # Mesa's driver that draws nothing: what is left of a frame is Blender's own work, as beside an endlessly fast graphics card
 NOTHING_DRAWN = "GALLIUM_NOOP=1"
 FPS = 20.0  # frames a second that are wanted
 MODELS = ("suzanne", "text", "cylinder", "bunny")
 BUNNY = ROOT.parent / "shared" / "meshes" / "stanford-bunny.obj"
-
-
-def progress(_: argparse.Namespace) -> Iterator[Row]:
-    """Seconds from a button to its first visible progress: of real clicks, and of the work before the first redraw here."""
-    if WINDOW.is_file():
-        for name, figures in json.loads(WINDOW.read_text())["stages"].items():
-            first = figures.get("first_progress_ms")
-            if first is not None:
-                yield at_most("real window", f"{name}: click to progress, s", 0.2, 1e-3 * first)
-    obj = saddle()
-    from flexmaps.operators import layout, optimise, regularise, simulate, spirals
-
-    stages = (regularise.Regularise, layout.Trace, layout.Merge, layout.Flatten)
-    for cls in (*stages, spirals.Spirals, simulate.Simulate, optimise.Optimise):
-        import bpy
-
-        if cls is spirals.Spirals:
-            bpy.ops.flexmaps.flatten()
-        if cls is simulate.Simulate:
-            bpy.ops.flexmaps.spirals()
-        yield at_most(
-            f"{len(obj.data.polygons)} quads", f"{cls.bl_label}: button to progress, s", 0.2, _first_sight(cls)
-        )
-
-
-def _first_sight(cls: type) -> float:
-    """Seconds from ``invoke`` to the job that the sidebar shows, as with a window."""
-    import bpy
-    from flexmaps.bridge.hosts import background
-    from flexmaps.operators import stage
-
-    body = {
-        k: v for base in reversed(cls.__mro__) if issubclass(base, stage.StageOperator) for k, v in vars(base).items()
-    }
-    plain = type(cls.__name__, (), {k: v for k, v in body.items() if k not in {"__dict__", "__weakref__"}})
-    manager = SimpleNamespace(windows=[], event_timer_add=lambda *_, **__: 0, modal_handler_add=lambda *_: None)
-    for name in ("event_timer_remove", "progress_begin", "progress_update", "progress_end"):
-        setattr(manager, name, lambda *_: None)
-    context = SimpleNamespace(
-        window_manager=manager, window=None, workspace=None, object=bpy.context.object, scene=bpy.context.scene
-    )
-    kept, stage.bpy = stage.bpy, SimpleNamespace(app=SimpleNamespace(background=False), ops=bpy.ops, types=bpy.types)
-    operator = plain()
-    operator.report = lambda kind, text: print(text)
-    started = time.perf_counter()
-    try:
-        operator.invoke(context, None)
-        return time.perf_counter() - started
-    finally:
-        stage.bpy = kept
-        background.stop_current()
 
 
 def saddle() -> Any:
@@ -133,7 +81,7 @@ def panels(_: argparse.Namespace) -> Iterator[Row]:
     mesh = f"{len(obj.data.polygons)} quads"
     total = 0.0
     for panel in panels.CLASSES:
-        if panel.bl_region_type == "UI":
+        if getattr(panel, "bl_region_type", "") == "UI":  # no menu
             spent = _milliseconds(drawing(panel))
             total += spent
             yield at_most(mesh, f"{panel.bl_label}: one redraw, ms", 5.0, spent)

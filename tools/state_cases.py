@@ -22,8 +22,8 @@ from flexmaps.engine.simulation.rests import OTHER_REST_CODES
 from flexmaps.engine.simulation.simulate import Simulation, simulate
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
+from harness import EDGE
 
-EDGE = 0.02  # metres, median edge
 SOFT = 0.05  # softest mode's share of its stiffness below which states are compared less closely
 FINE = 1e-4  # metres, distance below which differences are not relative to it: single precision is felt there
 PUSH = 0.3  # newtons, on the spiral farthest from the supports

@@ -48,6 +48,12 @@ def test_again_in_this_session() -> None:
     assert hasattr(bpy.ops.flexmaps.merge, "poll")
 
 
+def test_every_operator_has_a_tooltip() -> None:
+    types = [getattr(bpy.ops.flexmaps, name).get_rna_type() for name in dir(bpy.ops.flexmaps)]
+    assert len(types) > 20
+    assert not [one.identifier for one in types if not one.description]
+
+
 def test_manifest_has_the_same_version(root: Path) -> None:
     manifest = tomllib.loads((root / "blender_manifest.toml").read_text())
     assert manifest["version"] == engine.VERSION

@@ -8,6 +8,7 @@ import os
 import resource
 import time
 import traceback
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,8 +23,8 @@ from flexmaps.engine.runs import job, report
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import PolygonMesh
+from harness import EDGE, processor
 
-EDGE = 0.02  # metres, the median quad edge of every surface
 NESTING = 1.0  # seconds
 WORSE = 1.005  # the same figure of two simulations differs by less than this from rounding
 PHYSICS = ("not-optimised", "not-simulated")
@@ -45,10 +46,10 @@ class Clock:
         self.silence: dict[str, float] = {}
         self.stage = ""
         self._part = part
-        self._start, self._told = (time.monotonic(), busy_time()), time.process_time()
+        self._start, self._told = (time.monotonic(), processor()), time.process_time()
 
     def __call__(self, fraction: float, text: str) -> None:
-        now, told = (time.monotonic(), busy_time()), time.process_time()
+        now, told = (time.monotonic(), processor()), time.process_time()
         if self.stage:
             quiet = told - self._told
             self.silence[self.stage] = round(max(self.silence.get(self.stage, 0.0), quiet), 3)
@@ -64,14 +65,8 @@ class Clock:
             self._part.write_text(json.dumps({"stage": self.stage, "wall": self.wall, "busy": self.busy}))
 
 
-def busy_time() -> float:
-    """Seconds of processor that this process and its ended children have used."""
-    children = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return time.process_time() + children.ru_utime + children.ru_stime
-
-
 def run(
-    polygons: PolygonMesh,
+    make: Callable[[], PolygonMesh],
     *,
     supports: str | None = None,
     remesh: int | None = None,
@@ -85,9 +80,11 @@ def run(
     """
     clock = Clock(part)
     settings = settings or settings_used()
-    record: dict[str, Any] = {"quads": len(polygons.sizes)}
-    result = None
+    record: dict[str, Any] = {}
+    result = polygons = None
     try:
+        polygons = make()
+        record["quads"] = len(polygons.sizes)
         if remesh is not None:
             polygons = remeshed(polygons, remesh)
         result = job.run(
@@ -96,7 +93,9 @@ def run(
         record |= describe(result, settings)
     except FlexMapsError as error:
         record["refused"] = str(error)
-        record["findings"] = [finding.code for finding in check.findings(check.scale_to_metres(polygons, edge=EDGE))]
+        if polygons is not None:
+            scaled = check.scale_to_metres(polygons, edge=EDGE)
+            record["findings"] = [finding.code for finding in check.findings(scaled)]
     except Exception:
         record["traceback"] = traceback.format_exc()
     return record | {"ended_in": clock.stage, "wall": clock.wall, "busy": clock.busy, "silence": clock.silence}, result
@@ -135,17 +134,12 @@ def describe(result: job.Result, settings: Settings) -> dict[str, Any]:
         found += [finding.as_dict() for finding in result.simulation.findings]
     record = {
         "quads": full["input"]["quads"],
-        "genus": full["input"]["genus"],
-        "open": full["input"]["open"],
         "patches": len(sizes),
-        "smallest": int(sizes.min()),
         "median": float(np.median(sizes)),
         "sizes": sizes.tolist(),
         "alone": len(alone),
         "alone_own_e": int(bad.sum()),
         "e_max": block["energy_max"],
-        "symmetry": block.get("symmetry", f"{block.get('symmetries_kept', 1)} of {block.get('symmetries', 1)}"),
-        "forced": block.get("forced", []),
         "findings": [check["code"] for check in found],
         "left_out": [check["message"] for check in found if check["code"] in PHYSICS],
         "sheets": full.get("sheets", {}).get("sheets", 0),
@@ -159,10 +153,8 @@ def describe(result: job.Result, settings: Settings) -> dict[str, Any]:
         made = full["equilibrium"]
         record |= {
             "rms_percent": made["rms_percent"],
-            "max_percent": made["max_percent"],
             "rmse_mm": made["laplacian_rmse_mm"],
             "strain": made.get("strain_share_max"),
-            "converged": made["converged"],
         }
     record["not_finite"] = not_finite(full)
     return record
@@ -178,12 +170,7 @@ def _describe_search(result: job.Result, block: dict[str, Any]) -> dict[str, Any
     worse = after["laplacian_rmse_mm"] > WORSE * before["laplacian_rmse_mm"] and not strained
     return {
         "rmse_mm_before": before["laplacian_rmse_mm"],
-        "rms_percent_before": before["rms_percent"],
-        "strain_before": before.get("strain_share_max"),
         "worse": bool(worse),
-        "farther": bool(after["rms_percent"] > 1.1 * before["rms_percent"] + 0.1),
-        "steps": block["iterations"],
-        "ended_by": block.get("ended", "finished" if block["finished"] else "stopped"),
     }
 
 

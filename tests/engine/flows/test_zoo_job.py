@@ -42,7 +42,7 @@ def test_the_whole_job_comes_to_a_sound_end(zoo: ModuleType, name: str):
     # few steps and a quick nesting: a sound end is asked for, not the best one
     settings = zoo.trial.settings_used(iterations=3, codesign=False)
     settings = replace(settings, sheet=replace(settings.sheet, nesting="FAST"))
-    record, result = zoo.trial.run(PolygonMesh.from_quads(mesh), settings=settings)
+    record, result = zoo.trial.run(lambda: PolygonMesh.from_quads(mesh), settings=settings)
     assert "traceback" not in record, record["traceback"]
     assert "refused" not in record, record["refused"]
     assert record["sheets"] >= 1
