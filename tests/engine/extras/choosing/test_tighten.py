@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import ModuleType
 
 import numpy as np
 import pytest
 from flexmaps.engine.extras.choosing.drawn_cuts import along_folds
 from flexmaps.engine.extras.choosing.judge import FlatLayout, Idea, LayoutProblem, judge, lay_flat
 from flexmaps.engine.extras.choosing.predict import predict
-from flexmaps.engine.extras.choosing.tighten import MOST, SHARES, tighten
+from flexmaps.engine.extras.choosing.tighten import MOST, SHARES, STRIPS, tighten
 from flexmaps.engine.params import Settings
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.patches.layout import PatchLayout
@@ -88,6 +89,17 @@ def test_a_tube_is_divided_into_equal_parts_where_tighter_limits_change_nothing(
     assert predict(piece, found) < 0.01 < predict(piece, flat)
     assert found.layout.notes["symmetries_kept"] > 1
     assert "forced" not in found.layout.notes
+
+
+def test_strips_may_be_a_little_longer_than_other_panels(zoo: ModuleType) -> None:
+    """Of a soap film in a square frame, whose four corners are in turn high and low."""
+    mesh = job.run(zoo.SURFACES["soap-frame4"].polygons(), SETTINGS, edge=0.02, stop_after="check").mesh
+    layout, flat = _merged(mesh)
+    piece, limit = LayoutProblem(mesh, SETTINGS), SETTINGS.layout.compactness_limit
+    found = tighten(piece, layout, flat, SETTINGS.choose)
+    assert limit < found.layout.compactness.max() < STRIPS * limit
+    assert "forced" not in found.layout.notes
+    assert predict(piece, found) < 0.01 < predict(piece, flat)
 
 
 def test_every_body_is_a_piece_of_its_own() -> None:
