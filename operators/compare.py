@@ -11,6 +11,7 @@ from ..bridge.store import notes
 from ..bridge.store.i18n import translate
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
+from .stage import message_of
 from .writes import FromDialog
 
 if TYPE_CHECKING:
@@ -99,7 +100,11 @@ class CompareFile(Asked, FromDialog, bpy.types.Operator):
             self.report({"ERROR"}, translate("There is no file {}; choose a scan", self.filepath))
             return {"CANCELLED"}
         how = "EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT"  # with a window run as a background job
-        return bpy.ops.flexmaps.compare(how, filepath=self.filepath, unit=self.unit, anywhere=self.anywhere)
+        try:
+            return bpy.ops.flexmaps.compare(how, filepath=self.filepath, unit=self.unit, anywhere=self.anywhere)
+        except RuntimeError as error:
+            self.report({"ERROR"}, message_of(error))
+            return {"CANCELLED"}
 
 
 CLASSES = (Compare, CompareFile)

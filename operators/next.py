@@ -11,7 +11,7 @@ import bpy
 from ..bridge.store import decided, failures, guidance
 from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
-from .stage import AnyMesh, AtOnce, OnObject
+from .stage import AnyMesh, AtOnce, OnObject, message_of
 
 if TYPE_CHECKING:
     from ..bridge.store.notices import Notice
@@ -61,7 +61,11 @@ class Next(AnyMesh, bpy.types.Operator):
             failures.note_tried(context.object.data, seen.act.cure.call)
         group, name = seen.act.idname.split(".")
         # with a step to undo of its own, which Blender leaves out where an operator calls another
-        pressed: set[str] = getattr(getattr(bpy.ops, group), name)(how, True, **seen.act.properties)
+        try:
+            pressed: set[str] = getattr(getattr(bpy.ops, group), name)(how, True, **seen.act.properties)
+        except RuntimeError as error:
+            self.report({"ERROR"}, message_of(error))
+            return {"CANCELLED"}
         return {"FINISHED"} if "RUNNING_MODAL" in pressed else pressed
 
     def _check_before_cut(self, context: bpy.types.Context, seen: guidance.Guidance) -> guidance.Guidance:

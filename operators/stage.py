@@ -65,6 +65,19 @@ class AnyMesh(OnObject):
         return super().problem(context) if running is None else still_running(running)
 
 
+def message_of(error: RuntimeError) -> str:
+    """Return what an operator has reported as an error to the code that called it; raise the error again if it is a fault of the program.
+
+    Parameters
+    ----------
+    error : from ``bpy.ops``
+    """
+    text = str(error).strip()
+    if "Traceback" in text:
+        raise error
+    return text.removeprefix("Error: ")
+
+
 class AtOnce:
     """Base of small operators that need no job; list it before the base that says where they can run."""
 

@@ -13,7 +13,7 @@ from ..bridge.store.paths import folder_of
 from ..bridge.store.settings import unsaved
 from ..engine.errors import FlexMapsError
 from ..engine.own_files import Guard, UserFileError
-from .stage import AtOnce, OnObject
+from .stage import AtOnce, OnObject, message_of
 
 if TYPE_CHECKING:
     from ..engine.params import ObjectSettings
@@ -109,7 +109,7 @@ def begin(stage: str, **options: Any) -> None:
     try:
         getattr(bpy.ops.flexmaps, name)("EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT", **options)
     except RuntimeError as error:
-        raise FlexMapsError(str(error).strip().removeprefix("Error: ")) from error
+        raise FlexMapsError(message_of(error)) from error
 
 
 CLASSES = (ReplaceFiles, ChooseFolder)

@@ -107,3 +107,11 @@ def test_a_missing_file_is_named(saddle: Any) -> None:
     with pytest.raises(RuntimeError, match="nowhere"):
         bpy.ops.flexmaps.compare(filepath="/nowhere/scan.ply")
     assert "scan" not in notes.read(obj.data)
+
+
+def test_a_file_that_is_no_scan_is_refused_without_a_traceback(saddle: Any, tmp_path: Path) -> None:
+    path = tmp_path / "scan.obj"
+    path.write_text("nothing")
+    with pytest.raises(RuntimeError) as told:
+        bpy.ops.flexmaps.compare_file(filepath=str(path))
+    assert "Traceback" not in str(told.value)

@@ -112,6 +112,15 @@ def test_a_cure_that_cannot_help_leaves_the_mesh_as_it_was(add: Any) -> None:
     assert piece.data == before
 
 
+def test_a_refusal_is_told_without_a_traceback() -> None:
+    bpy.ops.mesh.primitive_monkey_add()
+    bpy.context.object.scale.z = 0.0
+    bpy.context.view_layer.update()
+    with pytest.raises(RuntimeError, match="squeezed flat") as told:
+        bpy.ops.flexmaps.next()
+    assert "Traceback" not in str(told.value)
+
+
 def test_after_a_failure_the_same_is_never_offered_and_no_state_comes_twice(add: Any) -> None:
     """Every stage fails, whatever is pressed: what is offered comes to an end, and says where."""
     piece = add(shapes.make("dome"))
