@@ -100,7 +100,7 @@ def _tighten_bodies(
     if (cut != flat.layout.cut).any():
         notes = {key: value for key, value in flat.layout.notes.items() if key != "forced"}
         flat = _with_corners(PatchLayout(mesh, cut, notes, flat.layout.origin), corners)
-        notes |= forced_notes(flat, piece.settings.layout)
+        notes |= forced_notes(flat, _of_strips(piece.settings.layout))
     return flat, float(np.sqrt(squares / len(mesh.quads))) / mesh.diagonal
 
 
