@@ -60,8 +60,7 @@ class Next(AnyMesh, bpy.types.Operator):
         if seen.act.cure is not None:
             failures.note_tried(context.object.data, seen.act.cure.call)
         group, name = seen.act.idname.split(".")
-        # with a step to undo of its own, which Blender leaves out where an operator calls another
-        try:
+        try:  # True gives a step to undo, which Blender leaves out where an operator calls another
             pressed: set[str] = getattr(getattr(bpy.ops, group), name)(how, True, **seen.act.properties)
         except RuntimeError as error:
             self.report({"ERROR"}, message_of(error))

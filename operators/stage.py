@@ -66,7 +66,7 @@ class AnyMesh(OnObject):
 
 
 def message_of(error: RuntimeError) -> str:
-    """Return what an operator has reported as an error to the code that called it; raise the error again if it is a fault of the program.
+    """Return the message that an operator called through ``bpy.ops`` reported as an error; raise it again if it holds a traceback.
 
     Parameters
     ----------

@@ -169,7 +169,7 @@ class Search:
         if not codesigned:
             work.begin(1.0)
             here = self._repeat(self.polished, here, MAX_POLISHES, POLISH_GAIN, progress.part(0.8, 0.95))
-        late = work.late  # ``relieve`` may add work
+        late = work.late  # read before ``relieve``, which extends the limit
         self.relieve(here, progress.part(0.95, 1.0))
         if slow or work.slow:
             self.trace.ended = SLOW

@@ -23,11 +23,11 @@ SOFTEST, MODE = 1.2e-4, 8.5e-5  # the softest modes, and the derivatives of each
 VARIED = 2e-4  # derivatives of the softest modes by the flat shapes, beside ``GEOMETRY``
 OPENING = 4.5e-5  # the widths of the slots in space, with half of their derivatives
 ROOMS = 1.5e-4  # clearances of a step, and restoring them
-# Time limit of a search, seconds, by the number of spirals; proportional beyond the last. Searches take up to six tenths more where closed slots
+# Usual time of a search, seconds, by the number of spirals; proportional beyond the last. Searches take up to six tenths more where closed slots
 # are opened
 SPIRALS, LIMITS = (0, 1500, 6000), (12.0, 22.0, 75.0)
-# Factor on the limit of searches with the whole patience, which nearly always end before, by ``END_RATE``; comparisons with half of it or less end
-# on time. Of 23 surfaces 22 end at the same step with twice the limit; a mug of 1,365 quads ends at 0.28 % of its size in place of 0.35
+# Factor from the usual time to the limit with a patience of 1 or more, where ``END_RATE`` nearly always ends a search first; up to a patience of 0.5,
+# as of comparisons, the factor is 1. Larger: the few searches that still gain come nearer, and take longer
 PATIENT = 2.0
 # Rate at which a search ends, per second: the decrease of the logarithm of its objective over the last steps, divided by their work.
 # Larger rates end sooner and farther from the target. With fewer steps a search ends where a single step brings little
@@ -46,7 +46,7 @@ class Work:
     """Work counter with a time limit, which also ends a search whose steps bring too little for their work.
 
     limit : seconds, None for none; rate : at which a search ends, see ``END_RATE``
-    usual : seconds after which most searches have ended; 0 without a limit
+    usual : seconds, ``LIMITS`` times the patience; 0 without a limit
     share : of the limit that the present stage may reach; done : work so far, seconds; began : processor time at the start, seconds
     rated : whether the present stage ends at ``rate``; factor : by which its steps count more, far from the target
     steps : total work after its steps, and their decrease of the objective's logarithm
@@ -71,7 +71,7 @@ class Work:
         Parameters
         ----------
         size : number of spirals
-        patience : factor on the usual limit, and on the time that an improvement may take; 0 for no limit
+        patience : factor on the usual time, and on the time that an improvement may take; 0 for no limit
         """
         if not patience:
             return cls()
@@ -129,8 +129,8 @@ class Work:
     def fraction(self) -> float:
         """Fraction of the progress that the work done so far stands for; 0 without a limit.
 
-        Most searches end well before their limit, at a time that nobody knows. So it is the cube root of the share of the limit
-        that is used, which runs ahead at first. It falls where the limit is extended; ``Progress.rising`` keeps the bar from falling.
+        Most searches end well before their limit, at a time that nobody knows. The fraction is therefore the cube root of the used
+        share of the limit, so that the bar moves fast at first. It falls where the limit is extended; ``Progress.rising`` keeps the bar from falling.
         """
         if not self.limit:
             return 0.0

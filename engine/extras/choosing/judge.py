@@ -59,7 +59,7 @@ class LayoutProblem:
         """Whether supports or forces deform the piece, so that one panel without cuts need not stay flat."""
         return self.supports is not None and len(self.supports) > 0
 
-    def part(self, mesh: QuadMesh, quads: Int[np.ndarray, " some"]) -> LayoutProblem:
+    def restrict_to(self, mesh: QuadMesh, quads: Int[np.ndarray, " some"]) -> LayoutProblem:
         """Return the problem of some quads by themselves, without symmetries.
 
         Parameters

@@ -43,7 +43,7 @@ WANTED_SHARE = 0.9
 # Layouts that may have more than PARTS panels are left out: of a head in 12 panels, no division into equal parts kept the limits
 PARTS, LAID, PREDICTED = 8, 6, 3
 # Factor on the limit of compactness for equal parts: strips of a square in four have 5, which is the default limit, of a curved square up to 5.4.
-# A soap film of 400 quads comes in three strips, of at most 5.2, from 2.0 to 0.3 %
+# Larger: longer strips. docs/tuning.md has the surfaces that it changes
 STRIPS = 1.1
 
 
@@ -67,7 +67,7 @@ def tighten(
     -------
     For every body the first layout that is expected within ``WANTED_SHARE`` of the match, else the one that is expected nearest, of at most ``MOST`` times
     its panels in ``flat``; ``flat`` itself if no other is better. Its notes have ``expected_percent``, the RMS distance from the target with which a
-    search may end, as a percentage of the size.
+    search may end, as a percentage of the size, if it can be predicted.
     """
     mesh = piece.mesh
     if params.goal != "match" or piece.settings.simulate.model == "rod" or is_flat(mesh):
@@ -87,20 +87,22 @@ def _tighten_bodies(
 ) -> tuple[FlatPatches, float]:
     """Return a layout of several connected bodies, each as ``_tighten_body`` finds it, and the expected distance of all."""
     mesh = piece.mesh
-    piece = replace(piece, spirals=starting_spirals(piece))  # the curvature of all bodies decides them
+    piece = replace(
+        piece, spirals=starting_spirals(piece)
+    )  # from the curvature of all bodies, as the search will take them
     cut, corners, squares = flat.layout.cut.copy(), flat.corners, 0.0
     for body in progress.each(range(mesh.body_of.max() + 1), "Predicting the match"):
         quads = np.flatnonzero(mesh.body_of == body)
         layout, edges = alone(flat.layout, quads)
         first = PatchLayout(layout.mesh, begun.cut[edges], origin=begun.origin)
-        present, own = _with_corners(layout, corners[quads]), piece.part(layout.mesh, quads)
+        present, own = _with_corners(layout, corners[quads]), piece.restrict_to(layout.mesh, quads)
         found, expected = _tighten_body(own, first, present, params, progress.quiet())
         cut[edges], corners[quads] = found.layout.cut, found.corners
         squares += len(quads) * (expected * layout.mesh.diagonal) ** 2
     if (cut != flat.layout.cut).any():
         notes = {key: value for key, value in flat.layout.notes.items() if key != "forced"}
         flat = _with_corners(PatchLayout(mesh, cut, notes, flat.layout.origin), corners)
-        notes |= forced_notes(flat, _of_strips(piece.settings.layout))
+        notes |= forced_notes(flat, _with_longer_strips(piece.settings.layout))
     return flat, float(np.sqrt(squares / len(mesh.quads))) / mesh.diagonal
 
 
@@ -114,7 +116,7 @@ def _with_corners(layout: PatchLayout, corners: Float[np.ndarray, "quads 4 2"]) 
 def _tighten_body(
     piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, params: ChooseParams, progress: Progress
 ) -> tuple[FlatPatches, float]:
-    """Return a layout of a connected body, and the expected distance as a share of its size; infinite if it has no equilibrium."""
+    """Return the best layout of one connected body, and its expected distance as a share of its size; infinite if none can be predicted."""
     if is_flat(piece.mesh):
         return flat, 0.0
     progress(0.0, "Predicting the match")
@@ -143,7 +145,7 @@ def _tighten_body(
     if best is not flat:
         notes = best.layout.notes
         notes.pop("forced", None)
-        notes |= forced_notes(best, _of_strips(limits)) | _symmetry_notes(best, symmetric=limits.symmetric)
+        notes |= forced_notes(best, _with_longer_strips(limits)) | _symmetry_notes(best, symmetric=limits.symmetric)
     return best, left
 
 
@@ -158,7 +160,7 @@ def _along_folds(piece: LayoutProblem, progress: Progress) -> Iterator[FlatPatch
 def _under_tighter_limits(
     piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, progress: Progress
 ) -> Iterator[FlatPatches]:
-    """Yield layouts merged under ever tighter limits, until the next one may have too many panels."""
+    """Yield layouts merged under ever tighter limits, small panels and necks joined to neighbours, until the next one may have too many panels."""
     limits, last = piece.settings.layout, flat
     kept = symmetries(piece.mesh, progress=progress.quiet()) if limits.symmetric else ()
     for turn, share in enumerate(SHARES):
@@ -173,9 +175,9 @@ def _under_tighter_limits(
 
 
 def _in_equal_parts(piece: LayoutProblem, flat: FlatPatches, progress: Progress) -> Iterator[FlatPatches]:
-    """Yield layouts of equal strips, rings or petals within all limits, but up to ``STRIPS`` times as long as the settings allow.
+    """Yield layouts of equal strips, rings or petals that keep all limits, with the limit of compactness raised by the factor ``STRIPS``.
 
-    For each number of panels it is the least distorted one, the fewest panels first. On smooth tubes and strips the first cuts may leave too few
+    The least distorted layout of each number of panels is yielded, the fewest panels first. On smooth tubes and strips the first cuts may leave too few
     panels to come near the target, and tighter limits do not add any.
     """
     mesh, limits, most = piece.mesh, piece.settings.layout, MOST * _panels(flat)
@@ -194,15 +196,15 @@ def _in_equal_parts(piece: LayoutProblem, flat: FlatPatches, progress: Progress)
     best: dict[int, FlatPatches] = {}
     for _, _, idea in progress.each(ranked[:LAID], "Dividing into equal parts"):
         laid = lay_flat(piece, idea, curved, progress.quiet())
-        if laid is not None and not forced_notes(laid.flat, _of_strips(limits)):
+        if laid is not None and not forced_notes(laid.flat, _with_longer_strips(limits)):
             known = best.get(laid.panels)
             if known is None or laid.flat.energy.max() < known.energy.max():
                 best[laid.panels] = laid.flat
     yield from (best[panels] for panels in sorted(best))
 
 
-def _of_strips(limits: LayoutParams) -> LayoutParams:
-    """Return the limits that equal parts must keep."""
+def _with_longer_strips(limits: LayoutParams) -> LayoutParams:
+    """Return the limits with the compactness that equal parts may have; notes on tightened layouts name only panels beyond it."""
     return replace(limits, compactness_limit=STRIPS * limits.compactness_limit)
 
 
