@@ -9,10 +9,11 @@ import bpy
 
 from ..bridge.store import notes
 from ..bridge.store.i18n import translate
+from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
-from .stage import message_of
-from .writes import FromDialog
+from .stage import AtOnce
+from .writes import FromDialog, begin
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
@@ -85,26 +86,21 @@ class Compare(Asked, ContinuedStage["Result"], bpy.types.Operator):
     shows = "SCAN"
 
 
-class CompareFile(Asked, FromDialog, bpy.types.Operator):
+class CompareFile(Asked, FromDialog, AtOnce, bpy.types.Operator):
     """Choose the file of a scan of the built piece, and compare it with the simulated shape"""
 
     bl_idname = "flexmaps.compare_file"
     bl_label = "Compare with a scan"
+    bl_options = {"REGISTER"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return Compare.poll(context)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         if not Path(bpy.path.abspath(self.filepath)).is_file():
-            self.report({"ERROR"}, translate("There is no file {}; choose a scan", self.filepath))
-            return {"CANCELLED"}
-        how = "EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT"  # with a window run as a background job
-        try:
-            return bpy.ops.flexmaps.compare(how, filepath=self.filepath, unit=self.unit, anywhere=self.anywhere)
-        except RuntimeError as error:
-            self.report({"ERROR"}, message_of(error))
-            return {"CANCELLED"}
+            raise FlexMapsError(translate("There is no file {}; choose a scan", self.filepath))
+        begin(Compare.bl_idname, filepath=self.filepath, unit=self.unit, anywhere=self.anywhere)
 
 
 CLASSES = (Compare, CompareFile)

@@ -104,7 +104,10 @@ class ChooseFolder(FromDialog, AtOnce, OnObject, bpy.types.Operator):
 
 
 def begin(stage: str, **options: Any) -> None:
-    """Run a stage by its idname, with a window as a background job; raise ``FlexMapsError`` with its error message. Faults of the program pass through as ``RuntimeError``."""
+    """Run a stage by its idname, with a window as a background job.
+
+    Raise ``FlexMapsError`` with the error that the stage reports; faults of the program pass through as ``RuntimeError``.
+    """
     name = stage.lower().replace("_ot_", ".").split(".")[-1]
     try:
         getattr(bpy.ops.flexmaps, name)("EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT", **options)

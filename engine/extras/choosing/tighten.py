@@ -11,10 +11,9 @@ from itertools import chain, islice, zip_longest
 
 import numpy as np
 
-from ...arrays import Float
 from ...errors import FlexMapsError
 from ...params import ChooseParams, LayoutParams
-from ...patches.flattening.flatten import FlatPatches, flatten, with_energies
+from ...patches.flattening.flatten import FlatPatches, flatten, with_corners
 from ...patches.flattening.flattening_report import forced_notes, symmetry_kept
 from ...patches.layout import PatchLayout, alone
 from ...patches.merging.dissolve import without_crumbs
@@ -72,11 +71,8 @@ def tighten(
     mesh = piece.mesh
     if params.goal != "match" or piece.settings.simulate.model == "rod" or is_flat(mesh):
         return flat
-    bodies = mesh.body_of.max() + 1
-    if bodies == 1:
-        best, expected = _tighten_body(piece, begun, flat, params, progress)
-    else:
-        best, expected = _tighten_bodies(piece, begun, flat, params, progress)
+    improve = _tighten_bodies if mesh.body_of.any() else _tighten_body
+    best, expected = improve(piece, begun, flat, params, progress)
     if np.isfinite(expected):
         best.layout.notes["expected_percent"] = 100.0 * expected
     return best
@@ -86,31 +82,24 @@ def _tighten_bodies(
     piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, params: ChooseParams, progress: Progress
 ) -> tuple[FlatPatches, float]:
     """Return a layout of several connected bodies, each as ``_tighten_body`` finds it, and the expected distance of all."""
-    mesh = piece.mesh
-    piece = replace(
-        piece, spirals=starting_spirals(piece)
-    )  # from the curvature of all bodies, as the search will take them
+    mesh, spirals = piece.mesh, starting_spirals(piece)  # from the curvature of all bodies, as in the search
+    piece = replace(piece, spirals=spirals)
     cut, corners, squares = flat.layout.cut.copy(), flat.corners, 0.0
-    for body in progress.each(range(mesh.body_of.max() + 1), "Predicting the match"):
+    ends = np.cumsum(np.bincount(mesh.body_of)) / len(mesh.quads)
+    for body, end in enumerate(ends.tolist()):
         quads = np.flatnonzero(mesh.body_of == body)
         layout, edges = alone(flat.layout, quads)
         first = PatchLayout(layout.mesh, begun.cut[edges], origin=begun.origin)
-        present, own = _with_corners(layout, corners[quads]), piece.restrict_to(layout.mesh, quads)
-        found, expected = _tighten_body(own, first, present, params, progress.quiet())
+        present, own = with_corners(layout, corners[quads]), piece.restrict_to(layout.mesh, quads)
+        within = progress.part(end - len(quads) / len(mesh.quads), end)
+        found, expected = _tighten_body(own, first, present, params, within)
         cut[edges], corners[quads] = found.layout.cut, found.corners
         squares += len(quads) * (expected * layout.mesh.diagonal) ** 2
     if (cut != flat.layout.cut).any():
         notes = {key: value for key, value in flat.layout.notes.items() if key != "forced"}
-        flat = _with_corners(PatchLayout(mesh, cut, notes, flat.layout.origin), corners)
+        flat = with_corners(PatchLayout(mesh, cut, notes, flat.layout.origin), corners)
         notes |= forced_notes(flat, _with_longer_strips(piece.settings.layout))
     return flat, float(np.sqrt(squares / len(mesh.quads))) / mesh.diagonal
-
-
-def _with_corners(layout: PatchLayout, corners: Float[np.ndarray, "quads 4 2"]) -> FlatPatches:
-    """Return the flat patches with given corners of every quad, metres."""
-    points = np.empty((int(layout.flat_corners.max()) + 1, 2))
-    points[layout.flat_corners] = corners
-    return with_energies(layout, points)
 
 
 def _tighten_body(

@@ -21,7 +21,7 @@ from ...mechanics.elastic import ElasticModel
 from ...mechanics.loads import Loads
 from ...mechanics.newton_system import NewtonSystem
 from ...mechanics.stance import Stance
-from ...patches.flattening.flatten import FlatPatches, flatten, with_energies
+from ...patches.flattening.flatten import FlatPatches, flatten, with_corners
 from ...patches.layout import PatchLayout
 from ...patches.tracing.trace import make_disks
 from ...simulation.simulate import build_model
@@ -157,9 +157,7 @@ def _flat(given: LiveInput, mesh: QuadMesh, old: LiveState | None) -> FlatPatche
     if old is not None and all(equal_inputs(getattr(given, name), getattr(old.given, name)) for name in names):
         return old.flat
     old_layout = PatchLayout(mesh, given.cut & ~mesh.border)
-    points = np.zeros((int(old_layout.flat_corners.max()) + 1, 2))
-    points[old_layout.flat_corners] = given.flat
-    stored = with_energies(old_layout, points)
+    stored = with_corners(old_layout, given.flat)
     least, share = ROUNDING
     with np.errstate(invalid="ignore"):
         moved = ~(np.abs(stored.energy - given.energy) <= least + share * given.energy)

@@ -99,6 +99,19 @@ def with_energies(layout: PatchLayout, points: Float[np.ndarray, "points 2"]) ->
     return FlatPatches(layout, points, quad_energy(tri, np.abs(a), np.abs(b)), square_energy(u))
 
 
+def with_corners(layout: PatchLayout, corners: Float[np.ndarray, "quads 4 2"]) -> FlatPatches:
+    """Compute the energies of the flat patches with given corners.
+
+    Parameters
+    ----------
+    layout : mesh and cuts
+    corners : of every quad, metres; those of neighbours within a patch agree
+    """
+    points = np.empty((int(layout.flat_corners.max()) + 1, 2))
+    points[layout.flat_corners] = corners
+    return with_energies(layout, points)
+
+
 def in_frame(
     points: Complex[np.ndarray, " vertices"], corners: Int[np.ndarray, "quads 4"]
 ) -> Float[np.ndarray, "vertices 2"]:
