@@ -180,10 +180,16 @@ def _search(shapes, params, answers=None):
     return search
 
 
+def _packed(task):
+    """Return the strip that another process packs, as spyrrow must not go on in this one when it ends."""
+    with Workers(1) as workers:
+        return workers.submit(pack_strip, task).result()
+
+
 def test_a_strip_is_as_short_as_two_squares_and_its_places_are_disjoint():
     square = [(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)]
     # much time, of which it takes what it needs: the machine may be busy
-    strip = pack_strip(StripTask([(3, square, [0.0]), (5, square, [0.0])], 11.0, 60, 0, 20.01))
+    strip = _packed(StripTask([(3, square, [0.0]), (5, square, [0.0])], 11.0, 60, 0, 20.01))
     assert strip.length == pytest.approx(20.0, abs=0.01) and set(strip.places) == {3, 5}
     assert abs(strip.places[3][1][0] - strip.places[5][1][0]) >= 10.0 - 1e-3
 
@@ -191,12 +197,7 @@ def test_a_strip_is_as_short_as_two_squares_and_its_places_are_disjoint():
 def test_a_strip_that_is_short_enough_ends_the_search():
     begun = time.monotonic()
     square = [(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)]
-    task = StripTask([(k, square, [0.0, 30.0]) for k in range(8)], 25.0, 60, 0, 60.0)
-    workers = Workers(1)
-    try:
-        assert workers.submit(pack_strip, task).result().length <= 60.0
-    finally:
-        workers.shutdown(cancel_futures=True)
+    assert _packed(StripTask([(k, square, [0.0, 30.0]) for k in range(8)], 25.0, 60, 0, 60.0)).length <= 60.0
     assert time.monotonic() - begun < 30.0
 
 
