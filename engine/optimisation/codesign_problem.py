@@ -22,13 +22,14 @@ from ..patches.flattening.flatten import FlatPatches
 from ..patches.loops import NEXT
 from ..progress import SILENT, Progress
 from ..spirals.clearance.room import ClearanceModel
-from .bounds import LinearClearances, narrowest_per_pair
+from .bounds import narrowest_per_pair
 from .codesign_cost import FlatCost, FlatLimits
 from .codesign_geometry import geometry_jacobian, joint_derivatives
 from .costs import Cost
 from .inverse import DesignPoint, InverseProblem
 from .open_slots import NarrowSlots, SlotRequirement
 from .other_weights import with_problem
+from .polytope import LinearClearances
 from .terms import Rows
 from .work import CURVED, GEOMETRY, VARIED
 

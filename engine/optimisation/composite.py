@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Float
-from .bounds import LinearClearances, bounded_step
+from .bounded_step import bounded_step
 from .costs import Cost
 from .inverse import DesignPoint
+from .polytope import LinearClearances
 from .terms import Term, turning
 
 MAX_PARTS = 6  # largest number of parts, and expansions, of a step
@@ -49,14 +50,12 @@ class CompositeModel:
     """The objective near a point, damped in the coordinates and in the rotations of the hubs.
 
     damping : weight of half the squared step of the coordinates; following : weight of half the hubs' squared rotations, radians
-    most : largest number of iterations of conjugate gradients; units : of the coordinates, see ``bounded_step``
-    watch : raises Cancelled
+    units : of the coordinates, see ``bounded_step``; watch : raises Cancelled
     """
 
     point: DesignPoint
     damping: float
     following: float
-    most: int
     units: Float[np.ndarray, " coordinates"]
     watch: Callable[[], None]
 
@@ -98,7 +97,7 @@ class CompositeModel:
         pulls = [turning(self.following, here.moves), *(term.gradient for term in here.terms)]
         gradient = sum((cost.gradient for cost in here.costs), point.back(pulls)) + self.damping * here.step
         left = LinearClearances(rooms.room + rooms.slope @ here.step, rooms.slope)
-        change = bounded_step(at, gradient, product, left, self.most, self.units)
+        change = bounded_step(at, gradient, product, left, self.units)
         change = problem.inside(np.clip(at + change, 0.0, 1.0), at) - at
         moves, share = point.moves(change), 1.0
         for _ in range(HALVINGS):

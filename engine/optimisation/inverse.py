@@ -24,7 +24,7 @@ from ..mechanics.stance import Stance
 from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from ..spirals.clearance.room import ClearanceModel
-from .bounds import ClearanceProblem, LinearClearances, narrowest_per_pair, restore_clearances
+from .bounds import ClearanceProblem, narrowest_per_pair, restore_clearances
 from .costs import Cost, Roughness
 from .design_space import DesignSpace
 from .factors import Factors
@@ -33,6 +33,7 @@ from .goal_registry import goals_of
 from .objective import Mismatch, Target
 from .open_slots import NarrowSlots, SlotPenalty, SlotRequirement
 from .other_weights import with_problem
+from .polytope import LinearClearances
 from .terms import WEIGHT, MismatchTerm, Rows, ScalarChange, StrainLimit, StrainTerm, Term, rows_in_runs, total, turning
 from .work import CURVED, EQUILIBRIUM, ITERATION, MODE, OPENING, PRODUCT, ROOMS, SOFTEST, Work
 

@@ -32,7 +32,6 @@ MAX_JUMP = 0.5  # distance of a hub from its predicted place, in distances of ne
 # Newton iterations after which an equilibrium is given up: a piece that snaps takes many. Of 400 accepted steps from predicted poses, on
 # 8 surfaces, none took more than 8; those given up took up to half of the time. The first number is for starts without a prediction
 MAX_NEWTON_ITERATIONS, PREDICTED_ITERATIONS = 30, 12
-CG_ITERATIONS = 40  # most conjugate gradient steps in a Gauss-Newton step: more take longer and are nearer to the exact step; not measured
 
 
 @dataclass
@@ -146,7 +145,7 @@ class _GaussNewtonProblem:
         within = self.within(point)
 
         units = self.bending.units(point.value, damping)
-        model = CompositeModel(point, damping, following, CG_ITERATIONS, units, lambda: within(0.0))
+        model = CompositeModel(point, damping, following, units, lambda: within(0.0))
         step = model.minimise().step
         step = point.problem.within(np.clip(point.x + step, 0.0, 1.0), point) - point.x
         if self.over:

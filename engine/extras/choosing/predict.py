@@ -19,7 +19,7 @@ import numpy as np
 from ...arrays import Float
 from ...errors import FlexMapsError
 from ...mechanics.assembly import Pose, target_pose
-from ...optimisation.bounds import bounded_step
+from ...optimisation.bounded_step import bounded_step
 from ...optimisation.codesign import MAX_SEAM_MISMATCH, MAX_SHIFT
 from ...optimisation.codesign_problem import FlatPoint, FlatProblem, FlatRange
 from ...optimisation.design_space import DesignSpace
@@ -33,7 +33,6 @@ from ...spirals.design import SpiralDesign
 from ...spirals.fabricable import make_fabricable
 from .judge import FlatLayout, JudgedLayout, LayoutProblem, judge_shape, starting_spirals
 
-ROUNDS = 80  # of conjugate gradients in the step; most end after 30 to 60
 DAMPING = 1e-4  # penalty, as a share of the objective, on a step over the whole range of one coordinate
 
 
@@ -151,7 +150,7 @@ def _step(point: FlatPoint) -> Float[np.ndarray, " coordinates"]:
     bending.refine(point.gauss_newton)
     units = bending.units(point.value, damping)
     return bounded_step(
-        point.x, point.gradient, lambda way: point.gauss_newton(way) + damping * way, point.rooms, ROUNDS, units
+        point.x, point.gradient, lambda way: point.gauss_newton(way) + damping * way, point.rooms, units
     )
 
 

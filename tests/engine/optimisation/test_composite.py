@@ -34,7 +34,7 @@ def start() -> DesignPoint:
 
 
 def model(point: DesignPoint, damping: float = 1e-5) -> CompositeModel:
-    return CompositeModel(point, damping, 0.0, 40, np.ones_like(point.x), lambda: None)
+    return CompositeModel(point, damping, 0.0, np.ones_like(point.x), lambda: None)
 
 
 def ways() -> list[np.ndarray]:

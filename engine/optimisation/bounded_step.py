@@ -1,0 +1,150 @@
+"""Steps that minimise a convex quadratic model within a box and linearised clearances."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Bool, Float
+from .polytope import LinearClearances, Nearest, Polytope, Projection, scale_columns
+
+Product = Callable[[np.ndarray], np.ndarray]
+# Measured on 33 models of 5 surfaces, whose exact minima a solver of quadratic programmes found: the median step brings 86 % of the exact
+# decrease with 72 products
+MAX_ROUNDS = 10  # largest number of rounds a step
+# Share of the decrease so far that a round must bring for another one to follow. With 0.05, 89 % with 92 products; with 0.2, 80 % with 53
+MIN_GAIN = 0.1
+# Iterations of conjugate gradients in a short solve, which finds the bounds that a direction would run into, and in the full solve after it.
+# With 3 in the former 83 %, with 8 80 %; with 10 in the latter 80 %, with 20 83 %
+PROBE_ITERATIONS, ITERATIONS = 5, 15
+PRECISION = 0.1  # norm of the residual, as a share of the right-hand side, at which conjugate gradients stop; 0.3: 84 %, 0.03: 86 %
+STRETCH = 10.0  # largest change of the gradient's length between two rounds; 3: 84 %
+MAX_HALVINGS = 6  # of a direction, until its projection descends
+# Distance from an end of its range, as a share of it, within which a coordinate is at that end, and clearance, in scaled coordinates, below
+# which a gap is closed; a thousand times larger ones bring 84 and 86 %
+AT_BOUND, CLOSED_BELOW = 1e-9, 1e-6
+
+
+def bounded_step(
+    x: Float[np.ndarray, " coordinates"],
+    gradient: Float[np.ndarray, " coordinates"],
+    product: Product,
+    rooms: LinearClearances,
+    units: Float[np.ndarray, " coordinates"] | None = None,
+) -> Float[np.ndarray, " coordinates"]:
+    """Return the step that nearly minimises a convex quadratic model within the box and the clearances.
+
+    Every round takes a projected gradient step, which finds the bounds that hold, and a step by conjugate gradients along these bounds,
+    projected too (Moré and Toraldo 1991). The model decreases in every round.
+
+    Parameters
+    ----------
+    x : present coordinates, in [0, 1]
+    gradient : of the model at ``x``
+    product : of the model's matrix with a vector (coordinates,)
+    rooms : linearised clearances at ``x``
+    units : of the coordinates, which precondition the search and define the norm of projections; ones if None
+
+    Returns
+    -------
+    The step; ``x`` plus the step lies in the box.
+    """
+    unit = np.ones_like(x) if units is None else units
+    bounds = Polytope(-x / unit, (1.0 - x) / unit, rooms.in_units(unit))
+    model = _Model(lambda way: unit * product(unit * way), np.zeros_like(x), unit * gradient)
+    length = 1.0
+    for _ in range(MAX_ROUNDS):
+        before = model.fallen
+        ahead = bounds.nearest(model.step - length * model.slope)
+        length *= np.clip(model.descend(ahead.point - model.step), 1.0 / STRETCH, STRETCH)
+        way = _search_direction(model, bounds, ahead)
+        for turn in range(MAX_HALVINGS):
+            change = bounds.nearest(model.step + 0.5**turn * way).point - model.step
+            if change @ model.slope < 0.0:
+                model.descend(change)
+                break
+        if model.fallen - before <= MIN_GAIN * model.fallen:
+            break
+    return np.clip(unit * model.step, -x, 1.0 - x)  # rounding may leave the box
+
+
+@dataclass(eq=False)
+class _Model:
+    """A quadratic model: product with its matrix, present step, gradient there, and decrease so far."""
+
+    product: Product
+    step: np.ndarray
+    slope: np.ndarray
+    fallen: float = 0.0
+
+    def descend(self, change: np.ndarray) -> float:
+        """Go along a change to the minimum, at most by all of it; return the distance of the minimum, in lengths of the change."""
+        along = -float(change @ self.slope)
+        if along <= 0.0:
+            return 1.0
+        pulled = self.product(change)
+        bend = float(change @ pulled)
+        whole = along / bend if bend > 0.0 else np.inf
+        share = min(whole, 1.0)
+        self.step, self.slope = self.step + share * change, self.slope + share * pulled
+        self.fallen += share * (along - 0.5 * share * bend)
+        return whole
+
+
+def _search_direction(model: _Model, bounds: Polytope, ahead: Nearest) -> Float[np.ndarray, " coordinates"]:
+    """Return the direction to the model's minimum on the face of the polytope that the gradient leads to."""
+    step, span = model.step, bounds.high - bounds.low
+    low, high = step <= bounds.low + AT_BOUND * span, step >= bounds.high - AT_BOUND * span
+    fixed = (low & (ahead.point <= bounds.low)) | (high & (ahead.point >= bounds.high))
+    held = ahead.closed & (bounds.room(step) < CLOSED_BELOW)
+    trial = step + _solve(model, bounds, fixed, held, PROBE_ITERATIONS)
+    fixed |= (trial < bounds.low) | (trial > bounds.high)
+    held |= bounds.room(trial) < 0.0
+    return _solve(model, bounds, fixed, held, ITERATIONS)
+
+
+def _solve(
+    model: _Model,
+    bounds: Polytope,
+    fixed: Bool[np.ndarray, " coordinates"],
+    held: Bool[np.ndarray, " rows"],
+    most: int,
+) -> Float[np.ndarray, " coordinates"]:
+    """Minimise the model where some coordinates are fixed and some gaps held, by at most ``most`` conjugate gradients."""
+    onto = Projection(scale_columns(bounds.slope[held], ~fixed)) if held.any() else None
+
+    def along(way: np.ndarray) -> np.ndarray:
+        way = np.where(fixed, 0.0, way)
+        return way if onto is None else onto.along(way)
+
+    return conjugate_gradients(model.product, along, -along(model.slope), most)
+
+
+def conjugate_gradients(
+    product: Product,
+    along: Callable[[np.ndarray], np.ndarray],
+    rhs: np.ndarray,
+    most: int,
+) -> np.ndarray:
+    """Solve product(v) = rhs in the subspace that ``along`` projects onto, to a relative residual of ``PRECISION``.
+
+    ``most`` : largest number of iterations; ``rhs`` lies in that subspace.
+    """
+    v, r = np.zeros_like(rhs), rhs.copy()
+    p, rr = r.copy(), float(r @ r)
+    goal = PRECISION**2 * float(rhs @ rhs)
+    for _ in range(most):
+        if rr <= goal or rr == 0.0:
+            break
+        q = along(product(p))
+        bend = float(p @ q)
+        if bend <= 0.0:
+            break
+        alpha = rr / bend
+        v += alpha * p
+        r -= alpha * q
+        old, rr = rr, float(r @ r)
+        p = r + (rr / old) * p
+    return v
