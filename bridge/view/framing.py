@@ -28,13 +28,17 @@ def follow(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> 
 
 
 def frame(context: bpy.types.Context, *others: bpy.types.Object) -> None:
-    """Turn every 3D view to the selection and to further objects, as Blender's *Frame Selected* does.
+    """Turn every 3D view to the selection and to further objects, beside the sidebar and other bars that cover a view.
+
+    Blender's *Frame Selected* comes first: it leaves a camera's view, and knows the selection in every mode.
 
     Parameters
     ----------
     context : Blender's context
     others : further objects to show
     """
+    from . import free_part
+
     beside = [other for other in others if not other.select_get() and other.visible_get()]
     for other in beside:
         other.select_set(True)
@@ -42,6 +46,7 @@ def frame(context: bpy.types.Context, *others: bpy.types.Object) -> None:
         region = next(region for region in area.regions if region.type == "WINDOW")
         with context.temp_override(window=window, area=area, region=region):
             bpy.ops.view3d.view_selected()
+            free_part.fill(context, area, region)
     for other in beside:
         other.select_set(False)
 

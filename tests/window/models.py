@@ -15,6 +15,7 @@ import bpy
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 import hands  # noqa: E402
+from bpy_extras.view3d_utils import location_3d_to_region_2d  # noqa: E402
 from presses import FOUND, blocks, expect, installed, picture, press, until  # noqa: E402
 
 STEPS = 14  # no model needs more
@@ -106,11 +107,27 @@ def to_sheets(name, settings):
         if step in {"quad_remesh", "set_size"}:
             yield from hands.look_at([bpy.context.object])
         yield from picture(f"{name}-{step}")
+        if step == "merge":  # the views were turned to the panels
+            expect(not covered(), f"all panels of {name} are in sight, but {covered()} vertices")
     found["seconds"]["all"] = round(time.perf_counter() - start, 1)
     found["blocks"] = {k: v for k, v in blocks().items() if k != "checks"}
     expect("sheets" in blocks(), f"Next leads {name} to its sheets: {found['pressed']}")
     missing = [file for file in blocks().get("sheets", {}).get("files", [None]) if not (folder / str(file)).is_file()]
     expect(not missing, f"all files of {name} are there, but {missing}")
+
+
+def covered():
+    """How many vertices of the flat panels are outside the view, or behind its sidebar."""
+    area = hands.view()[1]
+    region = next(r for r in area.regions if r.type == "WINDOW")
+    right = hands.sidebar().x - region.x
+    count = 0
+    for obj in bpy.data.objects:
+        if obj.get("flexmaps_kind") == "panels":
+            for vertex in obj.data.vertices:
+                at = location_3d_to_region_2d(region, area.spaces.active.region_3d, obj.matrix_world @ vertex.co)
+                count += not (at is not None and 0 < at.x < right and 0 < at.y < region.height)
+    return count
 
 
 hands.drive(walk(), FOUND)

@@ -1,0 +1,103 @@
+"""Place a 3D view so that points fill the part of it that nothing covers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from ..arrays import Float
+
+SENSOR = (
+    36.0  # Blender's 3D views show SENSOR / lens to either side of their middle at distance 1, along the longer side
+)
+MARGIN = 0.06  # gap at each side of the points, as a fraction of the free part; chosen by eye
+LEAST_FREE = 0.3  # smallest fraction of a view's width or height that is used: with less, objects would be dots; by eye
+BISECTIONS = 20  # halvings of the room beside the points; 10 already leave less than a pixel
+
+
+class Rectangle(NamedTuple):
+    """Rectangle in a window, pixels."""
+
+    left: float
+    bottom: float
+    right: float
+    top: float
+
+
+def free_part(view: Rectangle, covers: Iterable[tuple[str, Rectangle]]) -> Rectangle:
+    """Return the part of a view that the bars at its sides leave free; the whole view if they leave too little.
+
+    Parameters
+    ----------
+    view : the 3D view
+    covers : side that a bar is attached to (LEFT, RIGHT, BOTTOM or TOP; others cover nothing), and its rectangle
+    """
+    left, bottom, right, top = view
+    for side, bar in covers:
+        wide = min(bar.right, view.right) - max(bar.left, view.left)
+        high = min(bar.top, view.top) - max(bar.bottom, view.bottom)
+        if wide <= 0 or high <= 0:  # beside the view
+            continue
+        if side == "LEFT":
+            left = max(left, bar.right)
+        elif side == "RIGHT":
+            right = min(right, bar.left)
+        elif side == "BOTTOM":
+            bottom = max(bottom, bar.top)
+        elif side == "TOP":
+            top = min(top, bar.bottom)
+    share = min((right - left) / (view.right - view.left), (top - bottom) / (view.top - view.bottom))
+    return Rectangle(left, bottom, right, top) if share >= LEAST_FREE else view
+
+
+def place_view(
+    points: Float[np.ndarray, "points 3"],
+    axes: Float[np.ndarray, "3 3"],
+    view: Rectangle,
+    free: Rectangle,
+    lens: float,
+    perspective: bool,
+) -> tuple[Float[np.ndarray, " 3"], float]:
+    """Return the centre of rotation and the distance with which points just fill a part of a view, seen in its direction.
+
+    In perspective, each side of the free part is a plane through the eye, and the points are to lie within all four of
+    them. For an eye at (x, z) the right side, of slope a, asks for ``x + a z >= max(p_x + a p_z)``, the left one for
+    ``x + b z <= min(p_x + b p_z)``; both together give the smallest z. Bisection then finds the x with equal gaps.
+
+    Parameters
+    ----------
+    points : what is to be seen, metres
+    axes : rows are the view's directions to the right, upwards and towards the eye
+    view, free : the 3D view and its free part, pixels
+    lens : focal length, millimetres
+    perspective : whether the view is in perspective; orthographic otherwise
+
+    Returns
+    -------
+    location, distance : centre of rotation, in the middle of the view and at the depth of the points' middle; its distance
+        from the eye, metres, 0 for a single point
+    """
+    seen = points @ axes.T
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    scale = 2.0 * SENSOR / lens / max(view.right - view.left, view.top - view.bottom)  # slope of a pixel
+    middle = np.array([(view.left + view.right) / 2.0, (view.bottom + view.top) / 2.0])
+    corners = np.array([[free.left, free.bottom], [free.right, free.top]])
+    gap = MARGIN * (corners[1] - corners[0])
+    lower, upper = scale * (corners + np.array([gap, -gap]) - middle)
+    depth = (low[2] + high[2]) / 2.0
+    if not perspective:
+        distance = float(((high - low)[:2] / (upper - lower)).max())
+        across = (low + high)[:2] / 2.0 - distance * (lower + upper) / 2.0
+        return np.append(across, depth) @ axes, distance
+    least = (seen[:, :2] + lower * seen[:, 2:]).min(axis=0)
+    most = (seen[:, :2] + upper * seen[:, 2:]).max(axis=0)
+    eye = float(((most - least) / (upper - lower)).max())
+    nearest, farthest = most - upper * eye, least - lower * eye  # the eye is between them, in both directions
+    for _ in range(BISECTIONS):
+        across = (nearest + farthest) / 2.0
+        slopes = (seen[:, :2] - across) / np.maximum(eye - seen[:, 2:], 1e-12)
+        above = slopes.min(axis=0) + slopes.max(axis=0) > lower + upper
+        nearest, farthest = np.where(above, across, nearest), np.where(above, farthest, across)
+    return np.append(across, depth) @ axes, eye - depth

@@ -1,0 +1,77 @@
+"""Views turned to objects, beside the bars that cover a view."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from flexmaps.bridge.store import attributes
+from flexmaps.bridge.view import framing
+from flexmaps.engine.surface import shapes
+from mathutils import Matrix, Vector
+
+
+@pytest.fixture
+def area() -> Any:
+    """The 3D view of Blender's start screen, with its toolbar on the left."""
+    return next(area for _, area in framing._views(bpy.context))
+
+
+def at(area: Any, points: np.ndarray) -> np.ndarray:
+    """Return where points are in a view in perspective, pixels from its lower left corner."""
+    space, region = area.spaces.active, next(region for region in area.regions if region.type == "WINDOW")
+    view = space.region_3d
+    to_eye = Matrix.Translation((0, 0, -view.view_distance)) @ view.view_rotation.to_matrix().to_4x4().inverted()
+    seen = np.array([to_eye @ (Vector(point) - view.view_location) for point in points])
+    size = np.array([region.width, region.height])
+    half = 36.0 / space.lens * size / size.max()
+    return (seen[:, :2] / (-seen[:, 2:] * half) + 1.0) / 2.0 * size
+
+
+def world(obj: Any) -> np.ndarray:
+    return np.array([obj.matrix_world @ v.co for v in obj.data.vertices])
+
+
+def free_size(area: Any) -> tuple[float, np.ndarray]:
+    """Return how far the toolbar reaches into the view, and the width and height beside it."""
+    region = {region.type: region for region in area.regions}
+    window, tools = region["WINDOW"], region["TOOLS"]
+    assert tools.width > 1 and region["UI"].width == 1
+    top = min(region["TOOL_HEADER"].y, window.y + window.height)
+    return tools.width, np.array([window.width - tools.width, top - window.y])
+
+
+def test_objects_fill_the_part_beside_the_toolbar(add: Any, area: Any) -> None:
+    dome, other = add(shapes.make("dome"), "dome"), add(shapes.make("dome"), "other")
+    other.location = (0.3, 2.5, 0.0)
+    framing.select_alone(bpy.context, dome, bpy.context.view_layer)
+    framing.frame(bpy.context, other)
+    assert dome.select_get() and not other.select_get()
+    left, size = free_size(area)
+    seen = (at(area, np.concatenate([world(dome), world(other)])) - [left, 0]) / size
+    assert seen.min() > 0.05 and seen.max() < 0.95
+    assert np.ptp(seen, axis=0).max() == pytest.approx(0.88, abs=0.01)
+    assert seen.min(axis=0) + seen.max(axis=0) == pytest.approx(1.0, abs=0.01)
+
+
+def test_selected_faces_are_in_the_middle(add: Any, area: Any) -> None:
+    dome = add(shapes.make("dome"), "dome")
+    attributes.select(dome, np.array([3]), np.array([], dtype=int))
+    corners = np.array([dome.matrix_world @ dome.data.vertices[v].co for v in dome.data.polygons[3].vertices])
+    bpy.ops.object.mode_set(mode="EDIT")
+    framing.frame(bpy.context)
+    left, size = free_size(area)
+    seen = (at(area, corners) - [left, 0]) / size
+    assert np.ptp(seen, axis=0).max() == pytest.approx(0.88, abs=0.01)
+    bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def test_nothing_selected_moves_no_view(add: Any, area: Any) -> None:
+    add(shapes.make("dome"), "dome")
+    bpy.ops.object.select_all(action="DESELECT")
+    view = area.spaces.active.region_3d
+    before = (*view.view_location, view.view_distance)
+    framing.frame(bpy.context)
+    assert (*view.view_location, view.view_distance) == before
