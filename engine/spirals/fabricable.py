@@ -163,7 +163,9 @@ def make_fabricable(
     if prove:  # quads with solid hubs may have room in these flat patches
         width = np.where((free & ~small & without_spiral(width, params))[:, None], low[:, None], width)
     most = np.where(free, high, np.inf)
+    progress(0.0, "room between the arms")
     width, room = np.minimum(width, most[:, None]), ClearanceModel.from_flat(flat, params)
+    progress(0.0, "room between the arms")
     twist = np.where(free, np.minimum(twist, params.twist_max), twist)
     width, twist = set_solid(params, width, twist, (small | without_spiral(width, params)) & free)
     shut = room.quads_with_closed_gaps(width, twist) & free
