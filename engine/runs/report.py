@@ -123,11 +123,10 @@ _BLOCKS |= {block: _own(stage.makes[0]) for stage in OF_EXTRAS for block in stag
 
 
 def _input(mesh: QuadMesh, source: str) -> dict[str, Any]:
-    bodies = int(mesh.body_of.max()) + 1
     is_open = bool(mesh.border.any())
     used = len(np.unique(mesh.quads))
     euler = used - len(mesh.edges) + len(mesh.quads)
-    genus = (2 * bodies - euler - _border_loops(mesh)) // 2
+    genus = (2 * mesh.body_count - euler - _border_loops(mesh)) // 2
     return {
         "file": source,
         "quads": len(mesh.quads),
@@ -135,7 +134,7 @@ def _input(mesh: QuadMesh, source: str) -> dict[str, Any]:
         "size_mm": [round(float(x) * 1e3, 3) for x in np.ptp(mesh.vertices, axis=0)],
         "open": is_open,
         "genus": int(genus),
-        "bodies": bodies,
+        "bodies": mesh.body_count,
     }
 
 

@@ -89,7 +89,7 @@ def find_far_bodies(
     held : (n,) whether a support holds the hub's position
     """
     mesh, far = target, []
-    for k in range(int(mesh.body_of.max()) + 1):
+    for k in range(mesh.body_count):
         quads = np.flatnonzero(mesh.body_of == k)
         size = float(np.linalg.norm(np.ptp(mesh.vertices[mesh.quads[quads]].reshape(-1, 3), axis=0)))
         wanted, own = mesh.centroids[quads], centres[quads]

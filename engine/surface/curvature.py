@@ -25,7 +25,7 @@ def rms_curvature(mesh: QuadMesh) -> Float[np.ndarray, " quads"]:
 
 def is_flat(mesh: QuadMesh) -> bool:
     """Return whether every body of a mesh lies in a plane."""
-    for body in range(int(mesh.body_of.max()) + 1):
+    for body in range(mesh.body_count):
         points = mesh.vertices[np.unique(mesh.quads[mesh.body_of == body])]
         spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
         if spread[2] > FLAT * spread[1]:

@@ -178,6 +178,11 @@ class QuadMesh:
         a, b = self.dual.T
         return connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)[1]
 
+    @property
+    def body_count(self) -> int:
+        """Number of connected bodies."""
+        return int(self.body_of.max()) + 1
+
     # -- geometry ------------------------------------------------------------------------------------------------
 
     @cached_property

@@ -58,7 +58,7 @@ def merge(layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT
     """
     seamless = held or params.seamless
     mesh, progress = layout.mesh, _monotonic(progress)
-    bodies = int(mesh.body_of.max()) + 1
+    bodies = mesh.body_count
     cut = layout.cut.copy()
     notes: dict[str, object] = dict(layout.notes)
     each: list[dict[str, object]] = []  # notes of every body, if there are several

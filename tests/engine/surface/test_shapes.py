@@ -83,3 +83,7 @@ def test_subdivision_of_a_cube():
 def test_unknown_shape():
     with pytest.raises(FlexMapsError, match=r"teapot.*demo"):
         shapes.make("teapot")
+
+
+def test_connected_bodies_are_counted() -> None:
+    assert (shapes.two_bodies().body_count, shapes.dome().body_count) == (2, 1)
