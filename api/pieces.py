@@ -133,7 +133,7 @@ def change(
         if cases != known and piece.uid is not None:
             from ..bridge.store import supports as groups
 
-            made = made.with_user(groups=groups.named_of(piece.uid, wanted))
+            made = made.with_user(groups=groups.read_groups_of(piece.uid, wanted))
         if supports is not None:
             made = made.with_user(supports=parse_supports(made.mesh, supports))
         made = job.run_quick_stages(made, wanted)

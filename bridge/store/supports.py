@@ -82,8 +82,8 @@ def read_groups(obj: bpy.types.Object, surface: ObjectSurface, used: Settings) -
     return quads
 
 
-def named_of(uid: int, used: Settings) -> dict[str, Int[np.ndarray, " some"]]:
-    """Return the quads by group, as ``named`` does, of an object that was read earlier.
+def read_groups_of(uid: int, used: Settings) -> dict[str, Int[np.ndarray, " some"]]:
+    """Return the quads by group, as ``read_groups`` does, of an object that was read earlier.
 
     Parameters
     ----------
