@@ -264,10 +264,7 @@ def _blend_lines(arms: CutArms, by: slice = _BY_DESIGN) -> tuple[_Line, _Line]:
     )
     x, w = x[:, None], w[:, None]
     t, weight = share * x, share * w
-    place, pace = spiral_stations(
-        arms.radius, arms.twist, t, **({"by_twist": 1 + TWIST} if of_design else {"by_radius": 1})
-    )
-    width = _dual(arms.width[None], {WIDTH: 1.0} if of_design else {}, 4)
+    place, pace, width = _pure_spirals(arms, t, of_design)
     bent, speed = place + product(slope, share) * law.offset(x), pace + slope * law.offset_slope(x)
     return (bent, speed, width + (joint - width) * law.fade(x), weight), (place, pace, width, weight)
 
@@ -289,10 +286,15 @@ def _root_line(arms: CutArms, of_design: bool = True) -> _Line:
     way = (true - own)[:, None]
     t = -(own[:, None] + way * x[:, None])
     t[0] += 1.0
+    return *_pure_spirals(arms, t, of_design), way * w[:, None]
+
+
+def _pure_spirals(arms: CutArms, t: np.ndarray, of_design: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions at t on spirals without blends, their derivatives by t, and widths, each with derivatives as ``t`` has them."""
     place, pace = spiral_stations(
         arms.radius, arms.twist, t, **({"by_twist": 1 + TWIST} if of_design else {"by_radius": 1})
     )
-    return place, pace, _dual(arms.width[None], {WIDTH: 1.0} if of_design else {}, count), way * w[:, None]
+    return place, pace, _dual(arms.width[None], {WIDTH: 1.0} if of_design else {}, len(t) - 1)
 
 
 def _fade_factor(arms: CutArms) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
