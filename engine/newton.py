@@ -44,7 +44,6 @@ GOOD, POOR, TAKEN = 0.7, 0.25, 1e-3
 CUT, DEEP_CUT, EXACT = 0.3, 0.1, 0.1
 # Smallest damping, in energies per variable: less would not change the steps, and would take longer to grow again
 LEAST_DAMPING = 0.01
-HOPE = 0.25  # share of the predicted decrease that is assumed to remain achievable after a poor step; by eye
 NEGLIGIBLE = 1e-9  # length of a negligible step, in variables scaled to boxes of size 1
 
 
@@ -317,8 +316,8 @@ class Damped:
         if found is None:
             return state, TIME if problem.over else CONVERGED
         energy = problem.energy(found)
-        # if the model predicts badly, a small decrease doesn't mean that the search has converged
-        fall = max(here.energy - energy, HOPE * gain) / here.energy
+        # a small decrease after a poor step doesn't mean convergence: count on the share POOR of the predicted decrease
+        fall = max(here.energy - energy, POOR * gain) / here.energy
         problem.accepted(found)
         self.small = self.small + 1 if fall < self.stop else 0
         if self.small == 2 or (self.stop and energy < self.goal):

@@ -28,7 +28,8 @@ from ...progress import SILENT, Progress
 from .actions import Action
 
 LIMIT, BRANCH = "limit", "branch"  # kind of the critical point that ends the stable path
-FIRST, LONGEST = 0.05, 0.25  # first and longest step in radians or edges that a hub moves; both by eye, any converge
+FIRST = 0.05  # first step, in radians or edges that a hub moves; any converges
+LONGEST = 0.5 * TURN_CAP  # longest step in these units: half of a Newton step's limit; any converges
 SHORTEST = 1e-6  # shortest step, in these units and as a share of the largest factor, before following is given up
 # maximum increase of the factor per step as a share of the largest factor, so that curves have enough points
 SHARE = 0.125
