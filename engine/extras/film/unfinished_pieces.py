@@ -90,6 +90,7 @@ def find_stages(
     ------
     FlexMapsError : a spiral is outside the elastic model's range
     """
+    progress(0.0, "Taking the piece apart")
     model = build_model(assembly_from_design(design), material, params.model, slopes=False)
     search = _Disassembly(design, pose, model, replace(params, restarts=0))
     plan = [(number, k) for number, step in enumerate(search.order) for k in range(max(len(search.batches[number]), 1))]

@@ -247,3 +247,17 @@ def test_parts_of_a_model_are_its_joints(name):
     share = np.linspace(0.1, 1.0, len(joints))
     weaker = part.scale_stiffness(share)
     assert weaker.expand(weaker.start(pose.part(hubs))).per_joint == pytest.approx(share * each[joints])
+
+
+def test_a_cancel_is_looked_for_before_the_elastic_model_is_built(monkeypatch):
+    def build(*_, **__):
+        raise AssertionError("built in vain")
+
+    monkeypatch.setattr(unfinished_pieces, "build_model", build)
+    mesh = shapes.make("strip")
+    flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
+    made = fabricable.uniform_design(flat, SpiralParams(), twist=3.0)
+    with pytest.raises(Cancelled):
+        unfinished_pieces.find_stages(
+            made, target_pose(mesh, flat.corners), POM, SimulateParams(), Progress(stopped=lambda: True)
+        )
