@@ -75,7 +75,8 @@ def predict(
     A share of the size of the surface; infinite if the layout has no equilibrium, or its quads have no room for spirals.
     """
     try:
-        return _predicted(*_rest(piece, flat, start or PredictionStart.from_layout(piece, flat), progress), further)
+        design, point = _rest(piece, flat, start or PredictionStart.from_layout(piece, flat), progress)
+        return _predicted(design, point, progress, further)
     except FlexMapsError:
         return np.inf
 
@@ -93,7 +94,7 @@ def judge_by_prediction(
     """
     try:
         design, point = _rest(piece, laid.flat, start, progress)
-        rms = _predicted(design, point)
+        rms = _predicted(design, point, progress)
         if not np.isfinite(rms):
             return None
         rested = _task(piece).rested(design, point)
@@ -120,19 +121,19 @@ def _rest(
     return design, whole.at(x, target_pose(piece.mesh, flat.corners), progress).renewed()
 
 
-def _predicted(design: SpiralDesign, point: FlatPoint, further: int = 0) -> float:
+def _predicted(design: SpiralDesign, point: FlatPoint, progress: Progress, further: int = 0) -> float:
     """Return the predicted distance as a share of the size; infinite if the point is not an equilibrium.
 
     further : steps after the second, each of which shrinks the distance by the share by which the second does
     """
     if not point.equilibrium.converged:
         return np.inf
-    pose, step = point.equilibrium.pose, _step(point)
+    pose, step = point.equilibrium.pose, _step(point, progress)
     before = between = _distance(point, pose)
-    after = point.problem.at(point.problem.within(point.x + step, point), pose)
+    after = point.problem.at(point.problem.within(point.x + step, point), pose, progress)
     if after.equilibrium.converged and np.isfinite(after.value):  # infinite where flat shapes leave their limits
         point, between = after.renewed(), _distance(after, after.equilibrium.pose)
-        step = _step(point)
+        step = _step(point, progress)
     moved = _moved(point, step)
     shrunk = min(1.0, moved / between) ** further if between > 0.0 else 1.0
     return shrunk * min(before, moved) / design.flat.layout.mesh.diagonal
@@ -144,14 +145,18 @@ def _moved(point: FlatPoint, step: Float[np.ndarray, " coordinates"]) -> float:
     return _distance(point, replace(pose, centres=pose.centres + point.moves(step)[: len(pose.centres), :3]))
 
 
-def _step(point: FlatPoint) -> Float[np.ndarray, " coordinates"]:
+def _step(point: FlatPoint, progress: Progress) -> Float[np.ndarray, " coordinates"]:
     """Return the step that nearly minimises the linear model of the mismatch within the bounds."""
     damping, bending = DAMPING * point.value / len(point.x), CurvatureEstimate(len(point.x))
-    bending.refine(point.gauss_newton)
+
+    def product(way: np.ndarray) -> np.ndarray:
+        progress(0.0)  # the only place to cancel in this step
+        return point.gauss_newton(way)
+
+    point.prepare(progress)
+    bending.refine(product)
     units = bending.units(point.value, damping)
-    return bounded_step(
-        point.x, point.gradient, lambda way: point.gauss_newton(way) + damping * way, point.rooms, units
-    )
+    return bounded_step(point.x, point.gradient, lambda way: product(way) + damping * way, point.rooms, units)
 
 
 def _distance(point: FlatPoint, pose: Pose) -> float:

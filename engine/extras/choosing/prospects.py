@@ -67,7 +67,7 @@ def prospects(
     piece = LayoutProblem(found.target, settings, supports, force, spirals=(design.width, design.twist))
     if not np.array_equal(smooth.vertices, found.target.vertices):
         ways.append((ROUND, replace(piece, mesh=smooth)))
-    promise = _Promise(piece, design.flat)
+    promise = _Promise(piece, design.flat, progress.quiet())
     reached: dict[str, float] = {}
     for name, what in progress.each(ways, "What would bring it nearer"):
         quiet = progress.quiet()
@@ -85,13 +85,14 @@ def prospects(
 class _Promise:
     """Predicts whether another layout or other supports bring a piece nearer. There are no predictions for rods: all ways pass."""
 
-    def __init__(self, piece: LayoutProblem, flat: FlatPatches) -> None:
+    def __init__(self, piece: LayoutProblem, flat: FlatPatches, progress: Progress) -> None:
+        self.progress = progress
         self.start = None if piece.settings.simulate.model == "rod" else PredictionStart.from_layout(piece, flat)
-        self.now = predict(piece, flat, self.start) if self.start else np.inf
+        self.now = predict(piece, flat, self.start, progress) if self.start else np.inf
 
     def gains(self, piece: LayoutProblem, flat: FlatPatches) -> bool:
         """Return whether the predicted gain is worth a search."""
-        return self.start is None or predict(piece, flat, self.start) <= WORTH * self.now
+        return self.start is None or predict(piece, flat, self.start, self.progress) <= WORTH * self.now
 
 
 def _holding(mesh: QuadMesh) -> list[tuple[str, Int[np.ndarray, " _"]]]:
