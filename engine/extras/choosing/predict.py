@@ -33,6 +33,9 @@ from ...spirals.design import SpiralDesign
 from ...spirals.fabricable import make_fabricable
 from .judge import FlatLayout, JudgedLayout, LayoutProblem, judge_shape, starting_spirals
 
+# Shares of the first step that are tried until the piece comes nearer. With all of it alone, 59 % of the predictions of 22 surfaces are within
+# a factor of 1.5, and 64 % with these; a third share changes none
+SHARES = 1.0, 0.3
 DAMPING = 1e-4  # penalty, as a share of the objective, on a step over the whole range of one coordinate
 
 
@@ -51,6 +54,10 @@ class PredictionStart:
         """Return the spirals of the piece, or the curvature-adjusted ones, changed where they cannot be cut in a layout."""
         design = make_fabricable(flat, piece.settings.spiral, *starting_spirals(piece), prove=False, progress=progress)
         return cls((design.width, design.twist), _task(piece).space(design, progress))
+
+    def with_uniform_spirals(self) -> PredictionStart:
+        """Return a start with equal spirals of medium width and twist in all quads."""
+        return replace(self, spirals=self.space.design(self.space.uniform(0.5, 0.5)))
 
 
 def predict(
@@ -130,10 +137,14 @@ def _predicted(design: SpiralDesign, point: FlatPoint, progress: Progress, furth
         return np.inf
     pose, step = point.equilibrium.pose, _step(point, progress)
     before = between = _distance(point, pose)
-    after = point.problem.at(point.problem.within(point.x + step, point), pose, progress)
-    if after.equilibrium.converged and np.isfinite(after.value):  # infinite where flat shapes leave their limits
-        point, between = after.renewed(), _distance(after, after.equilibrium.pose)
-        step = _step(point, progress)
+    for share in SHARES:
+        after = point.problem.at(point.problem.within(point.x + share * step, point), pose, progress)
+        moved = _distance(after, after.equilibrium.pose)
+        # the value is infinite where flat shapes leave their limits
+        if after.equilibrium.converged and np.isfinite(after.value) and moved < before:
+            point, between = after.renewed(), moved
+            step = _step(point, progress)
+            break
     moved = _moved(point, step)
     shrunk = min(1.0, moved / between) ** further if between > 0.0 else 1.0
     return shrunk * min(before, moved) / design.flat.layout.mesh.diagonal

@@ -18,6 +18,7 @@ from ...patches.flattening.flattening_report import forced_notes, symmetry_kept
 from ...patches.layout import PatchLayout, alone
 from ...patches.merging.dissolve import without_crumbs
 from ...patches.merging.merge import merge
+from ...patches.splitting.split import split
 from ...progress import SILENT, Progress
 from ...surface.curvature import is_flat
 from ...surface.symmetry import keeping, symmetries
@@ -34,6 +35,9 @@ MOST = 2  # largest ratio of its panels to those of the layout that it replaces
 # Steps that are added to the two of a prediction. With one, 30 of 51 layouts are within a factor of 1.5 of what a search reaches, and 6 on the wrong
 # side of 1 %, with a rank correlation of 0.88; with none 23, 11 and 0.83; with two as many as with one, but three of 17 that miss 1 % are expected within it
 FURTHER = 1
+# Largest ratio of the expected distances at which predictions begin with uniform spirals. Of 22 surfaces it is 0.02 on one, which ends as near as
+# expected then, and above 0.8 on all others
+UNIFORM = 0.5
 # Share of the wanted distance within which the expected one must lie. Of 16 surfaces three are expected at 0.92 to 0.96 %; two end at 0.76 and
 # 0.78 %, and a head of 472 quads in 7 panels at 1.07 % with eight closed slots; in 12 panels it ends at 0.50 % with none
 WANTED_SHARE = 0.9
@@ -65,7 +69,7 @@ def tighten(
     Returns
     -------
     For every body the first layout that is expected within ``WANTED_SHARE`` of the match, else the one that is expected nearest, of at most ``MOST`` times
-    its panels in ``flat``; ``flat`` itself if no other is better. Its notes have ``expected_percent``, the RMS distance from the target with which a
+    its panels in ``flat``; ``flat`` itself if no other is better. All are compared with the cuts that their panels need to fit the sheet. Its notes have ``expected_percent``, the RMS distance from the target with which a
     search may end, as a percentage of the size, if it can be predicted.
     """
     mesh = piece.mesh
@@ -113,22 +117,29 @@ def _tighten_body(
         start = PredictionStart.from_layout(piece, flat, progress.quiet())
     except FlexMapsError:  # quads are too small for spirals; the next stage reports it
         return flat, np.inf
-    left = _expected(piece, flat, start, progress)
+    best, fitted = flat, _fit_sheet(piece, flat, progress)
+    left, most = _expected(piece, fitted, start, progress), MOST * _panels(fitted)
     if left == np.inf:
         return flat, left
-    best, limits, wanted = flat, piece.settings.layout, WANTED_SHARE * 0.01 * params.match
+    limits, wanted = piece.settings.layout, WANTED_SHARE * 0.01 * params.match
+    if left > wanted:  # a search begins with uniform spirals too
+        uniform = start.with_uniform_spirals()
+        from_uniform = _expected(piece, fitted, uniform, progress)
+        if from_uniform < UNIFORM * left:
+            start, left = uniform, from_uniform
     tries = _along_folds(piece, progress)
     if left > wanted:
-        tighter = _under_tighter_limits(piece, begun, flat, progress.part(0.1, 0.8))
-        tries = chain(tries, tighter, islice(_in_equal_parts(piece, flat, progress.part(0.8, 1.0)), PREDICTED))
+        tighter = _under_tighter_limits(piece, begun, flat, most, progress.part(0.1, 0.8))
+        tries = chain(tries, tighter, islice(_in_equal_parts(piece, flat, most, progress.part(0.8, 1.0)), PREDICTED))
     for one in tries:
-        fewer = _panels(one) < _panels(best)
+        other = _fit_sheet(piece, one, progress)
+        fewer = _panels(other) < _panels(fitted)
         fits = float(one.energy.max()) <= max(limits.distortion_limit, float(flat.energy.max()))
-        same = np.array_equal(one.layout.cut, best.layout.cut)
-        if fits and not same and _panels(one) <= MOST * _panels(flat) and (fewer or left > wanted):
-            now = _expected(piece, one, start, progress)
+        same = np.array_equal(other.layout.cut, fitted.layout.cut)
+        if fits and not same and _panels(other) <= most and (fewer or left > wanted):
+            now = _expected(piece, other, start, progress)
             if now < NEARER * left or (fewer and now <= wanted):
-                best, left = one, now
+                best, fitted, left = one, other, now
         if left <= wanted:
             break
     if best is not flat:
@@ -147,13 +158,16 @@ def _along_folds(piece: LayoutProblem, progress: Progress) -> Iterator[FlatPatch
 
 
 def _under_tighter_limits(
-    piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, progress: Progress
+    piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, most: int, progress: Progress
 ) -> Iterator[FlatPatches]:
-    """Yield layouts merged under ever tighter limits, small panels and necks joined to neighbours, until the next one may have too many panels."""
+    """Yield layouts merged under ever tighter limits, small panels and necks joined to neighbours, until the next one may have too many panels.
+
+    most : largest number of panels
+    """
     limits, last = piece.settings.layout, flat
     kept = symmetries(piece.mesh, progress=progress.quiet()) if limits.symmetric else ()
     for turn, share in enumerate(SHARES):
-        if _panels(last) ** 2 > MOST * _panels(flat) ** 2:  # if it grew by as much again it would have more than MOST
+        if _panels(last) ** 2 > most * _panels(flat):  # if it grew by as much again it would have more
             return
         part = progress.part(turn / len(SHARES), (turn + 1) / len(SHARES))
         last = merge(
@@ -163,13 +177,15 @@ def _under_tighter_limits(
         yield last if joined is last.layout else flatten(joined, limits, progress.quiet())
 
 
-def _in_equal_parts(piece: LayoutProblem, flat: FlatPatches, progress: Progress) -> Iterator[FlatPatches]:
+def _in_equal_parts(piece: LayoutProblem, flat: FlatPatches, most: int, progress: Progress) -> Iterator[FlatPatches]:
     """Yield layouts of equal strips, rings or petals that keep all limits, with the limit of compactness raised by the factor ``STRIPS``.
 
     The least distorted layout of each number of panels is yielded, the fewest panels first. On smooth tubes and strips the first cuts may leave too few
     panels to come near the target, and tighter limits do not add any.
+
+    most : largest number of panels
     """
-    mesh, limits, most = piece.mesh, piece.settings.layout, MOST * _panels(flat)
+    mesh, limits = piece.mesh, piece.settings.layout
     if most > PARTS:
         return
     curved = panel_curvature(flat.layout)
@@ -209,6 +225,14 @@ def _symmetry_notes(flat: FlatPatches, *, symmetric: bool) -> dict[str, object]:
 
 def _panels(flat: FlatPatches) -> int:
     return len(flat.layout.patches)
+
+
+def _fit_sheet(piece: LayoutProblem, flat: FlatPatches, progress: Progress) -> FlatPatches:
+    """Return a layout with the cuts that its panels need to fit the sheet; unchanged where quads alone do not fit."""
+    try:
+        return split(flat, piece.settings.layout, piece.settings.sheet, progress.quiet())
+    except FlexMapsError:  # the next stage reports it
+        return flat
 
 
 def _expected(piece: LayoutProblem, flat: FlatPatches, start: PredictionStart, progress: Progress) -> float:
