@@ -44,6 +44,7 @@ GOOD, POOR, TAKEN = 0.7, 0.25, 1e-3
 CUT, DEEP_CUT, EXACT = 0.3, 0.1, 0.1
 # Smallest damping, in energies per variable: less would not change the steps, and would take longer to grow again
 LEAST_DAMPING = 0.01
+SHARES = 0.05, 0.5  # smallest and largest share of a refused step that is tried
 NEGLIGIBLE = 1e-9  # length of a negligible step, in variables scaled to boxes of size 1
 
 
@@ -147,6 +148,9 @@ class DampedProblem(Problem, Protocol):
 
     def tried(self, here: Local, proposal: Any) -> Any | None:
         """Return the state after a proposed step; None if the dependent quantities cannot follow it."""
+
+    def shortened(self, here: Local, proposal: Any, share: float) -> Any:
+        """Return a proposal with a share of a proposed step."""
 
     def gentle(self, here: Local, proposal: Any) -> float:
         """Return the smallest damping of the dependent quantities to try after ``tried`` has found no state."""
@@ -355,4 +359,27 @@ class Damped:
             problem.rejected()
             if proposal.gain < self.stop * here.energy:
                 break  # with more damping even less decrease would be predicted
+            share = _least_share(here, proposal.step, problem.energy(trial))
+            found, gain = self._shorter(problem, here, proposal, share, row)
+            if found is not None:
+                return found, gain
         return None, 0.0
+
+    @staticmethod
+    def _shorter(
+        problem: DampedProblem, here: Local, proposal: Any, share: float, row: Iteration
+    ) -> tuple[Any | None, float]:
+        """Return the state after a share of a refused step, and its predicted decrease; None if that is refused too."""
+        shorter = problem.shortened(here, proposal, share)
+        found = problem.tried(here, shorter)
+        if found is None or here.energy - problem.energy(found) <= max(TAKEN * shorter.gain, 0.0):
+            return None, 0.0
+        row.decrement, row.step = shorter.gain, share
+        return found, shorter.gain
+
+
+def _least_share(here: Local, step: np.ndarray, energy: float) -> float:
+    """Return the share of a step, between ``SHARES``, at which the parabola through both energies and the slope here is least."""
+    along = float(here.gradient @ step)
+    bend = energy - here.energy - along
+    return float(np.clip(-0.5 * along / bend, *SHARES)) if bend > 0.0 else SHARES[1]

@@ -146,11 +146,21 @@ class _GaussNewtonProblem:
 
         units = self.bending.units(point.value, damping)
         model = CompositeModel(point, damping, following, units, lambda: within(0.0))
-        step = model.minimise().step
-        step = point.problem.within(np.clip(point.x + step, 0.0, 1.0), point) - point.x
+        proposal = self._proposal(model, model.minimise().step)
         if self.over:
             return None
         point.problem.work.note_proposal()
+        return proposal
+
+    def shortened(self, here: Local, proposal: _Proposal, share: float) -> _Proposal:
+        point: DesignPoint = here.own
+        model = CompositeModel(point, 0.0, 0.0, np.ones_like(point.x), lambda: None)
+        return self._proposal(model, share * proposal.step)
+
+    def _proposal(self, model: CompositeModel, step: np.ndarray) -> _Proposal:
+        """Return a step, changed where gaps would close, and its predicted decrease."""
+        point = model.point
+        step = point.problem.within(np.clip(point.x + step, 0.0, 1.0), point) - point.x
         if not np.abs(step).max() > NEGLIGIBLE:
             return _Proposal(step, np.zeros((point.problem.assembly.size, 6)), 0.0)
         moves = point.moves(step)

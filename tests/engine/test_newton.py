@@ -176,6 +176,9 @@ class Residuals(Dense):
             return None
         return type("Step", (), {"step": step, "gain": -(here.gradient @ step + 0.5 * step @ square @ step)})
 
+    def shortened(self, here: Local, proposal: Any, share: float) -> Any:
+        return type("Step", (), {"step": share * proposal.step, "gain": share * proposal.gain})
+
     def tried(self, here: Local, proposal: Any) -> Any:
         return here.own + proposal.step
 
@@ -212,6 +215,20 @@ def test_a_refused_step_that_was_to_bring_next_to_nothing_is_the_last(stop: floa
     problem = Uphill()
     run = minimise(problem, np.array([-1.2, 1.0]), Damped(300, stop, -np.inf))
     assert run.ended == newton.CONVERGED and problem.refused == refused
+
+
+def test_of_a_refused_step_the_share_is_taken_that_a_parabola_finds_least() -> None:
+    class TooFar(Residuals):
+        def __init__(self) -> None:
+            Dense.__init__(self, lambda x: 0.5 * x @ x, lambda x: x, None)
+            self.refused = 0
+
+        def proposed(self, here: Local, damping: float, following: float) -> Any:
+            return type("Step", (), {"step": -10.0 * here.own, "gain": here.energy})
+
+    problem = TooFar()
+    run = minimise(problem, np.array([-1.2, 1.0]), Damped(1, 0.0, -np.inf))
+    assert problem.refused == 1 and run.state == pytest.approx([0.0, 0.0], abs=1e-12)
 
 
 def test_damping_falls_faster_until_a_step_goes_too_far() -> None:
