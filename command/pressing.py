@@ -51,10 +51,8 @@ def _run(args: argparse.Namespace, console: Any) -> dict[str, Any]:
             for o in seen
             if o.type == "MESH" and len(o.data.polygons) and o.visible_get() and "flexmaps_kind" not in o
         ]
-    args.lines, args.json = (
-        args.json,
-        False,
-    )  # printed by ``_tell`` at the end, one line a press: until then Blender's own output is suppressed
+    # printed by ``_tell`` at the end, one line a press: until then Blender's own output is suppressed
+    args.lines, args.json = args.json, False
     presses = [report for obj in objects for report in _press_until_done(obj, args.cure)]
     ended = {report["object"]: report for report in presses}
     last = [report for report in presses if report["last"]]

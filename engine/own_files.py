@@ -11,9 +11,8 @@ from pathlib import Path
 
 from .errors import FlexMapsError
 
-CHECKSUM_FILE = (
-    ".flexmaps-files"  # name of the file in each folder that lists the checksums of the files that runs wrote there
-)
+# name of the file in each folder that lists the checksums of the files that runs wrote there
+CHECKSUM_FILE = ".flexmaps-files"
 
 
 class UserFileError(FlexMapsError):

@@ -11,11 +11,8 @@ from ..bridge.store.i18n import translate
 from ..bridge.view import brush_settings
 
 TOOL = "flexmaps.brush"
-ICONS = (
-    "brush.generic",
-    "brush.paint_weight.draw",
-    "ops.generic.select_circle",
-)  # names in newer and older versions of Blender
+# names in newer and older versions of Blender
+ICONS = ("brush.generic", "brush.paint_weight.draw", "ops.generic.select_circle")
 SETTINGS = "window_manager.flexmaps_brush"  # data path for Blender's own F and Shift F
 
 

@@ -76,9 +76,8 @@ def as_object(quads: PolygonMesh, obj: bpy.types.Object, scene: bpy.types.Scene)
     """
     frame = to_metres(obj, scene)
     corners = quads.corners.reshape(-1, 4)
-    if (
-        np.linalg.det(frame[:3, :3]) < 0
-    ):  # a mirrored object shows the other side: reverse the corners, but keep the first
+    # a mirrored object shows the other side: reverse the corners, but keep the first
+    if np.linalg.det(frame[:3, :3]) < 0:
         corners = corners[:, [0, 3, 2, 1]]
     local = (quads.vertices - frame[:3, 3]) @ np.linalg.inv(frame[:3, :3]).T
     mesh = meshes.polygons(f"{obj.name} quads", local, corners.ravel(), quads.sizes)

@@ -27,13 +27,8 @@ SCRIPT = Path(__file__).with_name("second_blender_script.py")
 # seconds until a request is given up: the slowest of 60 QuadriFlow runs on 500 to 70,000 faces took 3 s of processor time
 LIMIT = 30.0
 START = 120.0  # further seconds if Blender has to start, which takes some 4 s; generous for slow machines
-USER_FILES = (
-    "RESOURCES",
-    "CONFIG",
-    "SCRIPTS",
-    "EXTENSIONS",
-    "DATAFILES",
-)  # folders that Blender takes from the environment
+# folders that Blender takes from the environment
+USER_FILES = ("RESOURCES", "CONFIG", "SCRIPTS", "EXTENSIONS", "DATAFILES")
 
 
 class SecondBlender:

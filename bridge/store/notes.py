@@ -24,12 +24,8 @@ MADE_FROM = "flexmaps_made_from"  # stage -> part -> checksum of the stage's inp
 SUM = "_sum"  # suffix of a text's name under which the text's checksum is stored
 PROGRAM = "program"  # key beside the checksums of a stage: the version that made it
 TRACED = "traced"  # key in the layout's block: Trace made these patches, and Merge has not run yet
-OF_REMESH = {
-    "surface-missed",
-    "bodies-left-out",
-    "bodies-joined",
-    "bodies-cut",
-}  # codes of findings about the mesh before the remesh
+# codes of findings about the mesh before the remesh
+OF_REMESH = {"surface-missed", "bodies-left-out", "bodies-joined", "bodies-cut"}
 FRESH = "flexmaps_fresh"  # names of the blocks written since the last stamp
 
 

@@ -23,14 +23,8 @@ from .finding_words import BREAKS, FAILED, INFORMATION, ORDER, SAID, STOPS, WORD
 from .i18n import interface, quads, translate
 
 MADE_SQUARER = {"concave", "warped", "thin"}  # codes that Regularise helps with
-REMESHED = {
-    "non-quad",
-    "crossed",
-    "zero-area",
-    "size-ratio",
-    "non-manifold-edge",
-    "repeated-vertex",
-}  # codes that a remesh helps with
+# codes that a remesh helps with
+REMESHED = {"non-quad", "crossed", "zero-area", "size-ratio", "non-manifold-edge", "repeated-vertex"}
 LARGER = 1.5  # factor offered where spirals lack room, between the largest and the smallest that remedies offer; not measured
 # simulation's finding -> remedies that help with it if advised, best first
 HELPED = {
@@ -40,12 +34,8 @@ HELPED = {
     "about-to-snap": (remedies.CUT,),
     "other-rest": (remedies.CUT,),
 }
-AGAIN = {
-    "no-equilibrium",
-    "knotted",
-    "about-to-snap",
-    "other-rest",
-}  # findings for which another optimisation helps, even after one
+# findings for which another optimisation helps, even after one
+AGAIN = {"no-equilibrium", "knotted", "about-to-snap", "other-rest"}
 # keys of notices about a poor match
 FAR_FROM_TARGET = ("equilibrium/match", "equilibrium/far-from-target")
 # keys of notices that only predict the result, from the mesh or the layout

@@ -18,10 +18,8 @@ from ...engine.params import SHOWN, ObjectSettings
 from .i18n import CONTEXT
 
 T = TypeVar("T")
-LARGE, FINE = (
-    100.0,
-    0.05,
-)  # mm: lengths from LARGE on show one decimal, below FINE four, between them two
+# mm: lengths from LARGE on show one decimal, below FINE four, between them two
+LARGE, FINE = 100.0, 0.05
 
 _groups: dict[type, type[bpy.types.PropertyGroup]] = {}
 

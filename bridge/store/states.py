@@ -45,9 +45,8 @@ UNNOTED: dict[str, tuple[str, ...]] = {
     "preview": (*_parts(("design",), ("spiral",)), "pose"),
 }
 OF_MESH = {*BY_HAND.values(), "pose"}
-OF_SETTINGS = {
-    part for parts in (*PARTS.values(), *UNNOTED.values()) for part in parts
-} - OF_MESH  # includes "down", the direction of gravity
+# includes "down", the direction of gravity
+OF_SETTINGS = {part for parts in (*PARTS.values(), *UNNOTED.values()) for part in parts} - OF_MESH
 # block -> blocks of the stages that it builds on
 AFTER = {
     block: stages.blocks_describing(need for stage in stages.writers(block) for need in stage.needs) - {block}

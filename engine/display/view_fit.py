@@ -9,9 +9,8 @@ import numpy as np
 
 from ..arrays import Float
 
-SENSOR = (
-    36.0  # Blender's 3D views show SENSOR / lens to either side of their middle at distance 1, along the longer side
-)
+# Blender's 3D views show SENSOR / lens to either side of their middle at distance 1, along the longer side
+SENSOR = 36.0
 MARGIN = 0.06  # gap at each side of the points, as a fraction of the free part; chosen by eye
 LEAST_FREE = 0.3  # smallest fraction of a view's width or height that is used: with less, objects would be dots; by eye
 BISECTIONS = 20  # halvings of the room beside the points; 10 already leave less than a pixel

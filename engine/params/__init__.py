@@ -17,37 +17,3 @@ from .settings import (
 )
 from .spiral_params import ConnectorParams, SpiralParams
 from .surface_params import ChooseParams, LayoutParams, RegulariseParams, RemeshParams
-
-__all__ = [
-    "ORDERED_ACROSS_SECTIONS",
-    "SHOWN",
-    "BaseParams",
-    "ChooseParams",
-    "ConnectorParams",
-    "CostParams",
-    "CutParams",
-    "ExportParams",
-    "LayoutParams",
-    "LoadParams",
-    "MaterialParams",
-    "ObjectSettings",
-    "OptimiseParams",
-    "PageParams",
-    "Params",
-    "PreviewParams",
-    "RegulariseParams",
-    "RemeshParams",
-    "RenderParams",
-    "Settings",
-    "SheetParams",
-    "SimulateParams",
-    "SpiralParams",
-    "every_setting",
-    "format_value",
-    "goal_values",
-    "refuse_crossed",
-    "sections",
-    "setting",
-    "values_in_shown_units",
-    "with_values",
-]

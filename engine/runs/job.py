@@ -32,19 +32,6 @@ from .stage import Stage
 from .stages import STAGES, TABLE, TRACED
 from .steps import at_rest, function_of, simulated_shape
 
-__all__ = [
-    "STAGE_NAMES",
-    "Result",
-    "begin",
-    "run",
-    "run_quick_stages",
-    "run_stages",
-    "run_until",
-    "scale_piece",
-    "simulate_from_pose",
-    "stages",
-]
-
 CHECK, CHECK_SHARE = "check", 0.05  # the step before the stages of the table, and its share of the progress bar
 STAGE_NAMES = (CHECK, *(stage.name for stage in TABLE if not stage.quick))
 

@@ -22,10 +22,8 @@ MOVING = 0.5
 # another stable shape counts as equally near to the target if its RMS distance is at most this factor times the distance of
 # the simulated shape; by eye: .72 and .79 % look alike
 AS_NEAR = 1.25
-OTHER_REST_CODES = (
-    "other-rest",
-    "rest-as-near",
-)  # finding codes for another stable shape: a worse match, an equal match
+# finding codes for another stable shape: a worse match, an equal match
+OTHER_REST_CODES = ("other-rest", "rest-as-near")
 # energy difference, as a share of the elastic energy, from which another stable shape counts as lower; rounding errors
 # are far smaller
 LOWER = 1e-3

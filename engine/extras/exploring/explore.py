@@ -153,9 +153,8 @@ class _RunningExploration:
                 raise error
             one = future.result() if error is None else failed_candidate(missing[number], _as_exception(error))
             self.known[key(missing[number])] = one
-            if not isinstance(
-                error, WorkerDied
-            ):  # a lost process is not recorded, because with more memory the candidate may succeed
+            # a lost process is not recorded, because with more memory the candidate may succeed
+            if not isinstance(error, WorkerDied):
                 self.found(one)
         return len(fresh)
 

@@ -87,9 +87,8 @@ class LivePiece:
         self._now: RigPose | None = None
         self._rest: RigPose | None = None  # last equilibrium
         self._work: Generator[None, None, None] | None = None  # remaining work
-        self._rest_poses: OrderedDict[bytes, Pose] = (
-            OrderedDict()
-        )  # poses at rest by ``LiveInput.mark``, the latest last
+        # poses at rest by ``LiveInput.mark``, the latest last
+        self._rest_poses: OrderedDict[bytes, Pose] = OrderedDict()
         self._refusal = ""  # why the last change makes no valid piece
         self._problem = ""  # why no equilibrium was found
         self._snapped = 0.0

@@ -333,9 +333,8 @@ class Sheet:
         self.corner = np.array([margin - half, margin - half])
         columns, rows = (int(np.floor((x - 2.0 * (margin - half)) / cell + 1e-9)) for x in size)
         self.taken = np.zeros((max(rows, 1), max(columns, 1)), dtype=bool)
-        if (
-            remnant is not None
-        ):  # a cell is free if all of it lies inside; without margin, half of the spacing stays inside too
+        # a cell is free if all of it lies inside; without margin, half of the spacing stays inside too
+        if remnant is not None:
             within = remnant.polygon.buffer(min(half - margin, 0.0) - 0.7072 * cell)
             rings = [r for p in getattr(within, "geoms", [within]) if p for r in (p.exterior, *p.interiors)]
             parts = [(np.asarray(r.coords)[:-1] - self.corner) / cell for r in rings]

@@ -27,9 +27,8 @@ BAY = 0.012  # metres; bays narrower than twice this, or than half of the narrow
 ROUNDING = 2e-5  # metres added to the spacing because spyrrow calculates in single precision
 TURN = 1  # seconds for one set of panels at first
 LAST = 0.25  # minimum share of the time limit for compacting the emptiest sheet
-STARTS = (
-    4  # starts per core for the shortest strip of a set: starts differ by 4 %, and three seconds gain 0.3 % over one
-)
+# starts per core for the shortest strip of a set: starts differ by 4 %, and three seconds gain 0.3 % over one
+STARTS = 4
 SHORTER = 0.999  # a further start continues the search if its strip is at most this many times as long
 RANDOM_SETS = 400  # random sets generated per sheet, of which a few are tried; 10 ms
 HULL_STEP = 0.985  # hulls of the next set to try cover at most this share of the last one's

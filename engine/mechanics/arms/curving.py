@@ -141,9 +141,8 @@ class Stations:
         (a.a') + k (l.a') - a (l.k')) for the shift, and of -(a x k') for the turn.
         """
         m = len(both)
-        turns, changes = (
-            (self.fields[:, :, i].reshape(m, -1, 9) @ both).reshape(m, -1, 3, 6) for i in range(2)
-        )  # each (m, stations of both arms, 3, 6)
+        # each (m, stations of both arms, 3, 6)
+        turns, changes = ((self.fields[:, :, i].reshape(m, -1, 9) @ both).reshape(m, -1, 3, 6) for i in range(2))
         step, lever = (x.reshape(m, -1, 3) for x in (self.step, self.arm))
         by_step, by_lever, changed = (
             (x[:, :, None] @ y)[:, :, 0] for x, y in ((step, turns), (lever, turns), (lever, changes))

@@ -114,9 +114,8 @@ class RestChanges:
         known, by = self._assembly, self._by_shapes
         axes, sense = known.arm_axes, -1.0 if known.clockwise else 1.0
         wrenches = np.stack([self.changes.inner, self.changes.linear, self._tip_wrenches], axis=1)[:, None]
-        yields = (
-            (wrenches @ axes)[:, :, None] @ by @ np.swapaxes(axes, 2, 3)[:, :, None]
-        )  # axes: joint, arm, shape, wrench, motion
+        # axes: joint, arm, shape, wrench, motion
+        yields = (wrenches @ axes)[:, :, None] @ by @ np.swapaxes(axes, 2, 3)[:, :, None]
         turned = _about_normal(wrenches @ self._compliances) - _about_normal(wrenches) @ self._compliances
         turned += sense * yields[:, :, SHAPE_LEAN]
         mates = sense * yields[:, :, SHAPE_MATE_LEAN]

@@ -20,9 +20,8 @@ from .sketch import SketchedPatch
 
 # smallest gain, in edges, that justifies a change; on seven surfaces 0.1 gives the same patches, 1.0 two more of 44
 GAIN = 0.3
-DEPTH = (
-    8  # largest number of rows moved at once: 4 gives three panels less on one of 17 surfaces, no limit the same on 31
-)
+# largest number of rows moved at once: 4 gives three panels less on one of 17 surfaces, no limit the same on 31
+DEPTH = 8
 
 
 @dataclass(frozen=True, eq=False)

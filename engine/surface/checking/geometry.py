@@ -73,9 +73,8 @@ def degenerate(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
         text = f"{with_count(len(short), 'edge has', 'edges have')} no length, at {list_faces(faces)}: merge both ends (Merge by Distance)"
         found.append(finding("zero-edge", text, faces, short))
     flat = np.flatnonzero(areas <= SINGLE_TOL * middle**2)
-    bows = flat[
-        _corner_areas(polygons, sides)[flat] > SINGLE_TOL * middle**2
-    ]  # the two halves of a crossed quad cancel out
+    # the two halves of a crossed quad cancel out
+    bows = flat[_corner_areas(polygons, sides)[flat] > SINGLE_TOL * middle**2]
     flat = np.setdiff1d(flat, bows)
     if len(flat):
         text = f"{list_faces(flat, 'has', 'have')} no area: dissolve {'it' if len(flat) == 1 else 'them'}"

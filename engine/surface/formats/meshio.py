@@ -140,7 +140,6 @@ def read_named(source: str, up: str | None = None) -> tuple[str, PolygonMesh]:
     if axis not in turned:
         raise FlexMapsError(f"up is '{axis}'; give x, y or z")
     polygons = about_middle(read(source))
-    name = (
-        Path(source).name.encode("utf-8", "replace").decode()
-    )  # replace bytes that are not valid text, for the report and Blender
+    # replace bytes that are not valid text, for the report and Blender
+    name = Path(source).name.encode("utf-8", "replace").decode()
     return name, replace(polygons, vertices=polygons.vertices[:, turned[axis]])

@@ -107,9 +107,8 @@ def _halve_edges(mesh: Triangles, sides: np.ndarray) -> tuple[np.ndarray, Int[np
         bc, ca = m[two, (k + 1) % 3], m[two, (k + 2) % 3]
         made.append(np.stack([bc, c, ca], axis=1))
         one_way, other_way = vertices[a] - vertices[bc], vertices[b] - vertices[ca]
-        shorter = (np.linalg.norm(one_way, axis=1) < np.linalg.norm(other_way, axis=1))[
-            :, None
-        ]  # split the rest, a quad, along its shorter diagonal
+        # split the rest, a quad, along its shorter diagonal
+        shorter = (np.linalg.norm(one_way, axis=1) < np.linalg.norm(other_way, axis=1))[:, None]
         made.append(np.where(shorter, np.stack([a, b, bc], 1), np.stack([a, b, ca], 1)))
         made.append(np.where(shorter, np.stack([a, bc, ca], 1), np.stack([b, bc, ca], 1)))
     return vertices, np.concatenate(made)

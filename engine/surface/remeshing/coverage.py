@@ -14,10 +14,8 @@ AREA = (
     # smallest and largest area of the quads, as a share of the surface's; rounding off small features takes 0.15 of Suzanne
     # with 500 quads
 )
-USUAL, WORST = (
-    0.5,
-    1.5,
-)  # in edges: 95 % of the surface's points are nearer to the quads than the first, all are nearer than the second
+# in edges: 95 % of the surface's points are nearer to the quads than the first, all are nearer than the second
+USUAL, WORST = 0.5, 1.5
 MOST_TIPS = 20000  # vertices of the target surface whose distance is measured; takes about a tenth of a second
 
 
