@@ -121,8 +121,7 @@ def _over_quads(surface: ObjectSurface, values: np.ndarray, domain: str) -> Floa
     sizes = surface.polygons.sizes
     if domain != "FACE":
         at = surface.loops if domain == "CORNER" else surface.polygons.corners
-        face = np.repeat(np.arange(len(sizes)), sizes)
-        values = np.bincount(face, weights=values[at], minlength=len(sizes)) / sizes
+        values = np.bincount(surface.polygons.face_of, weights=values[at], minlength=len(sizes)) / sizes
     return np.clip(values, 0.0, 1.0)
 
 

@@ -135,8 +135,7 @@ def _surface(
     left += (COARSE.format(step),) if step else ()
     polygons = PolygonMesh(vertices, corners[loops].astype(np.int64), sizes.astype(np.int64), left)
     none = np.zeros(0, dtype=np.int64)
-    face_of = np.repeat(np.arange(len(sizes)), sizes)
-    spoilt = np.union1d(face_of[unsound.get("width", none)], unsound.get("twist", none))
+    spoilt = np.union1d(polygons.face_of[unsound.get("width", none)], unsound.get("twist", none))
     return ObjectSurface(uid, polygons, positions, pairs, seams, loops, matrix, values, spoilt, seen)
 
 

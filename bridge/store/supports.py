@@ -167,14 +167,12 @@ def write(obj: bpy.types.Object, surface: ObjectSurface, quads: Int[np.ndarray, 
     chosen.supports = ""
     if quads is None:
         return True
-    sizes, corners = surface.polygons.sizes, surface.polygons.corners
-    face = np.repeat(np.arange(len(sizes)), sizes)
-    held = np.isin(face, quads)
+    corners = surface.polygons.corners
+    held = np.isin(surface.polygons.face_of, quads)
     # take the vertices that belong only to held quads: those on the ground, if the lowest quads are held
     inside = np.bincount(corners[held], minlength=len(surface.positions)) > 0
     inside[corners[~held]] = False
-    belonging = np.bincount(face, weights=inside[corners], minlength=len(sizes)) >= CORNERS
-    if not np.array_equal(np.flatnonzero(belonging), np.sort(quads)):
+    if not np.array_equal(_belonging(surface, inside), np.sort(quads)):
         return False
     group = obj.vertex_groups.get(GROUP) or obj.vertex_groups.new(name=GROUP)
     group.remove(range(len(surface.positions)))
@@ -221,16 +219,19 @@ def _quads(obj: bpy.types.Object, surface: ObjectSurface, name: str, place: str)
         raise FlexMapsError(
             f"The vertex group '{name}' under {place} is empty; select vertices in edit mode and press Assign"
         )
-    sizes = surface.polygons.sizes
-    face = np.repeat(np.arange(len(sizes)), sizes)
-    belonging = np.flatnonzero(
-        np.bincount(face, weights=inside[surface.polygons.corners], minlength=len(sizes)) >= CORNERS
-    )
+    belonging = _belonging(surface, inside)
     if not len(belonging):
         raise FlexMapsError(
             f"No quad has {CORNERS} corners in the vertex group '{name}' under {place}; add their vertices to it"
         )
     return belonging
+
+
+def _belonging(surface: ObjectSurface, inside: Bool[np.ndarray, " vertices"]) -> Int[np.ndarray, " quads"]:
+    """Return the quads with enough corners among some vertices."""
+    polygons = surface.polygons
+    corners = np.bincount(polygons.face_of, weights=inside[polygons.corners], minlength=len(polygons.sizes))
+    return np.flatnonzero(corners >= CORNERS)
 
 
 def _members(obj: bpy.types.Object, index: int) -> Bool[np.ndarray, " vertices"]:

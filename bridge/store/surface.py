@@ -41,11 +41,8 @@ class ObjectSurface:
     @cached_property
     def edge_of(self) -> Int[np.ndarray, " edges"]:
         """Return Blender's edge of every edge of the engine, which numbers its edges by ascending vertex pair."""
-        corners, sizes = self.polygons.corners, self.polygons.sizes
-        following = np.arange(1, len(corners) + 1)
-        ends = np.cumsum(sizes)
-        following[ends - 1] = ends - sizes
-        engine = _keys(np.stack([corners, corners[following]], axis=1), len(self.positions))
+        corners = self.polygons.corners
+        engine = _keys(np.stack([corners, corners[self.polygons.after]], axis=1), len(self.positions))
         blender = _keys(self.pairs, len(self.positions))
         order = np.argsort(blender)
         return order[np.searchsorted(blender, np.unique(engine), sorter=order)]

@@ -277,17 +277,10 @@ def _add_target(place: Studio, obj: bpy.types.Object, finish: str) -> Group:
         data.materials.append(materials.material("FlexMaps clay", colours.linear(np.array(CLAY))))
     made = place.put(data)
     pairs, count = np.sort(surface.pairs, axis=1), np.array([len(polygons.vertices), 1])
-    sides, used = np.unique(_sides(polygons.corners, polygons.sizes) @ count, return_counts=True)
-    border = np.isin(pairs @ count, sides[used == 1])
+    sides = np.stack([polygons.corners, polygons.corners[polygons.after]], axis=1)
+    number, used = np.unique(np.sort(sides, axis=1) @ count, return_counts=True)
+    border = np.isin(pairs @ count, number[used == 1])
     return Group((made, *_add_lines(place, polygons.vertices, pairs, border | surface.seams)))
-
-
-def _sides(corners: Int[np.ndarray, " corners"], sizes: Int[np.ndarray, " faces"]) -> Int[np.ndarray, "corners 2"]:
-    """Return ascending vertex pairs of the sides of polygons."""
-    following = np.arange(1, len(corners) + 1)
-    ends = np.cumsum(sizes)
-    following[ends - 1] = ends - sizes
-    return np.sort(np.stack([corners, corners[following]], axis=1), axis=1)
 
 
 def _add_assembled(

@@ -31,6 +31,29 @@ class PolygonMesh:
     left_out: tuple[str, ...] = ()
     cured: tuple[tuple[str, str], ...] = ()
 
+    @property
+    def starts(self) -> Int[np.ndarray, " faces"]:
+        """Index of the first corner of every face."""
+        return np.cumsum(self.sizes) - self.sizes
+
+    @property
+    def face_of(self) -> Int[np.ndarray, " corners"]:
+        """Face of every corner."""
+        return np.repeat(np.arange(len(self.sizes)), self.sizes)
+
+    @property
+    def after(self) -> Int[np.ndarray, " corners"]:
+        """Index of the next corner of the same face, for every corner."""
+        after, ends = np.arange(1, len(self.corners) + 1), np.cumsum(self.sizes)
+        after[ends - 1] = ends - self.sizes
+        return after
+
+    @property
+    def centres(self) -> Float[np.ndarray, "faces 3"]:
+        """Mean of every face's corners."""
+        corners = np.asarray(self.vertices, float)[self.corners]
+        return np.add.reduceat(corners, self.starts, axis=0) / self.sizes[:, None]
+
     def subset(self, faces: Bool[np.ndarray, " faces"]) -> PolygonMesh:
         """Return the mesh with the faces of the mask only; vertices stay."""
         if faces.all():

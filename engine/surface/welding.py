@@ -23,11 +23,8 @@ SHORT = 5.0  # percentile of edge lengths taken as the short edge; higher than 0
 
 def short_edge(mesh: PolygonMesh) -> float:
     """Return the 5th percentile of the lengths of all sides, zero lengths left out."""
-    starts = np.cumsum(mesh.sizes) - mesh.sizes
-    following = np.arange(1, len(mesh.corners) + 1)
-    following[starts + mesh.sizes - 1] = starts
     p = mesh.vertices[mesh.corners]
-    lengths = np.linalg.norm(p[following] - p, axis=1)
+    lengths = np.linalg.norm(p[mesh.after] - p, axis=1)
     lengths = lengths[lengths > 0]
     return float(np.percentile(lengths, SHORT)) if len(lengths) else 0.0
 
@@ -94,8 +91,7 @@ def merge_labelled(mesh: PolygonMesh, label: Int[np.ndarray, " vertices"]) -> Po
 
 def _degenerate_clusters(mesh: PolygonMesh, group: Int[np.ndarray, " vertices"]) -> np.ndarray:
     """Return the clusters that hold two different corners of one face."""
-    face = np.repeat(np.arange(len(mesh.sizes)), mesh.sizes)
-    of_corner = group[mesh.corners]
+    face, of_corner = mesh.face_of, group[mesh.corners]
     order = np.lexsort((mesh.corners, of_corner, face))
     f, g, v = face[order], of_corner[order], mesh.corners[order]
     return g[1:][(f[1:] == f[:-1]) & (g[1:] == g[:-1]) & (v[1:] != v[:-1])]
@@ -104,7 +100,7 @@ def _degenerate_clusters(mesh: PolygonMesh, group: Int[np.ndarray, " vertices"])
 def _split_clusters(mesh: PolygonMesh, group: np.ndarray, pairs: Int[np.ndarray, "pairs 2"]) -> np.ndarray:
     """Split a cluster: join its pairs, the nearest first, unless that would merge two corners of one face."""
     vertices = np.unique(pairs)
-    face = np.repeat(np.arange(len(mesh.sizes)), mesh.sizes)
+    face = mesh.face_of
     faces: dict[int, set[int]] = {v: set() for v in vertices.tolist()}
     for corner in np.flatnonzero(np.isin(mesh.corners, vertices)).tolist():
         faces[int(mesh.corners[corner])].add(int(face[corner]))

@@ -95,9 +95,8 @@ def degenerate(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
 def _corner_areas(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " faces"]:
     """Return the largest parallelogram that two adjacent sides of each face span."""
     p = polygons.vertices
-    starts = np.cumsum(polygons.sizes) - polygons.sizes
     side = p[sides.following] - p[polygons.corners]
-    return np.maximum.reduceat(np.linalg.norm(np.cross(side, side[sides.after]), axis=1), starts)
+    return np.maximum.reduceat(np.linalg.norm(np.cross(side, side[sides.after]), axis=1), polygons.starts)
 
 
 def sizes(polygons: PolygonMesh, sides: Sides, body: np.ndarray, edge: float | None, power: int) -> list[Finding]:
@@ -138,10 +137,9 @@ def sizes(polygons: PolygonMesh, sides: Sides, body: np.ndarray, edge: float | N
 def area_vectors_of(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, "faces 3"]:
     """Area vector of every face: half the sum of cross products about its first corner."""
     p = np.asarray(polygons.vertices, float)
-    starts = np.cumsum(polygons.sizes) - polygons.sizes
-    origin = p[polygons.corners[starts]][sides.face]
+    origin = p[polygons.corners[polygons.starts]][sides.face]
     crosses = np.cross(p[polygons.corners] - origin, p[sides.following] - origin)
-    return 0.5 * np.add.reduceat(crosses, starts, axis=0)
+    return 0.5 * np.add.reduceat(crosses, polygons.starts, axis=0)
 
 
 def breadth(corners: Float[np.ndarray, "faces 4 3"]) -> Float[np.ndarray, " faces"]:
@@ -162,8 +160,7 @@ def _quad_faults(
     polygons: PolygonMesh, quads: np.ndarray, area_vectors: np.ndarray, bows: np.ndarray, middle: float
 ) -> list[Finding]:
     """Report crossed, concave, thin and warped quads; ``bows`` are known to be crossed, ``middle`` is the median edge."""
-    starts = np.cumsum(polygons.sizes) - polygons.sizes
-    p = np.asarray(polygons.vertices, float)[polygons.corners[starts[quads][:, None] + np.arange(4)]]
+    p = np.asarray(polygons.vertices, float)[polygons.corners[polygons.starts[quads][:, None] + np.arange(4)]]
     normals = np.cross(np.roll(p, -1, axis=1) - p, np.roll(p, 1, axis=1) - p)
     inward = (np.einsum("qki,qi->qk", normals, area_vectors[quads]) < 0).sum(axis=1)
     found = []
@@ -210,11 +207,8 @@ def _size_ratio(polygons: PolygonMesh, sides: Sides, lengths: np.ndarray) -> Fin
 
 def _inside_out(polygons: PolygonMesh, sides: Sides, body: np.ndarray, area_vectors: np.ndarray) -> list[Finding]:
     """Report closed bodies with a negative volume, whose normals point inwards."""
-    starts = np.cumsum(polygons.sizes) - polygons.sizes
-    p = np.asarray(polygons.vertices, float)
-    centre = np.add.reduceat(p[polygons.corners], starts, axis=0) / polygons.sizes[:, None]
-    origin = p[polygons.corners].mean(axis=0)
-    volume = np.bincount(body, np.einsum("fi,fi->f", centre - origin, area_vectors))
+    origin = np.asarray(polygons.vertices, float)[polygons.corners].mean(axis=0)
+    volume = np.bincount(body, np.einsum("fi,fi->f", polygons.centres - origin, area_vectors))
     closed = np.ones(len(volume), dtype=bool)
     uses = np.bincount(sides.edge, minlength=len(sides.edges))
     closed[body[sides.face[uses[sides.edge] == 1]]] = False

@@ -100,11 +100,9 @@ def _double_skin(mesh: PolygonMesh, sides: Sides, body: Int[np.ndarray, " faces"
     closed[body[sides.face[uses[sides.edge] == 1]]] = False
     if not closed.any():
         return []
-    starts = np.cumsum(mesh.sizes) - mesh.sizes
-    p = mesh.vertices
-    middle = np.add.reduceat(p[mesh.corners], starts, axis=0) / mesh.sizes[:, None]
+    p, middle = mesh.vertices, mesh.centres
     across = np.cross(p[mesh.corners] - middle[sides.face], p[sides.following] - middle[sides.face])
-    normal = np.add.reduceat(across, starts, axis=0)
+    normal = np.add.reduceat(across, mesh.starts, axis=0)
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
     edge = float(np.median(np.linalg.norm(p[sides.edges[:, 1]] - p[sides.edges[:, 0]], axis=1)))
     pairs = cKDTree(middle).query_pairs(SKIN * edge, output_type="ndarray")
@@ -163,9 +161,8 @@ def crossing(mesh: PolygonMesh) -> tuple[Int[np.ndarray, "pairs 2"], Float[np.nd
     level = level[_coplanar_overlap(p[a[level]], p[b[level]], NEAR * short_edge(mesh))]
     points[level], hit[level] = p[b[level]].mean(axis=1), True
     along = _crossing_along_edges(mesh)
-    starts = np.cumsum(mesh.sizes) - mesh.sizes
     pairs = np.concatenate([np.stack([face[a[hit]], face[b[hit]]], axis=1), along])
-    return pairs, np.concatenate([points[hit], mesh.vertices[mesh.corners[starts[along[:, 0]]]]])
+    return pairs, np.concatenate([points[hit], mesh.vertices[mesh.corners[mesh.starts[along[:, 0]]]]])
 
 
 def _crossing_along_edges(mesh: PolygonMesh) -> Int[np.ndarray, "pairs 2"]:
@@ -182,8 +179,7 @@ def _crossing_along_edges(mesh: PolygonMesh) -> Int[np.ndarray, "pairs 2"]:
 
 def _neighbours(mesh: PolygonMesh) -> Int[np.ndarray, " pairs"]:
     """Encode all pairs of faces with a corner at one place, as first * number of faces + second."""
-    face = np.repeat(np.arange(len(mesh.sizes)), mesh.sizes)
-    of_place = csr_array((np.ones(len(face)), (face, places(mesh)[mesh.corners])))
+    of_place = csr_array((np.ones(len(mesh.corners)), (mesh.face_of, places(mesh)[mesh.corners])))
     first, second = (of_place @ of_place.T).nonzero()
     found: Int[np.ndarray, " pairs"] = first.astype(np.int64) * len(mesh.sizes) + second
     return found
@@ -191,10 +187,9 @@ def _neighbours(mesh: PolygonMesh) -> Int[np.ndarray, " pairs"]:
 
 def fans(mesh: PolygonMesh) -> tuple[Int[np.ndarray, " triangles"], Int[np.ndarray, "triangles 3"]]:
     """Split every face into triangles about its first corner; return the face of each triangle, and its corners."""
-    starts = np.cumsum(mesh.sizes) - mesh.sizes
     face = np.repeat(np.arange(len(mesh.sizes)), mesh.sizes - 2)
     within = np.arange(len(face)) - np.repeat(np.cumsum(mesh.sizes - 2) - (mesh.sizes - 2), mesh.sizes - 2)
-    first = starts[face]
+    first = mesh.starts[face]
     return face, np.stack(
         [mesh.corners[first], mesh.corners[first + within + 1], mesh.corners[first + within + 2]], axis=1
     )

@@ -95,7 +95,7 @@ def _continues_beyond(
     It continues if the border at the vertex runs along the edge, with its faces on the other side; else parts overlap
     or cross.
     """
-    middle = _middles(mesh)
+    middle = mesh.centres
     start, end = mesh.corners[rim], sides.following[rim]
     along = _unit(mesh.vertices[end] - mesh.vertices[start])
     inward = middle[sides.face[rim]] - mesh.vertices[start]
@@ -108,12 +108,6 @@ def _continues_beyond(
     parallel = np.abs(np.einsum("ni,ni->n", along[side[row]], along[beside])) > ALONG
     beyond = np.einsum("ni,ni->n", inward[side[row]], inward[beside]) < FOLDED
     return np.bincount(row, parallel & beyond, minlength=len(vertex)) > 0
-
-
-def _middles(mesh: PolygonMesh) -> Float[np.ndarray, "faces 3"]:
-    """Return the mean of every face's corners."""
-    starts = np.cumsum(mesh.sizes) - mesh.sizes
-    return np.add.reduceat(mesh.vertices[mesh.corners], starts, axis=0) / mesh.sizes[:, None]
 
 
 def _unit(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
@@ -162,7 +156,7 @@ def _without_duplicates(mesh: PolygonMesh) -> PolygonMesh:
 
 def _duplicate_shells(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> Bool[np.ndarray, " faces"]:
     """Mask the faces of bodies with the vertices and area of an earlier body, as of a shell listed twice, once in triangles."""
-    middle = _middles(mesh)
+    middle = mesh.centres
     sides = sides_of(mesh)
     p, q, m = mesh.vertices[mesh.corners], mesh.vertices[sides.following], middle[sides.face]
     area = np.bincount(body[sides.face], 0.5 * np.linalg.norm(np.cross(p - m, q - m), axis=1))
@@ -234,8 +228,7 @@ def _insert_vertices(mesh: PolygonMesh, found: TJunctions) -> PolygonMesh:
     """Insert the vertices of T-junctions as corners into the faces in whose edges they lie."""
     order = np.lexsort((found.share, found.side))
     after = found.side[order] + 1
-    face = np.repeat(np.arange(len(mesh.sizes)), mesh.sizes)
-    sizes = mesh.sizes + np.bincount(face[found.side], minlength=len(mesh.sizes))
+    sizes = mesh.sizes + np.bincount(mesh.face_of[found.side], minlength=len(mesh.sizes))
     return replace(mesh, corners=np.insert(mesh.corners, after, found.vertex[order]), sizes=sizes)
 
 

@@ -34,11 +34,7 @@ class Sides:
 
 def sides_of(polygons: PolygonMesh) -> Sides:
     """Build the sides of a mesh with valid indices."""
-    corners, sizes = polygons.corners.astype(np.int64), polygons.sizes
-    face = np.repeat(np.arange(len(sizes)), sizes)
-    after = np.arange(1, len(corners) + 1)
-    ends = np.cumsum(sizes)
-    after[ends - 1] = ends - sizes
+    corners, face, after = polygons.corners.astype(np.int64), polygons.face_of, polygons.after
     following = corners[after]
     low, high = np.minimum(corners, following), np.maximum(corners, following)
     count = len(polygons.vertices)
@@ -130,13 +126,11 @@ def repeated_faces(polygons: PolygonMesh, later: bool = True) -> Int[np.ndarray,
     later : return the later faces, not the earlier ones
     """
     sizes = polygons.sizes
-    face = np.repeat(np.arange(len(sizes)), sizes)
-    corners = polygons.corners[np.lexsort((polygons.corners, face))]  # sorted within every face
-    starts = np.cumsum(sizes) - sizes
+    corners = polygons.corners[np.lexsort((polygons.corners, polygons.face_of))]  # sorted within every face
     found = [np.zeros(0, np.int64)]
     for size in np.unique(sizes):
         own = np.flatnonzero(sizes == size)
-        rows = corners[starts[own][:, None] + np.arange(size)]
+        rows = corners[polygons.starts[own][:, None] + np.arange(size)]
         order = np.lexsort(rows.T[::-1])
         equal = (rows[order][1:] == rows[order][:-1]).all(axis=1)
         found.append(own[order[1:][equal] if later else order[:-1][equal]])

@@ -175,9 +175,8 @@ def concatenate_meshes(parts: list[PolygonMesh]) -> PolygonMesh:
 
 def target_of(mesh: PolygonMesh) -> TargetSurface:
     """Return a mesh of triangles or quads as the target surface of its quads."""
-    starts = np.cumsum(mesh.sizes) - mesh.sizes
     rows = [
-        np.stack([mesh.corners[starts[mesh.sizes > k + 1] + j] for j in (0, k, k + 1)], axis=1)
+        np.stack([mesh.corners[mesh.starts[mesh.sizes > k + 1] + j] for j in (0, k, k + 1)], axis=1)
         for k in range(1, int(mesh.sizes.max()) - 1)
     ]
     return TargetSurface(np.ascontiguousarray(mesh.vertices, float), np.concatenate(rows).astype(np.int64))

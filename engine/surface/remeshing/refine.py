@@ -17,15 +17,13 @@ AT_CORNER = 0.5  # in quad edges: a quad corner within this distance goes to the
 
 def split(polygons: PolygonMesh) -> PolygonMesh:
     """Split every polygon into quads round its middle, one per corner, as in the first Catmull-Clark step."""
-    sides, starts = sides_of(polygons), np.cumsum(polygons.sizes) - polygons.sizes
-    corners, face = polygons.vertices[polygons.corners], sides.face
-    middles = np.add.reduceat(corners, starts, axis=0) / polygons.sizes[:, None]
+    sides = sides_of(polygons)
     halves = polygons.vertices[sides.edges].mean(axis=1)
     on_side = len(polygons.vertices) + sides.edge
     before = np.empty_like(on_side)
     before[sides.after] = on_side
-    rows = np.stack([polygons.corners, on_side, len(polygons.vertices) + len(halves) + face, before], axis=1)
-    return of_rows(np.concatenate([polygons.vertices, halves, middles]), rows)
+    rows = np.stack([polygons.corners, on_side, len(polygons.vertices) + len(halves) + sides.face, before], axis=1)
+    return of_rows(np.concatenate([polygons.vertices, halves, polygons.centres]), rows)
 
 
 def refine_quads(quads: PolygonMesh, target: TargetSurface, times: int) -> PolygonMesh:
