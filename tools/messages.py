@@ -127,15 +127,13 @@ def _of_panels() -> Found:
 
 
 def _of_lines() -> Found:
-    """Lines that stages report, why a button is grey, and why a stage is out of date."""
-    from flexmaps.bridge.store import cures, decided, finding_words, guidance, states
+    """Lines that stages report, and why a button is grey."""
+    from flexmaps.bridge.store import cures, decided, finding_words, guidance
     from flexmaps.bridge.view import tab
     from flexmaps.engine import versions
     from flexmaps.engine.optimisation import optimise, wishes
     from flexmaps.engine.runs import stages
 
-    for text in (*states.WHY.values(), states.SETTING, states.EARLIER, states.PROGRAM):
-        yield "", text, "why a stage is out of date"
     for _, text in versions.RESULT_CHANGES:
         yield "", text, "what changed since an earlier version"
     for text in (

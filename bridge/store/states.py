@@ -52,14 +52,6 @@ AFTER = {
     block: stages.blocks_describing(need for stage in stages.writers(block) for need in stage.needs) - {block}
     for block in stages.BLOCKS
 }
-WHY = {
-    "seams": "The seams were edited since",
-    "shape": "The mesh was changed since",
-    "design": "The spirals were changed since",
-    "down": "The object was turned since",
-}
-SETTING, EARLIER = "A setting was changed since", "An earlier stage was changed since"
-PROGRAM = "An earlier version of FlexMaps made it, which looked at less"
 
 
 @dataclass(frozen=True)
@@ -67,21 +59,10 @@ class StageState:
     """State of one stage: ``TODO``, ``DONE`` or ``OLD`` (out of date).
 
     part : the part that changed, "" where an earlier stage changed
-    known : whether the version that made the result stored a checksum of that part
     """
 
     kind: str
     part: str = ""
-    known: bool = True
-
-    @property
-    def reason(self) -> str:
-        """Return why the stage is out of date, as a sentence without its full stop; "" where it is not."""
-        if self.kind != OLD:
-            return ""
-        if not self.known:
-            return PROGRAM
-        return WHY.get(self.part, SETTING) if self.part else EARLIER
 
 
 # -- stamps ------------------------------------------------------------------------------------------------------------
@@ -156,7 +137,7 @@ def read_states(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, Stag
             continue
         changed = next((part for part in parts if made is not None and made.get(part) != now[part]), None)
         if changed is not None:
-            states[stage] = StageState(OLD, changed, made is None or changed in made)
+            states[stage] = StageState(OLD, changed)
         else:
             states[stage] = StageState(DONE if all(state.kind == DONE for state in earlier) else OLD)
     return states

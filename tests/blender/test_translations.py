@@ -14,7 +14,7 @@ from typing import Any
 import polib
 import pytest
 from flexmaps import operators
-from flexmaps.bridge.store import catalogue, states
+from flexmaps.bridge.store import catalogue
 from flexmaps.bridge.store.i18n import translate
 from flexmaps.engine.params import SHOWN, ObjectSettings
 from flexmaps.panels import translations
@@ -36,10 +36,7 @@ def test_the_template_has_all_messages(messages: ModuleType) -> None:
     made, stored = messages.made(), polib.pofile(str(translations.FOLDER / "flexmaps.pot"))
     assert keys(stored) == keys(made), f"missing or stale in the template{HOW}"
     found = {text for _, text in keys(made)}
-    assert {cls.bl_label for cls in operators.CLASSES if hasattr(cls, "bl_label")} | {
-        *states.WHY.values(),
-        states.SETTING,
-    } <= found
+    assert {cls.bl_label for cls in operators.CLASSES if hasattr(cls, "bl_label")} <= found
     # one of each place that messages come from: a setting, its explanation, the sidebar, a report, a grey button
     assert {
         "Smallest width",
