@@ -5,6 +5,8 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from ...engine.arrays import Float
+
 # property of an element -> numpy type, numbers per element
 PROPERTIES: dict[str, tuple[type, int]] = {
     "co": (np.float32, 3),
@@ -31,3 +33,14 @@ def column(items: bpy.types.bpy_prop_collection, name: str) -> np.ndarray:
     values: np.ndarray = np.empty(len(items) * width, kind)
     items.foreach_get(name, values)
     return values if width == 1 else values.reshape(-1, width)
+
+
+def weights(mesh: bpy.types.Mesh, group: int) -> Float[np.ndarray, " vertices"]:
+    """Return the weights of a vertex group, 0 for vertices outside it.
+
+    Parameters
+    ----------
+    mesh : Blender's mesh, outside edit mode
+    group : index of the vertex group
+    """
+    return np.array([next((g.weight for g in v.groups if g.group == group), 0.0) for v in mesh.vertices], np.float32)

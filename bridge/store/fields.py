@@ -10,6 +10,7 @@ import numpy as np
 from ...engine.arrays import Float, Int
 from ...engine.errors import FlexMapsError
 from . import attributes, objects
+from .columns import weights
 
 if TYPE_CHECKING:
     from .surface import ObjectSurface
@@ -47,7 +48,7 @@ def read_field(obj: bpy.types.Object, surface: ObjectSurface, name: str) -> Floa
     with attributes.readable(obj) as data:
         group = obj.vertex_groups.get(name)
         if group is not None:
-            return _over_quads(surface, _weights(data, group.index), "POINT")
+            return _over_quads(surface, weights(data, group.index), "POINT")
         attribute = data.attributes.get(name)
         if attribute is None:
             raise FlexMapsError(f"'{obj.name}' has no vertex group, colour or attribute '{name}'")
@@ -109,11 +110,6 @@ def write_stiffness(obj: bpy.types.Object, values: Float[np.ndarray, " quads"]) 
     values : (F,), N mm/rad
     """
     attributes.put(obj, attributes.PREFIX + "stiffness", *attributes.OURS["stiffness"][:2], values)
-
-
-def _weights(data: bpy.types.Mesh, index: int) -> Float[np.ndarray, " vertices"]:
-    """Return the weights of a vertex group, 0 for vertices outside it."""
-    return np.array([next((g.weight for g in v.groups if g.group == index), 0.0) for v in data.vertices])
 
 
 def _over_quads(surface: ObjectSurface, values: np.ndarray, domain: str) -> Float[np.ndarray, " quads"]:

@@ -15,7 +15,7 @@ import numpy as np
 from ...engine.arrays import Float
 from ...engine.errors import FlexMapsError
 from . import keys
-from .columns import column
+from .columns import column, weights
 
 # metres from the world's origin beyond which an object's coordinates are relative to its own origin: at this distance
 # Blender's single precision has steps of 8 mm, and the search for an equilibrium loses its last digits
@@ -61,17 +61,8 @@ def _mix_keys(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
             continue
         step = key.value * (column(key.data, "co") - column(key.relative_key.data, "co"))
         group = obj.vertex_groups.get(key.vertex_group) if key.vertex_group else None
-        mixed += step if group is None else step * _weights(obj, group.index)[:, None]
+        mixed += step if group is None else step * weights(obj.data, group.index)[:, None]
     return mixed
-
-
-def _weights(obj: bpy.types.Object, group: int) -> Float[np.ndarray, " vertices"]:
-    weights = np.zeros(len(obj.data.vertices), np.float32)
-    for vertex in obj.data.vertices:
-        for member in vertex.groups:
-            if member.group == group:
-                weights[vertex.index] = member.weight
-    return weights
 
 
 def shown(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:

@@ -12,7 +12,8 @@ from ...engine.arrays import Bool, Float, Int
 from ...engine.errors import FlexMapsError
 from ...engine.extras import registry
 from ...engine.params import LoadParams, Settings
-from . import handles, mesh, objects, settings
+from . import attributes, handles, mesh, objects, settings
+from .columns import weights
 
 if TYPE_CHECKING:
     from .surface import ObjectSurface
@@ -214,7 +215,8 @@ def _quads(obj: bpy.types.Object, surface: ObjectSurface, name: str, place: str)
     group = obj.vertex_groups.get(name)
     if group is None:
         raise FlexMapsError(f"'{obj.name}' has no vertex group '{name}'; choose another one under {place}")
-    inside = _members(obj, group.index)
+    with attributes.readable(obj) as data:
+        inside = weights(data, group.index) > 0.0
     if not inside.any():
         raise FlexMapsError(
             f"The vertex group '{name}' under {place} is empty; select vertices in edit mode and press Assign"
@@ -232,17 +234,3 @@ def _belonging(surface: ObjectSurface, inside: Bool[np.ndarray, " vertices"]) ->
     polygons = surface.polygons
     corners = np.bincount(polygons.face_of, weights=inside[polygons.corners], minlength=len(polygons.sizes))
     return np.flatnonzero(corners >= CORNERS)
-
-
-def _members(obj: bpy.types.Object, index: int) -> Bool[np.ndarray, " vertices"]:
-    """Return the vertices with any weight in a vertex group, in edit mode too."""
-    if obj.data.is_editmode:
-        import bmesh
-
-        bm = bmesh.from_edit_mesh(obj.data)
-        layer = bm.verts.layers.deform.active
-        if layer is None:
-            return np.zeros(len(bm.verts), bool)
-        return np.array([v[layer].get(index, 0.0) > 0.0 for v in bm.verts])
-    vertices = obj.data.vertices
-    return np.array([any(g.group == index and g.weight > 0.0 for g in v.groups) for v in vertices])

@@ -97,45 +97,43 @@ def painted(
         return colours.patch_colours(count)[values.astype(int)], Legend("1 panel" if count == 1 else f"{count} panels")
     if kind == "REACH":
         return _limits(values.astype(int))
-    if kind in {"ENERGY", "SQUARE"}:
-        high = obj.flexmaps.layout.distortion_limit if kind == "ENERGY" else SQUARE_HIGH
-        legend = Legend(f"{label}, largest {values.max():.3f}", "0", f"{high:.3g}", colours.ERROR_SCALE)
-        return colours.map_to_scale(values, 0.0, high, colours.ERROR_SCALE), legend
-    if kind == "SAFETY":
-        legend = Legend(f"Strain, largest {100 * values.max():.0f} % of the limit", "0", "limit", colours.ERROR_SCALE)
-        return colours.map_to_scale(values, 0.0, 1.0, colours.ERROR_SCALE), legend
-    if kind == "UTILISATION":
-        legend = Legend(
-            f"Under loads, largest {100 * values.max():.0f} % of the limit", "0", "limit", colours.ERROR_SCALE
-        )
-        return colours.map_to_scale(values, 0.0, 1.0, colours.ERROR_SCALE), legend
     low, high = float(values.min()), float(values.max())
     if kind == "STIFFNESS":
-        return colours.map_to_scale(
-            stiffness_share(values, low, high), 0.0, 1.0, colours.QUANTITY_SCALE
-        ), stiffness_legend(low, high)
+        shares = stiffness_share(values, low, high)
+        return colours.map_to_scale(shares, 0.0, 1.0, colours.QUANTITY_SCALE), stiffness_legend(low, high)
+    if kind in {"ENERGY", "SQUARE"}:
+        limit = obj.flexmaps.layout.distortion_limit if kind == "ENERGY" else SQUARE_HIGH
+        return _errors(values, limit, f"{label}, largest {values.max():.3f}", f"{limit:.3g}")
+    if kind in {"SAFETY", "UTILISATION"}:
+        what = "Strain" if kind == "SAFETY" else "Under loads"
+        return _errors(values, 1.0, f"{what}, largest {100 * values.max():.0f} % of the limit", "limit")
     if kind == "SLOT":
         high = max(high, colours.LEAST_SLOT)
         text = f"Slots in this shape, narrowest {low:.2f} mm"
-        return colours.map_to_scale(high - values, 0.0, high, colours.ERROR_SCALE), Legend(
-            text, f"{high:.2g} mm", "closed", colours.ERROR_SCALE
-        )
+        return _errors(high - values, high, text, "closed", f"{high:.2g} mm")
     if kind == "SCAN":
         high = max(high, colours.LEAST_DISTANCE)
-        rgb = colours.map_to_scale(np.maximum(values, 0.0), 0.0, high, colours.ERROR_SCALE)
+        text = f"{label}, grey where there is none"
+        rgb, legend = _errors(np.maximum(values, 0.0), high, text, f"{high:.3g} mm")
         rgb[values < 0] = colours.linear(colours.MISSING_GREY)
-        return rgb, Legend(f"{label}, grey where there is none", "0", f"{high:.3g} mm", colours.ERROR_SCALE)
-    if kind == "ANISOTROPY":
-        low, high = 0.0, max(high, colours.LEAST_ANISOTROPY)
+        return rgb, legend
     if kind == "DISTANCE":
         high = max(high, colours.LEAST_DISTANCE)
-        legend = Legend(label, "0", f"{high:.3g} mm", colours.ERROR_SCALE)
-        return colours.map_to_scale(values, 0.0, high, colours.ERROR_SCALE), legend
+        return _errors(values, high, label, f"{high:.3g} mm")
+    if kind == "ANISOTROPY":
+        low, high = 0.0, max(high, colours.LEAST_ANISOTROPY)
     if kind == "STRAIN_ENERGY":
         low = 0.0
     gap = "" if unit == "\N{DEGREE SIGN}" else " "
     legend = Legend(label, f"{low:.3g}{gap}{unit}", f"{high:.3g}{gap}{unit}", colours.QUANTITY_SCALE)
     return colours.map_to_scale(values, low, high, colours.QUANTITY_SCALE), legend
+
+
+def _errors(
+    values: np.ndarray, high: float, text: str, most: str, least: str = "0"
+) -> tuple[Float[np.ndarray, "quads 3"], Legend]:
+    """Return colours and legend on the scale of errors from 0 to ``high``; ``least``, ``most``: words at its ends."""
+    return colours.map_to_scale(values, 0.0, high, colours.ERROR_SCALE), Legend(text, least, most, colours.ERROR_SCALE)
 
 
 def stiffness_share(values: Shaped[np.ndarray, " quads"], low: float, high: float) -> Float[np.ndarray, " quads"]:
