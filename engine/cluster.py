@@ -117,11 +117,6 @@ class Cluster(Executor):
                     f"The worker {worker} cannot be used: {value}; install this version there, and start it again"
                 )
 
-    @property
-    def count(self) -> int:
-        """Number of threads of all workers."""
-        return sum(self._client.ncores().values())
-
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Call a function on one of the workers, as ``Workers.submit`` does.
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...engine.arrays import Float, Int
 from ...engine.errors import FlexMapsError
-from . import attributes, objects
+from . import attributes
 from .columns import weights
 
 if TYPE_CHECKING:
@@ -63,20 +63,6 @@ def read_field(obj: bpy.types.Object, surface: ObjectSurface, name: str) -> Floa
     if not np.isfinite(means).all():
         raise FlexMapsError(f"'{name}' of '{obj.name}' holds something that is no number; mend it, or take another one")
     return means
-
-
-def of_uid(uid: int, name: str) -> Float[np.ndarray, " quads"]:
-    """Return the field of that name, as ``read_field`` does, of an object that was read earlier.
-
-    Parameters
-    ----------
-    uid : Blender's id of the object
-    name : name of the group, colour or attribute
-    """
-    from . import mesh
-
-    obj = objects.find(uid)
-    return read_field(obj, mesh.read_surface(obj, bpy.context.scene), name)
 
 
 def protect(obj: bpy.types.Object, quads: Int[np.ndarray, " kept"] | None) -> None:

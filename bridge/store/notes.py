@@ -49,7 +49,8 @@ def _get(mesh: bpy.types.Mesh, name: str) -> dict[str, Any] | None:
     return _parse(text, checksum) if isinstance(text, str) and isinstance(checksum, str) else None
 
 
-def _put(mesh: bpy.types.Mesh, name: str, value: dict[str, Any]) -> None:
+def put_text(mesh: bpy.types.Mesh, name: str, value: dict[str, Any]) -> None:
+    """Store a dictionary on the mesh as text with a checksum."""
     mesh[name] = json.dumps(value)
     mesh[name + SUM] = _checksum(mesh[name])
 
@@ -57,11 +58,6 @@ def _put(mesh: bpy.types.Mesh, name: str, value: dict[str, Any]) -> None:
 def get_text(mesh: bpy.types.Mesh, name: str) -> dict[str, Any]:
     """Return the dictionary that ``put_text`` stored under a name; {} where there is none or it is damaged."""
     return _get(mesh, name) or {}
-
-
-def put_text(mesh: bpy.types.Mesh, name: str, value: dict[str, Any]) -> None:
-    """Store a dictionary on the mesh as text with a checksum."""
-    _put(mesh, name, value)
 
 
 def unsound(mesh: bpy.types.Mesh) -> bool:
@@ -110,7 +106,7 @@ def made_from(mesh: bpy.types.Mesh) -> dict[str, dict[str, str]]:
 def write_made_from(mesh: bpy.types.Mesh, made: dict[str, dict[str, str]]) -> None:
     """Store the input checksums of some stages with this version; other stages keep theirs."""
     _begin(mesh)
-    _put(mesh, MADE_FROM, made_from(mesh) | {name: parts | {PROGRAM: VERSION} for name, parts in made.items()})
+    put_text(mesh, MADE_FROM, made_from(mesh) | {name: parts | {PROGRAM: VERSION} for name, parts in made.items()})
 
 
 def made_with(mesh: bpy.types.Mesh) -> str:
@@ -138,7 +134,7 @@ def write(mesh: bpy.types.Mesh, stage: str, block: object) -> None:
     """
     _begin(mesh)
     gone = stages.stale_blocks(stage)
-    _put(mesh, NAME, {name: value for name, value in read(mesh).items() if name not in gone} | {stage: block})
+    put_text(mesh, NAME, {name: value for name, value in read(mesh).items() if name not in gone} | {stage: block})
     _note_fresh(mesh, stage)
 
 
@@ -164,7 +160,7 @@ def drop_from(mesh: bpy.types.Mesh, stage: str) -> None:
     """
     _begin(mesh)
     gone = stages.stale_blocks(stage) | {stage}
-    _put(mesh, NAME, {name: value for name, value in read(mesh).items() if name not in gone})
+    put_text(mesh, NAME, {name: value for name, value in read(mesh).items() if name not in gone})
 
 
 def write_checks(mesh: bpy.types.Mesh, findings: Sequence[Finding]) -> None:
@@ -187,7 +183,7 @@ def write_checks(mesh: bpy.types.Mesh, findings: Sequence[Finding]) -> None:
         block for block in read(mesh).get("checks", ()) if block["code"] in codes and block.get("quads") == count
     ]
     _begin(mesh)
-    _put(mesh, NAME, read(mesh) | {"checks": blocks})
+    put_text(mesh, NAME, read(mesh) | {"checks": blocks})
     _note_fresh(mesh, "checks")
 
 

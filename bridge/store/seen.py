@@ -22,11 +22,6 @@ from .columns import column, weights
 FAR = 1e5
 
 
-def keyed(obj: bpy.types.Object) -> bool:
-    """Return whether the user's shape keys may move the object's points."""
-    return keys.foreign_keys(obj.data)
-
-
 def points(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "vertices 3"] | None:
     """Return the seen points in the object's own frame; None where they are the mesh's own.
 
@@ -34,7 +29,7 @@ def points(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "
     ------
     FlexMapsError in edit mode.
     """
-    if not keyed(obj):
+    if not keys.foreign_keys(obj.data):
         return None
     if obj.data.is_editmode:
         raise FlexMapsError("Leave Edit Mode first (Tab): shape keys move what is seen there")
@@ -68,7 +63,7 @@ def _mix_keys(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
 def shown(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
     """Return the points as the 3D view shows them, FlexMaps' shapes included, in the object's own frame."""
     mesh = obj.data
-    if mesh.is_editmode or not keyed(obj):
+    if mesh.is_editmode or not keys.foreign_keys(obj.data):
         return keys.shown_positions(mesh)
     if mesh.shape_keys.use_relative:
         own = keys.shown_positions(mesh) - column(mesh.vertices, "co")
@@ -79,7 +74,7 @@ def shown(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
 
 def state(obj: bpy.types.Object) -> bytes:
     """Return all that moves the seen points away from the mesh, as bytes; quick enough for a redraw."""
-    if not keyed(obj) or obj.data.is_editmode or not obj.data.shape_keys.use_relative:
+    if not keys.foreign_keys(obj.data) or obj.data.is_editmode or not obj.data.shape_keys.use_relative:
         return b""
     return _mix_keys(obj).tobytes()
 

@@ -12,7 +12,7 @@ from ...engine.arrays import Bool, Float, Int
 from ...engine.errors import FlexMapsError
 from ...engine.extras import registry
 from ...engine.params import LoadParams, Settings
-from . import attributes, handles, mesh, objects, settings
+from . import attributes, handles, objects, settings
 from .columns import weights
 
 if TYPE_CHECKING:
@@ -38,20 +38,6 @@ def loads(
     FlexMapsError where a vertex group is missing or holds no quad.
     """
     return read_supports(obj, surface, params), force(obj, surface, params)
-
-
-def loads_of(
-    uid: int, params: LoadParams
-) -> tuple[Int[np.ndarray, " supports"] | None, Float[np.ndarray, "quads 3"] | None]:
-    """Return the loads, as ``loads`` does, of an object that was read earlier.
-
-    Parameters
-    ----------
-    uid : ``session_uid`` of the object
-    params : settings of supports and loads
-    """
-    obj = objects.find(uid)
-    return loads(obj, mesh.read_surface(obj, bpy.context.scene), params)
 
 
 def read_groups(obj: bpy.types.Object, surface: ObjectSurface, used: Settings) -> dict[str, Int[np.ndarray, " some"]]:
@@ -81,18 +67,6 @@ def read_groups(obj: bpy.types.Object, surface: ObjectSurface, used: Settings) -
             with suppress(FlexMapsError):
                 quads[name] = _quads(obj, surface, name, "Load cases")
     return quads
-
-
-def read_groups_of(uid: int, used: Settings) -> dict[str, Int[np.ndarray, " some"]]:
-    """Return the quads by group, as ``read_groups`` does, of an object that was read earlier.
-
-    Parameters
-    ----------
-    uid : ``session_uid`` of the object
-    used : settings, whose load cases name vertex groups
-    """
-    obj = objects.find(uid)
-    return read_groups(obj, mesh.read_surface(obj, bpy.context.scene), used)
 
 
 def is_group(uid: int, name: str) -> bool:

@@ -42,7 +42,7 @@ WIRE = 9  # points along an arm drawn as a wire; more is smoother and slower; by
 class Built:
     """An assembled piece, ready to be shown.
 
-    design, pose, arms : the spirals, their hubs and their bent arms
+    design, pose : the spirals and their hubs
     panels : its mesh, None if drawn as wires
     vertices : (V, 3) metres of the mesh, or (A, WIRE, 3) of the wires
     seconds : time spent on building it
@@ -51,7 +51,6 @@ class Built:
 
     design: SpiralDesign
     pose: Pose
-    arms: BentArms
     panels: PanelMesh | None
     vertices: Float[np.ndarray, "*vertices 3"]
     seconds: float
@@ -126,12 +125,12 @@ def build(
     arms = bend_arms(design, pose, progress=progress.part(0.0, 0.4))
     below = None if base is None or not base.plates else base_mesh(base)
     if detail == "LINES":
-        return Built(design, pose, arms, None, wires(design, arms), time.perf_counter() - began, below)
+        return Built(design, pose, None, wires(design, arms), time.perf_counter() - began, below)
     design = design if base is None else base.design
     panels = panel_mesh(design, DETAILS[detail], tips, progress.part(0.4, 0.8))
     progress(0.8, "Drawing the arms")
     vertices = panels.at_pose(arms, pose)
-    return Built(design, pose, arms, panels, vertices, time.perf_counter() - began, below)
+    return Built(design, pose, panels, vertices, time.perf_counter() - began, below)
 
 
 def wires(design: SpiralDesign, arms: BentArms) -> Float[np.ndarray, "arms points 3"]:

@@ -8,7 +8,7 @@ are capped. Only a minimum counts as converged.
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -58,7 +58,6 @@ class Equilibrium:
     pose : of the hubs; energy : joules, elastic energy minus the work of the forces; per_joint : (m,) elastic joules
     converged : True only at a minimum with a residual within the tolerance
     iterations : Newton steps; residual : norm of the unbalanced forces, relative to those in the joints
-    history : (iterations + 1, 2) energy and residual
     negative_eigenvalues : of the Hessian at the end; 0 at a minimum
     torsion_max : radians, largest turn of two neighbours about the line across their joint
     status : one sentence for the user
@@ -71,7 +70,6 @@ class Equilibrium:
     converged: bool
     iterations: int
     residual: float
-    history: Float[np.ndarray, "_ 2"] = field(repr=False)
     negative_eigenvalues: int
     torsion_max: float
     status: str
@@ -235,17 +233,17 @@ def force_scale(model: ElasticModel, here: Expansion, pose: Pose) -> tuple[Float
 
 def _make_result(problem: _Balance, run: Run) -> Equilibrium:
     """Collect the result of a run, with its sentence."""
-    model, state, history = problem.model, run.state, np.array([(one.energy, one.residual) for one in run.history])
+    model, state, history = problem.model, run.state, run.history
     torsion = float(np.abs(model.torsion(state)).max(initial=0.0))
     steps, converged, negative = len(history) - 1, run.ended in (CONVERGED, AT_ROUNDING), 0
     sentence = STATUS.get(run.ended, "").format(with_count(steps, "iteration", "iterations"))
     if not converged:
         negative = problem.system.negative(problem.system.values(model.expand(state).hessian))
         sentence += f" {with_count(negative, 'way leads', 'ways lead')} downhill from there." if negative else ""
-    energy, residual = float(history[-1, 0]), float(history[-1, 1])
+    energy, residual = float(history[-1].energy), float(history[-1].residual)
     joints = run.here.own.per_joint
     return Equilibrium(
-        state.pose, energy, joints, converged, steps, residual, history, negative, torsion, sentence, problem.spare
+        state.pose, energy, joints, converged, steps, residual, negative, torsion, sentence, problem.spare
     )
 
 

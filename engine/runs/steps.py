@@ -183,7 +183,7 @@ def _with_band(simulation: Simulation, settings: Settings, progress: Progress) -
 
 
 def _sheets(result: Result, version: DesignVersion, settings: Settings, progress: Progress) -> Result:
-    split.check_size(version.design.flat, settings.layout, settings.sheet)
+    split.check_size(version.design.flat, settings.sheet)
     base = None if settings.base.base == "none" else _base(result, version.design, settings)
     found = sheets.make_sheets(version.design, settings.sheet, progress, settings.connect, settings.cut, base)
     inputs = ["design"]

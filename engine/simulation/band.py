@@ -31,13 +31,11 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class ToleranceBand:
-    """Distances of a piece from its target, with nominal sheets and at the ends of every tolerance.
+    """Distances of a piece from its target at the ends of every tolerance.
 
-    rms : predicted RMS distance with nominal sheets, metres
     tolerances : distances at the ends of each tolerance
     """
 
-    rms: float
     tolerances: tuple[Tolerance, ...]
 
     @property

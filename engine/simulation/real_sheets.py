@@ -50,7 +50,7 @@ def tolerance_band(simulation: Simulation, params: SimulateParams, progress: Pro
             for i, sign in enumerate((-1.0, 1.0))
         )
         tolerances.append(Tolerance(name, less, more, words))
-    return ToleranceBand(1e-3 * simulation.match["rms_mm"], tuple(tolerances))
+    return ToleranceBand(tuple(tolerances))
 
 
 def _rms_distance(

@@ -103,7 +103,7 @@ def pages(
         for row, step in enumerate(order[first : min(first + ROWS, drawn)]):
             progress(0.2 + 0.7 * (first + row) / drawn, "drawing the steps of the assembly")
             box = Box(MARGIN, HEIGHT - MARGIN - (row + 1) * height, WIDTH - 2 * MARGIN, height)
-            _step(page, box, flat, first + row + 1, len(order), step, look)
+            _step(page, box, flat, first + row + 1, step, look)
         found.append(page)
     found += _in_words(order, panel_numbers(flat.layout), drawn, look, progress)
     if sheets.base is not None:
@@ -276,7 +276,7 @@ def _seam_list(page: Page, box: Box, flat: FlatPatches, look: PatchColours, chec
         page.text("... the others are in the steps", (box.x + box.width * (1 - 1 / columns), box.y), 0.0026, INK)
 
 
-def _step(page: Page, box: Box, flat: FlatPatches, number: int, count: int, step: Step, look: PatchColours) -> None:
+def _step(page: Page, box: Box, flat: FlatPatches, number: int, step: Step, look: PatchColours) -> None:
     """Draw a step: its title, its seams, the joined part and the flat panel."""
     top = box.y + box.height
     page.stroke(line([[box.x, top - 0.001], [box.x + box.width, top - 0.001]]), PALE, 2e-4)

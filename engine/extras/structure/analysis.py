@@ -129,14 +129,12 @@ class Outcome:
 class Structure:
     """Result of the load analysis of a piece.
 
-    rest : equilibrium without loads
-    at_rest : use of arms and joints in it
+    at_rest : use of arms and joints without loads
     outcomes : of the cases, the combinations and the state after a year, in this order
     seams : whether a joint is assembled by hand
     """
 
     simulation: Simulation
-    rest: Equilibrium
     at_rest: Borne
     outcomes: tuple[Outcome, ...]
     seams: Bool[np.ndarray, " joints"]
@@ -334,7 +332,7 @@ def analyse(
             raise FlexMapsError(f"Load case '{name}': {error}", faces=error.faces) from None
         out.append(_outcome(name, kind, action, strength, base, held, params, how, part.at(0.0, name)))
     seams = simulation.design.flat.layout.cut[~mesh.border]
-    return Structure(simulation, base, strength.borne(base.pose, material.strain_limit), tuple(out), seams)
+    return Structure(simulation, strength.borne(base.pose, material.strain_limit), tuple(out), seams)
 
 
 def _outcome(

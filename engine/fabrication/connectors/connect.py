@@ -30,7 +30,7 @@ class Connector:
     """One connector between two arms.
 
     name : label of the joint, seam letter and number
-    seam, place : index of the seam, and of the joint along it
+    seam : its index
     made : kind and size, the arm with the head, and the position
     faces, sides : quads and sides of both arms, the lower panel's first
     shrunk, swapped : whether it is smaller, or has its head on the other arm, for lack of room
@@ -38,7 +38,6 @@ class Connector:
 
     name: str
     seam: int
-    place: int
     made: Attempt
     faces: tuple[int, ...]
     sides: tuple[int, ...]
@@ -49,11 +48,6 @@ class Connector:
     def kind(self) -> str:
         """Dovetail, key or tab."""
         return self.made.kind
-
-    @property
-    def roles(self) -> tuple[str, str]:
-        """Roles of both arms: head, socket or face."""
-        return self.made.roles()
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +161,7 @@ def connect(
         seam, place = int(space.joints.seam[joint]), int(space.joints.place[joint])
         largest = space.sizes(joint, attempt.kind)[0]
         swapped = attempt.kind == "dovetail" and attempt.male != place % 2
-        made.append(Connector(name, seam, place, attempt, tuple(quad), tuple(side), attempt.size != largest, swapped))
+        made.append(Connector(name, seam, attempt, tuple(quad), tuple(side), attempt.size != largest, swapped))
         tips.extend(choice.tips)
     for half in (space.through.own, space.through.other):
         full = np.zeros(len(half.arm))

@@ -99,13 +99,13 @@ def split(flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress:
     return flat
 
 
-def check_size(flat: FlatPatches, params: LayoutParams, sheet: SheetParams) -> None:
+def check_size(flat: FlatPatches, sheet: SheetParams) -> None:
     """Check that ``split`` would not cut: the layout may be by hand or for a larger sheet.
 
     Parameters
     ----------
     flat : flat patches
-    params, sheet : limits; size and margins of the sheet
+    sheet : its size and margins
 
     Raises
     ------

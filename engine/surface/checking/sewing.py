@@ -240,7 +240,7 @@ def _carry_cuts(mesh: PolygonMesh, sides: Sides, found: TJunctions) -> PolygonMe
     """
     if not (mesh.sizes == 4).all() or np.bincount(sides.edge).max() > 2:
         return None
-    strips = _strips(mesh, sides)
+    strips = _strips(sides)
     if strips is None:
         return None
     strip, turned = strips
@@ -264,7 +264,7 @@ def _carry_cuts(mesh: PolygonMesh, sides: Sides, found: TJunctions) -> PolygonMe
     return _divide(mesh, sides, strip, turned, cuts, at)
 
 
-def _strips(mesh: PolygonMesh, sides: Sides) -> tuple[np.ndarray, np.ndarray] | None:
+def _strips(sides: Sides) -> tuple[np.ndarray, np.ndarray] | None:
     """Return for every edge the strip of quads it crosses, and whether it runs against the strip's first edge; None for one-sided strips."""
     n, edge = len(sides.edges), sides.edge.reshape(-1, 4)
     forward = sides.forward.reshape(-1, 4)

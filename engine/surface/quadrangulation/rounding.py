@@ -31,7 +31,7 @@ def round_unknowns(
     apart : constraints that keep pairs apart
     """
     result = _round_greedily(matrix, right)
-    result = _separate(matrix, right, apart, result)
+    result = _separate(matrix, apart, result)
     for _ in range(STEPS):
         slope = matrix @ result - right
         gain = np.abs(slope) - 0.5 * np.diag(matrix)
@@ -59,7 +59,7 @@ def _round_greedily(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     return result
 
 
-def _separate(matrix: np.ndarray, right: np.ndarray, apart: PositiveSums, result: np.ndarray) -> np.ndarray:
+def _separate(matrix: np.ndarray, apart: PositiveSums, result: np.ndarray) -> np.ndarray:
     """Return the nearest integers that keep all pairs apart, weighted by the energy's curvature; unchanged if the solver finds none."""
     from scipy.optimize import Bounds, LinearConstraint, milp
 

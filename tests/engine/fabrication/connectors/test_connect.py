@@ -151,8 +151,8 @@ def test_fit_sees_a_wrong_gap(flat_grid):
 
 def test_heads_and_sockets_take_turns(flat_grid):
     made = connectors.connect(_halves(flat_grid, 1.0, rows=6), ConnectorParams(connector="dovetail"))
-    assert [c.roles[0] for c in made.connectors] == ["head", "socket"] * 3
-    assert all(set(c.roles) == {"head", "socket"} for c in made.connectors)
+    assert [c.made.roles()[0] for c in made.connectors] == ["head", "socket"] * 3
+    assert all(set(c.made.roles()) == {"head", "socket"} for c in made.connectors)
     assert all(c.faces[0] < c.faces[1] for c in made.connectors)
 
 
