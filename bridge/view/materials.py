@@ -52,14 +52,11 @@ def of_material(key: str) -> bpy.types.Material:
     """Return the material of a sheet, by its key in the settings."""
     look = LOOKS[key]
     name = f"FlexMaps {look.label}"
-    existing = bpy.data.materials.get(name)
-    if existing is not None:
-        return existing
-    made = bpy.data.materials.new(name)
-    made.use_nodes = True
+    if name in bpy.data.materials:
+        return bpy.data.materials[name]
+    made, shader = _new(name)
     rgba = _rgba(look.colour)
     made.diffuse_color, made.roughness = rgba, look.roughness
-    shader = made.node_tree.nodes["Principled BSDF"]
     inputs = {
         "Base Color": rgba,
         "Roughness": look.roughness,
@@ -80,12 +77,9 @@ def of_material(key: str) -> bpy.types.Material:
 
 def material(name: str, rgb: Float[np.ndarray, " 3"] | None) -> bpy.types.Material:
     """Return a matt material of one colour (linear), or with None of the colour attribute; made once per file."""
-    existing = bpy.data.materials.get(name)
-    if existing is not None:
-        return existing
-    made = bpy.data.materials.new(name)
-    made.use_nodes = True
-    shader = made.node_tree.nodes["Principled BSDF"]
+    if name in bpy.data.materials:
+        return bpy.data.materials[name]
+    made, shader = _new(name)
     shader.inputs["Roughness"].default_value = 0.55
     if rgb is None:
         source = made.node_tree.nodes.new("ShaderNodeAttribute")
@@ -97,6 +91,13 @@ def material(name: str, rgb: Float[np.ndarray, " 3"] | None) -> bpy.types.Materi
         shader.inputs["Base Color"].default_value = colour
         made.diffuse_color = colour
     return made
+
+
+def _new(name: str) -> tuple[bpy.types.Material, bpy.types.Node]:
+    """Make a material; return it with its shader."""
+    made = bpy.data.materials.new(name)
+    made.use_nodes = True
+    return made, made.node_tree.nodes["Principled BSDF"]
 
 
 def glowing(name: str, rgb: Float[np.ndarray, " 3"] | None) -> bpy.types.Material:

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arrays import Complex, Float, Int
+from ..arrays import Float, Int
 from ..mechanics.arms.bent import BentArms
 from ..mechanics.rim_bodies import BACKWARDS, FORWARDS, NECK
-from ..mechanics.vectors import matvec
+from ..mechanics.vectors import matvec, to_space
 from ..spirals.design import SpiralDesign
 from ..spirals.rim import Rim
 from ..triangulation import triangulate
@@ -63,7 +63,7 @@ class RimMesh:
         of, plane, triangles, walls = (np.concatenate(column) for column in zip(*parts, strict=True))
         arm, t, line, side = _arm_coordinates(rim, of, plane)
         arm += 4 * (len(design.width) + of)
-        centre, quad = _flat(rim.centre)[of], rim.quad[of]
+        centre, quad = to_space(rim.centre)[of], rim.quad[of]
         return cls(rim, necks, of, plane, arm, t, line, side, centre, quad, triangles, walls)
 
     def with_necks_of(self, design: SpiralDesign) -> RimMesh:
@@ -165,9 +165,4 @@ def _arm_coordinates(
     gone = np.where(neck, -y, np.abs(s))
     line = np.where(neck, y * rim.out[node], middle)
     side = np.where(neck, s * rim.along[node], -1j * way * y)
-    return arm, 1.0 - np.clip(gone / reach, 0.0, 1.0), _flat(line), _flat(side)
-
-
-def _flat(numbers: Complex[np.ndarray, "*n"]) -> Float[np.ndarray, "*n 3"]:
-    """Convert complex numbers to points at z = 0."""
-    return np.stack([numbers.real, numbers.imag, np.zeros(numbers.shape)], axis=-1)
+    return arm, 1.0 - np.clip(gone / reach, 0.0, 1.0), to_space(line), to_space(side)

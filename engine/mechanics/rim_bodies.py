@@ -15,7 +15,7 @@ import numpy as np
 
 from ..arrays import Columns, Complex, Float, Int
 from ..spirals.rim import Rim
-from .vectors import skew
+from .vectors import skew, to_space
 
 FORWARDS, NECK, BACKWARDS = 0, 1, 2  # arms of a node, counter-clockwise
 # Pieces of half a strip, so that every hole spans several pieces; more are slower. The compliance is within 1e-4 of the
@@ -58,7 +58,7 @@ class RimBeams(Columns):
         tip : (N,) complex, metres
         length, width, bore : of the pieces, metres
         """
-        return cls(_to_space(tip[:, None] - place), _to_space(way), length, np.broadcast_to(width, length.shape), bore)
+        return cls(to_space(tip[:, None] - place), to_space(way), length, np.broadcast_to(width, length.shape), bore)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +99,7 @@ class RimJoints:
         middle, across = rim.place(first, rim.reach[first, 0])
         ends = np.stack([middle - rim.centre[first], middle - rim.centre[then]], axis=1)
         return cls(
-            rim.quad, rim.side, _to_space(lever), _axes(rim.out), np.stack([first, then], axis=1), _to_space(ends), _axes(across),
+            rim.quad, rim.side, to_space(lever), _axes(rim.out), np.stack([first, then], axis=1), to_space(ends), _axes(across),
             _necks(rim), _strips(rim, first, middle), rim.width - rim.hole,
         )  # fmt: skip
 
@@ -167,15 +167,10 @@ def _strips(rim: Rim, first: np.ndarray, middle: Complex[np.ndarray, " strips"])
     return RimBeams.from_points(*parts, np.full(1, rim.width), bore.reshape(flat))
 
 
-def _to_space(numbers: np.ndarray) -> Float[np.ndarray, "*n 3"]:
-    """Vectors (..., 3) in the flat plane from complex numbers."""
-    return np.stack([numbers.real, numbers.imag, np.zeros(numbers.shape)], axis=-1)
-
-
 def _axes(across: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 2 3 3"]:
     """Axes as in ``Assembly`` (across, along, normal), equal for both sides, which lie in one patch."""
     normal = np.broadcast_to([0.0, 0.0, 1.0], (len(across), 3))
-    one = np.stack([_to_space(across), _to_space(1j * across), normal], axis=2)
+    one = np.stack([to_space(across), to_space(1j * across), normal], axis=2)
     return np.stack([one, one], axis=1)
 
 

@@ -22,6 +22,16 @@ def matvec(matrix: Float[np.ndarray, "... i j"], vector: Float[np.ndarray, "... 
     return (matrix @ vector[..., None])[..., 0]
 
 
+def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return dot products along the last axis."""
+    return np.einsum("...i,...i->...", a, b)
+
+
+def to_space(flat: np.ndarray) -> Float[np.ndarray, "... 3"]:
+    """Vectors (..., 3) in the flat plane from complex numbers (...)."""
+    return np.stack([flat.real, flat.imag, np.zeros(flat.shape)], axis=-1)
+
+
 def outer(a: Float[np.ndarray, "... i"], b: Float[np.ndarray, "... j"]) -> Float[np.ndarray, "... i j"]:
     """Outer products (..., i, j) of vectors (..., i) and (..., j).
 

@@ -67,18 +67,16 @@ for _folder in _EXTRA:
 # -- derived from the table --------------------------------------------------------------------------------------------
 
 
-def dependents(members: Iterable[str], after: str = "", *, may_use: bool = True) -> set[str]:
+def dependents(members: Iterable[str], *, may_use: bool = True) -> set[str]:
     """Return the outputs that may depend on some inputs or outputs, directly or not.
 
     Parameters
     ----------
     members : names as in ``Stage.needs``
-    after : count only stages after this stage of the table
     may_use : whether a stage's optional inputs count as well
     """
     found, given = set[str](), set(members)
-    first = 0 if not after else 1 + TABLE.index(STAGES[after])
-    for stage in TABLE[first:]:
+    for stage in TABLE:
         if (given | found).intersection((*stage.needs, *(stage.may_use if may_use else ()))):
             found.update(stage.makes)
     return found

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...arrays import Float
 from ...errors import FlexMapsError
+from ...fabrication.connectors.path import complexes
 from ...fabrication.connectors.shape import Size, head, key, round_polyline, size, socket
 from ...fabrication.panels.kerf import offset, open_inside_corners
 from ...fabrication.panels.lettering import length, strokes
@@ -245,14 +246,14 @@ def _slots(sizes: Coupons, one: SpiralCoupon, arms: Arms) -> list[Curve]:
     outwards = edge_points(arms, right * share[::-1], RIGHT)
     to_hub, hub_bulge = biarcs(inwards[0][0], inwards[1][0])
     from_hub, tip_bulge = biarcs(outwards[0][0], -outwards[1][0])
-    ends = _complex(np.stack([edge_points(arms, np.zeros((1, 4, 1)), side)[0][0, :, 0] for side in (LEFT, RIGHT)]))
-    middle = _complex(centre_line(arms, np.zeros((1, 4, 1)))[0][0, :, 0])
+    ends = complexes(np.stack([edge_points(arms, np.zeros((1, 4, 1)), side)[0][0, :, 0] for side in (LEFT, RIGHT)]))
+    middle = complexes(centre_line(arms, np.zeros((1, 4, 1)))[0][0, :, 0])
     reach = max(one.width, 2.0 * max(sizes.kerf_holes, sizes.mill))  # the cutter has to pass around the ends
     made = []
     for k in range(4):
         after = (k + 1) % 4
-        first = _complex(inwards[0][0, k, -1])
-        into, out = _complex(inwards[1][0, k, -1]), -_complex(outwards[1][0, after, 0])
+        first = complexes(inwards[0][0, k, -1])
+        into, out = complexes(inwards[1][0, k, -1]), -complexes(outwards[1][0, after, 0])
         corner_bulge = math.tan(0.25 * _right_turn(complex(into), complex(out)))
         # arms wind clockwise outwards, so the left corner of an arm's end lies outside the right one. The frame
         # continues along the ends of both arms; the tooth that holds arm k + 1 stands on the frame's circle
@@ -264,9 +265,9 @@ def _slots(sizes: Coupons, one: SpiralCoupon, arms: Arms) -> list[Curve]:
         foot = radius * inner / abs(inner) * np.exp(-1j * TOOTH * reach / radius)
         back = math.tan(0.25 * float(np.angle(outer / foot)))
         nodes = [
-            *_complex(to_hub[k]).tolist(),
+            *complexes(to_hub[k]).tolist(),
             first,
-            *_complex(from_hub[after]).tolist(),
+            *complexes(from_hub[after]).tolist(),
             ends[1, after],
             inner,
             foot,
@@ -281,8 +282,3 @@ def _right_turn(before: complex, after: complex) -> float:
     """Return the angle between two directions as a right turn, in radians."""
     turn = float(np.angle(after / before))
     return turn - 2.0 * math.pi if turn > 0.5 * math.pi else min(turn, 0.0)
-
-
-def _complex(points: np.ndarray) -> np.ndarray:
-    """Return points as complex numbers."""
-    return points[..., 0] + 1j * points[..., 1]

@@ -184,7 +184,7 @@ def _distances(
     """
     from scipy.spatial import cKDTree
 
-    triangle, foot = surface.closest(laid)
+    _, triangle, foot = surface.closest(laid)
     away = laid - foot
     height = np.einsum("ij,ij->i", away, surface.normals[triangle])
     far = np.linalg.norm(away, axis=1)

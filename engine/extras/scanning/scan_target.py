@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from ...arrays import Float, Int
 from ...surface.mesh import QuadMesh
+from ...surface.triangle_tree import TriangleTree
 
 # grid spacing of the table as a share of the size: exact to 0.03 % on a surface whose radius is a quarter of the size
 STEP = 1 / 40
@@ -24,11 +23,8 @@ class Distances(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class TriangleSurface:
-    """A triangulated surface with a tree of its triangles; two per quad, in the order of the quads."""
-
-    vertices: Float[np.ndarray, "vertices 3"]
-    triangles: Int[np.ndarray, "triangles 3"]
+class TriangleSurface(TriangleTree):
+    """A triangulated surface; two triangles per quad, in the order of the quads."""
 
     @classmethod
     def from_mesh(cls, mesh: QuadMesh, middle: np.ndarray, size: float) -> TriangleSurface:
@@ -36,33 +32,10 @@ class TriangleSurface:
         halves = np.stack([mesh.quads[:, [0, 1, 2]], mesh.quads[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
         return cls(np.ascontiguousarray((mesh.vertices - middle) / size, float), np.ascontiguousarray(halves, np.int64))
 
-    @cached_property
-    def tree(self) -> Any:
-        """Tree of bounding boxes (libigl)."""
-        import igl
-
-        tree = igl.AABB()
-        tree.init(self.vertices, self.triangles)
-        return tree
-
-    @cached_property
-    def normals(self) -> Float[np.ndarray, "triangles 3"]:
-        """Unit normals of the triangles."""
-        a, b, c = np.moveaxis(self.vertices[self.triangles], 1, 0)
-        normal = np.cross(b - a, c - a)
-        return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-
-    def closest(self, points: Float[np.ndarray, "points 3"]) -> tuple[np.ndarray, np.ndarray]:
-        """Return for every point the nearest triangle and the closest point (points, 3) on it."""
-        _, triangle, foot = self.tree.squared_distance(
-            self.vertices, self.triangles, np.ascontiguousarray(points, float)
-        )
-        return np.asarray(triangle).ravel(), np.asarray(foot).reshape(-1, 3)
-
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return exact directions and distances; on the surface itself the direction is its normal."""
         flat = np.ascontiguousarray(points.reshape(-1, 3), float)
-        triangle, foot = self.closest(flat)
+        _, triangle, foot = self.closest(flat)
         away = flat - foot
         distance = np.linalg.norm(away, axis=1)
         off = distance[:, None] > 1e-9

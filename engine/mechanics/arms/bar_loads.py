@@ -21,7 +21,7 @@ import numpy as np
 
 from ...arrays import Float
 from .bars import BarPull, Bars
-from .tip_beams import SplitVector
+from .tip_beams import SplitVector, sum_beyond
 
 # Columns of the loads of an arm, in its own axes: the wrench at its tip, N and N m; the first-order wrench, which bends
 # the arm; and the turn of the other hub of its joint relative to its own, radians. The second arm of a joint feels the
@@ -70,8 +70,8 @@ class BarLoads:
         bends, hub = SplitVector((twist + 1j * lift) * bars.tangent, turn), _pair(loads[:, TURN])
         beyond = BEYOND * bars.width[:, -1:] / bars.length[:, -1:]
         half = SplitVector(
-            0.5 * (_from_hub(bends.flat) + beyond * bends.flat[:, -1:]) - 0.25 * hub.flat,
-            0.5 * (_from_hub(bends.off) + beyond * bends.off[:, -1:]) - 0.25 * hub.off,
+            0.5 * (sum_beyond(bends.flat) + beyond * bends.flat[:, -1:]) - 0.25 * hub.flat,
+            0.5 * (sum_beyond(bends.off) + beyond * bends.off[:, -1:]) - 0.25 * hub.off,
         )
         along = SplitVector(bars.tangent, np.zeros_like(bars.length))
         change = _turned(half, along)
@@ -104,7 +104,7 @@ class BarLoads:
         by_force = _sum(
             _cross(by_moment, self.lever), SplitVector(normal * self.tangent.flat, normal * self.tangent.off)
         )
-        steps = SplitVector(_from_hub(by_lever.flat), _from_hub(by_lever.off))
+        steps = SplitVector(sum_beyond(by_lever.flat), sum_beyond(by_lever.off))
         change = SplitVector(self.tangent.flat - along.flat, self.tangent.off)
         by_length = _dot(steps, change)
         by_tangent = SplitVector(normal * force.flat, normal * force.off)
@@ -223,8 +223,3 @@ def _turned_vjp(half: SplitVector, vector: SplitVector, by: SplitVector) -> tupl
 def _from_tip(x: np.ndarray) -> np.ndarray:
     """Sums over the pieces from the tip to the middle of each."""
     return np.cumsum(x, axis=1) - 0.5 * x
-
-
-def _from_hub(x: np.ndarray) -> np.ndarray:
-    """Sums over the pieces from the end of the bar to the middle of each."""
-    return np.cumsum(x[:, ::-1], axis=1)[:, ::-1] - 0.5 * x

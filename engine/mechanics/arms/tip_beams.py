@@ -269,7 +269,7 @@ class BentBeams:
         stretch = SplitVector(before * pull.shift.flat[:, None], before * pull.shift.off[:, None])
         half = SplitVector(-1j * stretch.off * chord, _cross(chord, stretch.flat))
         turn = pull.turn[:, None]
-        bend = SplitVector(_sum_beyond(half.flat) + before * turn.flat, _sum_beyond(half.off) + before * turn.off)
+        bend = SplitVector(sum_beyond(half.flat) + before * turn.flat, sum_beyond(half.off) + before * turn.off)
         by_chord = 1j * (stretch.off * self.middle.flat - self.middle.off * stretch.flat)
         by_flat = np.zeros(beams.flat.shape, dtype=complex)
         by_flat[:, 1:] += by_chord
@@ -394,6 +394,6 @@ def _cumulative(steps: np.ndarray) -> np.ndarray:
     return out
 
 
-def _sum_beyond(x: np.ndarray) -> np.ndarray:
+def sum_beyond(x: np.ndarray) -> np.ndarray:
     """Sum over all pieces farther out than each piece, plus half of its own value."""
     return np.cumsum(x[:, ::-1], axis=1)[:, ::-1] - 0.5 * x

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...arrays import Complex, Float, Int
 from ..arms.tip_beams import BentBeams, PointGradient, SplitVector
-from ..vectors import matvec, right_jacobian, rotation_matrix
+from ..vectors import dot, matvec, right_jacobian, rotation_matrix, to_space
 
 
 @dataclass(eq=False)
@@ -77,15 +77,15 @@ class Section:
             x[every, piece].space for x in (field.bend, field.stretch, field.turn, field.shift)
         )
         # within the hub the arm is rigid
-        chord = _to_space(np.where(way > 0.0, point - beams.flat[every, piece], 0.0))
+        chord = to_space(np.where(way > 0.0, point - beams.flat[every, piece], 0.0))
         halfway, whole = turn + 0.5 * share * bend, turn + share * bend
         frame = rotation_matrix(whole)
         rate = np.where(way > 0.0, -pieces / hub, 0.0)
-        going = _to_space(velocity) + rate[..., None] * (stretch + 0.5 * np.cross(bend, chord))
+        going = to_space(velocity) + rate[..., None] * (stretch + 0.5 * np.cross(bend, chord))
         return cls(
-            t, hub, _to_space(point) + shift + share * stretch + np.cross(halfway, chord),
-            matvec(frame, _to_space(tangent)), matvec(frame, _to_space(-1j * tangent)), frame[..., 2], half, widening,
-            going + np.cross(halfway, _to_space(velocity)), (np.conj(velocity) * change).imag / size**2,
+            t, hub, to_space(point) + shift + share * stretch + np.cross(halfway, chord),
+            matvec(frame, to_space(tangent)), matvec(frame, to_space(-1j * tangent)), frame[..., 2], half, widening,
+            going + np.cross(halfway, to_space(velocity)), (np.conj(velocity) * change).imag / size**2,
             piece, share[..., 0], rate, whole, chord, velocity, bend, stretch, halfway,
         )  # fmt: skip
 
@@ -128,13 +128,3 @@ class Section:
         )
         aside = dot(pull.across, self.along) - dot(pull.along, self.across)
         return matvec(right_jacobian(self.turn), torque), aside
-
-
-def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return dot products along the last axis."""
-    return np.einsum("...i,...i->...", a, b)
-
-
-def _to_space(flat: np.ndarray) -> np.ndarray:
-    """Vectors (..., 3) in the flat plane from complex numbers (...)."""
-    return np.stack([flat.real, flat.imag, np.zeros_like(flat.real)], axis=-1)

@@ -28,7 +28,8 @@ from ...spirals.curves.blends import (
 )
 from ...spirals.curves.lines import ArmCurves
 from ..arms.tip_beams import BentBeams, PointGradient, SplitVector, TipBeams
-from .sections import Section, SectionPull, dot
+from ..vectors import dot
+from .sections import Section, SectionPull
 
 # t on the outer arm where widths are measured; more are slower. In four optimised pieces all 98 slots that close do so
 # within the first sixth of their arm.

@@ -21,6 +21,7 @@ from ...spirals.clearance.slots import beside_absent, is_clockwise, slot_widths
 from ...spirals.curves.spiral import Arms, centre_line, width_at
 from ...spirals.design import SpiralDesign
 from ..arms.bent import BentArms
+from ..vectors import dot
 
 # Stations along every slot within a spiral, from its mouth inwards, and stations of the second look around the
 # narrowest one; more are slower. 80 and 25 find widths smaller by up to 0.08 and 0.03 mm where slots are narrower than
@@ -233,8 +234,8 @@ def _facing_distances(
     for _ in range(ROUNDS):
         there = _sections(bent, other, pair[1], s)
         way = here.middle - there.middle
-        bend = np.maximum(1.0 + there.curvature * _dot(way, there.across), 0.25)
-        move = _dot(way, there.along) / (bend * there.pace)
+        bend = np.maximum(1.0 + there.curvature * dot(way, there.across), 0.25)
+        move = dot(way, there.along) / (bend * there.pace)
         s = np.clip(s + np.clip(move, -0.1, 0.1), 0.0, end)
     return _section_distance(here, _sections(bent, other, pair[1], s), 0.5 * design.params.thickness), s
 
@@ -261,20 +262,16 @@ def _section_distance(a: _Sections, b: _Sections, height: float) -> Float[np.nda
     two axes separate them. Where the second arm ends before it faces the first, the distance beyond its end counts too.
     """
     way = a.middle - b.middle
-    level, tilt, tilted, upright = (np.abs(_dot(x, y)) for x in (a.across, a.off) for y in (b.across, b.off))
+    level, tilt, tilted, upright = (np.abs(dot(x, y)) for x in (a.across, a.off) for y in (b.across, b.off))
     side = np.maximum(
-        np.abs(_dot(way, a.across)) - a.half - b.half * level - height * tilt,
-        np.abs(_dot(way, b.across)) - b.half - a.half * level - height * tilted,
+        np.abs(dot(way, a.across)) - a.half - b.half * level - height * tilt,
+        np.abs(dot(way, b.across)) - b.half - a.half * level - height * tilted,
     )
     above = np.maximum(
-        np.abs(_dot(way, a.off)) - height - b.half * tilted - height * upright,
-        np.abs(_dot(way, b.off)) - height - a.half * tilt - height * upright,
+        np.abs(dot(way, a.off)) - height - b.half * tilted - height * upright,
+        np.abs(dot(way, b.off)) - height - a.half * tilt - height * upright,
     )
     apart = np.where((side > 0.0) & (above > 0.0), np.hypot(side, above), np.maximum(side, above))
-    lean, rise = (np.abs(_dot(x, b.along)) for x in (a.across, a.off))
-    beyond = np.abs(_dot(way, b.along)) - a.half * lean - height * rise - 1e-3 * b.half
+    lean, rise = (np.abs(dot(x, b.along)) for x in (a.across, a.off))
+    beyond = np.abs(dot(way, b.along)) - a.half * lean - height * rise - 1e-3 * b.half
     return np.where(beyond > 0.0, np.hypot(np.maximum(apart, 0.0), beyond), apart)
-
-
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.einsum("...i,...i->...", a, b)

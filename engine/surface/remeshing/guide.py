@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -11,6 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ...arrays import Bool, Float, Int
 from ..mesh import QuadMesh
+from ..triangle_tree import TriangleTree
 
 # longest move of a vertex per round, in lengths of its shortest edge; below 0.5, so that the ends of an edge cannot
 # pass each other
@@ -49,10 +49,7 @@ class Guide:
     """
 
     mesh: QuadMesh
-    tree: Any
-    vertices: np.ndarray
-    triangles: np.ndarray
-    normals: np.ndarray
+    surface: TriangleTree
     max_step: Float[np.ndarray, " vertices"]
     fixed: Bool[np.ndarray, " vertices"]
     sliding: Int[np.ndarray, " sliding"]
@@ -63,19 +60,11 @@ class Guide:
     @classmethod
     def from_mesh(cls, mesh: QuadMesh, boundary: bool) -> Guide:
         """Build the guide; with ``boundary`` the border counts as a line."""
-        import igl
-
-        vertices, triangles = fan(mesh)
-        tree = igl.AABB()
-        tree.init(vertices, triangles)
-        a, b, c = vertices[triangles.T]
-        normals = np.cross(b - a, c - a)
-        normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
         shortest = np.full(len(mesh.vertices), np.inf)
         np.minimum.at(shortest, mesh.edges, mesh.edge_lengths[:, None])
         line_edges = mesh.edges[_lines(mesh, boundary)]
         fixed, sliding, before, after = _classify_line_vertices(mesh, line_edges)
-        return cls(mesh, tree, vertices, triangles, normals, STEP * shortest, fixed, sliding, before, after, line_edges)
+        return cls(mesh, TriangleTree(*fan(mesh)), STEP * shortest, fixed, sliding, before, after, line_edges)
 
     def back(self, start: np.ndarray, wanted: np.ndarray) -> Float[np.ndarray, "vertices 3"]:
         """Project moves from ``start`` to ``wanted`` onto the surface and the lines, at most ``max_step`` long; metres."""
@@ -88,11 +77,10 @@ class Guide:
         step[self.fixed] = 0.0
         length = np.linalg.norm(step, axis=1)
         step *= np.minimum(1.0, self.max_step / np.maximum(length, 1e-300))[:, None]
-        _, face, found = self.tree.squared_distance(self.vertices, self.triangles, start + step)
+        _, face, found = self.surface.closest(start + step)
         # on a thin part the nearest point may lie on the far side
-        found[np.einsum("vi,vi->v", self.normals[face], normal) < 0] = start[
-            np.einsum("vi,vi->v", self.normals[face], normal) < 0
-        ]
+        beyond = np.einsum("vi,vi->v", self.surface.normals[face], normal) < 0
+        found[beyond] = start[beyond]
         if len(self.sliding):
             import igl
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from ...tolerances import DOUBLE_TOL, SINGLE_TOL
 from ..checking.check import findings
 from ..checking.topology import sides_of, split_vertices
 from ..mesh import PolygonMesh
+from ..triangle_tree import TriangleTree
 from .regularise import best_squares
 
 FOLDED = {"zero-edge", "zero-area", "crossed", "repeated-vertex", "duplicate-faces"}
@@ -31,27 +31,8 @@ MOVES = 12  # moves of every corner per round; 6 and 24 mend the same on these s
 
 
 @dataclass(frozen=True, eq=False)
-class TargetSurface:
+class TargetSurface(TriangleTree):
     """A triangle surface onto which points are projected; metres."""
-
-    vertices: Float[np.ndarray, "vertices 3"]
-    triangles: Int[np.ndarray, "triangles 3"]
-
-    @cached_property
-    def _tree(self) -> Any:
-        """Search tree of the triangles."""
-        import igl
-
-        tree = igl.AABB()
-        tree.init(self.vertices, self.triangles)
-        return tree
-
-    @cached_property
-    def _normals(self) -> np.ndarray:
-        """Unit normals of the triangles."""
-        a, b, c = self.vertices[self.triangles.T]
-        normals = np.cross(b - a, c - a)
-        return normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
 
     @cached_property
     def area(self) -> float:
@@ -63,8 +44,8 @@ class TargetSurface:
         self, points: Float[np.ndarray, "points 3"]
     ) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
         """Return the nearest points of the surface, and its unit normals there."""
-        _, triangle, found = self._tree.squared_distance(self.vertices, self.triangles, np.ascontiguousarray(points))
-        return np.asarray(found).reshape(-1, 3), self._normals[np.asarray(triangle).ravel()]
+        _, triangle, found = self.closest(points)
+        return found, self.normals[triangle]
 
     @cached_property
     def border(self) -> Int[np.ndarray, "border 2"]:
@@ -101,7 +82,7 @@ class TargetSurface:
         edges, at, uses = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True)
         order = np.argsort(at.reshape(-1), kind="stable")
         first = (np.cumsum(uses) - uses)[uses == 2]
-        one, two = self._normals[order[first] // 3], self._normals[order[first + 1] // 3]
+        one, two = self.normals[order[first] // 3], self.normals[order[first + 1] // 3]
         turned = np.einsum("ni,ni->n", one, two) < np.cos(np.radians(SHARP))
         return np.ascontiguousarray(edges[uses == 2][turned])
 
@@ -131,7 +112,7 @@ class TargetSurface:
 
     def distances(self, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
         """Distances from points to the surface, metres."""
-        return np.sqrt(np.asarray(self._tree.squared_distance(self.vertices, self.triangles, points)[0]).ravel())
+        return np.sqrt(self.closest(points)[0])
 
 
 def mend_quads(quads: PolygonMesh, target: TargetSurface) -> PolygonMesh:
