@@ -106,10 +106,10 @@ def field(piece: Piece, where: Where) -> np.ndarray:
     count = len(piece.mesh.quads)
     if isinstance(where, str):
         if piece.uid is not None:
-            from ..bridge.store import fields, mesh, objects
+            from ..bridge.store import fields, objects, snapshot
 
             if where in fields.names(objects.find(piece.uid)):
-                return fields.read_field(*mesh.read_again(piece.uid), where)
+                return fields.read_field(*snapshot.read_again(piece.uid), where)
         try:
             quads = parse_supports(piece.mesh, where)
         except FlexMapsError:

@@ -124,18 +124,18 @@ def change(
                 raise FlexMapsError(
                     "Only an object in Blender has vertex groups; name the supports by numbers, or 'lowest'"
                 )
-            from ..bridge.store import mesh
+            from ..bridge.store import snapshot
             from ..bridge.store import supports as groups
 
-            held, force = groups.loads(*mesh.read_again(piece.uid), wanted.loads)
+            held, force = groups.loads(*snapshot.read_again(piece.uid), wanted.loads)
             made = made.with_user(supports=held, force=force)
         # load cases, which name vertex groups; there is no such section where their extra is missing
         cases, known = (getattr(one, "structure", None) for one in (wanted, piece.settings))
         if cases != known and piece.uid is not None:
-            from ..bridge.store import mesh
+            from ..bridge.store import snapshot
             from ..bridge.store import supports as groups
 
-            made = made.with_user(groups=groups.read_groups(*mesh.read_again(piece.uid), wanted))
+            made = made.with_user(groups=groups.read_groups(*snapshot.read_again(piece.uid), wanted))
         if supports is not None:
             made = made.with_user(supports=parse_supports(made.mesh, supports))
         made = job.run_quick_stages(made, wanted)

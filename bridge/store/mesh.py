@@ -45,7 +45,7 @@ from ...engine.surface.mesh import PolygonMesh, QuadMesh
 from . import attributes, equilibrium, keys, modifiers, notes
 from . import seen as seeing
 from .columns import column
-from .objects import changed_by_modifiers, find, unusable
+from .objects import changed_by_modifiers, unusable
 from .surface import ObjectSurface
 
 FLAT_NAMES = ("seam", "flat", "patch", "energy", "square")
@@ -92,17 +92,6 @@ def read_anyhow(obj: bpy.types.Object, scene: bpy.types.Scene) -> ObjectSurface:
     seen = None if obj.data.is_editmode else seeing.points(obj, scene)
     with attributes.readable(obj) as mesh:
         return _surface(mesh, obj.session_uid, seeing.to_metres(obj, scene), seen)
-
-
-def read_again(uid: int) -> tuple[bpy.types.Object, ObjectSurface]:
-    """Return an object that was read earlier, and its present surface; raises as ``read_surface`` does.
-
-    Parameters
-    ----------
-    uid : ``session_uid`` of the object
-    """
-    obj = find(uid)
-    return obj, read_surface(obj, bpy.context.scene)
 
 
 def read_evaluated(obj: bpy.types.Object, scene: bpy.types.Scene) -> PolygonMesh:

@@ -171,3 +171,14 @@ def rest_of(uid: int) -> Pose | None:
     """Return the pose of an object's simulation; None where that is not sound or out of date."""
     obj, scene = objects.find(uid), bpy.context.scene
     return equilibrium.resting(obj, scene, mesh.read_surface(obj, scene))
+
+
+def read_again(uid: int) -> tuple[bpy.types.Object, ObjectSurface]:
+    """Return an object that was read earlier, and its present surface; raises as ``mesh.read_surface`` does.
+
+    Parameters
+    ----------
+    uid : ``session_uid`` of the object
+    """
+    obj = objects.find(uid)
+    return obj, mesh.read_surface(obj, bpy.context.scene)

@@ -83,8 +83,7 @@ def show(
 
 def clear(obj: bpy.types.Object) -> None:
     """Remove the animation of a model."""
-    own = collection.existing(obj)
-    for other in [o for o in own.objects if o.get("flexmaps_kind") == KIND] if own is not None else ():
+    for other in collection.of_kinds(obj, KIND):
         # an object and its shape keys may share an action
         actions = {holder.animation_data.action.name for holder in _animated_data(other)}
         data = other.data
@@ -104,9 +103,7 @@ def _animated_data(obj: bpy.types.Object) -> list[Any]:
 
 def existing(obj: bpy.types.Object) -> list[bpy.types.Object]:
     """Return the objects of a model's animation, the empty first; empty without an animation."""
-    own = collection.existing(obj)
-    of_film = [o for o in own.objects if o.get("flexmaps_kind") == KIND] if own is not None else []
-    return sorted(of_film, key=lambda o: o.type != "EMPTY")
+    return sorted(collection.of_kinds(obj, KIND), key=lambda o: o.type != "EMPTY")
 
 
 def last_frame(obj: bpy.types.Object) -> int:

@@ -59,6 +59,18 @@ def remove(own: bpy.types.Collection) -> None:
     bpy.data.batch_remove([one for one in dict.fromkeys(data) if one.users == 0])
 
 
+def of_kinds(obj: bpy.types.Object, *kinds: str) -> list[bpy.types.Object]:
+    """Return the objects of the given kinds in the object's collection.
+
+    Parameters
+    ----------
+    obj : the model
+    kinds : values of ``flexmaps_kind``
+    """
+    own = existing(obj)
+    return [] if own is None else [o for o in own.objects if o.get("flexmaps_kind") in kinds]
+
+
 def clear(obj: bpy.types.Object, kinds: tuple[str, ...] = ("panels", "backs", "seams", "outlines")) -> None:
     """Remove objects of the given kinds from the object's collection.
 
@@ -67,15 +79,11 @@ def clear(obj: bpy.types.Object, kinds: tuple[str, ...] = ("panels", "backs", "s
     obj : the model
     kinds : values of ``flexmaps_kind``
     """
-    own = existing(obj)
-    if own is None:
-        return
-    for other in list(own.objects):
-        if other.get("flexmaps_kind") in kinds:
-            data = other.data
-            bpy.data.objects.remove(other)
-            if data is not None and data.users == 0:
-                (bpy.data.meshes if isinstance(data, bpy.types.Mesh) else bpy.data.curves).remove(data)
+    for other in of_kinds(obj, *kinds):
+        data = other.data
+        bpy.data.objects.remove(other)
+        if data is not None and data.users == 0:
+            (bpy.data.meshes if isinstance(data, bpy.types.Mesh) else bpy.data.curves).remove(data)
 
 
 def origin(obj: bpy.types.Object, scene: bpy.types.Scene, gap: float) -> Float[np.ndarray, " 3"]:
@@ -86,16 +94,16 @@ def origin(obj: bpy.types.Object, scene: bpy.types.Scene, gap: float) -> Float[n
     obj, scene : the model and its scene
     gap : distance from the model, metres
     """
-    box = np.array([obj.matrix_world @ v for v in map(vector, obj.bound_box)]) * scene.unit_settings.scale_length
+    box = box_of(obj) * scene.unit_settings.scale_length
     low, high = box.min(axis=0), box.max(axis=0)
     return np.array([high[0] + gap, high[1], low[2]])
 
 
-def vector(corner: object) -> object:
-    """Convert to Blender's vector, which its matrices require."""
+def box_of(obj: bpy.types.Object) -> Float[np.ndarray, "8 3"]:
+    """Return the corners of the object's box in the world, in the scene's unit."""
     from mathutils import Vector
 
-    return Vector(corner)
+    return np.array([obj.matrix_world @ Vector(corner) for corner in obj.bound_box])
 
 
 def add(

@@ -39,8 +39,7 @@ LINE = 0.03  # half the thickness of a drawn line, in quad edges; by eye
 
 def panels_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
     """Return the panels beside an object."""
-    own = collection.existing(obj)
-    return [] if own is None else [o for o in own.objects if o.get("flexmaps_kind") == "panels"]
+    return collection.of_kinds(obj, "panels")
 
 
 def show_flat(

@@ -149,8 +149,7 @@ def wires(design: SpiralDesign, arms: BentArms) -> Float[np.ndarray, "arms point
 
 def existing(obj: bpy.types.Object) -> bpy.types.Object | None:
     """Return the assembled piece of a model, if it exists."""
-    own = collection.existing(obj)
-    return next((o for o in own.objects if o.get("flexmaps_kind") == KIND), None) if own is not None else None
+    return next(iter(collection.of_kinds(obj, KIND)), None)
 
 
 def note_of(obj: bpy.types.Object) -> dict[str, Any]:
@@ -215,10 +214,7 @@ def shift(
     obj, scene : the model and its scene
     low, high : lowest and highest corner of the piece, metres
     """
-    box = (
-        np.array([obj.matrix_world @ v for v in map(collection.vector, obj.bound_box)])
-        * scene.unit_settings.scale_length
-    )
+    box = collection.box_of(obj) * scene.unit_settings.scale_length
     gap = 0.15 * float(np.linalg.norm(high - low))
     middle = 0.5 * (box.min(axis=0) + box.max(axis=0) - low - high)
     return np.array([box[:, 0].min() - gap - high[0], middle[1], box[:, 2].min() - low[2]])

@@ -268,7 +268,7 @@ def _all_data() -> set[bpy.types.ID]:
 def _frame_views() -> None:
     """Frame the 3D views so that the file opens with everything in view, even small pieces."""
     objects = bpy.context.scene.objects
-    boxes = [np.array([o.matrix_world @ collection.vector(c) for c in o.bound_box]) for o in objects]
+    boxes = [collection.box_of(o) for o in objects]
     if not boxes:
         return
     points = np.concatenate(boxes)

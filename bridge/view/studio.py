@@ -81,7 +81,7 @@ class Studio:
 
     def points(self) -> Float[np.ndarray, "points 3"]:
         """Return points that enclose the content tightly enough to frame it."""
-        boxes = [np.array([o.matrix_world @ collection.vector(v) for v in o.bound_box]) for o in self._theirs]
+        boxes = map(collection.box_of, self._theirs)
         return np.concatenate([*(points_of(o) for o in self._shown), *boxes])
 
     def points_in(self, frames: Iterable[int]) -> Float[np.ndarray, "points 3"]:

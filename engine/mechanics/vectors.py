@@ -23,7 +23,12 @@ def matvec(matrix: Float[np.ndarray, "... i j"], vector: Float[np.ndarray, "... 
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return dot products along the last axis."""
+    """Return dot products along the last axis.
+
+    Parameters
+    ----------
+    a, b : (..., i)
+    """
     return np.einsum("...i,...i->...", a, b)
 
 
