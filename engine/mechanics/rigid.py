@@ -12,10 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import qr
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from ..arrays import Bool, Float, Int
+from ..components import components
 from .assembly import Pose, nearest_rotation
 from .vectors import skew
 
@@ -76,8 +75,7 @@ def connected_pieces(pairs: Int[np.ndarray, "joints 2"], size: int) -> Int[np.nd
     pairs : (m, 2) int, joined hubs
     size : number of hubs
     """
-    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
-    return connected_components(links, directed=False)[1]
+    return components(size, *pairs.T)
 
 
 def free_pieces(

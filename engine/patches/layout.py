@@ -19,6 +19,26 @@ from ..surface.mesh import QuadMesh
 from .loops import compactness_lengths, loops_of
 
 
+def _by_first(labels: np.ndarray) -> Int[np.ndarray, " nodes"]:
+    """Renumber labels from 0 in the order in which they first occur."""
+    _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), dtype=np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
+    return rank[inverse]
+
+
+def loop_of_sides(start: Int[np.ndarray, " sides"], end: Int[np.ndarray, " sides"]) -> Int[np.ndarray, " sides"]:
+    """Return the loop of every side, numbered from 0.
+
+    Parameters
+    ----------
+    start, end : nodes of the sides
+    """
+    used, ends = np.unique(np.stack([start, end]), return_inverse=True)
+    ends = ends.reshape(2, -1)
+    return groups(len(used), ends[0], ends[1])[ends[0]]
+
+
 def groups(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the connected component of every node, numbered by its smallest node.
 
@@ -34,10 +54,7 @@ def groups(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     if count > 4000:
         graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(count, count))
         labels = connected_components(graph, directed=False)[1]
-        _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
-        rank = np.empty(len(first), dtype=np.int64)
-        rank[np.argsort(first)] = np.arange(len(first))
-        return rank[inverse]
+        return _by_first(labels)
     # for few nodes, building a sparse graph costs more than propagating the smallest label
     labels = np.arange(count)
     while True:
@@ -122,10 +139,8 @@ class PatchLayout:
         """Loop of the outline on which a quad side lies, numbered from 0; -1 for inner sides."""
         quad, side = np.nonzero(self.outline_sides)
         start, end = self.flat_corners[quad, side], self.flat_corners[quad, (side + 1) % 4]
-        used, ends = np.unique(np.stack([start, end]), return_inverse=True)
-        ends = ends.reshape(2, -1)
         result = np.full(self.outline_sides.shape, -1, dtype=np.int64)
-        result[quad, side] = groups(len(used), ends[0], ends[1])[ends[0]]
+        result[quad, side] = loop_of_sides(start, end)
         return result
 
     @cached_property
@@ -232,10 +247,7 @@ class PatchLayout:
         ends = mesh.edges[ids]
         node = np.where(passing[ends], ends, len(mesh.vertices) + 2 * np.arange(len(ids))[:, None] + np.arange(2))
         labels = groups(len(mesh.vertices) + 2 * len(ids), node[:, 0], node[:, 1])[node[:, 0]]
-        _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
-        rank = np.empty(len(first), dtype=np.int64)
-        rank[np.argsort(first)] = np.arange(len(first))
-        result[ids] = rank[inverse]
+        result[ids] = _by_first(labels)
         return result
 
     @cached_property

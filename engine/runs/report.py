@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from .. import MARK
+from ..components import components
 from ..fabrication.checks import grain_lost
 from ..fabrication.estimates import estimates_report
 from ..fabrication.sheets_report import sheets_report
@@ -140,15 +141,10 @@ def _input(mesh: QuadMesh, source: str) -> dict[str, Any]:
 
 def _border_loops(mesh: QuadMesh) -> int:
     """Count the closed border curves; on a manifold every border vertex has exactly two border edges."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     a, b = mesh.edges[mesh.border].T
     if not len(a):
         return 0
-    n = len(mesh.vertices)
-    labels = connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)[1]
-    return len(np.unique(labels[a]))
+    return len(np.unique(components(len(mesh.vertices), a, b)[a]))
 
 
 def peak_memory() -> float | None:

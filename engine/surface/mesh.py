@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from ..arrays import Bool, Float, Int
+from ..components import components
 
 TOPOLOGY = ("_edges", "_edge_uses", "border", "neighbours", "valence", "on_border", "dual", "dual_edges", "body_of")
 
@@ -197,9 +196,7 @@ class QuadMesh:
     @cached_property
     def body_of(self) -> Int[np.ndarray, " quads"]:
         """Number of the connected body of every quad."""
-        n = len(self.quads)
-        a, b = self.dual.T
-        return connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)[1]
+        return components(len(self.quads), *self.dual.T)
 
     @property
     def body_count(self) -> int:

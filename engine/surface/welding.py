@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ..arrays import Float, Int
+from ..components import components
 from .mesh import PolygonMesh
 
 # Welding distance, as a share of the 5th percentile of edge lengths. Larger: thin slits close; smaller: noise keeps
@@ -59,8 +58,7 @@ def clusters(mesh: PolygonMesh, among: Int[np.ndarray, " some"], near: float) ->
     pairs = among[cKDTree(mesh.vertices[among]).query_pairs(near, output_type="ndarray")]
     if not len(pairs):
         return label
-    n = len(mesh.vertices)
-    group = connected_components(coo_array((np.ones(len(pairs)), pairs.T), shape=(n, n)), directed=False)[1]
+    group = components(len(mesh.vertices), *pairs.T)
     for bad in np.unique(_degenerate_clusters(mesh, group)):
         group = _split_clusters(mesh, group, pairs[group[pairs[:, 0]] == bad])
     _, first, inverse = np.unique(group, return_index=True, return_inverse=True)

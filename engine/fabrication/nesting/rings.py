@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...components import components
 from ...tolerances import DOUBLE_TOL
 
 if TYPE_CHECKING:
@@ -82,8 +83,6 @@ def _simple(points: np.ndarray) -> list[Polygon]:
 def _enclosed(lines: list[np.ndarray]) -> list[Polygon]:
     """Return the areas that open lines enclose together."""
     import shapely
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
     if not lines:
@@ -91,9 +90,8 @@ def _enclosed(lines: list[np.ndarray]) -> list[Polygon]:
     lines = [points.copy() for points in lines]
     ends = np.concatenate([points[[0, -1]] for points in lines])
     pairs = cKDTree(ends).query_pairs(SNAP_DISTANCE, output_type="ndarray")
-    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(ends), len(ends)))
-    count, group = connected_components(graph, directed=False)
-    middle = np.stack([np.bincount(group, x, count) for x in ends.T], axis=1) / np.bincount(group)[:, None]
+    group = components(len(ends), *pairs.T)
+    middle = np.stack([np.bincount(group, x) for x in ends.T], axis=1) / np.bincount(group)[:, None]
     for i, points in enumerate(lines):
         points[[0, -1]] = middle[group[2 * i : 2 * i + 2]]
     strings = [shapely.LineString(p) for p in lines]

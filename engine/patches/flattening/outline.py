@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays import Bool, Complex, Int
-from ..layout import groups
+from ..layout import loop_of_sides
 
 WIDE = 0.4  # relative width from which a narrowing is not an isthmus: that of a rectangle 1.5 times as long as wide
 ROUNDING = 8.0 * np.finfo(float).eps  # error bound of an orientation, relative to its terms (Shewchuk 1997)
@@ -60,9 +60,7 @@ def simple(
 
 def _one_outer(a: np.ndarray, b: np.ndarray, start: np.ndarray, end: np.ndarray, owner: np.ndarray) -> bool:
     """Return whether exactly one loop of every owner is counter-clockwise; sides run from a to b."""
-    used, ends = np.unique(np.stack([start, end]), return_inverse=True)
-    ends = ends.reshape(2, -1)
-    loop = groups(len(used), ends[0], ends[1])[ends[0]]
+    loop = loop_of_sides(start, end)
     first = np.unique(loop, return_index=True)[1]
     if len(first) == owner.max(initial=0) + 1:
         return True  # single loops round quads without a flip are counter-clockwise

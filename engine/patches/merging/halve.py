@@ -15,7 +15,7 @@ from ...progress import Progress
 from ...surface.symmetry import Symmetry, keeping
 from ..flattening.flatten import flatten
 from ..layout import PatchLayout
-from ..splitting.straight_runs import chord_areas, straight_runs
+from ..splitting.straight_runs import ends_and_unevenness, straight_runs
 from .board import Board
 from .straighten import badness
 
@@ -59,12 +59,7 @@ def _cuts(layout: PatchLayout, params: LayoutParams, progress: Progress) -> list
     runs = straight_runs(flat, 0, partial(progress, 0.4, "Looking for the seam that drives the panel"))
     if runs is None:
         return []
-    number = np.full(len(flat.points), -1)
-    number[runs.loop] = np.arange(len(runs.loop))
-    tails, heads = number[runs.tail[runs.starts]], number[runs.head[runs.ends]]
-    points = flat.points[runs.loop]
-    whole = 0.5 * (points[:, 0] * np.roll(points[:, 1], -1) - points[:, 1] * np.roll(points[:, 0], -1)).sum()
-    uneven = np.abs(2.0 * chord_areas(points)[tails[:, None], heads] / whole - 1.0)
+    tails, heads, uneven = ends_and_unevenness(flat, runs)
     score = runs.cost / np.sqrt(mesh.areas.sum()) + uneven**2
     score[uneven > 1.0 - 2.0 * SMALLEST] = np.inf
     found: list[np.ndarray] = []

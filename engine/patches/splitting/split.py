@@ -23,7 +23,7 @@ from ..flattening.edit import with_cuts
 from ..flattening.flatten import FlatPatches
 from ..flattening.flattening_report import forced_notes, symmetry_kept
 from ..layout import PatchLayout, alone
-from .straight_runs import StraightRuns, chord_areas, straight_runs
+from .straight_runs import StraightRuns, ends_and_unevenness, straight_runs
 
 ANGLES = 60  # directions per half turn in which a piece is tried on the sheet: 3 degrees apart
 CHECKED = 40  # number of runs examined closely, best first: 20 and 80 give the same on four surfaces, 5 one panel more
@@ -211,15 +211,9 @@ def _best_run(
     runs = straight_runs(flat, patch, tick)
     if runs is None:
         return None
-    number = np.full(len(flat.points), -1)
-    number[runs.loop] = np.arange(len(runs.loop))
-    needed, tails, heads = _sheets_of_sides(flat, runs, number, box, sheet, tick)
-    points = flat.points[runs.loop]
+    tails, heads, uneven = ends_and_unevenness(flat, runs)
+    needed = _sheets_of_sides(flat, runs, tails, heads, box, sheet, tick)
     size = np.sqrt(np.bincount(flat.layout.patch_of, weights=flat.layout.mesh.areas)[patch])
-    # the area cut off by the chord approximates that of a nearly straight run
-    area = chord_areas(points)[tails[:, None], heads]
-    whole = 0.5 * (points[:, 0] * np.roll(points[:, 1], -1) - points[:, 1] * np.roll(points[:, 0], -1)).sum()
-    uneven = np.abs(2.0 * area / whole - 1.0)
     score = NEEDED * needed + 0.5 * runs.cost / size + UNEVEN * uneven**2
     # keep one direction of every run
     score[~np.isfinite(score) | (tails[:, None] >= heads)] = np.inf
@@ -251,13 +245,13 @@ def _candidates(score: np.ndarray, needed: np.ndarray) -> list[tuple[int, int]]:
 def _sheets_of_sides(
     flat: FlatPatches,
     runs: StraightRuns,
-    number: np.ndarray,
+    tails: np.ndarray,
+    heads: np.ndarray,
     box: np.ndarray,
     sheet: SheetParams,
     tick: Callable[[], None],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (s, e) int: sheets that the two sides of every run need, by their outlines; and positions of starts and ends."""
-    tails, heads = number[runs.tail[runs.starts]], number[runs.head[runs.ends]]
+) -> Int[np.ndarray, "starts ends"]:
+    """Return the sheets that the two sides of every run need, by their outlines; ``tails``, ``heads``: positions of starts and ends."""
     count = len(runs.loop)
     spread = flat.points[runs.loop] @ _directions()
     needed = np.full((len(tails), len(heads)), 10**6)
@@ -268,7 +262,7 @@ def _sheets_of_sides(
         behind = (np.maximum.accumulate(spread[order][::-1]) - np.minimum.accumulate(spread[order][::-1]))[::-1]
         both = _sheets_needed(ahead.T, box, sheet.rotation) + _sheets_needed(behind.T, box, sheet.rotation)
         needed[tails == start] = both[(heads - start) % count]
-    return needed, tails, heads
+    return needed
 
 
 @dataclass(frozen=True, eq=False)

@@ -106,6 +106,24 @@ def _following(tail: np.ndarray, head: np.ndarray, inside: np.ndarray) -> tuple[
     return one[forward], two[forward]
 
 
+def ends_and_unevenness(flat: FlatPatches, runs: StraightRuns) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the positions of starts (s,) and ends (e,) on the outline, and the difference of both sides' areas as a share (s, e).
+
+    The area cut off by the chord approximates that of a nearly straight run.
+
+    Parameters
+    ----------
+    flat : flat patches
+    runs : through one of them
+    """
+    number = np.full(len(flat.points), -1)
+    number[runs.loop] = np.arange(len(runs.loop))
+    tails, heads = number[runs.tail[runs.starts]], number[runs.head[runs.ends]]
+    points = flat.points[runs.loop]
+    whole = 0.5 * (points[:, 0] * np.roll(points[:, 1], -1) - points[:, 1] * np.roll(points[:, 0], -1)).sum()
+    return tails, heads, np.abs(2.0 * chord_areas(points)[tails[:, None], heads] / whole - 1.0)
+
+
 def chord_areas(points: np.ndarray) -> Float[np.ndarray, "points points"]:
     """Area between the outline from point i to point j and the chord, square metres."""
     after = np.roll(points, -1, axis=0)

@@ -10,11 +10,10 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ...arrays import Bool, Float, Int
+from ...components import components
 from ..mesh import PolygonMesh
 from ..welding import NEAR, clusters, merge_labelled, short_edge
 from .finding import with_count
@@ -273,7 +272,7 @@ def _strips(sides: Sides) -> tuple[np.ndarray, np.ndarray] | None:
     against = (forward[:, :2] == forward[:, 2:]).ravel()
     a = np.concatenate([first, first + n])
     b = np.concatenate([np.where(against, second + n, second), np.where(against, second, second + n)])
-    cover = connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(2 * n, 2 * n)), directed=False)[1]
+    cover = components(2 * n, a, b)
     if (cover[:n] == cover[n:]).any():
         return None
     strip = np.minimum(cover[:n], cover[n:])

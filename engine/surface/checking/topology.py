@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from ...arrays import Bool, Int
+from ...components import components
 from ..mesh import PolygonMesh
 
 
@@ -48,11 +47,6 @@ def sides_of(polygons: PolygonMesh) -> Sides:
     return Sides(edges, face, edge, following, corners < following, after, pairs)
 
 
-def _components(n: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Label the connected components of n nodes joined by pairs (a, b)."""
-    return connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)[1]
-
-
 def bodies(sides: Sides, faces: int) -> Int[np.ndarray, " faces"]:
     """Return the body of every face, connected over edges, numbered from 0.
 
@@ -63,7 +57,7 @@ def bodies(sides: Sides, faces: int) -> Int[np.ndarray, " faces"]:
     """
     order = np.argsort(sides.edge, kind="stable")
     same = sides.edge[order][1:] == sides.edge[order][:-1]
-    return _components(faces, sides.face[order[1:][same]], sides.face[order[:-1][same]])
+    return components(faces, sides.face[order[1:][same]], sides.face[order[:-1][same]])
 
 
 def fans(sides: Sides) -> Int[np.ndarray, " corners"]:
@@ -73,7 +67,7 @@ def fans(sides: Sides) -> Int[np.ndarray, " corners"]:
     flipped = sides.forward[one] != sides.forward[two]  # the usual case: the two sides run against each other
     a = np.concatenate([start[one], end[one]])
     b = np.concatenate([np.where(flipped, end[two], start[two]), np.where(flipped, start[two], end[two])])
-    return _components(len(start), a, b)
+    return components(len(start), a, b)
 
 
 def split_vertices(polygons: PolygonMesh, sides: Sides) -> np.ndarray:
@@ -105,7 +99,7 @@ def inconsistent(sides: Sides, body: np.ndarray) -> tuple[np.ndarray, np.ndarray
     n = len(body)
     a = np.concatenate([f, f + n])
     b = np.concatenate([np.where(agree, g, g + n), np.where(agree, g + n, g)])
-    cover = _components(2 * n, a, b)
+    cover = components(2 * n, a, b)
     one_sided = np.unique(body[cover[:n] == cover[n:]])
     # in a two-sided body, copy 0 of a face is connected to copy 0 of the body's first face, or to copy 1
     first = np.full(body.max() + 1, n)

@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from ...arrays import Float, Int
+from ...components import components
 from ...errors import FlexMapsError
 from ..mesh import PolygonMesh
 from .field import Triangles
@@ -218,10 +218,7 @@ def _rotate_cells(cell: np.ndarray, quarters: np.ndarray, shift: np.ndarray) -> 
 
 def _merge_pieces(count: int, merged: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the quad of every piece, and the quarter turns from the piece's corner numbers to the quad's."""
-    from scipy.sparse.csgraph import connected_components
-
-    graph = csr_array((np.ones(len(merged)), (merged[:, 0], merged[:, 1])), shape=(count, count))
-    quad = connected_components(graph, directed=False)[1]
+    quad = components(count, *merged.T)
     turn, known = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
     known[np.unique(quad, return_index=True)[1]] = True
     a, b = np.concatenate([merged, merged[:, ::-1]]).T
@@ -270,8 +267,6 @@ def _build_mesh(
     keep: np.ndarray,
 ) -> PolygonMesh:
     """Build the quads: merge their corners and place them on the surface."""
-    from scipy.sparse.csgraph import connected_components
-
     sides = sides[keep[sides[:, 0] // 4] & keep[sides[:, 1] // 4]]
     if len(np.unique(sides)) != sides.size:
         raise FlexMapsError("The map folds over itself")
@@ -279,7 +274,7 @@ def _build_mesh(
     after = lambda side: side - side % 4 + (side + 1) % 4  # noqa: E731
     a, b = np.concatenate([one, after(one)]), np.concatenate([after(two), two])
     count = 4 * len(keep)
-    vertex = connected_components(csr_array((np.ones(len(a)), (a, b)), shape=(count, count)), directed=False)[1]
+    vertex = components(count, a, b)
     places, known = np.zeros((count, 3)), np.zeros(count, dtype=bool)
     for k in range(4):
         point = (pieces.cell + CORNER[k]) * UNIT

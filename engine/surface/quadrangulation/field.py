@@ -9,6 +9,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array, diags_array
 
 from ...arrays import Bool, Float, Int
+from ...components import components
 from ...errors import FlexMapsError
 
 # Weight of alignment with curvature relative to smoothness, both without a unit. Over 18 meshes of many kinds 4 lowers
@@ -93,14 +94,11 @@ class Triangles:
 
     def long_lines(self, fold: float, shortest: float) -> Bool[np.ndarray, " sides"]:
         """Mask of the sides on the border and on connected folds at least ``shortest`` metres long."""
-        from scipy.sparse.csgraph import connected_components
 
         lines = self.lines(fold)
         side = np.flatnonzero(lines)
         ends = np.stack([self.corners.ravel(), np.roll(self.corners, -1, axis=1).ravel()], axis=1)[side]
-        count = len(self.vertices)
-        graph = csr_array((np.ones(len(side)), (ends[:, 0], ends[:, 1])), shape=(count, count))
-        group = connected_components(graph, directed=False)[1][ends[:, 0]]
+        group = components(len(self.vertices), *ends.T)[ends[:, 0]]
         border = self.opposite[side] < 0
         length = np.bincount(group, np.abs(self.sides.ravel()[side]) * np.where(border, 1.0, 0.5))
         lines[side[~border & (length[group] < shortest)]] = False

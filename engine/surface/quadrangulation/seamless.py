@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array, diags_array
 
 from ...arrays import Float, Int
+from ...components import components
 from ...errors import FlexMapsError
 from ...linalg import Pattern, SparseCholesky
 from .field import CrossField
@@ -50,7 +51,7 @@ class Chart:
 
 def cut_to_disk(field: CrossField) -> Chart:
     """Cut a connected mesh to a disk through all irregular points, and make the crosses consistent there."""
-    from scipy.sparse.csgraph import breadth_first_order, connected_components
+    from scipy.sparse.csgraph import breadth_first_order
 
     mesh = field.mesh
     other, count = mesh.opposite, len(mesh.corners)
@@ -77,7 +78,7 @@ def cut_to_disk(field: CrossField) -> Chart:
     joined = np.flatnonzero(inner & ~cut)
     a = np.concatenate([joined, _after(joined)])
     b = np.concatenate([_after(other[joined]), other[joined]])
-    wedge = connected_components(csr_array((np.ones(len(a)), (a, b)), shape=(3 * count, 3 * count)), directed=False)[1]
+    wedge = components(3 * count, a, b)
     return Chart(field, turn, jump, cut, wedge.astype(np.int64))
 
 

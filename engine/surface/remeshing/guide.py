@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from ...arrays import Bool, Float, Int
+from ...components import components
 from ..mesh import QuadMesh
 from ..triangle_tree import TriangleTree
 
@@ -97,10 +96,7 @@ def _lines(mesh: QuadMesh, boundary: bool) -> Int[np.ndarray, " lines"]:
     sharp = mesh.dual_edges[np.einsum("di,di->d", mesh.normals[a], mesh.normals[b]) < np.cos(CREASE)]
     if len(sharp):
         ends = mesh.edges[sharp]
-        n = len(mesh.vertices)
-        part = connected_components(coo_array((np.ones(len(ends)), ends.T), shape=(n, n)), directed=False)[1][
-            ends[:, 0]
-        ]
+        part = components(len(mesh.vertices), *ends.T)[ends[:, 0]]
         sharp = sharp[np.bincount(part)[part] >= CREASE_EDGES]
     return np.union1d(np.flatnonzero(mesh.border), sharp) if boundary else sharp
 
