@@ -59,19 +59,17 @@ class Page:
         """End the current layer."""
         self.commands.append("EMC")
 
-    def stroke(self, curve: Curve, colour: str = "#000000", width: float = 2e-4, dash: float = 0.0) -> None:
-        """Draw a curve in a colour "#rrggbb"; width and length of the dashes in metres.
+    def stroke(self, curve: Curve, colour: str = "#000000", width: float = 2e-4) -> None:
+        """Draw a curve in a colour "#rrggbb".
 
         Parameters
         ----------
         curve : lines and arcs, metres
         colour : "#rrggbb"
         width : of the line, metres
-        dash : length of dashes and gaps, metres; 0 for none
         """
-        dashes = f"[{dash / self.unit:.4g}]" if dash else "[]"
         self.commands.append(
-            f"{_colour(colour)} RG {width / self.unit:.5g} w {dashes} 0 d {path(curve, self.unit)} "
+            f"{_colour(colour)} RG {width / self.unit:.5g} w [] 0 d {path(curve, self.unit)} "
             + ("s" if curve.closed else "S")
         )
 
