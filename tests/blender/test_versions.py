@@ -25,7 +25,7 @@ def older(tmp_path: Path) -> Path:
         assert stamps.pop(notes.PROGRAM) == VERSION
     gone = next(part for part in states.PARTS["spirals"] if part in states.OF_SETTINGS)
     del made["spirals"][gone]
-    notes._put(obj.data, notes.MADE_FROM, made)
+    notes.put_text(obj.data, notes.MADE_FROM, made)
     bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
     return path
 
@@ -102,7 +102,7 @@ def test_a_newer_file_says_so(older: Path) -> None:
     obj = opened(older)
     made = json.loads(obj.data[notes.MADE_FROM])
     made["layout"][notes.PROGRAM] = "99.1.0"
-    notes._put(obj.data, notes.MADE_FROM, made)
+    notes.put_text(obj.data, notes.MADE_FROM, made)
     with pytest.warns(versions.OtherVersion, match=r"99\.1\.0.*newer"):
         api.load(obj)
 
