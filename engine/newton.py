@@ -150,7 +150,7 @@ class DampedProblem(Problem, Protocol):
         """Return the state after a proposed step; None if the dependent quantities cannot follow it."""
 
     def shortened(self, here: Local, proposal: Any, share: float) -> Any:
-        """Return a proposal with a share of a proposed step."""
+        """Return the proposal whose step is ``share`` of the step of ``proposal``, with its own predicted decrease."""
 
     def gentle(self, here: Local, proposal: Any) -> float:
         """Return the smallest damping of the dependent quantities to try after ``tried`` has found no state."""
@@ -331,7 +331,10 @@ class Damped:
         return found, TIME if problem.over else None
 
     def _tried(self, problem: DampedProblem, here: Local, row: Iteration) -> tuple[Any | None, float]:
-        """Raise the damping until a step achieves enough of its predicted decrease; return the state and that decrease."""
+        """Propose steps, and raise the damping after refused ones that are refused again when shortened.
+
+        Return the first accepted state, None if there is none, and its predicted decrease.
+        """
         assert self.damping is not None
         for _ in range(TRIALS):
             row.modified = self.damping

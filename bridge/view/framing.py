@@ -28,9 +28,9 @@ def follow(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> 
 
 
 def frame(context: bpy.types.Context, *others: bpy.types.Object) -> None:
-    """Turn every 3D view to the selection and to further objects, beside the sidebar and other bars that cover a view.
+    """Frame the selection and further objects in the part of every 3D view that sidebar, toolbar and headers leave free.
 
-    Blender's *Frame Selected* comes first: it leaves a camera's view, and knows the selection in every mode.
+    Blender's *Frame Selected* runs first: it leaves the camera's view, and knows the selection in every mode.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ from ..store.columns import column
 
 
 def fill(context: bpy.types.Context, area: bpy.types.Area, region: bpy.types.Region) -> None:
-    """Place a view so that the selection fills its free part; views of a camera and parts of a quad view stay.
+    """Place a view so that the selection fills its free part; leave camera views and quad views unchanged.
 
     Parameters
     ----------
@@ -38,9 +38,10 @@ def fill(context: bpy.types.Context, area: bpy.types.Area, region: bpy.types.Reg
 
 
 def _selected_points(context: bpy.types.Context) -> Float[np.ndarray, "points 3"]:
-    """Return the points of selected objects, as modifiers leave them; in edit mode the selected vertices.
+    """Return points of the selection in the world, in the scene's unit.
 
-    Other modes than these two give none.
+    In object mode vertices of selected meshes and curves with their modifiers, and box corners of other objects; in edit mode of meshes the selected
+    vertices; in other modes none.
     """
     parts = [np.empty((0, 3))]
     objects = {"EDIT_MESH": context.objects_in_mode, "OBJECT": context.selected_objects}.get(context.mode, [])

@@ -67,7 +67,7 @@ def place_view(
 
     Parameters
     ----------
-    points : what is to be seen, metres
+    points : the points to be seen, in any unit of length
     axes : rows are the view's directions to the right, upwards and towards the eye
     view, free : the 3D view and its free part, pixels
     lens : focal length, millimetres
@@ -76,7 +76,7 @@ def place_view(
     Returns
     -------
     location, distance : centre of rotation, in the middle of the view and at the depth of the points' middle; its distance
-        from the eye, metres, 0 for a single point
+        from the eye, in the unit of the points, 0 for a single point
     """
     seen = points @ axes.T
     low, high = seen.min(axis=0), seen.max(axis=0)
@@ -93,10 +93,10 @@ def place_view(
     least = (seen[:, :2] + lower * seen[:, 2:]).min(axis=0)
     most = (seen[:, :2] + upper * seen[:, 2:]).max(axis=0)
     eye = float(((most - least) / (upper - lower)).max())
-    nearest, farthest = most - upper * eye, least - lower * eye  # the eye is between them, in both directions
+    one, other = most - upper * eye, least - lower * eye  # the eye is between them, in both directions across the view
     for _ in range(BISECTIONS):
-        across = (nearest + farthest) / 2.0
+        across = (one + other) / 2.0
         slopes = (seen[:, :2] - across) / np.maximum(eye - seen[:, 2:], 1e-12)
         above = slopes.min(axis=0) + slopes.max(axis=0) > lower + upper
-        nearest, farthest = np.where(above, across, nearest), np.where(above, farthest, across)
+        one, other = np.where(above, across, one), np.where(above, other, across)
     return np.append(across, depth) @ axes, eye - depth

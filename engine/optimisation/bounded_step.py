@@ -12,7 +12,7 @@ from .polytope import LinearClearances, Nearest, Polytope, Projection, scale_col
 
 Product = Callable[[np.ndarray], np.ndarray]
 # Measured on 33 models of 5 surfaces, whose exact minima a solver of quadratic programmes found: the median step brings 86 % of the exact
-# decrease with 72 products
+# decrease, with 72 products in the mean
 MAX_ROUNDS = 10  # largest number of rounds a step
 # Share of the decrease so far that a round must bring for another one to follow. With 0.05, 89 % with 92 products; with 0.2, 80 % with 53
 MIN_GAIN = 0.1
@@ -20,7 +20,7 @@ MIN_GAIN = 0.1
 # With 3 in the former 83 %, with 8 80 %; with 10 in the latter 80 %, with 20 83 %
 PROBE_ITERATIONS, ITERATIONS = 5, 15
 PRECISION = 0.1  # norm of the residual, as a share of the right-hand side, at which conjugate gradients stop; 0.3: 84 %, 0.03: 86 %
-STRETCH = 10.0  # largest change of the gradient's length between two rounds; 3: 84 %
+STRETCH = 10.0  # largest factor by which the projected gradient step grows or shrinks between two rounds; 3: 84 %
 MAX_HALVINGS = 6  # of a direction, until its projection descends
 # Distance from an end of its range, as a share of it, within which a coordinate is at that end, and clearance, in scaled coordinates, below
 # which a gap is closed; a thousand times larger ones bring 84 and 86 %
@@ -56,7 +56,7 @@ def bounded_step(
     model = _Model(lambda way: unit * product(unit * way), np.zeros_like(x), unit * gradient)
     length = 1.0
     for _ in range(MAX_ROUNDS):
-        before = model.fallen
+        before = model.decrease
         ahead = bounds.nearest(model.step - length * model.slope)
         length *= np.clip(model.descend(ahead.point - model.step), 1.0 / STRETCH, STRETCH)
         way = _search_direction(model, bounds, ahead)
@@ -65,31 +65,31 @@ def bounded_step(
             if change @ model.slope < 0.0:
                 model.descend(change)
                 break
-        if model.fallen - before <= MIN_GAIN * model.fallen:
+        if model.decrease - before <= MIN_GAIN * model.decrease:
             break
     return np.clip(unit * model.step, -x, 1.0 - x)  # rounding may leave the box
 
 
 @dataclass(eq=False)
 class _Model:
-    """A quadratic model: product with its matrix, present step, gradient there, and decrease so far."""
+    """A quadratic model: product with its matrix, present step, gradient there, and decrease since the step 0."""
 
     product: Product
     step: np.ndarray
     slope: np.ndarray
-    fallen: float = 0.0
+    decrease: float = 0.0
 
     def descend(self, change: np.ndarray) -> float:
         """Go along a change to the minimum, at most by all of it; return the distance of the minimum, in lengths of the change."""
         along = -float(change @ self.slope)
         if along <= 0.0:
             return 1.0
-        pulled = self.product(change)
-        bend = float(change @ pulled)
+        image = self.product(change)
+        bend = float(change @ image)
         whole = along / bend if bend > 0.0 else np.inf
         share = min(whole, 1.0)
-        self.step, self.slope = self.step + share * change, self.slope + share * pulled
-        self.fallen += share * (along - 0.5 * share * bend)
+        self.step, self.slope = self.step + share * change, self.slope + share * image
+        self.decrease += share * (along - 0.5 * share * bend)
         return whole
 
 

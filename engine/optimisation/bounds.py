@@ -1,4 +1,4 @@
-"""Exact bounds of a search at every step: the box of the coordinates, and the clearance between the arms.
+"""Restoration of the clearance between arms after a step, so that every design of a search can be cut.
 
 The clearance of a gap is a smooth function of the design (see ``spirals.clearance.room``). A step keeps its linearisation
 ``room + slope @ step >= 0``. Gaps that still close, because clearance is curved, are opened again along the slopes; where that

@@ -154,6 +154,7 @@ class _GaussNewtonProblem:
 
     def shortened(self, here: Local, proposal: _Proposal, share: float) -> _Proposal:
         point: DesignPoint = here.own
+        # a predicted decrease leaves damping out, and no step is solved for
         model = CompositeModel(point, 0.0, 0.0, np.ones_like(point.x), lambda: None)
         return self._proposal(model, share * proposal.step)
 

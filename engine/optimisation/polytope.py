@@ -20,10 +20,8 @@ DENSE = 250  # rows up to which the Gram matrix is factored dense, which is quic
 # Tikhonov term of Newton's method for the multipliers, where only coordinates at an end of their range move a closed gap. Of 391
 # projections on 5 surfaces 8 % took more than 30 iterations with 1e-6, and 2 % with this one; the median takes four
 NEWTON_RIDGE = 1e-3
-MAX_NEWTON, MAX_REDUCTIONS = (
-    100,
-    20,
-)  # largest number of iterations of Newton's method, and of reductions of one of its steps
+# Largest number of iterations of Newton's method, and of reductions of one of its steps
+MAX_NEWTON, MAX_REDUCTIONS = 100, 20
 REDUCTION = 0.3  # factor of the length of a step that does not decrease the dual function
 ARMIJO = 1e-4  # smallest share of the predicted decrease that a step must bring (Nocedal and Wright, section 3.1)
 # Largest violation of a clearance after a projection, as a share of the longest coordinate of the step. With 1e-6 and with 1e-4 steps
@@ -56,7 +54,7 @@ class LinearClearances:
         return cls(np.zeros(0), csr_array((0, size)))
 
     def in_units(self, units: Float[np.ndarray, " coordinates"]) -> LinearClearances:
-        """Return the clearances by coordinates in these units."""
+        """Return the clearances as functions of the coordinates divided by ``units``, normalised anew."""
         return self.from_clearances(self.room, scale_columns(self.slope, units))
 
     def of_rows(self, rows: np.ndarray) -> LinearClearances:
@@ -152,8 +150,8 @@ class Nearest(NamedTuple):
 class _Dual(NamedTuple):
     """The dual function of a projection at some multipliers.
 
-    multipliers : of the gaps, not negative; value, slope : of the function, and its gradient, which is the gaps' clearances
-    place : where the multipliers push the point; point : the nearest point of the box
+    multipliers : of the clearances, not negative; value, slope : the dual function and its gradient, which are the clearances at ``point``
+    place : the step moved by the multipliers; point : ``place`` clipped to the box
     """
 
     multipliers: Float[np.ndarray, " rows"]
@@ -164,14 +162,14 @@ class _Dual(NamedTuple):
 
     @property
     def violation(self) -> float:
-        """Largest violation of the conditions that hold at the nearest point of the polytope."""
+        """Largest residual of the optimality (KKT) conditions: negative clearances, and clearances with a positive multiplier."""
         return float(np.where(self.multipliers > 0.0, abs(self.slope), -self.slope).max(initial=0.0))
 
 
 class Polytope:
-    """The steps that keep a box and linearised clearances; it contains the step 0.
+    """Set of the steps within a box and linearised clearances; it contains the step 0.
 
-    low, high : (coordinates,) ends of the box; rooms : clearances with unit rows; violated ones count as closed
+    low, high : (coordinates,) ends of the box; rooms : clearances with unit rows; negative ones are taken as 0
     """
 
     def __init__(

@@ -35,8 +35,8 @@ MOST = 2  # largest ratio of its panels to those of the layout that it replaces
 # Steps that are added to the two of a prediction. With one, 30 of 51 layouts are within a factor of 1.5 of what a search reaches, and 6 on the wrong
 # side of 1 %, with a rank correlation of 0.88; with none 23, 11 and 0.83; with two as many as with one, but three of 17 that miss 1 % are expected within it
 FURTHER = 1
-# Largest ratio of the expected distances at which predictions begin with uniform spirals. Of 22 surfaces it is 0.02 on one, which ends as near as
-# expected then, and above 0.8 on all others
+# Predictions begin with uniform spirals if these lower the expected distance to less than this share. Of 22 surfaces the share is 0.02 on one, which
+# then ends as near as expected, and above 0.8 on all others
 UNIFORM = 0.5
 # Share of the wanted distance within which the expected one must lie. Of 16 surfaces three are expected at 0.92 to 0.96 %; two end at 0.76 and
 # 0.78 %, and a head of 472 quads in 7 panels at 1.07 % with eight closed slots; in 12 panels it ends at 0.50 % with none
@@ -68,9 +68,10 @@ def tighten(
 
     Returns
     -------
-    For every body the first layout that is expected within ``WANTED_SHARE`` of the match, else the one that is expected nearest, of at most ``MOST`` times
-    its panels in ``flat``; ``flat`` itself if no other is better. All are compared with the cuts that their panels need to fit the sheet. Its notes have ``expected_percent``, the RMS distance from the target with which a
-    search may end, as a percentage of the size, if it can be predicted.
+    For every body the first layout that is expected within ``WANTED_SHARE`` of the match, else the one that is expected nearest; ``flat`` itself if no
+    other is better. Layouts are compared with the cuts that their panels need to fit the sheet, and may then have at most ``MOST`` times as many panels
+    as ``flat``; the returned layout is without these cuts. The notes of the layout have ``expected_percent``, the RMS distance from the target with
+    which a search may end, as a percentage of the size, if it can be predicted.
     """
     mesh = piece.mesh
     if params.goal != "match" or piece.settings.simulate.model == "rod" or is_flat(mesh):
