@@ -83,7 +83,7 @@ def predict(
     A share of the size of the surface; infinite if the layout has no equilibrium, or its quads have no room for spirals.
     """
     try:
-        design, point = _rest(piece, flat, start or PredictionStart.from_layout(piece, flat), progress)
+        design, point = _rest(piece, flat, start or PredictionStart.from_layout(piece, flat, progress), progress)
         return _predicted(design, point, progress, further)
     except FlexMapsError:
         return np.inf

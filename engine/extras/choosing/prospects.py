@@ -87,7 +87,9 @@ class _Promise:
 
     def __init__(self, piece: LayoutProblem, flat: FlatPatches, progress: Progress) -> None:
         self.progress = progress
-        self.start = None if piece.settings.simulate.model == "rod" else PredictionStart.from_layout(piece, flat)
+        self.start = (
+            None if piece.settings.simulate.model == "rod" else PredictionStart.from_layout(piece, flat, progress)
+        )
         self.now = predict(piece, flat, self.start, progress) if self.start else np.inf
 
     def gains(self, piece: LayoutProblem, flat: FlatPatches) -> bool:
