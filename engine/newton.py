@@ -16,7 +16,7 @@ import numpy as np
 
 Result = TypeVar("Result")
 
-CONVERGED, ITERATIONS, TIME = "converged", "iterations", "time"
+CONVERGED, REACHED, ITERATIONS, TIME = "converged", "reached", "iterations", "time"
 SADDLE, INDEFINITE, NO_DESCENT = "saddle", "indefinite", "no descent"
 AT_ROUNDING, DIVERGED = "rounded", "diverged"
 
@@ -139,6 +139,9 @@ class DampedProblem(Problem, Protocol):
     @property
     def over(self) -> bool:
         """Whether the time limit has been reached."""
+
+    def reached(self, state: Any) -> bool:
+        """Return whether a state is so good that the search ends."""
 
     def proposed(self, here: Local, damping: float, following: float) -> Any:
         """Return a step (``step``, ``gain``) that nearly minimises the damped quadratic model; None if there is none.
@@ -295,7 +298,6 @@ class Damped:
 
     iterations : largest number of iterations
     stop : the search ends after two steps in a row with a smaller relative decrease, or after a refused one that was predicted to bring less
-    goal : energy at which the search ends
     damping : of the variables; an earlier search may hand over its last value, which the first step limits by the gradient's size
     following : damping of the dependent quantities
     small : number of steps in a row whose decrease was below ``stop``
@@ -304,7 +306,6 @@ class Damped:
 
     iterations: int
     stop: float
-    goal: float
     damping: float | None = None
     following: float = 0.0
     small: int = 0
@@ -324,7 +325,9 @@ class Damped:
         fall = max(here.energy - energy, POOR * gain) / here.energy
         problem.accepted(found)
         self.small = self.small + 1 if fall < self.stop else 0
-        if self.small == 2 or (self.stop and energy < self.goal):
+        if problem.reached(found):
+            return found, REACHED
+        if self.small == 2:
             return found, CONVERGED
         if len(history) == self.iterations:
             return found, ITERATIONS

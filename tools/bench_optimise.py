@@ -118,7 +118,7 @@ def published_problem(name: str, piece: Any) -> Rows:
     _, result = search(piece, OptimiseParams(strain_share=0.0, codesign=False, open_slots=False))
     block = result.report()
     # the line search of L-BFGS-B needs exact equilibria: with ours it ends at once
-    ours, seconds = _optimiser(piece, gauss_newton, OptimiseParams(), task.COARSE_TOLERANCE)
+    ours, seconds = _optimiser(piece, gauss_newton, OptimiseParams(patience=0.0), task.COARSE_TOLERANCE)
     theirs, baseline = _optimiser(piece, lbfgs, OptimiseParams(iterations=BASELINE_STEPS), SimulateParams().tolerance)
     if name in PUBLISHED:
         then, rmse, faster = PUBLISHED[name]

@@ -58,6 +58,11 @@ class Target:
         return float(np.linalg.norm(self.points[b] - self.points[a], axis=1).mean())
 
     @cached_property
+    def size(self) -> float:
+        """Diagonal of the points' bounding box, metres."""
+        return float(np.linalg.norm(np.ptp(self.points, axis=0)))
+
+    @cached_property
     def weights(self) -> tuple[float, float, float]:
         """Weights of curvature, slopes and positions; their squares sum up to 1."""
         bends, slopes, places = (1.0 - self.lies) ** 2, self.lies * (1.0 - self.lies), self.lies**2

@@ -13,6 +13,7 @@ from ..errors import Cancelled, FlexMapsError
 from ..materials import Material
 from ..mechanics.assembly import Pose, target_pose
 from ..mechanics.equilibrium import poses_differ
+from ..newton import REACHED
 from ..params import OptimiseParams, SimulateParams
 from ..progress import SILENT, Progress
 from ..simulation.other_rests import find_other_rests
@@ -38,6 +39,7 @@ from .work import FIT, Work
 
 ENDS = {
     "converged": "Converged: further steps would improve it by next to nothing.",
+    "reached": "Near enough: sheets of another thickness would move the piece as much. With more patience it comes nearer.",
     "iterations": "Stopped at the largest number of steps. Press Optimise again to improve it further.",
     "time": "Stopped at the time limit. Press Optimise again to improve it further.",
     "slow": "Stopped because further steps would improve it only slowly. Press Optimise again to go on.",
@@ -180,9 +182,11 @@ def optimise(
     first = [points[name].weighed(points[name].mismatch.value) for name in names]
     name, start = names[0], first[0]
     given = points["given"].weighed(start.mismatch.value) if "given" in points else start
-    if before is None or _rests_elsewhere(before, given):
+    pose = given.equilibrium.pose
+    # the given design was simulated to another equilibrium than the one that the search starts from
+    if before is None or poses_differ(before.equilibrium.pose, pose, before.assembly.pairs, before.loads):
         within = progress.part(0.1, 0.12)
-        before = task.simulated(design, given.equilibrium.pose, within) if prove else task.rested(design, given)
+        before = task.simulated(design, pose, within) if prove else task.rested(design, given)
     trace, latest = SearchRecord(), (start, design)
 
     def accepted(point: DesignPoint) -> None:
@@ -204,11 +208,6 @@ def optimise(
     return Optimisation(before, after, trace, name, found.point, trace.ended)
 
 
-def _rests_elsewhere(before: Simulation, given: DesignPoint) -> bool:
-    """Return whether the given design was simulated to another equilibrium than the one that the search starts from."""
-    return poses_differ(before.equilibrium.pose, given.equilibrium.pose, before.assembly.pairs, before.loads)
-
-
 def _shown_at_rest(task: Task, design: SpiralDesign, progress: Progress) -> Simulation | None:
     """Simulate the given design, and show it; None without an equilibrium.
 
@@ -226,7 +225,7 @@ def _better(found: SimulatedResult | None, given: SimulatedResult, trace: Search
     """Return the result of the search if it is better than the given design, else the given design, and note so in ``trace.ended``."""
     strictness = LOOSE if trace.ended == CANCELLED else LENIENT
     if found is None or not found.merit(strictness) < given.merit(strictness):
-        trace.ended = CANCELLED if trace.ended == CANCELLED else "nothing"
+        trace.ended = trace.ended if trace.ended in (CANCELLED, REACHED) else "nothing"
         return given
     return found
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..arrays import Float
-from ..newton import ITERATIONS, NEGLIGIBLE, TIME, Damped, Iteration, Local, minimise
+from ..newton import ITERATIONS, NEGLIGIBLE, REACHED, TIME, Damped, Iteration, Local, minimise
 from ..params import OptimiseParams
 from ..progress import SILENT, Progress
 from ..threads import one_thread
@@ -20,14 +20,13 @@ from . import inverse
 from .codesign_problem import FlatPoint
 from .composite import CompositeModel
 from .inverse import DesignPoint, InverseProblem
+from .near_target import is_near
 from .scaling import CurvatureEstimate
 
 # Radians, largest rotation of a hub between an equilibrium and the predicted start of the next; predictions are shortened to it, and
 # refused beyond four times as much
 MAX_TURN = 0.3
-EXACT_RMSE = 1e-3  # RMSE, in distances of neighbours, below which cutting is less exact than the match
 CANCELLED = "stopped"  # ``SearchRecord.ended`` of a cancelled search
-EXACT_MISMATCH = 0.5 * EXACT_RMSE**2  # mismatch at that RMSE
 MAX_JUMP = 0.5  # distance of a hub from its predicted place, in distances of neighbours, beyond which the piece counts as snapped
 # Newton iterations after which an equilibrium is given up: a piece that snaps takes many. Of 400 accepted steps from predicted poses, on
 # 8 surfaces, none took more than 8; those given up took up to half of the time. The first number is for starts without a prediction
@@ -81,9 +80,10 @@ def gauss_newton(
     """
     search = _GaussNewtonProblem(params, trace, accepted, progress, start, trace.bending_of(len(start.x)))
     trace.ended = TIME if problem.work.over else ITERATIONS
-    if params.iterations and not problem.work.over:
-        goal = EXACT_MISMATCH if params.stop else -np.inf
-        rule = Damped(params.iterations, params.stop, goal, damping=trace.damping.get(len(start.x)))
+    if is_near(start, params):
+        trace.ended = REACHED
+    elif params.iterations and not problem.work.over:
+        rule = Damped(params.iterations, params.stop, damping=trace.damping.get(len(start.x)))
         trace.ended = minimise(search, start, rule).ended
         if rule.damping is not None:
             trace.damping[len(start.x)] = rule.damping
@@ -138,6 +138,9 @@ class _GaussNewtonProblem:
 
     def energy(self, point: DesignPoint) -> float:
         return point.value
+
+    def reached(self, point: DesignPoint) -> bool:
+        return is_near(point, self.params)
 
     def proposed(self, here: Local, damping: float, following: float) -> _Proposal | None:
         """Return a step that nearly minimises the damped model; None after the time limit."""

@@ -12,8 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..materials import OVERSTRAIN_SHARE, STRAIN_MARGIN
-from ..newton import CONVERGED, TIME
+from ..newton import CONVERGED, REACHED, TIME
 from ..params import OptimiseParams
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import Progress
@@ -21,7 +20,8 @@ from ..spirals.design import SpiralDesign
 from . import codesign
 from .codesign_problem import FlatPoint
 from .inverse import DesignPoint
-from .optimisers import EXACT_MISMATCH, Accepted, SearchRecord, gauss_newton
+from .near_target import is_near, is_overstrained
+from .optimisers import Accepted, SearchRecord, gauss_newton
 from .other_weights import with_lies, with_problem
 from .remedies import WANTED_PERCENT
 from .task import Task
@@ -108,13 +108,7 @@ class StageResult:
     @property
     def strained(self) -> bool:
         """Whether the largest strain exceeds the limit so far that users get a message."""
-        return self._largest_strain > STRAIN_MARGIN * OVERSTRAIN_SHARE
-
-    @property
-    def _largest_strain(self) -> float:
-        """Largest strain of all arms over its limit; 0 where strains do not count."""
-        bearing, strains = self.point.problem.bearing, self.point.strains
-        return 0.0 if bearing is None or strains is None else float(strains.values.max() / bearing.limit)
+        return is_overstrained(self.point)
 
     def merit(self, strictness: float) -> float:
         """Return ``DesignPoint.merit``, for comparing results of stages; infinite if not sound."""
@@ -171,12 +165,14 @@ class Search:
             here = self._repeat(self.polished, here, MAX_POLISHES, POLISH_GAIN, progress.part(0.8, 0.95))
         late = work.late  # read before ``relieve``, which extends the limit
         self.relieve(here, progress.part(0.95, 1.0))
-        if slow or work.slow:
+        if is_near(self.best.firmed().point, params):
+            self.trace.ended = REACHED
+        elif slow or work.slow:
             self.trace.ended = SLOW
         elif late or work.late:
             self.trace.ended = TIME
         else:
-            self.trace.ended = CONVERGED if ended == TIME else ended
+            self.trace.ended = CONVERGED if ended in (REACHED, TIME) else ended
         return chosen
 
     def _with_best_bodies(self, tried: list[StageResult], best: StageResult, progress: Progress) -> StageResult:
@@ -236,13 +232,13 @@ class Search:
                 break
             self.task.work.factor = max(1.0, here.percent / WANTED_PERCENT)
             start = here.pressed().firmed()
+            if is_near(start.point, self.task.params):
+                break
             found = step(start, progress.part(k / most, (k + 1) / most))
             if not found.value < start.value:
                 break
             here = found
-            # the whole objective: a piece on its target that is about to snap goes on
-            exact = self.task.params.stop > 0.0 and here.value < EXACT_MISMATCH
-            if not here.strained and (exact or here.value >= (1.0 - gain) * start.value):
+            if not here.strained and here.value >= (1.0 - gain) * start.value:
                 break
         return here
 

@@ -212,7 +212,7 @@ class OptimiseParams(Params):
     patience: float = setting(
         1.0,
         "Patience",
-        "Time limit of the search: with 1 about 50 s for 1,500 quads and 3 min for 6,000; most searches stop earlier, once further steps gain too little. 2 doubles both times, 0.5 quarters them, 0 sets no limit",
+        "Time limit of the search: with 1 about 50 s for 1,500 quads and 3 min for 6,000; most searches stop earlier, within 0.1 % of the size from the target or once further steps gain too little. 2 doubles both times and halves that distance, 0.5 quarters the times, 0 sets no limit",
         low=0.0,
         high=1000.0,
     )

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from flexmaps.engine import newton
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.mechanics.assembly import target_pose
 from flexmaps.engine.mechanics.newton_system import NewtonSystem
 from flexmaps.engine.optimisation import optimise, search
+from flexmaps.engine.optimisation.near_target import NEAR_PERCENT, is_near
+from flexmaps.engine.optimisation.wishes import Wishes
+from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.runs import job
@@ -40,6 +47,38 @@ def test_stopping_keeps_the_best_so_far() -> None:
         optimise.optimise(
             design, mesh, VERO, OptimiseParams(), SimulateParams(), progress=Progress(stopped=lambda: True)
         )
+
+
+def test_a_search_ends_where_real_sheets_would_be_no_nearer() -> None:
+    design, mesh = made()
+    given = mesh, Settings().material.chosen, OptimiseParams(), SimulateParams()
+    found = optimise.optimise(design, *given)
+    assert found.ended == newton.REACHED and is_near(found.point, OptimiseParams())
+    assert (
+        0.1 * NEAR_PERCENT < found.report()["rms_percent"] < 1.2 * NEAR_PERCENT
+    )  # it does not go on to the exact shape
+    again = optimise.optimise(found.design, *given)
+    assert again.ended == newton.REACHED and not again.trace.evaluations and again.design is found.design
+
+
+def test_only_an_unstrained_piece_on_its_target_is_near_enough() -> None:
+    design, mesh = made()
+    material, params = Settings().material.chosen, OptimiseParams(open_slots=False)
+    task = optimise.Task(mesh, material, params, SimulateParams(), None, None, Work())
+    x = task.space(design).coordinates(design.width, design.twist)
+    point = task.problem(design).at(x, target_pose(mesh, design.flat.corners))
+    target = replace(point.problem.target, points=point.equilibrium.pose.centres)
+
+    def near(params: OptimiseParams = params, **changes: Any) -> bool:
+        problem = replace(point.problem, **{"target": target, **changes})
+        return is_near(replace(point, problem=problem), params)
+
+    assert near() and not near(target=point.problem.target)
+    assert not near(target=replace(target, wishes=Wishes(np.arange(1), target.points[:1])))
+    assert not near(bearing=replace(point.problem.bearing, share=1e-6))
+    assert not near(OptimiseParams(stop=0.0)) and not near(OptimiseParams(patience=0.0))
+    far = replace(target, points=target.points * (1.0 + 1e-3 * NEAR_PERCENT))
+    assert near(target=far) and not near(OptimiseParams(patience=100.0), target=far)
 
 
 def test_given_design_is_shown_before_limits_and_other_starts_are_computed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,34 @@
+"""When a piece is so near its target that a search may end."""
+
+from __future__ import annotations
+
+from ..materials import OVERSTRAIN_SHARE, STRAIN_MARGIN
+from ..params import OptimiseParams
+from .inverse import DesignPoint
+
+# RMS distance from the target, in percent of its size, at which a search ends: a sheet 5 % thicker or thinner, or arms 0.05 mm wider or
+# narrower, move nearer pieces by as much (docs/tuning.md)
+NEAR_PERCENT = 0.1
+# Largest sum of the objective's other terms, for slots, strains and stability, at which it may end, as a share of that of positions at this
+# distance
+OTHER_TERMS = 0.1
+
+
+def is_near(point: DesignPoint, params: OptimiseParams) -> bool:
+    """Return whether a search ends at a point because real sheets would be no nearer to the target.
+
+    A patience above 1 divides the distance; with none to limit the search, or without ``stop``, no distance is near enough.
+    """
+    target = point.problem.target
+    if not params.stop or not params.patience or target.wishes is not None or is_overstrained(point):
+        return False
+    limit = 0.01 * NEAR_PERCENT / max(params.patience, 1.0) * target.size / target.unit
+    return point.distance <= limit and sum(term.value for term in point.terms[1:]) <= OTHER_TERMS * 0.5 * limit**2
+
+
+def is_overstrained(point: DesignPoint) -> bool:
+    """Return whether the largest strain exceeds the limit so far that users get a message."""
+    bearing, strains = point.problem.bearing, point.strains
+    if bearing is None or strains is None:
+        return False
+    return float(strains.values.max()) > STRAIN_MARGIN * OVERSTRAIN_SHARE * bearing.limit
