@@ -177,16 +177,14 @@ def optimise(
     before = _shown_at_rest(task, design, progress) if prove else None
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
     points = find_starts(problem, design, target, params, progress.part(0.0, 0.1))
-    farthest = _distance_limit(points.get("given"), problem)
-    names = _best_starts(points, farthest)
+    names = _best_starts(points, _distance_limit(points.get("given"), problem))
     first = [points[name].weighed(points[name].mismatch.value) for name in names]
     name, start = names[0], first[0]
     given = points["given"].weighed(start.mismatch.value) if "given" in points else start
     pose = given.equilibrium.pose
-    # the given design was simulated to another equilibrium than the one that the search starts from
-    if before is None or poses_differ(before.equilibrium.pose, pose, before.assembly.pairs, before.loads):
-        within = progress.part(0.1, 0.12)
-        before = task.simulated(design, pose, within) if prove else task.rested(design, given)
+    elsewhere = before and poses_differ(before.equilibrium.pose, pose, before.assembly.pairs, before.loads)
+    if before is None or elsewhere:
+        before = task.simulated(design, pose, progress.part(0.1, 0.12)) if prove else task.rested(design, given)
     trace, latest = SearchRecord(), (start, design)
 
     def accepted(point: DesignPoint) -> None:
