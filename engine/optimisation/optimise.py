@@ -39,7 +39,7 @@ from .work import FIT, Work
 
 ENDS = {
     "converged": "Converged: further steps would improve it by next to nothing.",
-    "reached": "Near enough: sheets of another thickness would move the piece as much. With more patience it comes nearer.",
+    "reached": "Near enough: about a thousandth of its size from the target, or less. With more patience it comes nearer.",
     "iterations": "Stopped at the largest number of steps. Press Optimise again to improve it further.",
     "time": "Stopped at the time limit. Press Optimise again to improve it further.",
     "slow": "Stopped because further steps would improve it only slowly. Press Optimise again to go on.",
