@@ -226,6 +226,19 @@ class Studio:
             scene.render.resolution_y = _pixels(width, _least_tangent(seen, half) / half)
         camera.location = axes @ _fit(seen, half, half * scene.render.resolution_y / width)
 
+    def clear_corner(self, right: float, below: float) -> None:
+        """Shift the content to the right until none is in the upper left corner, at most to the picture's margin.
+
+        Parameters
+        ----------
+        right, below : of the corner's lower right end, from the picture's centre in widths of the picture
+        """
+        camera = self.scene.camera
+        there = (self.points() - np.array(camera.location)) @ np.array(camera.rotation_euler.to_matrix())
+        across, up = (camera.data.lens / camera.data.sensor_width * there[:, :2] / -there[:, 2:]).T
+        overlap = right - across[up > below].min(initial=np.inf)
+        camera.data.shift_x = -float(max(min(overlap, 0.5 / MARGIN - across.max()), 0.0))
+
 
 def _literal(path: Path) -> str:
     """Return the path for Blender's renderer, which since 4.5 reads braces as templates unless they are doubled."""

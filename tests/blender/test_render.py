@@ -102,6 +102,35 @@ def test_the_camera_sees_all_and_no_more() -> None:
     assert share.max(axis=0) == pytest.approx(1 / studio.MARGIN, rel=1e-6)
 
 
+@pytest.mark.parametrize("wide", [0.4, 1.0, 2.5], ids=["free", "shifted", "too wide"])
+def test_content_leaves_the_corner_of_the_legend_free(wide: float) -> None:
+    from bpy_extras.object_utils import world_to_camera_view
+    from mathutils import Vector
+
+    right, below = -0.25, 0.1
+    with studio.studio((640, 360), 1) as place:
+        data = bpy.data.meshes.new("content")
+        points = np.random.default_rng(1).uniform([-wide, -0.1, -1.0], [wide, 0.1, 1.0], (400, 3))
+        data.from_pydata(points.tolist(), [], [])
+        place.put(data)
+        place.set_up((0.0, -1.0, 0.0))
+        place.scene.view_layers[0].update()
+
+        def seen() -> np.ndarray:
+            """Positions in the picture, from its centre in its widths."""
+            there = [world_to_camera_view(place.scene, place.scene.camera, Vector(point)) for point in points]
+            return (np.array(there)[:, :2] - 0.5) * [1.0, 360 / 640]
+
+        before = seen()
+        place.clear_corner(right, below)
+        after = seen()
+        shift = after - before
+        assert np.abs(shift - shift[0]).max() < 1e-6 and abs(shift[0, 1]) < 1e-6 and np.abs(after[:, 0]).max() < 0.5
+        covered = [(at[:, 0] < right - 1e-6) & (at[:, 1] > below) for at in (before, after)]
+        assert covered[0].any() == (wide > 0.4) and (shift[0, 0] > 0.01) == (wide == 1.0)
+        assert covered[1].any() == (wide == 2.5)
+
+
 def test_frames_of_the_animation(piece: Any, tmp_path: Path) -> None:
     piece.flexmaps.film.seconds = 2.0
     piece.flexmaps.render.film = True
