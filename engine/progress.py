@@ -93,6 +93,28 @@ class Progress:
         self(fraction, text)
         return Progress(lambda *_: self(fraction, text)) if self.report is not None else self.quiet()
 
+    def saying(self, text: str) -> Progress:
+        """Return a progress for work within a step, which reports this text whatever the work says and shows no intermediate results.
+
+        Parameters
+        ----------
+        text : of the reports
+        """
+        report = self.report
+        return replace(self, report=report and (lambda fraction, _: report(fraction, text)), shown=None)
+
+    def shares(self, share: float) -> Iterator[Progress]:
+        """Yield progresses for steps of unknown number, each for a share of what the steps before have left.
+
+        Parameters
+        ----------
+        share : of the fraction that is left
+        """
+        left = 1.0
+        while True:
+            yield self.part(1.0 - left, 1.0 - left * (1.0 - share))
+            left *= 1.0 - share
+
     def quiet(self) -> Progress:
         """Return a progress that can be cancelled but reports nothing, for work within a step."""
         return Progress(stopped=self.stopped)

@@ -32,7 +32,7 @@ HOPEFUL, SUCCESS = 0.5, 0.5
 STABILITY_WEIGHT = 1.0  # of the required stability, in mismatches of the result without springs
 # Work that this stage may add, with springs and after them, as shares of the usual time of this search
 TIME_WITH_SPRINGS, TIME_AFTER_SPRINGS = 1.25, 0.75
-MESSAGE = "Held near the target by springs"  # shown with the progress
+MESSAGE = "Held near the target by springs"  # shown with the progress, in place of the piece and its mismatch meanwhile
 
 
 def continue_far(search: Search, progress: Progress) -> None:
@@ -48,7 +48,7 @@ def continue_far(search: Search, progress: Progress) -> None:
     if not search.task.params.codesign or here.point.arms is None or here.percent <= far:
         return
     work.extend(TIME_WITH_SPRINGS * work.usual)
-    released = _release_from_springs(search, here, _without_shape(progress.part(0.0, 0.7)))
+    released = _release_from_springs(search, here, progress.part(0.0, 0.7).saying(MESSAGE))
     if released is not None:
         work.extend(TIME_AFTER_SPRINGS * work.usual, rated=True)
         search.relieve(search.cycled(released, progress.part(0.7, 0.95)), progress.part(0.95, 1.0))
@@ -88,12 +88,6 @@ def _mean_stiffness(point: DesignPoint) -> float:
     """Return the mean stiffness of joints between two hubs in translation, newtons per metre."""
     blocks = point.model.expand(point.model.start(point.equilibrium.pose)).convex
     return float(np.einsum("mii->m", blocks[:, :3, :3]).mean()) / 3.0
-
-
-def _without_shape(progress: Progress) -> Progress:
-    """Return a progress that says that springs hold the piece, in place of its shape and mismatch meanwhile."""
-    report = progress.report
-    return replace(progress, report=report and (lambda fraction, _: report(fraction, MESSAGE)), shown=None)
 
 
 def _ignore(point: DesignPoint) -> None:

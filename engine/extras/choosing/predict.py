@@ -37,6 +37,9 @@ from .judge import FlatLayout, JudgedLayout, LayoutProblem, judge_shape, startin
 # Shares of the first step that are tried in turn until the piece comes nearer. With the full step alone, 59 % of the predictions of 22 surfaces are
 # within a factor of 1.5 of what a search reaches, with both shares 64 %; a third share changes no prediction
 SHARES = 1.0, 0.3
+PRODUCT_SHARE = (
+    0.02  # of the progress that is left, for each product with the model's matrix; a step takes some 100 of them
+)
 DAMPING = 1e-4  # penalty, as a share of the objective, on a step over the whole range of one coordinate
 
 
@@ -83,8 +86,9 @@ def predict(
     A share of the size of the surface; infinite if the layout has no equilibrium, or its quads have no room for spirals.
     """
     try:
-        design, point = _rest(piece, flat, start or PredictionStart.from_layout(piece, flat, progress), progress)
-        return _predicted(design, point, progress, further)
+        start = start or PredictionStart.from_layout(piece, flat, progress.part(0.0, 0.1))
+        design, point = _rest(piece, flat, start, progress.part(0.1, 0.4))
+        return _predicted(design, point, progress.part(0.4, 1.0), further)
     except FlexMapsError:
         return np.inf
 
@@ -101,8 +105,8 @@ def judge_by_prediction(
     laid : the layout
     """
     try:
-        design, point = _rest(piece, laid.flat, start, progress)
-        rms = _predicted(design, point, progress)
+        design, point = _rest(piece, laid.flat, start, progress.part(0.0, 0.4))
+        rms = _predicted(design, point, progress.part(0.4, 1.0))
         if not np.isfinite(rms):
             return None
         rested = _task(piece).rested(design, point)
@@ -136,15 +140,15 @@ def _predicted(design: SpiralDesign, point: FlatPoint, progress: Progress, furth
     """
     if not point.equilibrium.converged:
         return np.inf
-    pose, step = point.equilibrium.pose, _step(point, progress)
+    pose, step = point.equilibrium.pose, _step(point, progress.part(0.0, 0.4))
     before = between = _distance(point, pose)
     for share in SHARES:
-        after = point.problem.at(point.problem.within(point.x + share * step, point), pose, progress)
+        after = point.problem.at(point.problem.within(point.x + share * step, point), pose, progress.part(0.4, 0.6))
         moved = _distance(after, after.equilibrium.pose)
         # the value is infinite where flat shapes leave their limits
         if after.equilibrium.converged and np.isfinite(after.value) and moved < before:
             point, between = after.renewed(), moved
-            step = _step(point, progress)
+            step = _step(point, progress.part(0.6, 1.0))
             break
     moved = _moved(point, step)
     shrunk = min(1.0, moved / between) ** further if between > 0.0 else 1.0
@@ -160,9 +164,10 @@ def _moved(point: FlatPoint, step: Float[np.ndarray, " coordinates"]) -> float:
 def _step(point: FlatPoint, progress: Progress) -> Float[np.ndarray, " coordinates"]:
     """Return the step that nearly minimises the linear model of the mismatch within the bounds."""
     damping, bending = DAMPING * point.value / len(point.x), CurvatureEstimate(len(point.x))
+    products = progress.shares(PRODUCT_SHARE)
 
     def product(way: np.ndarray) -> np.ndarray:
-        progress(0.0)  # the only place to cancel in this step
+        next(products)(0.0)  # the only place to cancel in this step
         return point.gauss_newton(way)
 
     point.prepare(progress)

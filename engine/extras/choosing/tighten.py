@@ -49,6 +49,9 @@ PARTS, LAID, PREDICTED = 8, 6, 3
 # Larger: longer strips. docs/tuning.md has the surfaces that it changes
 STRIPS = 1.1
 
+PART = 0.2  # of the progress that is left, for each layout that is made and each that is predicted: there are 2 to 14
+PREDICTING = "Predicting the match"
+
 
 @one_thread
 def tighten(
@@ -77,7 +80,7 @@ def tighten(
     if params.goal != "match" or piece.settings.simulate.model == "rod" or is_flat(mesh):
         return flat
     improve = _tighten_bodies if mesh.body_of.any() else _tighten_body
-    best, expected = improve(piece, begun, flat, params, progress)
+    best, expected = improve(piece, begun, flat, params, progress.rising())
     if np.isfinite(expected):
         best.layout.notes["expected_percent"] = 100.0 * expected
     return best
@@ -113,32 +116,32 @@ def _tighten_body(
     """Return the best layout of one connected body, and its expected distance as a share of its size; infinite if none can be predicted."""
     if is_flat(piece.mesh):
         return flat, 0.0
-    progress(0.0, "Predicting the match")
+    parts = progress.shares(PART)
     try:
-        start = PredictionStart.from_layout(piece, flat, progress.quiet())
+        start = PredictionStart.from_layout(piece, flat, next(parts).saying(PREDICTING))
     except FlexMapsError:  # quads are too small for spirals; the next stage reports it
         return flat, np.inf
     best, fitted = flat, _fit_sheet(piece, flat, progress)
-    left, most = _expected(piece, fitted, start, progress), MOST * _panels(fitted)
+    left, most = _expected(piece, fitted, start, next(parts)), MOST * _panels(fitted)
     if left == np.inf:
         return flat, left
     limits, wanted = piece.settings.layout, WANTED_SHARE * 0.01 * params.match
     if left > wanted:  # a search begins with uniform spirals too
         uniform = start.with_uniform_spirals()
-        from_uniform = _expected(piece, fitted, uniform, progress)
+        from_uniform = _expected(piece, fitted, uniform, next(parts))
         if from_uniform < UNIFORM * left:
             start, left = uniform, from_uniform
     tries = _along_folds(piece, progress)
     if left > wanted:
-        tighter = _under_tighter_limits(piece, begun, flat, most, progress.part(0.1, 0.8))
-        tries = chain(tries, tighter, islice(_in_equal_parts(piece, flat, most, progress.part(0.8, 1.0)), PREDICTED))
+        tighter = _under_tighter_limits(piece, begun, flat, most, parts)
+        tries = chain(tries, tighter, islice(_in_equal_parts(piece, flat, most, parts), PREDICTED))
     for one in tries:
         other = _fit_sheet(piece, one, progress)
         fewer = _panels(other) < _panels(fitted)
         fits = float(one.energy.max()) <= max(limits.distortion_limit, float(flat.energy.max()))
         same = np.array_equal(other.layout.cut, fitted.layout.cut)
         if fits and not same and _panels(other) <= most and (fewer or left > wanted):
-            now = _expected(piece, other, start, progress)
+            now = _expected(piece, other, start, next(parts))
             if now < NEARER * left or (fewer and now <= wanted):
                 best, fitted, left = one, other, now
         if left <= wanted:
@@ -159,36 +162,39 @@ def _along_folds(piece: LayoutProblem, progress: Progress) -> Iterator[FlatPatch
 
 
 def _under_tighter_limits(
-    piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, most: int, progress: Progress
+    piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, most: int, parts: Iterator[Progress]
 ) -> Iterator[FlatPatches]:
     """Yield layouts merged under ever tighter limits, small panels and necks joined to neighbours, until the next one may have too many panels.
 
-    most : largest number of panels
+    most : largest number of panels; parts : of the progress, one for each merge
     """
     limits, last = piece.settings.layout, flat
-    kept = symmetries(piece.mesh, progress=progress.quiet()) if limits.symmetric else ()
-    for turn, share in enumerate(SHARES):
+    kept = symmetries(piece.mesh, progress=next(parts).quiet()) if limits.symmetric else ()
+    for share in SHARES:
         if _panels(last) ** 2 > most * _panels(flat):  # if it grew by as much again it would have more
             return
-        part = progress.part(turn / len(SHARES), (turn + 1) / len(SHARES))
+        part = next(parts)
         last = merge(
             begun, replace(limits, distortion_limit=share * limits.distortion_limit), part, held=piece.is_loaded
         )
-        joined = without_crumbs(last.layout, limits, kept, progress.quiet())
-        yield last if joined is last.layout else flatten(joined, limits, progress.quiet())
+        joined = without_crumbs(last.layout, limits, kept, part.quiet())
+        yield last if joined is last.layout else flatten(joined, limits, part.quiet())
 
 
-def _in_equal_parts(piece: LayoutProblem, flat: FlatPatches, most: int, progress: Progress) -> Iterator[FlatPatches]:
+def _in_equal_parts(
+    piece: LayoutProblem, flat: FlatPatches, most: int, parts: Iterator[Progress]
+) -> Iterator[FlatPatches]:
     """Yield layouts of equal strips, rings or petals that keep all limits, with the limit of compactness raised by the factor ``STRIPS``.
 
     The least distorted layout of each number of panels is yielded, the fewest panels first. On smooth tubes and strips the first cuts may leave too few
     panels to come near the target, and tighter limits do not add any.
 
-    most : largest number of panels
+    most : largest number of panels; parts : of the progress
     """
     mesh, limits = piece.mesh, piece.settings.layout
     if most > PARTS:
         return
+    progress = next(parts)
     curved = panel_curvature(flat.layout)
     found = symmetries(mesh, progress=progress.quiet()) if limits.symmetric else []
     sketches: dict[int, list[tuple[float, int, Idea]]] = {}  # by number of parts
@@ -238,4 +244,4 @@ def _fit_sheet(piece: LayoutProblem, flat: FlatPatches, progress: Progress) -> F
 
 def _expected(piece: LayoutProblem, flat: FlatPatches, start: PredictionStart, progress: Progress) -> float:
     """Return the RMS distance with which a search of a layout may end, as a share of the size; infinite without an equilibrium."""
-    return predict(piece, flat, start, progress.quiet(), further=FURTHER)
+    return predict(piece, flat, start, progress.saying(PREDICTING), further=FURTHER)

@@ -10,7 +10,7 @@ import pytest
 from flexmaps.engine.extras.choosing.drawn_cuts import along_folds
 from flexmaps.engine.extras.choosing.judge import FlatLayout, Idea, LayoutProblem, judge, lay_flat
 from flexmaps.engine.extras.choosing.predict import predict
-from flexmaps.engine.extras.choosing.tighten import MOST, SHARES, STRIPS, tighten
+from flexmaps.engine.extras.choosing.tighten import MOST, PREDICTING, SHARES, STRIPS, tighten
 from flexmaps.engine.params import Settings
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.patches.layout import PatchLayout
@@ -119,8 +119,12 @@ def test_every_body_is_a_piece_of_its_own() -> None:
     assert 0.0 < found.layout.notes["expected_percent"] < alone  # of a larger whole
 
 
-def test_merge_says_what_match_to_expect(predicted_match: None) -> None:
-    made = job.run(PolygonMesh.from_quads(shapes.dome(4)), SETTINGS, edge=0.02, stop_after="merge")
+def test_merge_says_what_match_to_expect_and_tells_while_it_predicts(predicted_match: None) -> None:
+    told: list[tuple[float, str]] = []
+    progress = Progress(lambda done, text: told.append((done, text)))
+    made = job.run(PolygonMesh.from_quads(shapes.dome(4)), SETTINGS, edge=0.02, stop_after="merge", progress=progress)
+    fractions = [done for done, text in told if text == PREDICTING]
+    assert fractions == sorted(fractions) and len(set(fractions)) > 20
     assert made.outputs["merged"].merged.layout.notes["expected_percent"] > 0.0
 
 
