@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -206,3 +207,19 @@ def test_a_search_whose_time_for_flat_shapes_is_over_goes_on_where_arms_are_stra
     search = Search(task, SearchRecord(), lambda _: None, np.inf, found.simulation.design.flat)
     search.run([replace(found.point, problem=problem)], found.simulation.design, SILENT)
     assert until <= task.work.share < 1.05 * until  # a little work is done before
+
+
+@pytest.mark.parametrize(("counts", "searches"), [((3, 3, 3, 3, 3), 2), ((4, 4, 3, 3, 3), 4), ((4, 2, 1, 0), 3)])
+def test_searches_for_open_slots_end_when_two_in_a_row_open_none(
+    monkeypatch: pytest.MonkeyPatch, counts: tuple[int, ...], searches: int
+) -> None:
+    """Counts of closed slots: of the result, and after each search."""
+    point = SimpleNamespace(problem=SimpleNamespace(space=SimpleNamespace(free=None)))
+    rest = {"simulation": SimpleNamespace(design=None), "point": point, "bears": lambda _: True}
+    results = [SimpleNamespace(closed=count, **rest) for count in counts]
+    waiting = iter(results[1:])
+    monkeypatch.setattr(found_module, "_unwind", lambda search, one, *rest, **options: one)
+    monkeypatch.setattr(found_module, "_ease_strains", lambda *given: next(waiting))
+    monkeypatch.setattr(found_module, "with_room", lambda design, *rest: design)
+    best = found_module._open_slots(SimpleNamespace(), results[0], SILENT)  # type: ignore[arg-type]
+    assert best.closed == min(counts[: searches + 1]) and len(list(waiting)) == len(counts) - 1 - searches
