@@ -129,6 +129,7 @@ def _flags(made: argparse.ArgumentParser) -> None:
 def _flag(group: argparse._ActionsContainer, name: str, dest: str, f: Field, kind: type) -> None:
     flag, meta = "--" + name.replace("_", "-"), f.metadata
     help = f"{meta['help']} (default {format_value(f, f.default)})" if kind in (int, float) else meta["help"]  # type: ignore[arg-type]
+    help = help.replace("%", "%%")  # argparse formats it
     if kind is bool:
         group.add_argument(flag, dest=dest, action=argparse.BooleanOptionalAction, help=help)
     elif meta["choices"]:

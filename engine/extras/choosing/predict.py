@@ -37,9 +37,7 @@ from .judge import FlatLayout, JudgedLayout, LayoutProblem, judge_shape, startin
 # Shares of the first step that are tried in turn until the piece comes nearer. With the full step alone, 59 % of the predictions of 22 surfaces are
 # within a factor of 1.5 of what a search reaches, with both shares 64 %; a third share changes no prediction
 SHARES = 1.0, 0.3
-PRODUCT_SHARE = (
-    0.02  # of the progress that is left, for each product with the model's matrix; a step takes some 100 of them
-)
+PRODUCT_SHARE = 0.02  # of the progress that is left, for each product with the model's matrix; a step takes some 100
 DAMPING = 1e-4  # penalty, as a share of the objective, on a step over the whole range of one coordinate
 
 
