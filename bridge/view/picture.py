@@ -363,7 +363,7 @@ def _add_legend(studio: Studio, legend: Legend) -> None:
     near = 2.0 * camera.data.clip_start
     percent = near * camera.data.sensor_width / camera.data.lens / 100  # of the picture's width
     left, top = -47.0, 50.0 * scene.render.resolution_y / scene.render.resolution_x - 4.0
-    if camera.data.type == "PERSP":
+    if camera.data.type == "PERSP":  # the corner holds the legend and a gap
         studio.clear_corner(0.01 * (left + 21.5), 0.01 * (top - 6.5))
         left += 100.0 * camera.data.shift_x
 

@@ -9,15 +9,14 @@ from .inverse import DesignPoint
 # RMS distance from the target, in percent of its size, at which a search ends. With a sheet 5 % thicker or thinner, or arms 0.05 mm wider
 # or narrower, ten pieces that came nearer are 0.02 to 0.17 % away (docs/tuning.md)
 NEAR_PERCENT = 0.1
-# Largest sum of the objective's other terms, for slots, strains and stability, at which it may end, as a share of that of positions at this
-# distance
+# Largest sum of the objective's terms for slots, strains and stability at which it may end, as a share of half the square of this distance
 OTHER_TERMS = 0.1
 
 
 def is_near(point: DesignPoint, params: OptimiseParams) -> bool:
-    """Return whether a search ends at a point because it is within ``NEAR_PERCENT`` of its target.
+    """Return whether a point is so near its target that a search with these settings ends there.
 
-    A patience above 1 divides the distance; with none to limit the search, or without ``stop``, no distance is near enough.
+    A patience above 1 divides the distance. With a patience or a ``stop`` of 0, and with wishes, no distance is near enough.
     """
     target = point.problem.target
     if not params.stop or not params.patience or target.wishes is not None or is_overstrained(point):

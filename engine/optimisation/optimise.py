@@ -39,7 +39,7 @@ from .work import FIT, Work
 
 ENDS = {
     "converged": "Converged: further steps would improve it by next to nothing.",
-    "reached": "Near enough: about a thousandth of its size from the target, or less. With more patience it comes nearer.",
+    "reached": "Near enough: the piece is about a thousandth of its size from its target, or nearer. Raise Patience to go on.",
     "iterations": "Stopped at the largest number of steps. Press Optimise again to improve it further.",
     "time": "Stopped at the time limit. Press Optimise again to improve it further.",
     "slow": "Stopped because further steps would improve it only slowly. Press Optimise again to go on.",
@@ -182,8 +182,8 @@ def optimise(
     name, start = names[0], first[0]
     given = points["given"].weighed(start.mismatch.value) if "given" in points else start
     pose = given.equilibrium.pose
-    elsewhere = before and poses_differ(before.equilibrium.pose, pose, before.assembly.pairs, before.loads)
-    if before is None or elsewhere:
+    rests_elsewhere = before and poses_differ(before.equilibrium.pose, pose, before.assembly.pairs, before.loads)
+    if before is None or rests_elsewhere:
         before = task.simulated(design, pose, progress.part(0.1, 0.12)) if prove else task.rested(design, given)
     trace, latest = SearchRecord(), (start, design)
 

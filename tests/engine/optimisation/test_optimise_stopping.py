@@ -49,14 +49,13 @@ def test_stopping_keeps_the_best_so_far() -> None:
         )
 
 
-def test_a_search_ends_where_real_sheets_would_be_no_nearer() -> None:
+def test_a_search_ends_near_its_target_and_does_not_begin_there() -> None:
     design, mesh = made()
     given = mesh, Settings().material.chosen, OptimiseParams(), SimulateParams()
     found = optimise.optimise(design, *given)
     assert found.ended == newton.REACHED and is_near(found.point, OptimiseParams())
-    assert (
-        0.1 * NEAR_PERCENT < found.report()["rms_percent"] < 1.2 * NEAR_PERCENT
-    )  # it does not go on to the exact shape
+    # it does not go on to the exact shape
+    assert 0.1 * NEAR_PERCENT < found.report()["rms_percent"] < 1.2 * NEAR_PERCENT
     again = optimise.optimise(found.design, *given)
     assert again.ended == newton.REACHED and not again.trace.evaluations and again.design is found.design
 
