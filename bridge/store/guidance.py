@@ -110,7 +110,7 @@ def _status_of_simulated(obj: bpy.types.Object, serious: list[Notice]) -> Status
     if serious:  # the rows below describe them
         many = interface("{} things to look at", len(serious))
         return Status(interface("1 thing to look at") if len(serious) == 1 else many, LOOK)
-    return Status(interface("Ready to cut: it fits and holds"), TICK)
+    return Status(interface("Ready to cut: it fits, arms hold"), TICK)
 
 
 def _describe_progress(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.StageState]) -> str:
