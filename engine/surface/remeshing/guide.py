@@ -11,8 +11,8 @@ from ...components import components
 from ..mesh import QuadMesh
 from ..triangle_tree import TriangleTree
 
-# longest move of a vertex per round, in lengths of its shortest edge; below 0.5, so that the ends of an edge cannot
-# pass each other
+# longest move of a vertex per round, in lengths of its shortest edge, as it was and as it is; below 0.5, so that the
+# ends of an edge cannot pass each other
 STEP = 0.3
 TURN = np.radians(50.0)  # a line has a corner at a vertex where it turns by more than this, radians
 CREASE = np.radians(80.0)  # an edge is a crease if the faces' normals differ by more than this, radians
@@ -37,11 +37,18 @@ def _vertex_normals(mesh: QuadMesh, points: np.ndarray) -> Float[np.ndarray, "ve
     return total / np.maximum(np.linalg.norm(total, axis=1), 1e-300)[:, None]
 
 
+def _shortest_edges(mesh: QuadMesh, points: np.ndarray) -> Float[np.ndarray, " vertices"]:
+    """Return the length of the shortest edge at every vertex, metres."""
+    shortest = np.full(len(points), np.inf)
+    np.minimum.at(shortest, mesh.edges, np.linalg.norm(np.diff(points[mesh.edges], axis=1), axis=2))
+    return shortest
+
+
 @dataclass(frozen=True, eq=False)
 class Guide:
     """Surface, lines (border and creases) and corners of the original mesh, on which vertices must stay.
 
-    max_step : longest step of every vertex, metres
+    shortest : original length of the shortest edge at every vertex, metres
     fixed : mask of vertices that do not move
     sliding : vertices on a line; before, after : their neighbours on it
     line_edges : edges of the lines
@@ -49,7 +56,7 @@ class Guide:
 
     mesh: QuadMesh
     surface: TriangleTree
-    max_step: Float[np.ndarray, " vertices"]
+    shortest: Float[np.ndarray, " vertices"]
     fixed: Bool[np.ndarray, " vertices"]
     sliding: Int[np.ndarray, " sliding"]
     before: Int[np.ndarray, " sliding"]
@@ -59,14 +66,13 @@ class Guide:
     @classmethod
     def from_mesh(cls, mesh: QuadMesh, boundary: bool) -> Guide:
         """Build the guide; with ``boundary`` the border counts as a line."""
-        shortest = np.full(len(mesh.vertices), np.inf)
-        np.minimum.at(shortest, mesh.edges, mesh.edge_lengths[:, None])
+        shortest = _shortest_edges(mesh, mesh.vertices)
         line_edges = mesh.edges[_lines(mesh, boundary)]
         fixed, sliding, before, after = _classify_line_vertices(mesh, line_edges)
-        return cls(mesh, TriangleTree(*fan(mesh)), STEP * shortest, fixed, sliding, before, after, line_edges)
+        return cls(mesh, TriangleTree(*fan(mesh)), shortest, fixed, sliding, before, after, line_edges)
 
     def back(self, start: np.ndarray, wanted: np.ndarray) -> Float[np.ndarray, "vertices 3"]:
-        """Project moves from ``start`` to ``wanted`` onto the surface and the lines, at most ``max_step`` long; metres."""
+        """Project moves from ``start`` to ``wanted`` onto the surface and the lines, shortened so that no edge turns round; metres."""
         step = wanted - start
         normal = _vertex_normals(self.mesh, start)
         step -= np.einsum("vi,vi->v", step, normal)[:, None] * normal
@@ -75,7 +81,8 @@ class Guide:
         step[self.sliding] = np.einsum("si,si->s", step[self.sliding], tangent)[:, None] * tangent
         step[self.fixed] = 0.0
         length = np.linalg.norm(step, axis=1)
-        step *= np.minimum(1.0, self.max_step / np.maximum(length, 1e-300))[:, None]
+        longest = STEP * np.minimum(self.shortest, _shortest_edges(self.mesh, start))
+        step *= np.minimum(1.0, longest / np.maximum(length, 1e-300))[:, None]
         _, face, found = self.surface.closest(start + step)
         # on a thin part the nearest point may lie on the far side
         beyond = np.einsum("vi,vi->v", self.surface.normals[face], normal) < 0

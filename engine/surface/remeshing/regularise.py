@@ -83,21 +83,42 @@ def regularise(mesh: QuadMesh, params: RegulariseParams, progress: Progress = SI
     if params.iterations == 0:
         return mesh
     guide = Guide.from_mesh(mesh, params.boundary)
+    points, shortened = _settle(guide, params.iterations, progress.part(0.0, 0.45), with_room=False)
+    if shortened:
+        other, _ = _settle(guide, params.iterations, progress.part(0.45, 0.9), with_room=True)
+        points = min(points, other, key=lambda one: _mean_energy(mesh, one))
+    points = _symmetrise(mesh, points, progress.part(0.9, 1.0))
+    better = _mean_energy(mesh, points) < _mean_energy(mesh, mesh.vertices)
+    return mesh.moved(points) if better and not _tight_quads(mesh, points, 1.0 + DOUBLE_TOL).any() else mesh
+
+
+def _settle(
+    guide: Guide, rounds: int, progress: Progress, *, with_room: bool
+) -> tuple[Float[np.ndarray, "vertices 3"], bool]:
+    """Return squarer quads without flaws, and whether moves were shortened at the end, as quads had too little room or shape.
+
+    With ``with_room``, quads with too little room are held from the start, so that those around can settle beside them;
+    on some meshes that ends squarer, on others less square.
+    """
+    mesh = guide.mesh
     points = before = mesh.vertices
     hold = _Hold(mesh, np.ones(len(mesh.quads)), np.zeros(len(points)))
-    for done in range(params.iterations):
-        progress(0.8 * done / params.iterations, "regularise")
+    for done in range(rounds):
+        progress(0.9 * done / rounds, "regularise")
         if done % EVERY == EVERY - 1:
-            hold = hold.after(*_spoilt_quads(mesh, points, 0.8), keep=0.8)
+            worse, away = _spoilt_quads(mesh, points, 0.8)
+            tight = _tight_quads(mesh, points, SPARE) if with_room else np.zeros_like(away)
+            hold = hold.after(worse, away | tight, keep=0.8)
         wanted = points + hold.pull(points) + MOMENTUM * (points - before)
         points, before = guide.back(points, wanted), points
-    progress(0.8, "regularise")
-    points = _repair(points, hold, guide, progress.part(0.8, 0.9))
-    progress(0.9, "regularise")
-    points = _shorten_moves(mesh, _unwarp(mesh, points))
-    points = _symmetrise(mesh, points, progress.part(0.9, 1.0))
-    better = square_energy(points[mesh.quads]).mean() < square_energy(mesh.vertices[mesh.quads]).mean()
-    return mesh.moved(points) if better and not _tight_quads(mesh, points, 1.0 + DOUBLE_TOL).any() else mesh
+    points = _unwarp(mesh, _repair(points, hold, guide, progress.part(0.9, 1.0)))
+    kept = _shorten_moves(mesh, points)
+    return kept, not np.array_equal(kept, points)
+
+
+def _mean_energy(mesh: QuadMesh, points: np.ndarray) -> float:
+    """Return the mean square energy of quads with their vertices at ``points``."""
+    return float(square_energy(points[mesh.quads]).mean())
 
 
 # -- one round -------------------------------------------------------------------------------------------------------
@@ -108,7 +129,7 @@ class _Hold:
     """Weights that hold the mesh back from being spoilt.
 
     weight : of every quad's pull; larger for quads that became worse
-    anchor : pull of a vertex to its original position, relative to its quads'; larger where surface is lost
+    anchor : pull of a vertex to its original position, relative to its quads'; larger where surface or room is lost
     """
 
     mesh: QuadMesh
@@ -129,7 +150,7 @@ class _Hold:
         return share * (wanted - points) + (1.0 - share) * (self.mesh.vertices - points)
 
     def after(self, worse: Bool[np.ndarray, " quads"], away: Bool[np.ndarray, " quads"], keep: float = 1.0) -> _Hold:
-        """Tighten where quads became ``worse`` or the surface is ``away``; keep the share ``keep`` of the weights elsewhere."""
+        """Tighten where quads became ``worse``, or lost surface or room (``away``); keep the share ``keep`` of the weights elsewhere."""
         weight = np.where(worse, np.minimum(2 * self.weight, 100.0), 1 + keep * (self.weight - 1))
         near = _corners_of(self.mesh, away)
         return replace(self, weight=weight, anchor=np.where(near, 2 * self.anchor + 0.2, keep * self.anchor))

@@ -272,6 +272,32 @@ def test_no_quad_gets_less_room_for_a_spiral_than_the_narrowest_had():
     assert not (is_short & ~was_short).any()
 
 
+def cap(sectors: int, rings: int, opening: float, height: float) -> QuadMesh:
+    """A cap whose pole is surrounded by quads with two sides on the first ring; ``height`` is a ball's times this."""
+    angle, turn = np.linspace(0, opening, rings + 1)[1:, None], 2 * np.pi * np.arange(sectors) / sectors
+    ring = [np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), np.repeat(height * np.cos(angle), sectors, 1)]
+    points = np.vstack([[0.0, 0.0, height], np.stack(ring, axis=2).reshape(-1, 3)])
+    at = 1 + np.arange(rings * sectors).reshape(rings, sectors)
+    after = np.roll(at, -1, axis=1)
+    around = np.stack([at[:-1], at[1:], after[1:], after[:-1]], axis=2).reshape(-1, 4)
+    middle = np.column_stack([np.zeros(sectors // 2, int), at[0, ::2], at[0, 1::2], np.roll(at[0, ::2], -1)])
+    mesh = QuadMesh(points, np.vstack([middle, around]))
+    return mesh.moved(points * 0.02 / mesh.median_edge)
+
+
+@pytest.mark.parametrize("height", [1.0, 0.25], ids=["round", "shallow"])
+@pytest.mark.parametrize(("sectors", "rings"), [(12, 7), (16, 8), (20, 12)])
+def test_quads_at_a_pole_keep_their_room_and_those_around_become_squarer(sectors: int, rings: int, height: float):
+    mesh = cap(sectors, rings, np.radians(80), height)
+    better = regularise(mesh, PARAMS)
+    before, after = (breadth(m.vertices[m.quads]) for m in (mesh, better))
+    least = min(0.4, before.min() / mesh.median_edge)
+    assert ((after / better.median_edge >= least) | (after >= before * (1.0 - 1e-9))).all()
+    assert energy(better).mean() < 0.85 * energy(mesh).mean()
+    outwards = better.vertices[better.quads].mean(axis=1) * [1.0, 1.0, 1.0 / height**2]  # the ellipsoid's normals
+    assert (np.einsum("fi,fi->f", better.normals, outwards) > 0).all()
+
+
 def test_bend_of_a_quad_is_the_turn_of_its_normals():
     """Two triangles that meet at an angle on a diagonal: the normals at the two other corners differ by it, neighbours by half."""
     for angle in (0.0, 0.2, 0.9):
