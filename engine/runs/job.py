@@ -13,6 +13,7 @@ import numpy as np
 from ..arrays import Float
 from ..errors import FlexMapsError
 from ..extras import registry
+from ..fabrication.nesting.many import refuse_many
 from ..fabrication.standing.early import check_early
 from ..mechanics import loads
 from ..mechanics.assembly import Pose
@@ -33,6 +34,7 @@ from .stages import STAGES, TABLE, TRACED
 from .steps import at_rest, function_of, simulated_shape
 
 CHECK, CHECK_SHARE = "check", 0.05  # the step before the stages of the table, and its share of the progress bar
+COARSE = 1e-4  # metres, tolerance of outlines that are only measured
 STAGE_NAMES = (CHECK, *(stage.name for stage in TABLE if not stage.quick))
 
 
@@ -297,6 +299,9 @@ def _through(result: Result, settings: Settings, wanted: Sequence[str], stage: _
     if HELD.intersection(wanted):
         check_early(result.mesh, result.supports, settings.base, settings.simulate, settings.spiral)
     for name in wanted:
+        if name == "optimise" and "sheets" in wanted:  # so that nobody waits for a search whose panels are refused
+            drawn = result.need(DesignVersion).design.outlines(COARSE)
+            refuse_many([one.outer.sampled(COARSE) for one in drawn], settings.sheet)
         with stage(name) as part:
             result = _done(STAGES[name], result, settings, part, lenient and name != wanted[-1])
     result = run_quick_stages(result, settings, stage.end)

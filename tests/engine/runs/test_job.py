@@ -10,6 +10,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import Settings
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.layout import PatchLayout
+from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import by_hand, job, report
 from flexmaps.engine.simulation.shortfall import angle_defects
 from flexmaps.engine.surface import shapes
@@ -186,3 +187,12 @@ def test_a_job_may_end_with_the_check() -> None:
     made = job.run(PolygonMesh.from_quads(shapes.make("strip")), Settings(), stop_after="check")
     assert made.mesh is not None and made.layout is None
     assert job.run_stages(made, Settings(), ()).layout is None
+
+
+def test_many_nearly_empty_sheets_are_refused_before_a_search() -> None:
+    usual = quick()
+    settings = replace(usual, sheet=replace(usual.sheet, sheet_width=0.08, sheet_height=0.08, margin=0.0))
+    seen: list[str] = []
+    with pytest.raises(FlexMapsError, match="sheets of 80 x 80 mm would be cut"):
+        job.run(hill(5, 0.05), settings, optimised=True, progress=Progress(lambda _, text: seen.append(text)))
+    assert "spirals" in seen and "optimise" not in seen
