@@ -146,3 +146,13 @@ def test_a_setting_of_an_earlier_version_that_chose_the_optimiser_is_ignored() -
     assert with_values(Settings(), {"optimise.method": "lbfgs", "optimise.iterations": 7}) == Settings(
         optimise=OptimiseParams(iterations=7)
     )
+
+
+@pytest.mark.parametrize(("setting", "message"), [("rim_width", "too narrow"), ("rim_spacing", "cannot be")])
+@pytest.mark.parametrize("hole", [0.002, 0.003])
+def test_a_rim_holds_holes_of_at_most_half_its_width_and_spacing(setting: str, message: str, hole: float) -> None:
+    wide = {"border": "rim", "rim_hole": hole, "rim_width": 0.02, "rim_spacing": 0.02}
+    assert SpiralParams(**{**wide, setting: 2.0 * hole}).rim_hole == hole
+    with pytest.raises(FlexMapsError, match=message):
+        SpiralParams(**{**wide, setting: 1.9 * hole})
+    assert SpiralParams(**{**wide, setting: 1.9 * hole, "border": "stubs"}).border == "stubs"

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from flexmaps.engine.components import components
 from flexmaps.engine.params import LayoutParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.layout import PatchLayout
+from flexmaps.engine.patches.tracing.regions import Halving
 from flexmaps.engine.patches.tracing.trace import make_disks, middle_line, motorcycles, parametric_lines, trace
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import QuadMesh
@@ -66,6 +68,17 @@ def test_the_middle_line_halves() -> None:
     cut = layout.cut.copy()
     cut[middle_line(layout, 0)] = True
     assert [len(q) for q in PatchLayout(mesh, cut).patches] == [36, 36]
+
+
+@pytest.mark.parametrize("name", ["dome", "saddle", "strip", "vault"])
+def test_halves_are_connected_and_take_all_quads(name: str) -> None:
+    mesh = shapes.make(name)
+    parts = Halving(mesh, LayoutParams()).halves(np.arange(len(mesh.quads)))
+    assert len(parts) == 2 and min(len(part) for part in parts) > 0.2 * len(mesh.quads)
+    assert np.array_equal(np.sort(np.concatenate(parts)), np.arange(len(mesh.quads)))
+    for part in parts:
+        within = np.isin(mesh.dual, part).all(axis=1)
+        assert len(np.unique(components(len(mesh.quads), *mesh.dual[within].T)[part])) == 1
 
 
 def test_parametric_lines_share_the_inner_edges_out() -> None:
