@@ -352,5 +352,8 @@ def _sentences(source: str, blocks: dict[str, Any]) -> list[Notice]:
     elif source == "assembly":  # joint forces fall as the piece grows or the sheet gets thinner
         advised = remedies.read_block({"advice": "", **blocks.get("reach", {})})
         ways = [cures.remedy(name, advised[name]) for name in HELPED["strained"] if name in advised]
-    words = interface(one) if len(lines) == 1 else interface(more, len(lines))
+        if not ways and block.get("load_max", 0.0) > 1.0:
+            ways = [cures.larger(remedies.size_factor(block["load_max"], soft=False))]
+    count = block.get("hard", len(lines))  # of seams, each of which may be hard for several reasons
+    words = interface(one) if count == 1 else interface(more, count)
     return [*plain, Notice(key, words, "\n".join(lines), WORSE, cures=(*ways, cures.let_go(key)))]

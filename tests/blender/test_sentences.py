@@ -40,6 +40,17 @@ def test_what_is_hard_to_join_or_at_a_limit_has_a_cure() -> None:
     ]
 
 
+def test_overloaded_connectors_are_counted_by_seams_and_hold_in_a_larger_piece() -> None:
+    """Also where the arms bear and nothing is advised: a connector's neck is narrower than its arm."""
+    block = {"hard": 4, "warnings": ["1 of 9 seams: its sides differ", "4 of 9 seams: a connector"], "load_max": 1.4}
+    (found,) = notices._sentences("assembly", {"assembly": block, "reach": {"advice": "", "remedies": {}}})
+    assert found.words.endswith(": 4")
+    larger = found.cures[0]
+    assert larger.idname == "flexmaps.set_size" and larger.properties == {"times": 1.4}
+    (found,) = notices._sentences("assembly", {"assembly": block | {"load_max": 0.9, "hard": 1}})
+    assert found.words == "Hard to assemble" and [cure.idname for cure in found.cures] == ["flexmaps.let_go"]
+
+
 def test_closed_slots_have_no_cure_that_does_not_open_them(add: Any) -> None:
     """A larger piece bends alike: its slots close too. The sentence names the brush that opens them."""
     piece = add(shapes.make("dome"))
