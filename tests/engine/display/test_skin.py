@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from flexmaps.engine.display import arrange
@@ -102,6 +104,17 @@ def test_a_rim_begins_flat_and_ends_as_the_elastic_one_does(rimmed):
     # the same bodies, though their points are in another order
     same = place[order][skin.strip.triangles].mean(axis=1)
     assert np.sort(same, axis=0) == pytest.approx(np.sort(place[rim.triangles].mean(axis=1), axis=0), abs=1e-9)
+
+
+def test_necks_of_another_design_on_the_same_rim_leave_its_outer_edge(rimmed):
+    made, _ = rimmed
+    rim, wider = RimMesh.from_design(made), replace(made, width=1.3 * made.width)
+    assert rim is not None
+    there = rim.with_necks_of(wider)
+    outer = rim.plane[:, 1] > 0.49 * rim.rim.width
+    assert outer.any() and np.array_equal(there.plane[outer], rim.plane[outer])
+    at_neck = np.isclose(np.abs(rim.plane[:, 0]), rim.necks[rim.node]) & (rim.plane[:, 1] < -0.49 * rim.rim.width)
+    assert np.abs(there.plane[at_neck, 0]) == pytest.approx(1.3 * np.abs(rim.plane[at_neck, 0]), rel=1e-6)
 
 
 def test_half_way_it_is_near_the_elastic_arms(piece):

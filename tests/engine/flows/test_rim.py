@@ -17,6 +17,7 @@ from flexmaps.engine.mechanics.arms.bent import bend_arms
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Pose, assembly_from_design, target_pose
 from flexmaps.engine.mechanics.loads import Loads
+from flexmaps.engine.mechanics.rim_bodies import RimJoints
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem, FlatRange
 from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.firmness import StabilityRequirement
@@ -69,6 +70,9 @@ def test_a_panel_is_a_strip_beside_the_same_spirals(flat_grid, degrees):
     whole = fabricable.uniform_design(flat, RIM, width=0.0015, twist=np.radians(degrees))
     rim = whole.rim
     assert rim is not None
+    following = np.flatnonzero(rim.following >= 0)
+    strips = RimJoints.from_rim(rim, whole.arms.centre).pairs
+    assert np.array_equal(strips, np.column_stack([following, rim.following[following]]))
     for outline, own in zip(whole.outlines(1e-7), range(2), strict=True):
         shape = polygon(outline)
         assert shape.is_valid

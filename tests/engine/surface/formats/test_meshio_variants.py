@@ -41,6 +41,7 @@ OFF = {
     "a line for the size": _off(faces="4\n0 1 4 3\n4\n1 2 5 4\n"),
     "vertices on one line": "OFF\n6 2 0\n" + " ".join(ROWS) + "\n4 0 1 4 3\n4 1 2 5 4\n",
     "vertices with normals on one line": "NOFF\n6 2 0\n" + " 0 0 1 ".join(ROWS) + " 0 0 1\n4 0 1 4 3\n4 1 2 5 4\n",
+    "vertices with colours on one line": "COFF\n6 2 0\n" + " 9 8 7 6 ".join(ROWS) + " 9 8 7 6\n4 0 1 4 3\n4 1 2 5 4\n",
     "faces on one line": _off(faces="4 0 1 4 3 4 1 2 5 4\n"),
     "one line": _off().replace("\n", " "),
     "a line for every word": _off().replace(" ", "\n"),
