@@ -9,7 +9,7 @@ from flexmaps.engine.spirals import contours, fabricable
 from flexmaps.engine.spirals.clearance import slots
 from flexmaps.engine.spirals.curves import spiral
 from flexmaps.engine.spirals.design import SpiralDesign
-from flexmaps.engine.spirals.touching import find_contacts
+from flexmaps.engine.spirals.touching import find_contacts, nearest_quads
 
 SHEAR = np.array([[1.0, 0.03], [0.12, 1.05]])
 TAPER = lambda p: p * [[1.0, 1.0]] + np.column_stack([0.25 * p[:, 0] * p[:, 1] / 0.06, 0 * p[:, 1]])  # noqa: E731
@@ -183,3 +183,12 @@ def test_touching_places_are_found(flat_grid):
     places = find_contacts([shifted])
     assert len(places) > 0
     assert (np.abs(places[:, 1:] - 0.02) < 0.02).all()
+
+
+def test_places_lie_in_the_quads_nearest_to_them(flat_grid):
+    flat = flat_grid(4, 3, cut=lambda x, y: x == 2.0)
+    centre = flat.corners.mean(axis=1)
+    for quad, (x, y) in enumerate(centre):
+        place = np.array([[flat.layout.patch_of[quad], x + 1e-3, y - 1e-3]])
+        assert nearest_quads(flat, place, 1).tolist() == [quad]
+        assert quad in nearest_quads(flat, place) and len(nearest_quads(flat, place)) == 4
