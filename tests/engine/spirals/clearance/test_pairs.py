@@ -1,0 +1,51 @@
+"""Broad phase of clearances: pairs of arms across seams against all points of their centre lines."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from flexmaps.engine.params import LayoutParams, SpiralParams
+from flexmaps.engine.patches.flattening import flatten
+from flexmaps.engine.patches.tracing import trace
+from flexmaps.engine.spirals.clearance.pairs import ACROSS, DEPTHS, pairs_of
+from flexmaps.engine.spirals.curves.spiral import centre_line, opposite_sides
+from flexmaps.engine.spirals.design import SpiralDesign
+from flexmaps.engine.surface import shapes
+
+NEAR = 1e-3  # metres between edges
+POINTS = 40  # of a centre line
+
+
+@pytest.mark.parametrize("name", ["dome", "cubesphere", "three_holes"])
+def test_arms_that_come_near_across_a_seam_are_pairs(name: str) -> None:
+    mesh, params, rng = shapes.make(name), SpiralParams(), np.random.default_rng(3)
+    flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
+    found = pairs_of(flat, params, NEAR)
+    laid = found.subset((found.kind == ACROSS) & found.laid)
+    known = set(zip(laid.one.tolist(), laid.two.tolist(), strict=True))
+    mate, side = opposite_sides(mesh)
+    corners = flat.corners @ np.array([1.0, 1j])
+    quads, sides = np.nonzero(flat.layout.outline_sides & ~mesh.border[mesh.quad_edges])
+    near, possible = set[tuple[int, int]](), 0
+    for _ in range(3):
+        count = len(mesh.quads)
+        width = rng.uniform(params.width_min, params.width_max, (count, 1)).repeat(4, axis=1)
+        arms = SpiralDesign(flat, params, width, rng.uniform(params.twist_min, params.twist_max, count)).arms
+        lines = [
+            centre_line(arms, np.broadcast_to(np.linspace(0.0, depth, POINTS), (count, 4, POINTS)))[0]
+            @ np.array([1, 1j])
+            for depth in DEPTHS[ACROSS]
+        ]
+        for f, k in zip(quads.tolist(), sides.tolist(), strict=True):
+            g, m = int(mate[f, k]), int(side[f, k])
+            here = corners[f, k], corners[f, (k + 1) % 4]
+            there = corners[g, (m + 1) % 4], corners[g, m]
+            turn = (here[1] - here[0]) / (there[1] - there[0])
+            turn /= abs(turn)
+            for arm in ((m + 1) % 4, (m + 3) % 4):
+                placed = turn * (lines[1][g, arm] - np.mean(there)) + np.mean(here)
+                apart = np.abs(lines[0][f, k][:, None] - placed).min() - 0.5 * (width[f, k] + width[g, arm])
+                possible += 1
+                if apart < NEAR:
+                    near.add((4 * f + k, 4 * g + arm))
+    assert 0.01 * possible < len(near) < possible and near <= known
