@@ -9,9 +9,11 @@ from flexmaps.engine.display.panel_mesh import DETAILS, Detail, panel_mesh
 from flexmaps.engine.fabrication.connectors.connect import connect
 from flexmaps.engine.materials import material
 from flexmaps.engine.mechanics.arms import bent as bent_arms
+from flexmaps.engine.mechanics.arms import bent_rim
 from flexmaps.engine.mechanics.arms.bent import bend_arms, hub_edge_of_design
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Pose, assembly_from_design, target_pose
+from flexmaps.engine.mechanics.rim_bodies import BACKWARDS, FORWARDS, NECK
 from flexmaps.engine.mechanics.vectors import rotation_matrix
 from flexmaps.engine.params import ConnectorParams, LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
@@ -250,3 +252,20 @@ def test_on_the_target_without_a_simulation(dome):
     arms = bend_arms(made, pose)
     stretched = np.linalg.norm(np.diff(arms.place, axis=1), axis=2).sum(axis=1)
     assert stretched == pytest.approx(np.linalg.norm(np.diff(arms.flat, axis=1), axis=2).sum(axis=1), rel=0.02)
+
+
+def test_necks_and_strips_of_a_rim_reach_from_its_nodes_to_their_joints():
+    flat = flatten.flatten(trace.trace(shapes.make("dome"), LayoutParams()), LayoutParams())
+    rim = fabricable.uniform_design(flat, SpiralParams(border="rim")).rim
+    assert rim is not None
+    ends = np.array([0.0, 1.0])
+    for arm in (NECK, FORWARDS, BACKWARDS):
+        place, way, length = bent_rim._line(rim, arm, ends)
+        assert place[:, 0] == pytest.approx(0.0, abs=1e-12) and np.abs(way) == pytest.approx(1.0)
+        assert (length > 0.0).all()
+        if arm == NECK:
+            assert place[:, 1] == pytest.approx(rim.middle - rim.centre, abs=1e-12)
+    # both halves of a strip end in its middle
+    node = np.flatnonzero(rim.following >= 0)
+    halves = [bent_rim._line(rim, arm, ends)[0][:, 1] + rim.centre for arm in (FORWARDS, BACKWARDS)]
+    assert halves[0][node] == pytest.approx(halves[1][rim.following[node]], abs=1e-9)
