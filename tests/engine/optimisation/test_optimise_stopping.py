@@ -80,27 +80,27 @@ def test_only_an_unstrained_piece_on_its_target_is_near_enough() -> None:
     assert near(target=far) and not near(OptimiseParams(patience=100.0), target=far)
 
 
-@pytest.mark.parametrize("percent", [0.9, 1.1, 20.0])
-def test_a_search_is_given_up_later_while_the_piece_is_farther_than_wanted(
-    percent: float, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("percent", "strained"), [(0.9, False), (0.9, True), (1.1, False), (20.0, True)])
+def test_a_search_is_given_up_later_while_the_piece_is_far_or_overstrained(
+    percent: float, strained: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(search, "is_near", lambda *_: False)
     work = Work(limit=100.0, rate=1.0)
     work.begin(1.0)
     searching: Any = SimpleNamespace(task=SimpleNamespace(work=work, params=OptimiseParams()))
-    here: Any = SimpleNamespace(percent=percent, value=1.0, strained=False, point=None)
+    here: Any = SimpleNamespace(percent=percent, value=1.0, strained=strained, point=None)
     here.pressed = here.firmed = lambda: here
     slow = []
 
     def stage(*_: Any) -> Any:
-        for _ in range(10):  # a quarter of the rate
+        for _ in range(10):  # two thirds of the rate
             work.add(0.1, 1)
-            work.note(0.025)
+            work.note(0.067)
         slow.append(work.slow)
         return here
 
     search.Search._repeat(searching, stage, here, 1, 0.05, SILENT)
-    assert slow == [percent < search.WANTED_PERCENT]
+    assert slow == [percent < search.WANTED_PERCENT and not strained]
 
 
 def test_given_design_is_shown_before_limits_and_other_starts_are_computed(monkeypatch: pytest.MonkeyPatch) -> None:
