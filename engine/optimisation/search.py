@@ -53,8 +53,8 @@ OVERTIME, RELIEF_STEPS = 0.5, 1
 # Share of the objective that a refused one of these steps must have been predicted to bring, else no shorter one is tried. With larger
 # ones a search gives up sooner
 RELIEF_STOP = 0.25
-# Least factor by which the decreases of steps count more while a piece is farther from its target than ``WANTED_PERCENT``. Without it, six
-# of seven surfaces ended at 1.05 to 1.4 % though the same search, going on, brought them within 1 % (docs/tuning.md)
+# Least factor by which the decreases of steps count more while a piece is farther from its target than ``WANTED_PERCENT``. Without it, five
+# of ten surfaces ended at 1.05 to 1.4 % though the same search, going on, brought them within 1 % (docs/tuning.md)
 UNMET_FACTOR = 8.0
 # The same factor for near pieces while arms are visibly overstrained. With 1, one of five runs of a pointed spindle ended at 1.08 of the limit
 # and 0.61 % of the size, in place of 0.91 and 0.17 to 0.20 %; with 8, a surface of 986 quads takes half as long again for nothing to see

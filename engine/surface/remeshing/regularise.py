@@ -113,7 +113,7 @@ def _settle(
         points, before = guide.back(points, wanted), points
     points = _unwarp(mesh, _repair(points, hold, guide, progress.part(0.9, 1.0)))
     kept = _shorten_moves(mesh, points)
-    return kept, not np.array_equal(kept, points)
+    return kept, bool(np.abs(kept - points).max() > DOUBLE_TOL * mesh.median_edge)
 
 
 def _mean_energy(mesh: QuadMesh, points: np.ndarray) -> float:
