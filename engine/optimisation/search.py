@@ -53,11 +53,13 @@ OVERTIME, RELIEF_STEPS = 0.5, 1
 # Share of the objective that a refused one of these steps must have been predicted to bring, else no shorter one is tried. With larger
 # ones a search gives up sooner
 RELIEF_STOP = 0.25
-# Least factor by which the decreases of steps count more while a piece is farther from its target than ``WANTED_PERCENT``. Without it, five
-# of ten surfaces ended at 1.05 to 1.4 % though the same search, going on, brought them within 1 % (docs/tuning.md)
+# Factor on the decreases of steps while a piece is farther from its target than ``WANTED_PERCENT``, so that its search is given up later; the
+# ratio of the two distances if that is larger. Without it, five of ten surfaces ended at 1.05 to 1.4 % though the same search, going on,
+# brought them within 1 % (docs/tuning.md)
 UNMET_FACTOR = 8.0
-# The same factor for near pieces while arms are visibly overstrained. With 1, one of five runs of a pointed spindle ended at 1.08 of the limit
-# and 0.61 % of the size, in place of 0.91 and 0.17 to 0.20 %; with 8, a surface of 986 quads takes half as long again for nothing to see
+# The same for nearer pieces while arms are visibly overstrained. With 1, one of five runs of a pointed spindle ended at 1.08 of the limit and
+# 0.61 % of the size, the others at 0.91 and 0.17 to 0.20 %; with 8, a surface of 986 quads ends at 0.10 in place of 0.11 %, after 1.3 times
+# the seconds
 STRAINED_FACTOR = 2.0
 # A match in curvature is useless if the whole piece drifts away. RMS distances from the target that are always allowed: in distances of
 # neighbours, and as a multiple of the given design's
@@ -115,6 +117,14 @@ class StageResult:
     def strained(self) -> bool:
         """Whether the largest strain exceeds the limit so far that users get a message."""
         return is_overstrained(self.point)
+
+    @property
+    def rate_factor(self) -> float:
+        """Factor on the decreases of further steps, see ``Work.factor``."""
+        far = self.percent / WANTED_PERCENT
+        if far > 1.0:
+            return max(UNMET_FACTOR, far)
+        return STRAINED_FACTOR if self.strained else 1.0
 
     def merit(self, strictness: float) -> float:
         """Return ``DesignPoint.merit``, for comparing results of stages; infinite if not sound."""
@@ -236,8 +246,7 @@ class Search:
         for k in range(most):
             if self.task.work.over:
                 break
-            far = here.percent / WANTED_PERCENT
-            self.task.work.factor = max(UNMET_FACTOR, far) if far > 1.0 else STRAINED_FACTOR if here.strained else 1.0
+            self.task.work.factor = here.rate_factor
             start = here.pressed().firmed()
             if is_near(start.point, self.task.params):
                 break

@@ -48,7 +48,8 @@ class Work:
     limit : seconds, None for none; rate : at which a search ends, see ``END_RATE``
     usual : seconds, ``LIMITS`` times the patience; 0 without a limit
     share : of the limit that the present stage may reach; done : work so far, seconds; began : processor time at the start, seconds
-    rated : whether the present stage ends at ``rate``; factor : by which its steps count more, far from the target
+    rated : whether the present stage ends at ``rate``
+    factor : by which the decreases of its steps count more, while the piece is far from its target or overstrained
     steps : total work after its steps, and their decrease of the objective's logarithm
     cheapest : least work from a step to the proposal of the next one, so far; the next takes at least about as much
     """

@@ -89,6 +89,7 @@ def test_a_search_is_given_up_later_while_the_piece_is_far_or_overstrained(
     work.begin(1.0)
     searching: Any = SimpleNamespace(task=SimpleNamespace(work=work, params=OptimiseParams()))
     here: Any = SimpleNamespace(percent=percent, value=1.0, strained=strained, point=None)
+    here.rate_factor = search.StageResult.rate_factor.fget(here)  # type: ignore[attr-defined]
     here.pressed = here.firmed = lambda: here
     slow = []
 
