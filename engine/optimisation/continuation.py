@@ -14,15 +14,17 @@ import numpy as np
 from ..mechanics.assembly import target_pose
 from ..mechanics.loads import Springs
 from ..progress import Progress
+from ..simulation.shortfall import find_far_bodies
 from .firmness import RequirementWithoutSprings
 from .inverse import DesignPoint
+from .near_target import NEAR_PERCENT
 from .optimisers import SearchRecord
 from .other_weights import with_problem
 from .remedies import WANTED_PERCENT
 from .search import Search, StageResult
 
 # Distance from the target, in percent of the size, beyond which a search goes on with springs; ``WANTED_PERCENT`` where the piece was about
-# to snap. Five others that ended at 1 to 2 % gained nothing
+# to snap, and ``NEAR_PERCENT`` where it stays flat. Five others that ended at 1 to 2 % gained nothing
 FAR_PERCENT = 2.0
 # Stiffnesses of the springs, the stiffest first, as shares of the mean stiffness of joints between two hubs in translation
 SHARES = (1e-3, 1e-4, 1e-5, 1e-6)
@@ -44,8 +46,7 @@ def continue_far(search: Search, progress: Progress) -> None:
     progress : reports progress and raises Cancelled
     """
     here, work, ended = search.best, search.task.work, search.trace.ended
-    far = WANTED_PERCENT if search.snapping else FAR_PERCENT
-    if not search.task.params.codesign or here.point.arms is None or here.percent <= far:
+    if not search.task.params.codesign or here.point.arms is None or here.percent <= _allowed_percent(search, here):
         return
     work.extend(TIME_WITH_SPRINGS * work.usual)
     released = _release_from_springs(search, here, progress.part(0.0, 0.7).saying(MESSAGE))
@@ -53,6 +54,18 @@ def continue_far(search: Search, progress: Progress) -> None:
         work.extend(TIME_AFTER_SPRINGS * work.usual, rated=True)
         search.relieve(search.cycled(released, progress.part(0.7, 0.95)), progress.part(0.95, 1.0))
     search.trace.ended = ended  # how the usual search ended, which is what users are told
+
+
+def _allowed_percent(search: Search, here: StageResult) -> float:
+    """Return the distance from the target, in percent of the size, up to which a result needs no springs."""
+    pose, held = here.point.equilibrium.pose, here.point.problem.loads.fixed[:, :3].any(axis=1)
+    bodies = find_far_bodies(here.design.flat.layout, search.task.target, pose.centres, held)
+    flat = [one for one in bodies if one.flat]
+    if any(one.seamed or one.held for one in flat):
+        return NEAR_PERCENT
+    if flat and len(flat) == len(bodies):
+        return np.inf  # nothing can make them leave the plane
+    return WANTED_PERCENT if search.snapping else FAR_PERCENT
 
 
 def _release_from_springs(search: Search, here: StageResult, progress: Progress) -> StageResult | None:

@@ -17,15 +17,15 @@ from ..figures import format_figure
 from ..patches.layout import PatchLayout
 from ..patches.tracing.trace import middle_line
 from ..surface.checking.finding import with_count
+from ..surface.curvature import LOW_RELIEF, relief
 from ..surface.mesh import QuadMesh
 from .visible import VISIBLE_RMS_SHARE
 
 # RMS distance from the target, as a share of the target's relief, above which a body is far from its target
 FAR_BY_RELIEF = 0.5
 FLAT = 0.25  # relief as a share of the target's relief below which a body has stayed flat
-LOW_RELIEF = 0.005  # relief as a share of the diagonal below which the target itself counts as flat
-# total Gaussian curvature of a patch, in radians, above which a cut is proposed; domes and saddles with less stayed flat
-# even with seams
+# total Gaussian curvature of a patch, in radians, above which a cut through it is proposed beside other seams; a body without a seam is always
+# proposed one
 CURVED = 0.6
 
 
@@ -35,7 +35,7 @@ class FarBody:
 
     quads : (k,) indices of its quads
     rms : RMS distance from the target, as a share of the body's diagonal
-    flat : whether it has stayed flat
+    flat : whether it has stayed flat; seamed : whether a seam runs through it
     held : whether supports hold it
     open : whether it has a border
     whole : whether it is the whole piece
@@ -45,6 +45,7 @@ class FarBody:
     quads: Int[np.ndarray, " some"]
     rms: float
     flat: bool
+    seamed: bool
     held: bool
     open: bool
     whole: bool
@@ -93,36 +94,33 @@ def find_far_bodies(
         quads = np.flatnonzero(mesh.body_of == k)
         size = float(np.linalg.norm(np.ptp(mesh.vertices[mesh.quads[quads]].reshape(-1, 3), axis=0)))
         wanted, own = mesh.centroids[quads], centres[quads]
-        rms, height = float(np.sqrt(((own - wanted) ** 2).sum(axis=1).mean())), rms_height(wanted)
-        flat = height > LOW_RELIEF * size and rms_height(own) < FLAT * height
+        rms, height = float(np.sqrt(((own - wanted) ** 2).sum(axis=1).mean())), relief(wanted)
+        flat = height > LOW_RELIEF * size and relief(own) < FLAT * height
         if flat or rms > VISIBLE_RMS_SHARE * size or (height > LOW_RELIEF * size and rms > FAR_BY_RELIEF * height):
-            border = bool(mesh.border[mesh.quad_edges[quads]].any())
+            edges = mesh.quad_edges[quads]
+            seamed = bool(layout.cut[edges].any())
             far.append(
                 FarBody(
                     quads,
                     rms / size,
                     flat,
+                    seamed,
                     bool(held[quads].any()),
-                    border,
+                    bool(mesh.border[edges].any()),
                     len(quads) == len(mesh.quads),
-                    _middle_cut(layout, quads),
+                    _middle_cut(layout, quads, any_curvature=flat and not seamed),
                 )
             )
     return sorted(far, key=lambda s: -s.rms)
 
 
-def rms_height(points: Float[np.ndarray, "spirals 3"]) -> float:
-    """Return the root mean square distance of points (n, 3) from their best plane."""
-    return float(np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1] / np.sqrt(len(points)))
-
-
-def _middle_cut(layout: PatchLayout, quads: np.ndarray) -> Int[np.ndarray, " c"]:
-    """Return the edges (c,) of the line that halves the most curved patch of a body; empty if no patch is curved."""
+def _middle_cut(layout: PatchLayout, quads: np.ndarray, *, any_curvature: bool) -> Int[np.ndarray, " c"]:
+    """Return the edges (c,) of the line that halves the most curved patch of a body; empty if no patch is curved enough."""
     curved = angle_defects(layout)[quads]
     patch = layout.patch_of[quads]
     total = np.bincount(patch, weights=curved)
     worst = int(total.argmax())
-    return middle_line(layout, worst) if total[worst] > CURVED else np.zeros(0, dtype=np.int64)
+    return middle_line(layout, worst) if any_curvature or total[worst] > CURVED else np.zeros(0, dtype=np.int64)
 
 
 def angle_defects(layout: PatchLayout) -> Float[np.ndarray, " quads"]:

@@ -13,6 +13,9 @@ SLACK = 1e-4
 # largest thickness of a flat body, as a share of its smaller width: rounding to single precision leaves 1e-7, a visible
 # bend 1e-2
 FLAT = 1e-4
+# Smallest relief of a curved surface, as a share of its size. A search ends where a piece is so near its target, and below it a panel that stays
+# flat is as near
+LOW_RELIEF = 1e-3
 
 
 def rms_curvature(mesh: QuadMesh) -> Float[np.ndarray, " quads"]:
@@ -31,6 +34,11 @@ def is_flat(mesh: QuadMesh) -> bool:
         if spread[2] > FLAT * spread[1]:
             return False
     return True
+
+
+def relief(points: Float[np.ndarray, "points 3"]) -> float:
+    """Return the root mean square distance of points from their best plane, in the unit of the points."""
+    return float(np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1] / np.sqrt(len(points)))
 
 
 def principal_curvatures(mesh: QuadMesh) -> Float[np.ndarray, "quads 2"]:

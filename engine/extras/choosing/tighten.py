@@ -20,7 +20,7 @@ from ...patches.merging.dissolve import without_crumbs
 from ...patches.merging.merge import merge
 from ...patches.splitting.split import split
 from ...progress import SILENT, Progress
-from ...surface.curvature import is_flat
+from ...surface.curvature import is_flat, relief
 from ...surface.symmetry import keeping, symmetries
 from ...threads import one_thread
 from .drawn_cuts import along_folds, drop_images, equal_cuts
@@ -41,6 +41,9 @@ UNIFORM = 0.5
 # Share of the wanted distance within which the expected one must lie. Of 16 surfaces three are expected at 0.92 to 0.96 %; two end at 0.76 and
 # 0.78 %, and a head of 472 quads in 7 panels at 1.07 % with eight closed slots; in 12 panels it ends at 0.50 % with none
 WANTED_SHARE = 0.9
+# Largest expected distance that is kept, as a share of the distance of a flat piece: a prediction that begins with a flat piece stays flat, where
+# searches come near with springs
+RISEN = 0.95
 # Most equal parts that are tried, most divisions that are laid flat, and most of those whose match is predicted: half and twice as many give the
 # same on four surfaces, but tents keep 2 panels for 3 with one prediction.
 # Layouts that may have more than PARTS panels are left out: of a head in 12 panels, no division into equal parts kept the limits
@@ -74,14 +77,14 @@ def tighten(
     For every body the first layout that is expected within ``WANTED_SHARE`` of the match, else the one that is expected nearest; ``flat`` itself if no
     other is better. Layouts are compared with the cuts that their panels need to fit the sheet, and may then have at most ``MOST`` times as many panels
     as ``flat``; the returned layout is without these cuts. The notes of the layout have ``expected_percent``, the RMS distance from the target with
-    which a search may end, as a percentage of the size, if it can be predicted.
+    which a search may end, as a percentage of the size; not where it cannot be predicted, or is that of a flat piece.
     """
     mesh = piece.mesh
     if params.goal != "match" or piece.settings.simulate.model == "rod" or is_flat(mesh):
         return flat
     improve = _tighten_bodies if mesh.body_of.any() else _tighten_body
     best, expected = improve(piece, begun, flat, params, progress.rising())
-    if np.isfinite(expected):
+    if expected < RISEN * relief(mesh.centroids) / mesh.diagonal:
         best.layout.notes["expected_percent"] = 100.0 * expected
     return best
 

@@ -1,7 +1,9 @@
 """Cut a single panel in two: without a seam nothing makes it leave the plane.
 
 A seam drives a piece out of the plane because its two equally long sides follow different curves in the plane. The less
-of the surface's curvature is absorbed by distortion of the panels, the more the seam drives it.
+of the surface's curvature is absorbed by distortion of the panels, the more the seam drives it. Where a surface bends one way
+only its panels are not distorted, and the sides of a seam are alike; there an optimiser moves them apart, along a seam that is
+straight in space.
 """
 
 from __future__ import annotations
@@ -10,8 +12,11 @@ from functools import partial
 
 import numpy as np
 
+from ...arrays import Bool
 from ...params import LayoutParams
 from ...progress import Progress
+from ...surface.curvature import LOW_RELIEF, relief
+from ...surface.mesh import QuadMesh
 from ...surface.symmetry import Symmetry, keeping
 from ..flattening.flatten import flatten
 from ..layout import PatchLayout
@@ -19,25 +24,24 @@ from ..splitting.straight_runs import ends_and_unevenness, straight_runs
 from .board import Board
 from .straighten import badness
 
-# Largest E at which a single flat panel stays whole. With 1 to 2e-4, halving domes, saddles and hypars of 196 quads
-# changed the simulated shape by less than 0.01 % of the size; with 0.001, 0.0022, 0.009 and 0.011 the RMS deviation
-# fell from 3.0 to 1.8, 4.3 to 3.4, 6.9 to 4.4 and 5.6 to 1.0 %.
-FLAT = 5e-4
+ALIKE = (
+    6  # decimals of the mean distortion up to which cuts count as equally good, and the straightest in space is taken
+)
 RUNS = 12  # number of cuts tried: 6 and 24 move the cut on two and one of 12 surfaces, to as flat panels; 1 to less flat ones
 SMALLEST = 0.25  # smallest share of the panel on either side of a cut; chosen by eye
 APART = 0.03  # smallest distance between the ends of two cuts, as a share of the outline; chosen by eye
 
 
 def leaves_plane(board: Board) -> bool:
-    """Return whether there is a cut or several panels, or the single panel is nearly undistorted."""
-    pieces = list(board.pieces.values())
-    return len(pieces) != 1 or bool(board.cut.any()) or pieces[0].flat.worst <= FLAT
+    """Return whether there is a cut or several panels, or the surface itself is nearly flat."""
+    mesh = board.layout.mesh
+    return len(board.pieces) != 1 or bool(board.cut.any()) or relief(mesh.centroids) <= LOW_RELIEF * mesh.diagonal
 
 
 def cut_in_half(board: Board, whole_group: list[Symmetry], progress: Progress) -> Board:
     """Cut the single panel where that leaves least distortion, symmetrically if that is nearly as good."""
     layout = board.layout
-    ranked: list[tuple[float, int, Board]] = []
+    ranked: list[tuple[float, float, int, Board]] = []
     for number, cut in enumerate(_cuts(layout, board.params, progress)):
         tick = partial(progress, 0.5 + 0.5 * number / RUNS, "Looking for the seam that drives the panel")
         tick()
@@ -48,8 +52,21 @@ def cut_in_half(board: Board, whole_group: list[Symmetry], progress: Progress) -
         share = 0.6 + 0.4 / (1 + len(kept))
         left = sum(float(p.flat.energy @ layout.mesh.areas[p.quads]) for p in made.pieces.values())
         wrong = badness(made, made.pieces.values()) - len(made.pieces)
-        ranked.append((round(wrong, 6) + share * left / float(layout.mesh.areas.sum()), number, made))
-    return min(ranked, key=lambda r: r[:2])[2] if ranked else board
+        rating = round(round(wrong, 6) + share * left / float(layout.mesh.areas.sum()), ALIKE)
+        ranked.append((rating, _turning(layout.mesh, made.cut), number, made))
+    return min(ranked, key=lambda r: r[:3])[-1] if ranked else board
+
+
+def _turning(mesh: QuadMesh, cut: Bool[np.ndarray, " edges"]) -> float:
+    """Return the sum of the angles in space between successive edges of a cut, radians, rounded."""
+    edges = mesh.edges[cut]
+    ways = mesh.vertices[edges[:, 1]] - mesh.vertices[edges[:, 0]]
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    vertex, away = edges.T.ravel(), np.concatenate([ways, -ways])
+    order = np.argsort(vertex, kind="stable")
+    vertex, away = vertex[order], away[order]
+    cosine = -(away[:-1] * away[1:]).sum(axis=1)[vertex[:-1] == vertex[1:]]
+    return round(float(np.arccos(np.clip(cosine, -1.0, 1.0)).sum()), 6)
 
 
 def _cuts(layout: PatchLayout, params: LayoutParams, progress: Progress) -> list[np.ndarray]:

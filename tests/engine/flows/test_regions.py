@@ -215,6 +215,21 @@ def test_one_panel_stays_whole_where_it_is_flat_or_held() -> None:
     assert any("supports" in text for text in remarks)  # type: ignore[attr-defined]
 
 
+@pytest.mark.parametrize("share", [0.5, 2.0])
+def test_one_panel_stays_whole_only_where_the_surface_is_nearly_flat(share: float) -> None:
+    """The RMS distance of a product of two sines over half a wave from its mean is known in closed form."""
+    spread = np.sqrt(0.25 - (4.0 / np.pi**2) ** 2)  # of a height of 1, continuous
+    height = share * curvature.LOW_RELIEF * 10.0 * np.sqrt(2.0) / spread
+    mesh = grid(10, lambda u, v: height * np.cos(np.pi * u / 2) * np.cos(np.pi * v / 2))
+    assert bool(merged(mesh).layout.cut.any()) is (share > 1.0)
+
+
+def test_a_surface_that_bends_one_way_is_cut_along_a_straight_line() -> None:
+    mesh = grid(10, lambda u, v: 2.0 * np.cos(np.pi * u / 2) + 0.0 * v)
+    ends = mesh.vertices[mesh.edges[merged(mesh).layout.cut]]
+    assert len(ends) == 10 and np.ptp(ends[..., [0, 2]].reshape(-1, 2), axis=0).max() < 1e-9
+
+
 @pytest.mark.parametrize("name", ["dome", pytest.param("three_holes", marks=pytest.mark.thorough)])
 def test_merging_what_was_merged_changes_nothing(name: str) -> None:
     mesh = shapes.make(name)

@@ -17,17 +17,18 @@ from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals.design import SpiralDesign
+from flexmaps.engine.surface.curvature import relief
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
 SETTINGS = Settings()
 VERO = MATERIALS["vero"]
 
 
-@lru_cache(maxsize=1)
-def hill() -> tuple[SpiralDesign, QuadMesh]:
-    """A hill of 30 quads, whose panels rest far from it, and its spirals."""
+@lru_cache(maxsize=2)
+def hill(height: float = 0.5) -> tuple[SpiralDesign, QuadMesh]:
+    """A hill of 30 quads over a square with sides of 2, whose panels rest far from it, and its spirals."""
     x, y = np.meshgrid(np.linspace(-1.0, 1.0, 7), np.linspace(-1.0, 1.0, 6), indexing="ij")
-    z = 0.125 * (1.0 + np.cos(np.pi * x / 1.2)) * (1.0 + np.cos(np.pi * y / 1.2))
+    z = 0.25 * height * (1.0 + np.cos(np.pi * x / 1.2)) * (1.0 + np.cos(np.pi * y / 1.2))
     corner = np.arange(x.size).reshape(x.shape)
     quads = np.stack([corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]], axis=-1).reshape(-1, 4)
     mesh = QuadMesh(np.stack([x, y, z], axis=-1).reshape(-1, 3), quads)
@@ -76,6 +77,29 @@ def test_springs_bring_a_search_on_that_ends_far_from_its_target() -> None:
     assert found.after.equilibrium.converged and found.after.loads.springs is None
     again = simulate(found.design, found.after.target, VERO, replace(SETTINGS.simulate, restarts=0))
     assert again.match["rms_percent"] == pytest.approx(found.after.match["rms_percent"], rel=0.01)
+
+
+def test_a_shallow_surface_does_not_stay_flat() -> None:
+    design, mesh = hill(0.12)
+    found = optimise(design, mesh, VERO, replace(SETTINGS.optimise, patience=0.5), SETTINGS.simulate)
+    flat = relief(found.before.equilibrium.pose.centres)
+    assert flat < 0.01 * relief(mesh.centroids) and found.before.match["rms_percent"] < continuation.FAR_PERCENT
+    assert relief(found.after.equilibrium.pose.centres) == pytest.approx(relief(mesh.centroids), rel=0.1)
+    assert found.after.match["rms_percent"] < 0.2 * found.before.match["rms_percent"]
+
+
+def test_no_springs_where_nothing_can_make_a_piece_leave_the_plane() -> None:
+    design, mesh = hill(0.12)
+    seamless = job.run(
+        PolygonMesh.from_quads(mesh),
+        replace(SETTINGS, layout=replace(SETTINGS.layout, seamless=True)),
+        stop_after="spirals",
+    )
+    assert seamless.design is not None and design.flat.layout.cut.any() and not seamless.design.flat.layout.cut.any()
+    watcher = Watcher(cancels=True)
+    params, progress = replace(SETTINGS.optimise, patience=0.5), Progress(watcher.report)
+    found = optimise(seamless.design, mesh, VERO, params, SETTINGS.simulate, progress=progress)
+    assert found.ended != CANCELLED and relief(found.after.equilibrium.pose.centres) < 0.01 * relief(mesh.centroids)
 
 
 def test_shapes_that_springs_hold_are_not_shown() -> None:
