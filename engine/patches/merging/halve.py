@@ -33,9 +33,11 @@ APART = 0.03  # smallest distance between the ends of two cuts, as a share of th
 
 
 def leaves_plane(board: Board) -> bool:
-    """Return whether there is a cut or several panels, or the surface itself is nearly flat."""
+    """Return whether there is a cut or several panels, or the surface itself is nearly flat, or too small for two panels."""
     mesh = board.layout.mesh
-    return len(board.pieces) != 1 or bool(board.cut.any()) or relief(mesh.centroids) <= LOW_RELIEF * mesh.diagonal
+    if len(board.pieces) != 1 or board.cut.any() or len(mesh.quads) < 2 * board.params.patch_min:
+        return True
+    return relief(mesh.vertices) <= LOW_RELIEF * mesh.diagonal
 
 
 def cut_in_half(board: Board, whole_group: list[Symmetry], progress: Progress) -> Board:

@@ -224,6 +224,14 @@ def test_one_panel_stays_whole_only_where_the_surface_is_nearly_flat(share: floa
     assert bool(merged(mesh).layout.cut.any()) is (share > 1.0)
 
 
+def test_a_piece_too_small_for_two_panels_stays_whole() -> None:
+    def shallow(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return 0.1 * bowl(u, v)
+
+    assert not merged(grid(3, shallow)).layout.cut.any()  # of 9 quads, where a panel has 6
+    assert merged(grid(4, shallow)).layout.cut.any()
+
+
 def test_a_surface_that_bends_one_way_is_cut_along_a_straight_line() -> None:
     mesh = grid(10, lambda u, v: 2.0 * np.cos(np.pi * u / 2) + 0.0 * v)
     ends = mesh.vertices[mesh.edges[merged(mesh).layout.cut]]
