@@ -251,7 +251,9 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
         advised.pop(remedies.CUT, None)
     result = []
     result += _other_limit(obj, block)
-    for row in equilibrium.by_code(block.get("findings", ())):
+    rows = equilibrium.by_code(block.get("findings", ()))
+    # a piece of another size is optimised anew, so that is tried before another search of this one
+    for row in sorted(rows, key=lambda row: row["code"] != "strained"):
         if row["code"] == "strained-for-years":  # written by an earlier version, which reported both limits at once
             continue
         helping = HELPED.get(row["code"], ())

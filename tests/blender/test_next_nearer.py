@@ -57,6 +57,22 @@ def test_next_leaves_layouts_out_where_rounded_folds_come_near_enough(
     assert ([] if act is None else [act.idname]) == offered
 
 
+def test_another_size_is_tried_before_another_search(add: Any) -> None:
+    """The piece is searched anew in its new size, and a search does not take back much strain."""
+    piece = add(shapes.make("dome"))
+    rows = [
+        {"code": code, "severity": "warning", "message": code, "faces": [0], "edges": []}
+        for code in ("knotted", "strained")
+    ]
+    block = {"rms_percent": 0.5, "strain_share_max": 4.0, "converged": True, "findings": rows}
+    reach = {"advice": "", "remedies": {"larger": 2.0}}
+    seen_notices = notices._equilibrium(piece, {"equilibrium": block, "reach": reach, "optimise": {}})
+    act = next_button._next_cure(piece.data, seen_notices)
+    assert act is not None and act.idname == "flexmaps.make_larger"
+    act = next_button._next_cure(piece.data, [n for n in seen_notices if n.key != "equilibrium/strained"])
+    assert act is not None and act.idname == "flexmaps.optimise"
+
+
 def test_a_cut_is_offered_only_where_short_searches_have_gained_by_it(add: Any) -> None:
     piece = add(shapes.make("dome"))
     reach = {"advice": "", "remedies": {"cut": None}}
