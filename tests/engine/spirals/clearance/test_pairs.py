@@ -8,9 +8,10 @@ from flexmaps.engine.params import LayoutParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.spirals.clearance.pairs import ACROSS, DEPTHS, pairs_of
-from flexmaps.engine.spirals.curves.spiral import centre_line, opposite_sides
+from flexmaps.engine.spirals.curves.spiral import centre_line, opposite_sides, width_at
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import QuadMesh
 
 NEAR = 1e-3  # metres between edges
 POINTS = 40  # of a centre line
@@ -49,3 +50,17 @@ def test_arms_that_come_near_across_a_seam_are_pairs(name: str) -> None:
                 if apart < NEAR:
                     near.add((4 * f + k, 4 * g + arm))
     assert 0.01 * possible < len(near) < possible and near <= known
+
+
+def test_the_narrowest_slot_may_lie_deep_inside_an_uneven_quad() -> None:
+    """Half way to the centre an arm that is hardly wound passes the arms beside its mate."""
+    points = np.array([[129, 40, 0], [137, 48, 0], [113, 49, 0], [108, 37, 0], [112, 27, 0], [140, 35, 0]]) * 1e-3
+    mesh = QuadMesh(points, np.array([[0, 1, 2, 3], [0, 3, 4, 5]]))
+    flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
+    width = np.array([[1.0, 1.08, 1.19, 1.15], [1.1, 1.0, 1.0, 1.0]]) * 1e-3
+    design = SpiralDesign(flat, SpiralParams(), width, np.radians([54.0, 130.0]))
+    t = np.broadcast_to(np.linspace(0.0, 1.0, 1001), (2, 4, 1001))
+    (one, other), (half, beside) = centre_line(design.arms, t)[0], 0.5 * width_at(design.arms, t)[0]
+    edges = np.linalg.norm(one[3][:, None] - other[3], axis=2) - half[3][:, None] - beside[3]
+    assert edges.min() < 0.9 * SpiralParams().slot_min
+    assert design.measure()[0] == pytest.approx(edges.min(), rel=1e-3)
