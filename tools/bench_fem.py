@@ -16,7 +16,7 @@ most = partial(at_most, "spirals")
 OPTIMISED = ("cap-pole6", "lattice-dome", "hall-waves", "lattice-saddle", "vault-plain")
 # largest differences of the distances of program and solid, % of the size: of pieces whose softest eigenvalue is above FIRM, and of others
 FIRM, NEAR, SOFT_NEAR = 0.1, 0.1, 0.25
-COARSE = Resolution(root=1.0, length=3.5, turn=1.0)
+COARSE = Resolution(root=1.0, length=3.5, turn=1.0)  # finer pieces fold in more spirals of optimised designs
 ALIKE = 0.1  # share of the difference of a spiral's arms that a round takes away
 
 
