@@ -220,7 +220,7 @@ def test_stopped_before_anything_was_found_is_stopped():
 
 @pytest.fixture(scope="module")
 def strip():
-    return api.layout(api.load("shape:strip", edge=20))
+    return api.layout(api.load("shape:strip", edge=20, settings={"layout.seamless": True}))
 
 
 def test_candidates_are_what_the_stages_make_of_their_settings(strip, tmp_path):

@@ -26,8 +26,8 @@ QUICK = with_values(ObjectSettings(), {"sheet.nesting": "FAST", "connect.connect
 @pytest.fixture(scope="module")
 def pieces() -> list[Result]:
     return [
-        job.run(PolygonMesh.from_quads(shapes.make(name, 0.02)), QUICK, stop_after="spirals")
-        for name in ("strip", "dome")
+        job.run(PolygonMesh.from_quads(shapes.make(name, 0.02)), settings, stop_after="spirals")
+        for name, settings in (("strip", with_values(QUICK, {"layout.seamless": True})), ("dome", QUICK))
     ]
 
 
