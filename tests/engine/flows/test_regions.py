@@ -217,7 +217,7 @@ def test_one_panel_stays_whole_where_it_is_flat_or_held() -> None:
 
 @pytest.mark.parametrize("share", [0.5, 2.0])
 def test_one_panel_stays_whole_only_where_the_surface_is_nearly_flat(share: float) -> None:
-    """The RMS distance of a product of two sines over half a wave from its mean is known in closed form."""
+    """The RMS distance of a product of two cosines over half a wave from its mean is known in closed form."""
     spread = np.sqrt(0.25 - (4.0 / np.pi**2) ** 2)  # of a height of 1, continuous
     height = share * curvature.LOW_RELIEF * 10.0 * np.sqrt(2.0) / spread
     mesh = grid(10, lambda u, v: height * np.cos(np.pi * u / 2) * np.cos(np.pi * v / 2))
