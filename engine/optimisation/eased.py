@@ -16,8 +16,9 @@ from .remedies import StrainForecast
 def forecast_strain(simulation: Simulation) -> StrainForecast | None:
     """Return a function from a factor on the size, and a thickness in metres, to the largest strain over the material's limit.
 
-    A larger piece keeps the rotations of its hubs, and their distances grow with the size: arms bend by the same angles over greater
-    lengths. A thinner piece gets a new equilibrium, sought from its present pose. Widths and twists do not change.
+    A larger piece has hubs rotated much as before, at distances that grow with the size: arms bend by the same angles over greater
+    lengths. Widths and twists do not change. The equilibrium is sought from there: where arms of a joint are unlike, second-order terms cancel only
+    at an equilibrium, and strains of the scaled pose alone would be up to three times too large.
     None for the rod model, and with a rim, whose nodes would need an equilibrium first.
     """
     old = with_arms(simulation.model)
@@ -29,7 +30,7 @@ def forecast_strain(simulation: Simulation) -> StrainForecast | None:
         changed = replace(given, lever=times * given.lever, thickness=thickness)
         model = ArmModel.from_assembly(changed, material, curving=old.curving_at_joint is not None, slopes=False)
         there = replace(pose, centres=times * pose.centres)
-        if thickness != given.thickness:
+        if times != 1.0 or thickness != given.thickness:
             there = solve(model, there, simulation.loads, SimulateParams(restarts=0)).pose
         state = model.start(there)
         return (
