@@ -126,14 +126,15 @@ class MakeLarger(Advised, bpy.types.Operator):
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Made) -> str:
         from ..bridge.store import mesh, states
+        from ..bridge.view import replacing
         from ..bridge.view.advised import alike
 
-        scale = obj.scale.copy()
-        obj.scale = scale * self._amount
-        context.view_layer.update()
+        before = obj.scale.copy()
+        replacing.scale(context, obj, self._amount)
         now = mesh.read_surface(obj, context.scene)
         if not alike(now, result.after.mesh):
-            obj.scale = scale
+            replacing.scale(context, obj, 1.0 / self._amount)
+            obj.scale = before  # without rounding
             context.view_layer.update()
             raise FlexMapsError(
                 f"Something else sets the scale of '{obj.name}', a constraint or a driver; scale it there"

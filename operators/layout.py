@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     FlatReported = tuple[FlatPatches, dict[str, Any]]  # flat patches and their note
 
 
-FRAMED = "flexmaps_framed"  # key on an object: the views were framed on its panels once
-
-
 class LayoutStage(ContinuedStage):
     """Base of these stages: write seams, the flat patches and their note."""
 
@@ -50,12 +47,12 @@ class LayoutStage(ContinuedStage):
         return translate("{}, largest distortion {:.3f}", panels(block["patches"]), block["energy_max"])
 
     def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: object) -> Iterator[None]:
-        """Frame the views on the object and its panels, once for every object."""
+        """Frame the views on the object and its panels, once until its quads change."""
         from ..bridge.view import collection, framing
 
         own = collection.existing(obj)
-        if own is not None and FRAMED not in obj:
-            obj[FRAMED] = True
+        if own is not None and framing.FRAMED not in obj:
+            obj[framing.FRAMED] = True
             framing.frame(context, *own.objects)
         return iter(())
 

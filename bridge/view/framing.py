@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from ..store.surface import ObjectSurface
 
 
+FRAMED = "flexmaps_framed"  # key on an object: the views were framed on its panels
+
+
 def follow(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> None:
     """Move every 3D view as an object is scaled about its origin, so that it looks unchanged; camera views stay.
 

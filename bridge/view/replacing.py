@@ -80,6 +80,7 @@ def begin_anew(obj: bpy.types.Object, findings: list[Finding]) -> None:
 
     mesh.forget(obj, mesh.NAMES)
     collection.clear(obj)
+    obj.pop(framing.FRAMED, None)
     notes.drop_from(obj.data, "layout")
     notes.write_checks(obj.data, findings)
 

@@ -107,7 +107,7 @@ def to_sheets(name, settings):
         if step in {"quad_remesh", "set_size"}:
             yield from hands.look_at([bpy.context.object])
         yield from picture(f"{name}-{step}")
-        if step == "merge":  # the views were turned to the panels
+        if step in {"merge", "make_larger"}:  # the views were turned to the panels
             expect(not covered(), f"all panels of {name} are in sight, but {covered()} vertices")
     found["seconds"]["all"] = round(time.perf_counter() - start, 1)
     found["blocks"] = {k: v for k, v in blocks().items() if k != "checks"}
