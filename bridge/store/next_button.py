@@ -105,12 +105,21 @@ def _next_stage(obj: bpy.types.Object, stages: dict[str, StageState], all_notice
         return Act("wm.path_open", interface("Open the folder"), tooltip, "make", {"filepath": folder})
     wanted = ("spirals",) if passed_over(obj) or _skips_failed("flexmaps.fit", all_notices) else FITTED
     if any(stages[stage].kind != DONE for stage in wanted):
+        if larger := _larger(obj.data, all_notices):
+            return larger
         if wanted == ("spirals",):
             tooltip = translate("Gives every quad its spiral")
             return Act("flexmaps.spirals", _label(interface("Cut the spirals")), tooltip, "shape")
         tooltip = translate("Gives every quad its spiral, and searches for those that spring into the shape")
         return Act("flexmaps.fit", _label(interface("Make it fit")), tooltip, "shape")
     return _next_cure(obj.data, all_notices) or _files()
+
+
+def _larger(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> Act | None:
+    """Return the larger size of a piece whose arms would break whatever the search; None where they hold, or the user wants this size."""
+    small = (notice for notice in all_notices if notice.key == notices.TOO_SMALL and notice.kind == BREAKS)
+    ways = ((notice, cure) for notice in small for cure in _untried(mesh, notice) if cure.idname != "flexmaps.let_go")
+    return next((_cure(notice, cure, "piece") for notice, cure in ways), None)
 
 
 def _without_modifiers(obj: bpy.types.Object) -> Act:

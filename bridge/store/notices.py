@@ -47,6 +47,7 @@ FORETELLING = (
     "checks/thin",
     "layout/remarks",
 )
+TOO_SMALL = "layout/too-small"  # key of the notice that even the softest spirals would be strained too much
 KEPT = "quads-kept"  # key of the notice about few quads, once dismissed
 
 
@@ -87,6 +88,7 @@ def list_notices(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str,
         *_left_out(obj),
         *_missing_groups(obj),
         *_seams(obj, known["layout"].kind),
+        *_too_small(obj, scene, blocks),
         *_equilibrium(obj, blocks),
         *_findings("structure", blocks.get("structure", {}).get("findings", ())),
         *_flat(obj),
@@ -240,6 +242,20 @@ def _flat(obj: bpy.types.Object) -> list[Notice]:
         return []
     sentence = translate("The target is flat: its spirals are straight, and there is nothing to simulate or search for")
     return [Notice("layout/flat", interface("Flat target"), sentence, INFORMATION)]
+
+
+def _too_small(obj: bpy.types.Object, scene: bpy.types.Scene, blocks: dict[str, Any]) -> list[Notice]:
+    """Warn of arms that are likely to break whatever the search, until there is a shape whose strain is known."""
+    strain = blocks.get("layout", {}).get("strain_softest")
+    if strain is None or "equilibrium" in blocks:
+        return []
+    sentence = translate(
+        "The surface bends too sharply for quads of {:.3g} mm: even the softest spirals would be strained to {:.0f} % of the limit",
+        objects.quad_edge(obj, scene) * 1e3,
+        100.0 * strain,
+    )
+    ways = [] if any(obj.lock_scale) else [cures.larger(remedies.size_of_softest(strain))]
+    return [Notice(TOO_SMALL, interface("Too small to bend"), sentence, BREAKS, cures=(*ways, cures.let_go(TOO_SMALL)))]
 
 
 def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:

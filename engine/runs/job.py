@@ -223,7 +223,8 @@ def scale_piece(
     mesh = result.mesh.moved(about + factor * (result.mesh.vertices - about))
     begun = begin(PolygonMesh.from_quads(mesh)).with_user(supports=result.supports, force=result.force)
     notes = dict(flat.layout.notes)
-    notes.pop("expected_percent", None)  # it holds for the former size only
+    for key in ("expected_percent", "strain_softest"):
+        notes.pop(key, None)  # they hold for the former size only
     larger = flatten.with_energies(PatchLayout(begun.mesh, flat.layout.cut, notes), factor * flat.points)
     made = run_stages(laid_out(begun, larger, settings), settings, ("split",), progress.part(0.0, 0.8))
     last = progress.part(0.8, 1.0)

@@ -13,8 +13,8 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge.store import cures, failures, fields, guidance, handing_down, notices, states
-from flexmaps.bridge.store.finding_words import INFORMATION, STOPS, WORSE
+from flexmaps.bridge.store import cures, failures, fields, guidance, handing_down, next_button, notices, states
+from flexmaps.bridge.store.finding_words import BREAKS, INFORMATION, STOPS, WORSE
 from flexmaps.command.main import main
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface import shapes
@@ -236,6 +236,35 @@ def test_seams_that_are_there_are_offered_as_the_layout(add: Any) -> None:
     assert found.act is not None and found.act.idname == "flexmaps.flatten"
     (notice,) = [one for one in found.notices if one.key == "layout/seams"]
     assert [cure.idname for cure in notice.cures] == ["flexmaps.flatten", "flexmaps.merge"]
+
+
+def test_a_piece_whose_arms_would_break_is_made_larger_before_any_search(add: Any, predicted_match: None) -> None:
+    """Then it is laid out again; where the scale is locked, *Next* goes on."""
+    small = shapes.dome(4)
+    piece = add(small.moved(small.vertices * (0.006 / small.median_edge)))
+    assert bpy.ops.flexmaps.merge() == {"FINISHED"}
+    found = seen(piece)
+    (notice,) = [one for one in found.notices if one.key == notices.TOO_SMALL]
+    assert notice.kind == BREAKS and found.act is not None and found.act.idname == "flexmaps.set_size"
+    piece.lock_scale[0] = True
+    other = seen(piece).act
+    assert other is not None and other.idname == "flexmaps.fit"
+    piece.lock_scale[0] = False
+    before = tuple(piece.scale)
+    assert bpy.ops.flexmaps.next() == {"FINISHED"}
+    assert tuple(piece.scale) == pytest.approx([one * found.act.properties["times"] for one in before])
+    again = seen(piece).act
+    assert again is not None and again.idname == "flexmaps.merge"  # of one panel, so there are no seams to use again
+
+
+def test_who_wants_a_small_piece_goes_on(add: Any) -> None:
+    piece = add(shapes.make("dome"))
+    blocks = {"layout": {"strain_softest": 3.0}}
+    (notice,) = notices._too_small(piece, bpy.context.scene, blocks)
+    assert notice.kind == BREAKS and next_button._larger(piece.data, [notice]) is not None
+    failures.let_go(piece.data, notice.key, notice.sentence)
+    assert next_button._larger(piece.data, [notices._downgrade_dismissed(piece.data, notice)]) is None
+    assert not notices._too_small(piece, bpy.context.scene, blocks | {"equilibrium": {}})
 
 
 def test_next_on_the_command_line_tells_every_press_and_saves(add: Any, tmp_path: Path, capsys: Any) -> None:

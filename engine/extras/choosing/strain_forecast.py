@@ -1,0 +1,49 @@
+"""Forecast, from a layout alone, whether arms will be strained beyond the limit of the material."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ...errors import FlexMapsError
+from ...patches.flattening.flatten import FlatPatches
+from ...progress import SILENT, Progress
+from ...simulation.simulate import simulate
+from ...spirals.fabricable import make_fabricable
+from .judge import LayoutProblem
+from .predict import PredictionStart
+
+
+def strain_of_softest(piece: LayoutProblem, flat: FlatPatches, progress: Progress = SILENT) -> float | None:
+    """Return the largest strain that a piece takes at rest with the softest spirals that can be cut.
+
+    Stiffer spirals bring most surfaces nearer to their target and are strained more. A search relieves single arms by the spirals around them.
+
+    Parameters
+    ----------
+    piece : the surface, how it is held, and what it is made of
+    flat : one of its layouts
+    progress : reports and cancels
+
+    Returns
+    -------
+    Strain over the limit of the material; None if there is no shape at rest, or no room for spirals.
+    """
+    settings = piece.settings
+    try:
+        space = PredictionStart.from_layout(piece, flat, progress.part(0.0, 0.4)).space
+        softest = space.design(space.uniform(0.0, 1.0))
+        design = make_fabricable(flat, settings.spiral, *softest, prove=False, progress=progress.part(0.4, 0.5))
+        rest = simulate(
+            design,
+            piece.mesh,
+            settings.material.chosen,
+            replace(settings.simulate, restarts=0),
+            supports=piece.supports,
+            force=piece.force,
+            progress=progress.part(0.5, 1.0),
+        )
+    except FlexMapsError:
+        return None
+    if rest.strain is None or not rest.equilibrium.converged:
+        return None
+    return float(rest.strain.max())
