@@ -15,7 +15,7 @@ from typing import Any
 
 import bpy
 
-from ...engine.materials import STRAIN_MARGIN
+from ...engine.materials import OVERSTRAIN_SHARE
 from . import next_button, notes, notices, objects, states
 from .finding_words import BREAKS, INFORMATION, STOPS, WORSE
 from .flat_target import passed_over
@@ -105,8 +105,9 @@ def _status_of_simulated(obj: bpy.types.Object, serious: list[Notice]) -> Status
     """Return the status of a piece whose shape is known."""
     block = notes.read(obj.data)["equilibrium"]
     if any(notice.key == "equilibrium/strained" for notice in serious):
-        share = 100 * STRAIN_MARGIN * block.get("strain_share_max", 0.0)
-        return Status(_truncate(interface("Too strained: up to {:.0f} % of limit", share)), LOOK)
+        share = block.get("strain_share_max", 0.0)
+        words = interface("Strained to {:.0f} %, {:.0f} allowed", 100 * share, 100 * OVERSTRAIN_SHARE)
+        return Status(_truncate(words), LOOK)
     if serious:  # the rows below describe them
         many = interface("{} things to look at", len(serious))
         return Status(interface("1 thing to look at") if len(serious) == 1 else many, LOOK)
