@@ -13,11 +13,12 @@ from flexmaps.engine.display import arrange, solids
 from flexmaps.engine.display.panel_mesh import DETAILS, panel_mesh
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.mechanics.arms import bent_rim
 from flexmaps.engine.mechanics.arms.bent import bend_arms
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Pose, assembly_from_design, target_pose
 from flexmaps.engine.mechanics.loads import Loads
-from flexmaps.engine.mechanics.rim_bodies import RimJoints
+from flexmaps.engine.mechanics.rim_bodies import NECK, RimJoints
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem, FlatRange
 from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.firmness import StabilityRequirement
@@ -103,6 +104,16 @@ def test_a_panel_is_a_strip_beside_the_same_spirals(flat_grid, degrees):
             assert shapely.distance(shapely.LinearRing(hole), edge) >= 0.001 - 1e-6
 
 
+def test_area_of_round_ends_and_holes_is_that_of_the_outline(flat_grid):
+    """Of straight arms with next to no fillets, which the area leaves out, to a hundredth of a square millimetre."""
+    flat = flat_grid(4, 3, cut=lambda x, y: x == 2.0)
+    whole = fabricable.uniform_design(flat, dataclasses.replace(RIM, fillet=1e-5), width=0.0015, twist=0.0)
+    rim = whole.rim
+    assert rim is not None and (rim.end_bores > 0.0).any() and rim.holes.any()
+    drawn = sum(polygon(outline).area for outline in whole.outlines(1e-7))
+    assert whole.area.sum() == pytest.approx(drawn, abs=1e-8)
+
+
 @pytest.mark.parametrize("wrong", [{"rim_width": 0.003}, {"rim_spacing": 0.003}])
 def test_holes_that_have_no_room_are_refused(wrong):
     with pytest.raises(FlexMapsError, match="at least twice"):
@@ -115,6 +126,21 @@ def test_a_border_that_turns_inwards_too_sharply_is_refused(flat_grid):
     with pytest.raises(FlexMapsError, match="no room there; make it narrower") as error:
         fabricable.uniform_design(flat, dataclasses.replace(RIM, rim_width=0.02), width=0.0015, twist=1.0)
     assert set(error.value.faces) <= {5, 7}
+
+
+def test_strips_of_uneven_quads_join_where_both_nodes_end(flat_grid):
+    """A strip's joint lies as far along the rim from one node as from the other, and necks end on the strip's centre line."""
+    flat = flat_grid(4, 3, move=lambda p: p * (1.0 + 6.0 * p), cut=lambda x, y: x == 2.0)
+    whole = fabricable.uniform_design(flat, RIM, width=0.0015, twist=0.0)
+    rim = whole.rim
+    assert rim is not None
+    joints = RimJoints.from_rim(rim, whole.arms.centre)
+    first, then = joints.pairs.T
+    assert np.ptp(rim.reach[rim.reach > 0.0]) > 1e-3  # quads of several sizes
+    back, _ = rim.half(then, True, rim.reach[then, 1])
+    np.testing.assert_allclose(joints.strip_lever[:, 1, :2] @ [1.0, 1j], back, atol=1e-9)
+    neck = bent_rim._line(rim, NECK, np.array([0.0, 1.0]))[0]
+    np.testing.assert_allclose(neck[:, 1], rim.middle - rim.centre, atol=1e-12)
 
 
 def test_strips_and_necks_are_beams(flat_grid):
