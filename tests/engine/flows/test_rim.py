@@ -135,7 +135,7 @@ def test_strips_of_uneven_quads_join_where_both_nodes_end(flat_grid):
     rim = whole.rim
     assert rim is not None
     joints = RimJoints.from_rim(rim, whole.arms.centre)
-    first, then = joints.pairs.T
+    then = joints.pairs[:, 1]
     assert np.ptp(rim.reach[rim.reach > 0.0]) > 1e-3  # quads of several sizes
     back, _ = rim.half(then, True, rim.reach[then, 1])
     np.testing.assert_allclose(joints.strip_lever[:, 1, :2] @ [1.0, 1j], back, atol=1e-9)
