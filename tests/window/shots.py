@@ -44,20 +44,36 @@ def brush(obj):
     bpy.ops.flexmaps.simulate()
 
 
+def shown(piece):
+    """The piece as the only selected object, in the colours of its panels."""
+    from bl_ext.user_default.flexmaps import api
+
+    obj = api.show(piece)
+    bpy.context.view_layer.objects.active = obj
+    obj.select_set(True)
+    bpy.ops.flexmaps.overlay(kind="PATCH")
+    return obj
+
+
 def walk():
     yield from hands.installed()
     from bl_ext.user_default.flexmaps import api
 
-    piece = api.simulate(api.load("shape:torus", edge=20))
-    obj = api.show(piece)
-    bpy.context.view_layer.objects.active = obj
-    obj.select_set(True)
+    obj = shown(api.optimise(api.load("shape:torus", edge=20)))
+    bpy.context.window_manager.flexmaps_tab.open_shape = True
+    panels = [other for other in bpy.data.objects if other.get("flexmaps_kind") == "panels"]
     yield 0.5
-    yield from hands.look_at([obj])
-    bpy.ops.flexmaps.overlay(kind="PATCH")
-    yield 0.3
+    with hands.in_view():
+        hands.module("bridge.view.framing").frame(bpy.context, *panels)
     yield from hands.aside()
     yield from shot("sidebar")
+    collection = hands.module("bridge.view.collection")
+    collection.remove(collection.existing(obj))
+    bpy.data.objects.remove(obj)
+    bpy.context.window_manager.flexmaps_tab.open_piece = True
+    obj = shown(api.simulate(api.load("shape:torus", edge=20)))
+    yield from hands.look_at([obj])
+    yield from hands.aside()
     yield from hands.click("popover", "FLEXMAPS_PT_presets")
     yield 0.6
     yield from shot("presets")
