@@ -85,7 +85,7 @@ def mutants(path: Path) -> Iterator[tuple[str, str]]:
 def nearest(path: Path) -> list[list[str]]:
     """Return the test files of the module's own name, then the others of its room and those that import it."""
     tests, room, name = ROOT / "tests" / "engine", path.parent.relative_to(ROOT / "engine"), path.stem
-    own = [*(tests / room).glob(f"test_{name}.py"), *(tests / room).glob(f"test_{name}_*.py")]
+    own = [*tests.rglob(f"test_{name}.py"), *(tests / room).glob(f"test_{name}_*.py")]
     parent = ".".join(("flexmaps.engine", *room.parts)).replace(".", r"\.")
     imported = re.compile(rf"^from {parent}(\.{name} import| import .*\b{name}\b)", re.MULTILINE)
     others = [test for test in sorted(tests.rglob("test_*.py")) if test not in own]

@@ -128,6 +128,21 @@ def test_a_border_that_turns_inwards_too_sharply_is_refused(flat_grid):
     assert set(error.value.faces) <= {5, 7}
 
 
+def test_the_strip_goes_round_corners_outside_the_border(flat_grid):
+    """From node to node without a jump; straight parts at one distance from the border, its inner edge nowhere within."""
+    flat = flat_grid(4, 4, move=lambda p: p + 0.15 * p[:, ::-1] * [1.0, 0.0], without=lambda i, j: i > 1 and j > 1)
+    rim = fabricable.uniform_design(flat, RIM, width=0.0015, twist=0.0).rim
+    assert rim is not None and (rim.following >= 0).all() and (rim.turn > 0.1).any() and (rim.turn < -0.1).any()
+    node = np.repeat(np.arange(len(rim.quad)), 60)
+    share = np.tile(np.linspace(0.0, 1.0, 60), len(rim.quad))
+    place, _ = rim.place(node, share * rim.length[node])
+    np.testing.assert_allclose(place[share == 1.0], rim.centre[rim.following], atol=1e-12)
+    border = shapely.union_all([shapely.Polygon(quad) for quad in flat.corners]).exterior
+    apart = shapely.distance(shapely.points(place.real, place.imag), border)
+    assert apart[share == 0.0] == pytest.approx(rim.depth + 0.5 * rim.width, abs=1e-12)
+    assert apart.min() >= 0.5 * rim.width - 1e-9
+
+
 def test_strips_of_uneven_quads_join_where_both_nodes_end(flat_grid):
     """A strip's joint lies as far along the rim from one node as from the other, and necks end on the strip's centre line."""
     flat = flat_grid(4, 3, move=lambda p: p * (1.0 + 6.0 * p), cut=lambda x, y: x == 2.0)

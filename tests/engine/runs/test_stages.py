@@ -14,7 +14,7 @@ from flexmaps.engine.runs.outputs import OUTPUTS, DesignVersion, FinalLayout
 from flexmaps.engine.runs.result import Result
 from flexmaps.engine.runs.stage import section_of
 from flexmaps.engine.runs.stages import BY_HAND, STAGES, TABLE
-from flexmaps.engine.runs.steps import STEPS, function_of
+from flexmaps.engine.runs.steps import STEPS, _constraints, function_of
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
 
@@ -183,3 +183,16 @@ def test_stages_up_to_a_name() -> None:
     assert not any(STAGES[name].quick for name in job.STAGE_NAMES[1:])
     with pytest.raises(FlexMapsError, match="no stage 'nest'"):
         job.stages("nest")
+
+
+@pytest.mark.parametrize(("base", "asked"), [("none", set()), ("plate", {"straight"}), ("eyelets", {"wide"})])
+def test_supports_constrain_spirals_only_where_a_base_needs_them(
+    settings: ObjectSettings, base: str, asked: set[str]
+) -> None:
+    surface = job.begin(PolygonMesh.from_quads(shapes.make("strip")))
+    found = _constraints(
+        surface.with_user(supports=np.array([0])), replace(settings, base=replace(settings.base, base=base))
+    )
+    assert {one.name for one in fields(found) if len(getattr(found, one.name))} == asked
+    found = _constraints(surface, replace(settings, base=replace(settings.base, base=base)))
+    assert not any(len(getattr(found, one.name)) for one in fields(found))

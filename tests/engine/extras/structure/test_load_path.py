@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from flexmaps.engine.extras.structure import load_path
 from flexmaps.engine.extras.structure.actions import Action
 from flexmaps.engine.extras.structure.buckling import linear_buckling
 from flexmaps.engine.extras.structure.load_path import BRANCH, LIMIT, Path, PathFollower, follow
@@ -258,3 +260,16 @@ def test_a_pressure_stays_normal_and_a_moved_support_carries_the_row_along() -> 
     shift = path.marks[1.0].pose.centres - straight(count).centres
     assert shift == pytest.approx(np.tile([0.0, 0.0, 0.03], (count, 1)), abs=1e-9)
     assert path.marks[1.0].state.pose.rotations == pytest.approx(np.tile(np.eye(3), (count, 1, 1)), abs=1e-9)
+
+
+@pytest.mark.parametrize("top", [1.5, 2.0])
+def test_the_most_that_is_borne_is_the_vertex_of_a_parabola(top: float) -> None:
+    """Along a path whose load rises and falls as a parabola, from points on either side of its vertex."""
+    path = SimpleNamespace(edge=0.5)
+
+    def at(way: float) -> SimpleNamespace:
+        """The load at a length of the path in edges, and its slope."""
+        pose = SimpleNamespace(centres=np.array([[way * path.edge, 0.0, 0.0]]))
+        return SimpleNamespace(factor=1.0 - (way - top) ** 2 / 4e4, rises=-(way - top) / 2e4, pose=pose)
+
+    assert load_path._critical(path, at(1.0), at(2.5)) == (pytest.approx(1.0, abs=1e-12), LIMIT)

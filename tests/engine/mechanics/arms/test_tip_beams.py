@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from flexmaps.engine.mechanics.arms.pieces import POISSON, piece_flexibilities
 from flexmaps.engine.mechanics.arms.tip_beams import BentBeams, PointGradient, SplitVector, TipBeams
 from flexmaps.engine.mechanics.clearance import slot_estimate
+from flexmaps.engine.mechanics.clearance.sections import Section, SectionPull
 from flexmaps.engine.mechanics.clearance.slot_estimate import Slots
 from flexmaps.engine.spirals.curves.blends import N_BLEND_PARAMETERS
 from flexmaps.engine.spirals.curves.lines import ArmCurves
@@ -67,7 +70,35 @@ def test_what_places_do_follows_motions_and_numbers() -> None:
         return out + sum((np.conj(by) * x).real for x, by in pairs) + hub * field.beams.hub + half * wide
 
     pull = PointGradient(*(SplitVector.from_vectors(x) for x in vectors), station, hub, point, velocity, half)
-    for told, steps, which in zip(bent(numbers, motion).vjp(t, piece, pull), (MOTION_STEPS, STEPS), (1, 0)):
+    assert_differences(bent(numbers, motion).vjp(t, piece, pull), value, numbers, motion)
+
+
+def test_sections_follow_places_motions_and_numbers() -> None:
+    """Their middles, directions and widths: by t, within the hub too, by the motions of the tips and by the arms' numbers."""
+    numbers, motion = random_arms(5, COUNT)
+    rng = np.random.default_rng(6)
+    hub = bent(numbers, motion).beams.hub
+    t = np.where(ROWS % 4 == 0, hub + (1.0 - hub) * rng.uniform(0.1, 0.9, COUNT), hub * rng.uniform(0.0, 0.95, COUNT))
+    vectors = rng.normal(size=(4, COUNT, 1, 3)) * np.array([1.0, 1e-2, 1e-2, 1e-2])[:, None, None, None]
+    pull = SectionPull(*vectors, rng.normal(size=(COUNT, 1)))
+
+    def value(numbers: np.ndarray, motion: np.ndarray, t: np.ndarray = t) -> np.ndarray:
+        at = Section.from_arms(bent(numbers, motion), ROWS, t[:, None])
+        members = at.middle, at.along, at.across, at.off
+        return (sum((x * by).sum(axis=2) for x, by in zip(members, vectors)) + at.half * pull.half)[:, 0]
+
+    here = Section.from_arms(bent(numbers, motion), ROWS, t[:, None])
+    found = (value(numbers, motion, t + 1e-6) - value(numbers, motion, t - 1e-6)) / 2e-6
+    assert here.by_place(pull)[:, 0] == pytest.approx(found, abs=1e-6 * np.abs(found).max())
+    by, piece = here.vjp(pull)
+    assert_differences(bent(numbers, motion).vjp(t, piece, by), value, numbers, motion)
+
+
+def assert_differences(
+    derivatives: tuple[np.ndarray, ...], value: Callable[..., np.ndarray], numbers: np.ndarray, motion: np.ndarray
+) -> None:
+    """Compare derivatives by motions and by numbers with central differences."""
+    for told, steps, which in zip(derivatives, (MOTION_STEPS, STEPS), (1, 0)):
         for k, step in enumerate(steps):
             ahead, behind = [numbers, motion], [numbers, motion]
             ahead[which], behind[which] = (
