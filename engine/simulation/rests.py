@@ -8,12 +8,15 @@ import numpy as np
 
 from ..arrays import Int
 from ..figures import format_figure
+from ..materials import OVERSTRAIN_SHARE
 from ..mechanics.equilibrium import Equilibrium
 from ..surface.checking.finding import Finding, with_count
 from ..surface.mesh import QuadMesh
 
 # function that returns the softest motion of the hubs (n, 6) and its stiffness as a share of the convex part
 Softest = Callable[[], tuple[np.ndarray, float]]
+# function from an equilibrium to the largest strain (F,) of every spiral over its limit; None for the rod model
+Strain = Callable[[Equilibrium], np.ndarray | None]
 # remaining stiffness of the softest motion, as a share of the convex part, below which a piece is about to snap; larger
 # values warn earlier
 SNAP_STIFFNESS = 0.02
@@ -22,7 +25,7 @@ MOVING = 0.5
 # another stable shape counts as equally near to the target if its RMS distance is at most this factor times the distance of
 # the simulated shape; by eye: .72 and .79 % look alike
 AS_NEAR = 1.25
-# finding codes for another stable shape: a worse match, an equal match
+# finding codes for another stable shape: a worse match or arms that break, an equal match
 OTHER_REST_CODES = ("other-rest", "rest-as-near")
 # energy difference, as a share of the elastic energy, from which another stable shape counts as lower; rounding errors
 # are far smaller
@@ -34,6 +37,7 @@ def rest_findings(
     others: Sequence[Equilibrium],
     assembled: Equilibrium | None,
     softest: Softest,
+    strain: Strain,
     target: QuadMesh,
     size: float,
 ) -> list[Finding]:
@@ -45,6 +49,7 @@ def rest_findings(
     others : other equilibria of the piece
     assembled : member of ``others`` that a search from the target's pose reaches, or None
     softest : function that returns the softest motion
+    strain : function that returns the strains of another equilibrium
     target : mesh that the piece should match
     size : length in metres that percentages in messages refer to
     """
@@ -60,12 +65,19 @@ def rest_findings(
         findings.append(Finding("about-to-snap", "warning", text, tuple(moving.tolist())))
     other = lower_rest(equilibrium, others) or assembled
     if other is not None:
-        findings.append(_other_rest(equilibrium, other, lower=_is_lower(other, equilibrium), target=target, size=size))
+        there, lower = strain(other), _is_lower(other, equilibrium)
+        worst = 0.0 if there is None else float(there.max())
+        findings.append(_other_rest(equilibrium, other, worst, lower=lower, target=target, size=size))
     return findings
 
 
-def _other_rest(equilibrium: Equilibrium, other: Equilibrium, *, lower: bool, target: QuadMesh, size: float) -> Finding:
-    """Return the finding about another stable shape; its code says whether that shape matches the target as well."""
+def _other_rest(
+    equilibrium: Equilibrium, other: Equilibrium, strain: float, *, lower: bool, target: QuadMesh, size: float
+) -> Finding:
+    """Return the finding about another stable shape; its code says whether that shape serves as well.
+
+    strain : the largest there, over its limit
+    """
     here, there = (
         float(np.sqrt(((one.pose.centres - target.centroids) ** 2).sum(axis=1).mean())) for one in (equilibrium, other)
     )
@@ -78,7 +90,9 @@ def _other_rest(equilibrium: Equilibrium, other: Equilibrium, *, lower: bool, ta
         cure = "Push it over from there, or hold it with supports."
     far = np.linalg.norm(other.pose.centres - equilibrium.pose.centres, axis=1)
     moved = tuple(np.flatnonzero(far > MOVING * far.max()).tolist())
-    if there <= AS_NEAR * here:
+    if strain > OVERSTRAIN_SHARE:
+        text += f"There its arms are strained to {100.0 * strain:.0f} % of their limit. "
+    elif there <= AS_NEAR * here:
         return Finding("rest-as-near", "warning", text + "That shape is about as near to the target.", moved)
     return Finding("other-rest", "warning", text + cure, moved)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -208,7 +208,13 @@ class Simulation:
             )
             findings.append(Finding("slots-close", "warning", text, tuple(beside.tolist())))
         return findings + rest_findings(
-            self.equilibrium, self.others, self.assembled, self.softest, self.target, self.size
+            self.equilibrium,
+            self.others,
+            self.assembled,
+            self.softest,
+            lambda other: replace(self, equilibrium=other).strain,
+            self.target,
+            self.size,
         )
 
     def _kinked(self) -> list[Finding]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.assembly import Pose
+from flexmaps.engine.mechanics.equilibrium import Equilibrium
 from flexmaps.engine.mechanics.newton_system import NewtonSystem
 from flexmaps.engine.params import Settings, SimulateParams
 from flexmaps.engine.runs import job
@@ -71,13 +72,33 @@ def test_a_higher_rest_is_named_where_the_target_leads_to_it(saddle: Simulation)
 
 def test_another_rest_is_a_fault_only_where_it_lies_farther_from_the_target(saddle: Simulation) -> None:
     here, there = saddle.equilibrium, saddle.others[0]
-    apart = [np.sqrt(((one.pose.centres - saddle.target.centroids) ** 2).sum(axis=1).mean()) for one in (here, there)]
+    apart = [_away(saddle, one) for one in (here, there)]
     assert max(apart) > 1.3 * min(apart)
     codes = []
     for shown, other in ((here, there), (there, here)):
         found = dataclasses.replace(saddle, equilibrium=shown, others=[other], assembled=other)
         codes += [one.code for one in found.findings if one.code in rests.OTHER_REST_CODES]
     assert codes == (["other-rest", "rest-as-near"] if apart[1] > apart[0] else ["rest-as-near", "other-rest"])
+
+
+def test_another_rest_as_near_is_a_fault_where_arms_would_break(saddle: Simulation) -> None:
+    shown = max((saddle.equilibrium, *saddle.others[:1]), key=lambda one: _away(saddle, one))
+    other = next(one for one in (saddle.equilibrium, *saddle.others[:1]) if one is not shown)
+    found = dataclasses.replace(saddle, equilibrium=shown, others=[other], assembled=other)
+    there = dataclasses.replace(saddle, equilibrium=other).strain
+    assert there is not None
+    for limit, code in ((1.01 * there.max(), "rest-as-near"), (0.5 * there.max(), "other-rest")):
+        brittle = dataclasses.replace(saddle.material, strain_limit=limit / 0.9 * saddle.material.strain_limit)
+        (told,) = [
+            one for one in dataclasses.replace(found, material=brittle).findings if one.code in rests.OTHER_REST_CODES
+        ]
+        assert told.code == code
+        assert (f"strained to {90.0 * there.max() / limit:.0f} %" in told.message) == (code == "other-rest")
+
+
+def _away(piece: Simulation, one: Equilibrium) -> float:
+    """Root of the mean square distance from the target, metres."""
+    return float(np.sqrt(((one.pose.centres - piece.target.centroids) ** 2).sum(axis=1).mean()))
 
 
 def test_a_piece_is_about_to_snap_when_its_softest_eigenvalue_is_small(
@@ -100,7 +121,9 @@ def test_a_piece_is_about_to_snap_when_its_softest_eigenvalue_is_small(
         "about-to-snap"
         in [
             one.code
-            for one in rests.rest_findings(saddle.equilibrium, [], None, saddle.softest, saddle.target, saddle.size)
+            for one in rests.rest_findings(
+                saddle.equilibrium, [], None, saddle.softest, lambda _: None, saddle.target, saddle.size
+            )
         ]
         and not saddle.loads.fixed[moving].any()
     )
