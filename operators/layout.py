@@ -34,7 +34,7 @@ class LayoutStage(ContinuedStage):
     def finish(
         self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: FlatReported
     ) -> str:
-        from ..bridge.store import mesh
+        from ..bridge.store import mesh, states
         from ..bridge.view import flat_panels
         from ..engine.display import arrange
 
@@ -44,10 +44,11 @@ class LayoutStage(ContinuedStage):
         mesh.shelve_design(obj)
         flat_panels.show_flat(obj, context.scene, flat, centres)
         notes.write(obj.data, "layout", block)
+        states.stamp_unnoted(obj, context.scene, "forecast", self._made_from)
         return translate("{}, largest distortion {:.3f}", panels(block["patches"]), block["energy_max"])
 
     def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: object) -> Iterator[None]:
-        """Frame the views on the object and its panels, once until its quads change."""
+        """Frame the views on the object and its panels, once for each set of quads."""
         from ..bridge.view import collection, framing
 
         own = collection.existing(obj)

@@ -99,9 +99,9 @@ def note_tried(mesh: bpy.types.Mesh, call: str) -> None:
     notes.put_text(mesh, TRIED, tried | {call: tried.get(call, 0) + 1})
 
 
-def tried(mesh: bpy.types.Mesh) -> set[str]:
-    """Return the calls of the cures that *Next* has pressed."""
-    return set(notes.get_text(mesh, TRIED))
+def tried(mesh: bpy.types.Mesh) -> dict[str, int]:
+    """Return the calls of the cures that *Next* has pressed, and how often."""
+    return notes.get_text(mesh, TRIED)
 
 
 def hand_down(old: bpy.types.Mesh, new: bpy.types.Mesh) -> None:

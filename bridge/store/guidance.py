@@ -105,9 +105,10 @@ def _status_of_simulated(obj: bpy.types.Object, serious: list[Notice]) -> Status
     """Return the status of a piece whose shape is known."""
     block = notes.read(obj.data)["equilibrium"]
     if any(notice.key == "equilibrium/strained" for notice in serious):
-        share = block.get("strain_share_max", 0.0)
-        words = interface("Strained to {:.0f} %, {:.0f} allowed", 100 * share, 100 * OVERSTRAIN_SHARE)
-        return Status(_truncate(words), LOOK)
+        share, allowed = (f"{100 * x:.0f}" for x in (block.get("strain_share_max", 0.0), OVERSTRAIN_SHARE))
+        if share == allowed:
+            return Status(_truncate(interface("Strained to a little over {} %", allowed)), LOOK)
+        return Status(_truncate(interface("Strained to {} %, {} % allowed", share, allowed)), LOOK)
     if serious:  # the rows below describe them
         many = interface("{} things to look at", len(serious))
         return Status(interface("1 thing to look at") if len(serious) == 1 else many, LOOK)

@@ -22,6 +22,7 @@ CHOOSE, ROUND = "flexmaps.choose", "flexmaps.mend"  # cures: other layouts, and 
 # cures that *Next* presses: they change neither the surface nor supports nor size
 LAYOUTS = ("flexmaps.cut_there", CHOOSE)
 SIZES = 0.5, 2.0  # quad edges between these shares of the wanted edge need no scaling
+RESIZED = 3  # times at most that *Next* scales by one factor; a driver may undo it, and each factor is limited
 LETTERS = 28  # letters of a label at most, in every language; more would not fit the button
 
 
@@ -105,7 +106,7 @@ def _next_stage(obj: bpy.types.Object, stages: dict[str, StageState], all_notice
         return Act("wm.path_open", interface("Open the folder"), tooltip, "make", {"filepath": folder})
     wanted = ("spirals",) if passed_over(obj) or _skips_failed("flexmaps.fit", all_notices) else FITTED
     if any(stages[stage].kind != DONE for stage in wanted):
-        if larger := _larger(obj.data, all_notices):
+        if larger := _larger_size(obj.data, all_notices):
             return larger
         if wanted == ("spirals",):
             tooltip = translate("Gives every quad its spiral")
@@ -115,11 +116,12 @@ def _next_stage(obj: bpy.types.Object, stages: dict[str, StageState], all_notice
     return _next_cure(obj.data, all_notices) or _files()
 
 
-def _larger(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> Act | None:
-    """Return the larger size of a piece whose arms would break whatever the search; None where they hold, or the user wants this size."""
+def _larger_size(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> Act | None:
+    """Return the larger size of a piece whose arms are likely to break; None where they hold, the scale is locked, or the user wants this size."""
     small = (notice for notice in all_notices if notice.key == notices.TOO_SMALL and notice.kind == BREAKS)
-    ways = ((notice, cure) for notice in small for cure in _untried(mesh, notice) if cure.idname != "flexmaps.let_go")
-    return next((_cure(notice, cure, "piece") for notice, cure in ways), None)
+    ways = ((notice, cure) for notice in small for cure in notice.cures if cure.idname != "flexmaps.let_go")
+    pressed = failures.tried(mesh)
+    return next((_cure(notice, cure, "piece") for notice, cure in ways if pressed.get(cure.call, 0) < RESIZED), None)
 
 
 def _without_modifiers(obj: bpy.types.Object) -> Act:

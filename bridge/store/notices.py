@@ -13,10 +13,10 @@ import bpy
 
 from ...engine.extras import registry
 from ...engine.figures import format_figure
-from ...engine.materials import MATERIALS, STRAIN_MARGIN
+from ...engine.materials import MATERIALS, OVERSTRAIN_SHARE, STRAIN_MARGIN
 from ...engine.optimisation import remedies
 from ...engine.simulation.visible import VISIBLE_RMS_SHARE
-from . import cures, equilibrium, failures, flat_target, modifiers, objects, origin, states
+from . import cures, equilibrium, failures, flat_target, modifiers, notes, objects, origin, states
 from .columns import column
 from .cures import Cure
 from .finding_words import BREAKS, FAILED, INFORMATION, ORDER, SAID, STOPS, WORDS, WORSE
@@ -245,14 +245,18 @@ def _flat(obj: bpy.types.Object) -> list[Notice]:
 
 
 def _too_small(obj: bpy.types.Object, scene: bpy.types.Scene, blocks: dict[str, Any]) -> list[Notice]:
-    """Warn of arms that are likely to break whatever the search, until there is a shape whose strain is known."""
+    """Warn of arms that are likely to break whatever the search, until a shape was found, whose strain is known."""
     strain = blocks.get("layout", {}).get("strain_softest")
-    if strain is None or "equilibrium" in blocks:
+    if strain is None or {"equilibrium", "optimise"} & notes.read(obj.data).keys():
+        return []
+    if not states.is_current_unnoted(obj, scene, "forecast"):
         return []
     sentence = translate(
-        "The surface bends too sharply for quads of {:.3g} mm: even the softest spirals would be strained to {:.0f} % of the limit",
+        "Quads of {:.3g} mm are too small for the bends of this surface: even with the softest spirals everywhere, arms would be strained to "
+        "{:.0f} % of the material's limit ({:.0f} % is allowed). Make the piece larger, or take a thinner sheet and press Merge again",
         objects.quad_edge(obj, scene) * 1e3,
         100.0 * strain,
+        100.0 * OVERSTRAIN_SHARE,
     )
     ways = [] if any(obj.lock_scale) else [cures.larger(remedies.size_of_softest(strain))]
     return [Notice(TOO_SMALL, interface("Too small to bend"), sentence, BREAKS, cures=(*ways, cures.let_go(TOO_SMALL)))]

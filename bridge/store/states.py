@@ -43,6 +43,7 @@ PARTS["sheets"] += ("export",)  # the note names the files
 UNNOTED: dict[str, tuple[str, ...]] = {
     "regularise": _parts(stages.STAGES["regularise"].needs, stages.STAGES["regularise"].settings),
     "preview": (*_parts(("design",), ("spiral",)), "pose"),
+    "forecast": _parts(("merged",), stages.PHYSICS),  # of strains, made with a layout
 }
 OF_MESH = {*BY_HAND.values(), "pose"}
 # includes "down", the direction of gravity

@@ -17,8 +17,8 @@ def forecast_strain(simulation: Simulation) -> StrainForecast | None:
     """Return a function from a factor on the size, and a thickness in metres, to the largest strain over the material's limit.
 
     A larger piece has hubs rotated much as before, at distances that grow with the size: arms bend by the same angles over greater
-    lengths. Widths and twists do not change. The equilibrium is sought from there: where arms of a joint are unlike, second-order terms cancel only
-    at an equilibrium, and strains of the scaled pose alone would be up to three times too large.
+    lengths. Widths, twists and loads do not change. The equilibrium is sought from there: where the arms of a joint differ, second-order terms
+    cancel only at an equilibrium.
     None for the rod model, and with a rim, whose nodes would need an equilibrium first.
     """
     old = with_arms(simulation.model)
@@ -31,7 +31,8 @@ def forecast_strain(simulation: Simulation) -> StrainForecast | None:
         model = ArmModel.from_assembly(changed, material, curving=old.curving_at_joint is not None, slopes=False)
         there = replace(pose, centres=times * pose.centres)
         if times != 1.0 or thickness != given.thickness:
-            there = solve(model, there, simulation.loads, SimulateParams(restarts=0)).pose
+            rest = solve(model, there, simulation.loads, SimulateParams(restarts=0))
+            there = rest.pose if rest.converged else there
         state = model.start(there)
         return (
             float(max_strain_per_spiral(model.assembly, model.strains(state, material)).max()) / material.strain_limit

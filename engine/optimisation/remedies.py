@@ -29,11 +29,14 @@ STEP = 0.05  # factors on the size are rounded up to a multiple of it
 # and 1.3 % of their size to 1.4, 1.2, 1.3, 0.9 and 1.2 %. Where spirals are within their bounds the gain is uncertain: three optimised
 # saddles went from 0.56, 0.52 and 0.48 to 0.50, 0.64 and 0.73 %
 DENSER = 2
-# Strain of the softest spirals over its limit: from the first on a larger size is advised before any search, which brings it to the second; and the
-# power of the size by which it falls, as larger quads have room for more turns. Of 32 searches of 14 surfaces at up to four sizes, the 21 below
-# 1.6 ended at most at 1.005 of the limit, 10 of the 11 above at 1.15 to 32 (a pointed spindle at 0.91). Of 95 surfaces with quads of 20 mm
-# all but that spindle lie below 1.2. From one size to the next the power was 2.1 to 4.7
-SOFTEST_LIMIT, SOFTEST_AIM, SOFTEST_POWER = 1.6, 1.2, 2.5
+# Measured on 32 searches, see docs/tuning.md
+SOFTEST_LIMIT = (
+    1.6  # strain of the softest spirals over the limit above which a larger size is advised; larger: fewer warnings
+)
+SOFTEST_AIM = 1.2  # this strain after the advised scaling; smaller: larger pieces
+SOFTEST_POWER = (
+    2.5  # power of the size by which it falls, as larger quads have room for more turns; smaller: larger pieces
+)
 # preferred thicknesses in one decade: the series R''10 of ISO 497, in which most sheets are sold
 SERIES = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 MILLIMETRES = SHOWN["m"][0]
@@ -107,7 +110,7 @@ def size_factor(strain: float | None, *, soft: bool, eased: Callable[[float], fl
 
 
 def size_of_softest(strain: float | None) -> float:
-    """Return the factor on the size at which a search can keep the limit of strains, at most ``MAX_FACTOR``; 1 if it can at this size.
+    """Return the advised factor on the size of a piece that was not searched yet, at most ``MAX_FACTOR``; 1 if none is advised.
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ def rest_findings(
     others : other equilibria of the piece
     assembled : member of ``others`` that a search from the target's pose reaches, or None
     softest : function that returns the softest motion
-    strain : function that returns the strains of another equilibrium
+    strain : function that returns the strains of an equilibrium
     target : mesh that the piece should match
     size : length in metres that percentages in messages refer to
     """
@@ -65,18 +65,25 @@ def rest_findings(
         findings.append(Finding("about-to-snap", "warning", text, tuple(moving.tolist())))
     other = lower_rest(equilibrium, others) or assembled
     if other is not None:
-        there, lower = strain(other), _is_lower(other, equilibrium)
-        worst = 0.0 if there is None else float(there.max())
-        findings.append(_other_rest(equilibrium, other, worst, lower=lower, target=target, size=size))
+        strains = [0.0 if found is None else float(found.max()) for found in map(strain, (equilibrium, other))]
+        lower = _is_lower(other, equilibrium)
+        findings.append(_other_rest(equilibrium, other, *strains, lower=lower, target=target, size=size))
     return findings
 
 
 def _other_rest(
-    equilibrium: Equilibrium, other: Equilibrium, strain: float, *, lower: bool, target: QuadMesh, size: float
+    equilibrium: Equilibrium,
+    other: Equilibrium,
+    strain: float,
+    other_strain: float,
+    *,
+    lower: bool,
+    target: QuadMesh,
+    size: float,
 ) -> Finding:
-    """Return the finding about another stable shape; its code says whether that shape serves as well.
+    """Return the finding about another stable shape; its code says whether that shape is worse: farther away, or arms break.
 
-    strain : the largest there, over its limit
+    strain, other_strain : the largest of both shapes, over its limit
     """
     here, there = (
         float(np.sqrt(((one.pose.centres - target.centroids) ** 2).sum(axis=1).mean())) for one in (equilibrium, other)
@@ -90,8 +97,11 @@ def _other_rest(
         cure = "Push it over from there, or hold it with supports."
     far = np.linalg.norm(other.pose.centres - equilibrium.pose.centres, axis=1)
     moved = tuple(np.flatnonzero(far > MOVING * far.max()).tolist())
-    if strain > OVERSTRAIN_SHARE:
-        text += f"There its arms are strained to {100.0 * strain:.0f} % of their limit. "
+    if other_strain > max(OVERSTRAIN_SHARE, strain):
+        text += (
+            f"There its arms would be strained to {100.0 * other_strain:.0f} % of their limit "
+            f"({100.0 * OVERSTRAIN_SHARE:.0f} % is allowed). "
+        )
     elif there <= AS_NEAR * here:
         return Finding("rest-as-near", "warning", text + "That shape is about as near to the target.", moved)
     return Finding("other-rest", "warning", text + cure, moved)

@@ -212,7 +212,7 @@ class Simulation:
             self.others,
             self.assembled,
             self.softest,
-            lambda other: replace(self, equilibrium=other).strain,
+            lambda rest: self.strain if rest is self.equilibrium else replace(self, equilibrium=rest).strain,
             self.target,
             self.size,
         )

@@ -57,9 +57,14 @@ class PredictionStart:
         design = make_fabricable(flat, piece.settings.spiral, *starting_spirals(piece), prove=False, progress=progress)
         return cls((design.width, design.twist), _task(piece).space(design, progress))
 
-    def with_uniform_spirals(self) -> PredictionStart:
-        """Return a start with equal spirals of medium width and twist in all quads."""
-        return replace(self, spirals=self.space.design(self.space.uniform(0.5, 0.5)))
+    def with_uniform_spirals(self, width: float = 0.5, twist: float = 0.5) -> PredictionStart:
+        """Return a start with equally wide and equally twisted spirals in all quads.
+
+        Parameters
+        ----------
+        width, twist : from 0 to 1, shares of their ranges
+        """
+        return replace(self, spirals=self.space.design(self.space.uniform(width, twist)))
 
 
 def predict(

@@ -16,7 +16,7 @@ from .predict import PredictionStart
 def strain_of_softest(piece: LayoutProblem, flat: FlatPatches, progress: Progress = SILENT) -> float | None:
     """Return the largest strain that a piece takes at rest with the softest spirals that can be cut.
 
-    Stiffer spirals bring most surfaces nearer to their target and are strained more. A search relieves single arms by the spirals around them.
+    This is nearly a lower bound: stiffer spirals are strained more, though a search can relieve single arms through their neighbours.
 
     Parameters
     ----------
@@ -30,9 +30,8 @@ def strain_of_softest(piece: LayoutProblem, flat: FlatPatches, progress: Progres
     """
     settings = piece.settings
     try:
-        space = PredictionStart.from_layout(piece, flat, progress.part(0.0, 0.4)).space
-        softest = space.design(space.uniform(0.0, 1.0))
-        design = make_fabricable(flat, settings.spiral, *softest, prove=False, progress=progress.part(0.4, 0.5))
+        softest = PredictionStart.from_layout(piece, flat, progress.part(0.0, 0.4)).with_uniform_spirals(0.0, 1.0)
+        design = make_fabricable(flat, settings.spiral, *softest.spirals, prove=False, progress=progress.part(0.4, 0.5))
         rest = simulate(
             design,
             piece.mesh,

@@ -12,7 +12,7 @@ from itertools import chain, islice, zip_longest
 import numpy as np
 
 from ...errors import FlexMapsError
-from ...optimisation.remedies import size_of_softest
+from ...optimisation.remedies import SOFTEST_LIMIT
 from ...params import ChooseParams, LayoutParams
 from ...patches.flattening.flatten import FlatPatches, flatten, with_corners
 from ...patches.flattening.flattening_report import forced_notes, symmetry_kept
@@ -79,16 +79,16 @@ def tighten(
     For every body the first layout that is expected within ``WANTED_SHARE`` of the match, else the one that is expected nearest; ``flat`` itself if no
     other is better. Layouts are compared with the cuts that their panels need to fit the sheet, and may then have at most ``MOST`` times as many panels
     as ``flat``; the returned layout is without these cuts. The notes of the layout have ``expected_percent``, the RMS distance from the target with
-    which a search may end, as a percentage of the size; not where it cannot be predicted, or is that of a flat piece. They have
-    ``strain_softest``, see ``strain_of_softest``, in place of it where arms would be strained too much to come so near.
+    which a search may end, as a percentage of the size; not where it cannot be predicted, or is that of a flat piece. If
+    arms are likely to break, the notes have ``strain_softest`` (see ``strain_of_softest``) instead.
     """
     mesh = piece.mesh
     if params.goal != "match" or piece.settings.simulate.model == "rod" or is_flat(mesh):
         return flat
     improve = _tighten_bodies if mesh.body_of.any() else _tighten_body
-    best, expected = improve(piece, begun, flat, params, progress.rising())
-    strain = strain_of_softest(piece, best, progress.quiet())
-    if size_of_softest(strain) > 1.0:
+    best, expected = improve(piece, begun, flat, params, progress.part(0.0, 0.95).rising())
+    strain = strain_of_softest(piece, best, progress.part(0.95, 1.0).saying(PREDICTING))
+    if strain is not None and strain > SOFTEST_LIMIT:
         best.layout.notes["strain_softest"] = strain
     elif expected < RISEN * relief(mesh.centroids) / mesh.diagonal:
         best.layout.notes["expected_percent"] = 100.0 * expected

@@ -105,7 +105,7 @@ def test_a_panel_is_a_strip_beside_the_same_spirals(flat_grid, degrees):
 
 
 def test_area_of_round_ends_and_holes_is_that_of_the_outline(flat_grid):
-    """Of straight arms with next to no fillets, which the area leaves out, to a hundredth of a square millimetre."""
+    """Straight arms with almost no fillets, which the area leaves out; to 0.01 square millimetres."""
     flat = flat_grid(4, 3, cut=lambda x, y: x == 2.0)
     whole = fabricable.uniform_design(flat, dataclasses.replace(RIM, fillet=1e-5), width=0.0015, twist=0.0)
     rim = whole.rim

@@ -81,19 +81,25 @@ def test_another_rest_is_a_fault_only_where_it_lies_farther_from_the_target(sadd
     assert codes == (["other-rest", "rest-as-near"] if apart[1] > apart[0] else ["rest-as-near", "other-rest"])
 
 
-def test_another_rest_as_near_is_a_fault_where_arms_would_break(saddle: Simulation) -> None:
-    shown = max((saddle.equilibrium, *saddle.others[:1]), key=lambda one: _away(saddle, one))
-    other = next(one for one in (saddle.equilibrium, *saddle.others[:1]) if one is not shown)
-    found = dataclasses.replace(saddle, equilibrium=shown, others=[other], assembled=other)
-    there = dataclasses.replace(saddle, equilibrium=other).strain
-    assert there is not None
-    for limit, code in ((1.01 * there.max(), "rest-as-near"), (0.5 * there.max(), "other-rest")):
-        brittle = dataclasses.replace(saddle.material, strain_limit=limit / 0.9 * saddle.material.strain_limit)
-        (told,) = [
-            one for one in dataclasses.replace(found, material=brittle).findings if one.code in rests.OTHER_REST_CODES
-        ]
-        assert told.code == code
-        assert (f"strained to {90.0 * there.max() / limit:.0f} %" in told.message) == (code == "other-rest")
+@pytest.mark.parametrize(
+    "here, there, code", [(0.5, 0.9, "rest-as-near"), (0.5, 1.3, "other-rest"), (1.4, 1.3, "rest-as-near")]
+)
+def test_another_rest_as_near_is_a_fault_where_arms_would_break_there_only(
+    saddle: Simulation, here: float, there: float, code: str
+) -> None:
+    near, far = sorted((saddle.equilibrium, saddle.others[0]), key=lambda one: _away(saddle, one))
+    told = rests._other_rest(far, near, here, there, lower=True, target=saddle.target, size=saddle.size)
+    assert told.code == code
+    assert ("strained to 130 %" in told.message) == (code == "other-rest")
+
+
+def test_strains_of_another_rest_are_those_in_its_shape(saddle: Simulation, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[float] = []
+    monkeypatch.setattr(rests, "_other_rest", lambda _, __, *strains, **___: seen.extend(strains))
+    other = saddle.others[0]
+    assert dataclasses.replace(saddle, others=[other], assembled=other).findings
+    worst = [dataclasses.replace(saddle, equilibrium=one).strain for one in (saddle.equilibrium, other)]
+    assert seen == [one.max() for one in worst if one is not None] and seen[0] != seen[1]
 
 
 def _away(piece: Simulation, one: Equilibrium) -> float:
