@@ -87,7 +87,7 @@ def tighten(
         return flat
     improve = _tighten_bodies if mesh.body_of.any() else _tighten_body
     best, expected = improve(piece, begun, flat, params, progress.part(0.0, 0.95).rising())
-    strain = strain_of_softest(piece, best, progress.part(0.95, 1.0).saying(PREDICTING))
+    strain = strain_of_softest(piece, best, progress.part(0.95, 1.0).saying(PREDICTING).rising())
     if strain is not None and strain > SOFTEST_LIMIT:
         best.layout.notes["strain_softest"] = strain
     elif expected < RISEN * relief(mesh.centroids) / mesh.diagonal:

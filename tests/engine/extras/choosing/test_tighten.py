@@ -75,15 +75,22 @@ def test_a_cut_along_the_folds_replaces_more_panels_that_hold_the_match() -> Non
     np.testing.assert_array_equal(found.layout.cut, ridge)
 
 
-def test_a_tube_is_divided_into_equal_parts_where_tighter_limits_change_nothing() -> None:
+@pytest.fixture(name="tube", scope="module")
+def _tube() -> tuple[LayoutProblem, PatchLayout, FlatPatches, FlatPatches]:
+    """A tube with a waist, its traced and its merged layout, and the one that replaces it."""
     piece = LayoutProblem(_waist(), SETTINGS)
-    layout = trace(piece.mesh, SETTINGS.layout)
-    flat = merge(layout, SETTINGS.layout)
+    layout, flat = _merged(piece.mesh)
+    return piece, layout, flat, tighten(piece, layout, flat, SETTINGS.choose)
+
+
+def test_a_tube_is_divided_into_equal_parts_where_tighter_limits_change_nothing(
+    tube: tuple[LayoutProblem, PatchLayout, FlatPatches, FlatPatches],
+) -> None:
+    piece, layout, flat, found = tube
     few = len(flat.layout.patches)
     for share in SHARES:
         limits = replace(SETTINGS.layout, distortion_limit=share * SETTINGS.layout.distortion_limit)
         np.testing.assert_array_equal(merge(layout, limits).layout.cut, flat.layout.cut)
-    found = tighten(piece, layout, flat, SETTINGS.choose)
     assert few < len(found.layout.patches) <= MOST * few
     sizes = [len(quads) for quads in found.layout.patches]
     assert max(sizes) - min(sizes) <= ALONG  # equal but for one row of quads
@@ -103,11 +110,13 @@ def test_strips_may_be_a_little_longer_than_other_panels(zoo: ModuleType) -> Non
     assert predict(piece, found) < 0.01 < predict(piece, flat)
 
 
-def test_every_body_is_a_piece_of_its_own() -> None:
+def test_every_body_is_a_piece_of_its_own(
+    tube: tuple[LayoutProblem, PatchLayout, FlatPatches, FlatPatches],
+) -> None:
     """A tube with a waist, which is divided into more panels, beside a dome that its panels match."""
-    tube, dome = _waist(), shapes.dome(4)
-    vertices = np.concatenate([tube.vertices, dome.vertices * tube.median_edge / dome.median_edge + [1.0, 0.0, 0.0]])
-    mesh = QuadMesh(vertices, np.concatenate([tube.quads, dome.quads + len(tube.vertices)]))
+    waist, dome = tube[0].mesh, shapes.dome(4)
+    vertices = np.concatenate([waist.vertices, dome.vertices * waist.median_edge / dome.median_edge + [1.0, 0.0, 0.0]])
+    mesh = QuadMesh(vertices, np.concatenate([waist.quads, dome.quads + len(waist.vertices)]))
     layout, flat = _merged(mesh)
     found = tighten(LayoutProblem(mesh, SETTINGS), layout, flat, SETTINGS.choose)
     before, after = (np.bincount(mesh.body_of[[p[0] for p in one.layout.patches]]) for one in (flat, found))
@@ -115,7 +124,7 @@ def test_every_body_is_a_piece_of_its_own() -> None:
     of_dome = mesh.body_of[mesh.edge_quads[:, 0]] == 1
     np.testing.assert_array_equal(found.layout.cut[of_dome], flat.layout.cut[of_dome])
     np.testing.assert_array_equal(found.corners[mesh.body_of == 1], flat.corners[mesh.body_of == 1])
-    alone = tighten(LayoutProblem(tube, SETTINGS), *_merged(tube), SETTINGS.choose).layout.notes["expected_percent"]
+    alone = tube[-1].layout.notes["expected_percent"]
     assert 0.0 < found.layout.notes["expected_percent"] < alone  # of a larger whole
 
 
