@@ -189,11 +189,10 @@ class Simulation:
                 "with the limit of its range, so the shape is less sure there; change width, twist or quad size to be sure"
             )
             findings.append(Finding("beyond-model", "warning", text, tuple(part.spirals.tolist())))
-        strain = np.zeros(0) if self.strain is None else self.strain
-        strained = np.flatnonzero(strain > OVERSTRAIN_SHARE)
-        if len(strained):
+        strained = np.zeros(0, dtype=int) if self.strain is None else np.flatnonzero(self.strain > OVERSTRAIN_SHARE)
+        if self.strain is not None and len(strained):
             text = (
-                f"The arms of {with_count(len(strained), 'spiral', 'spirals')} are strained by up to {100.0 * strain.max():.0f} % of {self.material.bears}"
+                f"The arms of {with_count(len(strained), 'spiral', 'spirals')} are strained by up to {100.0 * self.strain.max():.0f} % of {self.material.bears}"
                 f"{self._strain_note}: they may break or stay bent. Press Optimise, take a thinner sheet, or make the piece larger"
             )
             findings.append(Finding("strained", "warning", text, tuple(strained.tolist())))
@@ -207,15 +206,12 @@ class Simulation:
                 "the slots, wind these spirals less with the brush Twist and Ctrl, then simulate"
             )
             findings.append(Finding("slots-close", "warning", text, tuple(beside.tolist())))
-        return findings + rest_findings(
-            self.equilibrium,
-            self.others,
-            self.assembled,
-            self.softest,
-            lambda rest: self.strain if rest is self.equilibrium else replace(self, equilibrium=rest).strain,
-            self.target,
-            self.size,
-        )
+        rests = self.equilibrium, self.others, self.assembled, self.softest, self._strain_at
+        return findings + rest_findings(*rests, self.target, self.size)
+
+    def _strain_at(self, rest: Equilibrium) -> Float[np.ndarray, " quads"] | None:
+        """Return ``strain`` in another rest."""
+        return replace(self, equilibrium=rest).strain
 
     def _kinked(self) -> list[Finding]:
         """Find the joints at kinks whose strains may exceed the limit, though the model computes less."""
@@ -369,16 +365,14 @@ def simulate(
     mass = design.area * assembly.thickness * material.density if params.gravity else None
     loads = Loads.for_spirals(assembly.size, supports=supports, clamped=params.clamped, force=force, mass=mass)
     stance = Stance(loads, target, design.flat.corners)
-    aim = stance.aim
 
     def laid(pose: Pose) -> Pose:
-        return loads.align(pose, assembly.pairs, aim)
+        return loads.align(pose, assembly.pairs, stance.aim)
 
     watched = progress.showing(lambda pose: move_vertices(design, laid(pose), target))
     main = watched.part(0.0, 0.3 if params.restarts else 1.0)
-    equilibrium = solve(
-        model, aim if start is None else stance.place_supports(start), loads, params, main, margins=(SNAP_STIFFNESS,)
-    )
+    begin = stance.aim if start is None else stance.place_supports(start)
+    equilibrium = solve(model, begin, loads, params, main, margins=(SNAP_STIFFNESS,))
     others = other_minima(model, equilibrium, loads, params, watched.part(0.3, 1.0))
     equilibrium, *others = (e.with_pose(laid(e.pose)) for e in (equilibrium, *others))
     return Simulation(design, target, material, model, assembly, loads, equilibrium, others)
