@@ -80,7 +80,8 @@ def presses(
     ----------
     obj : a mesh
     cures : how many first cures to press before files are written
-    named : names of cures to press before files are written, or where *Next* offers nothing; each once, when offered
+    named : names of cures to press before files are written, where *Next* offers nothing, or in place of another cure of the same
+        finding; each once, when offered
     most : how many presses at most
 
     Returns
@@ -96,7 +97,8 @@ def presses(
         obj = bpy.context.view_layer.objects.active if obj is None else obj
         seen = guidance.read_guidance(obj, bpy.context.scene)
         last = seen.act is None or seen.act.idname in {"flexmaps.export", "wm.path_open", "wm.save_mainfile"}
-        offered = {way.name for notice in seen.notices for way in notice.cures} if last else set()
+        instead = None if seen.act is None else seen.act.cure
+        offered = {way.name for one in seen.notices if last or instead in one.cures for way in one.cures}
         name = next((name for name in waiting if name in offered), None)
         if name is not None:
             waiting.remove(name)

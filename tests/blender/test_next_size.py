@@ -6,6 +6,7 @@ from typing import Any
 
 import bpy
 import pytest
+from flexmaps import api
 from flexmaps.bridge.store import failures, guidance, next_button, notes, notices, states
 from flexmaps.bridge.store.finding_words import BREAKS
 from flexmaps.engine.surface import shapes
@@ -25,14 +26,28 @@ def test_a_piece_whose_arms_would_break_is_made_larger_before_any_search(add: An
     (notice,) = [one for one in found.notices if one.key == notices.TOO_SMALL]
     assert notice.kind == BREAKS and found.act is not None and found.act.idname == "flexmaps.set_size"
     piece.lock_scale[0] = True
-    other = seen(piece).act
-    assert other is not None and other.idname == "flexmaps.fit"
+    assert _next(piece) == "flexmaps.fit"
     piece.lock_scale[0] = False
     before = tuple(piece.scale)
     assert bpy.ops.flexmaps.next() == {"FINISHED"}
     assert tuple(piece.scale) == pytest.approx([one * found.act.properties["times"] for one in before])
-    again = seen(piece).act
-    assert again is not None and again.idname == "flexmaps.merge"
+    assert _next(piece) == "flexmaps.merge"
+
+
+def test_a_script_keeps_the_size_by_name(add: Any) -> None:
+    small = shapes.dome(4)
+    piece = add(small.moved(small.vertices * (0.006 / small.median_edge)))
+    assert bpy.ops.flexmaps.flatten() == {"FINISHED"}
+    notes.write(piece.data, "layout", notes.read(piece.data)["layout"] | {"strain_softest": 3.0})
+    assert _next(piece) == "flexmaps.set_size"
+    (told,) = api.presses(piece, named=("let_go",), most=1)
+    assert "let_go" in told["call"] and not told["error"]
+    assert _next(piece) == "flexmaps.fit"
+
+
+def _next(piece: Any) -> str:
+    act = seen(piece).act
+    return "" if act is None else act.idname
 
 
 def test_who_wants_a_small_piece_goes_on(add: Any) -> None:

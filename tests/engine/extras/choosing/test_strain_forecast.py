@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from flexmaps.engine.extras.choosing.judge import LayoutProblem
 from flexmaps.engine.extras.choosing.strain_forecast import strain_of_softest
@@ -12,7 +13,7 @@ from flexmaps.engine.params import Settings
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.surface import shapes
-from flexmaps.engine.surface.mesh import PolygonMesh
+from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
 SETTINGS = Settings()
 
@@ -34,6 +35,14 @@ def test_softest_spirals_are_strained_least() -> None:
     params = replace(SETTINGS.simulate, restarts=0)
     usual = simulate(design, small.mesh, SETTINGS.material.chosen, params).strain
     assert usual is not None and forecast(small) < usual.max()
+
+
+def test_of_several_bodies_the_most_strained_counts() -> None:
+    large, small = (one.mesh for one in (laid(0.02), laid(0.006)))
+    vertices = np.concatenate([large.vertices, small.vertices + np.array([1.0, 0.0, 0.0])])
+    both = PolygonMesh.from_quads(QuadMesh(vertices, np.concatenate([large.quads, small.quads + len(large.vertices)])))
+    found = job.run(both, SETTINGS, stop_after="split")
+    assert forecast(found) == pytest.approx(forecast(laid(0.006)), rel=0.05)
 
 
 @pytest.mark.parametrize("edge", [0.0055, 0.006])
