@@ -54,6 +54,9 @@ PARTS, LAID, PREDICTED = 8, 6, 3
 # Larger: longer strips. docs/tuning.md has the surfaces that it changes
 STRIPS = 1.1
 
+# Factors on the distortion limit within which panels below the smallest size may join a neighbour. Larger: fewer such panels; docs/tuning.md has
+# the surfaces that it changes
+LOOSER = 2.0, 4.0
 PART = 0.2  # of the progress that is left, for each layout that is made and each that is predicted: there are 2 to 14
 PREDICTING = "Predicting the match"
 
@@ -65,7 +68,8 @@ def tighten(
     """Return another layout if the present one is expected to miss the required match.
 
     The surface is cut along its folds, merged under tighter limits, or divided into equal parts. A layout along the folds also
-    replaces one with more panels, if both are expected to meet the match. Every connected body is a piece of its own, of its own size.
+    replaces one with more panels, if both are expected to meet the match. Panels below the smallest size join others beyond the distortion limit
+    if the expected match does not suffer. Every connected body is a piece of its own, of its own size.
 
     Parameters
     ----------
@@ -155,11 +159,39 @@ def _tighten_body(
                 best, fitted, left = one, other, now
         if left <= wanted:
             break
+    best, left = _join_small(piece, best, start, left, wanted, parts)
     if best is not flat:
         notes = best.layout.notes
         notes.pop("forced", None)
         notes |= forced_notes(best, _with_longer_strips(limits)) | _symmetry_notes(best, symmetric=limits.symmetric)
     return best, left
+
+
+def _join_small(
+    piece: LayoutProblem,
+    flat: FlatPatches,
+    start: PredictionStart,
+    left: float,
+    wanted: float,
+    parts: Iterator[Progress],
+) -> tuple[FlatPatches, float]:
+    """Return the layout with panels below the smallest size joined to more distorted ones where the match bears it, and its expected distance.
+
+    left, wanted : expected and required distance; parts : of the progress
+    """
+    limits = piece.settings.layout
+    for factor in LOOSER:
+        if min(len(quads) for quads in flat.layout.patches) >= limits.patch_min:
+            break
+        part, looser = next(parts), replace(limits, distortion_limit=factor * limits.distortion_limit)
+        kept = symmetries(piece.mesh, progress=part.quiet()) if limits.symmetric else ()
+        joined = without_crumbs(flat.layout, looser, kept, part.quiet())
+        if joined is not flat.layout:
+            other = flatten(joined, looser, part.quiet())
+            now = _expected(piece, _fit_sheet(piece, other, part), start, part)
+            if now <= max(left, wanted):
+                flat, left = other, now
+    return flat, left
 
 
 def _along_folds(piece: LayoutProblem, progress: Progress) -> Iterator[FlatPatches]:

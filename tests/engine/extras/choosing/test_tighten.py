@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from flexmaps.engine.extras.choosing.drawn_cuts import along_folds
 from flexmaps.engine.extras.choosing.judge import FlatLayout, Idea, LayoutProblem, judge, lay_flat
-from flexmaps.engine.extras.choosing.predict import predict
-from flexmaps.engine.extras.choosing.tighten import MOST, PREDICTING, SHARES, STRIPS, tighten
+from flexmaps.engine.extras.choosing.predict import PredictionStart, predict
+from flexmaps.engine.extras.choosing.tighten import MOST, PREDICTING, SHARES, STRIPS, _join_small, tighten
 from flexmaps.engine.params import Settings
-from flexmaps.engine.patches.flattening.flatten import FlatPatches
+from flexmaps.engine.patches.flattening.flatten import FlatPatches, flatten
 from flexmaps.engine.patches.layout import PatchLayout
+from flexmaps.engine.patches.merging.dissolve import without_crumbs
 from flexmaps.engine.patches.merging.merge import merge
 from flexmaps.engine.patches.tracing.trace import trace
 from flexmaps.engine.progress import Progress
@@ -108,6 +109,26 @@ def test_strips_may_be_a_little_longer_than_other_panels(zoo: ModuleType) -> Non
     assert limit < found.layout.compactness.max() < STRIPS * limit
     assert "forced" not in found.layout.notes
     assert predict(piece, found) < 0.01 < predict(piece, flat)
+
+
+def test_a_panel_of_one_quad_joins_a_more_distorted_one_where_the_match_bears_it() -> None:
+    """Of a dome whose distortion in one panel exceeds the limit by half, and whose first quad was cut off."""
+    mesh = shapes.dome(4)
+    mesh = mesh.moved(mesh.vertices * (0.02 / mesh.median_edge))
+    whole = flatten(PatchLayout(mesh, np.zeros(len(mesh.edges), dtype=bool)), SETTINGS.layout)
+    first = np.flatnonzero(mesh.border[mesh.quad_edges].any(axis=1))[0]
+    cut = np.zeros(len(mesh.edges), dtype=bool)
+    cut[mesh.quad_edges[first]] = True
+    flat = flatten(PatchLayout(mesh, cut & ~mesh.border), SETTINGS.layout)
+    assert sorted(map(len, flat.layout.patches)) == [1, len(mesh.quads) - 1]
+    limits = replace(SETTINGS.layout, distortion_limit=float(whole.energy.max()) / 1.5)
+    piece = LayoutProblem(mesh, replace(SETTINGS, layout=limits))
+    assert without_crumbs(flat.layout, limits) is flat.layout  # the limit forbids it
+    start, parts = PredictionStart.from_layout(piece, flat), Progress().shares(0.2)
+    found, expected = _join_small(piece, flat, start, 1.0, 1.0, parts)
+    assert len(found.layout.patches) == 1 and expected < 1.0
+    kept, same = _join_small(piece, flat, start, 0.5 * expected, 0.5 * expected, parts)
+    assert kept is flat and same == 0.5 * expected
 
 
 def test_every_body_is_a_piece_of_its_own(
