@@ -126,19 +126,20 @@ class MakeLarger(Advised, bpy.types.Operator):
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Made) -> str:
         from ..bridge.store import mesh, states
-        from ..bridge.view import replacing
+        from ..bridge.view import framing
         from ..bridge.view.advised import alike
 
-        before = obj.scale.copy()
-        replacing.scale(context, obj, self._amount)
+        scale = obj.scale.copy()
+        obj.scale = scale * self._amount
+        context.view_layer.update()
         now = mesh.read_surface(obj, context.scene)
         if not alike(now, result.after.mesh):
-            replacing.scale(context, obj, 1.0 / self._amount)
-            obj.scale = before  # without rounding
+            obj.scale = scale
             context.view_layer.update()
             raise FlexMapsError(
                 f"Something else sets the scale of '{obj.name}', a constraint or a driver; scale it there"
             )
+        framing.follow(context, obj, self._amount)
         # scaling changes the checksum of "down" too, but does not turn the object
         self._made_from |= {"down": states.settings_now(obj, context.scene)["down"]}
         notes.write_checks(obj.data, result.after.findings)

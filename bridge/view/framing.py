@@ -21,6 +21,12 @@ def follow(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> 
     """Move every 3D view as an object is scaled about its origin, so that it looks unchanged; camera views stay.
 
     Without it, a ball of 2 m that becomes 0.2 m would be a dot.
+
+    Parameters
+    ----------
+    context : Blender's context
+    obj : the object
+    factor : scale factor
     """
     origin = obj.matrix_world.translation
     for _, area in _views(context):

@@ -29,14 +29,12 @@ STEP = 0.05  # factors on the size are rounded up to a multiple of it
 # and 1.3 % of their size to 1.4, 1.2, 1.3, 0.9 and 1.2 %. Where spirals are within their bounds the gain is uncertain: three optimised
 # saddles went from 0.56, 0.52 and 0.48 to 0.50, 0.64 and 0.73 %
 DENSER = 2
-# Measured on 32 searches, see docs/tuning.md
-SOFTEST_LIMIT = (
-    1.6  # strain of the softest spirals over the limit above which a larger size is advised; larger: fewer warnings
-)
+# Strain of the softest spirals, as a multiple of the limit, above which a larger size is advised, from 32 searches (docs/tuning.md); larger:
+# fewer warnings
+SOFTEST_LIMIT = 1.6
 SOFTEST_AIM = 1.2  # this strain after the advised scaling; smaller: larger pieces
-SOFTEST_POWER = (
-    2.5  # power of the size by which it falls, as larger quads have room for more turns; smaller: larger pieces
-)
+# Power of the size by which this strain falls, as larger quads have room for more turns; smaller: larger pieces
+SOFTEST_POWER = 2.5
 # preferred thicknesses in one decade: the series R''10 of ISO 497, in which most sheets are sold
 SERIES = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 MILLIMETRES = SHOWN["m"][0]

@@ -210,8 +210,8 @@ class Simulation:
         return findings + rest_findings(*rests, self.target, self.size)
 
     def _strain_at(self, rest: Equilibrium) -> Float[np.ndarray, " quads"] | None:
-        """Return ``strain`` in another rest."""
-        return replace(self, equilibrium=rest).strain
+        """Return ``strain`` in this rest or in another one."""
+        return self.strain if rest is self.equilibrium else replace(self, equilibrium=rest).strain
 
     def _kinked(self) -> list[Finding]:
         """Find the joints at kinks whose strains may exceed the limit, though the model computes less."""

@@ -17,10 +17,15 @@ def seen(obj: Any) -> guidance.Guidance:
     return guidance.read_guidance(obj, bpy.context.scene)
 
 
+def _small(add: Any) -> Any:
+    """Return a dome of quads of 6 mm."""
+    dome = shapes.dome(4)
+    return add(dome.moved(dome.vertices * (0.006 / dome.median_edge)))
+
+
 def test_a_piece_whose_arms_would_break_is_made_larger_before_any_search(add: Any, predicted_match: None) -> None:
     """Then it is laid out again; where the scale is locked, *Next* goes on."""
-    small = shapes.dome(4)
-    piece = add(small.moved(small.vertices * (0.006 / small.median_edge)))
+    piece = _small(add)
     assert bpy.ops.flexmaps.merge() == {"FINISHED"}
     found = seen(piece)
     (notice,) = [one for one in found.notices if one.key == notices.TOO_SMALL]
@@ -35,8 +40,7 @@ def test_a_piece_whose_arms_would_break_is_made_larger_before_any_search(add: An
 
 
 def test_a_script_keeps_the_size_by_name(add: Any) -> None:
-    small = shapes.dome(4)
-    piece = add(small.moved(small.vertices * (0.006 / small.median_edge)))
+    piece = _small(add)
     assert bpy.ops.flexmaps.flatten() == {"FINISHED"}
     notes.write(piece.data, "layout", notes.read(piece.data)["layout"] | {"strain_softest": 3.0})
     assert _next(piece) == "flexmaps.set_size"

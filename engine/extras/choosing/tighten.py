@@ -180,11 +180,13 @@ def _join_small(
     left, wanted : expected and required distance; parts : of the progress
     """
     limits = piece.settings.layout
+    if _smallest(flat) >= limits.patch_min:
+        return flat, left
+    kept = symmetries(piece.mesh, progress=next(parts).quiet()) if limits.symmetric else ()
     for factor in LOOSER:
-        if min(len(quads) for quads in flat.layout.patches) >= limits.patch_min:
+        if _smallest(flat) >= limits.patch_min:
             break
         part, looser = next(parts), replace(limits, distortion_limit=factor * limits.distortion_limit)
-        kept = symmetries(piece.mesh, progress=part.quiet()) if limits.symmetric else ()
         joined = without_crumbs(flat.layout, looser, kept, part.quiet())
         if joined is not flat.layout:
             other = flatten(joined, looser, part.quiet())
@@ -192,6 +194,11 @@ def _join_small(
             if now <= max(left, wanted):
                 flat, left = other, now
     return flat, left
+
+
+def _smallest(flat: FlatPatches) -> int:
+    """Return the number of quads of the smallest panel."""
+    return min(len(quads) for quads in flat.layout.patches)
 
 
 def _along_folds(piece: LayoutProblem, progress: Progress) -> Iterator[FlatPatches]:
