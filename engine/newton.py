@@ -36,7 +36,6 @@ NEGLIGIBLE_STEP = 1e-13  # radians and metres; smaller steps are rounding errors
 CREEPING, STEPS = 1e-5, 8
 LITTLE = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)  # small convex shares to try in turn when it stagnates; by eye
 TRIALS = 12  # attempts at a damped step; each multiplies the damping by up to 8, so 12 leave no step at all
-FIRST = 0.3  # length of the first step along the gradient, in variables scaled to boxes of size 1
 # Actual over predicted decrease: above GOOD damping shrinks, below POOR it grows, below TAKEN the step is rejected
 GOOD, POOR, TAKEN = 0.7, 0.25, 1e-3
 # Factor of the damping after a good step; DEEP_CUT while no step has failed and the decrease is predicted within the share EXACT.
@@ -298,6 +297,7 @@ class Damped:
 
     iterations : largest number of iterations
     stop : the search ends after two steps in a row with a smaller relative decrease, or after a refused one that was predicted to bring less
+    first : RMS length of a first step along the gradient, in variables scaled to boxes of size 1; sets the damping at the beginning
     damping : of the variables; an earlier search may hand over its last value, which the first step limits by the gradient's size
     following : damping of the dependent quantities
     small : number of steps in a row whose decrease was below ``stop``
@@ -306,6 +306,7 @@ class Damped:
 
     iterations: int
     stop: float
+    first: float
     damping: float | None = None
     following: float = 0.0
     small: int = 0
@@ -315,7 +316,7 @@ class Damped:
         self, problem: DampedProblem, state: Any, here: Local, history: list[Iteration]
     ) -> tuple[Any, str | None]:
         if not history[1:]:
-            along = float(np.linalg.norm(here.gradient) / (FIRST * np.sqrt(here.gradient.size)))
+            along = float(np.linalg.norm(here.gradient) / (self.first * np.sqrt(here.gradient.size)))
             self.damping = along if self.damping is None else min(self.damping, along)
         found, gain = self._tried(problem, here, history[-1])
         if found is None:

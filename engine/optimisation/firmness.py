@@ -71,6 +71,10 @@ class StabilityRequirement:
         """Margins of an equilibrium that are tested, see ``equilibrium.solve``."""
         return MIN_STABILITY, self.enough
 
+    def same_modes(self, other: StabilityRequirement) -> bool:
+        """Return whether both requirements take the same modes of an equilibrium into account."""
+        return type(self) is type(other) and (self.enough, self.modes) == (other.enough, other.modes)
+
     def rows(self, rises: Float[np.ndarray, " k"], enough: float) -> tuple[np.ndarray, np.ndarray]:
         """Return log((enough - m) / (rises - m)), m = ``BARRIER_POLE``, with its tangent near m, and the derivatives by ``rises``."""
         room = rises - BARRIER_POLE

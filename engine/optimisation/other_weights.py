@@ -21,7 +21,9 @@ def with_problem(point: Point, problem: Any, **changes: Any) -> Point:
     """
     source: Any = point
     copy: Point = replace(source, problem=problem, **changes)
-    changed = WEIGHT_DEPENDENT if problem.firmness is source.problem.firmness else WEIGHT_DEPENDENT | {"_modes"}
+    asked, before = problem.firmness, source.problem.firmness
+    equal = asked is before or (asked is not None and before is not None and asked.same_modes(before))
+    changed = WEIGHT_DEPENDENT if equal else WEIGHT_DEPENDENT | {"_modes"}
     kept = source.__dict__.keys() - copy.__dict__.keys() - changed
     copy.__dict__.update({name: source.__dict__[name] for name in kept})
     return copy

@@ -1,4 +1,4 @@
-"""Stages of one search: spirals alone, then with the flat shapes and alone in turn, and alone at the end.
+"""Stages of one search: steps with the flat shapes and of the spirals alone in turn, and of the spirals alone at the end.
 
 Every stage ends in a design that can be cut, and the best of these is the result: a search never ends worse than it began.
 Every step is evaluated with the whole elastic model: without the second order of the strains, slender panels come to rest in
@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..newton import CONVERGED, REACHED, TIME
+from ..newton import CONVERGED, ITERATIONS, REACHED, TIME
 from ..params import OptimiseParams
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import Progress
@@ -29,23 +29,23 @@ from .terms import LOOSE, STRICT
 from .work import SLOW
 
 Stage = Callable[["StageResult", Progress], "StageResult"]
-# Share of the objective by which a step of the spirals alone must lower it; else the flat shapes move too. With less, the spirals
-# converge first, and surfaces end farther from their target after the same work
+# Share of the objective that the first steps with springs, of the spirals alone, must bring; else the flat shapes move too
 FIRST_STOP = 0.45
 # Largest weight of position against curvature in the first steps with the flat shapes of a piece that is about to snap far from its target.
 # Positions hold such a piece between two shapes, curvature leads it out
 BENDING_LIES = 0.1
-# Largest number of steps with the flat shapes before a few of the spirals alone, and their stopping share. Steps of the spirals cost a
-# third, and lead flat shapes away from their limits, whose barriers are then set anew. After four rounds of six steps in a row, a hyperbolic
-# paraboloid of 196 spirals was 0.14 mm from its target; with these, 0.07 mm after the same time
-FLAT_STEPS, FLAT_STOP = 6, 5e-3
+# Largest number of steps with the flat shapes before a few of the spirals alone, and the share of the objective that two steps in a row must
+# not stay below, of both kinds; less while the piece is far from its target (``StageResult.rate_factor``). Steps of the spirals lead flat
+# shapes away from their limits, whose barriers are then set anew. With fewer steps in a row large surfaces end farther away, with more small
+# saddles do (docs/tuning.md)
+FLAT_STEPS, CYCLE_STOP = 9, 0.1
 # largest number of such cycles, and the share of the objective that one must bring for the next
 MAX_CYCLES, CYCLE_GAIN = 20, 0.05
 # shares of a stage's change that are tried if with all of it a patch overlaps itself, or the piece ends too far from its target
 BACKTRACK_SHARES = 0.5, 0.2
 # steps of the spirals alone in a round, largest number of rounds at the end, and the share of the objective that a round must bring
 POLISH_STEPS, MAX_POLISHES, POLISH_GAIN = 4, 12, 0.01
-TIME_ALONE, TIME_WITH_FLATS = 0.4, 0.85  # shares of the time limit at which the first stage, and the cycles, must end
+TIME_WITH_FLATS = 0.85  # share of the time limit at which the cycles must end
 # Share of the work before that steps of the spirals alone may add where arms are visibly overstrained, and the number of steps between
 # two updates of the strains' multipliers. With one, a surface of 986 quads comes from 1.13 of its limit to 1.00 in two steps, with four in
 # four. With a share of 0.25 the arms of a head of 472 quads stayed at 1.05 of their limit
@@ -137,7 +137,7 @@ class Search:
 
     accepted : called with every better point; farthest : largest allowed RMS distance from the target, in distances of neighbours
     first : the flat patches before earlier runs moved them; held : results of all stages, in their order
-    snapping : whether the piece was about to snap far from its target after the first stage
+    snapping : whether the piece was about to snap far from its target at the start
     """
 
     task: Task
@@ -153,30 +153,20 @@ class Search:
         """Stage result with the best merit."""
         return min(self.held, key=lambda one: one.merit(STRICT))
 
-    def run(self, starts: list[DesignPoint], design: SpiralDesign, progress: Progress) -> int:
-        """Run the first stage from every start, and all others from the best result of every body; return the index of the best start.
+    def run(self, starts: list[DesignPoint], design: SpiralDesign, progress: Progress) -> None:
+        """Run all stages from the first start, with every body of the piece as in the start where it matches best.
 
-        starts : points in the design's flat shapes, which share the time of the first stage equally
+        starts : points in the design's flat shapes, the best first
         """
         params, work = self.task.params, self.task.work
-        codesigned = params.codesign and starts[0].arms is not None
-        end = 0.3 if codesigned else 0.8
-        tried: list[StageResult] = []
-        for k, start in enumerate(starts):
-            work.begin((TIME_ALONE if codesigned else TIME_WITH_FLATS) * (k + 1) / len(starts))
-            here = self.hold(design, start)
-            part = progress.part(end * k / len(starts), end * (k + 1) / len(starts))
-            other = self.begun(here, part) if codesigned else self.improved(here, params, part)
-            tried.append(other if other.value < here.value else here)
-        # regardless of strains, which later stages relieve
-        chosen = min(range(len(tried)), key=lambda k: tried[k].merit(LOOSE))
-        ended = self.trace.ended
-        here = self._with_best_bodies(tried, tried[chosen], progress.at(end, "Starting shapes"))
-        if codesigned:
-            work.begin(TIME_WITH_FLATS)
-            here = self.cycled(here, progress.part(0.3, 0.8))
-        slow = work.slow
-        if not codesigned:
+        tried = [self.hold(design, start) for start in starts]
+        here = self._with_best_bodies(tried, tried[0], progress.at(0.0, "Starting shapes"))
+        work.begin(TIME_WITH_FLATS)
+        if params.codesign and here.point.arms is not None:
+            here = self.cycled(here, progress.part(0.0, 0.8))
+            slow = work.slow
+        else:
+            here, slow = self.improved(here, params, progress.part(0.0, 0.8)), work.slow
             work.begin(1.0)
             here = self._repeat(self.polished, here, MAX_POLISHES, POLISH_GAIN, progress.part(0.8, 0.95))
         late = work.late  # read before ``relieve``, which extends the limit
@@ -187,9 +177,8 @@ class Search:
             self.trace.ended = SLOW
         elif late or work.late:
             self.trace.ended = TIME
-        else:
-            self.trace.ended = CONVERGED if ended in (REACHED, TIME) else ended
-        return chosen
+        elif self.trace.ended != ITERATIONS or len(self.trace.rows) < params.iterations:
+            self.trace.ended = CONVERGED
 
     def _with_best_bodies(self, tried: list[StageResult], best: StageResult, progress: Progress) -> StageResult:
         """Return a result with every body of the piece as in the result where it matches best; ``best`` if that is no better."""
@@ -289,12 +278,15 @@ class Search:
         """Optimise flat shapes and spirals together, then the spirals alone."""
         found = self.moved(here, progress.part(0.0, 0.8))
         found = found if found.value < here.value else here
-        return found if self.task.work.over else self.polished(found, progress.part(0.8, 1.0))
+        if self.task.work.over:
+            return found
+        return self.polished(found, progress.part(0.8, 1.0), stop=CYCLE_STOP / found.rate_factor)
 
     def moved(self, here: StageResult, progress: Progress) -> StageResult:
         """Optimise flat shapes and spirals together; take less of the change if the result is not a better design."""
         params, start = self.task.params, here.point
-        rough = replace(params, stop=max(params.stop, FLAT_STOP), iterations=min(FLAT_STEPS, params.iterations))
+        stop = max(params.stop, CYCLE_STOP / here.rate_factor)
+        rough = replace(params, stop=stop, iterations=min(FLAT_STEPS, params.iterations))
         part, steps = progress.part(0.0, 0.9), len(self.trace.rows)
         found = codesign.refine_flat_shapes(
             start.problem, start, here.design, rough, self.trace, self.accepted, part, self.first

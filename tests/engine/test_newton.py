@@ -194,7 +194,7 @@ class Residuals(Dense):
 
 def test_damped_steps_go_downhill_to_the_end() -> None:
     problem = Residuals()
-    run = minimise(problem, np.array([-1.2, 1.0]), Damped(300, 0.0))
+    run = minimise(problem, np.array([-1.2, 1.0]), Damped(300, 0.0, 0.3))
     assert run.state == pytest.approx([1.0, 1.0], abs=1e-5)
     assert (np.diff([one.energy for one in run.history]) < 0.0).all() and problem.refused > 0
 
@@ -202,7 +202,7 @@ def test_damped_steps_go_downhill_to_the_end() -> None:
 @pytest.mark.parametrize("share", [0.1, 10.0])
 def test_damping_of_an_earlier_search_holds_where_it_is_less(share: float) -> None:
     start = np.array([-1.2, 1.0])
-    fresh, later = Damped(1, 0.0), Damped(1, 0.0, damping=None)
+    fresh, later = Damped(1, 0.0, 0.3), Damped(1, 0.0, 0.3)
     first = minimise(Residuals(), start, fresh).history[0].modified
     later.damping = share * first
     again = minimise(Residuals(), start, later).history[0].modified
@@ -216,7 +216,7 @@ def test_a_refused_step_that_was_to_bring_next_to_nothing_is_the_last(stop: floa
             return type("Step", (), {"step": here.gradient, "gain": 5e-4 * here.energy})
 
     problem = Uphill()
-    run = minimise(problem, np.array([-1.2, 1.0]), Damped(300, stop))
+    run = minimise(problem, np.array([-1.2, 1.0]), Damped(300, stop, 0.3))
     assert run.ended == newton.CONVERGED and problem.refused == refused
 
 
@@ -230,7 +230,7 @@ def test_of_a_refused_step_the_share_is_taken_that_a_parabola_finds_least() -> N
             return type("Step", (), {"step": -10.0 * here.own, "gain": here.energy})
 
     problem = TooFar()
-    run = minimise(problem, np.array([-1.2, 1.0]), Damped(1, 0.0))
+    run = minimise(problem, np.array([-1.2, 1.0]), Damped(1, 0.0, 0.3))
     assert problem.refused == 1 and run.state == pytest.approx([0.0, 0.0], abs=1e-12)
 
 
@@ -242,7 +242,7 @@ def test_damping_falls_faster_until_a_step_goes_too_far() -> None:
             noted.append((damping, self.refused))
             return super().proposed(here, damping, following)
 
-    minimise(Noting(), np.array([-1.2, 1.0]), Damped(300, 0.0))
+    minimise(Noting(), np.array([-1.2, 1.0]), Damped(300, 0.0, 0.3))
     damping, refused = np.array(noted).T
     falls = damping[1:] / damping[:-1]
     assert falls[refused[1:] == 0].min() < 0.5 * newton.CUT

@@ -19,35 +19,43 @@ from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
 
 
-def point(mismatch: float, value: float, distance: float = 0.5, x: float = 0.0) -> Any:
-    """A start; those of the same x are one design."""
-    found = SimpleNamespace(value=mismatch)
-    return SimpleNamespace(mismatch=found, value=value, distance=distance, x=np.array([x]))
+def point(mismatch: float, value: float, distance: float = 0.5) -> Any:
+    """A start with this mismatch, objective and distance from the target."""
+    return SimpleNamespace(mismatch=SimpleNamespace(value=mismatch), value=value, distance=distance)
 
 
 def test_slots_and_strain_do_not_outvote_the_mismatch() -> None:
     points = {"given": point(0.0035, 0.0158), "uniform": point(0.0096, 0.0096)}
-    assert optimise._best_starts(points, np.inf) == ["given"]
+    assert optimise._rank_starts(points, np.inf)[0] == "given"
 
 
 def test_among_near_equals_the_objective_decides() -> None:
     points = {"given": point(0.0188, 0.05), "uniform": point(0.0190, 0.02), "curvature": point(0.0170, 0.03)}
-    assert optimise._best_starts(points, np.inf) == ["uniform"]
+    assert optimise._rank_starts(points, np.inf)[0] == "uniform"
 
 
 def test_a_start_too_far_away_is_not_taken() -> None:
     points = {"given": point(0.004, 0.03, distance=0.4), "uniform": point(0.003, 0.003, distance=1.75)}
-    assert optimise._best_starts(points, 0.42) == ["given"]
-    assert optimise._best_starts(points, np.inf) == ["uniform"]
+    assert optimise._rank_starts(points, 0.42)[0] == "given"
+    assert optimise._rank_starts(points, np.inf)[0] == "uniform"
 
 
-def test_two_designs_are_tried_where_starts_differ() -> None:
-    points = {"given": point(0.001, 0.005), "curvature": point(0.001, 0.006), "uniform": point(0.002, 0.002, x=0.5)}
-    assert optimise._best_starts(points, np.inf) == ["given", "uniform"]
+def made_dome() -> Any:
+    """A dome with spirals, as the stage *Spirals* makes them."""
+    return job.run(PolygonMesh.from_quads(shapes.make("dome", 0.04)), Settings(), edge=0.02, stop_after="spirals")
+
+
+@pytest.mark.parametrize(("scale", "names"), [(1.0, {"given", "uniform"}), (0.5, {"given", "curvature", "uniform"})])
+def test_starts_that_are_nearly_the_given_design_are_left_out(scale: float, names: set[str]) -> None:
+    made = made_dome()
+    design = dataclasses.replace(made.design, twist=scale * made.design.twist)
+    task = Task(made.mesh, MATERIALS["vero"], OptimiseParams(), SimulateParams(restarts=0), None, None, Work())
+    found = optimise.find_starts(task.problem(design), design, made.mesh, OptimiseParams(), optimise.SILENT)
+    assert set(found) == names
 
 
 def test_a_result_too_far_away_is_worth_nothing() -> None:
-    made = job.run(PolygonMesh.from_quads(shapes.make("dome", 0.04)), Settings(), edge=0.02, stop_after="spirals")
+    made = made_dome()
     assert made.design is not None
     physics = SimulateParams(restarts=0)
     task = Task(made.mesh, MATERIALS["vero"], OptimiseParams(), physics, None, None, Work())
