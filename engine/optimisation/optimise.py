@@ -179,10 +179,9 @@ def optimise(
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
     points = find_starts(problem, design, target, params, progress.part(0.0, 0.1))
     names = _rank_starts(points, _distance_limit(points.get("given"), problem))
-    name, weight = names[0], points[names[0]].mismatch.value
+    weight = points[names[0]].mismatch.value
     starts = [points[name].weighed(weight) for name in names]
-    start = starts[0]
-    given = points["given"].weighed(weight) if "given" in points else start
+    start, given = starts[0], points["given"].weighed(weight) if "given" in points else starts[0]
     pose = given.equilibrium.pose
     rests_elsewhere = before and poses_differ(before.equilibrium.pose, pose, before.assembly.pairs, before.loads)
     if before is None or rests_elsewhere:
@@ -205,7 +204,7 @@ def optimise(
     after = found.simulation
     if prove and trace.ended != CANCELLED:
         after = _with_other_rests(after, physics, progress.part(0.99, 1.0))
-    return Optimisation(before, after, trace, name, found.point, trace.ended)
+    return Optimisation(before, after, trace, names[0], found.point, trace.ended)
 
 
 def _shown_at_rest(task: Task, design: SpiralDesign, progress: Progress) -> Simulation | None:
