@@ -39,7 +39,7 @@ TRIALS = 12  # attempts at a damped step; each multiplies the damping by up to 8
 # Actual over predicted decrease: above GOOD damping shrinks, below POOR it grows, below TAKEN the step is rejected
 GOOD, POOR, TAKEN = 0.7, 0.25, 1e-3
 # Factor of the damping after a good step; DEEP_CUT while no step has failed and the decrease is predicted within the share EXACT.
-# The initial damping is a thousand times too large: with DEEP_CUT a surface of 986 quads took 5 steps instead of 9
+# The initial damping is far too large: with DEEP_CUT a surface of 986 quads took 5 steps instead of 9
 CUT, DEEP_CUT, EXACT = 0.3, 0.1, 0.1
 # Smallest damping, in energies per variable: less would not change the steps, and would take longer to grow again
 LEAST_DAMPING = 0.01

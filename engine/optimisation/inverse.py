@@ -225,7 +225,7 @@ class DesignPoint:
     def weighed(self, mismatch: float) -> DesignPoint:
         """Return this point in a search that starts with this mismatch, which sets the weight of excess strain.
 
-        In the first stage stability has no weight, so that it does not divert a search that would end stable anyway.
+        Stability has no weight until ``firmed``, so that it does not decide between starts.
         """
         bearing = self.problem.bearing and replace(self.problem.bearing, weight=WEIGHT * mismatch)
         return with_problem(self, replace(self.problem, bearing=bearing, firmness=StabilityRequirement(0.0)))

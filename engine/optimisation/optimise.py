@@ -54,8 +54,7 @@ MAX_PROOFS = 3  # largest number of designs that are proved, the best first, unt
 # Largest ratio of the best start's mismatch to the smallest mismatch. Ranking by the objective alone, which also counts closing slots and
 # strain, led a vessel of two walls into a collapsed shape; by the mismatch alone, it made results of two other surfaces worse by a third
 START_RATIO = 1.5
-# Largest RMS difference of coordinates, in [0, 1], between starts that count as equal. Designs as *Spirals* makes them are 0 to 0.2 from the
-# curvature-adjusted start, in the median of 46 surfaces 0.02, by the spirals that had to be reduced; uniform spirals are 0.3 and more away
+# Largest RMS difference of the free coordinates, in [0, 1], between starts that count as equal. Larger: fewer starts, less time
 SAME_START = 0.1
 RESULT_TOL = 0.02  # relative difference of merits up to which two designs count as equally good
 
@@ -179,9 +178,9 @@ def optimise(
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
     points = find_starts(problem, design, target, params, progress.part(0.0, 0.1))
     names = _rank_starts(points, _distance_limit(points.get("given"), problem))
-    weight = points[names[0]].mismatch.value
-    starts = [points[name].weighed(weight) for name in names]
-    start, given = starts[0], points["given"].weighed(weight) if "given" in points else starts[0]
+    mismatch = points[names[0]].mismatch.value
+    starts = [points[name].weighed(mismatch) for name in names]
+    start, given = starts[0], points["given"].weighed(mismatch) if "given" in points else starts[0]
     pose = given.equilibrium.pose
     rests_elsewhere = before and poses_differ(before.equilibrium.pose, pose, before.assembly.pairs, before.loads)
     if before is None or rests_elsewhere:
@@ -348,8 +347,9 @@ def find_starts(
     if params.restart and not design.painted:
         adjusted = space.coordinates(*curvature_adjusted(design.params, curvature.rms_curvature(target)))
         others = {"curvature": adjusted, "uniform": space.uniform(0.5, 0.5)}
-        given = places["given"]
-        places |= {name: x for name, x in others.items() if np.sqrt(np.mean((x - given) ** 2)) > SAME_START}
+        given, free = places["given"], np.repeat(space.free, space.each)
+        far = {name: np.sqrt(np.mean((x - given)[free] ** 2)) > SAME_START for name, x in others.items()}
+        places |= {name: x for name, x in others.items() if far[name]}
     points: dict[str, DesignPoint] = {}
     for k, (name, x) in enumerate(places.items()):
         within = progress.at(k / len(places), "Starting shapes")

@@ -27,10 +27,11 @@ from .scaling import CurvatureEstimate
 # refused beyond four times as much
 MAX_TURN = 0.3
 CANCELLED = "stopped"  # ``SearchRecord.ended`` of a cancelled search
-# RMS length of the first step of a stage along the gradient, in [0, 1]; of a piece that is less stable than required
+# RMS length of a stage's first step along the gradient, in coordinates scaled to [0, 1], and that of a piece less stable than required.
+# Larger ones need fewer steps where a start is near; pieces that are about to snap are lost (docs/tuning.md)
 FIRST_STEP, FIRST_STEP_NEAR_SNAP = 3.0, 0.3
-# Cost of the rotations of a step to a lost equilibrium in the damping of the next trial, as a multiple of the decrease that was predicted
-# for it. With 0.5 to 1.5 five pieces that snap easily end as near as with one damping for all hubs, after 0.87 to 0.93 times the seconds
+# After a lost equilibrium rotations are damped so that those of the lost step cost this multiple of its predicted decrease. Larger: shorter steps,
+# fewer of them lost
 GENTLE_COST = 1.5
 MAX_JUMP = 0.5  # distance of a hub from its predicted place, in distances of neighbours, beyond which the piece counts as snapped
 # Newton iterations after which an equilibrium is given up: a piece that snaps takes many. Of 400 accepted steps from predicted poses, on

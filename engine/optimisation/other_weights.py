@@ -21,8 +21,8 @@ def with_problem(point: Point, problem: Any, **changes: Any) -> Point:
     """
     source: Any = point
     copy: Point = replace(source, problem=problem, **changes)
-    asked, before = problem.firmness, source.problem.firmness
-    equal = asked is before or (asked is not None and before is not None and asked.same_modes(before))
+    now, before = problem.firmness, source.problem.firmness
+    equal = now is before or (now is not None and before is not None and now.same_modes(before))
     changed = WEIGHT_DEPENDENT if equal else WEIGHT_DEPENDENT | {"_modes"}
     kept = source.__dict__.keys() - copy.__dict__.keys() - changed
     copy.__dict__.update({name: source.__dict__[name] for name in kept})

@@ -34,11 +34,12 @@ FIRST_STOP = 0.45
 # Largest weight of position against curvature in the first steps with the flat shapes of a piece that is about to snap far from its target.
 # Positions hold such a piece between two shapes, curvature leads it out
 BENDING_LIES = 0.1
-# Largest number of steps with the flat shapes before a few of the spirals alone, and the share of the objective that two steps in a row must
-# not stay below, of both kinds; less while the piece is far from its target (``StageResult.rate_factor``). Steps of the spirals lead flat
-# shapes away from their limits, whose barriers are then set anew. With fewer steps in a row large surfaces end farther away, with more small
-# saddles do (docs/tuning.md)
-FLAT_STEPS, CYCLE_STOP = 9, 0.1
+# Largest number of steps with the flat shapes before a few of the spirals alone, which lead flat shapes away from their limits, whose barriers
+# are then set anew. With fewer, large surfaces end farther from their target; with more, small saddles do (docs/tuning.md)
+FLAT_STEPS = 9
+# Such steps, of either kind, end after two in a row that each lower the objective by less than this share, divided by
+# ``StageResult.rate_factor``. A larger share changes sooner from one kind to the other
+CYCLE_STOP = 0.1
 # largest number of such cycles, and the share of the objective that one must bring for the next
 MAX_CYCLES, CYCLE_GAIN = 20, 0.05
 # shares of a stage's change that are tried if with all of it a patch overlaps itself, or the piece ends too far from its target
@@ -120,7 +121,7 @@ class StageResult:
 
     @property
     def rate_factor(self) -> float:
-        """Factor on the decreases of further steps, see ``Work.factor``."""
+        """Factor on the decreases of further steps, see ``Work.factor``, and divisor of ``CYCLE_STOP``."""
         far = self.percent / WANTED_PERCENT
         if far > 1.0:
             return max(UNMET_FACTOR, far)
@@ -162,11 +163,15 @@ class Search:
         tried = [self.hold(design, start) for start in starts]
         here = self._with_best_bodies(tried, tried[0], progress.at(0.0, "Starting shapes"))
         work.begin(TIME_WITH_FLATS)
-        if params.codesign and here.point.arms is not None:
+        codesigned = params.codesign and here.point.arms is not None
+        if codesigned:
             here = self.cycled(here, progress.part(0.0, 0.8))
-            slow = work.slow
         else:
-            here, slow = self.improved(here, params, progress.part(0.0, 0.8)), work.slow
+            found = self.improved(here, params, progress.part(0.0, 0.8))
+            here = found if found.value < here.value else here
+        slow = work.slow
+        limited = self.trace.ended == ITERATIONS and not (codesigned and params.iterations > FLAT_STEPS)
+        if not codesigned:
             work.begin(1.0)
             here = self._repeat(self.polished, here, MAX_POLISHES, POLISH_GAIN, progress.part(0.8, 0.95))
         late = work.late  # read before ``relieve``, which extends the limit
@@ -177,8 +182,8 @@ class Search:
             self.trace.ended = SLOW
         elif late or work.late:
             self.trace.ended = TIME
-        elif self.trace.ended != ITERATIONS or len(self.trace.rows) < params.iterations:
-            self.trace.ended = CONVERGED
+        else:
+            self.trace.ended = ITERATIONS if limited else CONVERGED
 
     def _with_best_bodies(self, tried: list[StageResult], best: StageResult, progress: Progress) -> StageResult:
         """Return a result with every body of the piece as in the result where it matches best; ``best`` if that is no better."""
@@ -285,7 +290,7 @@ class Search:
     def moved(self, here: StageResult, progress: Progress) -> StageResult:
         """Optimise flat shapes and spirals together; take less of the change if the result is not a better design."""
         params, start = self.task.params, here.point
-        stop = max(params.stop, CYCLE_STOP / here.rate_factor)
+        stop = params.stop and max(params.stop, CYCLE_STOP / here.rate_factor)
         rough = replace(params, stop=stop, iterations=min(FLAT_STEPS, params.iterations))
         part, steps = progress.part(0.0, 0.9), len(self.trace.rows)
         found = codesign.refine_flat_shapes(

@@ -209,6 +209,12 @@ def test_damping_of_an_earlier_search_holds_where_it_is_less(share: float) -> No
     assert (again < first) if share < 1.0 else (again == first)
 
 
+def test_a_longer_first_step_begins_with_less_damping() -> None:
+    start = np.array([-1.2, 1.0])
+    short, long = (minimise(Residuals(), start, Damped(1, 0.0, first)).history[0].modified for first in (0.3, 3.0))
+    assert short == pytest.approx(10.0 * long)
+
+
 @pytest.mark.parametrize(("stop", "refused"), [(0.0, newton.TRIALS), (1e-3, 1)])
 def test_a_refused_step_that_was_to_bring_next_to_nothing_is_the_last(stop: float, refused: int) -> None:
     class Uphill(Residuals):

@@ -167,12 +167,12 @@ def test_the_barrier_weighs_a_share_of_the_mismatch_of_each_stage() -> None:
     assert firmness.weight == StabilityRequirement.from_mismatch(here.mismatch.value).weight > 0.0
 
 
-def test_a_lack_of_stability_weighs_nothing_in_the_first_stage() -> None:
+def test_a_lack_of_stability_weighs_nothing_at_the_start() -> None:
     here = start().weighed(1.0)
     rises = here.barrier.rises if here.barrier is not None else np.ones(1)
     assert not any(isinstance(term, StabilityBarrier) for term in here.terms)
     firmness = dataclasses.replace(StabilityRequirement.from_mismatch(1.0), enough=0.999)
     later = dataclasses.replace(here, problem=dataclasses.replace(here.problem, firmness=firmness))
     assert any(isinstance(term, StabilityBarrier) for term in later.terms) and later.value > here.value
-    # results are compared by their stability from the first stage on
+    # results are compared by their stability from the start on
     assert here.merit(0.0) == pytest.approx(StabilityRequirement(0.0).merit(here.mismatch.value, rises))

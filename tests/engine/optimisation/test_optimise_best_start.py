@@ -56,7 +56,6 @@ def test_starts_that_are_nearly_the_given_design_are_left_out(scale: float, name
 
 def test_a_result_too_far_away_is_worth_nothing() -> None:
     made = made_dome()
-    assert made.design is not None
     physics = SimulateParams(restarts=0)
     task = Task(made.mesh, MATERIALS["vero"], OptimiseParams(), physics, None, None, Work())
     problem = task.problem(made.design)
