@@ -56,6 +56,8 @@ MAX_PROOFS = 3  # largest number of designs that are proved, the best first, unt
 START_RATIO = 1.5
 # Largest RMS difference of the free coordinates, in [0, 1], between starts that count as equal. Larger: fewer starts, less time
 SAME_START = 0.1
+# Relative decrease of the merit that counts as better than the given design; equilibria of equal designs differ by 1e-8 or less
+SAME_MERIT = 1e-6
 RESULT_TOL = 0.02  # relative difference of merits up to which two designs count as equally good
 
 
@@ -222,7 +224,7 @@ def _shown_at_rest(task: Task, design: SpiralDesign, progress: Progress) -> Simu
 def _better(found: SimulatedResult | None, given: SimulatedResult, trace: SearchRecord) -> SimulatedResult:
     """Return the result of the search if it is better than the given design, else the given design, and note so in ``trace.ended``."""
     strictness = LOOSE if trace.ended == CANCELLED else LENIENT
-    if found is None or not found.merit(strictness) < given.merit(strictness):
+    if found is None or not found.merit(strictness) < (1.0 - SAME_MERIT) * given.merit(strictness):
         trace.ended = trace.ended if trace.ended in (CANCELLED, REACHED) else "nothing"
         return given
     return found
