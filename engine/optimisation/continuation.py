@@ -31,6 +31,8 @@ SHARES = (1e-3, 1e-4, 1e-5, 1e-6)
 # Shares of the distance from the target before this stage: it is given up unless springs bring the piece nearer than the first, and the
 # usual search goes on from a released piece that is nearer than the second
 HOPEFUL, SUCCESS = 0.5, 0.5
+# Share of the objective that two steps in a row of the spirals alone must bring at every stiffness; else the flat shapes move too
+FIRST_STOP = 0.45
 STABILITY_WEIGHT = 1.0  # of the required stability, in mismatches of the result without springs
 # Work that this stage may add, with springs and after them, as shares of the usual time of this search
 TIME_WITH_SPRINGS, TIME_AFTER_SPRINGS = 1.25, 0.75
@@ -83,7 +85,8 @@ def _release_from_springs(search: Search, here: StageResult, progress: Progress)
             return None
         point = point.weighed(point.mismatch.value)
         point = with_problem(point, replace(point.problem, firmness=firmness))  # ``weighed`` takes it away
-        start = stage.begun(StageResult(design, point, np.inf), within.part(0.0, 0.3))
+        coarse = replace(task.params, stop=max(task.params.stop, FIRST_STOP))
+        start = stage.improved(StageResult(design, point, np.inf), coarse, within.part(0.0, 0.3))
         result = stage.together(start, within.part(0.3, 1.0))
         if result.percent > HOPEFUL * here.percent:
             return None

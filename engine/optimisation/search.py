@@ -29,8 +29,6 @@ from .terms import LOOSE, STRICT
 from .work import SLOW
 
 Stage = Callable[["StageResult", Progress], "StageResult"]
-# Share of the objective that the first steps with springs, of the spirals alone, must bring; else the flat shapes move too
-FIRST_STOP = 0.45
 # Largest weight of position against curvature in the first steps with the flat shapes of a piece that is about to snap far from its target.
 # Positions hold such a piece between two shapes, curvature leads it out
 BENDING_LIES = 0.1
@@ -200,11 +198,6 @@ class Search:
         problem = replace(best.point.problem, space=space)
         found = self.hold(best.design, problem.at(space.coordinates(width, twist), pose, progress))
         return found if found.merit(LOOSE) < best.merit(LOOSE) else best
-
-    def begun(self, here: StageResult, progress: Progress) -> StageResult:
-        """Optimise the spirals alone, coarsely, before the flat shapes move too."""
-        params = self.task.params
-        return self.improved(here, replace(params, stop=max(params.stop, FIRST_STOP)), progress)
 
     def cycled(self, here: StageResult, progress: Progress) -> StageResult:
         """Repeat ``together`` while it pays, after ``_bend`` if the piece is about to snap far from its target; return the best result."""
