@@ -39,7 +39,7 @@ TRIALS = 12  # attempts at a damped step; each multiplies the damping by up to 8
 # Actual over predicted decrease: above GOOD damping shrinks, below POOR it grows, below TAKEN the step is rejected
 GOOD, POOR, TAKEN = 0.7, 0.25, 1e-3
 # Factor of the damping after a good step; DEEP_CUT while no step has failed and the decrease is predicted within the share EXACT.
-# The initial damping is far too large: with DEEP_CUT a surface of 986 quads took 5 steps instead of 9
+# A search begins with much damping: with DEEP_CUT a surface of 986 quads took 5 steps instead of 9
 CUT, DEEP_CUT, EXACT = 0.3, 0.1, 0.1
 # Smallest damping, in energies per variable: less would not change the steps, and would take longer to grow again
 LEAST_DAMPING = 0.01
@@ -154,7 +154,7 @@ class DampedProblem(Problem, Protocol):
     def shortened(self, here: Local, proposal: Any, share: float) -> Any:
         """Return the proposal whose step is ``share`` of the step of ``proposal``, with its own predicted decrease."""
 
-    def gentle(self, here: Local, proposal: Any) -> float:
+    def gentle(self, proposal: Any) -> float:
         """Return the smallest damping of the dependent quantities to try after ``tried`` has found no state."""
 
     def rejected(self) -> None:
@@ -351,7 +351,7 @@ class Damped:
                 continue
             trial = problem.tried(here, proposal)
             if trial is None:
-                self.following, self.too_far = max(8.0 * self.following, problem.gentle(here, proposal)), True
+                self.following, self.too_far = max(8.0 * self.following, problem.gentle(proposal)), True
                 continue
             ratio = (here.energy - problem.energy(trial)) / max(proposal.gain, 1e-300)
             if ratio > GOOD:

@@ -180,9 +180,9 @@ def optimise(
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
     points = find_starts(problem, design, target, params, progress.part(0.0, 0.1))
     names = _rank_starts(points, _distance_limit(points.get("given"), problem))
-    mismatch = points[names[0]].mismatch.value
-    starts = [points[name].weighed(mismatch) for name in names]
-    start, given = starts[0], points["given"].weighed(mismatch) if "given" in points else starts[0]
+    starts = {name: points[name].weighed(points[names[0]].mismatch.value) for name in names}
+    start = starts[names[0]]
+    given = starts.get("given", start)  # always within the allowed distance
     pose = given.equilibrium.pose
     rests_elsewhere = before and poses_differ(before.equilibrium.pose, pose, before.assembly.pairs, before.loads)
     if before is None or rests_elsewhere:
@@ -197,7 +197,7 @@ def optimise(
     search = Search(task, trace, accepted, _distance_limit(given, problem), design.flat)
     accepted(start)
     try:
-        search.run(starts, design, work.pace(progress.part(0.12, 0.9)))
+        search.run(list(starts.values()), design, work.pace(progress.part(0.12, 0.9)))
         found = _continue_and_prove(search, progress) if prove else _best_unproved(search)
     except Cancelled:
         trace.ended, found = CANCELLED, _best_so_far(search, *latest)
@@ -350,8 +350,9 @@ def find_starts(
         adjusted = space.coordinates(*curvature_adjusted(design.params, curvature.rms_curvature(target)))
         others = {"curvature": adjusted, "uniform": space.uniform(0.5, 0.5)}
         given, free = places["given"], np.repeat(space.free, space.each)
-        far = {name: np.sqrt(np.mean((x - given)[free] ** 2)) > SAME_START for name, x in others.items()}
-        places |= {name: x for name, x in others.items() if far[name]}
+        for name, x in others.items():
+            if np.sqrt(np.mean((x - given)[free] ** 2)) > SAME_START:
+                places[name] = x
     points: dict[str, DesignPoint] = {}
     for k, (name, x) in enumerate(places.items()):
         within = progress.at(k / len(places), "Starting shapes")

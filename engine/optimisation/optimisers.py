@@ -28,10 +28,9 @@ from .scaling import CurvatureEstimate
 MAX_TURN = 0.3
 CANCELLED = "stopped"  # ``SearchRecord.ended`` of a cancelled search
 # RMS length of a stage's first step along the gradient, in coordinates scaled to [0, 1], and that of a piece less stable than required.
-# Larger ones need fewer steps where a start is near; pieces that are about to snap are lost (docs/tuning.md)
+# Larger: fewer steps from a near start, but more lost equilibria of pieces that are about to snap (docs/tuning.md)
 FIRST_STEP, FIRST_STEP_NEAR_SNAP = 3.0, 0.3
-# After a lost equilibrium rotations are damped so that those of the lost step cost this multiple of its predicted decrease. Larger: shorter steps,
-# fewer of them lost
+# After a lost equilibrium rotations are damped so that those of the lost step cost this multiple of its predicted decrease. Larger: shorter steps
 GENTLE_COST = 1.5
 MAX_JUMP = 0.5  # distance of a hub from its predicted place, in distances of neighbours, beyond which the piece counts as snapped
 # Newton iterations after which an equilibrium is given up: a piece that snaps takes many. Of 400 accepted steps from predicted poses, on
@@ -180,7 +179,7 @@ class _GaussNewtonProblem:
     def tried(self, here: Local, proposal: _Proposal) -> DesignPoint | None:
         return _take_step(here.own, proposal.step, proposal.moves, self.trace, self.within(here.own))
 
-    def gentle(self, here: Local, proposal: _Proposal) -> float:
+    def gentle(self, proposal: _Proposal) -> float:
         """Return a damping of rotations by which the proposed ones cost ``GENTLE_COST`` times the predicted decrease."""
         squares = float((proposal.moves[:, 3:] ** 2).sum())
         return 2.0 * GENTLE_COST * proposal.gain / max(squares, NEGLIGIBLE**2)

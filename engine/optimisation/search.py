@@ -168,6 +168,7 @@ class Search:
             found = self.improved(here, params, progress.part(0.0, 0.8))
             here = found if found.value < here.value else here
         slow = work.slow
+        # with the flat shapes, steps of either kind end after a few, whatever the settings say
         limited = self.trace.ended == ITERATIONS and not (codesigned and params.iterations > FLAT_STEPS)
         if not codesigned:
             work.begin(1.0)
@@ -249,9 +250,12 @@ class Search:
         self, here: StageResult, progress: Progress, steps: int = POLISH_STEPS, stop: float = 0.0
     ) -> StageResult:
         """Take a few more steps of the spirals alone; ``stop`` : smallest share of the objective that these must bring."""
+        return self.improved(here, self._limited(steps, stop), progress)
+
+    def _limited(self, steps: int, stop: float) -> OptimiseParams:
+        """Return the settings of at most so many steps, of which two in a row must each bring at least the share ``stop``."""
         params = self.task.params
-        short = replace(params, iterations=min(steps, params.iterations), stop=params.stop and max(params.stop, stop))
-        return self.improved(here, short, progress)
+        return replace(params, iterations=min(steps, params.iterations), stop=params.stop and max(params.stop, stop))
 
     def relieved(self, here: StageResult, progress: Progress) -> StageResult:
         """Take ``RELIEF_STEPS`` steps of the spirals alone, before which the multipliers of strains are updated."""
@@ -282,9 +286,7 @@ class Search:
 
     def moved(self, here: StageResult, progress: Progress) -> StageResult:
         """Optimise flat shapes and spirals together; take less of the change if the result is not a better design."""
-        params, start = self.task.params, here.point
-        stop = params.stop and max(params.stop, CYCLE_STOP / here.rate_factor)
-        rough = replace(params, stop=stop, iterations=min(FLAT_STEPS, params.iterations))
+        start, rough = here.point, self._limited(FLAT_STEPS, CYCLE_STOP / here.rate_factor)
         part, steps = progress.part(0.0, 0.9), len(self.trace.rows)
         found = codesign.refine_flat_shapes(
             start.problem, start, here.design, rough, self.trace, self.accepted, part, self.first

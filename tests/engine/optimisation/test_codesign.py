@@ -274,7 +274,8 @@ def test_the_match_improves_within_the_limits_and_can_be_cut() -> None:
     params, trace = OptimiseParams(iterations=6), SearchRecord()
     alone, x = optimise._make_fabricable(alone, design, alone.space.coordinates(design.width, design.twist), SILENT)
     start = alone.at(x, pose)
-    spirals = gauss_newton(alone, start, params, SearchRecord(), lambda point: None)
+    few = dataclasses.replace(params, iterations=3)  # leaves the flat shapes something to gain
+    spirals = gauss_newton(alone, start, few, SearchRecord(), lambda point: None)
     points: list[FlatPoint] = []
     found = codesign.refine_flat_shapes(alone, spirals, design, params, trace, points.append)
     assert np.array_equal(points[-1].x, found.x) and len(points) == len(trace.rows)
@@ -288,7 +289,7 @@ def test_the_match_improves_within_the_limits_and_can_be_cut() -> None:
         make_fabricable(design.flat, design.params, *alone.space.design(spirals.x)), mesh, VERO, SimulateParams()
     )
     after = simulate(better, mesh, VERO, SimulateParams(), start=found.equilibrium.pose)
-    assert after.report()["laplacian_rmse_mm"] < before.report()["laplacian_rmse_mm"]
+    assert after.report()["laplacian_rmse_mm"] < 0.95 * before.report()["laplacian_rmse_mm"]
     assert make_fabricable(flat, better.params, better.width, better.twist).twist == pytest.approx(
         better.twist, abs=1e-6
     )

@@ -112,7 +112,7 @@ def test_strips_may_be_a_little_longer_than_other_panels(zoo: ModuleType) -> Non
 
 
 def test_a_panel_of_one_quad_joins_a_more_distorted_one_where_the_match_bears_it() -> None:
-    """Of a dome whose distortion in one panel exceeds the limit by half, and whose first quad was cut off."""
+    """A dome in one panel is distorted 1.5 times as much as allowed; one of its quads is cut off."""
     mesh = shapes.dome(4)
     mesh = mesh.moved(mesh.vertices * (0.02 / mesh.median_edge))
     whole = flatten(PatchLayout(mesh, np.zeros(len(mesh.edges), dtype=bool)), SETTINGS.layout)
