@@ -23,7 +23,7 @@ from bl_ext.user_default.flexmaps import api
 print("quads:", len(api.load("shape:strip").mesh.quads))
 END
 name=script; say blender -b --python script.py
-blender --command flexmaps run shape:dome --optimise --out stopped > stopped.out 2> stopped.err &
+blender --command flexmaps run shape:dome --edge 10 --optimise --out stopped > stopped.out 2> stopped.err &
 for i in $(seq 200); do grep -q Step stopped.err && break; sleep 0.5; done
 kill -INT $!; wait $!; echo $? > stopped.status
 """
