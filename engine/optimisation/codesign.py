@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Float
 from ..errors import FlexMapsError
 from ..params import OptimiseParams
 from ..patches.flattening.flatten import FlatPatches, overlapping, seam_mismatch, with_energies
@@ -63,7 +62,7 @@ def refine_flat_shapes(
     # a rim is made for the border's flat shape, so the border must not move
     flat = FlatRange.from_patches(design.flat, MAX_SHIFT, *limits, weight, first, free, border=design.rim is None)
     whole = FlatProblem.from_problem(problem, flat)
-    here = whole.at(_with_flat_coordinates(start, design.flat), start.equilibrium.pose, progress.at(0.0, FLAT_SHAPES))
+    here = whole.unmoved(start, progress.at(0.0, FLAT_SHAPES))
     found = gauss_newton(whole, here, params, trace, accepted, progress)
     assert isinstance(found, FlatPoint)
     return found
@@ -71,14 +70,9 @@ def refine_flat_shapes(
 
 def interpolate(start: DesignPoint, found: FlatPoint, share: float, progress: Progress = SILENT) -> FlatPoint:
     """Return the point a share of the way from the start of ``refine_flat_shapes`` to its result ``found``."""
-    here = found.problem.at(_with_flat_coordinates(start, found.problem.flat.flat), start.equilibrium.pose, progress)
+    here = found.problem.unmoved(start, progress)
     x = found.problem.within(here.x + share * (found.x - here.x), here)
     return found.problem.at(x, start.equilibrium.pose, progress, MAX_NEWTON_ITERATIONS)
-
-
-def _with_flat_coordinates(start: DesignPoint, flat: FlatPatches) -> Float[np.ndarray, " _"]:
-    """Return the coordinates of a point, followed by those of flat vertices that have not moved."""
-    return np.concatenate([start.x, np.full(2 * len(flat.points), 0.5)])
 
 
 def to_design(point: DesignPoint, design: SpiralDesign) -> SpiralDesign | None:

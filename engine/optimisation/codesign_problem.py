@@ -28,14 +28,16 @@ from .codesign_geometry import geometry_jacobian, joint_derivatives
 from .costs import Cost
 from .inverse import DesignPoint, InverseProblem
 from .open_slots import NarrowSlots, SlotRequirement
-from .other_weights import with_problem
+from .other_weights import with_problem, with_state_of
 from .polytope import LinearClearances
 from .terms import Rows
 from .work import CURVED, GEOMETRY, VARIED
 
-# Weight of the barriers, as a share of the mismatch. With 0.05, quads reached their limits in the first steps and hardly moved in the
-# next ones: a surface of 986 quads ended at 0.28 mm instead of 0.26
-BARRIER_WEIGHT = 0.5
+# Weight of the barriers, as a share of the mismatch. Smaller: steps go farther, but quads reach their limits and hardly move later (docs/tuning.md)
+BARRIER_WEIGHT = 0.12
+# Share of a limit's slack that a step must leave, factor on the shifts of the vertices where it leaves less, and how often at most. Smaller
+# shares let quads reach their limits early, where barriers hold them
+SLACK_SHARE, SHORTENING, MAX_SHORTENINGS = 0.1, 0.6, 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,9 +102,10 @@ class FlatRange:
         return FlatCost.from_points(self.limits, self.points(x))
 
     def within(self, x: np.ndarray, inner: np.ndarray) -> Float[np.ndarray, "points 2"]:
-        """Return x (P, 2) if it keeps the limits, else a point between it and ``inner``, which keeps them.
+        """Return points near ``x`` that keep the limits; ``inner`` keeps them.
 
-        A shortened step keeps its direction, so a descent direction stays one.
+        Only the vertices of quads and cut edges that would use up more than ``1 - SLACK_SHARE`` of their limits' slack are moved back
+        towards ``inner``.
 
         Parameters
         ----------
@@ -110,14 +113,16 @@ class FlatRange:
 
         Returns
         -------
-        x itself, or a point between it and ``inner``
+        (P, 2) coordinates, each between ``x`` and ``inner``
         """
-        share = 1.0
-        while share > 1e-3:
-            found = inner + share * (x - inner)
-            if self.cost(found).inside:
+        share, corner, ends = np.ones(len(x)), self.flat.layout.flat_corners, np.concatenate(self.limits.ends, axis=1)
+        least = [SLACK_SHARE * slack for slack in self.cost(inner).left]
+        for _ in range(MAX_SHORTENINGS):
+            found = inner + share[:, None] * (x - inner)
+            quads, cuts = (slack <= enough for slack, enough in zip(self.cost(found).left, least, strict=True))
+            if not (quads.any() or cuts.any()):
                 return found
-            share *= 0.6
+            share[np.union1d(corner[quads], ends[cuts])] *= SHORTENING
         return inner
 
 
@@ -167,6 +172,27 @@ class FlatProblem(InverseProblem):
         flat : limits of the flat vertices
         """
         return cls(**{one.name: getattr(problem, one.name) for one in fields(InverseProblem)}, flat=flat)
+
+    def unmoved(self, start: DesignPoint, progress: Progress = SILENT) -> FlatPoint:
+        """Return a point of the problem of the spirals alone as one of this problem, whose flat vertices have not moved.
+
+        Parameters
+        ----------
+        start : in the flat shapes of ``flat``; nothing is computed anew
+        progress : of the new point
+        """
+        found = FlatPoint(
+            x=np.concatenate([start.x, np.full(2 * len(self.flat.span), 0.5)]),
+            problem=self,
+            model=start.model,
+            equilibrium=start.equilibrium,
+            mismatch=start.mismatch,
+            factors=start.factors,
+            assembly=self.assembly.with_spirals(*start.spirals),
+            stance=self.stance,
+            progress=progress,
+        )
+        return with_state_of(found, start)
 
     def rooms(self, x: np.ndarray) -> LinearClearances:
         if self.room is None:

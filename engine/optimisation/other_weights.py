@@ -9,6 +9,9 @@ Point = TypeVar("Point")
 # Cached attributes of a point that depend on the weights of the objective, or refer to the point itself
 WEIGHT_DEPENDENT = frozenset(("terms", "costs", "value", "gradient", "barrier", "goals", "_narrow"))
 
+# Those that depend on the point's model, equilibrium and required stability alone
+STATE_DEPENDENT = ("_state", "_changes", "strains", "_modes")
+
 
 def with_problem(point: Point, problem: Any, **changes: Any) -> Point:
     """Return a point in another problem, with all cached values that are equal there.
@@ -27,6 +30,18 @@ def with_problem(point: Point, problem: Any, **changes: Any) -> Point:
     kept = source.__dict__.keys() - copy.__dict__.keys() - changed
     copy.__dict__.update({name: source.__dict__[name] for name in kept})
     return copy
+
+
+def with_state_of(point: Point, source: Any) -> Point:
+    """Store what was computed for another point of the same model, equilibrium and required stability, and return ``point``.
+
+    Parameters
+    ----------
+    point : a new ``DesignPoint``
+    source : the other point
+    """
+    point.__dict__.update({name: source.__dict__[name] for name in STATE_DEPENDENT if name in source.__dict__})
+    return point
 
 
 def with_lies(point: Point, lies: float) -> Point:

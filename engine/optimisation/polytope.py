@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import coo_array, csc_array, csr_array
+from scipy.sparse import coo_array, csr_array
 
 from ..arrays import Bool, Float
 from ..linalg import Pattern, SparseCholesky
@@ -17,16 +17,15 @@ from ..linalg import Pattern, SparseCholesky
 # Added to the diagonal of the Gram matrix of unit rows: the four slots of a regular quad have the same row, which makes it singular
 RIDGE = 1e-6
 DENSE = 250  # rows up to which the Gram matrix is factored dense, which is quicker there
-# Tikhonov term of Newton's method for the multipliers, where only coordinates at an end of their range move a closed gap. Of 391
-# projections on 5 surfaces 8 % took more than 30 iterations with 1e-6, and 2 % with this one; the median takes four
-NEWTON_RIDGE = 1e-3
-# Largest number of iterations of Newton's method, and of reductions of one of its steps
-MAX_NEWTON, MAX_REDUCTIONS = 100, 20
-REDUCTION = 0.3  # factor of the length of a step that does not decrease the dual function
+# Bounds of the length of a spectral gradient step, largest number of steps of a projection and of halvings of one of them. Of 367 projections
+# on nine surfaces the mean takes 30 steps, and the longest 295
+LENGTHS, MAX_STEPS, MAX_HALVINGS = (0.05, 100.0), 1000, 20
+# values of the dual function, below the largest of which a step must end (Grippo, Lampariello and Lucidi 1986); more allow longer steps
+RECENT = 10
 ARMIJO = 1e-4  # smallest share of the predicted decrease that a step must bring (Nocedal and Wright, section 3.1)
-# Largest violation of a clearance after a projection, as a share of the longest coordinate of the step. With 1e-6 and with 1e-4 steps
-# bring the same decrease
-PRECISION = 1e-3
+# Largest violation of a clearance after a projection, as a share of the longest coordinate of the step. With 1e-3 projections take half of the
+# steps, and points lie up to 0.014 from the exact ones; steps bring the same decrease
+PRECISION = 3e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,32 +113,6 @@ def _make_solver(square: csr_array, soft: float) -> Callable[[np.ndarray], np.nd
     return sparse.solve
 
 
-class _GramMatrix:
-    """Gram matrices of unit rows, for changing sets of active rows and of free coordinates, factored with one pattern."""
-
-    def __init__(self, rows: csr_array):
-        columns = csc_array(rows)
-        start, count = columns.indptr[:-1], np.diff(columns.indptr)
-        column = np.repeat(np.arange(len(count)), count**2)
-        # every two entries of a column
-        place = np.arange(len(column)) - np.repeat(np.cumsum(count**2) - count**2, count**2)
-        one, two = start[column] + place // count[column], start[column] + place % count[column]
-        self._column, self._product = column, columns.data[one] * columns.data[two]
-        self._pattern = Pattern(columns.indices[one], columns.indices[two], rows.shape[0])
-        self._ends = self._pattern.indices, self._pattern.columns
-        self._factor = SparseCholesky(self._pattern)
-
-    def solve(
-        self, rhs: Float[np.ndarray, " rows"], active: Bool[np.ndarray, " rows"], free: Bool[np.ndarray, " coordinates"]
-    ) -> Float[np.ndarray, " rows"]:
-        """Solve for the active rows, with ``NEWTON_RIDGE`` on the diagonal; return 0 for the others."""
-        one, two = self._ends
-        values = self._pattern.sum(self._product * free[self._column]) * (active[one] & active[two])
-        values[one == two] += np.where(active, NEWTON_RIDGE, 1.0)
-        self._factor.factor(values)
-        return self._factor.solve(np.where(active, rhs, 0.0))
-
-
 class Nearest(NamedTuple):
     """The point of a polytope nearest to another one; closed : mask of the gaps that hold it there."""
 
@@ -187,22 +160,24 @@ class Polytope:
         """Return the nearest step of the polytope.
 
         Its multipliers minimise a dual function (Boyd and Vandenberghe 2004, section 5.1.6) that is convex and piecewise
-        quadratic; Newton's method projected onto multipliers >= 0 (Bertsekas 1982) takes some five iterations.
+        quadratic, by spectral projected gradients (Birgin, Martínez and Raydan 2000).
         """
         # those of the last projection are often near
         here, last = self._dual(step, np.zeros_like(self._multipliers)), self._multipliers
         if last.any():
             here = min(here, self._dual(step, last), key=lambda one: one.value)
-        for _ in range(MAX_NEWTON):
+        length, recent = 1.0, deque([here.value], RECENT)
+        for _ in range(MAX_STEPS):
             if here.violation <= PRECISION * abs(here.point).max(initial=0.0):
                 break
-            here = self._improve(step, here)
+            there = self._descend(step, here, length, max(recent))
+            change = there.multipliers - here.multipliers
+            bend = float(change @ (there.slope - here.slope))
+            length = float(np.clip(change @ change / bend, *LENGTHS)) if bend > 0.0 else LENGTHS[1]
+            here = there
+            recent.append(here.value)
         self._multipliers = here.multipliers
         return Nearest(here.point, here.multipliers > 0.0)
-
-    @cached_property
-    def _gram(self) -> _GramMatrix:
-        return _GramMatrix(self.slope)
 
     def _dual(self, step: np.ndarray, multipliers: np.ndarray) -> _Dual:
         place = step + self._back @ multipliers
@@ -211,14 +186,13 @@ class Polytope:
         value = 0.5 * float(place @ place - beyond @ beyond) + float(self._room @ multipliers)
         return _Dual(multipliers, value, self.room(point), place, point)
 
-    def _improve(self, step: np.ndarray, here: _Dual) -> _Dual:
-        """Take one step of Newton's method for the multipliers."""
-        active = (here.multipliers > 0.0) | (here.slope < 0.0)
-        way = -self._gram.solve(here.slope, active, (here.place > self.low) & (here.place < self.high))
-        share = 1.0
-        for _ in range(MAX_REDUCTIONS):
-            there = self._dual(step, np.maximum(here.multipliers + share * way, 0.0))
-            if there.value <= here.value + ARMIJO * float(here.slope @ (there.multipliers - here.multipliers)):
+    def _descend(self, step: np.ndarray, here: _Dual, length: float, largest: float) -> _Dual:
+        """Go along the projected gradient by ``length``, or less until the value is sufficiently below ``largest``."""
+        way = np.maximum(here.multipliers - length * here.slope, 0.0) - here.multipliers
+        slope, share = float(here.slope @ way), 1.0
+        for _ in range(MAX_HALVINGS):
+            there = self._dual(step, here.multipliers + share * way)
+            if there.value <= largest + ARMIJO * share * slope:
                 break
-            share *= REDUCTION
+            share *= 0.5
         return there

@@ -119,9 +119,12 @@ class StageResult:
 
     @property
     def rate_factor(self) -> float:
-        """Factor on the decreases of further steps, see ``Work.factor``, and divisor of ``CYCLE_STOP``."""
+        """Factor on the decreases of further steps, see ``Work.factor``, and divisor of ``CYCLE_STOP``.
+
+        Held by springs, a piece is nearer to its target than it will rest.
+        """
         far = self.percent / WANTED_PERCENT
-        if far > 1.0:
+        if far > 1.0 or self.point.problem.loads.springs is not None:
             return max(UNMET_FACTOR, far)
         return STRAINED_FACTOR if self.strained else 1.0
 
@@ -309,4 +312,5 @@ class Search:
         design = codesign.to_design(found, here.design)
         if design is None:
             return None
-        return self.hold(design, self.task.point(design, found.problem, found.equilibrium.pose, progress))
+        point = self.task.point(design, found.problem, found.equilibrium.pose, progress, known=found)
+        return self.hold(design, point)

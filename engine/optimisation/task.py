@@ -25,6 +25,7 @@ from .inverse import DesignPoint, InverseProblem
 from .objective import Target
 from .open_slots import SlotRequirement
 from .optimisers import MAX_NEWTON_ITERATIONS
+from .other_weights import with_state_of
 from .terms import StrainLimit
 from .wishes import Wishes
 from .work import CURVING, SPACE, Work
@@ -87,7 +88,14 @@ class Task:
             stance=Stance(loads, self.target, design.flat.corners),
         )
 
-    def point(self, design: SpiralDesign, like: InverseProblem, start: Pose, progress: Progress) -> DesignPoint:
+    def point(
+        self,
+        design: SpiralDesign,
+        like: InverseProblem,
+        start: Pose,
+        progress: Progress,
+        known: DesignPoint | None = None,
+    ) -> DesignPoint:
         """Return the point of a design in a new problem with the limits, weights and space of another one.
 
         Parameters
@@ -96,12 +104,18 @@ class Task:
         like : the other problem
         start : pose from which the equilibrium is sought
         progress : reports progress and raises Cancelled
+        known : point of the other problem, whose equilibrium is taken if the design is the same
         """
         space = like.space.including(design)
         problem = replace(
             self.problem(design, progress, space), bearing=like.bearing, firmness=like.firmness, target=like.target
         )
-        return problem.at(space.coordinates(design.width, design.twist), start, progress, MAX_NEWTON_ITERATIONS)
+        x = space.coordinates(design.width, design.twist)
+        made = problem.assembly.with_spirals(*space.design(x)).whole
+        if known is not None and not self.physics.gravity and _equal_but_rounding(made, known.model.assembly):
+            found = DesignPoint(problem, x, known.model, known.equilibrium, known.mismatch, known.factors)
+            return with_state_of(found, known)
+        return problem.at(x, start, progress, MAX_NEWTON_ITERATIONS)
 
     def aim(self, assembly: Assembly) -> Target:
         """Return the target of the spirals' centres.

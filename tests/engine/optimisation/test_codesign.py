@@ -267,6 +267,21 @@ def test_barriers_bend_as_told_where_nothing_is_strained() -> None:
     )
 
 
+def test_a_step_is_shortened_only_where_it_would_break_a_limit() -> None:
+    flat = problem()[0].flat
+    inner = np.full((len(flat.span), 2), 0.5)
+    x, corner = inner + np.random.default_rng(2).uniform(-1e-3, 1e-3, inner.shape), flat.flat.layout.flat_corners[7]
+    assert (flat.within(x, inner) == x).all()
+    x[corner[0]] += 0.4
+    assert not flat.cost(x).inside
+    found = flat.within(x, inner)
+    assert flat.cost(found).inside
+    moved_back = (found != x).any(axis=1)
+    assert moved_back[corner[0]]
+    beside = (flat.flat.layout.flat_corners == corner[0]).any(axis=1)
+    assert not moved_back[np.setdiff1d(np.arange(len(x)), flat.flat.layout.flat_corners[beside])].any()
+
+
 def test_the_match_improves_within_the_limits_and_can_be_cut() -> None:
     design, mesh = made()
     whole, pose = problem()

@@ -80,15 +80,20 @@ def test_only_an_unstrained_piece_on_its_target_is_near_enough() -> None:
     assert near(target=far) and not near(OptimiseParams(patience=100.0), target=far)
 
 
-@pytest.mark.parametrize(("percent", "strained"), [(0.9, False), (0.9, True), (1.1, False), (20.0, True)])
-def test_a_search_is_given_up_later_while_the_piece_is_far_or_overstrained(
-    percent: float, strained: bool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("percent", "strained", "held"),
+    [(0.9, False, False), (0.9, True, False), (1.1, False, False), (20.0, True, False), (0.9, False, True)],
+)
+def test_a_search_is_given_up_later_while_the_piece_is_far_overstrained_or_held(
+    percent: float, strained: bool, held: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(search, "is_near", lambda *_: False)
     work = Work(limit=100.0, rate=1.0)
     work.begin(1.0)
     searching: Any = SimpleNamespace(task=SimpleNamespace(work=work, params=OptimiseParams()))
-    here: Any = SimpleNamespace(percent=percent, value=1.0, strained=strained, point=None)
+    loads = SimpleNamespace(springs=object() if held else None)
+    point = SimpleNamespace(problem=SimpleNamespace(loads=loads))
+    here: Any = SimpleNamespace(percent=percent, value=1.0, strained=strained, point=point)
     here.rate_factor = search.StageResult.rate_factor.fget(here)  # type: ignore[attr-defined]
     here.pressed = here.firmed = lambda: here
     slow = []
@@ -101,7 +106,7 @@ def test_a_search_is_given_up_later_while_the_piece_is_far_or_overstrained(
         return here
 
     search.Search._repeat(searching, stage, here, 1, 0.05, SILENT)
-    assert slow == [percent < search.WANTED_PERCENT and not strained]
+    assert slow == [percent < search.WANTED_PERCENT and not strained and not held]
 
 
 def test_given_design_is_shown_before_limits_and_other_starts_are_computed(monkeypatch: pytest.MonkeyPatch) -> None:
