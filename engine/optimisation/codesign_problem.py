@@ -28,16 +28,18 @@ from .codesign_geometry import geometry_jacobian, joint_derivatives
 from .costs import Cost
 from .inverse import DesignPoint, InverseProblem
 from .open_slots import NarrowSlots, SlotRequirement
-from .other_weights import with_problem, with_state_of
+from .other_weights import copy_state, with_problem
 from .polytope import LinearClearances
 from .terms import Rows
 from .work import CURVED, GEOMETRY, VARIED
 
-# Weight of the barriers, as a share of the mismatch. Smaller: steps go farther, but quads reach their limits and hardly move later (docs/tuning.md)
+# Weight of the barriers, as a share of the mismatch. Smaller: steps go farther, but quads reach their limits and hardly move later
+# (docs/tuning.md)
 BARRIER_WEIGHT = 0.12
-# Share of a limit's slack that a step must leave, factor on the shifts of the vertices where it leaves less, and how often at most. Smaller
-# shares let quads reach their limits early, where barriers hold them
-SLACK_SHARE, SHORTENING, MAX_SHORTENINGS = 0.1, 0.6, 40
+# Share of its slack that every limit keeps in a step, factor on the shifts of vertices at limits that keep less, and the numbers of such
+# reductions before these vertices stay where they are, and in all. A smaller share: longer steps, but quads reach their limits early, and
+# barriers hold them there
+SLACK_SHARE, SHORTENING, SHORTENINGS, MAX_ROUNDS = 0.1, 0.6, 20, 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,10 +104,9 @@ class FlatRange:
         return FlatCost.from_points(self.limits, self.points(x))
 
     def within(self, x: np.ndarray, inner: np.ndarray) -> Float[np.ndarray, "points 2"]:
-        """Return points near ``x`` that keep the limits; ``inner`` keeps them.
+        """Move back towards ``inner`` only the vertices of quads and cut edges that would keep less than ``SLACK_SHARE`` of their slack.
 
-        Only the vertices of quads and cut edges that would use up more than ``1 - SLACK_SHARE`` of their limits' slack are moved back
-        towards ``inner``.
+        All go back to ``inner``, which keeps the limits, if that is not enough.
 
         Parameters
         ----------
@@ -117,12 +118,12 @@ class FlatRange:
         """
         share, corner, ends = np.ones(len(x)), self.flat.layout.flat_corners, np.concatenate(self.limits.ends, axis=1)
         least = [SLACK_SHARE * slack for slack in self.cost(inner).left]
-        for _ in range(MAX_SHORTENINGS):
+        for turn in range(MAX_ROUNDS):
             found = inner + share[:, None] * (x - inner)
             quads, cuts = (slack <= enough for slack, enough in zip(self.cost(found).left, least, strict=True))
             if not (quads.any() or cuts.any()):
                 return found
-            share[np.union1d(corner[quads], ends[cuts])] *= SHORTENING
+            share[np.union1d(corner[quads], ends[cuts])] *= SHORTENING if turn < SHORTENINGS else 0.0
         return inner
 
 
@@ -174,12 +175,11 @@ class FlatProblem(InverseProblem):
         return cls(**{one.name: getattr(problem, one.name) for one in fields(InverseProblem)}, flat=flat)
 
     def unmoved(self, start: DesignPoint, progress: Progress = SILENT) -> FlatPoint:
-        """Return a point of the problem of the spirals alone as one of this problem, whose flat vertices have not moved.
+        """Return a point of the problem of the spirals alone as one of this problem, without computing anything anew.
 
         Parameters
         ----------
-        start : in the flat shapes of ``flat``; nothing is computed anew
-        progress : of the new point
+        start : in the flat shapes of ``flat``; progress : of the new point
         """
         found = FlatPoint(
             x=np.concatenate([start.x, np.full(2 * len(self.flat.span), 0.5)]),
@@ -192,7 +192,8 @@ class FlatProblem(InverseProblem):
             stance=self.stance,
             progress=progress,
         )
-        return with_state_of(found, start)
+        copy_state(start, found)
+        return found
 
     def rooms(self, x: np.ndarray) -> LinearClearances:
         if self.room is None:

@@ -198,8 +198,8 @@ def _ease_strains(
 ) -> SimulatedResult | None:
     """Open closed slots by less twist, then take a few steps of the search near there, with these twists as upper limits.
 
-    Estimates of slots within spirals are corrected to the exact widths. Slots between spirals have no estimate, so spirals
-    beside such a closed slot may only get less twist. Return None if no slot opens, no step improves, no strain beyond the
+    Estimates of slots within spirals are corrected to the exact widths. Slots between spirals have no estimate: the twists
+    of spirals beside such a closed slot cannot grow. Return None if no slot opens, no step improves, no strain beyond the
     limit decreases, or the design cannot be cut.
 
     before : result of the search, whose kept spirals do not change
@@ -211,9 +211,9 @@ def _ease_strains(
     design, given, work = loose.simulation.design, found.point.problem, search.task.work
     beside = closed.arms[closed.closed] // 4
     space = replace(given.space, kept=before.point.problem.space.kept).including(design)
-    unwound = design.twist < found.simulation.design.twist
-    unwound[beside[beside[:, 0] != beside[:, 1]]] = True
-    space = space.winding_at_most(design, unwound)
+    limited = design.twist < found.simulation.design.twist
+    limited[beside[beside[:, 0] != beside[:, 1]]] = True
+    space = space.winding_at_most(design, limited)
     near = design.unlike(found.simulation.design) | loose.strained_by(before)
     mates = opposite_sides(search.task.target)[0]
     for _ in range(EASED_RINGS):

@@ -9,7 +9,7 @@ Point = TypeVar("Point")
 # Cached attributes of a point that depend on the weights of the objective, or refer to the point itself
 WEIGHT_DEPENDENT = frozenset(("terms", "costs", "value", "gradient", "barrier", "goals", "_narrow"))
 
-# Those that depend on the point's model, equilibrium and required stability alone
+# Cached attributes that depend only on the point's model, equilibrium and required stability, and on the material
 STATE_DEPENDENT = ("_state", "_changes", "strains", "_modes")
 
 
@@ -32,16 +32,15 @@ def with_problem(point: Point, problem: Any, **changes: Any) -> Point:
     return copy
 
 
-def with_state_of(point: Point, source: Any) -> Point:
-    """Store what was computed for another point of the same model, equilibrium and required stability, and return ``point``.
+def copy_state(source: Any, point: Any) -> None:
+    """Store in a point what was computed for another one of the same model, equilibrium and required stability.
 
     Parameters
     ----------
-    point : a new ``DesignPoint``
-    source : the other point
+    source : a ``DesignPoint``
+    point : a new one
     """
     point.__dict__.update({name: source.__dict__[name] for name in STATE_DEPENDENT if name in source.__dict__})
-    return point
 
 
 def with_lies(point: Point, lies: float) -> Point:

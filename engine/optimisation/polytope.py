@@ -17,15 +17,17 @@ from ..linalg import Pattern, SparseCholesky
 # Added to the diagonal of the Gram matrix of unit rows: the four slots of a regular quad have the same row, which makes it singular
 RIDGE = 1e-6
 DENSE = 250  # rows up to which the Gram matrix is factored dense, which is quicker there
-# Bounds of the length of a spectral gradient step, largest number of steps of a projection and of halvings of one of them. Of 367 projections
-# on nine surfaces the mean takes 30 steps, and the longest 295
-LENGTHS, MAX_STEPS, MAX_HALVINGS = (0.05, 100.0), 1000, 20
+# Bounds of the length of a spectral gradient step, largest number of steps of a projection and of halvings of one of them. Wider bounds and
+# more steps: more accurate projections where many gaps are nearly alike, and longer ones (docs/tuning.md)
+LENGTHS, MAX_STEPS, MAX_HALVINGS = (1e-3, 100.0), 1000, 20
 # values of the dual function, below the largest of which a step must end (Grippo, Lampariello and Lucidi 1986); more allow longer steps
 RECENT = 10
 ARMIJO = 1e-4  # smallest share of the predicted decrease that a step must bring (Nocedal and Wright, section 3.1)
-# Largest violation of a clearance after a projection, as a share of the longest coordinate of the step. With 1e-3 projections take half of the
-# steps, and points lie up to 0.014 from the exact ones; steps bring the same decrease
+# Largest violation of a clearance after a projection, as a share of the longest coordinate of the projected step. With 1e-3 projections take
+# half as long, but points lie up to 0.014 from those of a solver of quadratic programmes, for coordinates in [0, 1]
 PRECISION = 3e-4
+# Share of the longest coordinate of a step below which a projected step counts as 0, as closed gaps block it. Larger: less accurate small steps
+BLOCKED = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,13 +126,12 @@ class _Dual(NamedTuple):
     """The dual function of a projection at some multipliers.
 
     multipliers : of the clearances, not negative; value, slope : the dual function and its gradient, which are the clearances at ``point``
-    place : the step moved by the multipliers; point : ``place`` clipped to the box
+    point : the step, moved by the multipliers and clipped to the box
     """
 
     multipliers: Float[np.ndarray, " rows"]
     value: float
     slope: Float[np.ndarray, " rows"]
-    place: Float[np.ndarray, " coordinates"]
     point: Float[np.ndarray, " coordinates"]
 
     @property
@@ -166,33 +167,35 @@ class Polytope:
         here, last = self._dual(step, np.zeros_like(self._multipliers)), self._multipliers
         if last.any():
             here = min(here, self._dual(step, last), key=lambda one: one.value)
-        length, recent = 1.0, deque([here.value], RECENT)
+        best, blocked, length, recent = here, BLOCKED * abs(step).max(initial=0.0), 1.0, deque([here.value], RECENT)
         for _ in range(MAX_STEPS):
-            if here.violation <= PRECISION * abs(here.point).max(initial=0.0):
+            if here.violation <= PRECISION * max(abs(here.point).max(initial=0.0), blocked):
                 break
             there = self._descend(step, here, length, max(recent))
+            if there is None:
+                break
             change = there.multipliers - here.multipliers
             bend = float(change @ (there.slope - here.slope))
             length = float(np.clip(change @ change / bend, *LENGTHS)) if bend > 0.0 else LENGTHS[1]
-            here = there
+            here, best = there, min(best, there, key=lambda one: one.violation)
             recent.append(here.value)
-        self._multipliers = here.multipliers
-        return Nearest(here.point, here.multipliers > 0.0)
+        self._multipliers = best.multipliers
+        return Nearest(best.point, best.multipliers > 0.0)
 
     def _dual(self, step: np.ndarray, multipliers: np.ndarray) -> _Dual:
         place = step + self._back @ multipliers
         point = np.clip(place, self.low, self.high)
         beyond = place - point
         value = 0.5 * float(place @ place - beyond @ beyond) + float(self._room @ multipliers)
-        return _Dual(multipliers, value, self.room(point), place, point)
+        return _Dual(multipliers, value, self.room(point), point)
 
-    def _descend(self, step: np.ndarray, here: _Dual, length: float, largest: float) -> _Dual:
-        """Go along the projected gradient by ``length``, or less until the value is sufficiently below ``largest``."""
+    def _descend(self, step: np.ndarray, here: _Dual, length: float, largest: float) -> _Dual | None:
+        """Go along the projected gradient by ``length``, or less until the value is sufficiently below ``largest``; None if no step is."""
         way = np.maximum(here.multipliers - length * here.slope, 0.0) - here.multipliers
         slope, share = float(here.slope @ way), 1.0
         for _ in range(MAX_HALVINGS):
             there = self._dual(step, here.multipliers + share * way)
             if there.value <= largest + ARMIJO * share * slope:
-                break
+                return there
             share *= 0.5
-        return there
+        return None

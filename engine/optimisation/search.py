@@ -52,7 +52,7 @@ OVERTIME, RELIEF_STEPS = 0.5, 1
 # Share of the objective that a refused one of these steps must have been predicted to bring, else no shorter one is tried. With larger
 # ones a search gives up sooner
 RELIEF_STOP = 0.25
-# Factor on the decreases of steps while a piece is farther from its target than ``WANTED_PERCENT``, so that its search is given up later; the
+# Factor on the decreases of steps while springs hold a piece or it is farther from its target than ``WANTED_PERCENT``, so that its search is given up later; the
 # ratio of the two distances if that is larger. Without it, five of ten surfaces ended at 1.05 to 1.4 % though the same search, going on,
 # brought them within 1 % (docs/tuning.md)
 UNMET_FACTOR = 8.0
@@ -121,7 +121,7 @@ class StageResult:
     def rate_factor(self) -> float:
         """Factor on the decreases of further steps, see ``Work.factor``, and divisor of ``CYCLE_STOP``.
 
-        Held by springs, a piece is nearer to its target than it will rest.
+        A piece that springs hold counts as far, because it rests farther away once they are gone.
         """
         far = self.percent / WANTED_PERCENT
         if far > 1.0 or self.point.problem.loads.springs is not None:

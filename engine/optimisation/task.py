@@ -25,7 +25,7 @@ from .inverse import DesignPoint, InverseProblem
 from .objective import Target
 from .open_slots import SlotRequirement
 from .optimisers import MAX_NEWTON_ITERATIONS
-from .other_weights import with_state_of
+from .other_weights import copy_state
 from .terms import StrainLimit
 from .wishes import Wishes
 from .work import CURVING, SPACE, Work
@@ -104,17 +104,17 @@ class Task:
         like : the other problem
         start : pose from which the equilibrium is sought
         progress : reports progress and raises Cancelled
-        known : point of the other problem, whose equilibrium is taken if the design is the same
+        known : point of the other problem, whose equilibrium is taken if the design is the same but for rounding
         """
         space = like.space.including(design)
         problem = replace(
             self.problem(design, progress, space), bearing=like.bearing, firmness=like.firmness, target=like.target
         )
         x = space.coordinates(design.width, design.twist)
-        made = problem.assembly.with_spirals(*space.design(x)).whole
-        if known is not None and not self.physics.gravity and _equal_but_rounding(made, known.model.assembly):
+        if known is not None and self._rests_alike(problem.assembly.with_spirals(*space.design(x)), known):
             found = DesignPoint(problem, x, known.model, known.equilibrium, known.mismatch, known.factors)
-            return with_state_of(found, known)
+            copy_state(known, found)
+            return found
         return problem.at(x, start, progress, MAX_NEWTON_ITERATIONS)
 
     def aim(self, assembly: Assembly) -> Target:
@@ -167,18 +167,23 @@ class Task:
     def rested(self, design: SpiralDesign, point: DesignPoint) -> Simulation:
         """Return the equilibrium of a design: that of a point if both are equal, else simulated from the point's pose.
 
-        Under gravity it is always simulated, because a search computes the weights of its spirals only at the start of a stage.
-
         Parameters
         ----------
         design : made from the point
         point : converged point of the search
         """
         assembly, found, loads = assembly_from_design(design), point.equilibrium, point.problem.loads
-        if self.physics.gravity or not _equal_but_rounding(assembly.whole, point.model.assembly):
+        if not self._rests_alike(assembly, point):
             return self.simulated(design, found.pose, SILENT)
         found = found.with_pose(loads.align(found.pose, assembly.pairs, target_pose(self.target, design.flat.corners)))
         return Simulation(design, self.target, self.material, point.model, assembly, loads, found, [])
+
+    def _rests_alike(self, assembly: Assembly, point: DesignPoint) -> bool:
+        """Return whether an assembly rests as a point does, as both differ by rounding only.
+
+        Under gravity never, because a search computes the weights of its spirals only at the start of a stage.
+        """
+        return not self.physics.gravity and _equal_but_rounding(assembly.whole, point.model.assembly)
 
 
 def _equal_but_rounding(one: Assembly, two: Assembly) -> bool:

@@ -219,7 +219,7 @@ class OptimiseParams(Params):
     stop: float = setting(
         1e-3,
         "Stop at",
-        "Smallest gain of a step, as a share: after two steps in a row that bring less, the search turns from steps with the flat shapes to steps of the spirals alone, and ends after those; a larger share ends sooner and farther from the target. Patience may end it before",
+        "Smallest gain of a step, as a share: two steps in a row that gain less end a run of steps. While flat shapes move, runs end sooner, below gains of up to 10 %. A larger share ends sooner and farther from the target. Patience may end the search before",
         low=0.0,
         high=0.5,
     )

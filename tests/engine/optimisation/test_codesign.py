@@ -267,6 +267,18 @@ def test_barriers_bend_as_told_where_nothing_is_strained() -> None:
     )
 
 
+@pytest.mark.parametrize("feet", ["", "clamped"])
+def test_a_point_with_flat_shapes_that_have_not_moved_is_that_of_the_spirals(feet: str) -> None:
+    whole, pose = problem(share=0.3, opening=0.0006, curving=True, feet=feet)
+    alone = InverseProblem(**{one.name: getattr(whole, one.name) for one in dataclasses.fields(InverseProblem)})
+    start = alone.at(np.random.default_rng(4).uniform(0.2, 0.8, whole.own), pose)
+    assert start.value > 0.0  # computes what the other point takes over
+    known = whole.unmoved(start)
+    anew = whole.at(known.x, start.equilibrium.pose)
+    assert known.value == pytest.approx(anew.value, rel=1e-6)
+    np.testing.assert_allclose(known.gradient, anew.gradient, atol=1e-5 * np.abs(anew.gradient).max())
+
+
 def test_a_step_is_shortened_only_where_it_would_break_a_limit() -> None:
     flat = problem()[0].flat
     inner = np.full((len(flat.span), 2), 0.5)

@@ -45,6 +45,17 @@ def test_what_lies_inside_stays_where_it_is() -> None:
     np.testing.assert_allclose(found.point, inside, atol=1e-3)
 
 
+def test_a_step_that_closed_gaps_block_takes_few_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(5)
+    slope = csr_array(random_array((60, 300), density=0.02, rng=rng, data_sampler=rng.normal))
+    rooms = LinearClearances.from_clearances(np.zeros(60), slope)
+    bounds, evaluations, dual = Polytope(np.full(300, -1.0), np.full(300, 1.0), rooms), [], Polytope._dual
+    monkeypatch.setattr(Polytope, "_dual", lambda *given: evaluations.append(1) or dual(*given))
+    step = -np.asarray(rooms.slope.T @ rng.uniform(0.1, 1.0, rooms.slope.shape[0]))
+    np.testing.assert_allclose(bounds.nearest(step).point, 0.0, atol=1e-5)
+    assert len(evaluations) < 300
+
+
 def test_clearances_that_are_violated_already_do_not_force_a_step() -> None:
     rooms = LinearClearances.from_clearances(np.array([-0.1]), csr_array(np.array([[1.0, 0.0]])))
     bounds = Polytope(np.full(2, -1.0), np.full(2, 1.0), rooms)
