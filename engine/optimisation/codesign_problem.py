@@ -36,10 +36,10 @@ from .work import CURVED, GEOMETRY, VARIED
 # Weight of the barriers, as a share of the mismatch. Smaller: steps go farther, but quads reach their limits and hardly move later
 # (docs/tuning.md)
 BARRIER_WEIGHT = 0.12
-# Share of its slack that every limit keeps in a step, factor on the shifts of vertices at limits that keep less, and the numbers of such
-# reductions before these vertices stay where they are, and in all. A smaller share: longer steps, but quads reach their limits early, and
-# barriers hold them there
-SLACK_SHARE, SHORTENING, SHORTENINGS, MAX_ROUNDS = 0.1, 0.6, 20, 40
+# Share of a limit's slack that a step leaves. Smaller: longer steps, but quads reach their limits early, and barriers hold them there
+SLACK_SHARE = 0.1
+# Factor on shifts of vertices that would use up more slack, number of rounds with this factor, and of all rounds; later ones take shifts back
+SHORTENING, SHORTENINGS, MAX_ROUNDS = 0.6, 20, 40
 
 
 @dataclass(frozen=True, eq=False)

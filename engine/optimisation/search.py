@@ -52,9 +52,9 @@ OVERTIME, RELIEF_STEPS = 0.5, 1
 # Share of the objective that a refused one of these steps must have been predicted to bring, else no shorter one is tried. With larger
 # ones a search gives up sooner
 RELIEF_STOP = 0.25
-# Factor on the decreases of steps while springs hold a piece or it is farther from its target than ``WANTED_PERCENT``, so that its search is given up later; the
-# ratio of the two distances if that is larger. Without it, five of ten surfaces ended at 1.05 to 1.4 % though the same search, going on,
-# brought them within 1 % (docs/tuning.md)
+# Factor on the decreases of steps while springs hold a piece, or it is farther from its target than ``WANTED_PERCENT``, so that its search
+# is given up later; the ratio of the two distances if that is larger. Without it, five of ten surfaces ended at 1.05 to 1.4 % though the
+# same search, going on, brought them within 1 % (docs/tuning.md)
 UNMET_FACTOR = 8.0
 # The same for nearer pieces while arms are visibly overstrained. With 1, one of five runs of a pointed spindle ended at 1.08 of the limit and
 # 0.61 % of the size, the others at 0.91 and 0.17 to 0.20 %; with 8, a surface of 986 quads ends at 0.10 in place of 0.11 %, after 1.3 times
@@ -296,10 +296,8 @@ class Search:
         )
         if not self.trace.rows[steps:]:
             return here  # the time ended before the first step, or no step was accepted
-        within, other = (
-            progress.at(0.9, codesign.FLAT_SHAPES),
-            self._as_design(here, found, progress.at(0.9, codesign.FLAT_SHAPES)),
-        )
+        within = progress.at(0.9, codesign.FLAT_SHAPES)
+        other = self._as_design(here, found, within)
         for share in BACKTRACK_SHARES:
             if other is not None and other.value < here.value:
                 break
