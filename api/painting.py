@@ -130,7 +130,7 @@ def _numbers(where: Any) -> np.ndarray:
     try:
         return np.asarray(where, dtype=float)
     except (TypeError, ValueError):
-        raise FlexMapsError(f"'{where!s:.60}' are no numbers from 0 to 1") from None
+        raise FlexMapsError(f"'{where!s:.60}' is not a number, or an array of numbers, from 0 to 1") from None
 
 
 def _share(strength: Any) -> float:

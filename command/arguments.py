@@ -40,7 +40,7 @@ def parser() -> argparse.ArgumentParser:
     whole.add_argument("--stop-after", choices=job.STAGE_NAMES, default=job.STAGE_NAMES[-1], metavar="STAGE",
                        help=f"last stage to run: {', '.join(job.STAGE_NAMES)}")  # fmt: skip
     whole.add_argument("--no-remesh", dest="remeshed", action="store_false",
-                       help="refuse a mesh with faces that are no quads, instead of remeshing it")  # fmt: skip
+                       help="refuse a mesh with faces that are not quads, instead of remeshing it")  # fmt: skip
     whole.add_argument(
         "--optimise", action="store_true", help="make the spirals match the surface better; takes longer"
     )

@@ -244,4 +244,4 @@ def material(name: str) -> Material:
     try:
         return MATERIALS[name]
     except KeyError:
-        raise FlexMapsError(f"'{name}' is no material; there are {', '.join(MATERIALS)}") from None
+        raise FlexMapsError(f"'{name}' is not a material; choose one of {', '.join(MATERIALS)}") from None

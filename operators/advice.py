@@ -101,7 +101,7 @@ class Advised(ContinuedStage["Made"]):
 
 
 class MakeLarger(Advised, bpy.types.Operator):
-    """Scale the object by as much as is advised, and make again what there was: the same cuts, spirals, the shape at rest. Says what it brought"""
+    """Enlarge the object by the advised factor and update panels, spirals and shape; optimised spirals are optimised again. Reports how much nearer the shape is"""
 
     bl_idname = "flexmaps.make_larger"
     bl_label = "Larger"
@@ -147,7 +147,7 @@ class MakeLarger(Advised, bpy.types.Operator):
 
 
 class MakeThinner(Advised, bpy.types.Operator):
-    """Take the next thinner sheet, and find the shape at rest again, and the best spirals if they were optimised. Says what it brought"""
+    """Take the next thinner sheet and simulate again; optimised spirals are optimised again. Reports how much nearer the shape is"""
 
     bl_idname = "flexmaps.make_thinner"
     bl_label = "Thinner sheet"

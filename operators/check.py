@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ..bridge.store import notes
-from ..bridge.store.i18n import translate
+from ..bridge.store.i18n import quads, translate
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
@@ -42,8 +42,8 @@ class Check(StageOperator["list[Finding]"], bpy.types.Operator):
             raise FlexMapsError(errors[0].message, faces=errors[0].faces, edges=errors[0].edges)
         count = len(surface.polygons.sizes)
         if not result:
-            return translate("{} quads, nothing to complain about", count)
-        return translate("{} quads, {} warning" if len(result) == 1 else "{} quads, {} warnings", count, len(result))
+            return translate("{}, nothing to complain about", quads(count))
+        return translate("{}, {} warning" if len(result) == 1 else "{}, {} warnings", quads(count), len(result))
 
     def _note(self, context: bpy.types.Context, obj: bpy.types.Object, error: FlexMapsError) -> None:
         """Store no failure, because the findings are notices already."""

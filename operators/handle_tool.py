@@ -20,7 +20,7 @@ class HandleGizmos(Handles, bpy.types.GizmoGroup):
 
 
 class _HandleTool:
-    """Click a spiral to hold it or to let it go; drag one to pull it; drag with Ctrl to wish it somewhere for Optimise"""
+    """Click a spiral to hold it or to let it go; drag one to pull it; drag with Ctrl to set where Optimise shall bring it"""
 
     bl_space_type = "VIEW_3D"
     bl_idname = "flexmaps.handles"
@@ -28,7 +28,7 @@ class _HandleTool:
     bl_description = (
         "Click a spiral to hold it or to let it go.\n"
         "Drag one to pull it.\n"
-        "Drag with Ctrl to wish it somewhere for Optimise"
+        "Drag with Ctrl to set where Optimise shall bring it"
     )
     bl_icon = "ops.transform.vertex_random"
     bl_widget = HandleGizmos.bl_idname
@@ -57,7 +57,7 @@ class HandleToolInEditMode(_HandleTool, bpy.types.WorkSpaceTool):
 
 
 class UseHandles(AtOnce, OnObject, bpy.types.Operator):
-    """Take the tool for handles: click a spiral to hold it or to let it go, drag one to pull it, drag with Ctrl to wish it somewhere for Optimise"""
+    """Take the tool for handles: click a spiral to hold it or to let it go, drag one to pull it, drag with Ctrl to set where Optimise shall bring it"""
 
     bl_idname = "flexmaps.use_handles"
     bl_label = "Handles"

@@ -123,7 +123,7 @@ class FlattenStage(LayoutStage):
 
 
 class Flatten(FlattenStage, bpy.types.Operator):
-    """Flatten all panels between the seams anew; a panel that is no disk is cut open"""
+    """Flatten all panels between the seams anew; a panel that is not a disk is cut open"""
 
     bl_idname = "flexmaps.flatten"
     bl_label = "Flatten"

@@ -34,7 +34,7 @@ class CheckStructure(ContinuedStage["Structure"], bpy.types.Operator):
 
         rest = equilibrium.resting(obj, bpy.context.scene, snapshot.surface)
         if rest is None:
-            raise FlexMapsError("The simulated shape is no equilibrium, or out of date; press Simulate first")
+            raise FlexMapsError("The simulated shape is not an equilibrium, or is out of date; press Simulate first")
         settings = snapshot.settings
 
         def go_on(result: Result, progress: Progress) -> Structure:

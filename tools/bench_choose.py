@@ -1,7 +1,7 @@
-"""Benchmark of *Propose layouts* on a piece that was made fit: panels, match, seconds of processor, and the messages on the way.
+"""Benchmark of layouts: panels and match by default, and after the cures that *Optimise* offers where a piece misses the wanted match.
 
-Every surface is laid out and optimised as by default. Where that misses the usual match, layouts are proposed, and what is taken is
-optimised again. Surfaces that do not consist of about so many quads are remeshed. Seconds are the processor's, those of other processes
+Every surface is laid out and optimised as by default. Where that misses the wanted match, layouts are proposed, and what is taken is
+optimised again; then the piece as it was is optimised on the supports that are predicted to bring it nearest, if any are. Surfaces that do not consist of about so many quads are remeshed. Seconds are the processor's, those of other processes
 included; the time left is told by a clock, so that it depends on what else the machine does.
 """
 
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from bench_first import OBJECTS
 from flexmaps.engine.extras.choosing.choice import INITIAL
+from flexmaps.engine.extras.choosing.prospects import holding, prospects
 from flexmaps.engine.params import Settings
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.remaining import Remaining
@@ -43,12 +44,12 @@ def measure(name: str, polygons: PolygonMesh, options: Options) -> Rows:
     settings, quads = Settings(), options.quads
     if (polygons.sizes != 4).any() or not quads / LARGEST <= len(polygons.sizes) <= LARGEST * quads:
         polygons = trial.remeshed(polygons, quads)
-    again: Any = job.run_stages(made(polygons, "split"), settings, SEARCH)
-    before, panels = _rms(again), len(again.flat.layout.patches)
-    yield at_most(name, "RMS % by default", None, before, {"quads": len(again.mesh.quads), "panels": panels})
+    first: Any = job.run_stages(made(polygons, "split"), settings, SEARCH)
+    again, before, panels = first, _rms(first), len(first.flat.layout.patches)
+    yield at_most(name, "RMS % by default", None, before, {"quads": len(first.mesh.quads), "panels": panels})
     if before > settings.choose.match:
         watch = _Watch()
-        chosen: Any = job.run_stages(again, settings, ("choose",), Progress(watch.report))
+        chosen: Any = job.run_stages(first, settings, ("choose",), Progress(watch.report))
         spent = processor() - watch.used
         choice, best = chosen.choice, chosen.choice.best
         again = chosen if chosen.design is not None else job.run_stages(chosen, settings, SEARCH)
@@ -59,8 +60,20 @@ def measure(name: str, polygons: PolygonMesh, options: Options) -> Rows:
         yield at_most(name, "seconds until the first proposal", FIRST, watch.first)
         yield at_most(name, "seconds of processor", SECONDS, spent)
         yield at_most(name, "largest rise of the time left", RISE, watch.rise)
+        held, how = _held(first, settings)
+        yield at_most(name, "RMS % after one cure", settings.choose.match, min(_rms(again), held), how)
     small = sum(len(patch) < SMALL for patch in again.flat.layout.patches)
     yield at_most(name, f"panels under {SMALL} quads", 0, small)
+
+
+def _held(first: Any, settings: Settings) -> tuple[float, dict[str, Any]]:
+    """Return the RMS distance in percent on the best supports that *Optimise* offers, infinite without any, and what was offered."""
+    offered, ways = prospects(first.simulation, first.limits, settings) or {}, dict(holding(first.mesh))
+    where = next((way for way in offered if way in ways), None)
+    if where is None:
+        return np.inf, offered
+    found: Any = job.run_stages(first.with_user(supports=ways[where]), settings, SEARCH[1:])
+    return _rms(found), {"held": where, **offered}
 
 
 class _Watch:

@@ -35,7 +35,11 @@ def unadvised(mesh: bpy.types.Mesh, remedy: str) -> str | None:
     """
     if "reach" not in notes.read(mesh):
         return translate("It is not known yet what limits the match; press Simulate first")
-    return None if remedy in read_advice(mesh) else translate("The advice under Optimise is another one")
+    return (
+        None
+        if remedy in read_advice(mesh)
+        else translate("This advice is out of date; see the present advice under Optimise")
+    )
 
 
 def compare(remedy: str, was: float, now: float, before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
@@ -84,4 +88,4 @@ def describe(brought: dict[str, Any]) -> str:
         line = translate(text, done, *distance, *shares)
     if closed[0] != closed[1]:
         line = translate("{}, closed slots {} to {}", line, *closed)
-    return line if has_helped(brought) else f"{line}. {translate('It brought nothing; undo takes it back')}"
+    return line if has_helped(brought) else f"{line}. {translate('It did not help; undo takes it back')}"

@@ -59,7 +59,7 @@ MENDING = (
     ("outside", "Turn bodies", "Turn closed bodies whose faces look inwards"),
     ("loose", "Delete loose parts", "Delete vertices and edges that belong to no face"),
     ("far", "Delete far faces", "Delete faces that lie nowhere near the others"),
-    ("not-finite", "Delete lost faces", "Delete faces whose place is no number"),
+    ("not-finite", "Delete lost faces", "Delete faces with coordinates that are not numbers"),
     ("fans", "Split vertices", "Split vertices at which faces touch that share no edge"),
     ("walls", "Split edges", "Split edges of three or more faces"),
     ("one-sided", "Cut it open", "Cut a body with only one side open"),

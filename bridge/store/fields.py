@@ -53,7 +53,7 @@ def read_field(obj: bpy.types.Object, surface: ObjectSurface, name: str) -> Floa
         if attribute is None:
             raise FlexMapsError(f"'{obj.name}' has no vertex group, colour or attribute '{name}'")
         if attribute.data_type not in _KINDS or attribute.domain not in _DOMAINS:
-            raise FlexMapsError(f"'{name}' of '{obj.name}' holds no numbers or colours of vertices, faces or corners")
+            raise FlexMapsError(f"'{name}' of '{obj.name}' has no numbers or colours of vertices, faces or corners")
         prop, width = _KINDS[attribute.data_type]
         kind = bool if attribute.data_type == "BOOLEAN" else np.int32 if attribute.data_type == "INT" else np.float32
         values: np.ndarray = np.empty(width * len(attribute.data), kind)
@@ -61,7 +61,9 @@ def read_field(obj: bpy.types.Object, surface: ObjectSurface, name: str) -> Floa
         rows = values.reshape(-1, width).astype(float)
         means = _over_quads(surface, rows[:, :3] @ LUMINANCE if width > 1 else rows[:, 0], attribute.domain)
     if not np.isfinite(means).all():
-        raise FlexMapsError(f"'{name}' of '{obj.name}' holds something that is no number; mend it, or take another one")
+        raise FlexMapsError(
+            f"'{name}' of '{obj.name}' has a value that is not a number; correct it, or choose another attribute"
+        )
     return means
 
 

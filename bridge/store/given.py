@@ -31,7 +31,7 @@ def read(obj: bpy.types.Object, scene: bpy.types.Scene) -> LiveInput:
     surface, own = mesh.read_anyhow(obj, scene), obj.flexmaps
     values, polygons = surface.values, surface.polygons
     if (polygons.sizes != 4).any():
-        raise FlexMapsError("There are faces that are no quads; press Quad remesh")
+        raise FlexMapsError("Some faces are not quads; press Quad remesh")
     for names, missing in ((mesh.FLAT_NAMES, "flat"), (mesh.DESIGN_NAMES, "design")):
         if len(surface.spoilt) and missing == "design":
             raise mesh.cannot_be_cut(surface.spoilt)

@@ -129,7 +129,7 @@ def _describe_progress(obj: bpy.types.Object, scene: bpy.types.Scene, known: dic
     count, size = len(mesh.polygons), 1e3 * max(objects.extents(obj)) * scene.unit_settings.scale_length
     wide = interface("{:.3g} m wide", size / 1e3) if size >= 1e3 else interface("{:.0f} mm wide", size)
     if objects.changed_by_modifiers(obj):
-        return interface("Modifiers are to be applied")
+        return interface("Apply the modifiers first")
     if len(mesh.loops) != 4 * count:
         return interface("{}, not all quads", wide)
     if notices.is_coarse(obj):

@@ -336,11 +336,11 @@ def _other_limit(obj: bpy.types.Object, block: dict[str, Any]) -> list[Notice]:
     if times <= 1.0:
         sentence = translate("It lasts for years too")
     elif sheet is None:
-        sentence = translate("To last for years it would have to be {:.2g} times larger", times)
+        sentence = translate("To last for years, make it {:.2g} times larger", times)
     else:
         millimetres = sheet * remedies.MILLIMETRES
         sentence = translate(
-            "To last for years it would have to be {:.2g} times larger, or of a sheet of {:g} mm", times, millimetres
+            "To last for years, make it {:.2g} times larger, or cut it from a sheet of {:g} mm", times, millimetres
         )
     return [Notice("equilibrium/years", interface("Made for days"), sentence, INFORMATION)]
 

@@ -43,7 +43,7 @@ def keep(name: str, values: Mapping[str, Any]) -> Path:
 
     stem = files.safe_file_name(name.strip()).strip("_")
     if not stem:
-        raise FlexMapsError(f"'{name}' is no name for a preset; use letters or numbers")
+        raise FlexMapsError(f"'{name}' cannot be the name of a preset; use letters or digits")
     folder = bpy.utils.user_resource("SCRIPTS", path=f"presets/{SUBFOLDER}", create=True)
     path = Path(folder) / f"{stem}.py"
     with files.write_atomically(path) as new:

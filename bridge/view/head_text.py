@@ -88,7 +88,7 @@ def _live(context: bpy.types.Context, seen: Guidance, following: Any) -> Head | 
             label, press, "SORTTIME", interface("Live: on its way"), interface("The shape follows what you change.")
         )
     if shape.snapped:
-        jumped = interface("Snapped by up to {} mm", f"{shape.snapped:.0f}")
+        jumped = interface("Jumped by up to {} mm", f"{shape.snapped:.0f}")
         return Head(
             label, press, "ERROR", jumped, interface("Spirals jumped to another shape. Undo brings the piece back.")
         )

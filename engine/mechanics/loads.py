@@ -189,8 +189,8 @@ def parse_supports(mesh: QuadMesh, which: str | Sequence[int]) -> Int[np.ndarray
         ) from None
     wrong = [number for number in numbers if not 0 <= number < len(mesh.quads)]
     if wrong or not numbers:
-        name = f"quad {wrong[0]!s:.24}" if wrong else "no quad"
-        raise FlexMapsError(f"The supports name {name}; the quads are numbered from 0 to {len(mesh.quads) - 1}")
+        fault = f"Quad {wrong[0]!s:.24} cannot be a support" if wrong else "The list of supports is empty"
+        raise FlexMapsError(f"{fault}; give numbers of quads from 0 to {len(mesh.quads) - 1}")
     return np.unique(np.array(numbers, dtype=np.int64))
 
 

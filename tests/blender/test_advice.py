@@ -192,7 +192,7 @@ def test_spirals_that_were_set_by_hand_stay(strained: Any, attribute: Any) -> No
 )
 def test_what_brought_nothing_is_said(distance: list[float], strain: list[Any], helped: bool) -> None:
     brought = {"remedy": "larger", "was": 1.0, "now": 1.25, "rms_percent": distance, "strain_share_max": strain}
-    assert advice.has_helped(brought) == helped and ("brought nothing" in advice.describe(brought)) != helped
+    assert advice.has_helped(brought) == helped and ("did not help" in advice.describe(brought)) != helped
     assert advice.describe(brought).startswith(f"1.25 times as large: RMS distance 2 % to {distance[1]:.2g} %")
 
 
@@ -202,7 +202,7 @@ def test_what_brought_nothing_is_said(distance: list[float], strain: list[Any], 
 def test_slots_that_opened_count_as_help(closed: list[Any], helped: bool) -> None:
     brought = {"remedy": "larger", "was": 1.0, "now": 1.25, "rms_percent": [1.2, 1.2], "strain_share_max": [0.9, 0.89]}
     brought["slots_closed"] = closed
-    assert advice.has_helped(brought) == helped and ("brought nothing" in advice.describe(brought)) != helped
+    assert advice.has_helped(brought) == helped and ("did not help" in advice.describe(brought)) != helped
     assert (f"closed slots {closed[0]} to {closed[1]}" in advice.describe(brought)) == (closed[0] != closed[1])
 
 
@@ -296,10 +296,10 @@ def test_a_grey_button_says_why(strained: Any, add: Any) -> None:
     distorted = simulated(add, "pom")
     larger, thinner, finer = (operators.MakeLarger, operators.MakeThinner, operators.MakeFiner)
     assert larger.obstacle(strained) is None and thinner.obstacle(strained) is None
-    assert finer.obstacle(strained) == "The advice under Optimise is another one"
+    assert finer.obstacle(strained) == "This advice is out of date; see the present advice under Optimise"
     strained.lock_scale[1] = True
     assert "locked" in (larger.obstacle(strained) or "")
-    assert finer.obstacle(distorted) is None and "another" in (larger.obstacle(distorted) or "")
+    assert finer.obstacle(distorted) is None and "out of date" in (larger.obstacle(distorted) or "")
     group(distorted, "feet", [0, 1])
     for name in ("supports", "pulled"):
         setattr(distorted.flexmaps.loads, name, "feet")

@@ -93,7 +93,7 @@ def test_a_load_that_snaps_it_is_a_warning(piece: Any, attribute: Any) -> None:
     ("cases", "combinations", "says"),
     [
         ("top: point 1 -z on Nothing", "", "'Nothing' names no quad"),
-        ("top: points", "", "'points' is no kind of load"),
+        ("top: points", "", "'points' is not a kind of load"),
         ("w: weight", "a = 2 snow", "adds 'snow', which is not a load case"),
     ],
 )

@@ -65,7 +65,7 @@ def test_a_remnant_is_added_and_filled(two: list[bpy.types.Object], tmp_path: Pa
     assert bpy.ops.flexmaps.add_remnant(filepath=str(path)) == {"FINISHED"}
     assert obj.flexmaps.sheet.remnants == str(path)
     (tmp_path / "none.svg").write_text("<svg", encoding="utf-8")
-    with pytest.raises(RuntimeError, match="no SVG"):
+    with pytest.raises(RuntimeError, match="cannot be read as SVG"):
         bpy.ops.flexmaps.add_remnant(filepath=str(tmp_path / "none.svg"))
     assert obj.flexmaps.sheet.remnants == str(path)
     assert bpy.ops.flexmaps.export() == {"FINISHED"}

@@ -102,7 +102,7 @@ def numbers(text: str) -> list[float]:
     try:
         return [float(word) for word in text.replace(",", " ").replace(";", " ").split()]
     except ValueError:
-        raise FlexMapsError(f"'{text[:40]}' is no list of numbers; write them as 1.02, 1.04") from None
+        raise FlexMapsError(f"'{text[:40]}' is not a list of numbers; write them as 1.02, 1.04") from None
 
 
 def _numbers(value: Any, what: str) -> list[float]:

@@ -102,5 +102,5 @@ def read(path: str | Path) -> Coupons:
     except OSError:
         raise FlexMapsError(f"There is no {path}; make a calibration sheet first, it lies beside its files") from None
     except (ValueError, TypeError, KeyError, AttributeError, AssertionError):
-        raise FlexMapsError(f"{path} is no calibration of this program, or is damaged; make the sheet again") from None
+        raise FlexMapsError(f"{path} is not a FlexMaps calibration file, or is damaged; make the sheet again") from None
     return made

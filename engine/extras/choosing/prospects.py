@@ -60,7 +60,7 @@ def prospects(
     now = found.match["rms_percent"]
     if not found.equilibrium.converged or now <= wanted_percent(settings.choose):
         return None
-    ways: list[tuple[str, Any]] = [] if supports is not None else list(_holding(found.target))
+    ways: list[tuple[str, Any]] = [] if supports is not None else list(holding(found.target))
     ideas = with_cuts(found.design.flat.layout, weight_by_fixability(_mismatch(found), limits.kind))
     ways += [(CUT, idea) for idea in islice(ideas, IDEAS)]
     design, smooth = found.design, found.target.moved(smooth_folds(PolygonMesh.from_quads(found.target)))
@@ -97,7 +97,7 @@ class _Promise:
         return self.start is None or predict(piece, flat, self.start, self.progress) <= WORTH * self.now
 
 
-def _holding(mesh: QuadMesh) -> list[tuple[str, Int[np.ndarray, " _"]]]:
+def holding(mesh: QuadMesh) -> list[tuple[str, Int[np.ndarray, " _"]]]:
     """Return the sets of quads at which a piece could be held, if enough quads remain free to bend; each set once."""
     border = np.unique(np.nonzero(mesh.border[mesh.quad_edges])[0])
     found: dict[bytes, tuple[str, np.ndarray]] = {}

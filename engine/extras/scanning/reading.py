@@ -49,7 +49,7 @@ def read(path: str | Path, unit: str = "", anywhere: bool = True) -> Scan:
     path = Path(path)
     suffix = path.suffix.lower()
     if unit not in ("", *UNITS):
-        raise FlexMapsError(f"'{unit}' is no unit of a scan; give {', '.join(UNITS)}")
+        raise FlexMapsError(f"'{unit}' is not a unit of length for a scan; give one of {', '.join(UNITS)}")
     if os.path.isdir(path) or suffix not in PARSERS:
         raise FlexMapsError(f"{path} is not a readable scan; save it as {', '.join(SUFFIXES)}")
     try:

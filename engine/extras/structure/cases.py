@@ -179,7 +179,7 @@ def _load(line: str) -> tuple[str, Load]:
         )
     kind = found["kind"]
     if kind not in KINDS:
-        raise _line_error(line, f"'{kind}' is no kind of load; there are {', '.join(KINDS)}")
+        raise _line_error(line, f"'{kind}' is not a kind of load; choose one of {', '.join(KINDS)}")
     words = found["given"].split()
     factor = 1.0 if found["factor"] is None else _number(line, found["factor"])
     # a piece's own weight stays for years
@@ -223,7 +223,7 @@ def _number(line: str, word: str) -> float:
     except ValueError:
         value = np.nan
     if not np.isfinite(value):
-        raise _line_error(line, f"'{word:.{LONGEST}}' is no number")
+        raise _line_error(line, f"'{word:.{LONGEST}}' is not a number")
     return value
 
 

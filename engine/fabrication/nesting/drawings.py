@@ -84,7 +84,7 @@ def read_dxf(path: Path, unit: float) -> LineDrawing:
                 (filled if kind in FILLED else made.lines).append((factor * points, closed))
         made.lines = made.lines or filled  # next to lines a hatch only fills what they enclose
     except (ezdxf.DXFError, UnicodeError, ValueError, KeyError, IndexError, AttributeError, TypeError, RecursionError):
-        raise FlexMapsError(f"{path.name} is no DXF drawing that can be read; save it again, as R2010") from None
+        raise FlexMapsError(f"{path.name} cannot be read as DXF; save it again, as R2010") from None
     return made
 
 
@@ -226,7 +226,7 @@ def read_svg(path: Path, unit: float) -> LineDrawing:
         TypeError,
         AttributeError,
     ):
-        raise FlexMapsError(f"{path.name} is no SVG drawing that can be read; save it again, as plain SVG") from None
+        raise FlexMapsError(f"{path.name} cannot be read as SVG; save it again, as plain SVG") from None
     return made
 
 

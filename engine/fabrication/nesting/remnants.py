@@ -75,14 +75,14 @@ def read_file(path: Path, unit: str = "mm") -> list[Remnant]:
     """
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
-        raise FlexMapsError(f"{path.name} is no drawing of a remnant that can be read; give a DXF or an SVG file")
+        raise FlexMapsError(f"{path.name} cannot be read as the drawing of a remnant; give a DXF or an SVG file")
     try:
         if path.stat().st_size > MAX_BYTES:
             raise FlexMapsError(f"{path.name} is too large for the drawing of a remnant; draw its outline alone")
         drawing = reader(path, UNITS[unit])
     except OSError as error:
         if error.errno is None:  # ezdxf raises this for a file that is not DXF
-            raise FlexMapsError(f"{path.name} is no DXF drawing that can be read; save it again, as R2010") from None
+            raise FlexMapsError(f"{path.name} cannot be read as DXF; save it again, as R2010") from None
         raise FlexMapsError(f"Cannot read the remnant {path}: {error.strerror or error}") from None
     return _pieces(path, drawing, unit)
 
@@ -92,7 +92,7 @@ def _pieces(path: Path, drawing: LineDrawing, unit: str) -> list[Remnant]:
     import shapely
 
     if not all(np.isfinite(points).all() for points, _ in drawing.lines):
-        raise FlexMapsError(f"The drawing {path.stem} holds coordinates that are no numbers; draw it again")
+        raise FlexMapsError(f"The drawing {path.stem} has coordinates that are not numbers; draw it again")
     extent = max((float(np.ptp(points, axis=0).max()) for points, _ in drawing.lines), default=0.0) * 1e-3
     if extent > LARGEST:
         raise FlexMapsError(

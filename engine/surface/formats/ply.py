@@ -69,7 +69,7 @@ def parse_ply(data: bytes, name: str) -> RawMesh:
 def _ply_head(data: bytes, name: str) -> tuple[str, list[_Element], int, int]:
     """Return the byte order ("" for text), the elements, the offset of the body, and the number of header lines."""
     if not data.startswith(b"ply"):
-        raise FlexMapsError(f"{name} does not begin with 'ply', so it is no PLY file; export the mesh again")
+        raise FlexMapsError(f"{name} is not a PLY file, as it does not begin with 'ply'; export the mesh again")
     # the first line decides how lines end, because a binary body may begin with any byte
     old_mac = re.match(rb"ply[ \t]*\r(?!\n)", data) is not None
     end = re.search(rb"\r[ \t]*end_header[ \t]*\r" if old_mac else rb"\n[ \t]*end_header[ \t]*\r?\n", data)

@@ -47,7 +47,7 @@ def refuse_binary(data: bytes, name: str, format: str) -> None:
     if data.startswith(WIDE_MARKS):
         raise FlexMapsError(f"{name} is text in UTF-16, which no {format} file is; save it as UTF-8")
     if b"\0" in data[:4096]:
-        raise FlexMapsError(f"{name} is not a text file, so it is no {format} file; export the mesh again as {format}")
+        raise FlexMapsError(f"{name} is not a text file, so it cannot be {format}; export the mesh again as {format}")
 
 
 def rows_of(data: bytes, *, continued: bool = False) -> list[Row]:

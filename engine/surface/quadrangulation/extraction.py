@@ -176,7 +176,7 @@ def _neighbours(
     shift = np.roll(p, -1, axis=1).reshape(-1, 2)[other[sides]] - _rotate(a, q)
     back = p.reshape(-1, 2)[other[sides]] - _rotate(b, q)
     if (shift != back).any() or (shift % UNIT).any():
-        raise FlexMapsError("The map does not fit together over its cuts")
+        raise FlexMapsError("The grid of quads does not fit together across its cuts; try another number of quads")
     which, cell = _boxes(np.stack([a, b], axis=1))
     ends = np.stack([a, b], axis=1)[which]
     inside = _overlap(ends, cell * UNIT, (cell + 1) * UNIT, None)

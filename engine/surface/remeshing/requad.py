@@ -177,7 +177,7 @@ class _BodySearch:
             else:
                 self._last = self._last or found
         if not self.found:
-            reason = self._last or "it is no clean surface, neither by itself nor as voxels"
+            reason = self._last or "it is not a clean surface, neither by itself nor as voxels"
             raise FlexMapsError(
                 f"No sound quads were found{self._name}: {reason}. "
                 "Give another quad count; give open parts a thickness, and remove what is inside or folded"

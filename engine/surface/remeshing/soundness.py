@@ -50,9 +50,9 @@ def judge_raw(
 ) -> SoundQuads | str:
     """Subdivide quads ``times`` times, repair and judge them; return the reason if they are useless."""
     if not (raw.sizes == 4).all():
-        return "QuadriFlow left faces that are no quads"
+        return "QuadriFlow left faces that are not quads"
     if not is_clean(raw):
-        return "its quads are no clean surface"
+        return "its quads are not a clean surface"
     unfilled = reopen_holes(raw, whole)
     made = mend_quads(refine_quads(unfilled, whole, times) if times or sharp else unfilled, whole)
     judged = judge(made, whole, count)

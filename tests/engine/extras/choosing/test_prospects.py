@@ -59,7 +59,7 @@ def told(
 
 def test_nothing_is_tried_within_the_match_that_is_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
     now = saddle().match["rms_percent"]
-    monkeypatch.setattr(prospects, "_holding", lambda *_: pytest.fail("tried"))
+    monkeypatch.setattr(prospects, "holding", lambda *_: pytest.fail("tried"))
     near = Settings(choose=replace(Settings().choose, match=1.01 * now))
     assert prospects.prospects(saddle(), find_limits(saddle()), near) is None
 

@@ -160,7 +160,7 @@ def test_what_is_no_scan_is_named(tmp_path):
     (tmp_path / "scan.ply").write_text("")
     with pytest.raises(FlexMapsError, match="is empty"):
         reading.read(tmp_path / "scan.ply")
-    with pytest.raises(FlexMapsError, match="no unit"):
+    with pytest.raises(FlexMapsError, match="not a unit of length"):
         reading.read(tmp_path / "scan.ply", "feet")
 
 

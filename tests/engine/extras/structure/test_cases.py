@@ -48,17 +48,17 @@ def test_combinations_are_sums_with_factors() -> None:
     [
         ("", "There is no load case"),
         ("snow 500", "give it as NAME: KIND"),
-        ("a: rain 5", "'rain' is no kind of load; there are weight, point"),
+        ("a: rain 5", "'rain' is not a kind of load; choose one of weight, point"),
         ("a: snow", "give its pressure in N/m2"),
-        ("a: snow many", "'many' is no number"),
-        ("a: snow nan", "'nan' is no number"),
+        ("a: snow many", "'many' is not a number"),
+        ("a: snow nan", "'nan' is not a number"),
         ("a: point 5", "give the axis"),
         ("a: wind 5 up", "give the axis"),
         ("a: wind 1,2,3", "one number and an axis"),
         ("a: weight 5", "weight takes no value"),
         ("a: pressure 5 x", "has no axis"),
         ("a: point 1,2 -z", "one number and an axis"),
-        ("a: weight times x", "'x' is no number"),
+        ("a: weight times x", "'x' is not a number"),
     ],
 )
 def test_lines_that_cannot_be_read_are_named(line: str, says: str) -> None:

@@ -97,13 +97,13 @@ def test_circles_arcs_and_turned_groups(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "says"),
     [
-        ("a.png", "", "can be read"),
-        ("a.svg", "<svg", "no SVG"),
-        ("a.svg", "<html/>", "no SVG"),
-        ("a.svg", '<svg xmlns="http://www.w3.org/2000/svg"><path d="M 0 0 L 5"/></svg>', "no SVG"),
+        ("a.png", "", "cannot be read"),
+        ("a.svg", "<svg", "cannot be read as SVG"),
+        ("a.svg", "<html/>", "cannot be read as SVG"),
+        ("a.svg", '<svg xmlns="http://www.w3.org/2000/svg"><path d="M 0 0 L 5"/></svg>', "cannot be read as SVG"),
         ("a.svg", '<svg xmlns="http://www.w3.org/2000/svg"><path d="M 0 0 L 50 50"/></svg>', "no closed outline"),
         ("a.svg", '<svg xmlns="http://www.w3.org/2000/svg"><rect width="1e9" height="1e9"/></svg>', "m large"),
-        ("a.dxf", "nothing", "no DXF"),
+        ("a.dxf", "nothing", "cannot be read as DXF"),
         ("a.dxf", "", "no closed outline"),
     ],
 )

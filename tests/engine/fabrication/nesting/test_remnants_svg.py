@@ -129,8 +129,8 @@ def test_lengths_without_a_unit(tmp_path: Path, head: str, unit: str, scale: flo
     [
         ("<text>a</text>", "text, which is not read"),
         ('<image width="200" height="100"/>', "image, which is not read"),
-        ('<use id="a" href="#b"/><use id="b" href="#a"/>', "no SVG drawing"),
-        ('<g id="a"><use href="#a"/></g>', "no SVG drawing"),
+        ('<use id="a" href="#b"/><use id="b" href="#a"/>', "cannot be read as SVG"),
+        ('<g id="a"><use href="#a"/></g>', "cannot be read as SVG"),
     ],
 )
 def test_what_is_not_read_is_named(tmp_path: Path, inside: str, says: str) -> None:

@@ -285,7 +285,7 @@ def test_bad_ply(tmp_path, order):
 
 def test_bad_ply_heads(tmp_path):
     good = ply("", *TRIANGLE)
-    assert "no PLY" in refusal(tmp_path, "b.ply", b"solid")
+    assert "not a PLY file" in refusal(tmp_path, "b.ply", b"solid")
     assert "end_header" in refusal(tmp_path, "b.ply", good[:40])
     assert "line 2" in refusal(tmp_path, "b.ply", good.replace(b"ascii", b"morse"))
     assert "text or binary" in refusal(tmp_path, "b.ply", good.replace(b"format ascii 1.0\n", b""))
