@@ -79,3 +79,12 @@ def test_the_parts_list_names_every_part_and_sums(flat_grid, tmp_path):
     assert float(total["mass_g"]) == pytest.approx(1e3 * found.mass, abs=0.02)
     assert float(total["cut_length_mm"]) == pytest.approx(1e3 * cut.cut_length, abs=0.05)
     assert total["part"] == "5 parts" and total["note"] == MARK
+
+
+def test_every_contour_and_engraved_stroke_takes_its_time():
+    def seconds(contours, strokes=0.0):
+        return estimates.cut_seconds(MATERIALS["birch"], 0.003, 1.5, contours, strokes)
+
+    each = seconds(1) - seconds(0)
+    assert each > 0.0 and seconds(4) == pytest.approx(seconds(0) + 4.0 * each)
+    assert seconds(4, 0.6) == pytest.approx(seconds(4) + 0.6 / estimates.ENGRAVING)

@@ -17,7 +17,7 @@ from flexmaps.engine.fabrication import sheets, sheets_report
 from flexmaps.engine.fabrication.nesting import packing
 from flexmaps.engine.fabrication.panels import lettering
 from flexmaps.engine.fabrication.panels.labels import hub_circles, panel_name, seam_name
-from flexmaps.engine.fabrication.writers import export, svg
+from flexmaps.engine.fabrication.writers import export, operations, svg
 from flexmaps.engine.params import ConnectorParams, ExportParams, LayoutParams, Settings, SheetParams, SpiralParams
 from flexmaps.engine.patches.splitting import split
 from flexmaps.engine.progress import Progress
@@ -386,3 +386,14 @@ def test_the_job_refuses_sheets_smaller_than_its_layout():
     smaller = Settings(sheet=SheetParams(sheet_width=0.07, sheet_height=0.06))
     with pytest.raises(FlexMapsError, match="make the layout again"):
         job.run_stages(result, smaller, ["sheets"])
+
+
+def test_sizes_in_the_report_are_millimetres(made):
+    assert np.ravel(sheets_report.sheets_report(made)["sizes_mm"]) == pytest.approx(1e3 * made.packing.sizes.ravel(), abs=1e-3)
+
+
+def test_the_frame_is_closed_and_the_stroke_at_its_origin_is_not(made):
+    edge, stroke = operations.frame(replace(made, params=replace(made.params, frame=True)), 0)
+    assert edge.closed and not stroke.closed
+    assert np.ptp(edge.points, axis=0) == pytest.approx(made.packing.sizes[0])
+    assert stroke.points[0] == pytest.approx([0.0, 0.0]) and (stroke.points[1] > 0.0).all()

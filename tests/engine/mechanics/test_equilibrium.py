@@ -10,7 +10,7 @@ from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.linalg import Pattern, negative_eigenvalues
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import nearest_rotation
-from flexmaps.engine.mechanics.equilibrium import other_minima, solve
+from flexmaps.engine.mechanics.equilibrium import _bend_along_modes, other_minima, solve
 from flexmaps.engine.mechanics.loads import Loads, Springs
 from flexmaps.engine.mechanics.newton_system import NewtonSystem
 from flexmaps.engine.params import SimulateParams
@@ -244,3 +244,12 @@ def test_nearest_rotation_is_proper() -> None:
         found = nearest_rotation(rng.normal(size=(3, 3)))
         assert found @ found.T == pytest.approx(np.eye(3))
         assert np.linalg.det(found) == pytest.approx(1.0)
+
+
+def test_a_pose_is_bent_along_every_mode_to_both_sides() -> None:
+    modes = np.zeros((3, 6, 6))
+    modes[0, 1, 2] = modes[1, 3, 2] = modes[2, 5, 2] = 1.0  # each shifts another hub
+    for k in range(6):
+        shifts = _bend_along_modes(straight(6), modes, k).centres - straight(6).centres
+        moved = np.flatnonzero(np.abs(shifts).max(axis=1) > 0.0)
+        assert moved.tolist() == [2 * (k // 2) + 1] and np.sign(shifts[moved[0], 2]) == (-1.0) ** k

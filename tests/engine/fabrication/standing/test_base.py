@@ -7,7 +7,7 @@ import pytest
 import shapely
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication.standing import corners
-from flexmaps.engine.fabrication.standing.frame import shortest_round
+from flexmaps.engine.fabrication.standing.frame import CORNER, _radii, shortest_round
 from flexmaps.engine.fabrication.writers import parts
 from flexmaps.engine.params import Settings, with_values
 from flexmaps.engine.runs import job, report
@@ -245,3 +245,11 @@ def test_the_way_round_points_is_the_shortest_of_a_circle_and_never_crosses_itse
         ring = shapely.LinearRing(points[shortest_round(points)])
         assert ring.is_simple
         assert ring.is_ccw
+
+
+def test_rounded_corners_fit_their_sides():
+    square = np.array([[0.0, 0.0], [0.02, 0.0], [0.02, 0.3], [0.0, 0.3]])
+    radius = _radii(square, np.array([True, False, False, False]), 0.05)
+    assert radius[0] <= CORNER and radius[1:] == pytest.approx(0.45 * 0.02)
+    # two arcs share a side: together they are no longer than it
+    assert (radius + np.roll(radius, -1) <= np.linalg.norm(np.roll(square, -1, axis=0) - square, axis=1)).all()

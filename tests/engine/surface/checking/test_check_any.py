@@ -57,3 +57,12 @@ def test_any_polygons_are_judged(data):
     assert len(np.unique(sides, axis=0)) == len(sides)  # every side runs along its edge once in each way
     assert (quads.edge_lengths > 0).all()
     assert (quads.areas > 0).all()
+
+
+def test_errors_come_before_warnings() -> None:
+    # a bent quad of five corners beside three faces at one edge, and a second body through them
+    flat = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 0, -1], [1, 0, -1]]
+    through = [[0.2, 0.5, -1], [0.8, 0.5, -1], [0.8, 0.5, 1], [0.2, 0.5, 1]]
+    mesh = polygons([*flat, *through], [[0, 1, 2, 3], [1, 0, 4, 5], [0, 1, 7, 6], [8, 9, 10, 11]])
+    found = [one.is_error for one in check.everything(mesh)]
+    assert len(set(found)) == 2 and found == sorted(found, reverse=True)

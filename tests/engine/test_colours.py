@@ -1,0 +1,21 @@
+"""Colours against the values that the author of Oklab publishes."""
+
+import numpy as np
+import pytest
+from flexmaps.engine import colours
+
+# Ottosson (2020), A perceptual color space for image processing: linear sRGB and its Oklab coordinates L, a, b
+PRIMARIES = {
+    "white": ((1.0, 1.0, 1.0), (1.0, 0.0, 0.0)),
+    "red": ((1.0, 0.0, 0.0), (0.62796, 0.22486, 0.12585)),
+    "green": ((0.0, 1.0, 0.0), (0.86644, -0.23389, 0.17950)),
+    "blue": ((0.0, 0.0, 1.0), (0.45201, -0.03246, -0.31153)),
+}
+
+
+@pytest.mark.parametrize("name", PRIMARIES)
+def test_primaries_come_back_from_oklch(name):
+    rgb, (lightness, a, b) = PRIMARIES[name]
+    hue = np.arctan2(b, a)
+    found = colours.oklch(np.array([lightness]), np.array([np.hypot(a, b)]), np.array([hue]))
+    assert found[0] == pytest.approx(rgb, abs=2e-3)
