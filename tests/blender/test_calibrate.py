@@ -70,10 +70,10 @@ def test_by_buttons(dome: bpy.types.Object, own_folder: Path, tmp_path: Path) ->
     ("given", "says"),
     [
         ({}, "Nothing was measured"),
-        ({"kerf_comb": "wide"}, "no list of numbers"),
+        ({"kerf_comb": "wide"}, "not a list of numbers"),
         ({"sag_a": "1"}, "as many sags"),
         ({"kerf_comb": "0.3", "clearance": "0.05"}, "cannot fit"),
-        ({"kerf_comb": "1.8", "preset": "..."}, "no name"),
+        ({"kerf_comb": "1.8", "preset": "..."}, "cannot be the name"),
     ],
 )
 def test_mistakes_are_said_once(dome: bpy.types.Object, own_folder: Path, given: dict[str, str], says: str) -> None:

@@ -193,7 +193,7 @@ def test_readings_in_millimetres_and_grams() -> None:
     ):
         with pytest.raises(FlexMapsError):
             Readings.from_measurements(**wrong)  # type: ignore[arg-type]
-    with pytest.raises(FlexMapsError, match="no list of numbers"):
+    with pytest.raises(FlexMapsError, match="not a list of numbers"):
         numbers("1.0 mm")
 
 
