@@ -5,7 +5,7 @@ The same folder is Blender's extension and a plain Python package: Blender is on
 
 
 def register() -> None:
-    """Called by Blender when the extension is enabled; imports no numerics, so that enabling is quick."""
+    """Register all classes; Blender calls it when the extension is enabled. It imports no numerics, for speed."""
     import atexit
 
     import bpy
@@ -19,13 +19,13 @@ def register() -> None:
     operators.register()
     panels.register()
     command.register()
-    # a Python that imported Blender crashes or hangs at its exit where classes are still registered
+    # with Blender as a Python module, Python crashes or hangs at exit if classes are still registered
     if not bpy.app.binary_path:
         atexit.register(unregister)
 
 
 def console() -> None:
-    """The command ``flexmaps`` where the package was installed by pip beside Blender as a Python module; ends the process."""
+    """Run the shell command ``flexmaps`` of the pip package, with Blender as a Python module; end the process."""
     import os
     import sys
 
@@ -39,15 +39,15 @@ def console() -> None:
         sys.exit(2)
     from .command import main as command
 
-    register()  # so that a .blend carries the settings of the run
+    register()  # so that saved .blend files contain the settings
     status = command.main(sys.argv[1:])
     sys.stdout.flush()
     sys.stderr.flush()
-    os._exit(status)  # Blender as a module complains for pages at the end of a process, and may wait for ever
+    os._exit(status)  # skip Blender's clean-up at exit, which prints pages of errors and may hang
 
 
 def unregister() -> None:
-    """Called by Blender when the extension is disabled; a running job is stopped first."""
+    """Unregister all classes and stop a running job; Blender calls it when the extension is disabled."""
     import atexit
 
     from . import operators, panels

@@ -1,4 +1,4 @@
-"""FlexMaps from Python: every stage as a function, on an object in Blender, on a mesh file, or on arrays.
+"""FlexMaps from Python: every stage as a function, for a Blender object, a mesh file, or arrays.
 
     try:
         from bl_ext.user_default.flexmaps import api  # in Blender, with the extension installed
@@ -12,9 +12,9 @@
     api.export(piece, "out/surface")
 
 A ``Piece`` is immutable: every stage returns a new one, so that variants can be compared. A stage first runs the
-stages before it whose results are missing. Arguments use the units of the sidebar, millimetres and degrees; the arrays
-inside a piece are in metres and radians. A mistake of the user raises ``FlexMapsError``. ``progress(fraction, text)``
-may be any function, and may raise ``Cancelled`` to stop the work.
+earlier stages whose results are missing. Arguments use the units of the sidebar, millimetres and degrees; the arrays
+inside a piece are in metres and radians. Wrong input raises ``FlexMapsError``. ``progress(fraction, text)`` may be any
+function; it may raise ``Cancelled`` to stop the work.
 """
 
 from __future__ import annotations

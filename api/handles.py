@@ -1,4 +1,4 @@
-"""Forces on single spirals and drag targets for them, for scripts."""
+"""Script functions that set forces on single spirals and drag targets for them."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from ..engine.runs.piece import Piece
 
 
 def pull(piece: Piece, quads: str | Sequence[int], force: Sequence[float]) -> Piece:
-    """Add a force to some spirals, on top of the forces already there, and drop the results that depend on loads.
+    """Add a force to the forces on some spirals, and drop the results that depend on loads.
 
     Parameters
     ----------
     piece : the piece
-    quads : numbers of the quads, or a text as for ``supports``
+    quads : indices of the quads, or a text as for ``supports`` of ``load``
     force : newtons on each of these quads, in world axes (x, y, z)
 
     Returns
     -------
-    A new piece; forces that sum to zero everywhere are removed.
+    A new piece; without forces if all of them are zero now.
 
     Raises
     ------
@@ -37,12 +37,12 @@ def pull(piece: Piece, quads: str | Sequence[int], force: Sequence[float]) -> Pi
 
 
 def wish(piece: Piece, quads: str | Sequence[int], by: Sequence[float]) -> Piece:
-    """Set a drag target for some spirals: ``optimise`` shall bring them to an offset from the target surface.
+    """Set a drag target for some spirals: ``optimise`` then moves them towards an offset from the target surface.
 
     Parameters
     ----------
     piece : the piece
-    quads : numbers of the quads, or a text as for ``supports``
+    quads : indices of the quads, or a text as for ``supports`` of ``load``
     by : offset in millimetres, in world axes (x, y, z); (0, 0, 0) removes the drag target
 
     Returns

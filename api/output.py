@@ -1,4 +1,4 @@
-"""Write a piece as sheets, reports, pages or a whole folder; write and evaluate calibration sheets."""
+"""Write a piece as sheets, as a report, as a web page, or all in one folder; make and evaluate calibration sheets."""
 
 from __future__ import annotations
 
@@ -36,15 +36,16 @@ def export(
     overwrite: bool = False,
     progress: Tell = None,
 ) -> list[Path]:
-    """Write the sheets and the assembly sheet into a folder, all of them or none.
+    """Write the sheets and the assembly sheet into a folder; on an error, no file is written.
 
     Parameters
     ----------
-    piece : a piece, or several to nest on common sheets: sheet settings of the first, each made ``export.copies`` times
-    folder : where the files go
+    piece : a piece, or several pieces to nest on common sheets with the sheet settings of the first; each piece is cut
+        ``export.copies`` times
+    folder : folder for the files
     formats : any of "svg", "dxf", "dxf-r12", "pdf", "stl", "3mf"
     name : start of the file names: name-01.svg, name-assembly.pdf, ...
-    overwrite : also replace files that FlexMaps did not write or that changed since; files that the pieces came from never
+    overwrite : also replace files that FlexMaps did not write or that changed since; never the pieces' own input files
     progress : called with a fraction and a text
 
     Returns
@@ -77,7 +78,7 @@ def export(
 
 
 def _together(pieces: Sequence[Piece], progress: Progress) -> Batch:
-    """Nest several pieces on common sheets, after running the stages that they still lack up to the spirals."""
+    """Nest several pieces on common sheets; first run their missing stages up to the spirals."""
     registry.need("together")
     from ..engine.extras.together.nest_together import nest_together
 
@@ -98,13 +99,13 @@ def report(
 ) -> dict[str, Any]:
     """Return the figures of all stages that have run, as in report.json; with a folder, also write the report there.
 
-    The page opens without a network. If the piece has spirals, the page shows it in 3D, and share.html beside it holds the
+    The page needs no network. If the piece has spirals, the page shows it in 3D, and share.html beside it contains the
     3D view alone, unless ``page.viewer`` is off.
 
     Parameters
     ----------
-    piece : a piece, or an object, whose last results in Blender are reported
-    folder : gets report.html, report.json and plots
+    piece : a piece, or a Blender object whose stored results are reported
+    folder : folder for report.html, report.json and plots; None writes nothing
     overwrite : as in ``export``
     progress : called with a fraction and a text
 
@@ -124,13 +125,13 @@ def report(
 
 
 def share(piece: Piece | bpy.types.Object, path: str | Path, *, overwrite: bool = False, progress: Tell = None) -> Path:
-    """Write one page that shows the piece in 3D, to send to somebody.
+    """Write a single HTML file that shows the piece in 3D.
 
-    A piece without a simulation is shown as flat panels and target.
+    A piece without a simulation is shown as flat panels and target. Missing spirals are computed first.
 
     Parameters
     ----------
-    piece : a piece, or an object with the results that it holds
+    piece : a piece, or a Blender object whose stored results are shown
     path : the .html file
     overwrite : as in ``export``
     progress : called with a fraction and a text
@@ -153,7 +154,7 @@ def share(piece: Piece | bpy.types.Object, path: str | Path, *, overwrite: bool 
 
 
 def _guard(piece: Piece | bpy.types.Object, overwrite: bool) -> Guard:
-    """Return the guard of the files that a piece or an object was read from."""
+    """Return a guard that keeps the input files of a piece or object, and the user's files, from being overwritten."""
     if isinstance(piece, Piece):
         return guard_of([piece], overwrite)
     from ..bridge.store import objects
@@ -170,13 +171,15 @@ def calibration_sheet(
     overwrite: bool = False,
     progress: Tell = None,
 ) -> list[Path]:
-    """Write a small sheet to measure a machine and a material with: kerf comb, ladders of clearances, a strip, two spirals.
+    """Write a small test sheet for measuring a machine and a material.
+
+    It has a comb for the kerf, ladders of connectors with growing clearance, a strip to bend, and two spirals.
 
     Parameters
     ----------
-    folder : where the files and ``calibration.json`` go, which ``calibrated`` reads
-    settings : as in ``load``, as far as known: thickness, material, kerf, widths
-    formats : any of "svg", "dxf", "dxf-r12", "pdf"; default ``sheet.USUAL``
+    folder : folder for the files and for ``calibration.json``, which ``calibrated`` reads
+    settings : as in ``load``; what is already known: thickness, material, kerf, widths
+    formats : any of "svg", "dxf", "dxf-r12", "pdf"; default ``sheet_files.USUAL``
     name : start of the file names
     overwrite : as in ``export``
     progress : called with a fraction and a text
@@ -203,10 +206,10 @@ def calibrated(sheet: str | Path, *, name: str | None = None, **readings: Any) -
     Parameters
     ----------
     sheet : ``calibration.json`` or its folder
-    name : also save the result under this name among Blender's presets of FlexMaps
-    readings : millimetres and grams, one number or several repeats: ``kerf_comb``, ``clearance`` with ``kind``,
-        ``thickness``, ``strip_sag``, ``strip_weight``, ``strip_mass``; ``spiral_sag`` and ``spiral_weight`` as pairs for A
-        and B. Weights that are missing are taken as engraved.
+    name : also save the result as a preset of this name
+    readings : measurements in millimetres and grams, a number or several repeats: ``kerf_comb``, ``clearance`` with
+        ``kind``, ``thickness``, ``strip_sag``, ``strip_weight``, ``strip_mass``; ``spiral_sag`` and ``spiral_weight``
+        as pairs for spirals A and B. Missing weights default to those engraved on the sheet.
 
     Returns
     -------
@@ -247,17 +250,18 @@ def run(
     overwrite: bool = False,
     progress: Tell = None,
 ) -> dict[str, Any]:
-    """Run the whole main job: from a source to a folder with all its files.
+    """Run the whole main job, from a source to a folder with all files.
 
-    Existing patches and spirals are made anew. Earlier files in the folder are replaced only if everything succeeds.
+    Existing patches and spirals are computed anew. Earlier files in the folder are replaced only if the whole job
+    succeeds.
 
     Parameters
     ----------
     source, edge, height, up, quads, remeshed, settings, supports : as in ``load``
     out : the folder
-    optimised, structured, pictures : also optimise the spirals, examine load cases, render pictures
-    chosen : also compare layouts and take the best, by the settings of the section "choose"
-    stop_after : last stage to run
+    optimised, structured, pictures : whether to optimise the spirals, analyse load cases, render pictures
+    chosen : whether to compare layouts and use the best, by the settings of the section "choose"
+    stop_after : name of the last stage to run
     formats, overwrite, progress : as in ``export``
 
     Returns
@@ -274,7 +278,7 @@ def run(
     names = job.stages(stop_after, optimised, chosen, structured)
     guard = Guard(_named_files(source, settings), overwrite)
     written = tuple(formats) if "sheets" in names else ()
-    # Open the folder first: one that cannot be written to must fail before the work, not after it.
+    # Open the folder first, so that a read-only folder fails before the work.
     with job_folder.folder(Path(out), guard, written, pictures) as new:
         piece = load(source, edge=edge, height=height, up=up, quads=quads, remeshed=remeshed, settings=settings,
                      supports=supports, progress=reporter.part(0.0, 0.2))  # fmt: skip
@@ -288,7 +292,7 @@ def run(
 
 
 def _named_files(source: Any, settings: ObjectSettings | Mapping[str, Any] | None) -> list[str]:
-    """Return the paths of the files that the arguments name for reading."""
+    """Return the paths of the input files: the source and the remnants in the settings."""
     paths = [str(source)] if isinstance(source, str | Path) and not str(source).startswith(SHAPE) else []
     return paths + remnants_of(
         settings if isinstance(settings, ObjectSettings) else with_values(ObjectSettings(), settings or {})

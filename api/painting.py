@@ -1,4 +1,4 @@
-"""Change spirals by hand from scripts: paint with brushes and fields, and protect spirals from the optimiser."""
+"""Script functions that change spirals like a brush does, and protect spirals from the optimiser."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..engine.spirals import painting
 from ..engine.spirals.fabricable import resolve_contacts
 from .pieces import Tell, go_to, progress_of
 
-# direction for each axis name, in the surface's axes
+# axis name -> unit vector in the surface's axes
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 Where = float | str | Sequence[float]
 
@@ -33,20 +33,20 @@ def paint(
     direction: str | Sequence[float] | None = None,
     progress: Tell = None,
 ) -> Piece:
-    """Change the spirals by one brush stroke over the piece, as far as they can be cut; drop later results.
+    """Change the spirals by a brush stroke, within what can be cut; drop later results.
 
-    Protected spirals stay as they are. A later ``optimise`` starts from exactly these spirals.
+    Protected spirals do not change. A later ``optimise`` starts from the painted spirals.
 
     Parameters
     ----------
     piece : the piece; stages up to the spirals run first if missing
-    brush : "stiffer", "softer", "smooth", "twist", "width", "along" (with ``direction``), or "stiffness", which sets the
-        stiffness to the value of ``where``, from 0, the softest, to 1, the stiffest
-    where : weight from 0 to 1: one number for all quads, one for each quad, numbers of quads as "1,2,3", "lowest", or the
-        name of a vertex group, a colour or an attribute of the object
-    strength : share of the way to the brush's full effect, 0 to 1
+    brush : "stiffer", "softer", "smooth", "twist", "width", "along" (with ``direction``), or "stiffness", which sets
+        the stiffness to the values of ``where``, from 0 (softest) to 1 (stiffest)
+    where : weights from 0 to 1: a number for all quads, a number for each quad, or the quads as "1,2,3" or "lowest", or
+        the name of a vertex group, a colour or an attribute of the object
+    strength : share of the brush's full effect, 0 to 1
     inverted : apply the opposite change
-    direction : "x", "y", "z" or three numbers
+    direction : "x", "y", "z" or a vector of three numbers
     progress : called with a fraction and a text
 
     Returns
@@ -72,7 +72,7 @@ def paint(
 
 
 def protect(piece: Piece, where: Where | None) -> Piece:
-    """Set which spirals the optimiser leaves exactly as they are.
+    """Set which spirals the optimiser must not change.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def protect(piece: Piece, where: Where | None) -> Piece:
 
 
 def field(piece: Piece, where: Where) -> np.ndarray:
-    """Return the weight of every quad, (F,) from 0 to 1, that ``where`` describes.
+    """Return the weights that ``where`` describes, (F,) from 0 to 1.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def field(piece: Piece, where: Where) -> np.ndarray:
 
     Raises
     ------
-    FlexMapsError where ``where`` is no name, no numbers from 0 to 1, or has the wrong length.
+    FlexMapsError where ``where`` is neither a known name nor numbers from 0 to 1, or has the wrong length.
     """
     count = len(piece.mesh.quads)
     if isinstance(where, str):
@@ -141,7 +141,7 @@ def _share(strength: Any) -> float:
 
 
 def _direction(direction: str | Sequence[float]) -> np.ndarray:
-    """Return the (3,) vector of an axis name, or of three numbers."""
+    """Return an axis name or three numbers as a vector, (3,)."""
     way = AXES.get(direction) if isinstance(direction, str) else direction
     try:
         vector = np.asarray(way, dtype=float)

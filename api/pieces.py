@@ -1,4 +1,4 @@
-"""Read pieces from Blender, files and arrays, and write them back; helpers that all functions of the api share."""
+"""Read pieces from Blender, files and arrays, and write them back; helpers for the other modules of ``api``."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ def load(
     supports: Supports = None,
     progress: Tell = None,
 ) -> Piece:
-    """Read a piece from an object in Blender, a file, a built-in shape or a mesh of the engine.
+    """Read a piece from a Blender object, a file, a built-in shape or a mesh of the engine.
 
-    An object brings its settings, vertex groups, seams, flat patches and spirals along. A .blend source replaces Blender's
-    open file. Warns with ``OtherVersion`` where the results of another version differ from this version's.
+    From a Blender object, settings, vertex groups, seams, flat patches and spirals are read too. Reading a .blend file
+    closes Blender's open file. Warns with ``OtherVersion`` if another version, whose results differ, made the piece.
 
     Parameters
     ----------
@@ -58,10 +58,10 @@ def load(
     height : wanted extent along z in millimetres
     up : the file's axis that points up, "x", "y" or "z"; default y for .obj, else z, as in Blender's importers
     quads : first remesh to about this many quads, see ``remesh``
-    remeshed : remesh, as the settings say, a mesh with faces that are not quads
-    settings : "section.name" -> value in shown units, in place of the object's settings or the defaults. Without a
-        ``spiral.border`` the arms at an open border are left out, because they would end in the air.
-    supports : quads that stand: "lowest", numbers from 0 on, "1,2,3", or a vertex group of the object
+    remeshed : whether to remesh a mesh with faces that are not quads, as the settings say
+    settings : "section.name" -> value in the sidebar's unit, overriding the object's settings or the defaults. Unless
+        ``spiral.border`` is set, arms at an open border, which have no joint, are left out.
+    supports : held quads: "lowest", indices from 0, a text such as "1,2,3", or the name of a vertex group of the object
     progress : called with a fraction and a text
 
     Returns
@@ -98,7 +98,7 @@ def change(
     Parameters
     ----------
     piece : the piece
-    settings : "section.name" -> value in shown units, or all settings
+    settings : "section.name" -> value in the sidebar's unit, or an ``ObjectSettings`` that replaces all settings
     supports : as in ``load``
 
     Returns
@@ -129,7 +129,7 @@ def change(
 
             held, force = groups.loads(*snapshot.read_again(piece.uid), wanted.loads)
             made = made.with_user(supports=held, force=force)
-        # load cases, which name vertex groups; there is no such section where their extra is missing
+        # load cases name vertex groups; the section is missing if their extra is not installed
         cases, known = (getattr(one, "structure", None) for one in (wanted, piece.settings))
         if cases != known and piece.uid is not None:
             from ..bridge.store import snapshot
@@ -143,12 +143,12 @@ def change(
 
 
 def show(piece: Piece, obj: bpy.types.Object | None = None) -> bpy.types.Object:
-    """Write the piece into an object: seams, UV map, attributes, simulated shape key, panels beside it, settings.
+    """Write the piece into a Blender object: seams, UV map, attributes, simulated shape key, panels, settings.
 
     Parameters
     ----------
     piece : the piece
-    obj : an object of the same quads; default the object that the piece was read from, else a new one
+    obj : an object with the same quads; default the object that the piece was read from, else a new object
 
     Returns
     -------
@@ -168,9 +168,10 @@ def show(piece: Piece, obj: bpy.types.Object | None = None) -> bpy.types.Object:
 
 
 def save(piece: Piece, path: str | Path, *, overwrite: bool = False) -> Path:
-    """Save a .blend file with the piece: Blender's open file with the object updated, or a file of its own.
+    """Save a .blend file with the piece.
 
-    A piece that was not read from an object leaves Blender's open file as it is.
+    A piece that was read from an object is written back into it, and a copy of Blender's open file is saved. Any other
+    piece is saved alone in a new file, and Blender's open file does not change.
 
     Parameters
     ----------
@@ -184,7 +185,7 @@ def save(piece: Piece, path: str | Path, *, overwrite: bool = False) -> Path:
 
     Raises
     ------
-    FlexMapsError for a path that the piece was read from, and, without ``overwrite``, for a file that FlexMaps did not
+    FlexMapsError if ``path`` is an input file of the piece or, without ``overwrite``, a file that FlexMaps did not
         write or that changed since.
     """
     from ..bridge.view import scene
@@ -203,22 +204,23 @@ def save(piece: Piece, path: str | Path, *, overwrite: bool = False) -> Path:
 
 
 def check(piece: Piece) -> list[Finding]:
-    """Return all faults of the mesh, errors first; an error prevents every other stage."""
+    """Return all faults of the mesh, errors first. No other stage runs on a mesh with errors."""
     return checking.everything(piece.source)
 
 
 def remesh(piece: Piece, *, quads: int | None = None, progress: Tell = None) -> Piece:
-    """Make quads in the shape of any mesh with Blender's own tools, in the piece's size; the object itself stays.
+    """Remesh any mesh into quads with Blender's own tools, in the piece's size.
 
     Parameters
     ----------
     piece : the piece
-    quads : about how many; default as the settings say
+    quads : approximate number of quads; default as in the settings
     progress : called with a fraction and a text
 
     Returns
     -------
-    A new piece that is no object. ``check`` lists what was left out or joined.
+    A new piece that does not belong to an object; the original object does not change. ``check`` lists bodies that
+    were left out or joined.
 
     Raises
     ------
@@ -239,12 +241,12 @@ def remesh(piece: Piece, *, quads: int | None = None, progress: Tell = None) -> 
 
 
 def guard_of(pieces: Sequence[Piece], overwrite: bool) -> Guard:
-    """Return the guard of all files that these pieces were read from, their remnants included.
+    """Return a guard against overwriting the pieces' input files, remnants included, and the user's files.
 
     Parameters
     ----------
     pieces : the pieces
-    overwrite : also replace other files that FlexMaps did not write or that changed since
+    overwrite : whether other files that FlexMaps did not write, or that changed since, may be replaced
     """
     sources = [path for piece in pieces for path in piece.files]
     return Guard([*sources, *(path for piece in pieces for path in remnants_of(piece.settings))], overwrite)
@@ -266,13 +268,13 @@ def metres(millimetres: float | None) -> float | None:
 
 
 def begun(piece: Piece, edge: float | None, height: float | None) -> Piece:
-    """Return the piece scaled to a size, with no results yet; scaled, it no longer belongs to its object.
+    """Return the piece scaled to a size and without results; if its size changed, it no longer belongs to its object.
 
     Parameters
     ----------
     piece : the piece
-    edge : wanted median quad edge in metres
-    height : wanted extent along z in metres
+    edge : wanted median quad edge in metres, or None
+    height : wanted extent along z in metres, or None
     """
     source = checking.scale_to_metres(piece.source, edge=edge, height=height)
     try:
@@ -284,14 +286,14 @@ def begun(piece: Piece, edge: float | None, height: float | None) -> Piece:
 
 
 def go_on(piece: Piece, names: Sequence[str], progress: Tell, *, lenient: bool = False) -> Piece:
-    """Run the named stages.
+    """Run stages by name.
 
     Parameters
     ----------
     piece : the piece
     names : names of stages, in order
     progress : called with a fraction and a text
-    lenient : let optional stages fail unless they are last; ``Result.undone`` names them
+    lenient : go on if an optional stage fails, unless it is the last; ``Result.undone`` names failed stages
     """
     return replace(
         piece, made=job.run_stages(piece.result, piece.settings, names, progress_of(progress), lenient=lenient)
@@ -299,7 +301,7 @@ def go_on(piece: Piece, names: Sequence[str], progress: Tell, *, lenient: bool =
 
 
 def go_to(piece: Piece, name: str, progress: Tell, *after: str) -> Piece:
-    """Run the missing stages until an output is there, then the stages named ``after``.
+    """Run the missing stages up to an output, then the stages ``after``.
 
     A mesh that was not read from an object is regularised first if it was not yet; an object's vertices move only when
     ``regularise`` is named.
@@ -307,9 +309,9 @@ def go_to(piece: Piece, name: str, progress: Tell, *after: str) -> Piece:
     Parameters
     ----------
     piece : the piece
-    name : of the output, such as "design"
+    name : name of the output, such as "design"
     progress : called with a fraction and a text
-    after : names of stages
+    after : names of stages to run afterwards
     """
     fresh = piece.uid is None and not piece.result.surface.regularised
     made = job.run_until(piece.result, piece.settings, name, after, progress_of(progress), fresh=fresh)
@@ -327,8 +329,8 @@ def _from_blender(source: Any) -> Piece:
     if other:
         warnings.warn(f"'{obj.name}': {other}", versions.OtherVersion, stacklevel=3)
     name = obj.name if obj is source else Path(source).name
-    # Keep the border arms that somebody has chosen or already cut.
-    own = getattr(obj, "flexmaps", None)  # none where the extension is not registered
+    # keep the setting for border arms if the user set it or a layout exists
+    own = getattr(obj, "flexmaps", None)  # None if the extension is not registered
     chosen = own is not None and own.spiral.is_property_set("border")
     settled = chosen or stored.result is None or stored.result.flat is not None
     return Piece(
@@ -355,6 +357,6 @@ def _from_elsewhere(source: Any, up: str | None) -> Piece:
 
 
 def _without_stubs(settings: ObjectSettings, polygons: PolygonMesh) -> ObjectSettings:
-    """Leave out the arms at an open border, which would end in the air; a closed surface keeps its settings."""
+    """Return the settings without arms at an open border, which have no joint; unchanged for a closed surface."""
     is_open = len(polygons.sizes) and len(border_sides(sides_of(polygons)))
     return with_values(settings, {"spiral.border": "left_out"}) if is_open else settings

@@ -1,4 +1,4 @@
-"""Press *Next* without a window, and report every press with its findings, cures and figures."""
+"""Press the sidebar's button *Next* from a script, and report every press with findings, cures and figures."""
 
 from __future__ import annotations
 
@@ -11,22 +11,23 @@ from ..engine.errors import FlexMapsError
 if TYPE_CHECKING:
     import bpy
 
-MOST = 14  # presses at most until the sheets; a piece that needs more repeats the same presses
+MOST = 14  # most presses until the files are written; pieces that need more only repeat themselves
 
 
 def press(obj: bpy.types.Object, *, cure: bool | str = False) -> dict[str, Any] | None:
-    """Press what *Next* offers for an object, or one of the cures of its open findings.
+    """Press *Next* for an object, or a button (cure) of its open findings.
 
     Parameters
     ----------
-    obj : a mesh
-    cure : True presses the first cure of an open finding that was not tried yet; a name, such as "make_larger" or
-        "stand_on-lowest", presses the cure of that name. ``told`` lists the names.
+    obj : a mesh object
+    cure : False presses *Next*; True presses the first cure of an open finding that was not pressed yet, else *Next*; a
+        name such as "make_larger" or "stand_on-lowest" presses the cure of that name, see ``told``
 
     Returns
     -------
-    None where nothing is left to press. Otherwise ``pressed`` (its label), ``call``, ``error`` ("" on success), ``seconds``
-    of processor time, child processes included, and the entries of ``told`` afterwards. The resulting object is active.
+    None where nothing is left to press. Otherwise a dict: ``pressed`` (label), ``call`` (Python call), ``error`` ("" on
+    success), ``seconds`` of processor time with child processes, and the entries of ``told`` after the press. The
+    resulting object is active.
 
     Raises
     ------
@@ -78,15 +79,15 @@ def presses(
 
     Parameters
     ----------
-    obj : a mesh
-    cures : how many first cures to press before files are written
-    named : names of cures to press before files are written, where *Next* offers nothing, or in place of another cure of the same
-        finding; each once, when offered
-    most : how many presses at most
+    obj : a mesh object; None takes the active object
+    cures : how often to press the first open cure before files are written
+    named : names of cures to press once each as soon as they are offered: before files are written, where *Next* offers
+        nothing, or instead of another cure of the same finding
+    most : maximum number of presses
 
     Returns
     -------
-    An iterator over what ``press`` returns.
+    An iterator over the dicts of ``press``.
     """
     import bpy
 
@@ -111,7 +112,10 @@ def presses(
 
 
 def told(obj: bpy.types.Object) -> dict[str, Any]:
-    """Describe an object by ``object``, ``status``, ``findings`` (text, kind, place, cures with label and call), ``figures``."""
+    """Return an object's name, status line, findings and figures as plain values.
+
+    ``findings`` have a text, a kind, faces and edges, and cures with name, label and call.
+    """
     import bpy
 
     from ..bridge.store import guidance, notes
@@ -130,7 +134,7 @@ def told(obj: bpy.types.Object) -> dict[str, Any]:
 
 
 def _seconds() -> float:
-    """Return the processor seconds of this process and of its child processes that have ended."""
+    """Return the processor time in seconds of this process and (except on Windows) its finished child processes."""
     try:
         import resource
     except ImportError:  # Windows

@@ -1,4 +1,4 @@
-"""Every stage as a function: it takes a piece and returns a piece with one more result."""
+"""Every stage as a function that takes a piece and returns a new piece with one more result."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def regularise(piece: Piece, *, progress: Tell = None) -> Piece:
-    """Make the quads squarer; drop the layout and what follows.
+    """Move the vertices along the surface to make the quads squarer; drop the layout and later results.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def layout(piece: Piece, *, keep_seams: bool = False, progress: Tell = None) -> 
     Parameters
     ----------
     piece : the piece
-    keep_seams : flatten the patches between the object's seams, instead of tracing and merging new ones
+    keep_seams : flatten the patches between the object's seams, instead of computing a new layout
     progress : called with a fraction and a text
 
     Raises
@@ -54,24 +54,24 @@ def layout(piece: Piece, *, keep_seams: bool = False, progress: Tell = None) -> 
 
 
 def spirals(piece: Piece, *, progress: Tell = None) -> Piece:
-    """Compute the width and twist of every spiral from the curvature.
+    """Compute the width and twist of every spiral from the surface's curvature.
 
     Parameters
     ----------
-    piece : the piece; flat patches are made first if missing
+    piece : the piece; missing flat patches are computed first
     progress : called with a fraction and a text
     """
     return go_to(replace(piece, made=piece.result.without("design")), "design", progress)
 
 
 def choose(piece: Piece, *, panels: int | None = None, match: float | None = None, progress: Tell = None) -> Piece:
-    """Compare many layouts by the shape that their panels take, and take the best; all are in ``result.choice``.
+    """Compare many layouts by their simulated shapes and use the best; ``result.choice`` holds all of them.
 
     Parameters
     ----------
     piece : the piece
-    panels : how many panels at most
-    match : acceptable RMS distance from the target, in percent of its size; without both, the settings decide
+    panels : maximum number of panels, or None
+    match : acceptable RMS distance from the target in percent of its size, or None; the settings count if both are None
     progress : called with a fraction and a text
     """
     registry.need("choosing")
@@ -80,12 +80,12 @@ def choose(piece: Piece, *, panels: int | None = None, match: float | None = Non
 
 
 def take(piece: Piece, proposal: int) -> Piece:
-    """Take the layout of another proposal of ``choose``, and drop what follows.
+    """Switch to the layout of another proposal of ``choose``, and drop later results.
 
     Parameters
     ----------
     piece : a piece after ``choose``
-    proposal : its number, from 0 on
+    proposal : index of the proposal, from 0
     """
     registry.need("choosing")
     from ..engine.extras.choosing import choice_stage
@@ -107,13 +107,13 @@ def simulate(piece: Piece, *, supports: Supports = None, progress: Tell = None) 
 
 
 def compare(piece: Piece, scan: str | Path, *, unit: str = "", anywhere: bool = True, progress: Tell = None) -> Piece:
-    """Lay a scan of the built piece over the simulated shape, or over the target if there is none.
+    """Align a 3D scan of the built piece with the simulated shape (or, without one, the target) and compare them.
 
     Parameters
     ----------
     piece : the piece
-    scan : a .ply, .obj, .stl or .off file of points or of a mesh
-    unit : "mm", "cm", "m" or "in"; default metres or millimetres, judged by the size
+    scan : a .ply, .obj, .stl or .off file with points or a mesh
+    unit : "mm", "cm", "m" or "in"; default metres or millimetres, guessed from the size
     anywhere : False for a scan that is rotated by 30 degrees at most, which is quicker and more reliable
     progress : called with a fraction and a text
 
@@ -143,13 +143,13 @@ def structure(
     supports: Supports = None,
     progress: Tell = None,
 ) -> Piece:
-    """Examine a piece under load: deflection, utilisation, joints, and the load factor at which it gives way.
+    """Analyse a piece under load: deflection, utilisation of arms and joints, and the load factor at which it snaps.
 
     Parameters
     ----------
-    piece : the piece; it is simulated first if it was not yet
-    cases : load cases such as "snow: snow 500", see ``engine/extras/structure/cases.py``; default as the settings say
-    combinations : sums of cases such as "all = 1.35 weight + 1.5 snow"
+    piece : the piece; a missing simulation is computed first
+    cases : load cases such as "snow: snow 500", see ``engine/extras/structure/cases.py``; default as in the settings
+    combinations : weighted sums of cases, such as "all = 1.35 weight + 1.5 snow"; default as in the settings
     supports : as in ``load``
     progress : called with a fraction and a text
 
@@ -159,7 +159,7 @@ def structure(
 
     Raises
     ------
-    FlexMapsError where a case cannot be read.
+    FlexMapsError for a load case or combination that is not valid.
     """
     registry.need("structure")
     texts = {"structure.cases": ";".join(cases), "structure.combinations": ";".join(combinations)}
@@ -168,7 +168,9 @@ def structure(
 
 
 def optimise(piece: Piece, *, supports: Supports = None, progress: Tell = None) -> Piece:
-    """Optimise the spirals so that the assembly comes closest to the target, starting from the present ones; then simulate.
+    """Optimise the spirals so that the assembled piece comes closest to the target, then simulate.
+
+    The search starts from the present spirals.
 
     Parameters
     ----------
@@ -181,7 +183,7 @@ def optimise(piece: Piece, *, supports: Supports = None, progress: Tell = None) 
 
 
 def sheets(piece: Piece, *, progress: Tell = None) -> Piece:
-    """Make the panels with connectors and kerf, and nest them on sheets.
+    """Draw the panels with connectors and kerf, and nest them on sheets.
 
     Parameters
     ----------
@@ -202,18 +204,19 @@ def explore(
     progress: Tell = None,
     **search: Any,
 ) -> Exploration:
-    """Try many candidates of a piece, and report which ones meet the goals; ``use`` takes one of them.
+    """Evaluate many variants (candidates) of a piece, and report which meet the goals; ``use`` applies a candidate.
 
     Parameters
     ----------
     piece : the piece
-    vary : "section.name", "edge" or "height" (millimetres) or "quads" -> "low:high" or a list of values, see ``make_space``
-    folder : gets table, plot and pictures; an exploration that was stopped there continues
-    goals : such as "rms_percent<=1"; default ``make_space.GOALS``
-    minimised : the two measures of the Pareto front; default ``make_space.MINIMISED``
+    vary : what to vary: "section.name", "edge" or "height" (millimetres) or "quads" -> "low:high" or a list of values,
+        see ``make_space``
+    folder : folder for table, plot and pictures; an exploration that was stopped there is continued
+    goals : such as "rms_percent<=1"; default ``space.GOALS``
+    minimised : the two measures of the Pareto front; default ``space.MINIMISED``
     overwrite : also replace files in the folder that FlexMaps did not write or that changed since
-    progress : called with a fraction and a text; raising ``Cancelled`` ends the exploration with what it has
-    search : ``candidates``, ``scheduler``, ``cores``, ``effort``, ``seed``, see ``explore_piece``
+    progress : called with a fraction and a text; if it raises ``Cancelled``, the candidates so far are returned
+    search : further arguments ``candidates``, ``scheduler``, ``cores``, ``effort``, ``seed``, see ``explore_piece``
 
     Raises
     ------
@@ -238,7 +241,7 @@ def explore(
 
 
 def _refuse_offline() -> None:
-    """Refuse a cluster where Blender may not go online; Blender as a Python module leaves that to the script."""
+    """Raise ``FlexMapsError`` if Blender's online access is off; Blender as a Python module leaves this to scripts."""
     import bpy
 
     if bpy.app.binary_path and not bpy.app.online_access:
@@ -249,7 +252,7 @@ def _refuse_offline() -> None:
 
 
 def use(piece: Piece, values: Mapping[str, Any]) -> Piece:
-    """Take the settings and the size of a candidate, and drop the results that depend on them.
+    """Apply the settings and the size of a candidate, and drop the results that depend on them.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""The only place where Blender and the engine meet: meshes, settings, the background job, finished scenes."""
+"""Code that uses both Blender and the engine: reading meshes and settings, the background job, writing scenes."""

@@ -1,1 +1,1 @@
-"""FlexMaps on Blender's command line: commands and arguments, the api call behind each, and the printed summary."""
+"""FlexMaps on Blender's command line: the commands, their arguments, and the printed summary."""

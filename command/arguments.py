@@ -1,4 +1,4 @@
-"""The command line's parser: commands, their arguments, and the api call behind each."""
+"""Parser of the command line: every command with its arguments and the ``api`` function that it calls."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from ..engine.runs import job
 from . import extras, handles, painting, pressing, summary
 from .sources import command, source
 
-CHOSEN = {f"choose.{f.name}" for f in fields(ChooseParams)}  # giving one of these settings also asks for a choice
+CHOSEN = {f"choose.{f.name}" for f in fields(ChooseParams)}  # settings that make ``run`` compare layouts
 
 
 class Parser(argparse.ArgumentParser):
-    """Parser that reports a mistake in one line."""
+    """Argument parser that reports wrong arguments in one line."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"flexmaps: {message}; {self.prog} --help tells more\n")
@@ -85,7 +85,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _writing(commands: Any) -> None:
-    """Add the commands that write files: sheets, calibration, report, page to share."""
+    """Add the commands that write files: ``export``, ``report`` and ``share``."""
     sheets = command(commands, "export", _export, summary.whole, "nest the panels on sheets and write them")
     sheets.add_argument("others", nargs="*", metavar="MESH", help="more pieces, on common sheets with the first")
     sheets.add_argument(
@@ -110,7 +110,7 @@ def _formats(made: argparse.ArgumentParser) -> None:
                       help=f"kinds of files: {', '.join(export.FORMATS)} (default: {' '.join(export.USUAL)})")  # fmt: skip
 
 
-# -- a flag for every setting, and --set -------------------------------------------------------------------------------
+# -- a flag for every setting -------------------------------------------------------------------------------
 
 
 def _flags(made: argparse.ArgumentParser) -> None:
@@ -118,7 +118,7 @@ def _flags(made: argparse.ArgumentParser) -> None:
     for section, kind in sections(Settings).items():
         group = made.add_argument_group(f"{section} settings")
         for f in fields(kind):  # type: ignore[arg-type]
-            # prefix a name that several sections have, so that no flag is ambiguous
+            # prefix names that occur in several sections, so that every flag is unique
             name = f"{section}_{f.name}" if names[f.name] > 1 else f.name
             _flag(group, name, f"{section}.{f.name}", f, get_type_hints(kind)[f.name])
         for name in kind.WERE:
@@ -129,17 +129,17 @@ def _flags(made: argparse.ArgumentParser) -> None:
 def _flag(group: argparse._ActionsContainer, name: str, dest: str, f: Field, kind: type) -> None:
     flag, meta = "--" + name.replace("_", "-"), f.metadata
     help = f"{meta['help']} (default {format_value(f, f.default)})" if kind in (int, float) else meta["help"]  # type: ignore[arg-type]
-    help = help.replace("%", "%%")  # argparse formats it
+    help = help.replace("%", "%%")  # argparse treats % as a format character
     if kind is bool:
         group.add_argument(flag, dest=dest, action=argparse.BooleanOptionalAction, help=help)
     elif meta["choices"]:
         group.add_argument(flag, dest=dest, choices=[c[0] for c in meta["choices"]], help=help)
     else:
         metavar = {"mm": "MM", "\N{DEGREE SIGN}": "DEGREES", "GPa": "GPA"}.get(SHOWN[meta["unit"]][1], "N")
-        group.add_argument(flag, dest=dest, metavar=metavar, help=help)  # ``changed`` converts the text to a number
+        group.add_argument(flag, dest=dest, metavar=metavar, help=help)  # ``api.load`` converts the text to a number
 
 
-# -- what the commands do ----------------------------------------------------------------------------------------------
+# -- one function for each command -------------------------------------------------------------------------------------
 
 
 def _run(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
@@ -206,7 +206,7 @@ def _export(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
 
 
 def _export_together(args: argparse.Namespace, meshes: list[str], tell: Any) -> dict[str, Any]:
-    """Export several pieces or copies on common sheets, and report their names and the files."""
+    """Export several pieces or copies on common sheets; return the pieces' names and copies, and the files."""
     copies = args.copies * (len(meshes) if len(args.copies) == 1 else 1) or [1] * len(meshes)
     pieces = []
     for mesh, count in zip(meshes, copies, strict=True):
@@ -235,7 +235,7 @@ def _share(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
 
 
 def _simulate_if_needed(args: argparse.Namespace, tell: Any) -> Any:
-    """Return an object that has a valid simulation in Blender as it is, and anything else as a piece simulated now."""
+    """Return a Blender object that holds an up-to-date simulation, else the piece after simulating it."""
     import bpy
 
     from ..bridge.store import notes, objects, states

@@ -1,4 +1,4 @@
-"""The commands of the calibration sheet: ``calibrate`` draws it, ``calibrated`` evaluates the measurements."""
+"""Commands for the calibration sheet: ``calibrate`` draws it, ``calibrated`` evaluates the measurements."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _read(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
 
 
 def _tell(described: dict[str, Any], args: argparse.Namespace) -> None:
-    """Print each result with its spread, one a line."""
+    """Print each calibrated value with its error on a line, then warnings and the settings to pass on."""
     rows = (("kerf_mm", "kerf", "mm"), ("clearance_mm", "clearance", "mm"), ("thickness_mm", "thickness", "mm"),
             ("youngs_strip_gpa", "strip says", "GPa"), ("youngs_spirals_gpa", "spirals say", "GPa"),
             ("youngs_gpa", "Young's modulus", "GPa"))  # fmt: skip

@@ -1,4 +1,4 @@
-"""The commands of the extras: scans, loads, exploring and calibrating; those whose folder is missing are left out."""
+"""Commands of the extras (scan, structure, explore, calibrate); without commands of extras that are not installed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Refuse to replace the user's files, before any work."""
+"""Check before a command runs that it would not overwrite the user's files."""
 
 from __future__ import annotations
 
@@ -11,11 +11,18 @@ from ..engine.own_files import Guard
 from ..engine.runs import report_page
 from ..engine.surface.formats.meshio import SHAPE
 
-PAGES = {"compare", "structure", "report"}  # commands that write the report's page into their folder
+PAGES = {"compare", "structure", "report"}  # commands that write a report into their folder
 
 
 def run_guarded(run: Any, args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    """Run a command, after refusing if it would replace the user's files, so that no work is lost."""
+    """Run a command, but first raise ``UserFileError`` if it would overwrite the user's files.
+
+    Parameters
+    ----------
+    run : the command's function
+    args : its arguments
+    tell : called with a fraction and a text
+    """
     read = [args.mesh, *getattr(args, "others", ()), *filter(None, [getattr(args, "scan", None)]), *args.remnants_given]
     guard = Guard([path for path in read if not path.startswith(SHAPE)], args.overwrite)
     if args.command == "export":

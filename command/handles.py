@@ -1,4 +1,4 @@
-"""The commands ``pull`` and ``wish``: forces on single spirals, and drag targets for *Optimise*."""
+"""Commands ``pull`` and ``wish``: set forces on single spirals, and drag targets for *Optimise*."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ AT = "numbers of quads (1,2,3), or 'lowest'"
 
 
 def add(pulled: argparse.ArgumentParser, wished: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pull`` and ``wish`` to those that all commands have."""
+    """Add the arguments of ``pull`` and ``wish`` to their parsers."""
     way: dict[str, Any] = {"required": True, "nargs": 3, "type": float, "metavar": ("X", "Y", "Z")}
     pulled.add_argument("--force", **way, help="newtons at each of them, in world axes; beside what pulls already")
     wished.add_argument("--by", **way, help="millimetres beside the target, in world axes; 0 0 0 takes the wish back")
@@ -21,10 +21,10 @@ def add(pulled: argparse.ArgumentParser, wished: argparse.ArgumentParser) -> Non
 
 
 def pull(args: argparse.Namespace, piece: Any) -> Any:
-    """Add the force to the piece."""
+    """Return the piece with the force of the arguments added."""
     return api.pull(piece, args.at, args.force)
 
 
 def wish(args: argparse.Namespace, piece: Any) -> Any:
-    """Set the drag target of the piece."""
+    """Return the piece with the drag target of the arguments."""
     return api.wish(piece, args.at, args.by)

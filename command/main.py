@@ -1,6 +1,6 @@
-"""``blender --command flexmaps ...``: the stages on the command line.
+"""Entry point of ``blender --command flexmaps ...``, which runs the stages on the command line.
 
-``api`` does the work. It is imported when a command runs, so that registering the command takes no time.
+``api``, which does the work, is imported only when a command runs, so that registering the command takes no time.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any
 from ..engine.remaining import Remaining, format_seconds
 
 NAME = "flexmaps"
-UNDONE = 3  # exit status: files written, with something left undone
+UNDONE = 3  # exit status: files are written, but the report lists something as undone
 _registered: list[Any] = []
 
 
@@ -41,11 +41,11 @@ def main(argv: list[str]) -> int:
 
     Returns
     -------
-    The exit status: 0 success; 1 a fault of the program; 2 a mistake of the user, reported in one line on standard error;
-    3 the files are written, but the piece could not be optimised or no equilibrium was found (``undone`` in the report);
-    130 stopped.
+    The exit status: 0 success; 1 fault of the program; 2 wrong input, reported in one line on standard error; 3 files
+    are written, but the piece could not be optimised or no equilibrium was found (``undone`` in the report); 130
+    stopped.
     """
-    for stream in (sys.stdout, sys.stderr):  # old consoles cannot print every letter
+    for stream in (sys.stdout, sys.stderr):  # old consoles cannot print every character
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
     from ..bridge.hosts.job_folder import quiet_blender
@@ -99,7 +99,7 @@ def _status(command: str, described: dict[str, Any]) -> int:
 
 @contextmanager
 def _show_version_warnings(console: Console) -> Iterator[None]:
-    """Print warnings about results of another version as lines of this program."""
+    """Context manager: print ``OtherVersion`` warnings as plain lines on standard error."""
     from ..engine.versions import OtherVersion
 
     def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
@@ -118,9 +118,12 @@ def _show_version_warnings(console: Console) -> Iterator[None]:
 
 @contextmanager
 def stoppable(console: Console | None) -> Iterator[None]:
-    """Let Ctrl-C stop the work as in any Python program; Blender alone would ignore the first and quit at the second.
+    """Context manager: let Ctrl-C interrupt Python; Blender itself would ignore the first press and quit at the second.
 
-    console : for commands that keep what they have so far: the first Ctrl-C ends the work in good order, the second at once
+    Parameters
+    ----------
+    console : for commands that can return an unfinished result: the first Ctrl-C makes the console raise ``Cancelled``
+        at its next report, the second interrupts at once; None interrupts at once
     """
 
     def pressed(number: int, frame: FrameType | None) -> None:
@@ -141,9 +144,9 @@ def stoppable(console: Console | None) -> Iterator[None]:
 
 
 class Console:
-    """Print progress to standard error: one line that is rewritten in a terminal, elsewhere a new line every two seconds."""
+    """Progress on standard error: in a terminal a line that is rewritten, elsewhere a new line every two seconds."""
 
-    EVERY = 2.0  # seconds between two lines where they stay; smaller prints more
+    EVERY = 2.0  # seconds between two lines outside a terminal; smaller prints more
 
     def __init__(self) -> None:
         self.stopping = False
@@ -155,7 +158,7 @@ class Console:
         if self.stopping:
             from ..engine.errors import Cancelled
 
-            self.stopping = False  # raise once: what was reached must still be judged and written
+            self.stopping = False  # raise only once: the result so far must still be evaluated and written
             raise Cancelled("Stopped")
         now = time.monotonic()
         self._remaining.report(now - self._began, fraction)

@@ -1,4 +1,4 @@
-"""The command ``paint``: change spirals with a brush over the whole piece, or with a field of a .blend file's object."""
+"""Command ``paint``: change spirals with a brush, everywhere or by weights or colours of a .blend file's object."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ WHERE = "a vertex group, colour or attribute of the .blend, numbers of quads (1,
 
 
 def add(made: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``paint`` to those that all commands have."""
+    """Add the arguments of ``paint`` to its parser."""
     made.add_argument(
         "--brush", choices=tuple(BRUSHES), help="what is painted; 'stiffness' sets it to what --where says"
     )
@@ -26,7 +26,7 @@ def add(made: argparse.ArgumentParser) -> None:
 
 
 def paint(args: argparse.Namespace, piece: Any, tell: Any) -> Any:
-    """Paint and protect as the arguments say."""
+    """Return the piece painted and protected as in the arguments."""
     if args.brush:
         options = {"strength": args.strength, "inverted": args.inverted, "direction": args.along}
         piece = api.paint(piece, args.brush, 1.0 if args.where is None else args.where, **options, progress=tell)
@@ -34,5 +34,5 @@ def paint(args: argparse.Namespace, piece: Any, tell: Any) -> Any:
 
 
 def protected(args: argparse.Namespace, piece: Any) -> Any:
-    """Protect the spirals that ``--protect`` names, if it was given."""
+    """Return the piece with the spirals of ``--protect`` protected; unchanged without this argument."""
     return piece if args.protect is None else api.protect(piece, None if args.protect == "none" else args.protect)

@@ -1,4 +1,4 @@
-"""``flexmaps next``: press *Next* on the objects of a .blend file until nothing is left to press."""
+"""Command ``next``: press *Next* on objects of a .blend file until nothing is left to press."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..engine.errors import FlexMapsError
 
 
 def add(commands: Any) -> None:
-    """Add the command and its arguments."""
+    """Add the command ``next`` and its arguments to the parser."""
     words = "press Next on an object of a .blend file until its files are written, and save it"
     made = commands.add_parser("next", help=words, description=words[0].upper() + words[1:] + ".")
     made.epilog = "Exit status: 0 the files are written, nothing against it; 3 they are, with things to look at; 2 only a person can go on."
@@ -27,7 +27,11 @@ def add(commands: Any) -> None:
 
 
 def _run(args: argparse.Namespace, console: Any) -> dict[str, Any]:
-    """Press and save; ``undone`` lists objects with open findings, ``stuck`` objects that only a person can finish."""
+    """Press *Next* and save the file.
+
+    In the returned dict, ``undone`` lists objects whose status line has no tick, ``stuck`` the reasons why objects got
+    no files.
+    """
     import bpy
 
     from ..bridge.store.objects import CONVERTIBLE
@@ -51,7 +55,7 @@ def _run(args: argparse.Namespace, console: Any) -> dict[str, Any]:
             for o in seen
             if o.type == "MESH" and len(o.data.polygons) and o.visible_get() and "flexmaps_kind" not in o
         ]
-    # printed by ``_tell`` at the end, one line a press: until then Blender's own output is suppressed
+    # ``_tell`` prints the JSON lines at the end, because Blender's own output is suppressed until then
     args.lines, args.json = args.json, False
     presses = [report for obj in objects for report in _press_until_done(obj, args.cure)]
     ended = {report["object"]: report for report in presses}
@@ -64,7 +68,7 @@ def _run(args: argparse.Namespace, console: Any) -> dict[str, Any]:
 
 
 def _press_until_done(obj: Any, cures: list[str]) -> list[dict[str, Any]]:
-    """Press *Next* on one object until nothing is left, save the file, and return all presses, the last one marked."""
+    """Press *Next* on an object until nothing is left, save the file, and return all presses; the last is marked."""
     import bpy
 
     bpy.context.view_layer.objects.active = obj

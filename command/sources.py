@@ -1,4 +1,4 @@
-"""Arguments that all commands on a mesh have, and what ``api.load`` gets of them."""
+"""Arguments that all commands on a mesh share, and their conversion to arguments of ``api.load``."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from ..engine.surface import shapes
 from ..engine.surface.formats.meshio import SHAPE
 from .guarding import run_guarded
 
-KEEP = {"choose", "optimise", "explore"}  # commands that return what they have so far when stopped
+KEEP = {"choose", "optimise", "explore"}  # commands that return an unfinished result after Ctrl-C
 
 
 def number(text: str) -> float:
-    """Return a finite number written in ASCII digits; otherwise raise ``ValueError``, which argparse reports."""
+    """Parse a finite number in ASCII digits; else raise ``ValueError``, which argparse reports."""
     value = float(text)
     if not text.isascii() or "_" in text or not math.isfinite(value):
         raise ValueError
@@ -27,7 +27,16 @@ def number(text: str) -> float:
 
 
 def command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argparse.ArgumentParser:
-    """Add a command that reads a mesh, with the arguments that all such commands have."""
+    """Add a command that reads a mesh, with the arguments that all such commands share.
+
+    Parameters
+    ----------
+    commands : argparse's object of subparsers
+    name : name of the command
+    run : function of arguments and progress that returns a report
+    tell : function that prints the report
+    help : one line of help
+    """
     made = commands.add_parser(name, help=help, description=help[0].upper() + help[1:] + ".")
     made.set_defaults(run=partial(run_guarded, run), tell=tell, keeps=name in KEEP)
     made.add_argument(
@@ -54,7 +63,7 @@ def command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argpars
 
 
 def parse_assignments(texts: Sequence[str]) -> dict[str, str]:
-    """Return the assignments of --set, as the api takes them."""
+    """Parse texts "section.name=value" of ``--set`` into a dict."""
     values = {}
     for text in texts:
         name, equals, value = text.partition("=")
@@ -65,7 +74,7 @@ def parse_assignments(texts: Sequence[str]) -> dict[str, str]:
 
 
 def settings(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the settings given by flags and --set, as the api takes them."""
+    """Return the settings from flags and ``--set`` as "section.name" -> value, for ``api.load``."""
     values = {name: value for name, value in vars(args).items() if "." in name and value is not None}
     values |= parse_assignments(args.settings)
     if args.remnants_given:

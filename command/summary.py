@@ -1,4 +1,4 @@
-"""A summary of a run in a few lines for the terminal."""
+"""Print a summary of a command's result in the terminal."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 from ..engine.figures import format_figure
 from ..engine.surface.checking.finding import with_count
 
-FAULTS = 5  # kinds of faults printed at most, so that the candidates stay in sight; chosen by eye
+FAULTS = 5  # maximum number of different faults to print, so that the candidates stay in sight; by eye
 
 
 def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
-    """Print the result of every stage that ran, and where the files are."""
+    """Print the result of every stage that ran, the computing time and the folder of the files."""
     if "input" in described:
         source = described["input"]
         print(f"{source['file']}: {with_count(source['quads'], 'quad', 'quads')}, edge {source['edge_mm']:.1f} mm, "
@@ -76,7 +76,7 @@ def _structure(block: dict[str, Any]) -> None:
 
 
 def explored(described: dict[str, Any], args: argparse.Namespace) -> None:
-    """Print the candidates of the Pareto front, one a line, then faults and conclusion."""
+    """Print the candidates of the Pareto front line by line, then faults and conclusion."""
     rows, faults = described["candidates"], [one["fault"] for one in described["candidates"] if one["fault"]]
     print(
         with_count(len(rows), "candidate", "candidates")
@@ -93,14 +93,14 @@ def explored(described: dict[str, Any], args: argparse.Namespace) -> None:
 
 
 def together(described: dict[str, Any], args: argparse.Namespace) -> None:
-    """Print which pieces were nested on common sheets, and the files."""
+    """Print the pieces nested on common sheets with their numbers of copies, and the files."""
     for piece in described["pieces"]:
         print(f"  {piece['copies']} x {piece['name']}")
     print(f"  {', '.join(described['files'])} in {args.out}")
 
 
 def settings(described: dict[str, Any], args: argparse.Namespace) -> None:
-    """Print one line a setting: name, default, bounds or choices, and help."""
+    """Print a line for every setting: name, default, bounds or choices, and help."""
     for name, row in described["settings"].items():
         low, high = row["bounds"]
         span = "|".join(row["choices"]) or ("" if low is None and high is None else f"{low:g} to {high:g}")
@@ -109,7 +109,7 @@ def settings(described: dict[str, Any], args: argparse.Namespace) -> None:
 
 
 def _held(base: dict[str, Any]) -> str:
-    """Describe in one sentence what the piece stands on or hangs by."""
+    """Return a text on what the piece stands on or hangs by."""
     if "eyelets" in base:
         most = max((sum(x * x for x in force) ** 0.5 for force in base.get("forces_N", [])), default=None)
         bears = "" if most is None else f"; they bear up to {most:.3g} N"

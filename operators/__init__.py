@@ -1,4 +1,4 @@
-"""The operators, one file a stage: each reads the mesh, runs the engine and writes the mesh."""
+"""Blender operators, one module for each stage: read the mesh, run the engine, write the mesh."""
 
 from __future__ import annotations
 

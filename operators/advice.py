@@ -1,4 +1,7 @@
-"""Operators that apply an advised remedy (larger, thinner sheet, finer quads), rerun the stages, and report the effect."""
+"""Operators that apply a remedy advised by the optimiser, rerun the stages, and report the effect.
+
+The remedies are a larger piece, a thinner sheet, and finer quads.
+"""
 
 from __future__ import annotations
 
@@ -24,28 +27,31 @@ if TYPE_CHECKING:
 
 
 class Advised(ContinuedStage["Made"]):
-    """Base of the remedies: change the piece as advised, then rerun the stages up to the one that gave the advice.
+    """Base of the remedies' operators: change the piece as advised, then rerun the stages that had run before.
 
-    remedy : its name in the advice
+    remedy : name of the remedy in the advice
     """
 
     needs = "flat"
     loaded = True
     remedy = ""
 
-    _amount = 0.0  # amount that the advice names, see ``remedies.remedy_amounts``
-    _figures: Any = None  # block of the shape that the advice was made from
+    _amount = 0.0  # amount from the advice, see ``remedies.remedy_amounts``
+    _figures: Any = None  # report block "equilibrium" when the advice was given
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
         return notes.missing(obj.data, "design") or advice.unadvised(obj.data, cls.remedy)
 
     def changed(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
-        """Apply the remedy, up to the spirals; not on Blender's main thread."""
+        """Return the result with the remedy applied and spirals made; runs outside Blender's main thread.
+
+        ``searched``: whether the spirals were optimised before.
+        """
         raise NotImplementedError
 
     def settings(self, snapshot: Snapshot) -> ObjectSettings:
-        """Return the settings after the remedy."""
+        """Return the settings with the remedy applied."""
         return snapshot.settings
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Made]:
@@ -92,7 +98,10 @@ class Advised(ContinuedStage["Made"]):
         was: float,
         now: float,
     ) -> str:
-        """Write the piece into an object of its shape, with its notes, and return a text for the user."""
+        """Write the changed piece and its report into an object that has its shape, and return a text for the user.
+
+        ``was`` and ``now`` are the changed quantity before and after.
+        """
         from ..bridge.view import advised
 
         text, good = advised.write(obj, context.scene, surface, made, (self.remedy, was, now), self._figures)
@@ -121,7 +130,7 @@ class MakeLarger(Advised, bpy.types.Operator):
         about = snapshot.surface.to_metres[:3, 3]
         made = job.scale_piece(result, self._amount, about, snapshot.settings, progress.part(0.0, 0.8))
         if searched or snapshot.note is None or not mesh.as_noted(result.need(DesignVersion).design, snapshot.note):
-            return made  # optimised or hand-made spirals are a better start than those from the curvature
+            return made  # optimised or hand-made spirals are a better start than spirals computed from the curvature
         return job.run_stages(made, snapshot.settings, ("spirals",), progress.part(0.8, 1.0))
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Made) -> str:
@@ -140,7 +149,7 @@ class MakeLarger(Advised, bpy.types.Operator):
                 f"Something else sets the scale of '{obj.name}', a constraint or a driver; scale it there"
             )
         framing.follow(context, obj, self._amount)
-        # scaling changes the checksum of "down" too, but does not turn the object
+        # scaling changes the checksum of "down" as well, although the object was not turned
         self._made_from |= {"down": states.settings_now(obj, context.scene)["down"]}
         notes.write_checks(obj.data, result.after.findings)
         return self.written(context, obj, now, result, 1.0, self._amount)
@@ -172,7 +181,7 @@ class MakeThinner(Advised, bpy.types.Operator):
 
         obj.flexmaps.spiral.thickness = self._amount
         now, others = states.settings_now(obj, context.scene), stages.STAGES["spirals"].settings
-        # unless the user changed another setting of the spirals meanwhile
+        # accept the new thickness as an input, unless the user changed another setting of the spirals meanwhile
         if all(now[part] == self._made_from[part] for part in others):
             self._made_from |= {"spiral": now["spiral"]}
         return self.written(context, obj, surface, result, self._was, self._amount)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..engine.params import ObjectSettings
     from ..engine.runs.result import Result
 
-    # the film, the pose that it ends in, and the settings
+    # the film, the pose at its end, and the settings
     MadeFilm = tuple[Film, Pose, ObjectSettings]
 
 

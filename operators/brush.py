@@ -1,4 +1,4 @@
-"""The brush that paints spirals: its tool in the 3D view and its settings."""
+"""Tool of the 3D view that paints spirals with a brush, and its settings."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from ..bridge.store.i18n import translate
 from ..bridge.view import brush_settings
 
 TOOL = "flexmaps.brush"
-# names in newer and older versions of Blender
+# the tool's icon in newer and older versions of Blender
 ICONS = ("brush.generic", "brush.paint_weight.draw", "ops.generic.select_circle")
-SETTINGS = "window_manager.flexmaps_brush"  # data path for Blender's own F and Shift F
+SETTINGS = "window_manager.flexmaps_brush"  # data path for Blender's own keys F (size) and Shift F (strength)
 
 
 def _keys(operator: str, **keys: Any) -> tuple[str, dict[str, Any], Any]:
@@ -49,7 +49,7 @@ class BrushTool(bpy.types.WorkSpaceTool):
 
 
 def draw_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the brush's settings in the view's header, as Blender's own brushes do."""
+    """Draw the brush's settings in the 3D view's header."""
     brush = context.window_manager.flexmaps_brush
     layout.prop(brush, "brush", text="")
     for name, pressure in (("size", "pressure_size"), ("strength", "pressure_strength")):

@@ -1,4 +1,4 @@
-"""Write the calibration sheet, and turn its measurements into the material's and machine's settings."""
+"""Write the calibration sheet, and compute settings of the material and the machine from its measurements."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .writes import Writes
 if TYPE_CHECKING:
     from ..engine.extras.calibrating.calibrate import Calibration, Readings
 
-SUBFOLDER = "calibration"  # in the folder for the sheets
+SUBFOLDER = "calibration"  # within the folder of the exported sheets
 
 
 class CalibrationSheet(Writes, AtOnce, OnObject, bpy.types.Operator):
@@ -38,7 +38,7 @@ class CalibrationSheet(Writes, AtOnce, OnObject, bpy.types.Operator):
 
 
 def _formats(wanted: ObjectSettings) -> tuple[str, ...]:
-    """Return the flat formats that the object's sheets have, or the usual ones."""
+    """Return the object's export formats that the calibration sheet supports, or if there are none, the usual ones."""
     from ..engine.extras.calibrating.sheet_files import USUAL, WRITERS
     from ..engine.fabrication.writers import export
 
@@ -101,7 +101,7 @@ class Calibrated(AtOnce, OnObject, bpy.types.Operator):
 
 
 def _describe(result: Calibration, kept: Path | None) -> str:
-    """Describe the results in one line."""
+    """Return one line about the calibrated values, the preset and the warnings."""
     rows = (
         (result.kerf, 1e3, "kerf", "mm"),
         (result.clearance, 1e3, "clearance", "mm"),

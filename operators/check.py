@@ -1,4 +1,4 @@
-"""Check the mesh, and select the faces that a finding names."""
+"""Check the mesh for faults, and select the faces that a finding names."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Check(StageOperator["list[Finding]"], bpy.types.Operator):
         return translate("{}, {} warning" if len(result) == 1 else "{}, {} warnings", quads(count), len(result))
 
     def _note(self, context: bpy.types.Context, obj: bpy.types.Object, error: FlexMapsError) -> None:
-        """Store no failure, because the findings are notices already."""
+        """Do not store the failure, because the findings are shown as notices already."""
 
 
 class ShowFinding(AtOnce, OnObject, bpy.types.Operator):

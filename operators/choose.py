@@ -1,4 +1,4 @@
-"""Choose a layout among many, by the shape that their panels take; and take another one of those that were compared."""
+"""Compare many layouts by their simulated shapes and keep the best; switch to another compared layout."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from ..engine.runs.result import Result
 
 
-NEAREST = 0.001  # percent: the smallest match that can be asked for
+NEAREST = 0.001  # smallest wanted RMS distance that the settings allow, percent
 
 
 class ChooseStage(LayoutStage):
-    """Compares layouts and keeps the best, and the others beside it."""
+    """Base of operators that compare layouts, apply the best and store the others."""
 
     on_stop = "the best so far is kept"
     needs = "flat"
@@ -69,7 +69,7 @@ class ChooseStage(LayoutStage):
 
 
 def _optimised(obj: bpy.types.Object, snapshot: Snapshot) -> Pose | None:
-    """The pose at rest of spirals that were optimised, where all of that is up to date."""
+    """Return the simulated pose of optimised spirals; None unless search and simulation are up to date."""
     from ..bridge.store import equilibrium, states
 
     scene = bpy.context.scene
@@ -121,7 +121,7 @@ class TakeChoice(LayoutStage, bpy.types.Operator):
         return ". ".join(filter(None, (translate(cls.__doc__ or ""), properties.tip)))
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Asks first where a piece that was searched or written would be lost."""
+        """Run, but first ask for confirmation where optimised spirals or written sheets would be discarded."""
         if self.sure or not {"optimise", "sheets"} & notes.read(context.object.data).keys():
             return super().invoke(context, event)
         number = self.number

@@ -1,4 +1,4 @@
-"""Lay a scan of the built piece over the predicted shape, and measure the distance."""
+"""Align a 3D scan of the built piece with the predicted shape, and measure the distance."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Asked:
-    """Properties of the comparison: the scan's file, its unit, and whether it may lie anyhow."""
+    """Properties of the comparison: the scan's file, its unit, and whether its pose is arbitrary."""
 
     filepath: bpy.props.StringProperty(  # type: ignore[valid-type]
         name="Scan", description="Points or a mesh of the built piece", subtype="FILE_PATH", options={"SKIP_SAVE"}

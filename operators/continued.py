@@ -1,4 +1,4 @@
-"""Base of the operators that continue from the results of earlier stages, which the object holds."""
+"""Base of the operators that continue from the results of earlier stages, which are stored on the object."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Continuation = Callable[["Result", Progress], Made]
 class ContinuedStage(StageOperator[Made]):
     """Base of operators that implement ``continuation`` instead of ``prepare``.
 
-    needs : member of the result that must exist, see ``stages.TABLE``; "" if any mesh of quads will do
+    needs : output of an earlier stage that must exist, as named in ``stages.TABLE``; "" if any quad mesh will do
     loaded : also read supports and forces
     """
 
@@ -35,7 +35,10 @@ class ContinuedStage(StageOperator[Made]):
         return notes.missing(obj.data, cls.needs) if cls.needs else None
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Made]:
-        """Return the work that continues from the result; read Blender's data here, which the work must not touch."""
+        """Return the work, a function that continues from the stored result.
+
+        It runs in a thread and must not touch Blender's data: read here whatever it needs from Blender.
+        """
         raise NotImplementedError
 
     def prepare(self, surface: ObjectSurface, settings: ObjectSettings) -> Work[Made]:
@@ -43,7 +46,7 @@ class ContinuedStage(StageOperator[Made]):
         from ..bridge.store.objects import find
 
         obj, needs = find(surface.uid), self.needs
-        # a base changes the spirals of supported quads
+        # supports are needed too if there is a base, which changes the spirals of supported quads
         loaded = self.loaded or settings.base.base != "none"
         snapshot = snapshots.take(obj, surface, settings, loaded=loaded)
         go_on = self.continuation(obj, snapshot)
@@ -53,7 +56,7 @@ class ContinuedStage(StageOperator[Made]):
 
             progress(0.0, "Reading the object")
             result = snapshot.result()
-            if needs and needs != "simulation":  # an object stores only the figures of a simulation
+            if needs and needs != "simulation":  # a simulation is stored only as figures and pose, not as an output
                 result.need(OUTPUTS[needs])
             return go_on(result, progress)
 

@@ -1,4 +1,4 @@
-"""Add an example surface."""
+"""Add an example surface to the scene."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import bpy
 
 from .stage import AtOnce, NewObject
 
-NAME = "demo"  # in ``engine.surface.shapes``: a canopy on three feet, which passes all stages in a minute
+NAME = "demo"  # shape in ``engine.surface.shapes``: a canopy on three feet, which passes all stages in a minute
 
 
 class Example(AtOnce, NewObject, bpy.types.Operator):

@@ -1,4 +1,4 @@
-"""Try many sizes, thicknesses or materials of a piece, and take one of them."""
+"""Compare many sizes, thicknesses or materials of a piece, and apply a candidate."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..bridge.view.flat_panels import PanelDrawing
     from ..engine.runs.result import Result
 
-    # notes of the stages, the folder, panels to draw anew, and warnings
+    # report blocks, the folder of the files, panels to redraw or None, and warnings
     SheetFiles = tuple[dict[str, dict[str, Any]], Path, PanelDrawing | None, tuple[str, ...]]
 
 
@@ -44,13 +44,12 @@ class Export(IntoFolder, ContinuedStage["SheetFiles"], bpy.types.Operator):
 
         settings = snapshot.settings
         formats, look = export.chosen_formats(settings.export), flat_panels.look_of(settings)
-        # redraw panels beside the model that have other connectors
+        # the panels drawn beside the model must be redrawn if their connectors differ from the settings
         stale = any(o.get(flat_panels.LOOK, look) != look for o in flat_panels.panels_of(obj))
         base = folder_of(settings.export.folder) / file_name(snapshot.name)
         guard = self.guard(settings, export.present(base, formats), base.parent)
         letters.learn(snapshot.name)
-        # at rest, joints bear forces, and the assembly sheet names overloaded joints;
-        # a base stands under the simulated shape
+        # the assembly sheet lists joints overloaded in the simulated shape, and a base stands under that shape
         asked = settings.export.guide or settings.base.base != "none"
         rest = equilibrium.resting(obj, bpy.context.scene, snapshot.surface) if asked else None
 

@@ -1,4 +1,4 @@
-"""Make spirals, optimise them and simulate, in one press."""
+"""Make, optimise and simulate the spirals with a single button."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class Fit(SearchStage, bpy.types.Operator):
     bl_idname = "flexmaps.fit"
     bl_label = "Make it fit"
 
-    _flat = False  # whether the target is flat, so that there is nothing to optimise
-    _start = False  # whether up-to-date spirals, even painted ones, serve as the start
+    _flat = False  # whether the target is flat: straight spirals, nothing to optimise
+    _start = False  # whether to start from the stored spirals, which are up to date
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         from ..bridge.store import states

@@ -1,4 +1,4 @@
-"""The tool of the 3D view's toolbar that sets handles."""
+"""Tool of the 3D view that sets handles (holds, forces and drag targets) on single spirals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Handles on single spirals: hold, pull, and set drag targets for Optimise."""
+"""Operators for handles on single spirals: hold a spiral, pull it, or set a drag target for Optimise."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ KINDS = (
     ("PULL", "Pull", "A force: as many newtons as edges of a quad that you drag it"),
     ("WISH", "Wish", "A place: Optimise brings the spiral there, as near as the piece lets it"),
 )
-ALONE = -1  # value of ``quad`` that means the quad under the mouse
+ALONE = -1  # value of ``quad`` that stands for the quad under the mouse
 
 
 class _OnSpiral(OnObject):
-    """Base of operators on one spiral: ``quad``, in edit mode with all selected quads if it is one of them."""
+    """Base of operators on the spiral ``quad``; in edit mode on all selected quads if ``quad`` is selected."""
 
     bl_options = {"REGISTER", "UNDO"}
 
@@ -32,7 +32,7 @@ class _OnSpiral(OnObject):
     report: Any
 
     def _pick(self, context: bpy.types.Context, event: bpy.types.Event) -> bool:
-        """Find the spiral under the mouse, and return whether there is one."""
+        """Set ``quad`` to the quad under the mouse unless it is set; return whether there is a quad."""
         from bpy_extras import view3d_utils
 
         from ..bridge.view import picking
@@ -50,7 +50,7 @@ class _OnSpiral(OnObject):
         return hit is not None
 
     def _quads(self, obj: bpy.types.Object) -> list[int]:
-        """Return the named quad, with the others selected in edit mode."""
+        """Return ``quad``, or all selected quads if it is selected in edit mode; [] where it does not exist."""
         count = len(obj.data.polygons)
         if obj.mode == "EDIT":
             import bmesh
@@ -111,10 +111,10 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         description="A press that does not move holds the spiral, or lets it go",
         options={"SKIP_SAVE", "HIDDEN"},
     )
-    _began: Any = None  # pixels where the mouse was pressed
-    _moves = False  # whether the press has become a drag
-    _before: Any = None  # values stored before the drag
-    _grip: Any = None  # the mouse's start point and the quad's centre, in the scene's units
+    _began: Any = None  # mouse position at the press, pixels of the window
+    _moves = False  # whether the mouse has moved far enough for a drag
+    _before: Any = None  # stored values of all quads before the drag
+    _grip: Any = None  # the mouse's start point in 3D, and the quad's centre, in the scene's units
     _from: Any = None  # the handle's value at the start of the drag, in the units of ``by``
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -139,7 +139,7 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         middle = points[quads[self.quad]].mean(axis=0)
         if self.kind == "WISH":
             self._from = 1e3 * scale * (middle - picking.target(obj)[quads[self.quad]].mean(axis=0))
-            if self._before[self.quad].any():  # an existing drag target moves on from where it is
+            if self._before[self.quad].any():  # continue from an existing drag target
                 self._from = 1e3 * scale * (np.array(obj.matrix_world)[:3, :3] @ self._before[self.quad])
         else:
             self._from = self._before[self.quad].copy()
@@ -183,7 +183,7 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         return view3d_utils.region_2d_to_location_3d(context.region, context.region_data, mouse, Vector(depth))
 
     def _dragged_value(self, context: bpy.types.Context, event: bpy.types.Event) -> np.ndarray:
-        """Return the handle's value: that at the start plus the mouse's displacement."""
+        """Return the handle's value: the value at the start plus the mouse's displacement, in the units of ``by``."""
         import numpy as np
 
         from ..bridge.view import picking

@@ -1,4 +1,4 @@
-"""Trace, merge, flatten, update from seams: the stages that change where the surface is cut."""
+"""Operators that change where the surface is cut: trace, merge, flatten, update from seams."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from ..engine.patches.flattening.flatten import FlatPatches
     from ..engine.runs.result import Result
 
-    FlatReported = tuple[FlatPatches, dict[str, Any]]  # flat patches and their note
+    FlatReported = tuple[FlatPatches, dict[str, Any]]  # flat patches and their report block
 
 
 class LayoutStage(ContinuedStage):
-    """Base of these stages: write seams, the flat patches and their note."""
+    """Base of these operators: write seams, flat patches and their report block."""
 
-    shows = "PATCH"  # because a smooth surface shows seams in edit mode only
+    shows = "PATCH"  # colour the patches, because Blender draws seams in edit mode only
 
     def _read(self, context: bpy.types.Context) -> Work:
         decided.settle_border(context.object)
@@ -48,7 +48,7 @@ class LayoutStage(ContinuedStage):
         return translate("{}, largest distortion {:.3f}", panels(block["patches"]), block["energy_max"])
 
     def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: object) -> Iterator[None]:
-        """Frame the views on the object and its panels, once for each set of quads."""
+        """Frame the object and its panels in the 3D views, but only after the first layout of its quads."""
         from ..bridge.view import collection, framing
 
         own = collection.existing(obj)
@@ -59,7 +59,13 @@ class LayoutStage(ContinuedStage):
 
 
 def reported(result: Result, **more: object) -> FlatReported:
-    """Return the flat patches and their note; too slow for the main thread with thousands of quads."""
+    """Return the flat patches and their report block; too slow for the main thread with thousands of quads.
+
+    Parameters
+    ----------
+    result : result that holds the flat patches
+    more : further entries of the block
+    """
     from ..engine.patches.flattening.flattening_report import layout_report
     from ..engine.runs.outputs import FinalLayout
 
@@ -102,7 +108,7 @@ class Merge(LayoutStage, bpy.types.Operator):
 
 
 class FlattenStage(LayoutStage):
-    """Flatten the patches between the seams; with ``reuse`` only those that are not flat yet."""
+    """Base of operators that flatten the patches between the seams; with ``reuse``, only changed patches."""
 
     reuse = False
 

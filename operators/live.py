@@ -1,4 +1,4 @@
-"""Live mode: the shape follows every change of a piece until Live is switched off."""
+"""Live simulation: the shape follows every change of a piece until *Live* is switched off."""
 
 from __future__ import annotations
 

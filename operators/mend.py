@@ -1,4 +1,4 @@
-"""Repair faults of the mesh that the check found: one press, one undo step."""
+"""Repair faults found by the mesh check; each repair is one undo step."""
 
 from __future__ import annotations
 

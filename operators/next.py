@@ -1,4 +1,4 @@
-"""The button *Next*, and the operators of notices: show the place, dismiss, stand on."""
+"""The button *Next*, and operators of notices: show the place, dismiss the notice, set supports."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from .stage import AnyMesh, AtOnce, OnObject, message_of
 if TYPE_CHECKING:
     from ..bridge.store.notices import Notice
 
-CUTTING = {"flexmaps.merge", "flexmaps.flatten"}  # operators before which the mesh is checked
-CALM = 0.4  # seconds after the label has changed in which a press does nothing, so that a double click starts one step
+CUTTING = {"flexmaps.merge", "flexmaps.flatten"}  # operators before which *Next* checks the mesh
+CALM = 0.4  # seconds after a change of the label in which presses are ignored, against double clicks; larger feels slow
 
 
 class Next(AnyMesh, bpy.types.Operator):
@@ -36,7 +36,7 @@ class Next(AnyMesh, bpy.types.Operator):
 
     @classmethod
     def see(cls, label: str) -> None:
-        """Note the button's label; the sidebar calls it as it draws."""
+        """Store when the button's label last changed; called whenever the sidebar is drawn."""
         if label != cls._seen[0]:
             cls._seen = label, time.monotonic()
 
@@ -60,7 +60,7 @@ class Next(AnyMesh, bpy.types.Operator):
         if seen.act.cure is not None:
             failures.note_tried(context.object.data, seen.act.cure.call)
         group, name = seen.act.idname.split(".")
-        try:  # True gives a step to undo, which Blender leaves out where an operator calls another
+        try:  # True asks for an undo step, which Blender omits where an operator calls another
             pressed: set[str] = getattr(getattr(bpy.ops, group), name)(how, True, **seen.act.properties)
         except RuntimeError as error:
             self.report({"ERROR"}, message_of(error))
@@ -68,20 +68,20 @@ class Next(AnyMesh, bpy.types.Operator):
         return {"FINISHED"} if "RUNNING_MODAL" in pressed else pressed
 
     def _check_before_cut(self, context: bpy.types.Context, seen: guidance.Guidance) -> guidance.Guidance:
-        """Check the mesh before it is cut, and return the guidance afterwards, which may offer another action."""
+        """Check the mesh if the next action cuts it; return the guidance after the check, whose action may differ."""
         from ..bridge.store import states
 
         known = states.read_states(context.object, context.scene)
         cuts = seen.act is not None and seen.act.idname in CUTTING
         if not cuts or known["checks"].kind == states.DONE or bpy.ops.flexmaps.check.poll() is False:
             return seen
-        with suppress(RuntimeError):  # an error of the mesh is shown as a notice
+        with suppress(RuntimeError):  # errors of the mesh are shown as notices
             bpy.ops.flexmaps.check("EXEC_DEFAULT")
         return guidance.read_guidance(context.object, context.scene)
 
 
 def _find_notice(context: bpy.types.Context, key: str) -> Notice:
-    """Return the notice of this key; raise ``FlexMapsError`` where it no longer exists."""
+    """Return the notice with a key; raise ``FlexMapsError`` where it no longer exists."""
     for notice in guidance.read_guidance(context.object, context.scene).notices:
         if notice.key == key:
             return notice

@@ -1,4 +1,4 @@
-"""Optimise the spirals so that their assembly comes closest to the target."""
+"""Optimise the spirals so that the assembled piece comes closest to the target."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ if TYPE_CHECKING:
     from ..bridge.view.flat_panels import PanelDrawing
     from ..engine.runs.result import Result
 
-    # the panels, the result, and the notes of search, spirals and a layout that they moved
+    # panels to draw, result, report blocks "optimise", "spirals" and "layout" (None if the layout is unchanged)
     SearchedSpirals = tuple[PanelDrawing, Result, dict[str, Any], dict[str, Any], dict[str, Any] | None]
 
 
-# share of the progress bar for what comes before the search: 2.2 of 30 s with 986 spirals, 6 of 69 with 2,362
+# share of the progress bar before the search starts; matches the share of time (7 to 9 %)
 FIRST = 0.07
-SEARCHED, DRAWN = 0.8, 0.85  # of the progress bar: the search ends, the outlines are drawn; then remedies are tried
+SEARCHED, DRAWN = 0.8, 0.85  # progress at the end of the search, and with outlines drawn; then remedies are tried
 
 
 class SearchStage(ContinuedStage["SearchedSpirals"]):
-    """Base of optimisations, which start from the spirals that ``begun`` returns."""
+    """Base of operators that optimise the spirals, starting from the result of ``begun``."""
 
     on_stop = "the best so far is kept"
     needs = "flat"
     loaded = True
 
     def begun(self, result: Result, snapshot: Snapshot, progress: Progress) -> Result:
-        """Return the result with initial spirals; not on Blender's main thread."""
+        """Return the result with initial spirals; runs outside Blender's main thread."""
         return snapshot.start(result)
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[SearchedSpirals]:
@@ -64,7 +64,7 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
                 panels = PanelDrawing.from_design(better, snapshot.settings, progress.part(SEARCHED, DRAWN))
                 spirals = design_report(better, progress.part(DRAWN, DRAWN))
                 made = job.run_stages(made, once, ("simulate",), progress.part(DRAWN, DRAWN))
-            except Cancelled:  # keep the result, but skip the slower figures
+            except Cancelled:  # after a cancel keep the spirals, but skip the slower figures
                 panels, spirals = PanelDrawing.plain(better), design_report(better, measured=False)
             made = _with_prospects(made, snapshot.settings, progress.part(DRAWN, 1.0))
             layout = None if better.flat is result.flat else layout_report(better.flat)
@@ -86,7 +86,7 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
         panels.write(obj, surface, block, layout)
         equilibrium.write(obj, surface, simulation, made.limits)
         shape = simulation.report()
-        limits = {} if made.limits is None else {"reach": made.limits.report()}  # not known after a stop
+        limits = {} if made.limits is None else {"reach": made.limits.report()}  # None after a cancel
         notes.write_all(obj.data, {"equilibrium": shape, **limits, "optimise": report})
         text, warning = equilibrium.sentences(shape)
         self.level = "WARNING" if warning else "INFO"
@@ -105,7 +105,7 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
 
 
 def _with_prospects(made: Result, settings: ObjectSettings, progress: Progress) -> Result:
-    """Add predictions of remedies; skip them after a cancel, or if there are drag targets."""
+    """Return the result with the predicted effect of remedies; unchanged after a cancel or with drag targets."""
     if not registry.has("choosing"):
         return made
     from ..engine.extras.choosing.prospects import prospects
@@ -114,7 +114,7 @@ def _with_prospects(made: Result, settings: ObjectSettings, progress: Progress) 
     shape = made.get(SimulatedShape)
     if shape is None or shape.limits is None or made.wishes is not None:
         return made
-    unseen = replace(progress, shown=None)  # keep showing the present piece
+    unseen = replace(progress, shown=None)  # do not show the trial pieces in the 3D view
     try:
         tried = prospects(
             shape.simulation, shape.limits, settings, supports=made.supports, force=made.force, progress=unseen

@@ -1,4 +1,4 @@
-"""Choose the values that colour the model."""
+"""Choose which values colour the quads of the model."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ STAGES = {
     "STIFFNESS": "Spirals",
     "TWIST": "Spirals",
     "SCAN": "Compare with a scan",
-}  # kind -> button that makes its values
+}  # kind of overlay -> button that computes its values
 
 
 class Overlay(AtOnce, OnObject, bpy.types.Operator):
@@ -29,7 +29,7 @@ class Overlay(AtOnce, OnObject, bpy.types.Operator):
     )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if self.kind == context.window_manager.flexmaps_overlay:  # press again to switch off
+        if self.kind == context.window_manager.flexmaps_overlay:  # pressing the same kind again switches it off
             self.kind = "NONE"
         return self.execute(context)
 
@@ -43,7 +43,7 @@ class Overlay(AtOnce, OnObject, bpy.types.Operator):
 
 
 def drawn() -> object:
-    """Return what is drawn over the 3D view: a job's shape, the live piece, or the spirals under the brush."""
+    """Return what to draw over the 3D view: the running job's shape, the live simulation, or the painted spirals."""
     from ..bridge.hosts import background, live
     from ..bridge.view import easel
 

@@ -1,4 +1,4 @@
-"""Change spirals by hand: by strokes of the brush, and by weights and colours made with other tools."""
+"""Change spirals by hand: with strokes of the brush, or from vertex weights and colours."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .stage import TICK, AtOnce, OnObject, Polled, redraw, why_not
 
 
 class _Painter(Polled):
-    """Base of operators that need spirals in object mode."""
+    """Base of operators that need existing spirals and object mode."""
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str | None:
@@ -84,7 +84,7 @@ class PaintStroke(_Painter, bpy.types.Operator):
                 self._move(context, event)
             elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
                 self._ending = True
-            elif self._ending and _is_press(event):  # another stroke or key: finish this stroke first
+            elif self._ending and _is_press(event):  # another stroke or key began: finish this stroke first
                 self._dabs.wait()
             if not taken_back and self._dabs.look():
                 redraw(context)
@@ -104,7 +104,7 @@ class PaintStroke(_Painter, bpy.types.Operator):
             self._dabs.add(*made)
 
     def _finish_stroke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Write the stroke into the object; pass an event that began something else on."""
+        """Write the stroke into the object, and pass on the event if it is a new press."""
         from ..bridge.view import easel
 
         try:
@@ -130,7 +130,7 @@ class PaintStroke(_Painter, bpy.types.Operator):
 
 
 def _is_press(event: bpy.types.Event) -> bool:
-    """Return whether a key or a button went down."""
+    """Return whether the event is the press of a key or mouse button."""
     return event.value == "PRESS" and event.type not in {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "TIMER"}
 
 

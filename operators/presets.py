@@ -1,7 +1,8 @@
-"""Presets, a person's own and the bundled ones, in Blender's system of presets.
+"""The user's own presets and the bundled ones, in Blender's preset system.
 
-A preset is a script of assignments to ``settings``. Bundled ones lie in ``presets/flexmaps`` and set what a machine and its
-material require; a saved one holds every setting except those of one object (vertex groups, forces, folder).
+A preset is a script of assignments to ``settings``. Bundled presets lie in ``presets/flexmaps`` and set what a machine
+and its material require; a saved preset holds all settings except those of a single object (vertex groups, forces,
+folder).
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class ApplyPreset(OnObject, bpy.types.Operator):
         if not Path(self.filepath).is_file():
             self.report({"ERROR"}, translate("There is no preset {}; choose another one", self.filepath))
             return {"CANCELLED"}
-        # call Blender's operator, which alone would leave no undo step
+        # Blender's own operator makes no undo step; called from this operator, it gets one
         done: set[str] = bpy.ops.script.execute_preset(filepath=self.filepath, menu_idname=MENU)
         presets.note(context.object, Path(self.filepath))
         return done

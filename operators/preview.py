@@ -1,4 +1,4 @@
-"""Show the assembled piece with its true spirals."""
+"""Show the assembled piece with every spiral in its true shape."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..engine.params import PreviewParams
     from ..engine.runs.result import Result
 
-    # the piece, how to show it, and whether it is simulated
+    # the assembled piece, the settings to show it with, and whether it is simulated
     BuiltPreview = tuple[Built, PreviewParams, bool]
 
 
@@ -59,7 +59,7 @@ class Preview(ContinuedStage["BuiltPreview"], bpy.types.Operator):
         from ..bridge.view import animation, preview
 
         built, params, simulated = result
-        animation.clear(obj)  # preview and animation stand in the same place
+        animation.clear(obj)  # preview and animation are shown in the same place
         preview.show(obj, context.scene, built, params, simulated)
         states.stamp_unnoted(obj, context.scene, "preview", self._made_from)
         figures = preview.note_of(obj)

@@ -1,4 +1,4 @@
-"""Make the quads squarer."""
+"""Move the vertices along the surface so that the quads become squarer."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..engine.surface.checking.check import Finding
     from ..engine.surface.mesh import QuadMesh
 
-    # the quads before and after, and the findings about them
+    # the quads before and after, and the findings about the latter
     MovedQuads = tuple[QuadMesh, QuadMesh, list[Finding]]
 
 

@@ -1,4 +1,4 @@
-"""Quad remesh, and scaling to the wanted quad edge."""
+"""Remesh a surface into quads, and scale an object to the wanted quad edge."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class QuadRemesh(AnyMesh, StageOperator["Requadded"], bpy.types.Operator):
         return self._source
 
     def _read(self, context: bpy.types.Context) -> Work[Requadded]:
-        """Read the mesh with its modifiers applied; the quads become a new object."""
+        """Read the mesh with its modifiers applied, and return the work that remeshes it."""
         preload.wait()
         from ..bridge.hosts import remesh
 
@@ -71,11 +71,11 @@ class QuadRemesh(AnyMesh, StageOperator["Requadded"], bpy.types.Operator):
         polygons = mesh.read_surface(made, context.scene).polygons
         notes.write_checks(made.data, [*check.everything(polygons), *result.findings])
         states.stamp(made, context.scene)
-        states.stamp_unnoted(made, context.scene, "regularise")  # the remesh has already regularised the quads
+        states.stamp_unnoted(made, context.scene, "regularise")  # a remesh regularises its quads
         edge = check.median_edge(polygons)
         lines = [translate("'{}': {} quads, edge {:.3g} mm", made.name, len(made.data.polygons), edge * 1e3)]
         lines += [finding.message for finding in result.findings]
-        lines = lines if bpy.app.background else lines[:1]  # the box below Next shows the others
+        lines = lines if bpy.app.background else lines[:1]  # the sidebar shows the findings
         self.report({"WARNING" if result.findings else "INFO"}, ". ".join(lines))
         redraw(context)
         yield

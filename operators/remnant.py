@@ -1,4 +1,4 @@
-"""Choose the drawing of a remnant."""
+"""Add a remnant (left-over piece of sheet) from a drawing."""
 
 from __future__ import annotations
 

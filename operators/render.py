@@ -1,4 +1,4 @@
-"""Render a picture of target, assembled piece and panels; with a window in a second Blender, beside the work."""
+"""Render a picture or film of target, assembled piece and panels; with a window, in a second Blender process."""
 
 from __future__ import annotations
 
@@ -28,16 +28,19 @@ class Render(Writes, StageOperator["list[Path]"], bpy.types.Operator):
     bl_idname = "flexmaps.render"
     bl_label = "Render"
 
-    _folder: Any = None  # temporary folder of the render
-    _path = Path()  # where the picture is written
-    _guard: Any = None  # an ``engine.own_files.Guard``
+    _folder: Any = None  # temporary folder for the second process
+    _path = Path()  # file of the picture or film
+    _guard: Any = None  # an ``engine.own_files.Guard`` against overwriting the user's files
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
         return notes.missing(obj.data, "design")
 
     def prepare(self, surface: ObjectSurface, settings: ObjectSettings) -> Work[list[Path]]:
-        """Build the scene here, which is quick; a second Blender renders it, or this one would hang for minutes."""
+        """Build the scene, which is fast, and return the work that renders it in a second Blender process.
+
+        Rendering in this process would block the window for minutes.
+        """
         from ..bridge.hosts import second_render
         from ..bridge.store.objects import find
         from ..bridge.view import picture

@@ -1,4 +1,4 @@
-"""Report the piece and its quality, as a page and as pictures in the image editor."""
+"""Report a piece and its quality as an HTML page and as pictures in the image editor."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..bridge.store.surface import ObjectSurface
     from ..engine.runs.result import Result
 
-    # name of the piece, pixels by plot, and the folder with the page
+    # name of the piece, kind of plot -> pixels, and the page's folder or None
     Plots = tuple[str, dict[str, np.ndarray], Path | None]
 
 
@@ -42,7 +42,8 @@ class Report(IntoFolder, ContinuedStage["Plots"], bpy.types.Operator):
         name="Open", description="Show the page in the web browser", default=False, options={"SKIP_SAVE"}
     )
 
-    _letters: Any = None  # a Future, set in ``meanwhile``, because drawing letters makes Blender redraw all windows
+    # Future of the triangulated letters; ``meanwhile`` makes them, because Blender then redraws all windows
+    _letters: Any = None
 
     needs = "flat"
     loaded = True
@@ -65,7 +66,7 @@ class Report(IntoFolder, ContinuedStage["Plots"], bpy.types.Operator):
 
             page = pages.of_object(result, content, progress.part(0.0, 0.2))
             drawn, view = page.drawn, page.piece(progress.part(0.2, 0.5)) if folder is not None else None
-            while not letters.done():  # keep reporting progress, so that a stop is noticed
+            while not letters.done():  # keep reporting progress, so that a cancel is noticed
                 progress(0.5, "Waiting for letters")
                 time.sleep(0.02)
             shown, drawing_it = {}, progress.part(0.5, 0.9)

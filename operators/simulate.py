@@ -1,4 +1,4 @@
-"""Find the shape that the assembled piece takes by itself."""
+"""Compute the equilibrium shape of the assembled piece."""
 
 from __future__ import annotations
 

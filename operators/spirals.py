@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..bridge.view.flat_panels import PanelDrawing
     from ..engine.runs.result import Result
 
-    # the panels, the note of the spirals, and that of a layout that they moved
+    # panels to draw, report blocks "spirals" and "layout" (None if the layout is unchanged)
     DrawnSpirals = tuple[PanelDrawing, dict[str, Any], dict[str, Any] | None]
 
 

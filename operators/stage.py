@@ -1,8 +1,8 @@
-"""Base of all stages: read the mesh, run the engine beside Blender, write the mesh.
+"""Base of all stage operators: read the mesh, run the engine outside the main thread, write the mesh.
 
-With a window the engine runs as the background job: a timer polls, draws the progress, and writes the result; ESC stops it.
-From a script, or in Blender without a window, the same engine call runs at once and prints its progress.
-A user's error is reported, its culprits are selected, and the mesh stays as it was.
+With a window, the engine runs as a background job: a timer polls it, draws the progress, and writes the result; ESC
+cancels. From a script, or in Blender without a window, the engine runs at once and prints its progress. A
+``FlexMapsError`` is reported, the faces and edges it names are selected, and the mesh stays as it was.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from ..engine.progress import Progress
 if TYPE_CHECKING:
     from ..bridge.store.surface import ObjectSurface
 
-Made = TypeVar("Made")  # what the work of a stage hands to its ``finish``
+Made = TypeVar("Made")  # result type of a stage's work, passed to ``finish``
 Work = Callable[[Progress], Made]
 
 
 class Polled:
-    """Base of operators that are greyed out, with the reason, where they cannot run."""
+    """Base of operators that are greyed out, with a reason as tooltip, while they cannot run."""
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str | None:
-        """Return why the operator cannot run now, as a sentence; called at every redraw, so it must be quick."""
+        """Return a sentence why the operator cannot run now, or None; must be fast, as every redraw calls it."""
         return None
 
     @classmethod
@@ -47,7 +47,7 @@ class Polled:
 
 
 class OnObject(Polled):
-    """Base of small operators on the active object, if FlexMaps can work on it."""
+    """Base of operators on the active object; they need an object that FlexMaps can work on."""
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str | None:
@@ -57,7 +57,7 @@ class OnObject(Polled):
 
 
 class AnyMesh(OnObject):
-    """Base of operators that also take a mesh with modifiers, while no job runs; list it before ``StageOperator``."""
+    """Base of operators that accept a mesh with modifiers, while no job runs; list it before ``StageOperator``."""
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str | None:
@@ -66,11 +66,13 @@ class AnyMesh(OnObject):
 
 
 def message_of(error: RuntimeError) -> str:
-    """Return the message that an operator called through ``bpy.ops`` reported as an error; raise it again if it holds a traceback.
+    """Return the message that an operator called through ``bpy.ops`` reported as an error.
+
+    Raise the error again if it contains a traceback, which is a fault of the program.
 
     Parameters
     ----------
-    error : from ``bpy.ops``
+    error : error raised by ``bpy.ops``
     """
     text = str(error).strip()
     if "Traceback" in text:
@@ -79,14 +81,17 @@ def message_of(error: RuntimeError) -> str:
 
 
 class AtOnce:
-    """Base of small operators that need no job; list it before the base that says where they can run."""
+    """Base of operators that run at once, without a background job; list it before bases with a ``poll``."""
 
     bl_options = {"REGISTER", "UNDO"}
     level = "INFO"  # report level of the line that ``act`` returns; ``act`` may set "WARNING"
     report: Any
 
     def act(self, context: bpy.types.Context) -> str | None:
-        """Do the work, and return a line for the user; an error is reported, and must leave everything as it was."""
+        """Do the work and return a line for the user, or None.
+
+        A ``FlexMapsError`` is reported; it must leave everything as it was.
+        """
         raise NotImplementedError
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -106,7 +111,7 @@ class AtOnce:
 
 
 class NewObject(Polled):
-    """Base of operators that add a new object, while no job runs."""
+    """Base of operators that add a new object; they need object mode and that no job runs."""
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str | None:
@@ -121,60 +126,60 @@ if TYPE_CHECKING:
 else:
 
     class HandsOver:
-        """Stands for ``Generic``, whose caches keep Blender's classes past its end: the process would then never end."""
+        """Replacement for ``Generic``, whose caches would keep Blender's classes alive and hang the process at exit."""
 
         def __class_getitem__(cls, kind: object) -> type:
             return cls
 
 
 class StageOperator(Polled, HandsOver[Made]):
-    """Base of the operators of one stage each; list ``bpy.types.Operator`` last where they are registered.
+    """Base of the stages' operators; subclasses list ``bpy.types.Operator`` as their last base.
 
-    A stage implements ``prepare``, which returns the engine work as a function of ``Progress``, and ``finish``, which writes
-    the result into the object and returns a line for the user.
+    A stage implements ``prepare``, which returns the engine's work as a function of ``Progress``, and ``finish``, which
+    writes the result into the object and returns a line for the user.
     """
 
     bl_options = {"REGISTER", "UNDO"}
     bl_label = ""
     report: Any
-    shows = ""  # kind of overlay to switch on afterwards if none is on
-    on_stop = "nothing is changed then"  # sentence: what happens to the work when it is stopped
+    shows = ""  # kind of overlay to switch on after the stage if none is on
+    on_stop = "nothing is changed then"  # what happens when the user cancels, for the progress display
     level = "INFO"  # report level of the line that ``finish`` returns; ``finish`` may set "WARNING"
 
     _job: background.Job | None = None
     _timer: Any = None
-    _pace: Any = None  # a ``progress.Pace``
-    _helped = False  # whether ``meanwhile`` has been called
-    _writing: Any = None  # iterator over the remaining steps of writing
+    _pace: Any = None  # a ``progress.Pace``, which limits redraws
+    _helped = False  # whether ``meanwhile`` was called
+    _writing: Any = None  # iterator over the remaining steps of writing the result
     _made_from: Any = None  # checksums of the settings when the work began
     _scene = 0  # Blender's id of the scene in which the work began
-    _surface: Any = None  # an ``ObjectSurface``, imported too late for an annotation, which Blender evaluates
+    _surface: Any = None  # an ``ObjectSurface``; Any, as Blender evaluates annotations before the import
 
     @property
     def uid(self) -> int:
-        """Return Blender's id of the stage's object; 0 before that is read."""
+        """Return Blender's id of the stage's object; 0 before the object is read."""
         return 0 if self._surface is None else self._surface.uid
 
-    # -- methods of a stage ----------------------------------------------------------------------------------------------
+    # -- methods that stages override ----------------------------------------------------------------------------------
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        """Return why this stage cannot run on a usable object, as a sentence; it must be quick enough for every redraw."""
+        """Return a sentence why the stage cannot run on a usable object, or None; every redraw calls it."""
         return None
 
     def prepare(self, surface: ObjectSurface, settings: ObjectSettings) -> Work[Made]:
-        """Return the engine work, a function that must not touch Blender's data."""
+        """Return the engine's work as a function of ``Progress``, which must not touch Blender's data."""
         raise NotImplementedError
 
     def meanwhile(self) -> None:
-        """Make on the main thread something that the work waits for; called once, after the progress was drawn."""
+        """Prepare on the main thread something that the running work waits for; called once."""
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Made) -> str:
-        """Write the result on the main thread; everything that can fail must come before the first write."""
+        """Write the result on the main thread and return a line for the user; all that can fail must come first."""
         raise NotImplementedError
 
     def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Made) -> Iterator[None]:
-        """Draw the objects beside the model after the result was written; the window is redrawn between the steps."""
+        """Draw objects beside the model after the result was written; the window is redrawn at every ``yield``."""
         return iter(())
 
     # -- running ---------------------------------------------------------------------------------------------------------
@@ -247,12 +252,12 @@ class StageOperator(Polled, HandsOver[Made]):
         self._clear(context)
 
     def _go_on(self, context: bpy.types.Context) -> bool:
-        """Take the finished job's result, then write one step at a time; return False after the last."""
+        """Take the finished job's result and do one step of writing it; return False after the last step."""
         assert self._job is not None
         if self._job.error is not None:
             raise self._job.error
         if self._writing is None:
-            self._job.shown = None  # show the mesh itself from now on
+            self._job.shown = None  # stop drawing the job's shape over the mesh
             self._writing = self._write(context, self._job.result)
         with framing.in_scene(context, self._scene):
             return next(self._writing, self) is None
@@ -284,18 +289,18 @@ class StageOperator(Polled, HandsOver[Made]):
             )
         try:
             message = self.finish(context, obj, self._surface, result)
-        finally:  # the check writes its findings before it raises
+        finally:  # also after an error, because the mesh check writes its findings before it raises
             states.stamp(obj, context.scene, self._made_from)
         failures.clear(obj, idname_of(self))
         overlay.renew(obj, self.shows)
         redraw(context)
         yield
-        with suppress(FlexMapsError):  # a deleted object needs no drawing
+        with suppress(FlexMapsError):  # if the object was deleted, there is nothing to draw
             for _ in self.after(context, find(self._surface.uid), result):
                 yield
         redraw(context)
         level, text = self.level, message
-        # the status bar has room for one sentence; where others follow, it tells what was done
+        # the status bar has room for the first sentence only, which tells what was done and is not a warning
         if not bpy.app.background:
             text, _, others = message.partition(". ")
             level = "INFO" if others else level
@@ -322,34 +327,34 @@ class StageOperator(Polled, HandsOver[Made]):
         from ..bridge.store.objects import find
 
         if self._surface is not None and (error.faces or error.edges):
-            with suppress(FlexMapsError):  # a deleted object has nothing to select
+            with suppress(FlexMapsError):  # if the object was deleted, there is nothing to select
                 framing.reveal(context, find(self._surface.uid), self._surface, error.faces, error.edges)
                 framing.frame(context)
-        with suppress(FlexMapsError):  # a deleted object keeps no notes
+        with suppress(FlexMapsError):  # if the object was deleted, there is nowhere to store it
             self._note(context, find(self.uid), error)
         redraw(context)
         self.report({"ERROR"}, str(error))
         return {"CANCELLED"}
 
     def _note(self, context: bpy.types.Context, obj: bpy.types.Object, error: FlexMapsError) -> None:
-        """Store the failure, so that *Next* offers a cure."""
+        """Store the failure, so that *Next* offers a cure instead of the same action."""
         from ..bridge.store import failures
 
         failures.write(obj, context.scene, idname_of(self), error)
 
 
 def idname_of(operator: bpy.types.Operator) -> str:
-    """Return an operator's name as scripts call it: "flexmaps.check"."""
+    """Return an operator's name as in ``bpy.ops``, such as "flexmaps.check"."""
     group, _, name = operator.bl_idname.partition("_OT_")
     return f"{group.lower()}.{name}" if name else str(operator.bl_idname)
 
 
 def why_not(obstacle: Callable[[bpy.types.Object], str | None], obj: bpy.types.Object | None) -> str | None:
-    """Return why an operator cannot run on the object now, as a sentence; None if it can.
+    """Return a sentence why an operator cannot run on the object now; None if it can.
 
     Parameters
     ----------
-    obstacle : finds what is in the way of this operator on a mesh that can be used
+    obstacle : returns a sentence why the operator cannot run on a usable mesh, or None
     obj : the active object
     """
     from ..bridge.store.objects import changed_by_modifiers, unusable

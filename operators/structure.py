@@ -1,4 +1,4 @@
-"""Check what the piece bears under its load cases."""
+"""Analyse the piece under its load cases: snapping, displacement, strength."""
 
 from __future__ import annotations
 

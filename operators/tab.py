@@ -1,4 +1,4 @@
-"""Operators of the tab itself: stop the running job, and hold the piece at the selection."""
+"""Operators of the sidebar's tab: stop the running job, and hold the piece at the selection."""
 
 from __future__ import annotations
 

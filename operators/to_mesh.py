@@ -1,4 +1,4 @@
-"""Make a mesh without modifiers of the active object: the layout of panels lives in the mesh itself."""
+"""Convert the active object to a mesh without modifiers, which stages need because they store layouts in the mesh."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ class ToMesh(AtOnce, NewObject, bpy.types.Operator):
                     f"'{source.name}' has no faces: give a curve a bevel or extrude it (Object Data, Geometry), or add faces to a mesh"
                 )
             bpy.ops.object.convert(target="MESH", keep_original=self.keep)
-        if self.keep:  # else Blender may have removed the source, as it does with metaballs
+        if self.keep:  # otherwise Blender may have removed the source, as it does with metaballs
             source.hide_set(True)
         modifiers.note(context.object.data, without)
         return without
 
 
 def _has_faces(obj: bpy.types.Object, context: bpy.types.Context) -> bool:
-    """Return whether an object has faces with its modifiers."""
+    """Return whether an object has faces after its modifiers."""
     evaluated = obj.evaluated_get(context.evaluated_depsgraph_get())
     try:
         mesh = evaluated.to_mesh()

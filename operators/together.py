@@ -1,4 +1,4 @@
-"""Export all selected objects on common sheets, each in its number of copies."""
+"""Export all selected objects on common sheets, with a number of copies of each."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from .writes import IntoFolder
 if TYPE_CHECKING:
     from pathlib import Path
 
-    # the files, the numbers of sheets and pieces, and the folder
+    # the files, number of sheets, number of pieces, and the folder
     BatchFiles = tuple[list[Path], int, int, Path]
 
-ENDING = "together"  # end of the files' name, after the active object's
+ENDING = "together"  # suffix of the file names, after the active object's name
 
 
 class ExportTogether(IntoFolder, AnyMesh, StageOperator["BatchFiles"], bpy.types.Operator):
@@ -77,7 +77,7 @@ class ExportTogether(IntoFolder, AnyMesh, StageOperator["BatchFiles"], bpy.types
 def _selected(context: bpy.types.Context) -> list[bpy.types.Object]:
     """Return the selected objects that FlexMaps can work on, the active one first."""
     active = context.object
-    # leave out objects drawn beside a model
+    # leave out objects that FlexMaps drew beside a model
     others = [o for o in context.selected_objects if o != active and not unusable(o) and "flexmaps_kind" not in o]
     return [active, *sorted(others, key=lambda obj: obj.name)]
 

@@ -1,4 +1,4 @@
-"""Add the tutorial's scene, a lamp shade in a room."""
+"""Add the tutorial's scene to the .blend file: a lamp shade in a room."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Base of the operators that write files: they ask before they replace a file of the user's."""
+"""Base of the operators that write files: they ask before they overwrite a file of the user's."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Writes:
-    """Base of operators that write files; list it first among the bases. They call ``guard`` before the work begins."""
+    """Base of operators that write files; list it as the first base. They call ``guard`` before the work begins."""
 
     overwrite: bpy.props.BoolProperty(  # type: ignore[valid-type]
         name="Overwrite",
@@ -30,7 +30,18 @@ class Writes:
     )
 
     def guard(self, settings: ObjectSettings, present: Iterable[Path], root: Path | None = None) -> Guard:
-        """Return the guard for the files to write; raise ``UserFileError`` where an existing file is the user's."""
+        """Return a guard against overwriting the user's files, after a first check.
+
+        Parameters
+        ----------
+        settings : settings of the object, whose remnant files are never overwritten
+        present : existing files that the operator would overwrite
+        root : folder of the files, or None
+
+        Raises
+        ------
+        UserFileError where an existing file is the user's, unless ``overwrite`` is set.
+        """
         from ..bridge.store.objects import files_read
         from ..engine.fabrication.nesting.remnants import SEPARATOR
 
@@ -43,7 +54,7 @@ class Writes:
         return self.ask(error) if isinstance(error, UserFileError) else super()._refused(context, error)  # type: ignore[misc]
 
     def ask(self, error: UserFileError) -> set[str]:
-        """Ask whether to replace the files, and start again if so; without a window report an error."""
+        """Ask whether to overwrite the files, and if so, run the operator again; without a window, report an error."""
         if bpy.app.background or self.overwrite:
             self.report({"ERROR"}, str(error))  # type: ignore[attr-defined]
         else:
@@ -52,7 +63,7 @@ class Writes:
 
 
 class IntoFolder(Writes):
-    """Base of operators that write into the object's folder; they ask for one while the .blend file is unsaved."""
+    """Base of operators that write into the object's export folder; if the .blend file is unsaved, they ask for one."""
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if bpy.app.background or not unsaved(context.object.flexmaps.export.folder):
@@ -62,7 +73,7 @@ class IntoFolder(Writes):
 
 
 class FromDialog:
-    """Base of operators that first ask for a file or folder."""
+    """Base of operators that open a file dialog first."""
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         context.window_manager.fileselect_add(self)  # type: ignore[arg-type]
@@ -104,9 +115,16 @@ class ChooseFolder(FromDialog, AtOnce, OnObject, bpy.types.Operator):
 
 
 def begin(stage: str, **options: Any) -> None:
-    """Run a stage by its idname, with a window as a background job.
+    """Run a stage's operator; with a window, as a background job.
 
-    Raise ``FlexMapsError`` with the error that the stage reports; faults of the program pass through as ``RuntimeError``.
+    Parameters
+    ----------
+    stage : idname of the operator
+    options : properties of the operator
+
+    Raises
+    ------
+    FlexMapsError with the error that the stage reports; a fault of the program stays a ``RuntimeError``.
     """
     name = stage.lower().replace("_ot_", ".").split(".")[-1]
     try:

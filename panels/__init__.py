@@ -1,4 +1,4 @@
-"""The sidebar: draws, never computes, and knows the operators by their idname only."""
+"""The sidebar. It only draws: nothing is computed here, and operators are referred to by their ``bl_idname``."""
 
 from __future__ import annotations
 

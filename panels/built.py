@@ -1,4 +1,4 @@
-"""The built piece in the section *Check*: its scan beside the predicted shape."""
+"""The tab *As built* of the section *Check*: comparison of a scan of the built piece with the predicted shape."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Candidates in the section *Check*: other sizes, sheets and materials beside each other."""
+"""The tab *Explore* of the section *Check*: candidate designs of other sizes, sheets and materials in a list."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..engine.figures import format_figure
 from ..engine.materials import OVERSTRAIN_SHARE
 from .rows import A_ROW, button, sentence, tr, value
 
-CANDIDATES = 6  # rows shown at most, so that the section stays short; by eye
+CANDIDATES = 6  # largest number of candidates listed; more make the section longer; chosen by eye
 VARIED = (
     ("vary_size", "Size"), ("vary_thickness", "Thickness"), ("vary_widths", "Width"), ("vary_twist", "Twist"),
     ("vary_material", "Material"), ("vary_arms", "Arms"), ("vary_panels", "Panels"),

@@ -1,4 +1,4 @@
-"""The section *Check*: what the piece bears, the built piece, and other sizes and sheets, each in a tab of its own."""
+"""The section *Check*, with three tabs: loads on the piece, the piece as built, and exploration of other designs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .rows import tr
 from .stages import look
 
 _MISSING = registry.missing_modules("panels")
-# tab -> module that draws it; a tab whose extra is missing is left out
+# tab -> module that draws it; tabs of extras (optional features) that are not installed are left out
 MODULES: dict[str, Any] = {
     kind: import_module(f"{__package__}.{name}")
     for kind, name in (("LOADS", "loads"), ("BUILT", "built"), ("EXPLORE", "candidates"))
@@ -29,7 +29,10 @@ def draw(body: Any, context: bpy.types.Context) -> None:
 
 
 def key(context: bpy.types.Context) -> str:
-    """Return the figure beside the heading: the smallest load factor at which the piece gives way."""
+    """Return the text beside the folded section's heading: the smallest load factor at which the piece gives way.
+
+    For load cases without a failure, the largest load factor examined counts.
+    """
     block = look(context).blocks.get("structure")
     if block is None or not block["outcomes"]:
         return ""

@@ -1,4 +1,7 @@
-"""The head of the tab: object, size, *Next*, status line and three rows; equally high always, so that nothing moves."""
+"""The head of the tab: object, size, button *Next*, status line and three rows.
+
+It always has the same height, so that nothing below it moves.
+"""
 
 from __future__ import annotations
 
@@ -15,23 +18,31 @@ from ..bridge.view.widths import lines, room, wide
 from .rows import button, menu, sentence, tr
 from .stages import look
 
-SLOTS = 3  # rows below the status line
-THIN = 0.01  # width of an invisible separator, in usual spaces
-EMPHASIS = 1.5  # height of Next, in rows; by eye
-NARROW = 205  # pixels for words below which the size loses its label, or Blender would cut its numbers
-CURE, SIGN = 14, 26  # pixels: a button's width beyond its words, and the width of a notice's icon
-WORDS = 0.40, 0.70  # least and largest share of a row for a notice's words
+SLOTS = 3  # number of rows below the status line
+THIN = 0.01  # width of an invisible separator, as a fraction of a usual separator
+EMPHASIS = 1.5  # height of the button Next, in rows; larger is more prominent and takes more room; chosen by eye
+# line width in pixels below which the label "Size" is dropped, so that Blender does not truncate the three numbers
+NARROW = 205
+CURE, SIGN = 14, 26  # pixels: width of a button beyond its text, and width of a notice's icon
+WORDS = 0.40, 0.70  # smallest and largest fraction of a row for a notice's text; the rest is for its button
 GROUPS = (
     ("PATCH", "ENERGY", "SQUARE"),
     ("STIFFNESS", "WIDTH", "ANISOTROPY", "TWIST"),
     ("DISTANCE", "STRAIN_ENERGY", "SAFETY", "SLOT", "REACH"),
     ("UTILISATION", "SCAN"),
     ("NONE",),
-)  # kinds of colours in their menu, by group
+)  # groups of the menu of colours; keys of ``colouring.KINDS``
 
 
 def draw(layout: Any, context: bpy.types.Context, problem: str | None) -> None:
-    """Draw all rows of the head; ``problem`` says why there is nothing to work on."""
+    """Draw the head.
+
+    Parameters
+    ----------
+    layout : Blender's layout
+    context : Blender's context
+    problem : why the active object cannot be used; None if it can
+    """
     running, obj = background.current(), context.object
     row = layout.row()
     row.label(text=obj.name if obj else tr("No mesh selected"), icon="MESH_DATA" if obj else "BLANK1", translate=False)
@@ -87,7 +98,7 @@ def _size(layout: Any, context: bpy.types.Context, editable: bool) -> None:
 
 
 def _next(layout: Any, content: head_text.Head, running: Any) -> None:
-    """Draw *Next* and its menu, or the progress of a job and a cross, in the same two rectangles."""
+    """Draw the button *Next* with its menu; while a job runs, draw its progress and a stop button in their place."""
     whole = layout.row(align=True)
     row = whole.row(align=True)
     row.scale_y = EMPHASIS
@@ -107,10 +118,10 @@ def _next(layout: Any, content: head_text.Head, running: Any) -> None:
 
 
 def _highlight_stop(row: Any) -> None:
-    """Draw an invisible separator without an operator.
+    """Draw an invisible separator, so that Blender does not highlight the box below.
 
-    When a job ends under the pointer, Blender highlights the next item that has no operator; without the
-    separator that would be the box below.
+    When a job ends while the pointer is on its stop button, Blender highlights the next item without an operator:
+    this separator.
     """
     row.separator(factor=THIN)
 
@@ -119,9 +130,11 @@ def _highlight_stop(row: Any) -> None:
 
 
 def _rows(box: Any, context: bpy.types.Context, notices: tuple[Notice, ...]) -> None:
-    """Draw three rows: up to three notices, or two and a link to all; the cures of a lone notice below each other.
+    """Draw three rows: up to three notices, or two notices and a link to the full list.
 
-    If more notices than rows speak against cutting, only these are listed, so that the status line's count agrees.
+    A single notice shows up to three remedies ("cures", drawn as buttons), several notices show one each. If the
+    notices other than information need more than three rows, only these are listed and counted, so that their number
+    agrees with the status line.
     """
     serious = tuple(notice for notice in notices if notice.kind != INFORMATION)
     many = len(serious) > SLOTS
@@ -147,7 +160,10 @@ def _rows(box: Any, context: bpy.types.Context, notices: tuple[Notice, ...]) -> 
 
 
 def _share(context: bpy.types.Context, notices: tuple[Notice, ...]) -> float:
-    """Return the share of a row for the words, so that buttons line up: as much as the words need and the cures leave."""
+    """Return the fraction of a row for the text of a notice, common to all rows, so that the buttons line up.
+
+    Room that neither text nor buttons need is split evenly between them.
+    """
     words = max((wide(notice.words) for notice in notices), default=0) + SIGN
     cures = max((wide(cure.label) for notice in notices for cure in notice.cures[:SLOTS]), default=0) + CURE
     free = max(0.0, room(context) - words - cures)
@@ -155,18 +171,18 @@ def _share(context: bpy.types.Context, notices: tuple[Notice, ...]) -> float:
 
 
 def _words(layout: Any, notice: Notice) -> None:
-    """Draw the words of a notice; a click shows the place, the tooltip the whole sentence."""
+    """Draw the short text of a notice; a click selects the place, the tooltip gives the whole sentence."""
     row = layout.row()
     row.alignment, row.alert = "LEFT", notice.kind == STOPS
     icon = "INFO" if notice.kind == INFORMATION else "ERROR"
-    if "/" not in notice.key and notice.key != KEPT:  # the notice has no place on the object
+    if "/" not in notice.key and notice.key != KEPT:  # the notice concerns no place on the object: no button
         row.label(text=notice.words, icon=icon, translate=False)
         return
     button(row, "flexmaps.show_notice", notice.words, icon, emboss=False).key = notice.key
 
 
 def cured(layout: Any, cure: Any) -> None:
-    """Draw the button of a cure."""
+    """Draw the button of a remedy (``Cure``: operator, label and properties)."""
     pressed = button(layout, cure.idname, cure.label)
     for name, value in cure.properties.items():
         setattr(pressed, name, value)

@@ -1,4 +1,4 @@
-"""The section *Layout*: where the surface is cut; proposed layouts as cards."""
+"""The section *Layout*: where the surface is cut into panels, with cards of the proposed layouts."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from ..engine.figures import format_figure
 from .rows import A_ROW, LOW, button, duration, figures, menu, percent, settings_popover, tr, value
 from .stages import block_of, look
 
-PICTURE = 3.2  # size of a card's picture, in rows, so that three fit side by side
-CARDS = 6  # cards at most
+PICTURE = 3.2  # size of a card's picture, in rows; with a larger one, three cards would not fit side by side
+CARDS = 6  # largest number of cards; more make the section longer
 LIMITS = "distortion_limit", "compactness_limit", "neck_min", "patch_min", "seamless"
 
 
@@ -52,7 +52,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
 
 
 def _cards(body: Any, context: bpy.types.Context) -> None:
-    """Draw the compared layouts."""
+    """Draw a card for each proposed layout."""
     stored = block_of(body, context, "choose")
     if stored is None:
         return
@@ -68,7 +68,7 @@ def _cards(body: Any, context: bpy.types.Context) -> None:
 
 
 def _card(card: Any, number: int, row: dict[str, Any], picture: int, taken: bool) -> None:
-    """Draw one layout: its picture, the button that takes it, and the three deciding figures, one a line."""
+    """Draw the card of a layout: picture, button to choose it, and lines with match, assembly time and sheets."""
     card.template_icon(icon_value=picture, scale=PICTURE)
     taking = button(card, "flexmaps.take_choice", panels(row["panels"]), depress=taken)
     taking.number, taking.tip = number, _tip(row)
@@ -80,7 +80,7 @@ def _card(card: Any, number: int, row: dict[str, Any], picture: int, taken: bool
 
 
 def _tip(row: dict[str, Any]) -> str:
-    """Return the other figures of a layout, for the button's tooltip."""
+    """Return the tooltip of a card's button: joints, strain, cutting time and symmetry of the layout."""
     parts = [
         tr("{} joint" if row["joints"] == 1 else "{} joints", row["joints"]),
         tr("strain {} of its limit", f"{100 * row['strain_share_max']:.0f} %"),
@@ -91,13 +91,13 @@ def _tip(row: dict[str, Any]) -> str:
 
 
 def past_limit(context: bpy.types.Context) -> bool:
-    """Return whether a quad is distorted beyond the limit, with a tolerance for rounding."""
+    """Return whether any quad's distortion is above the limit, with a tolerance for rounding."""
     limit = context.object.flexmaps.layout.distortion_limit
     return bool(look(context).blocks.get("layout", {}).get("energy_max", 0.0) > limit * 1.0001)
 
 
 def key(context: bpy.types.Context) -> str:
-    """Return the figure beside the heading."""
+    """Return the text beside the folded section's heading: the number of panels."""
     block = look(context).blocks.get("layout")
     return "" if block is None else panels(block.get("patches", 0))
 

@@ -1,4 +1,4 @@
-"""Loads in the section *Check*: load cases, and what the piece bears."""
+"""The tab *Loads* of the section *Check*: load cases, and the results of the structural analysis."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..engine.materials import OVERLOADED, OVERSTRAIN_SHARE
 from .rows import button, figures, popover, sentence, tr, value
 from .stages import block_of
 
-OUTCOMES = 4  # rows shown at most, so that the section stays short; by eye
+OUTCOMES = 4  # largest number of load cases whose results are listed; more make the section longer; chosen by eye
 EXAMPLE = "Sums of load cases with factors, such as: all = 1.35 weight + 1.5 snow"
 
 
@@ -39,7 +39,10 @@ def draw(body: Any, context: bpy.types.Context) -> None:
 
 
 def _outcome(row: dict[str, Any]) -> list[tuple[str, str, bool]]:
-    """Return the rows of one load case: how far the piece bends, utilisation, and how far the load may rise."""
+    """Return the rows of a load case's results, as ``figures`` takes them.
+
+    They are the load factor at which the piece gives way, the largest deflection, and utilisation of arms and joints.
+    """
     name = tr(row["name"]) if row["kind"] == row["name"] else row["name"]
     critical = row["critical"]
     times = f"> {row['followed_to']:.3g}" if critical is None else f"{critical:.3g}"

@@ -12,7 +12,7 @@ from ..engine.extras import registry
 from .rows import button, decimals, duration, figures, menu, percent, rare, settings_popover, tr, value
 from .stages import block_of, look
 
-# kinds of files that come in several versions: setting, label, value that a press switches on
+# kinds of files that come in several versions: setting, label, version that the toggle switches on
 KINDS = ("dxf", "DXF", "R2010"), ("solids", "3D", "3MF")
 BASES = ("feet", "Feet"), ("plates", "Plates"), ("planks", "Planks"), ("eyelets", "Eyelets")
 
@@ -26,7 +26,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
         switch = row.operator(
             "wm.context_toggle_enum", text=words, depress=getattr(files, name) != "NONE", translate=False
         )
-        # this operator sets the second value whenever the current value is not the second
+        # this operator sets value_2 ("NONE") unless it is set already; then it sets value_1
         switch.data_path, switch.value_1, switch.value_2 = f"object.flexmaps.export.{name}", usual, "NONE"
     row.prop(files, "pdf", text="PDF", toggle=True, translate=False)
     if registry.has("assembly_sheet"):
@@ -68,7 +68,7 @@ def _figure_rows(block: dict[str, Any]) -> list[Any]:
 
 
 def key(context: bpy.types.Context) -> str:
-    """Return the figures beside the heading."""
+    """Return the text beside the folded section's heading: number of sheets and cutting time."""
     block = look(context).blocks.get("sheets")
     if block is None:
         return ""

@@ -1,4 +1,4 @@
-"""The section *Piece*: decisions before anything runs."""
+"""The section *Piece*: settings to decide before any stage runs (material, size of quads, border, supports)."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
 
 
 def key(context: bpy.types.Context) -> str:
-    """Return the decisions, for display beside the heading."""
+    """Return the text beside the folded section's heading: the choices of border, support and duration of loads."""
     obj = context.object
     border = [(obj, "flexmaps_border")] if decided.has_border(obj.data) else []
     chosen = *border, (obj, "flexmaps_rests"), (obj.flexmaps.material, "lasts")
@@ -60,7 +60,7 @@ def key(context: bpy.types.Context) -> str:
 
 
 def _material(layout: Any, wanted: Any) -> None:
-    """Draw the values of a custom material; those of listed materials are fixed."""
+    """Draw the properties of the material; they can be edited only if the material is "custom"."""
     layout.enabled = wanted.material.material == "custom"
     settings_of(layout, wanted.material, *CUSTOM)
 

@@ -1,4 +1,4 @@
-"""Blender's menu of presets, shown with the preset's name at the right of the tab's heading."""
+"""Blender's menu of presets, at the right of the tab's heading, labelled with the name of the last applied preset."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class PresetPanel(BlenderPresets, bpy.types.Panel):
 
     @classmethod
     def draw_by_name(cls, layout: Any, obj: bpy.types.Object) -> None:
-        """Draw the menu under the name of the preset taken, with a star where a setting was changed since."""
+        """Draw the menu, labelled with the last applied preset, and a star if a setting was changed since."""
         layout.popover(panel=cls.bl_idname, text=presets.last_preset(obj)[0] or tr("Presets"), translate=False)
 
 

@@ -1,4 +1,4 @@
-"""Building blocks of the sections: labelled rows, figures, popovers, and words in the user's language."""
+"""Building blocks of the sidebar's sections: labelled rows, boxes of results, popovers, menus, number formats."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from ..bridge.store.i18n import CONTEXT
 from ..bridge.store.i18n import interface as tr
 from ..bridge.view.widths import lines, room
 
-NAMES = 0.4  # share of a row for the label before its value, as in Blender
-A_ROW = 3  # toggles or cards in a row; more would cut their words
-LOW = 0.85  # height of a figure, in rows; by eye
-Layout = Any  # bpy.types.UILayout, which tests stand in for
+NAMES = 0.4  # fraction of a row's width for the label before its value, as in Blender's own panels
+A_ROW = 3  # toggles or cards side by side; more would truncate their labels
+LOW = 0.85  # height of a line of results or of a sentence, in rows; smaller is denser; chosen by eye
+Layout = Any  # bpy.types.UILayout, or a test's stand-in
 
 # -- rows with settings ------------------------------------------------------------------------------------------------
 
 
 def line(layout: Layout, name: str) -> Layout:
-    """Add a row beside a label, aligned with the settings above and below."""
+    """Add a label with a row to its right, aligned with the settings above and below; return the row."""
     split = layout.split(factor=NAMES, align=True)
     split.use_property_split = False
     left = split.row()
@@ -30,33 +30,42 @@ def line(layout: Layout, name: str) -> Layout:
 
 
 def value(layout: Layout, owner: Any, name: str, label: str, **options: Any) -> Layout:
-    """Add one setting beside its short label, and return the row, for related buttons."""
+    """Add a setting with a short label; return its row, for further buttons.
+
+    Parameters
+    ----------
+    layout : Blender's layout
+    owner : property group with the setting
+    name : name of the setting
+    label : translated label
+    options : further arguments of ``UILayout.prop``
+    """
     row = line(layout, label)
     row.prop(owner, name, text="", **options)
     return row
 
 
 def pair(layout: Layout, label: str, owner: Any, *names: str) -> None:
-    """Add several numbers in one row."""
+    """Add several settings (``names`` of the group ``owner``) side by side behind a label."""
     row = line(layout, label)
     for name in names:
         row.prop(owner, name, text="")
 
 
 def choice(layout: Layout, label: str, owner: Any, name: str) -> Layout:
-    """Add a choice whose values stand side by side, and return the row."""
+    """Add a setting with a label, and its possible values as buttons side by side; return the row."""
     row = line(layout, label)
     row.prop(owner, name, expand=True)
     return row
 
 
 def button(layout: Layout, idname: str, text: str, icon: str = "NONE", **options: Any) -> Any:
-    """Add an operator under words that are already translated."""
+    """Add an operator's button with a text that is already translated; return the operator's properties."""
     return layout.operator(idname, text=text, icon=icon, translate=False, **options)
 
 
 def rare(row: Layout, name: str) -> None:
-    """Add to the end of a row the popover of its rare settings."""
+    """Add a button to the end of a row, which opens the popover ``name`` with rarely used settings."""
     row.popover(f"FLEXMAPS_PT_{name}", text="", icon="OPTIONS")
 
 
@@ -70,7 +79,14 @@ class _Popover:
 
 
 def popover(name: str, label: str, draw: Callable[[Layout, Any], None]) -> type:
-    """Return the class of a popover; ``draw`` gets its layout and the object's settings."""
+    """Make the panel class of a popover.
+
+    Parameters
+    ----------
+    name : end of its ``bl_idname``
+    label : its heading
+    draw : function of the popover's layout and the active object's settings
+    """
 
     def drawn(self: Any, context: bpy.types.Context) -> None:
         self.layout.label(text=tr(label), translate=False)
@@ -82,7 +98,14 @@ def popover(name: str, label: str, draw: Callable[[Layout, Any], None]) -> type:
 
 
 def settings_of(layout: Layout, owner: Any, *names: str) -> None:
-    """Add the named settings of a group, or all, with full names and units, in the group's order."""
+    """Add settings of a group with their full names and units, in the group's order.
+
+    Parameters
+    ----------
+    layout : Blender's layout
+    owner : the property group
+    names : names of the settings; default all visible ones
+    """
     for name, prop in owner.bl_rna.properties.items():
         ours = prop.type != "POINTER" and not prop.is_hidden and name != "name"
         if name in names or (ours and not names):
@@ -90,15 +113,29 @@ def settings_of(layout: Layout, owner: Any, *names: str) -> None:
 
 
 def settings_popover(name: str, label: str, section: str, *names: str) -> type:
-    """Return the class of a popover with settings of a section, see ``settings_of``."""
+    """Make the panel class of a popover with settings of one section of the object's settings.
+
+    Parameters
+    ----------
+    name, label : as in ``popover``
+    section : the section, such as "export"
+    names : names of the settings; default all visible ones
+    """
     return popover(name, label, lambda layout, wanted: settings_of(layout, getattr(wanted, section), *names))
 
 
 def menu(name: str, label: str, draw: Callable[[Layout, bpy.types.Context], None]) -> type:
-    """Return the class of a menu."""
+    """Make the class of a menu.
+
+    Parameters
+    ----------
+    name : end of its ``bl_idname``
+    label : its heading
+    draw : function of the menu's layout and Blender's context
+    """
 
     def drawn(self: Any, context: bpy.types.Context) -> None:
-        self.layout.operator_context = "INVOKE_DEFAULT"  # else stages would run at once and block the window
+        self.layout.operator_context = "INVOKE_DEFAULT"  # otherwise stages would block the window while they run
         draw(self.layout, context)
 
     idname = f"FLEXMAPS_MT_{name}"
@@ -110,7 +147,13 @@ def menu(name: str, label: str, draw: Callable[[Layout, bpy.types.Context], None
 
 
 def figures(layout: Layout, *rows: tuple[str, str] | tuple[str, str, bool]) -> None:
-    """Draw a section's box of results: label, value, and whether the value is past its limit, which shows red."""
+    """Draw a box of results.
+
+    Parameters
+    ----------
+    layout : Blender's layout
+    rows : label, value, and optionally whether the value is past its limit, which is drawn red
+    """
     box = layout.box().column(align=True)
     for label, text, *alert in rows:
         row = box.row()
@@ -122,7 +165,16 @@ def figures(layout: Layout, *rows: tuple[str, str] | tuple[str, str, bool]) -> N
 
 
 def sentence(layout: Layout, context: bpy.types.Context, text: str, most: int = 99, units: int = 0) -> None:
-    """Draw a sentence over as many lines as the sidebar's width needs, or a popover's width of ``units``."""
+    """Draw a sentence, broken into lines that fit the sidebar or a popover.
+
+    Parameters
+    ----------
+    layout : Blender's layout
+    context : Blender's context
+    text : the sentence
+    most : largest number of lines; the rest is cut off
+    units : width of the popover in Blender's UI units; 0 for the sidebar
+    """
     column = layout.column(align=True)
     for line in lines(text, room(context) if not units else 20 * units - 20, most):
         row = column.row()

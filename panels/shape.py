@@ -1,4 +1,4 @@
-"""The section *Shape*: make spirals that spring into the shape, optimised, painted or pulled by hand."""
+"""The section *Shape*: optimise the spirals so that the piece takes the target's shape, or change them by hand."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..engine.figures import format_figure
 from .rows import button, decimals, figures, line, menu, pair, popover, settings_of, tr, value
 from .stages import block_of, look
 
-PLOT = 5.0  # size of the plot, in rows
+PLOT = 5.0  # size of the plot of an optimisation's progress, in rows
 
 
 def draw(body: Any, context: bpy.types.Context) -> None:
@@ -66,7 +66,10 @@ def _brush(column: Any, context: bpy.types.Context) -> None:
 
 
 def _search(body: Any, history: Any) -> None:
-    """Draw how the distance falls while an optimisation runs."""
+    """Draw a plot of the distance to the target over the steps of the running optimisation.
+
+    ``history`` lists (seconds, distance in metres) for every step.
+    """
     seconds, distance = history[-1]
     row = body.box().row()
     row.template_icon(icon_value=plot.icon([away for _, away in history]), scale=PLOT)
@@ -77,7 +80,7 @@ def _search(body: Any, history: Any) -> None:
 
 
 def _results(body: Any, context: bpy.types.Context) -> None:
-    """Draw the slider between target and result, and the box of figures."""
+    """Draw sliders between the target and each simulated shape, and the box of results."""
     rows: list[Any] = []
     stored = block_of(body, context, "equilibrium")
     if stored is not None:
@@ -105,24 +108,24 @@ def _results(body: Any, context: bpy.types.Context) -> None:
         rows.append((tr("From drag targets"), arrow.format(searched["wished_mm_before"], searched["wished_mm"])))
     stored = stored or block_of(body, context, "spirals")
     layout, block = body if stored is None else stored[0], look(context).blocks["spirals"]
-    if "slot_min_mm" in block:  # only after finished outlines, not after every stroke of a brush
+    if "slot_min_mm" in block:  # measured on finished outlines, so missing after a stroke of the brush
         rows.append((tr("Narrowest gap"), decimals(block, "slot_min_mm", 2, " mm")))
     rows += [(tr(label), _span(block, name, form)) for name, label, form in RANGES if block.get(name)]
     figures(layout, *rows)
 
 
-# key in the block, label, digits and unit
+# key in the block "spirals", label, (number format, unit)
 RANGES = ("width_mm", "Arm width", (".2f", " mm")), ("twist_deg", "Twist", (".0f", "\N{DEGREE SIGN}"))
 
 
 def _span(block: dict[str, Any], key: str, form: tuple[str, str]) -> str:
-    """Format the range of a block's entry [smallest, mean, largest]."""
+    """Format a block's entry [smallest, mean, largest] as a range; ``form`` is (number format, unit)."""
     digits, unit = form
     return span(f"{block[key][0]:{digits}}", f"{block[key][-1]:{digits}}", unit)
 
 
 def key(context: bpy.types.Context) -> str:
-    """Return the figures beside the heading."""
+    """Return the text beside the folded section's heading: distance from the target, and strain if known."""
     block = look(context).blocks.get("equilibrium", {})
     if not block:
         return ""

@@ -1,4 +1,4 @@
-"""The section *Show*: the assembled piece, the film of its assembly, and pictures."""
+"""The section *Show*: preview of the assembled piece, animation of its assembly, and rendered pictures."""
 
 from __future__ import annotations
 

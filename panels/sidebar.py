@@ -1,4 +1,4 @@
-"""The tab in the 3D view's sidebar: one panel with a fixed head and seven sections, of which one is open."""
+"""The tab in the 3D view's sidebar: one panel with a head that is always shown and seven sections that fold."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from . import check, head, layout, make, piece, presets, shape, show, workshop
 from .rows import button, tr
 from .stages import ICONS, look
 
-# key of the section, heading, popover of its rare settings, its module, and the stages that its icon sums up
+# of each section: key, heading, popover of rarely used settings ("" for none), module that draws it, and the stages
+# whose states its icon summarises
 SECTIONS = (
     ("piece", "Piece", "", piece, ()),
     ("layout", "Layout", "limits", layout, ("layout",)),
@@ -57,7 +58,14 @@ class MainPanel(bpy.types.Panel):
 
 
 def _section(panel: Any, context: bpy.types.Context, key: str, title: str, gear: str, module: Any, stages: Any) -> None:
-    """Draw the heading of a section: folded with its key figure and icon, open with the popover of rare settings."""
+    """Draw a section: if folded, its heading with a figure and an icon; if open, its heading and its content.
+
+    Parameters
+    ----------
+    panel : layout of the tab
+    context : Blender's context
+    key, title, gear, module, stages : a row of ``SECTIONS``
+    """
     header, body = panel.panel_prop(context.window_manager.flexmaps_tab, f"open_{key}")
     header.label(text=tr(title), translate=False)
     right = header.row(align=True)
@@ -77,7 +85,7 @@ def _section(panel: Any, context: bpy.types.Context, key: str, title: str, gear:
 
 
 def _sign(context: bpy.types.Context, module: Any, stages: tuple[str, ...]) -> str:
-    """Return the icon of a section: a tick if all its stages are done, else out of date, to do or past a limit."""
+    """Return the icon that summarises a section's stages: out of date, to do, past a limit, or a tick."""
     seen = look(context)
     kinds = {seen.states[stage].kind for stage in stages if stage in seen.states}
     if states.OLD in kinds:
@@ -92,7 +100,7 @@ def _sign(context: bpy.types.Context, module: Any, stages: tuple[str, ...]) -> s
 
 
 def _welcome(panel: Any) -> None:
-    """Draw an introduction in place of the sections, while there is no mesh."""
+    """Draw an introduction in place of the sections, while there is no usable mesh."""
     column = panel.column()
     for icon, words in STEPS:
         column.label(text=tr(words), icon=icon, translate=False)
@@ -100,7 +108,7 @@ def _welcome(panel: Any) -> None:
 
 
 def _tutorial_buttons(panel: Any) -> None:
-    """Draw links to the tutorial and the example, until a first piece is made."""
+    """Draw buttons for the tutorial and the example; shown until the file holds a result."""
     row = panel.row(align=True)
     button(row, "flexmaps.tutorial", tr("Tutorial"), "LIGHT")
     button(row, "flexmaps.example", tr("Example"), "ADD")

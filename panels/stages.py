@@ -1,4 +1,4 @@
-"""The object's states, results and guidance, computed once for each redraw of the tab."""
+"""States of the active object's stages, their results and the guidance, computed once per redraw of the tab."""
 
 from __future__ import annotations
 
@@ -12,12 +12,21 @@ from ..bridge.store import guidance, notes, states
 from ..bridge.store.guidance import Guidance
 
 ICONS = {states.TODO: "BLANK1", states.DONE: "CHECKMARK", states.OLD: "FILE_REFRESH"}
-ONE_REDRAW = 0.2  # seconds in which popovers reuse the states that the tab computed: longer than a redraw, shorter than a person waits; not measured
+# seconds for which popovers reuse the states computed by the tab; has to be longer than a redraw, and is short enough
+# that nobody notices old states; not measured
+ONE_REDRAW = 0.2
 
 
 @dataclass(frozen=True)
 class Seen:
-    """States, blocks and guidance of the object with this id of Blender's."""
+    """Snapshot of an object for one redraw.
+
+    uid : Blender's session id of the object
+    seconds : monotonic time of the snapshot
+    states : state of every stage: to do, done, or out of date
+    blocks : stored results by stage
+    guidance : notices and the next step
+    """
 
     uid: int
     seconds: float
@@ -30,7 +39,13 @@ _seen: list[Seen] = []
 
 
 def look(context: bpy.types.Context, afresh: bool = False) -> Seen:
-    """Return the states of the active object; ``afresh``, which the tab sets as it is drawn first, recomputes them."""
+    """Return the snapshot of the active object, at most ``ONE_REDRAW`` seconds old.
+
+    Parameters
+    ----------
+    context : Blender's context
+    afresh : recompute it in any case; the tab asks for this, because it is drawn before the popovers
+    """
     obj, now = context.object, time.monotonic()
     if afresh or not _seen or _seen[0].uid != obj.session_uid or now - _seen[0].seconds > ONE_REDRAW:
         current = states.read_states(obj, context.scene)
@@ -40,7 +55,10 @@ def look(context: bpy.types.Context, afresh: bool = False) -> Seen:
 
 
 def block_of(layout: Any, context: bpy.types.Context, stage: str) -> tuple[Any, dict[str, Any]] | None:
-    """Return a layout for a stage's figures, grey if they are out of date, and the stage's block; None without a result."""
+    """Return a column for a stage's results, and the results; None if the stage has none.
+
+    The column is greyed out if the results are out of date.
+    """
     seen = look(context)
     if stage not in seen.blocks:
         return None

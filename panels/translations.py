@@ -1,4 +1,4 @@
-"""Register the translations of the sidebar, tooltips and reports, from the files ``locale/LANGUAGE.po``."""
+"""Register the translations of sidebar, tooltips and reports with Blender, from the files ``locale/LANGUAGE.po``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ FOLDER = Path(__file__).parent / "locale"
 
 
 def register() -> None:
-    # "de" serves every German-speaking country, "pt_BR" only Brazil
+    # the file names are Blender's locale names: "de" serves all German-speaking countries, "pt_BR" only Brazil
     bpy.app.translations.register(
         __package__, {file.stem: catalogue.table(file) for file in sorted(FOLDER.glob("*.po"))}
     )

@@ -1,4 +1,4 @@
-"""The section *Workshop*: settings of the machine and its material, which a preset keeps."""
+"""The section *Workshop*: settings of the machine, the sheets, the files and the prices, which presets store."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..bridge.view.tab import HABITS
 from ..engine.extras import registry
 from .rows import button, pair, tr, value
 
-# rows of each tab: label, then "section.name" of one or two settings
+# tab -> rows: label, then "section.name" of one or two settings
 ROWS: dict[str, tuple[tuple[str, ...], ...]] = {
     "CUT": (
         ("Kerf, inside", "cut.kerf_outline", "cut.kerf_holes"),
@@ -52,7 +52,7 @@ ROWS: dict[str, tuple[tuple[str, ...], ...]] = {
         ("Labour hour", "cost.labour_rate"),
     ),
 }
-# numbers of the solvers: section -> names
+# settings of the solvers, shown in the tab SOLVER: section -> names
 SOLVER = {
     "regularise": ("iterations",),
     "spiral": ("blend", "curvature_top"),
@@ -96,7 +96,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
 
 
 def key(context: bpy.types.Context) -> str:
-    """Return the cutter's width, for display beside the heading."""
+    """Return the text beside the folded section's heading: the mill's diameter, or the kerf."""
     cut = context.object.flexmaps.cut
     if cut.mill > 0:
         return tr("Mill of {} mm", f"{cut.mill:.2g}")
@@ -119,7 +119,7 @@ class Preferences(bpy.types.AddonPreferences):
 
 
 def expert(context: bpy.types.Context) -> bool:
-    """Return whether the solvers' numbers are shown."""
+    """Return whether the user has chosen to see the solvers' settings, in the add-on's preferences."""
     addon = context.preferences.addons.get(Preferences.bl_idname)
     return addon is not None and addon.preferences.expert
 

@@ -1,1 +1,1 @@
-"""Processes and threads that run the engine: the background job, live mode, a second Blender; and the main job's folder."""
+"""Threads and processes that run the engine (background job, live mode, second Blender), and the main job's folder."""

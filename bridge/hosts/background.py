@@ -1,7 +1,7 @@
-"""The one background job: a worker thread runs engine code, the main thread polls, draws and writes.
+"""The background job, one at a time: a worker thread runs engine code; the main thread polls it and updates Blender.
 
-The worker never touches Blender's data. ``Job`` is the thread with its progress and its cancelling; ``run_here`` runs the
-work without a thread, for scripts and for Blender without a window.
+The worker thread never touches Blender's data. ``Job`` is the thread with its progress and a way to cancel it.
+``run_here`` runs the work without a thread, for scripts and for Blender without a window.
 """
 
 from __future__ import annotations
@@ -19,30 +19,31 @@ from ...engine.remaining import Remaining, format_seconds
 
 Work = Callable[[Progress], Any]
 
-TICK = 0.02  # seconds between two looks at what computes elsewhere; smaller reacts sooner and takes more of the window's time
-# seconds until a waiting thread gets Python's lock while the worker computes. Drawing a sidebar takes the lock about a
-# hundred times: with Python's own 5 ms the window seems to hang. Smaller keeps the window quicker and slows the worker
+# polling interval of threads and processes, seconds; smaller reacts sooner and takes more of the window's time
+TICK = 0.02
+# switch interval of Python's global interpreter lock while a job runs, seconds (Python's default: 5 ms); smaller keeps
+# the window more responsive and slows the worker down
 SWITCH = 0.0003
 
 _running: list[Job] = []
 
 
 def current() -> Job | None:
-    """Return the job that runs now, if any; panels read it to draw the progress line."""
+    """Return the running job, or None; panels read it to draw the progress line."""
     return _running[0] if _running else None
 
 
 def shown() -> Any:
-    """Return the intermediate result that the current job shows, if any, such as a shape that is still moving."""
+    """Return the running job's latest intermediate result, such as a shape that is still moving; None without one."""
     return _running[0].shown if _running else None
 
 
 class Job:
-    """Engine work in a thread: ``start`` it, poll ``finished``, then take ``result`` or ``error``."""
+    """Engine work in a thread: call ``start``, poll ``finished``, then read ``result`` or ``error``."""
 
     def __init__(self, title: str, work: Work, on_stop: str = "nothing is changed then"):
         self.title = title
-        self.on_stop = on_stop  # sentence for the sidebar: what happens to the work when it is stopped
+        self.on_stop = on_stop  # words for the sidebar: the effect of stopping the job
         self.fraction = 0.0
         self.text = ""
         self.shown: Any = None  # the latest intermediate result, such as a shape that is still moving
@@ -55,7 +56,7 @@ class Job:
         self._thread = threading.Thread(target=self._run, name=f"FlexMaps {title}", daemon=True)
 
     def start(self) -> None:
-        """Become the current job; raise ``RuntimeError`` while another one runs."""
+        """Start the thread as the running job; raise ``RuntimeError`` if another job is running."""
         if _running:
             raise RuntimeError(f"{_running[0].title} is still running")
         _running.append(self)
@@ -77,7 +78,7 @@ class Job:
         self._stop.set()
 
     def end(self) -> None:
-        """Stop the work if it still runs, wait for the thread, and make room for the next job."""
+        """Stop the work if it is still running, wait for the thread, and allow the next job to start."""
         self.stop()
         if self._thread.ident is not None:
             self._thread.join()
@@ -106,9 +107,9 @@ class Job:
 
 
 class Ticks:
-    """Print progress on a console: a line when a step first appears, then one a second at most.
+    """Progress callback that prints to the console: a line for every new step, then at most one line a second.
 
-    Text after a colon is a detail of the same step.
+    The step's name is the text before the first colon; the rest is a detail of the step.
     """
 
     def __init__(self, title: str):
@@ -131,12 +132,12 @@ class Ticks:
 
 
 def run_here(title: str, work: Work) -> Any:
-    """Run the work now, on this thread; Ctrl-C becomes ``Cancelled``.
+    """Run the work on the calling thread and return its result; Ctrl-C raises ``Cancelled``.
 
     Parameters
     ----------
     title : name of the work, for the console
-    work : function of a ``Progress``; its result is returned
+    work : function that takes a ``Progress``
     """
     try:
         return work(Progress(Ticks(title)))
@@ -150,13 +151,13 @@ def run_here(title: str, work: Work) -> Any:
 
 
 def _explain(error: BaseException) -> BaseException:
-    """Turn a fault that another extension's packages caused into a sentence; return other errors as they are."""
+    """Return an error that names the extension whose packages caused this error; other errors unchanged."""
     if isinstance(error, FlexMapsError | Cancelled):
         return error
     return packages.blame_extension(error) or error
 
 
 def stop_current(*_: object) -> None:
-    """End the current job and wait for it: before another file is loaded, and when the extension is disabled."""
+    """Stop the running job and wait until it ends; called before a file is loaded or the extension is disabled."""
     for running in list(_running):
         running.end()

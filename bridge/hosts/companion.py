@@ -1,4 +1,7 @@
-"""A process beside Blender that brings the newest state of one piece to rest; nothing queues up, and no window waits."""
+"""A process beside Blender that computes the equilibrium of a live piece.
+
+It always works on the newest input and drops older ones, so that neither a queue nor a blocked window arises.
+"""
 
 from __future__ import annotations
 
@@ -13,18 +16,22 @@ from ...engine.extras.live.session import LiveRequest, step_piece
 from ...engine.mechanics.assembly import Pose
 from ...engine.workers import Workers
 
-TRIES = 2  # attempts to send the whole piece to a process that has lost it; more delays the error
+TRIES = 2  # attempts to compute a shape when the process has lost the piece; more attempts delay the error
 
 
 class Companion:
-    """Call ``follow`` with each new state; ``latest`` is the newest shape and what is drawn of it.
+    """Handle of the process and of the thread that talks to it.
 
-    prepared : makes what is drawn from a shape, outside the window's thread
+    Call ``follow`` with each new input; ``latest`` is the newest shape with the picture to draw.
+
+    Parameters
+    ----------
+    prepared : function that makes the picture of a shape; called in the companion's thread
     """
 
     def __init__(self, prepared: Callable[[LiveEquilibrium], Any]):
         self.latest: tuple[LiveEquilibrium, Any] | None = None
-        self.answers = 0  # number of shapes so far
+        self.answers = 0  # number of shapes received so far
         self.error = ""
         self._prepared = prepared
         self._workers = Workers(1)
@@ -38,12 +45,18 @@ class Companion:
 
     @property
     def resting(self) -> bool:
-        """Return whether the newest state has come to rest."""
+        """Return whether the newest input's shape is computed, so that it moves no further."""
         with self._change:
             return self._resting and self._wanted is self._sent
 
     def follow(self, state: LiveInput, start: Pose | None = None) -> None:
-        """Follow this state from now on; ``start`` is the pose of a new piece at rest."""
+        """Replace the input.
+
+        Parameters
+        ----------
+        state : newest input of the piece
+        start : equilibrium pose from which a new piece starts, if known
+        """
         with self._change:
             self._wanted, self._start = state, start
             self._change.notify()
@@ -64,12 +77,12 @@ class Companion:
             pass
         except Exception as error:
             with self._change:
-                # name the type of any error that is not the user's, to help whoever debugs it
+                # add the type of unexpected errors, which helps to debug them
                 self.error = str(error) if isinstance(error, FlexMapsError) else f"{type(error).__name__}: {error}"
                 self._resting, self._sent = True, self._wanted
 
     def _next(self) -> bool:
-        """Compute one shape; return whether to go on."""
+        """Wait for work, then compute one shape; return False when the companion is closed."""
         with self._change:
             self._change.wait_for(lambda: self._closed or not self._resting or self._wanted is not self._sent)
             if self._closed:
@@ -92,5 +105,5 @@ class Companion:
             ).result()
             if shape is not None:
                 return shape
-            self._sent = None  # the process that held the piece has ended
+            self._sent = None  # the process ended and lost the piece: send the whole input next
         raise FlexMapsError("The process beside Blender does not keep the piece; switch Live off and on again")

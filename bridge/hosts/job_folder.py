@@ -1,4 +1,4 @@
-"""The folder of the main job: sheets, a .blend, pictures, the report as a page and as ``report.json``."""
+"""Write the output folder of the main job: sheets, a .blend file, pictures, the report as HTML and ``report.json``."""
 
 from __future__ import annotations
 
@@ -38,22 +38,26 @@ TITLE = "together.png"  # picture at the top of the report
 
 @contextmanager
 def folder(out: Path, guard: Guard, formats: tuple[str, ...], pictures: bool) -> Iterator[files.NewFile]:
-    """Yield the function ``new`` that ``write`` takes; all files appear at the end, or the earlier ones stay.
+    """Open the folder for writing: all new files appear together on success; on an error the old files stay.
 
     Parameters
     ----------
     out : the folder
-    guard : the files that must not be replaced
-    formats : file formats of the sheets; none without sheets
+    guard : protects the user's files from being replaced
+    formats : file formats of the sheets; empty without sheets
     pictures : whether pictures will be written
+
+    Yields
+    ------
+    Function that maps the path of a file to the temporary path to write it at; an argument of ``write``.
 
     Raises
     ------
-    FlexMapsError where another run is writing into the folder, or ``guard`` forbids to replace a file.
+    FlexMapsError : another run is writing into the folder, or ``guard`` forbids replacing a file
     """
     refuse(out, guard, formats, pictures)
     with files.write_all_atomically(_stale(out), out, guard) as new:
-        new(out / REPORT)  # fails before the work where the folder cannot be written to
+        new(out / REPORT)  # fail before the work begins if the folder is read-only
         yield new
 
 
@@ -67,15 +71,17 @@ def write(
     pictures: bool,
     progress: Progress,
 ) -> dict[str, Any]:
-    """Write everything that the stages have made, and return the report; Blender's open file is closed.
+    """Write all results of the main job, and return the report. Replaces the file that is open in Blender.
 
     Parameters
     ----------
-    result, settings, name : the piece
+    result : results of the stages
+    settings : settings of the job
+    name : name of the piece
     out : the folder
-    new : from ``folder``
+    new : function yielded by ``folder``
     formats : file formats of the sheets
-    pictures : also render pictures
+    pictures : whether to render pictures
     progress : called with a fraction and a text
     """
     from ..view import picture, scene
@@ -116,7 +122,7 @@ def write(
 
 
 def _findings(model: bpy.types.Object) -> dict[str, Any]:
-    """Return the notices with their cures as a block of the report; {} where the extension is not registered."""
+    """Return the report's block "findings": notices with their remedies. Empty if the extension is not registered."""
     import bpy
 
     from ..store import guidance
@@ -135,20 +141,21 @@ def write_sheets(
     guide: Path | None,
     progress: Progress = SILENT,
 ) -> list[Path]:
-    """Write the sheets as base-01.svg, ..., base-parts.csv, and the assembly sheet.
+    """Write the sheets (base-01.svg, ...), the parts list (base-parts.csv) and the assembly sheet.
 
     Parameters
     ----------
-    result, title : the piece with its sheets, and its title
+    result : the piece with its sheets
+    title : title of the assembly sheet
     base : folder and start of the file names
-    formats : file formats
-    new : gives the path to write a file at, see ``files.write_all_atomically``
-    guide : file of the assembly sheet, or None
+    formats : file formats of the sheets
+    new : maps a file to the temporary path to write it at, see ``files.write_all_atomically``
+    guide : file of the assembly sheet; None to leave it out
     progress : called with a fraction and a text
 
     Returns
     -------
-    The paths of the files.
+    Paths of the files.
     """
     made, estimate, design = (
         result.need(SheetPlan).sheets,
@@ -172,20 +179,20 @@ def write_sheets(
 def write_batch(
     made: Batch, base: Path, formats: tuple[str, ...], new: files.NewFile, guides: bool, progress: Progress = SILENT
 ) -> list[Path]:
-    """Write the common sheets of several pieces, one parts list, and with ``guides`` an assembly sheet for every piece.
+    """Write the common sheets of several pieces, one parts list, and an assembly sheet for every piece.
 
     Parameters
     ----------
-    made : the nested pieces
+    made : the pieces, nested on common sheets
     base : folder and start of the file names
-    formats : file formats
-    new : gives the path to write a file at, see ``files.write_all_atomically``
-    guides : also write assembly sheets
+    formats : file formats of the sheets
+    new : maps a file to the temporary path to write it at, see ``files.write_all_atomically``
+    guides : whether to write assembly sheets
     progress : called with a fraction and a text
 
     Returns
     -------
-    The paths of the files.
+    Paths of the files.
     """
     written = export.write(made.sheets, base, formats, new, progress.part(0.0, 0.7))
     written.append(base.with_name(f"{base.name}-parts.csv"))
@@ -209,17 +216,17 @@ def write_batch(
 
 
 def guide_of(base: Path) -> Path:
-    """Return the file of the assembly sheet that belongs to the sheets base-01.svg, ..."""
+    """Return the path of the assembly sheet that belongs to sheets named base-01.svg, ..."""
     return base.with_name(f"{base.name}-assembly.pdf")
 
 
 def refuse(out: Path, guard: Guard, formats: tuple[str, ...], pictures: bool) -> None:
-    """Raise ``FlexMapsError`` where ``write`` would replace a file that ``guard`` protects.
+    """Raise ``FlexMapsError`` if ``write`` would replace a file that ``guard`` protects.
 
     Parameters
     ----------
     out : the folder
-    guard : the files that must not be replaced
+    guard : protects the user's files from being replaced
     formats : file formats of the sheets
     pictures : whether pictures will be written
     """
@@ -227,13 +234,13 @@ def refuse(out: Path, guard: Guard, formats: tuple[str, ...], pictures: bool) ->
 
 
 def _present(out: Path, formats: tuple[str, ...], pictures: bool) -> list[Path]:
-    """Return the files that ``write`` may replace."""
+    """Return the existing files that ``write`` would replace, and the names that it always writes."""
     names = [out / name for name in (MODEL, REPORT, *(PICTURES if pictures else ()))]
     return [*export.present(out / SHEET, formats), *names, *report_page.stale(out)]
 
 
 def _stale(out: Path) -> list[Path]:
-    """Return the files that an earlier run may have left; those of FlexMaps are removed when the new ones appear."""
+    """Return the files that an earlier run may have left; those that FlexMaps wrote are removed by this one."""
     return [
         *export.present(out / SHEET, export.FORMATS),
         *map(out.joinpath, PICTURES),
@@ -245,7 +252,7 @@ def _stale(out: Path) -> list[Path]:
 
 @contextmanager
 def quiet_blender() -> Iterator[None]:
-    """Suppress Blender's own output, such as a line for every step of a render, which it writes past Python."""
+    """Suppress Blender's own output, such as a line per render step; Blender writes it from C, past ``sys.stdout``."""
     sys.stdout.flush()
     kept = os.dup(1)
     with open(os.devnull, "w", encoding="utf-8") as nowhere:
@@ -260,6 +267,6 @@ def quiet_blender() -> Iterator[None]:
 
 
 def _flush() -> None:
-    """Empty the C library's buffer, or Blender's output would appear later."""
+    """Flush the C library's buffer; otherwise Blender's suppressed output would appear later."""
     with suppress(OSError, AttributeError, TypeError):
         (ctypes.cdll.ucrtbase if sys.platform == "win32" else ctypes.CDLL(None)).fflush(None)

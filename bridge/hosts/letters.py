@@ -1,4 +1,4 @@
-"""Outlines of letters from Blender's own fonts, which cover most scripts, for the PDFs. On the main thread only."""
+"""Outlines of letters for the PDFs, from Blender's own fonts, which cover most scripts. For the main thread only."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 
 from ...engine.fabrication.writers.glyphs import Outlines, known, plain, runs
 
-END = "|"  # appended to a run: its left edge marks where the run ends
+END = "|"  # letter set after a run of text: its left edge marks where the run ends
 
 
 def learn(*texts: str) -> None:
-    """Make the outlines of all runs that the PDFs' own font lacks."""
+    """Store outlines of all runs of letters in these texts that the PDFs' own font lacks."""
     for run in {run for text in texts for run in runs(text) if not plain(run) and run not in known}:
         shown = run
         if all(unicodedata.bidirectional(letter) in ("R", "AL", "NSM") for letter in run):
-            shown = run[::-1]  # Blender sets letters from left to right, whatever the script
+            shown = run[::-1]  # Blender sets letters from left to right, even of scripts that run from right to left
         known[run] = _outlines(shown)
 
 
@@ -30,7 +30,7 @@ def _outlines(run: str) -> Outlines:
 
 
 def _splines(text: str) -> list[np.ndarray]:
-    """Return the closed splines of a text of size 1, (nodes, 3, 2) each: left handle, node, right handle."""
+    """Return closed Bezier splines of a text at font size 1, each (nodes, 3, 2): left handle, node, right handle."""
     data = bpy.data.curves.new("FlexMaps letters", "FONT")
     obj = bpy.data.objects.new("FlexMaps letters", data)
     try:

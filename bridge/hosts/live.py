@@ -1,6 +1,6 @@
-"""Live mode: watch a piece for changes, and show the shape that it takes.
+"""Live mode: watch an object for changes, and show the equilibrium shape of its piece.
 
-Live mode writes nothing to the file, so undo, saving and modes are unaffected: the shape is drawn over the 3D view.
+The shape is drawn over the 3D view and never written to the file, so undo, saving and Blender's modes are unaffected.
 """
 
 from __future__ import annotations
@@ -20,30 +20,34 @@ if TYPE_CHECKING:
     from ..view.followed import Followed
     from .companion import Companion
 
-SELDOM = 0.2  # seconds between two looks without a reported change, because scripts change data silently
-SHARE = 0.2  # largest share of the window's time spent on reading; a drag reports a change at every tick
+# seconds between two reads of the object while Blender reports no change, because scripts may change data silently;
+# longer notices such changes later, shorter takes more processor time
+SELDOM = 0.2
+# largest fraction of the main thread's time spent on reading the object, because a drag reports a change at every tick;
+# larger follows a drag more closely and slows the window down
+SHARE = 0.2
 
 _running: list[ObjectWatcher] = []
 
 
 def current() -> ObjectWatcher | None:
-    """Return the running follower; None while Live is off."""
+    """Return the watcher of the followed object; None while Live is off."""
     return _running[0] if _running else None
 
 
 def shape_of(obj: bpy.types.Object) -> LiveEquilibrium | None:
-    """Return the live shape of an object, if one is drawn."""
+    """Return the live shape of an object; None if no live shape is drawn for it."""
     following = current()
     return following.shape if following is not None and following.uid == obj.session_uid and following.shown else None
 
 
 def shown() -> Followed | None:
-    """Return the shape drawn over the 3D view, if any."""
+    """Return the picture of the live shape that is drawn over the 3D view, or None."""
     return _running[0].shown if _running else None
 
 
 def start(obj: bpy.types.Object) -> ObjectWatcher:
-    """Follow this object from now on, and no other."""
+    """Follow this object from now on, instead of any other."""
     stop()
     _running.append(ObjectWatcher(obj.session_uid))
     return _running[0]
@@ -51,19 +55,19 @@ def start(obj: bpy.types.Object) -> ObjectWatcher:
 
 @bpy.app.handlers.persistent
 def stop(*_: object) -> None:
-    """Switch Live off: before another file is loaded, and when the extension is disabled."""
+    """Switch Live off; called before a file is loaded and when the extension is disabled."""
     while _running:
         _running.pop().close()
 
 
 @bpy.app.handlers.persistent
 def changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Note that Blender reports a change.
+    """Handle Blender's ``depsgraph_update_post``: mark the followed object to be read again.
 
     Parameters
     ----------
-    scene : scene that was updated
-    depsgraph : dependency graph, with what was updated
+    scene : updated scene
+    depsgraph : dependency graph with the list of updates
     """
     if _running and any(
         isinstance(update.id, bpy.types.Mesh | bpy.types.Object | bpy.types.Key | bpy.types.Scene)
@@ -74,19 +78,19 @@ def changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
 
 @bpy.app.handlers.persistent
 def stepped(*_: object) -> None:
-    """Note that undo or redo has replaced Blender's data."""
+    """Handle undo and redo, which replace Blender's data: mark the followed object to be read again."""
     if _running:
         _running[0].touched = True
 
 
 class ObjectWatcher:
-    """Watches one object.
+    """Watches one object and passes its changes to the process that computes its live shape.
 
-    uid : Blender's id of the object
-    touched : Blender has reported a change
-    shown : what is drawn
-    final : whether the object itself shows an up-to-date simulation
-    slowest : processor seconds of the slowest tick on this thread
+    uid : Blender's session id of the object
+    touched : whether Blender has reported a change since the last read
+    shown : picture of the live shape that is drawn, or None
+    final : whether the object has an up-to-date simulation of its own
+    slowest : processor seconds of the slowest tick on the main thread so far
     """
 
     def __init__(self, uid: int):
@@ -98,24 +102,24 @@ class ObjectWatcher:
         self._given: LiveInput | None = None
         self._next, self._look = 0.0, 0.0
         self._gone = False
-        self._refused = ""  # reason why the object cannot be read
+        self._refused = ""  # reason why the object cannot be read; "" if it can
 
     @property
     def problem(self) -> str:
-        """Return why the last change is not followed; "" where it is."""
+        """Return why the shape does not follow the last change; "" if it does."""
         if self._refused or self._companion is None:
             return self._refused
         return self._companion.error or (self.shape.problem if self.shape is not None else "")
 
     @property
     def shape(self) -> LiveEquilibrium | None:
-        """Return the latest shape, if there is one."""
+        """Return the latest shape, or None before the first one."""
         latest = None if self._companion is None else self._companion.latest
         return None if latest is None else latest[0]
 
     @property
     def resting(self) -> bool:
-        """Return whether the newest state has come to rest."""
+        """Return whether the shape of the newest input is computed, so that it moves no further."""
         return self._companion is None or self._companion.resting
 
     def close(self) -> None:
@@ -124,7 +128,7 @@ class ObjectWatcher:
         self._companion = self.shown = None
 
     def tick(self) -> bool:
-        """Look for changes; return whether there is something new to draw."""
+        """Read the object if it may have changed; return whether the picture or the reported problem changed."""
         began, before = time.thread_time(), (self.shown, self.problem)
         try:
             self._tick(time.perf_counter())
@@ -135,11 +139,11 @@ class ObjectWatcher:
     def _tick(self, now: float) -> None:
         from ..store.objects import find
 
-        if background.current() is not None:  # the job needs the processor, and its result will be a change
+        if background.current() is not None:  # leave the processor to the job; its result will be a change to follow
             self.touched = True
             return
         self._gone = not any(obj.session_uid == self.uid for obj in bpy.context.scene.objects)
-        # report a deleted object at once, and changes as often as time allows
+        # read a deleted object at once (to report it), and a changed one as often as ``SHARE`` allows
         if (self._gone and not self._refused) or (now >= self._next and (self.touched or now >= self._look)):
             self.touched = False
             try:
@@ -175,7 +179,7 @@ class ObjectWatcher:
         return self._companion
 
     def _take(self) -> None:
-        """Take the companion's latest shape; none where the object is gone or shows its own result."""
+        """Show the companion's latest shape; show none if the object is gone or has its own final result."""
         companion = self._companion
         hidden = companion is None or companion.error or self._gone or (self.final and companion.resting)
         latest = None if hidden or companion is None else companion.latest

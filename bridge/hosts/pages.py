@@ -1,4 +1,4 @@
-"""The report's page and the page to share, written for a piece or for an object in Blender."""
+"""Write the HTML report, and the page to share (one HTML file), for a piece of the API or an object in Blender."""
 
 from __future__ import annotations
 
@@ -25,7 +25,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Told:
-    """Content of the pages: report, plots, and the 3D view if there are spirals; ``lost`` says why there are none."""
+    """Content of an HTML page.
+
+    described : the report
+    drawn : plots by name
+    shown : content of the 3D view; None without spirals
+    settings : settings of the piece
+    lost : why there are no spirals, if known
+    """
 
     described: dict[str, Any]
     drawn: dict[str, Drawing]
@@ -34,7 +41,7 @@ class Told:
     lost: FlexMapsError | None = None
 
     def piece(self, progress: Progress = SILENT) -> str | None:
-        """Return the data of the 3D view, if the page is to hold it."""
+        """Return the 3D view's data as JSON; None without spirals, or if the settings ask for no 3D view."""
         if self.shown is None or not self.settings.page.viewer:
             return None
         return page_data.to_json(self.shown, self.settings, report_page.title_of(self.described), progress)
@@ -48,13 +55,13 @@ def described(piece: Piece | bpy.types.Object) -> dict[str, Any]:
 
 
 def write(piece: Piece | bpy.types.Object, out: Path, guard: Guard, progress: Progress = SILENT) -> dict[str, Any]:
-    """Write the page of a piece or an object with plots and report.json into a folder, and return the report.
+    """Write the HTML report with its plots, and report.json, into a folder; return the report.
 
     Parameters
     ----------
     piece : a piece or an object
     out : the folder
-    guard : the files that must not be replaced
+    guard : protects the user's files from being replaced
     progress : called with a fraction and a text
     """
     guard.check([*report_page.stale(out), out / "report.json"], out)
@@ -67,27 +74,35 @@ def write(piece: Piece | bpy.types.Object, out: Path, guard: Guard, progress: Pr
 
 
 def share(piece: Piece | bpy.types.Object, path: Path, guard: Guard, progress: Progress = SILENT) -> Path:
-    """Write the page to share of a piece or an object, and return its path; raise ``FlexMapsError`` without spirals.
+    """Write the page to share (one HTML file with the 3D view) of a piece or an object, and return its path.
 
     Parameters
     ----------
     piece : a piece or an object
     path : the .html file
-    guard : the files that must not be replaced
+    guard : protects the user's files from being replaced
     progress : called with a fraction and a text
+
+    Raises
+    ------
+    FlexMapsError : there are no spirals
     """
     return save(_content_of(piece), path, guard, progress)
 
 
 def save(content: Told, path: Path, guard: Guard, progress: Progress = SILENT) -> Path:
-    """Write the page to share from content that was read before; touches no Blender data.
+    """Write the page to share from its content, and return its path; touches no Blender data.
 
     Parameters
     ----------
-    content : from ``of_object``
+    content : content of the page, such as from ``of_object``
     path : the .html file
-    guard : the files that must not be replaced
+    guard : protects the user's files from being replaced
     progress : called with a fraction and a text
+
+    Raises
+    ------
+    FlexMapsError : there are no spirals
     """
     if content.shown is None:
         raise content.lost or FlexMapsError(stages.MISSING["design"])
@@ -109,12 +124,12 @@ def _content_of(piece: Piece | bpy.types.Object) -> Told:
 
 
 def of_object(result: Result, read: held.Reported, progress: Progress = SILENT) -> Told:
-    """Build the content from what was read of an object; touches no Blender data.
+    """Build a page's content from data read of an object; touches no Blender data.
 
     Parameters
     ----------
     result : the object's result
-    read : what was read of the object
+    read : data read of the object
     progress : called with a fraction and a text
     """
     figures, drawn = held.drawn(result, read, progress)

@@ -1,4 +1,4 @@
-"""Import the numerics in a thread when the sidebar is first drawn, so that the first button answers at once."""
+"""Import scipy and the engine in a thread when the sidebar is first drawn, so that the first button answers at once."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import threading
 
 import bpy
 
-# modules behind the first buttons, which import scipy; names within the package
+# modules, relative to the package, that the first buttons need and that import scipy
 MODULES = (
     "engine.surface.checking.check",
     "engine.patches.flattening.flatten",
@@ -21,7 +21,7 @@ _threads: list[threading.Thread] = []
 
 
 def start() -> None:
-    """Start the import once, and only with a window. A daemon thread could crash Blender when it quits during an import."""
+    """Start the import once, if Blender has a window. No daemon thread: Blender could crash if it quit meanwhile."""
     if _threads or bpy.app.background:
         return
     _threads.append(threading.Thread(target=_import, name="FlexMaps warm-up", daemon=False))
@@ -29,7 +29,7 @@ def start() -> None:
 
 
 def wait() -> None:
-    """Wait for the import: two threads that import the same libraries at once can disturb each other."""
+    """Wait until the import ends, because two threads that import the same libraries at once can disturb each other."""
     for thread in _threads:
         thread.join()
 

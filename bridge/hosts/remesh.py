@@ -1,4 +1,4 @@
-"""Make quads from any mesh: Blender's tools in a second Blender, judged and mended by ``engine.surface.remeshing.requad``."""
+"""Make quads from any mesh: a second Blender remeshes it, ``engine.surface.remeshing.requad`` checks and repairs it."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ from .second_blender import SecondBlender
 
 
 def seen(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonMesh:
-    """Return the visible polygons of an object in metres, without its simulated shape.
+    """Return the polygons to remesh in metres: the object as it is seen, without its simulated shape.
 
-    If the object holds unchanged quads of a remesh, return the source of the remesh, moved to where the quads are.
+    If the object holds unchanged quads of an earlier remesh, return the polygons that the quads were made from, moved
+    to the quads' place.
 
     Parameters
     ----------
@@ -31,7 +32,7 @@ def seen(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonMesh:
 
     Raises
     ------
-    FlexMapsError where there are no polygons, or a scale is 0.
+    FlexMapsError : there are no polygons, or a scale factor is 0
     """
     source = origin.source_of(obj, context.scene)
     for one in {obj, source}:
@@ -49,34 +50,34 @@ def seen(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonMesh:
 def quads_of(
     polygons: PolygonMesh, count: int, settings: ObjectSettings, progress: Progress = SILENT
 ) -> requad.Requadded:
-    """Make about ``count`` quads in the shape of polygons; callable from any thread.
+    """Make about ``count`` quads in the shape of a polygon mesh; callable from any thread.
 
     Parameters
     ----------
-    polygons : the polygons, metres
-    count : number of quads
-    settings : the remesh's and the layout's
+    polygons : the mesh, metres
+    count : wanted number of quads
+    settings : settings of the object; those of the remesh and the layout are used
     progress : called with a fraction and a text
 
     Raises
     ------
-    FlexMapsError where no tool finds quads.
+    FlexMapsError : the remeshing tools return no usable quads
     """
     with SecondBlender(settings.remesh.smooth) as tool:
         return requad.requad(polygons, count, tool, progress, settings.remesh.crumbs, settings.layout.symmetric)
 
 
 def as_object(quads: PolygonMesh, obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Object:
-    """Make a new object of quads (metres, world axes) in the frame and the collections of another object.
+    """Make an object of quads with the transform and the collections of another object.
 
     Parameters
     ----------
     quads : the quads, metres and world axes
-    obj, scene : the object whose frame and collections are used, and its scene
+    obj, scene : object whose transform and collections are used, and its scene
     """
     frame = to_metres(obj, scene)
     corners = quads.corners.reshape(-1, 4)
-    # a mirrored object shows the other side: reverse the corners, but keep the first
+    # a mirroring transform flips the normals: reverse the order of the corners, but keep the first
     if np.linalg.det(frame[:3, :3]) < 0:
         corners = corners[:, [0, 3, 2, 1]]
     local = (quads.vertices - frame[:3, 3]) @ np.linalg.inv(frame[:3, :3]).T

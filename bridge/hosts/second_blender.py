@@ -1,7 +1,7 @@
-"""A second Blender without a window for tools that the first one must not run: QuadriFlow and the voxel remesh.
+"""A second Blender without a window, which runs remeshing tools: QuadriFlow, voxel remesh and others.
 
-QuadriFlow blocks the Blender that it runs in; after one ESC it believes itself cancelled for the rest of the session; and on
-some surfaces it never returns. A separate process can be watched and ended.
+QuadriFlow blocks the Blender that it runs in. After one ESC it reports "cancelled" for the rest of the session, and on
+some surfaces it never returns. A separate process can be watched and killed.
 """
 
 from __future__ import annotations
@@ -24,16 +24,21 @@ from ...engine.surface.mesh import PolygonMesh
 from .background import TICK
 
 SCRIPT = Path(__file__).with_name("second_blender_script.py")
-# seconds until a request is given up: the slowest of 60 QuadriFlow runs on 500 to 70,000 faces took 3 s of processor time
+# timeout of a request, seconds (runs take up to 3 s); a longer one suits slower machines, and waits longer for runs
+# that never end
 LIMIT = 30.0
-START = 120.0  # further seconds if Blender has to start, which takes some 4 s; generous for slow machines
-# folders that Blender takes from the environment
+START = 120.0  # seconds added to the timeout if Blender has to start (about 4 s); longer suits slower machines
+# folders of Blender's user files that are set by environment variables BLENDER_USER_...
 USER_FILES = ("RESOURCES", "CONFIG", "SCRIPTS", "EXTENSIONS", "DATAFILES")
 
 
 class SecondBlender:
-    """The tools of ``engine.surface.remeshing.requad``; use it in a ``with``, so that its process ends.
+    """Implementation of the remeshing tools that ``engine.surface.remeshing.requad`` needs.
 
+    Use it in a ``with`` statement, which ends the process.
+
+    Parameters
+    ----------
     smooth : whether QuadriFlow smooths the normals first
     """
 
@@ -80,7 +85,7 @@ class SecondBlender:
         answered = self._ask("touching", arrays, {}, progress)
         return [] if answered is None else [(int(a), int(b)) for a, b in answered["pairs"]]
 
-    # -- the process -----------------------------------------------------------------------------------------------------
+    # -- the process ---------------------------------------------------------------------------------------------------
 
     def _mesh(self, tool: str, mesh: PolygonMesh, options: dict[str, Any], progress: Progress) -> PolygonMesh | None:
         inputs = {"vertices": mesh.vertices, "corners": mesh.corners, "sizes": mesh.sizes}
@@ -93,7 +98,7 @@ class SecondBlender:
     def _ask(
         self, tool: str, arrays: dict[str, np.ndarray], options: dict[str, Any], progress: Progress
     ) -> dict[str, np.ndarray] | None:
-        """Send a request and return the answer's arrays; {} where Blender refuses, None where it crashed or timed out."""
+        """Send a request; return the answer's arrays, {} if the tool fails, None if Blender crashes or times out."""
         progress(0.0, tool)
         self._asked += 1
         base = Path(self._folder.name) / str(self._asked)
@@ -117,7 +122,7 @@ class SecondBlender:
         except OSError:  # the process ended before the request arrived
             self._end()
             return None
-        except BaseException:  # cancelled
+        except BaseException:  # such as a cancel: end the tool that is still running
             self._end()
             raise
         with np.load(answer) as answers:
@@ -135,24 +140,25 @@ class SecondBlender:
 def started(
     folder: Path, script: Path, words: Sequence[str] = (), out: IO[bytes] | int = subprocess.DEVNULL
 ) -> subprocess.Popen[str]:
-    """Start a Blender that runs a script and listens on standard input, with its own user files in a folder.
+    """Start a Blender that runs a script and reads requests from standard input.
 
-    With the user's files it would delete the Python packages of all extensions, because none is enabled in it.
+    It gets empty user folders of its own: in the user's folders it would delete the Python packages of all extensions,
+    because it enables none of them.
 
     Parameters
     ----------
-    folder : for its user files
+    folder : folder for its user files
     script : the script
-    words : arguments of the script
-    out : where its output goes
+    words : command-line arguments of the script
+    out : file for its output, or a constant of ``subprocess``
 
     Raises
     ------
-    FlexMapsError where Blender cannot be started.
+    FlexMapsError : Blender cannot be started
     """
     import bpy
 
-    program = bpy.app.binary_path  # "" where Blender is a module of Python
+    program = bpy.app.binary_path  # "" if Blender runs as the Python module bpy
     options = ["--background", "--factory-startup", "--python", str(script), "--"] if program else ["-P", str(script)]
     own = {f"BLENDER_USER_{name}": str(folder / name) for name in USER_FILES}
     hidden = getattr(subprocess, "CREATE_NO_WINDOW", 0)  # no console window on Windows

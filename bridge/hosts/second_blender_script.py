@@ -1,26 +1,26 @@
-"""Script of the second Blender: make triangles, voxels and quads of the meshes that ``second_blender`` sends.
+"""Script of the second Blender: remesh the meshes that ``second_blender`` sends.
 
-Each request is a line of JSON with the file of the mesh, the file for the answer and the tool. The script does not import
-the package, so that it starts quickly.
+Each request is a line of JSON: the file of the mesh, the file for the answer, the name of the tool and its options. The
+script does not import the package, so that it starts quickly.
 """
 
 import json
 import os
 import sys
 
-import bpy  # isort: skip  # before the others: where Blender is a module, it brings them
+import bpy  # isort: skip  # before bmesh and mathutils, which the Python module bpy provides
 import bmesh
 import numpy as np
 from mathutils.bvhtree import BVHTree
 
 
 def triangles(obj, near):
-    """Merge vertices closer than ``near``, triangulate, and remove faces without area."""
+    """Merge vertices closer than ``near``, remove degenerate edges, and triangulate."""
     bm = bmesh.new()
     bm.from_mesh(obj.data)
     bmesh.ops.remove_doubles(bm, verts=bm.verts, dist=near)
     bmesh.ops.dissolve_degenerate(bm, edges=bm.edges, dist=near)
-    # remove vertices of two quads only: these quads could get the same diagonal, an edge of four triangles
+    # remove vertices between just two quads: both quads could get the same diagonal, an edge of four triangles
     doublets = [v for v in bm.verts if len(v.link_edges) == 2 and [len(f.verts) for f in v.link_faces] == [4, 4]]
     bmesh.ops.dissolve_verts(bm, verts=doublets)
     bmesh.ops.triangulate(bm, faces=bm.faces)
@@ -35,7 +35,7 @@ def voxels(obj, size):
 
 
 def cells(obj, size):
-    """Join coplanar faces, then cut them by planes normal to the three axes, about ``size`` apart."""
+    """Merge coplanar faces, then cut the mesh by planes normal to the x, y and z axes, about ``size`` apart."""
     bm = bmesh.new()
     bm.from_mesh(obj.data)
     bmesh.ops.dissolve_limit(bm, angle_limit=1e-3, verts=[], edges=bm.edges)
@@ -46,7 +46,7 @@ def cells(obj, size):
         for k in range(1, count):
             middle = low + np.eye(3)[axis] * (high - low)[axis] * k / count
             every = [*bm.verts, *bm.edges, *bm.faces]
-            # count corners near a plane as on it, or slivers would be cut off beside them
+            # treat vertices near a plane as on it; otherwise slivers would be cut off beside them
             bmesh.ops.bisect_plane(bm, geom=every, dist=0.2 * size, plane_co=middle, plane_no=np.eye(3)[axis])
     bm.to_mesh(obj.data)
     bm.free()
@@ -65,7 +65,7 @@ def quads(obj, count, seed, sharp, smooth):
 
 
 def touching(vertices, corners, body):
-    """Return (n, 2) pairs of bodies whose triangles intersect."""
+    """Return the pairs of bodies whose triangles intersect, (n, 2); ``body`` is the body of every triangle."""
     trees = []
     for k in range(int(body.max()) + 1):
         trees.append(BVHTree.FromPolygons(vertices.tolist(), corners.reshape(-1, 3)[body == k].tolist()))
@@ -108,14 +108,14 @@ TOOLS: dict = {"triangles": triangles, "voxels": voxels, "cells": cells, "quads"
 
 
 def answer(wanted, arrays):
-    """Run the requested tool and return its arrays; {} where Blender refuses."""
+    """Run the requested tool and return the arrays of its result; {} if Blender's operator fails."""
     if wanted["tool"] == "touching":
         return {"pairs": touching(arrays["vertices"], arrays["corners"], arrays["body"])}
     obj = as_object(arrays["vertices"], arrays["corners"], arrays["sizes"])
     mesh = obj.data
     try:
         return as_arrays(mesh) if TOOLS[wanted["tool"]](obj, **wanted["options"]) is not False else {}
-    except RuntimeError:  # the operator refuses
+    except RuntimeError:  # the operator failed
         return {}
     finally:
         bpy.data.objects.remove(obj)

@@ -1,4 +1,4 @@
-"""Render pictures and films in a second Blender while the first one goes on, because a render blocks its Blender."""
+"""Render pictures and films in a second Blender, because a render blocks the Blender that it runs in."""
 
 from __future__ import annotations
 
@@ -13,22 +13,24 @@ from .second_blender import started
 
 SCRIPT = Path(__file__).with_name("second_render_script.py")
 SAMPLE = re.compile(rb"Sample (\d+)/(\d+)")
-TAIL = 4000  # bytes at the end of its output searched for the last line of progress; a line has about 150
+TAIL = 4000  # bytes at the end of the log that are searched for the last progress line, of about 150 bytes
 
 
 def render(pack: Path, made: Path, frames: int, progress: Progress) -> list[Path]:
-    """Render the scene of a file, and return the files written into the folder ``made``.
+    """Render the first scene of a .blend file, and return the files written into the folder ``made``.
+
+    The scene's own output path has to lie in ``made``.
 
     Parameters
     ----------
     pack : the .blend file
     made : the folder
     frames : number of frames of a film; 0 for a picture
-    progress : called with a fraction and a text; if it raises, the render ends
+    progress : called with a fraction and a text; if it raises, the render is killed
 
     Raises
     ------
-    FlexMapsError where the render fails.
+    FlexMapsError : the render fails
     """
     made.mkdir(exist_ok=True)
     log = pack.with_suffix(".txt")
@@ -51,7 +53,7 @@ def render(pack: Path, made: Path, frames: int, progress: Progress) -> list[Path
 
 
 def _progress_of(log: Path, made: Path, frames: int) -> tuple[float, str]:
-    """Return the fraction done and a text, from the render's output and the frames written."""
+    """Return the fraction done and a progress text, from the render's log or the number of files in ``made``."""
     if frames:
         done = sum(1 for _ in made.iterdir())
         return min(done / frames, 1.0), f"frame {min(done + 1, frames)} of {frames}"

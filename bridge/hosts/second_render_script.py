@@ -1,6 +1,6 @@
-"""Script of a second Blender: render the scene of a file with its own settings. ``second_render`` starts it.
+"""Script of a second Blender, started by ``second_render``: render the first scene of a file with its own settings.
 
-The last two arguments are the file, and "film" or "picture".
+The last two command-line arguments are the .blend file, and "film" or "picture".
 """
 
 import os

@@ -1,1 +1,1 @@
-"""A piece's data in Blender: the mesh, its attributes and notes, the settings, and the state of every stage."""
+"""Data of a piece in Blender: mesh, attributes, stored results and states of the stages, settings."""

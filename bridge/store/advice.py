@@ -1,4 +1,4 @@
-"""The advice for an object and the effect of following it, kept in the mesh's notes beside what limits the match."""
+"""The optimiser's advice for an object and the effect of following it, stored in the report block "reach"."""
 
 from __future__ import annotations
 
@@ -13,24 +13,25 @@ from ...engine.optimisation.remedies import FINER, LARGER, THINNER, Amounts
 from . import notes
 from .i18n import translate
 
-BROUGHT = "brought"  # key in the block "reach" of the effect of the last advice
-# Share of the distance at most that counts as nearer: two searches of the same piece differ by up to 3 %. Larger calls chance a success
+BROUGHT = "brought"  # key in the report block "reach": effect of the last applied remedy
+# ratio of the RMS distances after and before up to which the shape counts as nearer; repeated searches of a piece
+# differ by up to 3 %, so larger would take chance for success
 NEARER = 0.97
-FIGURES = ("rms_percent", "strain_share_max", "slots_closed")  # of the block "equilibrium", compared before and after
+FIGURES = ("rms_percent", "strain_share_max", "slots_closed")  # keys of "equilibrium" to compare before and after
 
 
 def read_advice(mesh: bpy.types.Mesh) -> Amounts:
-    """Return the amount of each remedy of the last advice that a button can apply; empty without advice."""
+    """Return remedy -> amount for the last advice's remedies that a button can apply; empty without advice."""
     block = notes.read(mesh).get("reach")
     return {} if block is None else remedies.read_block(block)
 
 
 def unadvised(mesh: bpy.types.Mesh, remedy: str) -> str | None:
-    """Return why a remedy may not be pressed, as a sentence; None where it is advised.
+    """Return a sentence why a remedy cannot be applied; None where it is advised.
 
     Parameters
     ----------
-    mesh : Blender's mesh with the notes
+    mesh : Blender's mesh, which stores the report
     remedy : name of the remedy
     """
     if "reach" not in notes.read(mesh):
@@ -43,20 +44,20 @@ def unadvised(mesh: bpy.types.Mesh, remedy: str) -> str | None:
 
 
 def compare(remedy: str, was: float, now: float, before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
-    """Return the note of a remedy's effect.
+    """Return the effect of a remedy, to be stored in the report.
 
     Parameters
     ----------
     remedy : the remedy that was applied
-    was, now : the changed quantity before and after, in the unit of its amount
-    before, after : blocks "equilibrium" of the notes
+    was, now : the changed quantity before and after, in the unit of the remedy's amount
+    before, after : report blocks "equilibrium" before and after the remedy
     """
     pairs = {name: [before.get(name), after.get(name)] for name in FIGURES}
     return {"remedy": remedy, "was": was, "now": now, **pairs}
 
 
 def has_helped(brought: dict[str, Any]) -> bool:
-    """Return whether the shape came clearly nearer, a strain beyond its limit fell, or fewer slots close than before."""
+    """Return whether the shape came clearly nearer, an excessive strain fell, or fewer slots close than before."""
     far, near = brought["rms_percent"]
     strain, eased = brought["strain_share_max"]
     relieved = strain is not None and eased is not None and strain > OVERSTRAIN_SHARE and eased < strain
@@ -65,13 +66,13 @@ def has_helped(brought: dict[str, Any]) -> bool:
 
 
 def _closed_slots(brought: dict[str, Any]) -> tuple[int, int]:
-    """Return how many slots closed before and after; 0 and 0 where older notes lack the counts."""
+    """Return the number of closed slots before and after; (0, 0) where an older version stored none."""
     before, after = brought.get("slots_closed") or (None, None)
     return (0, 0) if before is None or after is None else (before, after)
 
 
 def describe(brought: dict[str, Any]) -> str:
-    """Describe a remedy's effect as a line for people, as far as it is known."""
+    """Return a line about a remedy's effect for the user."""
     was, now = brought["was"], brought["now"]
     done = {
         LARGER: translate("{:.4g} times as large", now / was),

@@ -1,7 +1,7 @@
-"""Read and write named values on a Blender mesh, in object mode and in edit mode.
+"""Read and write attributes of a Blender mesh, in object mode and in edit mode.
 
-In edit mode Blender keeps the mesh in a separate BMesh. Reading goes through a temporary copy of it and writing goes
-into it, so that edit mode is never left and its undo covers every change.
+In edit mode Blender keeps the mesh in a separate BMesh. Reading copies the BMesh to a temporary mesh, and writing goes
+directly into the BMesh, so that edit mode is never left and its undo covers every change.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from ...engine.errors import FlexMapsError
 from .columns import column
 
 PREFIX = "flexmaps_"
-LARGEST = 1e30  # clip limit; single precision ends at 3e38, and a folded quad's distance from a square has no bound
+LARGEST = 1e30  # clip limit, below float32's 3e38; a folded quad's deviation from a square is unbounded
 
 # attribute type -> (property of its data, numbers per element, numpy type, name of the BMesh layers). No stage writes
-# BOOLEAN, whose layers no script reaches in edit mode before Blender 4.5
+# BOOLEAN, because scripts cannot access its layers in edit mode before Blender 4.5
 KINDS: dict[str, tuple[str, int, type, str]] = {
     "FLOAT": ("value", 1, np.float32, "float"),
     "INT": ("value", 1, np.int32, "int"),
@@ -33,12 +33,12 @@ KINDS: dict[str, tuple[str, int, type, str]] = {
 }
 
 
-# attributes that FlexMaps writes: name without prefix -> domain, kind, least and largest value; patch and seam numbers are
-# also below the number of quads or edges
+# attributes that FlexMaps writes: name without prefix -> domain, type, smallest and largest value; infinity stands for
+# the largest index of a face or edge
 OURS: dict[str, tuple[str, str, float, float]] = {
-    "cut": ("EDGE", "BOOLEAN", 0, 1),  # in older files, instead of "seam"
+    "cut": ("EDGE", "BOOLEAN", 0, 1),  # in older files, in place of "seam"
     "seam": ("EDGE", "INT", -1, np.inf),
-    "choices": ("EDGE", "INT", 0, 255),  # bit k: cut in proposal k
+    "choices": ("EDGE", "INT", 0, 255),  # bit k is set where layout k cuts
     "flat": ("CORNER", "FLOAT2", -LARGEST, LARGEST),
     "patch": ("FACE", "INT", 0, np.inf),
     "energy": ("FACE", "FLOAT", 0, LARGEST),
@@ -64,13 +64,13 @@ OURS: dict[str, tuple[str, str, float, float]] = {
     "wish": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
     "colour": ("CORNER", "FLOAT_COLOR", -LARGEST, LARGEST),
 }
-# widths that older files store once a face, not once a corner
+# attributes that older files store per face instead of per corner
 ONCE_ON_FACES = ("width", "last_width")
 
 
 @contextmanager
 def readable(obj: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
-    """Yield the object's mesh as the user sees it in edit mode or outside; with shape keys, the basis."""
+    """Context manager: yield a mesh with the user's latest edits, in edit mode too; with shape keys, the basis."""
     if not obj.data.is_editmode:
         yield obj.data
         return
@@ -78,7 +78,7 @@ def readable(obj: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
     try:
         bm = bmesh.from_edit_mesh(obj.data)
         bm.to_mesh(copy)
-        if obj.active_shape_key_index > 0:  # the user edits another key than the basis
+        if obj.active_shape_key_index > 0:  # the user edits a shape key other than the basis
             layer = bm.verts.layers.shape[obj.data.shape_keys.reference_key.name]
             copy.vertices.foreach_set("co", np.array([v[layer] for v in bm.verts], np.float32).ravel())
         yield copy
@@ -87,10 +87,10 @@ def readable(obj: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
 
 
 def get(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
-    """Return the values of an attribute, (N,) or (N, 2 to 4).
+    """Return the values of an attribute, (N,) or (N, 2 to 4); None if it is missing or not valid.
 
-    Widths that an older file stores once a face come once a corner. Return None where the attribute is missing, has a kind
-    that FlexMaps never writes, or holds values out of its bounds: any program or script can write there.
+    An attribute of FlexMaps is not valid if another program or script gave it another type or values out of its bounds.
+    Widths that an older file stores per face are repeated for every corner.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def get(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
 
 
 def stored(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
-    """Return the values as ``get`` does, but leave widths of older files as they are stored, one a face.
+    """Return the values as ``get`` does, but leave widths that older files store per face as they are, (faces,).
 
     Parameters
     ----------
@@ -114,12 +114,12 @@ def stored(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
 
 
 def on_faces(values: Shaped[np.ndarray, " corners"]) -> Float[np.ndarray, "quads 4"]:
-    """Reshape values of the corners of a mesh of quads to four a face."""
+    """Reshape corner values of a quad mesh from (4 F,) to (F, 4)."""
     return values.reshape(-1, 4).astype(float)
 
 
 def _on_corners(mesh: bpy.types.Mesh, name: str, values: np.ndarray | None) -> np.ndarray | None:
-    """Repeat values that an older file stores once a face for all corners of the face."""
+    """Repeat face values of older files for all corners of each face; return other values unchanged."""
     attribute = mesh.attributes.get(name)
     if values is None or attribute is None or not _older(name, attribute):
         return values
@@ -131,7 +131,7 @@ def _older(name: str, attribute: bpy.types.Attribute) -> bool:
 
 
 def _raw(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
-    """Return the values unchecked; None where the attribute is missing or of another domain or kind than FlexMaps writes."""
+    """Return the values without checking bounds; None if the attribute is missing or has another domain or type."""
     attribute = mesh.attributes.get(name)
     if attribute is None or attribute.data_type not in KINDS:
         return None
@@ -149,7 +149,7 @@ def _is_ours(name: str) -> bool:
 
 
 def fits(name: str, values: Shaped[np.ndarray, "elements ..."]) -> bool:
-    """Return whether all values of one of FlexMaps' attributes are finite and within its bounds.
+    """Return whether all values of a FlexMaps attribute are finite and within its bounds.
 
     Parameters
     ----------
@@ -167,9 +167,12 @@ def _within(name: str, values: Shaped[np.ndarray, "#elements ..."]) -> Bool[np.n
 
 
 def ours(mesh: bpy.types.Mesh) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return the attributes of FlexMaps on a mesh by name without the prefix: the sound ones, and the damaged ones.
+    """Return the valid and the damaged FlexMaps attributes of a mesh, by name without the prefix.
 
-    Sound ones map to their values, damaged ones to the indices of the elements whose values are out of bounds.
+    Returns
+    -------
+    Valid name -> values, and damaged name -> indices of the elements whose values are out of bounds (empty where the
+    domain or type is wrong).
     """
     sound: dict[str, np.ndarray] = {}
     unsound: dict[str, np.ndarray] = {}
@@ -182,7 +185,7 @@ def ours(mesh: bpy.types.Mesh) -> tuple[dict[str, np.ndarray], dict[str, np.ndar
             else:
                 sound[name] = values
     if "cut" in sound and PREFIX + "seam" not in mesh.attributes:
-        sound["seam"] = np.where(sound["cut"], 0, -1).astype(np.int32)  # older files number no seams
+        sound["seam"] = np.where(sound["cut"], 0, -1).astype(np.int32)  # older files have no seam numbers
     return sound, unsound
 
 
@@ -198,7 +201,7 @@ def has(obj: bpy.types.Object, name: str) -> bool:
 
 
 def put(obj: bpy.types.Object, name: str, domain: str, kind: str, values: np.ndarray) -> None:
-    """Set an attribute; create it anew where it is missing or of another kind.
+    """Write an attribute; create it where it is missing or has another domain or type.
 
     Parameters
     ----------
@@ -245,7 +248,7 @@ def _put_bmesh(mesh: bpy.types.Mesh, name: str, domain: str, kind: str, values: 
     layers = getattr(_sequence(bm, domain).layers, KINDS[kind][3])
     layer = layers.get(name)
     if layer is None:
-        if name in mesh.attributes:  # exists with another kind or domain
+        if name in mesh.attributes:  # it exists with another type or domain
             mesh.attributes.remove(mesh.attributes[name])
         layer = layers.new(name)
     rows = np.asarray(values, dtype=KINDS[kind][2]).tolist()
@@ -278,7 +281,7 @@ def remove(obj: bpy.types.Object, name: str) -> None:
 
 
 def put_seams(obj: bpy.types.Object, seams: Bool[np.ndarray, " edges"]) -> None:
-    """Mark the UV seams, one flag an edge in Blender's order."""
+    """Set the UV seams from one flag per edge, in Blender's order."""
     if obj.data.is_editmode:
         bm = bmesh.from_edit_mesh(obj.data)
         for edge, seam in zip(bm.edges, seams.tolist(), strict=True):

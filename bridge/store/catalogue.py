@@ -1,4 +1,4 @@
-"""Convert a file of translations to the table that Blender takes."""
+"""Convert a .po file of translations to the table that Blender expects."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from pathlib import Path
 from ...engine.params import SHOWN, ObjectSettings, every_setting
 from .i18n import CONTEXT
 
-CONTEXTS = ("*", "Operator", CONTEXT)  # Blender's default context, its context of buttons, and our own
+CONTEXTS = ("*", "Operator", CONTEXT)  # Blender's default context, its context of operators, and FlexMaps' own
 
 
 def table(file: Path) -> dict[tuple[str, str], str]:
-    """Return (context, English text) -> translation for a language, of the entries that are translated and not fuzzy.
+    """Return (context, English text) -> translation from the entries of a .po file, without fuzzy ones.
 
-    A message also stands for every context in which it has no entry of its own; names of settings also with their units.
+    An entry is repeated for every context without an own entry for its text; a setting's name also with its unit.
     """
     import polib
 
@@ -23,6 +23,6 @@ def table(file: Path) -> dict[tuple[str, str], str]:
         label, unit = f.metadata["label"], SHOWN[f.metadata["unit"]][1]
         if unit and (CONTEXTS[0], label) in known:
             known[CONTEXTS[0], f"{label} ({unit})"] = f"{known[CONTEXTS[0], label]} ({unit})"
-    # where contexts differ, the default context wins for ours too
+    # entries of the default context come last, so that they win where a text has translations in several contexts
     ordered = sorted(known.items(), key=lambda entry: entry[0][0] == CONTEXTS[0])
     return {(context, text): words for context in CONTEXTS for (_, text), words in ordered} | known

@@ -1,6 +1,6 @@
-"""Checksums of the inputs of stages, by part: the shape, the seams, the spirals, a section of the settings.
+"""Checksums of the inputs of stages: the shape, the seams, the spirals, the pose, a section of the settings.
 
-Every redraw computes them, so they must be quick: of a large mesh in edit mode they cover the mesh as edit mode found it.
+Every redraw computes them, so they must be fast: edits of a large mesh count only after the user leaves edit mode.
 """
 
 from __future__ import annotations
@@ -17,11 +17,12 @@ from ...engine.runs.stage import section_of
 from . import attributes, handles, pose, seen, settings
 from .columns import column
 
-MANY = 20_000  # edges up to which a mesh in edit mode is read edge by edge at a redraw; larger slows redraws (some ms here)
+# most edges of a mesh that is read from edit mode at every redraw (some ms); larger slows redraws, smaller misses edits
+MANY = 20_000
 
 
 class Checksums:
-    """Checksums of an object's present state, by part; each is computed on demand unless ``known`` has it."""
+    """Present checksums by name of the input, computed on demand unless ``known`` holds them."""
 
     def __init__(self, obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, str] | None = None):
         self._obj, self._scene = obj, scene
@@ -42,7 +43,7 @@ class Checksums:
         return self._known[part]
 
     def _shape(self) -> bytes:
-        """Return vertices, faces and size as bytes; position and rotation do not matter."""
+        """Return vertices, faces, scale and mirroring as bytes; the object's position and rotation do not matter."""
         mesh = self._obj.data
         bm = self._bmesh()
         if bm is not None:
@@ -58,9 +59,9 @@ class Checksums:
         return positions.tobytes() + corners.tobytes() + rest.encode() + seen.state(self._obj)
 
     def _bmesh(self) -> bmesh.types.BMesh | None:
-        """Return the BMesh of edit mode, newer than the object's mesh; None outside edit mode or where it is too large.
+        """Return the BMesh of edit mode; None outside it, above ``MANY`` edges, or while another shape key is edited.
 
-        Stages read only the basis. While another shape key is edited, the mesh as edit mode found it counts.
+        Stages read only the basis, which editing another shape key does not change.
         """
         mesh = self._obj.data
         if not mesh.is_editmode or len(mesh.edges) > MANY or self._obj.active_shape_key_index > 0:
@@ -76,12 +77,12 @@ class Checksums:
         return column(mesh.edges, "use_seam").tobytes()
 
     def _values(self, *names: str) -> bytes:
-        """Return the named attributes of faces and corners as bytes, as they are stored."""
+        """Return the stored values of named attributes of faces and corners as bytes."""
         mesh = self._obj.data
         if not mesh.is_editmode:
             stored = (attributes.stored(mesh, attributes.PREFIX + name) for name in names)
             return b"".join(b"" if values is None else values.tobytes() for values in stored)
-        bm = bmesh.from_edit_mesh(mesh)  # in edit mode the mesh itself has no attribute data
+        bm = bmesh.from_edit_mesh(mesh)  # in edit mode only the BMesh holds attribute values
         faces = bm.faces
         data = b""
         for name in names:
@@ -98,14 +99,14 @@ class Checksums:
         return data
 
     def _down(self) -> bytes:
-        """Return the direction of weight and forces in the object's frame as bytes; empty without weight and forces."""
+        """Return the object's axes, which weight and forces act along, as bytes; b"" without weight and forces."""
         own = getattr(self._obj, "flexmaps", None)
         if own is None or not (own.simulate.gravity or own.loads.force_x or own.loads.force_y or own.loads.force_z):
             return b""
         return _as_text(self._frame).encode()
 
     def _settings(self, name: str) -> bytes:
-        own = getattr(self._obj, "flexmaps", None)  # without the extension there are no settings
+        own = getattr(self._obj, "flexmaps", None)  # None where the extension is not registered
         section, but = section_of(name)
         text = b"" if own is None else settings.changed(getattr(own, section), but).encode()
         return text + self._values(handles.HELD, handles.PULL) if section == "loads" else text

@@ -1,4 +1,4 @@
-"""Compared layouts, kept on the edges of the mesh, so that another one can be taken later."""
+"""Layouts compared by *Choose*, stored on the mesh's edges, so that the user can switch to another layout later."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ NAME = attributes.PREFIX + "choices"
 
 
 def write(obj: bpy.types.Object, surface: ObjectSurface, cuts: Sequence[Bool[np.ndarray, " edges"]]) -> None:
-    """Store where every layout cuts: bit k of an edge's number stands for layout k.
+    """Store where every layout cuts: bit k of an edge's integer is set where layout k cuts the edge.
 
     Parameters
     ----------
     obj : the mesh object
     surface : its surface
-    cuts : for each layout a flag an edge, in the engine's order
+    cuts : for each layout a flag for every edge, in the engine's order
     """
     bits = np.zeros(len(surface.pairs), dtype=np.int64)
     for k, cut in enumerate(cuts):
@@ -31,12 +31,12 @@ def write(obj: bpy.types.Object, surface: ObjectSurface, cuts: Sequence[Bool[np.
 
 
 def cuts_of(surface: ObjectSurface, number: int) -> Bool[np.ndarray, " edges"]:
-    """Return where a layout cuts, in the engine's order of edges.
+    """Return which edges a layout cuts, in the engine's order.
 
     Parameters
     ----------
     surface : the surface with its attributes
-    number : number of the layout, from 0 on
+    number : index of the layout, from 0
 
     Raises
     ------

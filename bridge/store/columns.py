@@ -1,4 +1,4 @@
-"""Properties of the elements of Blender's meshes and shape keys as arrays."""
+"""Read properties of all vertices, edges, corners or faces of a Blender mesh as numpy arrays."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 
 from ...engine.arrays import Float
 
-# property of an element -> numpy type, numbers per element
+# property of mesh elements -> numpy type, numbers per element
 PROPERTIES: dict[str, tuple[type, int]] = {
     "co": (np.float32, 3),
     "vertex_index": (np.int32, 1),
@@ -22,12 +22,12 @@ PROPERTIES: dict[str, tuple[type, int]] = {
 
 
 def column(items: bpy.types.bpy_prop_collection, name: str) -> np.ndarray:
-    """Return a property of all elements, (N,) or (N, 2 or 3).
+    """Return a property of all elements as an array, (N,) or (N, 2 or 3).
 
     Parameters
     ----------
     items : vertices, edges, loops or polygons of a mesh, or the points of a shape key
-    name : a key of ``PROPERTIES``; "vertices" is of edges
+    name : a key of ``PROPERTIES``; "vertices" are the two vertices of an edge
     """
     kind, width = PROPERTIES[name]
     values: np.ndarray = np.empty(len(items) * width, kind)

@@ -1,6 +1,6 @@
-"""Cures: the buttons beside a notice, each an operator with its properties and a label.
+"""Cures: buttons beside a notice that remove its cause, each an operator with properties and a label.
 
-``api`` has a function, and the command line a ``--cure``, of the same name for each.
+``api.press`` and the option ``--cure`` of the command line's ``next`` press a cure by its name.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .i18n import interface
 if TYPE_CHECKING:
     import bpy
 
-# findings of the check that one press repairs -> kind for ``flexmaps.mend``, label of the button
+# code of a finding that ``flexmaps.mend`` can repair -> kind of repair, label of the button
 MENDS = {
     "zero-edge": ("short-edges", "Merge {}"),
     "repeated-vertex": ("short-edges", "Merge {}"),
@@ -35,17 +35,18 @@ MENDS = {
     "non-manifold-edge": ("walls", "Split edges"),
     "non-orientable": ("one-sided", "Cut it open"),
 }
-# labels for one face in place of several
+# label for several faces -> label for one face
 ONE = {
     "Dissolve {} faces": "Dissolve {} face",
     "Delete {} faces": "Delete {} face",
     "Turn {} faces": "Turn {} face",
 }
-# shares of the present number of quads to remesh to, in this order, where spirals lack room; fewer quads are larger
+# factors on the number of quads for a coarser remesh where spirals lack room, in the order of trying; smaller factors
+# give larger quads
 FEWER = (0.6, 0.3)
-MORE = (2, 4)  # factors on the number of quads where a remesh found none
-LEAST_QUADS = 50  # below this a piece is a toy, and a remesh is offered first
-FOLDS = "sharp-folds"  # finding whose button also names a radius
+MORE = (2, 4)  # factors on the number of quads for another try after a remesh failed
+LEAST_QUADS = 50  # number of quads below which a remesh is offered; larger offers it more often
+FOLDS = "sharp-folds"  # code of the finding whose button also shows a radius
 # kinds of repair: value, name, tooltip
 MENDING = (
     ("short-edges", "Merge vertices", "Merge vertices that lie in one place"),
@@ -69,7 +70,7 @@ MENDING = (
 
 @dataclass(frozen=True)
 class Cure:
-    """A button: its label without *Next* in the interface's language, its operator, and the operator's properties."""
+    """Button of a notice: label in the interface's language (without "Next:"), operator, operator's properties."""
 
     label: str
     idname: str
@@ -77,7 +78,7 @@ class Cure:
 
     @property
     def name(self) -> str:
-        """Return the name on the command line, such as "make_larger", or "mend-normals" if the operator has kinds."""
+        """Return the name on the command line, such as "make_larger" or, with the kind of repair, "mend-normals"."""
         short = self.idname.partition(".")[2]
         kind = self.properties.get("what") or self.properties.get("where")
         return f"{short}-{kind}" if kind else short
@@ -90,7 +91,13 @@ class Cure:
 
 
 def mend(code: str, count: int) -> Cure | None:
-    """Return the cure of a finding of the check; None where only a person can repair it."""
+    """Return the button that repairs a finding of the mesh check; None where it cannot be repaired automatically.
+
+    Parameters
+    ----------
+    code : code of the finding
+    count : number of faces (or edges) for the label
+    """
     if code not in MENDS:
         return None
     what, words = MENDS[code]
@@ -98,46 +105,52 @@ def mend(code: str, count: int) -> Cure | None:
 
 
 def round_folds(percent: float | None = None, edge: float | None = None) -> Cure:
-    """Return the cure that rounds folds, with its radius where the quad edge in metres is given; ``percent`` as in ``hold``."""
-    from ...engine.surface.checking.folds import radius  # scipy comes with it
+    """Return the button that rounds sharp folds.
+
+    Parameters
+    ----------
+    percent : predicted RMS distance from the target in percent of the size, if known
+    edge : quad edge in metres, to show the radius on the button
+    """
+    from ...engine.surface.checking.folds import radius  # imported here because it imports scipy
 
     words = interface("Round the folds") if edge is None else interface("Round to {:.0f} mm", 1e3 * radius(edge))
     return Cure(_with_percent(words, percent), "flexmaps.mend", {"what": "round"})
 
 
 def fewer(quads: int) -> list[int]:
-    """Return smaller numbers of quads to try, rounded to tens or hundreds."""
+    """Return smaller numbers of quads to remesh to, rounded to tens or hundreds; none below ``LEAST_QUADS``."""
     wanted = [round(share * quads, -2 if share * quads >= 200 else -1) for share in FEWER]
     return [int(n) for n in wanted if n >= LEAST_QUADS]
 
 
 def other_counts(quads: int) -> list[int]:
-    """Return numbers of quads to try where a remesh found none: more, to give small parts room, then fewer."""
+    """Return numbers of quads to try after a remesh failed: first more quads, which resolve small parts, then fewer."""
     return [*(round(times * quads, -1) for times in MORE), *fewer(quads)[:1]]
 
 
 def remesh(quads: int) -> Cure:
-    """Return the cure that remeshes to about so many quads."""
+    """Return the button that remeshes to about this number of quads."""
     return Cure(interface("Remesh to {}", quads), "flexmaps.quad_remesh", {"quads": quads})
 
 
 def larger(times: float) -> Cure:
-    """Return the cure that enlarges the piece by a factor."""
+    """Return the button that enlarges the piece by a factor."""
     return Cure(interface("Larger: {:g} x", times), "flexmaps.set_size", {"times": times})
 
 
 def regularise() -> Cure:
-    """Return the cure that makes the quads squarer."""
+    """Return the button that makes the quads squarer."""
     return Cure(interface("Squarer quads"), "flexmaps.regularise")
 
 
 def hold(where: str, setting: str = "supports", percent: float | None = None) -> Cure:
-    """Return the cure that lets the piece stand on its lowest quads, holds its border, or clears a vertex group.
+    """Return the button that holds the lowest quads or the border, or clears the setting of a vertex group.
 
     Parameters
     ----------
     where : "lowest", "border" or "nothing"
-    setting : "supports" or "pulled", the group to clear
+    setting : "supports" or "pulled": setting of the vertex group to clear
     percent : predicted RMS distance from the target in percent of the size, if known
     """
     all_words = {
@@ -150,24 +163,25 @@ def hold(where: str, setting: str = "supports", percent: float | None = None) ->
 
 
 def cut_there(percent: float | None = None) -> Cure:
-    """Return the cure that adds cuts where the shape limits the match; ``percent`` as in ``hold``."""
+    """Return the button that adds cuts where they bring the shape nearer to its target; ``percent`` as in ``hold``."""
     return Cure(_with_percent(interface("Cut there"), percent), "flexmaps.cut_there")
 
 
 def choose() -> list[Cure]:
-    """Return the cure that compares many layouts by the shape that their panels take; none where that is missing."""
+    """Return a list with the button that compares layouts by their simulated shapes; empty if that extra is missing."""
     return [Cure(interface("Propose layouts"), "flexmaps.choose")] if registry.has("choosing") else []
 
 
 def nearer(wanted: bpy.types.PropertyGroup, blocks: dict[str, Any]) -> list[Cure]:
-    """Return cures that bring an optimised piece nearer to its target: remedies tried by short searches, and other layouts.
+    """Return buttons that bring an optimised piece nearer to its target, best first.
 
-    Sorted by predicted distance; other layouts, without a prediction, rank at the wanted match.
+    They are remedies whose effect short searches have predicted, and *Propose layouts*, which has no prediction and is
+    sorted in at the wanted RMS distance.
 
     Parameters
     ----------
-    wanted : settings of the layout's choice
-    blocks : the up-to-date notes
+    wanted : settings of *Choose*, with the wanted RMS distance
+    blocks : the stored report blocks that are up to date
     """
     prospects = sorted(blocks.get("reach", {}).get("prospects", {}).items(), key=lambda one: one[1])
     if not registry.has("choosing"):
@@ -186,12 +200,18 @@ def _with_percent(words: str, percent: float | None) -> str:
 
 
 def let_go(key: str) -> Cure:
-    """Return the cure that dismisses a notice, so that *Next* goes on."""
+    """Return the button that dismisses the notice with this key, so that *Next* goes on."""
     return Cure(interface("Go on as it is"), "flexmaps.let_go", {"key": key})
 
 
 def remedy(name: str, amount: float | None) -> Cure:
-    """Return the cure for a remedy of the optimiser, see ``engine/optimisation/remedies.py``."""
+    """Return the button that applies a remedy advised by the optimiser.
+
+    Parameters
+    ----------
+    name : name of the remedy, see ``engine/optimisation/remedies.py``
+    amount : factor of the size, thickness in mm, or number of quads; None for a cut
+    """
     if name == remedies.LARGER:
         return Cure(interface("Larger: {:g} x", amount), "flexmaps.make_larger")
     if name == remedies.THINNER:

@@ -1,4 +1,4 @@
-"""Decisions that Blender or the settings keep in several places: the size of a piece, how it rests, its border arms."""
+"""Properties of an object that are derived from several others: its size, how it is supported, its border arms."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ RESTS = (
     ("HANGS", "Hangs", "It hangs by holes in the hubs of the quads that are held, at first the highest"),
 )
 BORDERS = SpiralParams.__dataclass_fields__["border"].metadata["choices"]
-LEVEL = 0.25  # edge lengths above the lowest vertex within which vertices are held at first; larger holds more; by eye
+# height above the lowest vertex within which vertices are held by default, in edge lengths; larger holds more; by eye
+LEVEL = 0.25
 
 
 def _size(obj: bpy.types.Object) -> tuple[float, float, float]:
@@ -36,7 +37,10 @@ def _size(obj: bpy.types.Object) -> tuple[float, float, float]:
 
 
 def _set_size(obj: bpy.types.Object, wanted: Sequence[float]) -> None:
-    """Scale the object by the length that was changed most, and the wanted quad edge too, so that remeshing keeps the size."""
+    """Scale the object uniformly by the entry that was changed most, and set the wanted quad edge to the scaled edge.
+
+    Otherwise a later remesh would scale the object back.
+    """
     factors = [new / old for new, old in zip(wanted, _size(obj), strict=True) if old > 0 and new > 0]
     factor = max(factors, key=lambda f: abs(f - 1.0), default=1.0)
     if factor == 1.0 or any(obj.lock_scale):
@@ -49,11 +53,11 @@ def _set_size(obj: bpy.types.Object, wanted: Sequence[float]) -> None:
 
 
 def edge_of_quads(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
-    """Return about the quad edge in metres: of the object's quads, or of those that Quad remesh will make.
+    """Return the approximate quad edge in metres: of the present quads, or of the quads that Quad remesh would make.
 
     Parameters
     ----------
-    obj : mesh object, of quads or of other polygons
+    obj : mesh object, with quads or other polygons
     scene : its scene
     """
     mesh = obj.data
@@ -65,18 +69,18 @@ def edge_of_quads(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
 
 
 def has_border(mesh: bpy.types.Mesh) -> bool:
-    """Return whether some edge bounds one face only, judged by counts, quick enough for every redraw."""
+    """Return whether the mesh has an open border, judged by the counts of edges and corners, which is fast."""
     return 2 * len(mesh.edges) > len(mesh.loops)
 
 
 def border_of(obj: bpy.types.Object) -> str:
-    """Return the treatment of border arms: "left_out" as long as the user has chosen nothing and nothing is cut."""
+    """Return the setting for border arms; "left_out" before the first layout of an open mesh unless the user set it."""
     spiral, cut = obj.flexmaps.spiral, "flexmaps_flat" in obj.data.attributes
     return "left_out" if has_border(obj.data) and not cut and not spiral.is_property_set("border") else spiral.border
 
 
 def settle_border(obj: bpy.types.Object) -> None:
-    """Store the treatment of border arms in all objects that share the mesh, because they share its panels."""
+    """Store the setting for border arms in all objects that share the mesh, because they share its panels."""
     if not has_border(obj.data):
         return
     for other in bpy.data.objects:
@@ -111,7 +115,7 @@ def _set_rests(obj: bpy.types.Object, number: int) -> None:
 
 
 def _level(obj: bpy.types.Object, *, highest: bool) -> list[int]:
-    """Return the lowest or highest vertices in world coordinates."""
+    """Return the indices of the lowest or highest vertices in world space."""
     if not len(obj.data.vertices):
         return []
     turn = np.array(obj.matrix_world)
@@ -121,21 +125,21 @@ def _level(obj: bpy.types.Object, *, highest: bool) -> list[int]:
 
 
 def border(obj: bpy.types.Object) -> list[int]:
-    """Return the vertices on edges of one face."""
+    """Return the indices of the vertices on the open border."""
     mesh = obj.data
     uses = np.bincount(column(mesh.loops, "edge_index"), minlength=len(mesh.edges))
     return np.unique(column(mesh.edges, "vertices")[uses == 1]).tolist()
 
 
 def hold(obj: bpy.types.Object, vertices: list[int]) -> None:
-    """Hold the piece at these vertices only.
+    """Make these vertices the only ones in the supports' vertex group.
 
     Parameters
     ----------
     obj : the mesh object
     vertices : indices of Blender's vertices
     """
-    from . import supports  # scipy comes with it
+    from . import supports  # imported here because it imports scipy
 
     group = obj.vertex_groups.get(supports.GROUP) or obj.vertex_groups.new(name=supports.GROUP)
     editing = obj.mode == "EDIT"

@@ -1,13 +1,13 @@
 """The simulated shape on a Blender mesh, as shape keys and face attributes.
 
-FlexMaps equilibrium     shape key   shape of the assembled piece at rest; the basis stays the target
-FlexMaps other shape 1   shape key   another shape at rest, if one was found; then 2, ...
+FlexMaps equilibrium     shape key   equilibrium shape of the assembled piece; the basis stays the target
+FlexMaps other shape 1   shape key   another equilibrium shape, if the simulation found one; then 2, ...
 flexmaps_distance        face        distance of the hub from the target, millimetres
 flexmaps_strain_energy   face        elastic energy of the spiral, millijoules
 flexmaps_strain          face        largest strain as a share of the material's limit, if the arm model yields strains
-flexmaps_slot            face        narrowest slot beside its arms, millimetres; negative where arms overlap
-flexmaps_reach           face        what limits the match, an index into the kinds of ``engine/optimisation/reach.py``
-flexmaps_utilisation     face        largest utilisation of the arms over all load cases, see ``operators/structure.py``
+flexmaps_slot            face        narrowest slot beside the spiral's arms, millimetres; negative where arms overlap
+flexmaps_reach           face        why the quad misses the target: an index into ``engine/optimisation/reach.REASONS``
+flexmaps_utilisation     face        largest utilisation of the arms over all load cases, as a share of the limit
 flexmaps_hub             face        position of the hub, see ``pose``
 """
 
@@ -39,7 +39,7 @@ NAMES, REACH, UTILISATION = ("distance", "strain_energy", "strain", "slot"), "re
 
 
 def forget(obj: bpy.types.Object) -> None:
-    """Remove everything that a simulation wrote, because an earlier stage made it out of date."""
+    """Remove all shape keys and attributes that a simulation wrote, because they are out of date."""
     for name in (*NAMES, REACH, UTILISATION):
         attributes.remove(obj, attributes.PREFIX + name)
     pose.forget(obj)
@@ -52,7 +52,7 @@ def _remove(obj: bpy.types.Object, keys: list[bpy.types.ShapeKey]) -> None:
     mesh = obj.data
     if not keys:
         return
-    if mesh.is_editmode:  # else the BMesh would restore the keys; a lone basis does no harm there
+    if mesh.is_editmode:  # remove the keys from the BMesh too, which would restore them; the basis may stay there
         import bmesh
 
         shapes = bmesh.from_edit_mesh(mesh).verts.layers.shape
@@ -74,14 +74,14 @@ def write(
     simulation: Simulation,
     limits: MatchLimits | None,
 ) -> None:
-    """Store a simulation as shape keys and face attributes; leave edit mode, which shows no shape keys.
+    """Store a simulation as shape keys and face attributes; leave edit mode, where the shape would not show.
 
     Parameters
     ----------
     obj : the mesh object
     surface : the surface that was simulated
     simulation : the result
-    limits : what limits the match with the target, or None if unknown
+    limits : why each quad misses the target, or None if unknown
     """
     from ...engine.simulation.simulate import move_vertices
 
@@ -122,12 +122,12 @@ def _put_key(
     name: str,
     vertices: Float[np.ndarray, "used 3"],
 ) -> None:
-    """Set a shape key to the engine's vertices, (used, 3) in metres and world axes; vertices without a quad stay."""
+    """Write a shape key from the engine's vertices, metres in world axes; vertices without a quad stay in place."""
     inverse = np.linalg.inv(surface.to_metres)
     positions = surface.positions.astype(float).copy()
     used = np.unique(surface.polygons.corners)  # the engine knows only vertices of faces
     there = vertices @ inverse[:3, :3].T + inverse[:3, 3]
-    positions[used] += there - surface.seen[used]  # the user's keys still apply on top
+    positions[used] += there - surface.seen[used]  # an offset, because the user's keys are added on top
     key = obj.data.shape_keys.key_blocks.get(name) or obj.shape_key_add(name=name, from_mix=False)
     key.slider_min, key.slider_max, key.mute = 0.0, 1.0, False
 
@@ -138,12 +138,12 @@ def _put_key(
 
 
 def sound(block: dict[str, Any]) -> bool:
-    """Return whether a simulation found a reliable equilibrium; otherwise its ``status`` says what is wrong."""
+    """Return whether the simulation converged to a reliable equilibrium; if not, ``block["status"]`` says why."""
     return bool(block.get("converged")) and not block.get("locked")
 
 
 def sentences(block: dict[str, Any]) -> tuple[str, bool]:
-    """Describe a simulation's result for people; return the text, and whether it is a warning."""
+    """Return a text about a simulation's result for the user, and whether it is a warning."""
     away = translate(
         "Distance to the target: RMS {} mm, {} %.", *(format_figure(block[name]) for name in ("rms_mm", "rms_percent"))
     )
@@ -154,22 +154,22 @@ def sentences(block: dict[str, Any]) -> tuple[str, bool]:
 
 
 def _with_full_stop(text: str) -> str:
-    """Add a full stop, which findings shown in lists lack."""
+    """Add a full stop where the text has no end mark."""
     return text if text.endswith((".", "!", "?")) else f"{text}."
 
 
 def strained(block: dict[str, Any]) -> bool:
-    """Return whether the largest strain is beyond the material's limit with its margin."""
+    """Return whether the largest strain exceeds ``OVERSTRAIN_SHARE`` of the material's limit."""
     return block.get("strain_share_max", 0.0) > OVERSTRAIN_SHARE
 
 
 def remarks(block: dict[str, Any]) -> list[str]:
-    """Return the warnings of a simulation; a missing equilibrium is in its ``status``."""
+    """Return the warnings of a simulation, without a missing equilibrium, which its ``status`` already states."""
     return [sentence(finding, block) for finding in block.get("findings", ()) if finding["code"] != "no-equilibrium"]
 
 
 def sentence(finding: dict[str, Any], block: dict[str, Any]) -> str:
-    """Return a finding of a simulation as a sentence."""
+    """Return a simulation's finding as a translated sentence."""
     if finding["code"] != "strained":
         return finding["message"]
     count = len(finding["faces"])
@@ -189,7 +189,7 @@ def sentence(finding: dict[str, Any], block: dict[str, Any]) -> str:
 
 
 def by_code(findings: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Merge the findings of a simulation by code; the messages of several bodies become lines of one message."""
+    """Merge findings with the same code, which come from several bodies: join their faces and their messages."""
     merged: dict[str, dict[str, Any]] = {}
     for row in findings:
         first = merged.setdefault(row["code"], row)
@@ -200,7 +200,7 @@ def by_code(findings: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def resting(obj: bpy.types.Object, scene: bpy.types.Scene, surface: ObjectSurface) -> Pose | None:
-    """Return the pose of a simulation that is sound and up to date; else None.
+    """Return the simulated pose of the hubs if it is reliable and up to date; else None.
 
     Parameters
     ----------
@@ -214,12 +214,12 @@ def resting(obj: bpy.types.Object, scene: bpy.types.Scene, surface: ObjectSurfac
 
 
 def write_utilisation(obj: bpy.types.Object, values: Float[np.ndarray, " quads"] | None) -> None:
-    """Store the largest utilisation of every spiral's arms over all loads; None removes it, where the arm model yields none.
+    """Store the largest utilisation (share of the limit) of every spiral's arms over all load cases.
 
     Parameters
     ----------
     obj : the mesh object
-    values : share of the limit, (F,), or None
+    values : (F,); None removes the attribute
     """
     if values is None:
         attributes.remove(obj, attributes.PREFIX + UTILISATION)

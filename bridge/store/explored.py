@@ -1,4 +1,4 @@
-"""The candidates of an exploration that an object keeps: the Pareto front, with what was varied and measured."""
+"""Results of an exploration, stored on the object: the Pareto front with each candidate's settings and measures."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NAME = "flexmaps_explored"
 
 
 def write(obj: bpy.types.Object, report: Mapping[str, Any]) -> None:
-    """Keep the front of an exploration's report, the best candidate first.
+    """Store the Pareto front from an exploration's report, the best candidate first.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def write(obj: bpy.types.Object, report: Mapping[str, Any]) -> None:
 
 
 def read(obj: bpy.types.Object) -> dict[str, Any] | None:
-    """Return the kept candidates; None where there are none, or the data is damaged."""
+    """Return the stored candidates; None if there are none, or the data is damaged."""
     text = obj.get(NAME)
     with suppress(ValueError, TypeError, KeyError, AttributeError):
         kept = json.loads(text)
@@ -49,7 +49,7 @@ def use(obj: bpy.types.Object, scene: bpy.types.Scene, values: Mapping[str, Any]
     Parameters
     ----------
     obj, scene : the mesh object and its scene
-    values : "section.name", "edge" or "height" -> value
+    values : "section.name", "edge" or "height" -> value; edge in millimetres
 
     Raises
     ------
@@ -69,17 +69,17 @@ def edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
     from ...engine.runs import job
     from . import mesh
 
-    bpy.context.view_layer.update()  # so that a scale set a moment ago counts
+    bpy.context.view_layer.update()  # update ``matrix_world`` after a change of the scale
     return 1e3 * float(job.begin(mesh.read_surface(obj, scene).polygons).mesh.median_edge)
 
 
 def describe(name: str, found: object) -> str:
-    """Return a value with its unit, in the words of its setting.
+    """Return a setting's value as text with its unit, or the label of a choice.
 
     Parameters
     ----------
     name : "section.name", "edge" or "height"
-    found : the value, as shown
+    found : the value, in the unit of the user interface
     """
     setting = dict(every_setting(ObjectSettings)).get("remesh.edge" if name == "edge" else name)
     if setting is None:  # a setting of another version

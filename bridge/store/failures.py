@@ -1,4 +1,7 @@
-"""Failed stages, kept on the mesh with their inputs, so that *Next* never offers the same action with the same input."""
+"""Failed stages, stored on the mesh with their inputs, so that *Next* does not offer an action that failed already.
+
+Also the notices that the user dismissed, and how often *Next* pressed each cure.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +14,10 @@ from . import modifiers, notes
 from .checksums import Checksums
 from .states import OF_SETTINGS, PARTS
 
-NAME = "flexmaps_failed"  # operator's idname -> its inputs and its message
-LET_GO = "flexmaps_let_go"  # key of a notice -> the sentence that the user dismissed
-TRIED = "flexmaps_tried"  # call of a cure that *Next* pressed -> how often
-# operator -> block of the notes on whose parts it depends; every other operator depends on all parts
+NAME = "flexmaps_failed"  # text on the mesh: operator's idname -> checksums of its inputs, and its message
+LET_GO = "flexmaps_let_go"  # text on the mesh: key of a notice -> the sentence that the user dismissed
+TRIED = "flexmaps_tried"  # text on the mesh: call of a cure -> how often *Next* pressed it
+# operator -> report block that it writes, whose inputs are the operator's; other operators depend on all inputs
 WRITES = {
     "flexmaps.flatten": "layout", "flexmaps.merge": "layout", "flexmaps.trace": "layout", "flexmaps.update_from_seams": "layout",
     "flexmaps.spirals": "spirals", "flexmaps.simulate": "equilibrium", "flexmaps.optimise": "optimise",
@@ -23,13 +26,13 @@ WRITES = {
 
 
 def write(obj: bpy.types.Object, scene: bpy.types.Scene, idname: str, error: FlexMapsError) -> None:
-    """Store that an operator failed, with the culprits and checksums of its inputs.
+    """Store that an operator failed, with the faces and edges concerned and the checksums of its inputs.
 
     Parameters
     ----------
     obj, scene : the mesh object and its scene
-    idname : the operator
-    error : its error
+    idname : name of the operator
+    error : the error that it raised
     """
     failure: dict[str, Any] = {
         "message": str(error),
@@ -47,7 +50,7 @@ def clear(obj: bpy.types.Object, idname: str) -> None:
     Parameters
     ----------
     obj : the mesh object
-    idname : the operator
+    idname : name of the operator
     """
     failed = notes.get_text(obj.data, NAME)
     if idname in failed:
@@ -55,11 +58,11 @@ def clear(obj: bpy.types.Object, idname: str) -> None:
 
 
 def read(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, dict[str, Any]]:
-    """Return the operators that would fail again, because their inputs are unchanged.
+    """Return the failures of operators that would fail again, because their inputs are unchanged.
 
     Returns
     -------
-    idname -> ``message``, ``faces``, ``edges`` and, where remeshing to so many quads would help, ``quads``.
+    idname -> ``message``, ``faces``, ``edges`` and, where a remesh could help, the number of ``quads`` to remesh to.
     """
     failed = notes.get_text(obj.data, NAME)
     return {name: failure for name, failure in failed.items() if failure["given"] == _input_checksums(obj, scene, name)}
@@ -72,12 +75,12 @@ def _input_checksums(obj: bpy.types.Object, scene: bpy.types.Scene, idname: str)
 
 
 def let_go(mesh: bpy.types.Mesh, key: str, sentence: str) -> None:
-    """Store that the user dismissed a notice, as long as its sentence stays the same.
+    """Store that the user dismissed a notice; it counts as dismissed as long as its sentence stays the same.
 
     Parameters
     ----------
     mesh : Blender's mesh
-    key, sentence : of the notice
+    key, sentence : key and sentence of the notice
     """
     notes.put_text(mesh, LET_GO, notes.get_text(mesh, LET_GO) | {key: sentence})
 
@@ -88,7 +91,7 @@ def is_let_go(mesh: bpy.types.Mesh, key: str, sentence: str) -> bool:
 
 
 def note_tried(mesh: bpy.types.Mesh, call: str) -> None:
-    """Count that *Next* pressed a cure, so that it offers another one if that was not enough.
+    """Count that *Next* pressed a cure, so that it offers another cure next time.
 
     Parameters
     ----------
@@ -100,12 +103,12 @@ def note_tried(mesh: bpy.types.Mesh, call: str) -> None:
 
 
 def tried(mesh: bpy.types.Mesh) -> dict[str, int]:
-    """Return the calls of the cures that *Next* has pressed, and how often."""
+    """Return how often *Next* pressed each cure, by ``Cure.call``."""
     return notes.get_text(mesh, TRIED)
 
 
 def hand_down(old: bpy.types.Mesh, new: bpy.types.Mesh) -> None:
-    """Copy pressed cures, dismissed notices and the note of modifiers that were left out to the mesh that replaces another one.
+    """Copy pressed cures, dismissed notices and the sentence about ignored modifiers to the mesh that replaces another.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Values that a user has put on an object with Blender's own tools, as one number a quad: weights, colours, marks."""
+"""Read vertex groups, colours and attributes made with Blender's own tools, as one number per quad."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PROTECT = attributes.PREFIX + "protect"
 
 
 def names(obj: bpy.types.Object) -> list[str]:
-    """Return the names that ``read_field`` can read: vertex groups, then the user's other attributes."""
+    """Return the names that ``read_field`` accepts: vertex groups, then the user's other attributes."""
     groups = [group.name for group in obj.vertex_groups]
     usable = [
         a.name for a in obj.data.attributes if a.data_type in _KINDS and a.domain in _DOMAINS and not _own(a.name)
@@ -29,21 +29,17 @@ def names(obj: bpy.types.Object) -> list[str]:
 
 
 def read_field(obj: bpy.types.Object, surface: ObjectSurface, name: str) -> Float[np.ndarray, " quads"]:
-    """Return a vertex group's weights, a colour's brightness or other numbers as means over the quads, clipped to 0 to 1.
+    """Return a vertex group's weights, a colour's brightness or numbers as means over the quads, clipped to [0, 1].
 
     Parameters
     ----------
     obj : the mesh object
     surface : its surface
-    name : name of the group, colour or attribute
-
-    Returns
-    -------
-    (F,) from 0 to 1.
+    name : name of the vertex group, colour attribute or attribute
 
     Raises
     ------
-    FlexMapsError where nothing has that name, or it holds no finite numbers.
+    FlexMapsError where the object has nothing of that name, or its values are not finite numbers.
     """
     with attributes.readable(obj) as data:
         group = obj.vertex_groups.get(name)
@@ -84,13 +80,13 @@ def protect(obj: bpy.types.Object, quads: Int[np.ndarray, " kept"] | None) -> No
 
 
 def protected(obj: bpy.types.Object) -> int:
-    """Return how many spirals are protected, quick enough for a panel; 0 in edit mode, where nothing is painted."""
+    """Return the number of protected spirals; 0 in edit mode. Fast enough for every redraw."""
     marks = None if obj.data.is_editmode else attributes.get(obj.data, PROTECT)
     return 0 if marks is None else int(marks.sum())
 
 
 def write_stiffness(obj: bpy.types.Object, values: Float[np.ndarray, " quads"]) -> None:
-    """Store the stiffness of every spiral in N mm/rad; any change of the design removes it.
+    """Store the stiffness of every spiral; any change of the design removes it.
 
     Parameters
     ----------
@@ -101,7 +97,7 @@ def write_stiffness(obj: bpy.types.Object, values: Float[np.ndarray, " quads"]) 
 
 
 def _over_quads(surface: ObjectSurface, values: np.ndarray, domain: str) -> Float[np.ndarray, " quads"]:
-    """Average values of vertices, faces or corners, in Blender's order, over each face, and clip to 0 to 1."""
+    """Average values of vertices, faces or corners (in Blender's order) over each face, and clip to [0, 1]."""
     sizes = surface.polygons.sizes
     if domain != "FACE":
         at = surface.loops if domain == "CORNER" else surface.polygons.corners

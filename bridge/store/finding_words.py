@@ -1,10 +1,10 @@
-"""Short labels of findings for the rows of the sidebar, and their severity."""
+"""Short labels of findings for the sidebar, and their severity."""
 
 from __future__ import annotations
 
 ORDER = STOPS, BREAKS, WORSE, INFORMATION = "stops", "breaks", "worse", "information"
 
-# finding's code -> label, with its count, and severity (the severity does not apply to errors of the check, which all stop)
+# code of a finding -> label with a place for the count, and severity; errors of the mesh check always have STOPS
 WORDS = {
     "no-faces": ("No faces", STOPS),
     "bad-index": ("Damaged mesh", STOPS),
@@ -61,7 +61,7 @@ WORDS = {
     "overstrained": ("{} too loaded", BREAKS),
     "joints-overloaded": ("Weak joints: {}", BREAKS),
 }
-# block of the results -> its list of warnings, label for one warning, label for several
+# report block -> key of its list of warnings, label for one warning, label for several
 SAID = {
     "layout": ("remarks", "Panels at a limit", "Panels at a limit: {}"),
     "assembly": ("warnings", "Hard to assemble", "Hard to assemble: {}"),

@@ -1,4 +1,4 @@
-"""A flat target, whose panels rest in its shape whatever their spirals are."""
+"""Flat targets: their panels need no bending, so simulation and optimisation can be skipped."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import bpy
 
 from . import notes
 
-NOTE = "flat_target"  # key in the layout's block
+NOTE = "flat_target"  # key in the report block "layout"
 
 
 def passed_over(obj: bpy.types.Object) -> bool:

@@ -1,4 +1,4 @@
-"""The input of a live piece, read from an object in any mode within a few milliseconds, however many spirals it has."""
+"""Read the input of the live simulation from an object in any mode, within a few milliseconds."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .objects import changed_by_modifiers
 
 
 def read(obj: bpy.types.Object, scene: bpy.types.Scene) -> LiveInput:
-    """Return everything that the shape of a piece depends on.
+    """Return everything that the simulated shape of a piece depends on.
 
     Parameters
     ----------
@@ -23,7 +23,8 @@ def read(obj: bpy.types.Object, scene: bpy.types.Scene) -> LiveInput:
 
     Raises
     ------
-    FlexMapsError where the object has no spirals, modifiers change its faces, or no vertex group has the supports' name.
+    FlexMapsError where the object has no valid spirals, modifiers change its faces, or a vertex group of the supports
+    or forces is missing or empty.
     """
     problem = changed_by_modifiers(obj)
     if problem:

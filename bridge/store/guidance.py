@@ -1,4 +1,4 @@
-"""The head of the sidebar for an object: what *Next* does, one status line, and the notices.
+"""Top part of the sidebar for an object: what the button *Next* does, one status line, and the notices.
 
     seen = guidance.read_guidance(obj, scene)
     seen.act.label      # "Next: Lay out the panels"
@@ -23,11 +23,11 @@ from .i18n import interface, panels, quads
 from .next_button import Act
 from .notices import Notice
 
-LETTERS = 34  # letters of the status line at most, in every language; more would not fit the sidebar
-NEUTRAL, TICK, LOOK, STOPPED, REDO = "neutral", "tick", "look", "stopped", "redo"  # signs of the status line
+LETTERS = 34  # most characters of the status line, in every language; more do not fit the sidebar
+NEUTRAL, TICK, LOOK, STOPPED, REDO = "neutral", "tick", "look", "stopped", "redo"  # icons of the status line
 CHANGED = {"seams": "Seams changed", "shape": "Mesh changed", "design": "Spirals changed"}
 SETTING = "Settings changed"
-# reason by the first stage that is out of date, where an earlier stage ran again
+# first stage that is out of date because an earlier stage ran again -> reason to show
 ANEW = {
     "layout": "New quads",
     "spirals": "New panels",
@@ -40,7 +40,7 @@ STEPS = ("layout", "spirals", "equilibrium", "optimise", "sheets")  # stages tha
 
 @dataclass(frozen=True)
 class Status:
-    """One line of at most ``LETTERS`` letters, and its sign."""
+    """Status line of at most ``LETTERS`` characters, and its icon."""
 
     text: str
     sign: str
@@ -48,7 +48,7 @@ class Status:
 
 @dataclass(frozen=True)
 class Guidance:
-    """Content of the head; ``act`` is None where only a person can go on."""
+    """Content of the sidebar's top part; ``act`` is None where the program cannot go on without the user."""
 
     act: Act | None
     status: Status
@@ -56,7 +56,7 @@ class Guidance:
 
     @property
     def open(self) -> tuple[Notice, ...]:
-        """Return the notices that speak against cutting: all above information."""
+        """Return the notices that speak against cutting: all but the merely informative ones."""
         return tuple(notice for notice in self.notices if notice.kind != INFORMATION)
 
     def findings(self) -> list[dict[str, Any]]:
@@ -67,12 +67,12 @@ class Guidance:
 def read_guidance(
     obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.StageState] | None = None
 ) -> Guidance:
-    """Compute the head for a usable object; ``known`` may hold its ``states`` if they are already computed.
+    """Compute the next action, the status line and the notices of a usable object.
 
     Parameters
     ----------
     obj, scene : a mesh object and its scene
-    known : states of its stages, or None
+    known : states of its stages from ``read_states``; None computes them
     """
     known = states.read_states(obj, scene) if known is None else known
     all_notices = notices.list_notices(obj, scene, known)
@@ -102,7 +102,7 @@ def _status(
 
 
 def _status_of_simulated(obj: bpy.types.Object, serious: list[Notice]) -> Status:
-    """Return the status of a piece whose shape is known."""
+    """Return the status of a piece that was simulated."""
     block = notes.read(obj.data)["equilibrium"]
     if any(notice.key == "equilibrium/strained" for notice in serious):
         share, allowed = (f"{100 * x:.0f}" for x in (block.get("strain_share_max", 0.0), OVERSTRAIN_SHARE))
@@ -116,7 +116,7 @@ def _status_of_simulated(obj: bpy.types.Object, serious: list[Notice]) -> Status
 
 
 def _describe_progress(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.StageState]) -> str:
-    """Describe how far a piece without findings has come."""
+    """Describe how far the work on a piece has come that is not simulated yet."""
     mesh = obj.data
     if known["spirals"].kind == states.DONE:
         return (

@@ -1,4 +1,4 @@
-"""Transfer a mesh's decisions to the quads that replace it: vertex groups, held, pulled or protected quads, seams."""
+"""Transfer the user's marks from a mesh to the quads that replace it: vertex groups, held or protected quads, seams."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ...engine.arrays import Float, Int
 from . import attributes, handles, notes
 from .columns import column
 
-LEAST = 0.5  # weight from which a new vertex belongs to a group; larger shrinks groups
+LEAST = 0.5  # least interpolated weight at which a new vertex joins a vertex group; larger shrinks groups
 
 
 def hand_down(old: bpy.types.Object, made: bpy.types.Object) -> None:
-    """Transfer the decisions from an object to the one that replaces it; both coincide, and the new one is not scaled yet.
+    """Transfer the user's marks to the object that replaces another; both must coincide in their own frames.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def hand_down(old: bpy.types.Object, made: bpy.types.Object) -> None:
     for group in old.vertex_groups:
         _group(old, made, group, tree)
     _of_faces(old, made, tree)
-    if "layout" not in notes.read(old.data):  # only seams marked by hand; those of a layout are made anew
+    if "layout" not in notes.read(old.data):  # only seams marked by hand; seams of a layout are computed anew
         _seams(old, made)
 
 
@@ -50,7 +50,7 @@ def _group(old: bpy.types.Object, made: bpy.types.Object, group: bpy.types.Verte
 
 
 def _weight(mesh: bpy.types.Mesh, place: Vector, weights: Float[np.ndarray, " vertices"], tree: BVHTree) -> float:
-    """Interpolate the weight at a place between the corners of the nearest face."""
+    """Interpolate the weights of the nearest face's corners at the point nearest to ``place``, by inverse distance."""
     spot, _, face, _ = tree.find_nearest(place)
     if face is None:
         return 0.0

@@ -1,8 +1,10 @@
-"""Holds, forces and drag targets of single spirals, on the mesh's faces; a vertex group cannot separate neighbouring quads.
+"""Holds, forces and drag targets of single spirals, as face attributes.
 
 flexmaps_held    face   1 where a spiral is held, in addition to the supports' vertex group
-flexmaps_pull    face   force on a spiral in newtons and world axes, in addition to the group's force
+flexmaps_pull    face   force on a spiral in newtons and world axes, in addition to the vertex group's force
 flexmaps_wish    face   offset of the drag target from the quad's centre in the target, in the object's frame; 0 is none
+
+Vertex groups would not do: neighbouring quads share vertices.
 """
 
 from __future__ import annotations
@@ -24,12 +26,12 @@ PREFIXED = {name: attributes.PREFIX + name for name in NAMES}
 
 
 def held(surface: ObjectSurface) -> Int[np.ndarray, " held"]:
-    """Return the quads that are held."""
+    """Return the indices of the quads held by a mark of their own."""
     return np.flatnonzero(surface.values.get(HELD, np.zeros(0)) > 0.5)
 
 
 def pulls(surface: ObjectSurface) -> Float[np.ndarray, "quads 3"] | None:
-    """Return the force on every quad in newtons; None without any."""
+    """Return the forces marked on single quads, newtons in world axes; None if there are none."""
     forces = surface.values.get(PULL)
     return None if forces is None or not forces.any() else forces.astype(float)
 
@@ -41,7 +43,7 @@ def wishes(surface: ObjectSurface) -> Float[np.ndarray, "quads 3"]:
 
 
 def read(obj: bpy.types.Object, name: str) -> Float[np.ndarray, "quads ..."]:
-    """Return the values of an attribute of ``NAMES`` as they are stored; zeros where there are none.
+    """Return the stored values of one of the attributes ``NAMES``; zeros where it is missing or damaged.
 
     Parameters
     ----------
@@ -55,7 +57,7 @@ def read(obj: bpy.types.Object, name: str) -> Float[np.ndarray, "quads ..."]:
 
 
 def write(obj: bpy.types.Object, name: str, values: Float[np.ndarray, "quads ..."]) -> None:
-    """Store the values of an attribute of ``NAMES``; all zeros remove it.
+    """Store the values of one of the attributes ``NAMES``; remove the attribute if all are zero.
 
     Parameters
     ----------
@@ -73,7 +75,7 @@ def write(obj: bpy.types.Object, name: str, values: Float[np.ndarray, "quads ...
 def from_metres(
     obj: bpy.types.Object, to_metres: Float[np.ndarray, "4 4"], offsets: Float[np.ndarray, "quads 3"]
 ) -> None:
-    """Store drag targets whose offsets are in metres and world axes.
+    """Store drag targets from offsets in metres and world axes.
 
     Parameters
     ----------

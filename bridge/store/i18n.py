@@ -1,15 +1,15 @@
-"""Translate texts into the user's language, with Blender's own system of translations."""
+"""Translate texts into the user's language with Blender's translation system."""
 
 from __future__ import annotations
 
 import bpy
 
-# context of our own translations, so that Blender's translation of the same word for something else does not apply
+# translation context of FlexMaps: keeps Blender's own translation of a word, in another sense, from being used
 CONTEXT = "FlexMaps"
 
 
 def translate(text: str, *values: object) -> str:
-    """Translate a line in the language for reports, and insert the values at ``{}``.
+    """Translate a message into the language that Blender uses for reports, and insert the values at ``{}``.
 
     Parameters
     ----------
@@ -21,23 +21,23 @@ def translate(text: str, *values: object) -> str:
 
 
 def button_name(label: str) -> str:
-    """Translate the label of a button in the language of the interface."""
+    """Translate the label of an operator's button into the language of the interface."""
     return bpy.app.translations.pgettext_iface(label, "Operator")
 
 
 def span(low: str, high: str, unit: str = "") -> str:
-    """Return a range such as "2 to 3 mm"; one figure where both are equal.
+    """Return a range such as "2 to 3 mm", or a single number where both ends are equal.
 
     Parameters
     ----------
     low, high : formatted numbers
-    unit : appended as it is
+    unit : text appended unchanged, such as " mm"
     """
     return f"{high if low == high else interface('{} to {}', low, high)}{unit}"
 
 
 def interface(text: str, *values: object) -> str:
-    """Translate words of the sidebar in the language of the interface, and insert the values at ``{}``.
+    """Translate a label of the sidebar into the language of the interface, and insert the values at ``{}``.
 
     Parameters
     ----------

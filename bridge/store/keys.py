@@ -1,4 +1,4 @@
-"""A simulation's shape keys among the keys of a mesh."""
+"""Shape keys that a simulation writes on a mesh."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def foreign_keys(mesh: bpy.types.Mesh) -> bool:
 
 
 def shown_positions(mesh: bpy.types.Mesh) -> Float[np.ndarray, "vertices 3"]:
-    """Return the vertices moved by FlexMaps' shape keys alone, in the object's own frame."""
+    """Return the vertices moved only by FlexMaps' shape keys, not by the user's, in the object's own frame."""
     basis = column(mesh.vertices, "co")
     positions = basis.copy()
     for key in keys_of(mesh):
@@ -44,7 +44,7 @@ def shown_positions(mesh: bpy.types.Mesh) -> Float[np.ndarray, "vertices 3"]:
 
 @contextmanager
 def shown_at(obj: bpy.types.Object, share: float) -> Iterator[None]:
-    """Show the object at the target (0) or at its equilibrium (1) within the context."""
+    """Context manager: show the object's target (``share`` 0), its simulated shape (1), or a blend of both."""
     before = [(key.name, key.value, key.mute) for key in keys_of(obj.data)]
     for key in keys_of(obj.data):
         key.value, key.mute = (share if key.name == KEY else 0.0), False

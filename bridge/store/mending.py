@@ -1,4 +1,4 @@
-"""Repair faults that the check finds, in the mesh itself with Blender's own tools, so that seams, groups and maps stay."""
+"""Repair faults found by the mesh check with Blender's own tools, which keep seams, vertex groups and UV maps."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ if TYPE_CHECKING:
     from ...engine.surface.checking.check import Finding
     from .surface import ObjectSurface
 
-# Smallest area of both skins, as a share of their shell's, and of the inner skin, as a share of the outer one's, at which the
-# inner one is deleted. Less means that folds divide a skin, and only one part of it would be kept
+# an inner skin is deleted only if both skins make up at least SKINS of the shell's area, and the inner skin at least
+# INNER of the outer's. Smaller shares occur where folds divide a skin, of which only a part would be kept
 SKINS, INNER = 0.7, 0.5
-TOUCHING = 2.0  # merge distance, times SINGLE_TOL; above 1 so that all edges vanish that the check names
+TOUCHING = 2.0  # merge distance, in SINGLE_TOL times the median edge; above 1 so that all reported edges vanish
 
 
 @dataclass(frozen=True)
 class _Place:
-    """A mesh under repair: its faces, edges and vertices as the check found them, and the findings to repair."""
+    """A mesh under repair, with the findings to repair; indices in the findings refer to ``surface``."""
 
     bm: bmesh.types.BMesh
     surface: ObjectSurface
     findings: list[Finding]
-    edge: float  # median, in the object's own frame
+    edge: float  # median edge length, in the object's own frame
 
     @property
     def faces(self) -> list[bmesh.types.BMFace]:
@@ -61,7 +61,7 @@ def mend(obj: bpy.types.Object, scene: bpy.types.Scene, what: str) -> str:
 
     Raises
     ------
-    FlexMapsError, with the mesh unchanged, where there is no fault of that kind or the repair did not reduce it.
+    FlexMapsError if the mesh has no fault of that kind, or the repair did not reduce it; the mesh is then unchanged.
     """
     codes, work = _KINDS[what]
     surface = mesh.read_surface(obj, scene)
@@ -103,11 +103,11 @@ def _median_edge(bm: bmesh.types.BMesh) -> float:
 
 
 def _count_faults(findings: list[Finding], codes: tuple[str, ...]) -> int:
-    """Count the findings of some codes, and the faces and edges that they name."""
+    """Return the number of findings with these codes, plus the number of faces and edges that they name."""
     return sum(1 + len(finding.faces) + len(finding.edges) for finding in findings if finding.code in codes)
 
 
-# -- one function for each kind ------------------------------------------------------------------------------------------
+# -- one function for each kind of fault -------------------------------------------------------------------------------
 
 
 def _merge_short_edges(place: _Place) -> None:
@@ -117,7 +117,7 @@ def _merge_short_edges(place: _Place) -> None:
 
 
 def _weld_doubles(place: _Place) -> None:
-    """Weld only the border vertices that the check calls doubled."""
+    """Weld border vertices that lie in one place; other vertices are not touched."""
     label = border_twins(place.surface.polygons, sides_of(place.surface.polygons))
     first = np.unique(label, return_index=True)[1]
     at = first[np.unique(label, return_inverse=True)[1]]
@@ -127,7 +127,7 @@ def _weld_doubles(place: _Place) -> None:
 
 
 def _delete_double_shells(place: _Place) -> None:
-    """Keep the first of several faces in one place, and delete the others."""
+    """Keep the first of several faces with the same centre, and delete the others."""
     kept: set[tuple[int, ...]] = set()
     doubles = []
     for face in place.faces:
@@ -137,7 +137,10 @@ def _delete_double_shells(place: _Place) -> None:
 
 
 def _delete_inner_skins(place: _Place) -> None:
-    """Keep the larger skin of every shell, and delete the other one and the rim; nothing where folds divide the skins."""
+    """Keep the larger skin of every closed shell, and delete the other skin and the rim between them.
+
+    A shell whose skins are divided by folds stays as it is.
+    """
     left, gone = set(place.faces), []
     while left:
         shell = _grow(next(iter(left)), left, np.pi)
@@ -157,7 +160,7 @@ def _area(faces: set[bmesh.types.BMFace]) -> float:
 
 
 def _grow(first: bmesh.types.BMFace, left: set[bmesh.types.BMFace], turn: float) -> set[bmesh.types.BMFace]:
-    """Move the faces out of ``left`` that can be reached from a first one over edges that turn by at most ``turn`` radians."""
+    """Take out of ``left`` and return the faces connected to ``first`` across edges of at most ``turn`` radians."""
     found, ahead = {first}, [first]
     left.discard(first)
     while ahead:
@@ -192,7 +195,7 @@ def _delete_double_faces(place: _Place) -> None:
 
 
 def _delete_folds(place: _Place) -> None:
-    """Delete the face with fewer neighbours of every two faces that lie on each other."""
+    """Delete one of every two faces folded onto each other: the face with fewer neighbours."""
     gone: set[bmesh.types.BMFace] = set()
     for edge in place.edges:
         pair = [face for face in edge.link_faces if face not in gone]
@@ -225,7 +228,7 @@ def _split_edges(place: _Place) -> None:
 
 
 def _round_folds(place: _Place) -> None:
-    """Round the folds, in the object's own frame."""
+    """Smooth the vertices at sharp folds, in the object's own frame."""
     from ...engine.surface.checking.folds import smooth_folds
     from ...engine.surface.mesh import PolygonMesh
 
@@ -236,7 +239,7 @@ def _round_folds(place: _Place) -> None:
         v.co = to
 
 
-# the operator's name of a kind -> codes of its findings, and the function that repairs them
+# kind of fault, as the operator names it -> codes of its findings, and the function that repairs them
 _KINDS: dict[str, tuple[tuple[str, ...], Callable[[_Place], None]]] = {
     "short-edges": (("zero-edge", "repeated-vertex"), _merge_short_edges),
     "doubles": (("doubled-vertices",), _weld_doubles),

@@ -1,29 +1,29 @@
-"""Convert between a Blender mesh and the engine's types: the only place that does.
+"""Convert between a Blender mesh and the engine's types; no other module does.
 
-Blender's mesh stores a piece between two buttons. UV seams are the cuts of the layout, a UV map holds the flat patches,
-face and corner attributes hold values of quads:
+Between two stages, the Blender mesh stores the piece: UV seams are the cuts of the layout, a UV map holds the flat
+patches, face and corner attributes hold values of quads:
 
  seams             edge    where the surface is cut, editable by hand
- flexmaps_seam     edge    number of the seam that a cut of the flat patches belongs to, -1 elsewhere; its colour
- flexmaps_flat     corner  UV map: the flat patches beside each other, millimetres
+ flexmaps_seam     edge    number of the seam that a cut edge of the flat patches belongs to, -1 elsewhere
+ flexmaps_flat     corner  UV map: the flat patches side by side, millimetres
  flexmaps_patch    face    number of the patch
  flexmaps_energy   face    distortion E
- flexmaps_square   face    distance from a square, Esq
+ flexmaps_square   face    deviation of the flat quad from a square, Esq
  flexmaps_width    corner  width of the arm that ends at the side from this corner to the face's next corner, millimetres;
-                           older files store one width a face, for all four arms
+                           older files store one width per face, for all four arms
  flexmaps_twist    face    twist of the spiral, degrees
  flexmaps_stiffness face   stiffness of the spiral, N mm/rad, if it was computed; any change of the design removes it
- flexmaps_protect  face    1 where Optimise has to leave the spiral as it is
+ flexmaps_protect  face    1 where Optimise must not change the spiral
  flexmaps_last_width, flexmaps_last_twist    width and twist before the patches were cut anew: a start for new spirals
  flexmaps_colour   corner  colours of the overlay, for renders
 
-``equilibrium`` lists what a simulation adds.
+``equilibrium`` lists the attributes that a simulation adds.
 
-The engine's corners follow one another counter-clockwise seen from outside; for a mirrored object that is the reverse of
-Blender's order. So widths keep to their sides when a mirroring is applied and the normals are turned outwards again. After
-*Flip Normals* alone the piece is a different one, whose spirals must be made anew.
+The engine orders corners counter-clockwise seen from outside; for a mirrored object this reverses Blender's order. So
+widths stay at their sides when the user applies a mirroring and turns the normals outwards again. After *Flip Normals*
+alone the piece is a different one, whose spirals must be made anew.
 
-Engine coordinates are world coordinates in metres. This module only changes frames.
+Engine coordinates are world coordinates in metres.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ from .surface import ObjectSurface
 FLAT_NAMES = ("seam", "flat", "patch", "energy", "square")
 DESIGN_NAMES = ("width", "twist")
 LAST_NAMES = ("last_width", "last_twist")
-NAMES = FLAT_NAMES + DESIGN_NAMES + LAST_NAMES + ("stiffness",)  # attributes that stages make; marks by people stay
+NAMES = FLAT_NAMES + DESIGN_NAMES + LAST_NAMES + ("stiffness",)  # written by stages; the user's marks are not included
 UNSOUND = "The attribute '{}' holds other values than FlexMaps writes and is left out: run its stage again"
 COARSE = "Vertices are stored to {:.2g} mm at this distance from the object's origin, so that details are lost: model near the origin and move the object"
 UNSOUND_NOTES = "The notes of earlier stages are damaged and are left out: run the stages again"
@@ -64,7 +64,7 @@ UNSEALED_NOTES = (
 
 
 def read_surface(obj: bpy.types.Object, scene: bpy.types.Scene) -> ObjectSurface:
-    """Read an object's mesh for the engine.
+    """Read an object's mesh into the engine's arrays.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def read_surface(obj: bpy.types.Object, scene: bpy.types.Scene) -> ObjectSurface
 
     Raises
     ------
-    FlexMapsError where the object is no usable mesh, or modifiers change its faces.
+    FlexMapsError where the object is not a usable mesh, or modifiers change its faces.
     """
     problem = unusable(obj) or changed_by_modifiers(obj)
     if problem:
@@ -83,7 +83,7 @@ def read_surface(obj: bpy.types.Object, scene: bpy.types.Scene) -> ObjectSurface
 
 
 def read_anyhow(obj: bpy.types.Object, scene: bpy.types.Scene) -> ObjectSurface:
-    """Read an object's mesh in any mode, also while the user paints or sculpts.
+    """Read an object's mesh in any mode, also while the user paints or sculpts, and without checking modifiers.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def read_anyhow(obj: bpy.types.Object, scene: bpy.types.Scene) -> ObjectSurface:
 
 
 def read_evaluated(obj: bpy.types.Object, scene: bpy.types.Scene) -> PolygonMesh:
-    """Return the visible polygons in metres and world axes, without a simulated shape and modifiers of ``left_out``.
+    """Return the polygons after modifiers (except ``left_out``) and without a simulated shape, metres in world axes.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def _surface(
 
 
 def write_vertices(obj: bpy.types.Object, surface: ObjectSurface, mesh: QuadMesh) -> None:
-    """Move the object's vertices to those of the engine's mesh; vertices without a quad stay.
+    """Move the object's vertices to the engine's positions; vertices without a quad stay where they are.
 
     Parameters
     ----------
@@ -150,13 +150,13 @@ def write_vertices(obj: bpy.types.Object, surface: ObjectSurface, mesh: QuadMesh
 
     Raises
     ------
-    FlexMapsError where the user's shape keys fix the vertices.
+    FlexMapsError where the user has shape keys, which fix the vertices.
     """
     if keys.foreign_keys(obj.data):
         raise FlexMapsError("The mesh has shape keys, which fix its vertices; remove them first")
     equilibrium.forget(obj)
     if obj.data.shape_keys is not None and not obj.data.is_editmode:
-        obj.shape_key_clear()  # a lone basis would keep the old positions
+        obj.shape_key_clear()  # a basis without other keys would keep the old positions
     inverse = np.linalg.inv(surface.to_metres)
     there = mesh.vertices[mesh.quads.ravel()] @ inverse[:3, :3].T + inverse[:3, 3]
     positions, corners = surface.positions.astype(float).copy(), surface.polygons.corners
@@ -173,15 +173,15 @@ def layout_of(surface: ObjectSurface, mesh: QuadMesh) -> PatchLayout:
 
 
 def flat_of(surface: ObjectSurface, mesh: QuadMesh) -> FlatPatches | None:
-    """Return the flat patches as they were last stored, with the cuts of that time; None where there are none.
+    """Return the stored flat patches with the cuts they were made with; None where there are none.
 
     Parameters
     ----------
-    surface, mesh : the object as it was read, and its quads
+    surface, mesh : the object's surface, and its quads
 
     Raises
     ------
-    FlexMapsError where the UV map or the surface was changed since.
+    FlexMapsError where the UV map or the surface was changed since they were stored.
     """
     if any(name not in surface.values for name in FLAT_NAMES):
         return None
@@ -193,7 +193,7 @@ def flat_of(surface: ObjectSurface, mesh: QuadMesh) -> FlatPatches | None:
     torn = np.flatnonzero(~(away <= 1e-5 * np.abs(corners).max()))
     if len(torn):
         raise FlexMapsError("The UV map 'flexmaps_flat' was changed; press Flatten to make it anew", faces=torn)
-    with np.errstate(all="ignore"):  # a map of zero size yields NaN, which differs from the stored energy
+    with np.errstate(all="ignore"):  # a UV map of zero size yields NaN, which is then reported as a change
         points[layout.flat_corners] -= patch_centres(layout, points)[layout.patch_of][:, None]
         flat = with_energies(layout, points)
     stored = surface.values["energy"].astype(float)
@@ -204,7 +204,7 @@ def flat_of(surface: ObjectSurface, mesh: QuadMesh) -> FlatPatches | None:
 
 
 def patch_centres(layout: PatchLayout, points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "patches 2"]:
-    """Return the centre of every patch in metres, as ``flatten.in_frame`` defines it; points as in ``FlatPatches``."""
+    """Return the area-weighted centre of every patch in metres, as ``flatten.in_frame`` does; ``points`` in metres."""
     p = points[layout.flat_corners]
     a, b = p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]
     area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
@@ -213,11 +213,11 @@ def patch_centres(layout: PatchLayout, points: Float[np.ndarray, "points 2"]) ->
 
 
 def current_flat(surface: ObjectSurface, mesh: QuadMesh) -> FlatPatches:
-    """Return the flat patches of the present seams.
+    """Return the stored flat patches if they still match the seams.
 
     Raises
     ------
-    FlexMapsError where there are none, or the seams were edited since.
+    FlexMapsError where there are no flat patches, or the seams were edited since.
     """
     flat = flat_of(surface, mesh)
     if flat is None:
@@ -237,7 +237,7 @@ def design_of(
     ----------
     surface, flat : the surface and its flat patches
     params : settings of the spirals
-    names : attributes to read; ``LAST_NAMES`` are the spirals before the patches were cut anew
+    names : attributes to read: ``DESIGN_NAMES``, or ``LAST_NAMES`` for the spirals before the patches were cut anew
     """
     values = _spirals(surface, names)
     return None if values is None else SpiralDesign(flat, params, *values)
@@ -260,17 +260,17 @@ def _spirals(
 def start_of(
     surface: ObjectSurface, flat: FlatPatches, params: SpiralParams, made: dict[str, Any] | None
 ) -> SpiralDesign:
-    """Return the spirals to start from, adjusted to settings and patches that changed since they were made.
+    """Return the initial spirals for a stage: the stored ones, adjusted to changed settings and patches.
 
     Parameters
     ----------
     surface, flat : the surface and its flat patches
     params : settings of the spirals
-    made : the note of the stage that stored them
+    made : report block of the stage that made the spirals, or None
 
     Raises
     ------
-    FlexMapsError where there are no spirals, or spirals changed by hand cannot be cut.
+    FlexMapsError where there are no spirals, or the user changed some so that they cannot be cut.
     """
     if len(surface.spoilt):
         raise cannot_be_cut(surface.spoilt)
@@ -290,18 +290,18 @@ def start_of(
 
 
 def cannot_be_cut(faces: Int[np.ndarray, " faces"]) -> FlexMapsError:
-    """Return the error for spirals that were changed by hand and cannot be cut."""
+    """Return the error to raise for spirals that the user changed so that they cannot be cut."""
     text = f"{len(faces)} spirals were changed by hand into some that cannot be cut; press Spirals to make them anew"
     return FlexMapsError(text, faces=faces)
 
 
 def as_noted(design: SpiralDesign, made: dict[str, Any]) -> bool:
-    """Return whether widths and twists have the least, mean and largest values that a note states.
+    """Return whether the smallest, mean and largest width and twist equal those in a report block.
 
     Parameters
     ----------
     design : the spirals
-    made : the note of the stage that stored them
+    made : report block of the stage that stored the spirals
     """
     own = {"width_mm": design.width * 1e3, "twist_deg": np.degrees(design.twist)}
     return all(
@@ -320,7 +320,7 @@ def write_flat(
     obj : the mesh object
     surface : the surface as it was read
     flat : the flat patches
-    centres : where each patch lies in the UV map, metres
+    centres : position of each patch's origin in the UV map, metres
     """
     cut = np.zeros(len(surface.pairs), bool)
     cut[surface.edge_of] = flat.layout.cut
@@ -337,7 +337,7 @@ def write_flat(
 
 
 def write_design(obj: bpy.types.Object, surface: ObjectSurface, design: SpiralDesign) -> None:
-    """Store the spirals, and drop a simulation and the stiffness of earlier ones.
+    """Store the spirals, and remove the simulation and the stiffness of earlier spirals.
 
     Parameters
     ----------
@@ -354,7 +354,7 @@ def write_start(
     width: Float[np.ndarray, "quads 4"],
     twist: Float[np.ndarray, " quads"],
 ) -> None:
-    """Store widths in metres and twists in radians as a start for the spirals of new patches.
+    """Store widths and twists as the initial guess for the spirals of new patches.
 
     Parameters
     ----------
@@ -376,7 +376,7 @@ def _put_spirals(
 
 
 def shelve_design(obj: bpy.types.Object) -> None:
-    """Move the spirals to ``LAST_NAMES`` before the patches are cut anew."""
+    """Move the spirals' attributes to ``LAST_NAMES`` before the patches are cut anew; drop stiffness and simulation."""
     with attributes.readable(obj) as mesh:
         kept = [attributes.get(mesh, attributes.PREFIX + name) for name in DESIGN_NAMES]
     for name, values in zip(LAST_NAMES, kept, strict=True):

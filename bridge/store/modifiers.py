@@ -1,7 +1,7 @@
-"""Modifiers of an object: which change its surface, and which of these are left out where the surface is read.
+"""Modifiers of an object: which of them change its surface, and which are ignored when the surface is read.
 
-A panel is one sheet thick, so *Solidify* would only double the surface. *Edge Split* and *Triangulate* at the end of a stack
-change shading and exports, not the shape. Quick enough for every redraw.
+A panel is as thick as the sheet, so *Solidify* would only double the surface. *Edge Split* and *Triangulate* at the
+end of the stack change shading and exports, not the shape. Fast enough for every redraw.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from ...engine.params import RemeshParams
 from . import notes
 from .i18n import translate
 
-NAME = "flexmaps_left_out"  # on a mesh: the sentence about modifiers that were left out where its surface was read
+NAME = "flexmaps_left_out"  # name of a text on the mesh: sentence about the ignored modifiers
 
-# Types that do not change the surface
+# modifier types that do not change the surface
 HARMLESS = {
     "COLLISION",
     "DATA_TRANSFER",
@@ -32,7 +32,7 @@ HARMLESS = {
     "VERTEX_WEIGHT_PROXIMITY",
     "WEIGHTED_NORMAL",
 }
-# Nodes with an output of geometry that pass the surface on as it is
+# geometry nodes that pass the surface on unchanged
 PASSING = {
     "GeometryNodeSetMaterial",
     "GeometryNodeSetMaterialIndex",
@@ -41,21 +41,21 @@ PASSING = {
     "NodeGroupInput",
     "NodeReroute",
 }
-DIVIDING = {"EDGE_SPLIT", "TRIANGULATE"}  # types that divide or open faces where they lie
-# Largest extent across a flat surface with *Solidify*, in thicknesses; above 1 as Blender rounds to single precision
+DIVIDING = {"EDGE_SPLIT", "TRIANGULATE"}  # modifier types that split faces or edges without moving them
+# largest extent of a flat surface across its plane after *Solidify*, in thicknesses; above 1 for float32 rounding
 FLAT = 1.001
 
 
 def changing(obj: bpy.types.Object) -> list[bpy.types.Modifier]:
-    """Return the modifiers that change the mesh, including those that are left out."""
+    """Return the modifiers that change the mesh, including the ignored ones (``left_out``)."""
     return [m for m in obj.modifiers if m.show_viewport and m.type not in HARMLESS and not _only_shades(m)]
 
 
 def left_out(obj: bpy.types.Object) -> list[bpy.types.Modifier]:
-    """Return the modifiers that are left out where the surface of an object is read."""
+    """Return the modifiers that are ignored when the surface of an object is read."""
     found: list[bpy.types.Modifier] = []
-    last = True  # whether no later modifier changes the surface
-    voxels = False  # whether a later modifier remeshes, which needs a closed body
+    last = True  # whether no later modifier in the stack changes the surface
+    voxels = False  # whether a later modifier is a Remesh, which needs a closed body
     for modifier in reversed(changing(obj)):
         thickens = modifier.type == "SOLIDIFY" and not voxels and not _gives_body(obj, modifier)
         if thickens or (last and modifier.type in DIVIDING):
@@ -66,7 +66,7 @@ def left_out(obj: bpy.types.Object) -> list[bpy.types.Modifier]:
 
 
 def sentence(obj: bpy.types.Object) -> str:
-    """Return what is left out where the surface of an object is read, and why; "" where nothing is."""
+    """Return sentences about the ignored modifiers and why they are ignored; "" if there are none."""
     return ". ".join(map(_sentence, left_out(obj)))
 
 
@@ -79,25 +79,25 @@ def _sentence(modifier: bpy.types.Modifier) -> str:
 
 
 def note(mesh: bpy.types.Mesh, text: str) -> None:
-    """Store what was left out where the surface of a mesh was read.
+    """Store on the mesh the sentence about ignored modifiers.
 
     Parameters
     ----------
     mesh : Blender's mesh of the surface
-    text : the sentence; "" leaves an earlier one
+    text : the sentence; "" keeps the stored one
     """
     if text:
         notes.put_text(mesh, NAME, {"text": text})
 
 
 def read_note(mesh: bpy.types.Mesh) -> str:
-    """Return what was left out where the surface of a mesh was read; "" where nothing was."""
+    """Return the stored sentence about ignored modifiers; "" if there is none."""
     return str(notes.get_text(mesh, NAME).get("text", ""))
 
 
 @contextmanager
 def surface_only(obj: bpy.types.Object) -> Iterator[tuple[str, ...]]:
-    """Let an object be evaluated without the modifiers of ``left_out`` within a block; yield a sentence about each."""
+    """Context manager: hide the modifiers of ``left_out``, so that Blender ignores them; yield a sentence for each."""
     found = left_out(obj)
     try:
         for one in found:
@@ -109,7 +109,7 @@ def surface_only(obj: bpy.types.Object) -> Iterator[tuple[str, ...]]:
 
 
 def _only_shades(modifier: bpy.types.Modifier) -> bool:
-    """Return whether geometry nodes pass the surface on as it is, as *Smooth by Angle* does."""
+    """Return whether the modifier's geometry nodes leave the shape unchanged, as those of *Smooth by Angle* do."""
     tree = modifier.node_group if modifier.type == "NODES" else None
     return tree is not None and _passes(tree)
 
@@ -127,10 +127,10 @@ def _passes(tree: bpy.types.NodeTree) -> bool:
 
 
 def _gives_body(obj: bpy.types.Object, modifier: bpy.types.Modifier) -> bool:
-    """Return whether *Solidify* makes a body of a flat surface, as of a text, with a rim as wide as a quad at least."""
+    """Return whether *Solidify* turns a flat surface, such as a text, into a body thicker than a quad's edge."""
     extents = sorted(b - a for a, b in zip(obj.bound_box[0], obj.bound_box[6], strict=True))
     thickness = abs(modifier.thickness)
     if extents[0] > FLAT * thickness:
-        return False  # the surface under it is not flat
+        return False  # the surface before *Solidify* is not flat
     wanted = obj.flexmaps.remesh.quads if hasattr(obj, "flexmaps") else RemeshParams().quads
     return bool(thickness > sqrt(2.0 * extents[1] * extents[2] / wanted))

@@ -1,4 +1,4 @@
-"""*Next*: the one action that a person would take now; quick enough for every redraw."""
+"""Choose the action of the button *Next*: what an experienced user would do now. Fast enough for every redraw."""
 
 from __future__ import annotations
 
@@ -17,23 +17,24 @@ from .i18n import interface, translate
 from .notices import KEPT, MADE_SQUARER, Notice
 from .states import DONE, TODO, StageState, is_current_unnoted
 
-FITTED = ("spirals", "equilibrium", "optimise")  # stages that one press of Make it fit runs
-CHOOSE, ROUND = "flexmaps.choose", "flexmaps.mend"  # cures: other layouts, and rounded folds
-# cures that *Next* presses: they change neither the surface nor supports nor size
+FITTED = ("spirals", "equilibrium", "optimise")  # stages that *Make it fit* runs
+CHOOSE, ROUND = "flexmaps.choose", "flexmaps.mend"  # operators of two cures: propose layouts, round folds
+# cures of a poor match that *Next* may press: they change neither the surface nor supports nor size
 LAYOUTS = ("flexmaps.cut_there", CHOOSE)
-SIZES = 0.5, 2.0  # quad edges between these shares of the wanted edge need no scaling
-RESIZED = 3  # times at most that *Next* scales by one factor; a driver may undo it, and each factor is limited
-LETTERS = 28  # letters of a label at most, in every language; more would not fit the button
+# range of the ratio of quad edge to wanted edge in which *Next* does not scale the piece; wider scales less often
+SIZES = 0.5, 2.0
+RESIZED = 3  # how often *Next* may press the same scaling: each factor is limited, and a driver may undo it
+LETTERS = 28  # most characters of a label, in every language; more do not fit the button
 
 
 @dataclass(frozen=True)
 class Act:
-    """One press of *Next*.
+    """Action of one press of *Next*.
 
-    idname, properties : the operator
-    label : words on the button, such as "Next: 500 quads"
-    tooltip : the whole sentence
-    section : section of the sidebar that it uses: piece, layout, shape or make
+    idname, properties : the operator and its properties
+    label : text on the button, such as "Next: 500 quads"
+    tooltip : sentence that explains it
+    section : section of the sidebar it belongs to: piece, layout, shape or make
     cure : the cure that it presses; None for a stage
     """
 
@@ -54,7 +55,7 @@ def next_idname(obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str,
 def act(
     obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, StageState], all_notices: Sequence[Notice]
 ) -> Act | None:
-    """Return the next action; None where only a person can go on.
+    """Return the next action; None where the program cannot go on without the user.
 
     Parameters
     ----------
@@ -85,7 +86,7 @@ def act(
 
 
 def _next_stage(obj: bpy.types.Object, stages: dict[str, StageState], all_notices: Sequence[Notice]) -> Act:
-    """Return the next stage for a mesh that is ready to be cut."""
+    """Return the next stage or cure for a mesh of quads that is ready for a layout."""
     blocks = notes.read(obj.data)
     if stages["layout"].kind != DONE:
         if stages["layout"].part == "seams" and "layout" in blocks:
@@ -117,7 +118,11 @@ def _next_stage(obj: bpy.types.Object, stages: dict[str, StageState], all_notice
 
 
 def _larger_size(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> Act | None:
-    """Return the larger size of a piece whose arms are likely to break; None where they hold, the scale is locked, or the user wants this size."""
+    """Return the action that enlarges a piece whose arms are likely to break.
+
+    None where arms are not likely to break, the scale is locked, the user dismissed the notice, or it was pressed
+    ``RESIZED`` times.
+    """
     small = (notice for notice in all_notices if notice.key == notices.TOO_SMALL and notice.kind == BREAKS)
     ways = ((notice, cure) for notice in small for cure in notice.cures if cure.idname != "flexmaps.let_go")
     pressed = failures.tried(mesh)
@@ -125,7 +130,7 @@ def _larger_size(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> Act | N
 
 
 def _without_modifiers(obj: bpy.types.Object) -> Act:
-    """Return the action that makes a mesh without modifiers."""
+    """Return the action that applies the modifiers, or leaves them out, in a copy of the object."""
     changing, without = modifiers.changing(obj), modifiers.left_out(obj)
     tooltip = translate("Applies the modifiers to a copy, and hides this object: the layout lives in the mesh itself")
     if without:
@@ -158,7 +163,7 @@ def _quads(obj: bpy.types.Object, scene: bpy.types.Scene) -> Act:
 
 
 def _better_size(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
-    """Return the longest side in millimetres at which a remesh gives about the wanted quad edge; 0 if it does already."""
+    """Return the longest side in mm at which a remesh gives about the wanted quad edge; 0 if no scaling is needed."""
     mesh, unit = obj.data, scene.unit_settings.scale_length
     if any(obj.lock_scale):
         return 0.0
@@ -174,7 +179,7 @@ def _better_size(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
 def _before_layout(
     obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, StageState], all_notices: Sequence[Notice]
 ) -> Act | None:
-    """Return what a mesh of quads still needs before it is cut; None if it is ready."""
+    """Return the next preparation of a quad mesh (scale, repair, make squarer); None if it is ready for a layout."""
     edge, wanted = objects.quad_edge(obj, scene), obj.flexmaps.remesh.edge * 1e-3
     if not SIZES[0] * wanted <= edge <= SIZES[1] * wanted and edge > 0 and not any(obj.lock_scale):
         size = max(objects.extents(obj)) * scene.unit_settings.scale_length * wanted / edge * 1e3
@@ -197,7 +202,7 @@ def _before_layout(
 
 
 def _unless_failed(mesh: bpy.types.Mesh, wanted: Act, all_notices: Sequence[Notice]) -> Act | None:
-    """Return the action, or the first cure if it failed with the same input; None without a cure."""
+    """Return ``wanted``; if it failed before with the same input, the first cure not pressed yet, or None."""
     failed = next((notice for notice in all_notices if notice.key == f"failed/{wanted.idname}"), None)
     if failed is None:
         return wanted
@@ -205,9 +210,9 @@ def _unless_failed(mesh: bpy.types.Mesh, wanted: Act, all_notices: Sequence[Noti
 
 
 def _next_cure(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> Act | None:
-    """Return a cure for what would break the piece, then another layout for a poor match.
+    """Return a cure for what would break the piece, else another layout for a poor match.
 
-    None where there is neither, all were tried, or the user dismissed the notices.
+    None where there are none, all were pressed, or the user dismissed the notices.
     """
     breaking = [notice for notice in all_notices if notice.kind == BREAKS]
     missing = [notice for notice in all_notices if notice.kind == WORSE and notice.key in notices.FAR_FROM_TARGET]
@@ -219,10 +224,10 @@ def _next_cure(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> Act | Non
 
 
 def _other_layouts(ways: Sequence[Cure]) -> list[Cure]:
-    """Select the cures that change the layout only.
+    """Return the cures that change only the layout.
 
-    Without *Propose layouts* if rounding the folds stands before it, which is then predicted to come as near as wanted: no layout of
-    a folded piece did.
+    *Propose layouts* is left out where rounding the folds ranks before it: rounding is then predicted to reach the
+    wanted match, which no layout of a folded piece did.
     """
     names = [cure.idname for cure in ways]
     before = names[: names.index(CHOOSE)] if CHOOSE in names else []
@@ -230,13 +235,13 @@ def _other_layouts(ways: Sequence[Cure]) -> list[Cure]:
 
 
 def _untried(mesh: bpy.types.Mesh, notice: Notice) -> list[Cure]:
-    """Return the cures that *Next* has not pressed yet; dismissing is always available."""
+    """Return the cures that *Next* has not pressed yet, and always the cure that dismisses the notice."""
     tried = failures.tried(mesh)
     return [cure for cure in notice.cures if cure.call not in tried or cure.idname == "flexmaps.let_go"]
 
 
 def _skips_failed(idname: str, all_notices: Sequence[Notice]) -> bool:
-    """Return whether the user goes on without a stage that failed."""
+    """Return whether an operator failed and the user dismissed the notice about it."""
     return any(notice.key == f"failed/{idname}" and notice.kind == INFORMATION for notice in all_notices)
 
 
@@ -249,6 +254,6 @@ def _cure(notice: Notice, cure: Cure, section: str) -> Act:
 
 
 def _label(words: str) -> str:
-    """Return the words on the button, cut to its length."""
+    """Return the label "Next: ...", or a truncated label without "Next:" where that is too long."""
     label = interface("Next: {}", words)
     return label if len(label) <= LETTERS else words[:LETTERS]

@@ -1,6 +1,7 @@
-"""Results of stages, kept on the mesh as text, so that the sidebar shows them without computing.
+"""The notes, or stored report: summaries of the stages' results, as JSON in custom properties of the mesh.
 
-The blocks are those of report.json, see ``engine/runs/stages.py``, and "checks"; a stage that has not run has no block.
+The sidebar shows them without computing. Each stage writes one or more report blocks, which are the dictionaries of
+report.json, see ``engine/runs/stages.py``; the mesh check writes "checks". A stage that has not run has no block.
 """
 
 from __future__ import annotations
@@ -20,16 +21,16 @@ if TYPE_CHECKING:
     from ...engine.surface.checking.check import Finding
 
 NAME = "flexmaps_report"
-MADE_FROM = "flexmaps_made_from"  # stage -> part -> checksum of the stage's inputs, see ``states``
-SUM = "_sum"  # suffix of a text's name under which the text's checksum is stored
-PROGRAM = "program"  # key beside the checksums of a stage: the version that made it
-TRACED = "traced"  # key in the layout's block: Trace made these patches, and Merge has not run yet
-# codes of findings about the mesh before the remesh
+MADE_FROM = "flexmaps_made_from"  # block -> input -> checksum of the input when the block was written, see ``states``
+SUM = "_sum"  # suffix of the property that holds a text's checksum
+PROGRAM = "program"  # key beside a report block's input checksums: version of FlexMaps that wrote the block
+TRACED = "traced"  # key in the report block "layout": true where the patches are from Trace, before Merge
+# codes of findings of a remesh, about the mesh before it
 OF_REMESH = {"surface-missed", "bodies-left-out", "bodies-joined", "bodies-cut"}
-FRESH = "flexmaps_fresh"  # names of the blocks written since the last stamp
+FRESH = "flexmaps_fresh"  # custom property: names of the report blocks written since ``states.stamp`` was last called
 
 
-# -- texts on the mesh: read only if their checksum is right -------------------------------------------------------------
+# -- texts on the mesh: read only if their checksum is right -----------------------------------------------------------
 
 
 def _checksum(text: str) -> str:
@@ -42,7 +43,7 @@ def _parse(text: str, checksum: str) -> dict[str, Any] | None:
 
 
 def _get(mesh: bpy.types.Mesh, name: str) -> dict[str, Any] | None:
-    """Return what ``_put`` wrote; {} where there is nothing or no checksum yet, None where it is damaged."""
+    """Return the dictionary that ``put_text`` stored; {} if there is no text or no checksum, None if it is damaged."""
     text, checksum = mesh.get(name), mesh.get(name + SUM)
     if text is None or checksum is None:
         return {}
@@ -50,28 +51,28 @@ def _get(mesh: bpy.types.Mesh, name: str) -> dict[str, Any] | None:
 
 
 def put_text(mesh: bpy.types.Mesh, name: str, value: dict[str, Any]) -> None:
-    """Store a dictionary on the mesh as text with a checksum."""
+    """Store a dictionary on the mesh as JSON text with a checksum."""
     mesh[name] = json.dumps(value)
     mesh[name + SUM] = _checksum(mesh[name])
 
 
 def get_text(mesh: bpy.types.Mesh, name: str) -> dict[str, Any]:
-    """Return the dictionary that ``put_text`` stored under a name; {} where there is none or it is damaged."""
+    """Return the dictionary that ``put_text`` stored under a name; {} if it is missing or damaged."""
     return _get(mesh, name) or {}
 
 
 def unsound(mesh: bpy.types.Mesh) -> bool:
-    """Return whether the stored texts are damaged; they are then ignored."""
+    """Return whether the stored report or its input checksums are damaged; they are then ignored."""
     return _get(mesh, NAME) is None or _get(mesh, MADE_FROM) is None
 
 
 def unsealed(mesh: bpy.types.Mesh) -> bool:
-    """Return whether an early version without checksums wrote the notes; they may be damaged, and are ignored too."""
+    """Return whether an early version stored the report without checksums; it is then ignored too."""
     return any(name in mesh and name + SUM not in mesh for name in (NAME, MADE_FROM))
 
 
 def _begin(mesh: bpy.types.Mesh) -> None:
-    """Remove notes that are ignored, before new ones are written."""
+    """Remove a stored report that is damaged or lacks checksums, before a new one is written."""
     if unsound(mesh) or unsealed(mesh):
         for name in (NAME, NAME + SUM, MADE_FROM, MADE_FROM + SUM, FRESH):
             if name in mesh:
@@ -82,35 +83,35 @@ def _begin(mesh: bpy.types.Mesh) -> None:
 
 
 def read(mesh: bpy.types.Mesh) -> dict[str, Any]:
-    """Return the stored blocks; do not change the returned dict."""
+    """Return all stored report blocks by name. The dictionary is cached: do not modify it."""
     blocks = _get(mesh, NAME)
     return {} if not blocks or _get(mesh, MADE_FROM) is None else blocks
 
 
 def missing(mesh: bpy.types.Mesh, member: str) -> str | None:
-    """Return why a member of the engine's ``Result`` is missing, as a sentence; None where its stage has run.
+    """Return a sentence that a result is missing and which button makes it; None where its stage has run.
 
     Parameters
     ----------
     mesh : Blender's mesh
-    member : name of a member of ``Result``
+    member : name of a field of the engine's ``Result``
     """
     return None if stages.blocks_describing((member,)) & read(mesh).keys() else stages.MISSING[member]
 
 
 def made_from(mesh: bpy.types.Mesh) -> dict[str, dict[str, str]]:
-    """Return stage -> part -> checksum of the stage's inputs; do not change the returned dict."""
+    """Return report block -> input -> checksum of the input. The dictionary is cached: do not modify it."""
     return {} if unsound(mesh) else _get(mesh, MADE_FROM) or {}
 
 
 def write_made_from(mesh: bpy.types.Mesh, made: dict[str, dict[str, str]]) -> None:
-    """Store the input checksums of some stages with this version; other stages keep theirs."""
+    """Store the input checksums of some report blocks and the program's version; other blocks keep theirs."""
     _begin(mesh)
     put_text(mesh, MADE_FROM, made_from(mesh) | {name: parts | {PROGRAM: VERSION} for name, parts in made.items()})
 
 
 def made_with(mesh: bpy.types.Mesh) -> str:
-    """Return the version that made the notes: the newest if it is newer than this program, else the oldest."""
+    """Return the version that wrote the report: the newest if it is newer than this program, else the oldest."""
     if unsealed(mesh):
         return versions.FIRST_VERSION
     made = made_from(mesh)
@@ -124,13 +125,13 @@ def made_with(mesh: bpy.types.Mesh) -> str:
 
 
 def write(mesh: bpy.types.Mesh, stage: str, block: object) -> None:
-    """Store the block of a stage, and drop the blocks of later stages, which are now out of date.
+    """Store a report block, and remove the blocks of later stages, which are now out of date.
 
     Parameters
     ----------
     mesh : Blender's mesh
     stage : name of the block
-    block : plain values, which become JSON
+    block : plain values, stored as JSON
     """
     _begin(mesh)
     gone = stages.stale_blocks(stage)
@@ -139,7 +140,7 @@ def write(mesh: bpy.types.Mesh, stage: str, block: object) -> None:
 
 
 def write_all(mesh: bpy.types.Mesh, blocks: dict[str, dict[str, Any]]) -> None:
-    """Store the blocks of several stages, in the order of the stages.
+    """Store several report blocks, in the order of the stages.
 
     Parameters
     ----------
@@ -151,7 +152,7 @@ def write_all(mesh: bpy.types.Mesh, blocks: dict[str, dict[str, Any]]) -> None:
 
 
 def drop_from(mesh: bpy.types.Mesh, stage: str) -> None:
-    """Drop the block of a stage and of all later ones.
+    """Remove a report block and the blocks of all later stages.
 
     Parameters
     ----------
@@ -164,9 +165,10 @@ def drop_from(mesh: bpy.types.Mesh, stage: str) -> None:
 
 
 def write_checks(mesh: bpy.types.Mesh, findings: Sequence[Finding]) -> None:
-    """Store the findings of the check with their edges; no stage becomes out of date.
+    """Store the findings of the mesh check; no stage becomes out of date.
 
-    Findings of the remesh stay while the number of quads is the same, because a check of the quads cannot find them.
+    Findings of a remesh are kept while the number of quads stays the same, because a check of the quads cannot find
+    them.
 
     Parameters
     ----------
@@ -192,7 +194,7 @@ def _note_fresh(mesh: bpy.types.Mesh, stage: str) -> None:
 
 
 def take_fresh(mesh: bpy.types.Mesh) -> set[str]:
-    """Return the blocks that were written since the last call and still exist."""
+    """Return the names of the report blocks written since the last call, as far as they still exist."""
     fresh = set(str(mesh.get(FRESH, "")).split())
     if FRESH in mesh:
         del mesh[FRESH]

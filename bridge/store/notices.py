@@ -1,7 +1,7 @@
-"""Notices about an object: each has a few words, a sentence, its place, and buttons that cure it.
+"""Notices about an object: a short label, a sentence, the faces and edges concerned, and buttons (cures) that help.
 
-They are built from the notes alone, quick enough for every redraw. ``list_notices`` returns them in display order: what stops, what
-breaks, what makes the piece worse, then information.
+They are built from stored results alone, fast enough for every redraw. ``list_notices`` returns them in display order:
+what stops a stage, what breaks the piece, what makes it worse, then information.
 """
 
 from __future__ import annotations
@@ -22,11 +22,13 @@ from .cures import Cure
 from .finding_words import BREAKS, FAILED, INFORMATION, ORDER, SAID, STOPS, WORDS, WORSE
 from .i18n import interface, quads, translate
 
-MADE_SQUARER = {"concave", "warped", "thin"}  # codes that Regularise helps with
-# codes that a remesh helps with
+MADE_SQUARER = {"concave", "warped", "thin"}  # codes of findings that Regularise can remove
+# codes of findings that a remesh can remove
 REMESHED = {"non-quad", "crossed", "zero-area", "size-ratio", "non-manifold-edge", "repeated-vertex"}
-LARGER = 1.5  # factor offered where spirals lack room, between the largest and the smallest that remedies offer; not measured
-# simulation's finding -> remedies that help with it if advised, best first
+# factor of enlargement offered where spirals lack room; larger gives more room and a larger piece. Within the range of
+# the remedies' factors, not measured
+LARGER = 1.5
+# code of a simulation's finding -> remedies to offer if the optimiser advises them, best first
 HELPED = {
     "stays-flat": (remedies.CUT,),
     "far-from-target": (remedies.CUT, remedies.FINER, remedies.LARGER, remedies.THINNER),
@@ -34,11 +36,11 @@ HELPED = {
     "about-to-snap": (remedies.CUT,),
     "other-rest": (remedies.CUT,),
 }
-# findings for which another optimisation helps, even after one
+# codes of findings for which Optimise is offered even after an earlier optimisation
 AGAIN = {"no-equilibrium", "knotted", "about-to-snap", "other-rest"}
-# keys of notices about a poor match
+# keys of notices about a poor match with the target
 FAR_FROM_TARGET = ("equilibrium/match", "equilibrium/far-from-target")
-# keys of notices that only predict the result, from the mesh or the layout
+# keys of notices that only predict a problem, from the mesh or the layout
 FORETELLING = (
     "checks/size-ratio",
     "checks/small-quads",
@@ -47,8 +49,8 @@ FORETELLING = (
     "checks/thin",
     "layout/remarks",
 )
-TOO_SMALL = "layout/too-small"  # key of the notice that even the softest spirals would be strained too much
-KEPT = "quads-kept"  # key of the notice about few quads, once dismissed
+TOO_SMALL = "layout/too-small"  # key of the notice: even the softest spirals would be strained too much
+KEPT = "quads-kept"  # key of the notice about few quads, which the user may keep
 
 
 @dataclass(frozen=True)
@@ -56,10 +58,10 @@ class Notice:
     """One notice.
 
     key : unique name, for ``flexmaps.show_notice`` and ``flexmaps.let_go``
-    words : two or three, for a row of the sidebar
+    words : label of two or three words, for a row of the sidebar
     sentence : the full text, for a tooltip
     kind : severity, one of ``ORDER``
-    faces, edges : its place, in the engine's numbers
+    faces, edges : indices of the faces and edges concerned, in the engine's numbering
     cures : buttons, best first
     """
 
@@ -79,7 +81,7 @@ class Notice:
 
 
 def list_notices(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.StageState]) -> list[Notice]:
-    """Return all notices of an object, worst first; ``known``: its ``states``."""
+    """Return all notices of an object, worst first; ``known``: states of its stages from ``read_states``."""
     blocks = states.current_blocks(obj, known)
     result = [
         *_from_failures(obj, failures.read(obj, scene)),
@@ -99,7 +101,7 @@ def list_notices(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str,
 
 
 def _downgrade_predictions(obj: bpy.types.Object, blocks: dict[str, Any], result: list[Notice]) -> list[Notice]:
-    """Downgrade predictions to information once the shape is near its target or flat and nothing breaks."""
+    """Downgrade predictions to information once the piece is flat or simulated near its target, and nothing breaks."""
     percent = blocks.get("equilibrium", {}).get("rms_percent")
     near = percent is not None and percent <= remedies.wanted_percent(obj.flexmaps.choose)
     flat = "spirals" in blocks and flat_target.passed_over(obj)
@@ -115,7 +117,7 @@ def _downgrade_dismissed(mesh: bpy.types.Mesh, notice: Notice) -> Notice:
     return replace(notice, kind=INFORMATION, cures=())
 
 
-# -- one function for each source ---------------------------------------------------------------------------------------
+# -- one function for each source of notices ---------------------------------------------------------------------------
 
 
 def _from_failures(obj: bpy.types.Object, failed: dict[str, dict[str, Any]]) -> list[Notice]:
@@ -129,7 +131,7 @@ def _from_failures(obj: bpy.types.Object, failed: dict[str, dict[str, Any]]) -> 
 
 
 def _cures_of_failure(obj: bpy.types.Object, idname: str, wanted: int | None = None) -> list[Cure]:
-    """Return cures of a failed stage, never the action that failed; ``wanted``: number of quads that the stage asks for."""
+    """Return buttons that help after a stage failed; ``wanted``: number of quads that the stage's error suggests."""
     quads, key = len(obj.data.polygons), f"failed/{idname}"
     if idname in {"flexmaps.spirals", "flexmaps.fit"}:
         return [
@@ -163,12 +165,12 @@ def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, findings: list[dict[s
             ways += [cures.larger(larger)] if larger <= remedies.MAX_FACTOR else []
             ways += [cures.remesh(n) for n in cures.fewer(len(obj.data.polygons))[:1]]
         if code in REMESHED or code in MADE_SQUARER or code == "surface-missed":
-            from ...engine.surface.remeshing.coverage import finer  # scipy comes with it
+            from ...engine.surface.remeshing.coverage import finer  # imported here because it imports scipy
 
             # a remesh to the same number of quads would give the same quads
             again = code == "surface-missed" or origin.SOURCE in obj
             ways.append(cures.remesh(finer(len(obj.data.polygons)) if again else obj.flexmaps.remesh.quads))
-        if kind not in (STOPS, INFORMATION):  # information hinders nothing that could be dismissed
+        if kind not in (STOPS, INFORMATION):  # information does not block *Next*, so it need not be dismissed
             ways.append(cures.let_go(f"checks/{code}"))
         label = interface(words, len(edges if code == cures.FOLDS else faces))
         made.append(Notice(f"checks/{code}", label, row["message"], kind, faces, edges, tuple(ways)))
@@ -176,13 +178,13 @@ def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, findings: list[dict[s
 
 
 def is_coarse(obj: bpy.types.Object) -> bool:
-    """Return whether a mesh has too few quads for more than a toy, unless a remesh made them on request."""
+    """Return whether a mesh has fewer quads than ``LEAST_QUADS``, and no remesh made them on request."""
     count = len(obj.data.polygons)
     return count < cures.LEAST_QUADS and len(obj.data.loops) == 4 * count and origin.SOURCE not in obj
 
 
 def _few_quads(obj: bpy.types.Object) -> list[Notice]:
-    """Warn of a mesh of few quads, unless modifiers make others."""
+    """Warn of a mesh of few quads, unless modifiers change its faces."""
     if not is_coarse(obj) or objects.changed_by_modifiers(obj):
         return []
     count = len(obj.data.polygons)
@@ -200,13 +202,13 @@ def _few_quads(obj: bpy.types.Object) -> list[Notice]:
 
 
 def _left_out(obj: bpy.types.Object) -> list[Notice]:
-    """Report modifiers that were left out where the surface was read, or are going to be."""
+    """Report modifiers that are ignored when the surface is read, or were ignored at the last reading."""
     text = modifiers.sentence(obj) or modifiers.read_note(obj.data)
     return [Notice("left-out", interface("Modifier left out"), text, INFORMATION)] if text else []
 
 
 def _missing_groups(obj: bpy.types.Object) -> list[Notice]:
-    """Report chosen vertex groups that no longer exist."""
+    """Report vertex groups that the settings name but the object lacks."""
     result = []
     for setting, what in (("supports", "Supports"), ("pulled", "Pulled")):
         name = getattr(obj.flexmaps.loads, setting)
@@ -222,7 +224,7 @@ def _missing_groups(obj: bpy.types.Object) -> list[Notice]:
 
 
 def _seams(obj: bpy.types.Object, layout: str) -> list[Notice]:
-    """Report seams that existed before FlexMaps' own."""
+    """Report seams that the mesh had before the first layout."""
     if layout != states.TODO or not has_seams(obj.data):
         return []
     sentence = translate(
@@ -245,7 +247,7 @@ def _flat(obj: bpy.types.Object) -> list[Notice]:
 
 
 def _too_small(obj: bpy.types.Object, scene: bpy.types.Scene, blocks: dict[str, Any]) -> list[Notice]:
-    """Warn of arms that are likely to break whatever the search, until a shape was found, whose strain is known."""
+    """Warn if the layout's forecast predicts too much strain even for the softest spirals; only before a simulation."""
     strain = blocks.get("layout", {}).get("strain_softest")
     if strain is None or {"equilibrium", "optimise"} & notes.read(obj.data).keys():
         return []
@@ -266,13 +268,13 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
     block = blocks.get("equilibrium", {})
     reach = blocks.get("reach", {})
     advised = remedies.read_block({"advice": "", **reach})
-    # trial searches have shown that no cut helps, or nothing can look for one
+    # offer no cut if trial searches showed that it does not help, or the extra that searches for cuts is not installed
     if remedies.CUT not in reach.get("prospects", advised) or not registry.has("choosing"):
         advised.pop(remedies.CUT, None)
     result = []
     result += _other_limit(obj, block)
     rows = equilibrium.by_code(block.get("findings", ()))
-    # a piece of another size is optimised anew, so that is tried before another search of this one
+    # offer the cures of excess strain first: they change the size, after which the piece is optimised anew anyway
     for row in sorted(rows, key=lambda row: row["code"] != "strained"):
         if row["code"] == "strained-for-years":  # written by an earlier version, which reported both limits at once
             continue
@@ -302,7 +304,7 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
 
 
 def _is_far(obj: bpy.types.Object, blocks: dict[str, Any]) -> bool:
-    """Return whether the piece as a whole lies far from its target: of one body, farther than wanted; of several, visibly far."""
+    """Return whether the RMS distance from the target exceeds the wanted one (of several bodies: a visible one)."""
     several = any(row["code"] == "several-bodies" for row in blocks.get("checks", [{"code": "several-bodies"}]))
     visible = 100.0 * VISIBLE_RMS_SHARE
     limit = visible if several else min(visible, remedies.wanted_percent(obj.flexmaps.choose))
@@ -310,7 +312,7 @@ def _is_far(obj: bpy.types.Object, blocks: dict[str, Any]) -> bool:
 
 
 def _match(obj: bpy.types.Object, blocks: dict[str, Any], advised: dict[str, Any]) -> list[Notice]:
-    """Report a match worse than wanted, unless a finding reports it already."""
+    """Report an RMS distance from the target above the wanted one, unless a finding reports it already."""
     block = blocks.get("equilibrium", {})
     percent, codes = block.get("rms_percent"), {row["code"] for row in block.get("findings", ())}
     covering = {"far-from-target", "no-equilibrium", "knotted", *(("stays-flat",) if _is_far(obj, blocks) else ())}
@@ -326,7 +328,7 @@ def _match(obj: bpy.types.Object, blocks: dict[str, Any], advised: dict[str, Any
 
 
 def _other_limit(obj: bpy.types.Object, block: dict[str, Any]) -> list[Notice]:
-    """Say what a piece made for days would need to last for years; information only."""
+    """Tell which size or sheet a piece designed for days would need to last for years; information only."""
     share, settings = block.get("strain_share_max"), obj.flexmaps.material
     material = MATERIALS.get(settings.material)
     if share is None or settings.lasts == "years" or material is None or material.lasting is None:
@@ -360,10 +362,10 @@ def _findings(source: str, findings: list[dict[str, Any]]) -> list[Notice]:
 
 
 def _sentences(source: str, blocks: dict[str, Any]) -> list[Notice]:
-    """Return a block's warnings as one notice with cures, and for a layout also the note of a further cut."""
+    """Return the warnings of a report block as a notice with cures; for a layout, also a notice about a further cut."""
     rows, one, more = SAID[source]
     block, key = blocks.get(source, {}), f"{source}/{rows}"
-    halved = block.get("halved")  # text about a seam that lets a panel leave the plane; it is not a missed limit
+    halved = block.get("halved")  # text about a seam added so that a panel can leave the plane; not a warning
     plain = [Notice("layout/halved", interface("Cut once more"), halved, INFORMATION)] if halved else []
     lines = [sentence for sentence in block.get(rows, ()) if sentence != halved]
     if not lines:
@@ -371,11 +373,11 @@ def _sentences(source: str, blocks: dict[str, Any]) -> list[Notice]:
     ways = []
     if source == "layout" and "choose" not in blocks:
         ways = cures.choose()
-    elif source == "assembly":  # joint forces fall as the piece grows or the sheet gets thinner
+    elif source == "assembly":  # a larger piece or a thinner sheet needs less force at the joints
         advised = remedies.read_block({"advice": "", **blocks.get("reach", {})})
         ways = [cures.remedy(name, advised[name]) for name in HELPED["strained"] if name in advised]
         if not ways and block.get("load_max", 0.0) > 1.0:
             ways = [cures.larger(remedies.size_factor(block["load_max"], soft=False))]
-    count = block.get("hard", len(lines))  # of seams, each of which may be hard for several reasons
+    count = block.get("hard", len(lines))  # number of seams; a seam may have several warnings
     words = interface(one) if count == 1 else interface(more, count)
     return [*plain, Notice(key, words, "\n".join(lines), WORSE, cures=(*ways, cures.let_go(key)))]

@@ -1,4 +1,4 @@
-"""Objects that FlexMaps can work on; without numerics, and quick enough for every redraw."""
+"""Queries about Blender objects that FlexMaps works on; fast enough for every redraw, without heavy imports."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from ...engine.errors import FlexMapsError
 from . import modifiers
 from .i18n import translate
 
-SAMPLED = 64  # edges sampled evenly for the quad size, exact enough to notice a factor of 2; more slows redraws
-# Blender's id of a mesh -> its numbers of parts, whether vertices are loose
+SAMPLED = 64  # edges sampled to estimate the quad size; more is more exact (a factor of 2 suffices) and slows redraws
+# Blender's id of a mesh -> its numbers of vertices, edges and corners, and whether it has loose vertices
 _LOOSE: dict[int, tuple[tuple[int, ...], bool]] = {}
-CONVERTIBLE = {"CURVE", "SURFACE", "FONT", "META"}  # types of objects that Blender can convert to meshes
+CONVERTIBLE = {"CURVE", "SURFACE", "FONT", "META"}  # object types that Blender can convert to meshes
 
 
 def unusable(obj: bpy.types.Object | None) -> str | None:
-    """Return why FlexMaps cannot work on this object, as a sentence; None if it can. Quick enough for a panel."""
+    """Return why FlexMaps cannot work on this object, as a sentence; None if it can."""
     if obj is None:
         return "Select a mesh object"
     if obj.type != "MESH":
@@ -30,7 +30,7 @@ def unusable(obj: bpy.types.Object | None) -> str | None:
 
 
 def linked(obj: bpy.types.Object) -> bool:
-    """Return whether the object or its mesh belongs to another file."""
+    """Return whether the object or its mesh is linked from another .blend file."""
     return obj.library is not None or (obj.data is not None and obj.data.library is not None)
 
 
@@ -60,7 +60,7 @@ def files_read() -> tuple[Path, ...]:
 
 
 def find(uid: int) -> bpy.types.Object:
-    """Return the object with this id of Blender's, even if it was renamed; raise ``FlexMapsError`` where it was deleted."""
+    """Return the object with this ``session_uid``, even if renamed; raise ``FlexMapsError`` if it was deleted."""
     for obj in bpy.data.objects:
         if obj.session_uid == uid and obj.users:
             return obj
@@ -68,7 +68,7 @@ def find(uid: int) -> bpy.types.Object:
 
 
 def extents(obj: bpy.types.Object) -> tuple[float, ...]:
-    """Return the size along the object's own axes as ``Object.dimensions``, but without points that belong to no face."""
+    """Return ``Object.dimensions`` (Blender units, object's own axes), but without vertices that belong to no face."""
     mesh = obj.data
     whole = tuple(obj.dimensions)
     if obj.type != "MESH" or not len(mesh.polygons) or modifiers.changing(obj) or not _has_loose(mesh):
@@ -81,7 +81,7 @@ def extents(obj: bpy.types.Object) -> tuple[float, ...]:
 
 
 def _has_loose(mesh: bpy.types.Mesh) -> bool:
-    """Return whether vertices belong to no face; kept per mesh, as the answer changes only with the numbers of its parts."""
+    """Return whether vertices belong to no face; cached until the number of vertices, edges or corners changes."""
     parts = len(mesh.vertices), len(mesh.edges), len(mesh.loops)
     if _LOOSE.get(mesh.session_uid, (None, False))[0] != parts:
         from .columns import column
@@ -92,7 +92,7 @@ def _has_loose(mesh: bpy.types.Mesh) -> bool:
 
 
 def quad_edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
-    """Return about the median edge length in metres, from a sample of edges."""
+    """Return the approximate median edge length in metres, from a sample of edges."""
     mesh, matrix = obj.data, obj.matrix_world.to_3x3()
     lengths = []
     for k in range(0, len(mesh.edges), max(1, len(mesh.edges) // SAMPLED)):

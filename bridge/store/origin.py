@@ -1,6 +1,6 @@
-"""The object that quads were made from; Quad remesh starts from it again as long as the user has not changed the quads.
+"""Source object of a quad remesh; Quad remesh starts from it again as long as the user has not changed the quads.
 
-Finer quads made from coarse ones would lack the details that the coarse ones missed.
+Refining the coarse quads instead would lose the details that they missed.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ import numpy as np
 from ...engine.arrays import Float
 from .columns import column
 
-SOURCE = "flexmaps_source"  # on an object of quads: the object that they were made from
-MADE = "flexmaps_made"  # on its mesh: a checksum of the quads as they were made
+SOURCE = "flexmaps_source"  # custom property of the object of quads: the source object
+MADE = "flexmaps_made"  # custom property of its mesh: checksum of the quads right after the remesh
 
 
 def note(made: bpy.types.Object, source: bpy.types.Object) -> None:
-    """Store which object the quads were made from.
+    """Store which object the quads were made from, and a checksum of the quads.
 
     Parameters
     ----------
-    made : the object of quads
+    made : the new object of quads
     source : the object that was remeshed
     """
     made[SOURCE], made.data[MADE] = source, _checksum(made.data)
 
 
 def source_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Object:
-    """Return the source of the quads; the object itself where the source is gone or the user changed the quads.
+    """Return the source object of the quads; ``obj`` itself where the source is gone or the user changed the quads.
 
     Parameters
     ----------
@@ -43,14 +43,14 @@ def source_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Object
 
 
 def between(source: bpy.types.Object, obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "4 4"]:
-    """Return the matrix, in metres, from a source to the quads made from it, which may have been moved and scaled since.
+    """Return the transform, in metres, from the source to the quads, which may have been moved and scaled since.
 
     Parameters
     ----------
     source, obj : the source and the object of quads
     scene : their scene
     """
-    from .seen import to_metres  # scipy comes with it
+    from .seen import to_metres  # imported here because it imports scipy
 
     return to_metres(obj, scene) @ np.linalg.inv(to_metres(source, scene))
 

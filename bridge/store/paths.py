@@ -15,7 +15,7 @@ from .settings import unsaved
 
 
 def folder_of(text: str) -> Path:
-    """Return the folder that a setting names; raise ``FlexMapsError`` where there is none or the .blend is unsaved."""
+    """Return the folder named by a setting; raise ``FlexMapsError`` if empty, or relative to an unsaved .blend file."""
     if unsaved(text):
         raise FlexMapsError("Save the .blend file first, or choose a folder that does not begin with //")
     if not text.strip():
@@ -26,8 +26,8 @@ def folder_of(text: str) -> Path:
 def file_name(name: str) -> str:
     """Return a file name for an object that differs from those of all other meshes of this .blend file.
 
-    Two object names can yield the same file name, as a.b and a_b do; on Windows and macOS also names that differ only in case
-    or in how an accent is encoded. All but the first of them, in the order of the names, get a number.
+    Two object names can yield the same file name, such as a.b and a_b; on Windows and macOS also names that differ only
+    in case or in how an accent is encoded. All but the first such name, in alphabetical order, get a number.
     """
     taken = set[str]()
     for other in sorted({name} | {o.name for o in bpy.data.objects if o.type == "MESH"}):
@@ -40,7 +40,7 @@ def file_name(name: str) -> str:
 
 
 def _on_disk(name: str) -> str:
-    """Fold case and accents, which Windows and macOS ignore in file names."""
+    """Normalise the case and the encoding of accents, in which Windows and macOS see no difference."""
     return unicodedata.normalize("NFC", name).casefold()
 
 
@@ -49,12 +49,16 @@ def _plain(name: str) -> str:
 
 
 def picture_file(text: str, film: bool = False) -> Path:
-    """Return the PNG file, or with ``film`` also an MP4 file, that a setting names; raise ``FlexMapsError`` without a name.
+    """Return the picture file named by a setting, with .png appended where the suffix does not fit.
 
     Parameters
     ----------
     text : the setting
     film : also accept a name that ends in .mp4
+
+    Raises
+    ------
+    FlexMapsError if the name is empty, or relative to an unsaved .blend file.
     """
     if unsaved(text):
         raise FlexMapsError("Save the .blend file first, or choose a file that does not begin with //")
@@ -67,5 +71,5 @@ def picture_file(text: str, film: bool = False) -> Path:
 
 
 def picture_files(path: Path) -> list[Path]:
-    """Return the picture or film, and the frames of an earlier film."""
+    """Return the picture or film, followed by existing PNG frames of an earlier film of that name."""
     return [path, *(path.parent.glob(f"{escape(path.stem)}-[0-9]*.png") if path.parent.is_dir() else ())]

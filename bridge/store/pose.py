@@ -1,9 +1,9 @@
-"""The simulated pose of the hubs, stored on the mesh; the assembled preview is built from it.
+"""The simulated pose of the hubs, stored as face attributes; the preview of the assembled piece is built from it.
 
  flexmaps_hub                     face   the hub's centre, in the object's own frame
- flexmaps_hub_x, flexmaps_hub_y   face   the axes of its flat patch, as directions in the object's own frame
+ flexmaps_hub_x, flexmaps_hub_y   face   the flat patch's x and y axis, turned with the hub; in the object's own frame
 
-Being in the object's frame, the pose moves and turns with the object.
+In the object's frame, the pose moves and turns with the object.
 """
 
 from __future__ import annotations
@@ -23,7 +23,14 @@ NAMES = ("hub", "hub_x", "hub_y")
 
 
 def write(obj: bpy.types.Object, to_metres: Float[np.ndarray, "4 4"], pose: Pose) -> None:
-    """Store a pose; ``to_metres`` is the matrix from the object's frame to the pose's."""
+    """Store a pose.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    to_metres : matrix from the object's frame to metres in world axes, the pose's frame
+    pose : centres and rotations of the hubs
+    """
     inverse = np.linalg.inv(to_metres)
     linear = inverse[:3, :3].T
     ways = (pose.centres @ linear + inverse[:3, 3], pose.rotations[:, :, 0] @ linear, pose.rotations[:, :, 1] @ linear)
@@ -32,7 +39,7 @@ def write(obj: bpy.types.Object, to_metres: Float[np.ndarray, "4 4"], pose: Pose
 
 
 def read(obj: bpy.types.Object, to_metres: Float[np.ndarray, "4 4"]) -> Pose | None:
-    """Return the stored pose in metres and world axes at the object's present place; None if missing or damaged.
+    """Return the stored pose in metres and world axes, moved with the object; None if missing or damaged.
 
     Parameters
     ----------
@@ -51,12 +58,12 @@ def read(obj: bpy.types.Object, to_metres: Float[np.ndarray, "4 4"]) -> Pose | N
     squares = np.linalg.norm(normal, axis=1) > 0.1 * np.linalg.norm(x, axis=1) * np.linalg.norm(y, axis=1)
     if not squares.all() or (count > 1 and not np.ptp(centre, axis=0).any()):
         return None  # damaged
-    # take the nearest rotation, because single precision has rounded the axes
+    # take the nearest rotation matrix, because float32 has rounded the axes
     u, _, vt = np.linalg.svd(np.stack([x, y, normal / np.linalg.norm(normal, axis=1, keepdims=True)], axis=2))
     return Pose(centre + to_metres[:3, 3], u @ vt)
 
 
 def forget(obj: bpy.types.Object) -> None:
-    """Remove the pose, because an earlier stage made it out of date."""
+    """Remove the stored pose, because it is out of date."""
     for name in NAMES:
         attributes.remove(obj, attributes.PREFIX + name)

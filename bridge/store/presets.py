@@ -1,4 +1,4 @@
-"""A person's own presets of FlexMaps in Blender's folder, and the preset that an object took last."""
+"""The user's own presets in Blender's preset folder, and the preset that was last applied to an object."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from ...engine import files
 from ...engine.errors import FlexMapsError
 from ...engine.params import ObjectSettings, every_setting
 
-SUBFOLDER = "flexmaps"  # in Blender's folder of presets
-OWN = {"loads", "export.folder", "render.file"}  # settings of one object, which presets leave out
-TAKEN = "flexmaps_preset"  # on an object: the preset that it took last, and the values that it set
+SUBFOLDER = "flexmaps"  # within Blender's folder of presets
+OWN = {"loads", "export.folder", "render.file"}  # settings that belong to a single object and are left out of presets
+TAKEN = "flexmaps_preset"  # custom property of an object: the preset last applied, and the values that it set
 
 
 def values() -> list[str]:
-    """Return the settings that a preset holds, as Python expressions."""
+    """Return the settings that a preset holds, as Python expressions such as "settings.spiral.thickness"."""
     names = (name for name, _ in every_setting(ObjectSettings))
     return [f"settings.{name}" for name in names if OWN.isdisjoint((name, name.partition(".")[0]))]
 
 
 def keep(name: str, values: Mapping[str, Any]) -> Path:
-    """Write a preset, replacing an earlier one of that name, and return its file.
+    """Write a preset file, replacing a preset of the same name, and return its path.
 
     Parameters
     ----------
     name : name of the preset
-    values : "section.name" -> value in shown units
+    values : "section.name" -> value in the unit of the user interface
 
     Raises
     ------
@@ -52,7 +52,7 @@ def keep(name: str, values: Mapping[str, Any]) -> Path:
 
 
 def note(obj: bpy.types.Object, path: Path) -> None:
-    """Store which preset an object took, and the values that the preset set.
+    """Store on an object which preset was applied to it, and the values that the preset set.
 
     Parameters
     ----------
@@ -65,7 +65,10 @@ def note(obj: bpy.types.Object, path: Path) -> None:
 
 
 def last_preset(obj: bpy.types.Object) -> tuple[str, str]:
-    """Return name and file of the preset that an object took last, the name with a star where a value was changed since."""
+    """Return name and file of the preset last applied to an object.
+
+    The name ends with a star where the user changed a value since; both are "" without a preset.
+    """
     stored = _parse(str(obj.get(TAKEN, "")))
     if stored is None:
         return "", ""
@@ -84,7 +87,7 @@ def _parse(text: str) -> dict[str, Any] | None:
 
 
 def _value(obj: bpy.types.Object, setting: str) -> object:
-    """Return the value of "section.name"; None where this version has no such setting."""
+    """Return the object's value of a setting "section.name"; None where this version has no such setting."""
     try:
         return attrgetter(setting)(obj.flexmaps)
     except AttributeError:

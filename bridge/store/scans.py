@@ -1,8 +1,8 @@
-"""A comparison with a scan, kept on an object: a face attribute, the block "scan" of the notes, and an object of points.
+"""Comparison of the built piece with a 3D scan: a face attribute, the report block "scan", an object of scan points.
 
- flexmaps_scan            face        distance of the spiral's centre from the scan, millimetres; -1 where the scan has a gap
+ flexmaps_scan    face    distance of the spiral's centre from the scan, millimetres; -1 where the scan has a gap
 
-Writing a new simulation removes all of it.
+Writing a new simulation removes all three.
 """
 
 from __future__ import annotations
@@ -17,11 +17,12 @@ if TYPE_CHECKING:
     from ...engine.extras.scanning.compare import Comparison
 
 NAME, BLOCK = attributes.PREFIX + "scan", "scan"
-POINTS, OWNER = "flexmaps_scan_points", "flexmaps_owner"  # on the object and on its points; each names the other
+# custom properties: on the mesh object, its object of scan points; on the latter, the mesh object's name
+POINTS, OWNER = "flexmaps_scan_points", "flexmaps_owner"
 
 
 def forget(obj: bpy.types.Object) -> None:
-    """Remove the distances, the note and the points."""
+    """Remove the distances, the report block and the scan points."""
     attributes.remove(obj, NAME)
     if BLOCK in notes.read(obj.data):
         notes.drop_from(obj.data, BLOCK)
@@ -36,13 +37,13 @@ def forget(obj: bpy.types.Object) -> None:
 
 
 def write(obj: bpy.types.Object, found: Comparison, points: bpy.types.Object) -> None:
-    """Store the distances and the points of a comparison; the caller writes the note with those of the other stages.
+    """Store the distances and the scan points of a comparison; the caller writes the report block.
 
     Parameters
     ----------
     obj : the mesh object
     found : the comparison
-    points : the object of points, already in the scene
+    points : the object of scan points, already in the scene
     """
     forget(obj)
     attributes.put(obj, NAME, "FACE", "FLOAT", found.shown_mm)
@@ -51,7 +52,7 @@ def write(obj: bpy.types.Object, found: Comparison, points: bpy.types.Object) ->
 
 
 def current(obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
-    """Return whether a comparison exists and is up to date: the object still has the shape that was compared with the scan.
+    """Return whether a comparison exists and the target or simulated shape that was compared is unchanged.
 
     Parameters
     ----------
@@ -65,7 +66,7 @@ def current(obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
 
 
 def sentence(block: dict[str, Any]) -> str:
-    """Describe a comparison's result for people."""
+    """Return a sentence about a comparison's result for the user."""
     from .i18n import translate
 
     text = "The built piece is RMS {:.2f} mm, {:.2f} % from the {}, at most {:.2f} mm, {:.2f} %; the scan shows {:.0f} % of its spirals."

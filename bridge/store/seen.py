@@ -1,7 +1,7 @@
-"""The surface that a stage works on: an object as the user sees it, hidden or not, without the shapes that FlexMaps shows.
+"""Vertex positions that a stage works on: the mesh with the user's own shape keys, but without FlexMaps' shape keys.
 
-With shape keys of the user's, stages work on the seen points. If modifiers or a parent change the mesh,
-``objects.changed_by_modifiers`` reports it, and no stage starts.
+They are also computed for hidden objects. If modifiers or a parent change the mesh, ``objects.changed_by_modifiers``
+reports it, and no stage starts.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from ...engine.errors import FlexMapsError
 from . import keys
 from .columns import column, weights
 
-# metres from the world's origin beyond which an object's coordinates are relative to its own origin: at this distance
-# Blender's single precision has steps of 8 mm, and the search for an equilibrium loses its last digits
+# distance from the world's origin, metres, beyond which coordinates are relative to the object's own origin; there
+# float32 has steps of 8 mm. Larger loses digits in the search for an equilibrium; smaller drops the place sooner
 FAR = 1e5
 
 
 def points(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "vertices 3"] | None:
-    """Return the seen points in the object's own frame; None where they are the mesh's own.
+    """Return the vertices moved by the user's shape keys, in the object's frame; None if the user has no shape keys.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def points(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "
 
 
 def _mix_keys(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
-    """Mix relative shape keys as Blender does, without FlexMaps' own keys."""
+    """Blend relative shape keys by value and vertex group as Blender does, without FlexMaps' own keys."""
     blocks = obj.data.shape_keys.key_blocks
     ours = {key.name for key in keys.keys_of(obj.data)}
     pinned = obj.active_shape_key
@@ -61,7 +61,7 @@ def _mix_keys(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
 
 
 def shown(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
-    """Return the points as the 3D view shows them, FlexMaps' shapes included, in the object's own frame."""
+    """Return the vertices as the 3D view shows them, moved by all shape keys, in the object's frame."""
     mesh = obj.data
     if mesh.is_editmode or not keys.foreign_keys(obj.data):
         return keys.shown_positions(mesh)
@@ -73,21 +73,21 @@ def shown(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
 
 
 def state(obj: bpy.types.Object) -> bytes:
-    """Return all that moves the seen points away from the mesh, as bytes; quick enough for a redraw."""
+    """Return the vertices moved by the user's relative shape keys as bytes, for a checksum; b"" where none apply."""
     if not keys.foreign_keys(obj.data) or obj.data.is_editmode or not obj.data.shape_keys.use_relative:
         return b""
     return _mix_keys(obj).tobytes()
 
 
 def is_evaluated(obj: bpy.types.Object) -> bool:
-    """Return whether Blender keeps the object's evaluated state up to date, which it does not for hidden objects."""
+    """Return whether Blender keeps the object's evaluated copy up to date: only where the object is visible."""
     layer = bpy.context.view_layer
     return layer is not None and layer.objects.get(obj.name) == obj and obj.visible_get(view_layer=layer)
 
 
 @contextmanager
 def evaluated(obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
-    """Yield the evaluated object, also where it is hidden."""
+    """Context manager: yield the evaluated object; a hidden object is evaluated in a temporary scene."""
     if is_evaluated(obj):
         graph = bpy.context.evaluated_depsgraph_get()
         graph.update()
@@ -107,7 +107,7 @@ def evaluated(obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[bpy.typ
 
 
 def world(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "4 4"]:
-    """Return the matrix from the object's frame to the world's, also of hidden objects."""
+    """Return the object's up-to-date world matrix, also for a hidden object."""
     if is_evaluated(obj) or obj.is_evaluated:
         return np.array(obj.matrix_world, dtype=float)
     with evaluated(obj, scene) as there:
@@ -115,7 +115,7 @@ def world(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "4
 
 
 def to_metres(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "4 4"]:
-    """Return the matrix from the object's frame to metres in world axes, about its origin if that is beyond ``FAR``.
+    """Return the matrix from the object's frame to metres in world axes; without translation beyond ``FAR``.
 
     Parameters
     ----------

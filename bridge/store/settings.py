@@ -1,8 +1,8 @@
-"""Settings of the engine as Blender properties, generated from the dataclasses in ``engine/params``, and back.
+"""Generate Blender properties from the dataclasses of settings in ``engine/params``, and convert values both ways.
 
-Settings belong to the object: two pieces in one file differ in size and sheet, and a copied or appended object keeps its
-settings. Lengths are plain numbers in millimetres and angles plain numbers in degrees, whatever the scene's units, because
-they are dimensions of a cut piece and Blender's own length properties clamp wrongly under a scene scale.
+Settings belong to the object: two pieces in one file differ in size and sheet, and a copied or appended object keeps
+its settings. Lengths are plain numbers in millimetres and angles plain numbers in degrees, whatever the scene's units:
+they are dimensions of a cut piece, and Blender's own length properties clamp wrongly unless the unit scale is 1.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from ...engine.params import SHOWN, ObjectSettings
 from .i18n import CONTEXT
 
 T = TypeVar("T")
-# mm: lengths from LARGE on show one decimal, below FINE four, between them two
+# default lengths in mm: from LARGE on, one decimal is shown; below FINE four decimals; between them two
 LARGE, FINE = 100.0, 0.05
 
 _groups: dict[type, type[bpy.types.PropertyGroup]] = {}
 
 
 def _property(f: Field) -> Any:
-    """Make the Blender property of one setting."""
+    """Return the Blender property of a setting."""
     meta = f.metadata
     unit = SHOWN[meta["unit"]][1]
     label = f"{meta['label']} ({unit})" if unit else meta["label"]
@@ -37,7 +37,7 @@ def _property(f: Field) -> Any:
         return BoolProperty(default=default, **common)
     if isinstance(default, str):
         if meta["folder"]:
-            # Blender 4.5 and later need this option for a path that begins with //
+            # Blender 4.5 and later need this option to accept a path that begins with //
             options = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5, 0) else set()
             return StringProperty(default=default, subtype="DIR_PATH", options=options, **common)
         return StringProperty(default=default, **common)
@@ -54,14 +54,14 @@ def _property(f: Field) -> Any:
 
 
 def group(cls: type) -> type[bpy.types.PropertyGroup]:
-    """Make the PropertyGroup class of a dataclass of settings; nested dataclasses become nested groups."""
+    """Return the registered PropertyGroup class of a settings dataclass; nested dataclasses become nested groups."""
     if cls not in _groups:
         hints = get_type_hints(cls)
         annotations: dict[str, Any] = {}
         for f in fields(cls):
             inner: type = hints[f.name]
             annotations[f.name] = PointerProperty(type=group(inner)) if is_dataclass(inner) else _property(f)
-        # keep settings of earlier versions for old files and presets; in read() their successors win once set
+        # keep settings of earlier versions for old files and presets; read() prefers their successors where set
         for name in getattr(cls, "WERE", {}):
             annotations[name] = BoolProperty(default=True, options={"HIDDEN"})
         made = type(f"FLEXMAPS_PG_{cls.__name__}", (bpy.types.PropertyGroup,), {"__annotations__": annotations})
@@ -72,22 +72,26 @@ def group(cls: type) -> type[bpy.types.PropertyGroup]:
 
 @cache
 def _hints(cls: Any) -> dict[str, Any]:
-    """Return the types of a dataclass's settings; cached, because live mode reads them at every change."""
+    """Return the types of a dataclass's fields; cached, because the live simulation reads them at every change."""
     return get_type_hints(cls)
 
 
 def _exact(value: float) -> float:
-    """Return the decimal number that a float32 stands for: 0.3 mm is stored as 0.30000001192."""
+    """Round a float32 to the decimal number that was typed in: 0.30000001192 to 0.3."""
     return float(f"{value:.7g}")
 
 
 def read(properties: bpy.types.PropertyGroup, cls: type[T]) -> T:
-    """Return the engine's settings from a property group made by ``group(cls)``; raise ``FlexMapsError`` out of bounds.
+    """Return the engine's settings from a property group made by ``group(cls)``.
 
     Parameters
     ----------
     properties : a property group
     cls : dataclass of settings
+
+    Raises
+    ------
+    FlexMapsError for a value out of bounds.
     """
     hints = _hints(cls)  # type: ignore[arg-type]
     values: dict[str, Any] = {}
@@ -124,7 +128,7 @@ def write(properties: bpy.types.PropertyGroup, settings: Any) -> None:
 
 
 def changed(properties: bpy.types.PropertyGroup, but: tuple[str, ...] = ()) -> str:
-    """Return the settings of a group that differ from their defaults, as a text to compare; quick enough for a panel.
+    """Return the settings of a group that differ from their defaults, as text for checksums; fast enough for a redraw.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The job that an object in Blender holds, read as the engine's result; ``scene.put`` writes it."""
+"""Read everything stored on a Blender object as the engine's ``Result``; ``scene.put`` writes it."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """The input of the stages, read on Blender's main thread as plain arrays and texts, safe in another thread.
+    """Input of the stages, read on Blender's main thread as plain arrays and texts, which other threads may read.
 
     name : name of the object
     surface, settings : its surface and settings
-    held : quads that are held, or None
-    force : newtons on the quads, or None
-    note : the note of the stage that made its spirals, or None
-    chosen : whether Choose made the layout; the spirals of ``mesh.LAST_NAMES`` then belong to it
-    groups : quads by the names of the vertex groups that load cases use
+    held : indices of the held quads, or None
+    force : forces on the quads, newtons in world axes, or None
+    note : report block of the stage that made its spirals, or None
+    chosen : whether Choose made the layout; then ``mesh.LAST_NAMES`` hold the spirals of its search
+    groups : name -> quads, for the vertex groups that load cases use
     """
 
     name: str
@@ -49,13 +49,13 @@ class Snapshot:
     groups: dict[str, Int[np.ndarray, " some"]] = field(default_factory=dict)
 
     def result(self) -> Result:
-        """Return the job's result as far as its stages have run.
+        """Return the engine's result with the outputs of the stages that have run.
 
-        Stored members that cannot be used any more are in ``Result.lost``.
+        ``Result.lost`` tells which stored outputs cannot be used any more, and why.
 
         Raises
         ------
-        FlexMapsError with the first error of the check.
+        FlexMapsError with the first error of the mesh check.
         """
         begun = job.begin(self.surface.polygons)
         made = begun.with_user(
@@ -80,27 +80,27 @@ class Snapshot:
         return replace(made, lost=spoilt_design) if design is None else self._with_stored(made, design)
 
     def _with_stored(self, made: Result, design: SpiralDesign) -> Result:
-        """Add the stored spirals, and whether they were painted."""
+        """Return the result with the stored spirals; a flag tells whether they were painted."""
         painted = replace(design, painted=bool((self.note or {}).get("painted")))
         return with_design(made, painted, STORED, self.settings)
 
     @property
     def protected(self) -> Int[np.ndarray, " kept"] | None:
-        """Return the quads whose spirals are protected; None where there are none."""
+        """Return the quads whose spirals are protected from Optimise; None where there are none."""
         marked = self.surface.values.get("protect")
         return None if marked is None or not marked.any() else np.flatnonzero(marked)
 
     @property
     def has_flat(self) -> bool:
-        """Return whether flat patches were ever stored."""
+        """Return whether the object holds flat patches."""
         return self.surface.values.keys() >= set(mesh.FLAT_NAMES)
 
     def seams(self, made: Result) -> Bool[np.ndarray, " edges"]:
-        """Return where the object has seams, in the engine's order of edges."""
+        """Return a flag for every edge, in the engine's order: whether the object has a seam there."""
         return mesh.layout_of(self.surface, made.mesh).cut
 
     def start(self, made: Result) -> Result:
-        """Return the result with spirals to start from, adjusted to settings and patches that changed since they were made."""
+        """Return the result with initial spirals for a stage, adjusted to changed settings and patches."""
         layout = made.get(FinalLayout)
         if layout is None:
             return made
@@ -109,13 +109,13 @@ class Snapshot:
 
 @dataclass(frozen=True, eq=False)
 class Stored:
-    """An object's surface, settings and results of stages.
+    """An object's polygons, settings and results of stages.
 
     source : its polygons
     settings : its settings
-    uid : Blender's id of the object; None where modifiers made the polygons
-    result : None where the check finds errors
-    seams : where the object has seams, in the engine's order of edges
+    uid : Blender's id of the object; None where modifiers change its mesh
+    result : results of its stages; None where the mesh check finds errors or modifiers change its mesh
+    seams : flag for every edge, in the engine's order: whether the object has a seam there
     """
 
     source: PolygonMesh
@@ -126,7 +126,7 @@ class Stored:
 
 
 def take(obj: bpy.types.Object, surface: ObjectSurface, used: ObjectSettings, *, loaded: bool = True) -> Snapshot:
-    """Read the input of the stages from an object within milliseconds.
+    """Read the input of the stages from an object; takes milliseconds.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def take(obj: bpy.types.Object, surface: ObjectSurface, used: ObjectSettings, *,
 
 
 def read(obj: bpy.types.Object) -> Stored:
-    """Read the results that an object holds; raise ``FlexMapsError`` where it is no mesh that FlexMaps can work on."""
+    """Read polygons, settings and results from an object; raise ``FlexMapsError`` if FlexMaps cannot work on it."""
     scene = bpy.context.scene
     used = settings.read(obj.flexmaps, ObjectSettings) if hasattr(obj, "flexmaps") else ObjectSettings()
     problem = objects.unusable(obj)
@@ -168,13 +168,13 @@ def read(obj: bpy.types.Object) -> Stored:
 
 
 def rest_of(uid: int) -> Pose | None:
-    """Return the pose of an object's simulation; None where that is not sound or out of date."""
+    """Return an object's simulated pose of the hubs; None where it is not reliable or out of date."""
     obj, scene = objects.find(uid), bpy.context.scene
     return equilibrium.resting(obj, scene, mesh.read_surface(obj, scene))
 
 
 def read_again(uid: int) -> tuple[bpy.types.Object, ObjectSurface]:
-    """Return an object that was read earlier, and its present surface; raises as ``mesh.read_surface`` does.
+    """Return the object with an id, and its present surface; raise as ``mesh.read_surface`` does.
 
     Parameters
     ----------

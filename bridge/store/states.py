@@ -1,8 +1,9 @@
-"""The state of every stage of an object; quick enough for every redraw.
+"""State of every stage of an object: not run, done or out of date. Fast enough for every redraw.
 
-A stage is done while all inputs of its result are unchanged. ``stamp`` stores checksums of the inputs, part by part (the
-shape, the seams, a group of settings), beside the notes; ``read_states`` compares them with the present. A stamp outlives a note
-that an earlier stage dropped, which tells a stage that has to run again from one that never ran.
+A stage is done while all inputs of its result are unchanged. ``stamp`` stores a checksum of every input (the shape, the
+seams, a section of the settings) on the mesh, beside the stages' results; ``read_states`` compares it with the present
+input. When an earlier stage runs again, the results of later stages are removed but their checksums stay: this tells a
+stage that has to run again from one that never ran.
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ from .checksums import Checksums
 
 TODO, DONE, OLD = "TODO", "DONE", "OLD"
 
-# members of a result that the user can edit on a Blender mesh, most likely first: seams of edges, spirals of faces, vertices
+# fields of the engine's ``Result`` that the user can edit by hand in Blender -> input; the most often edited first
 BY_HAND = {"merged": "seams", "design": "design", "mesh": "shape"}
 
 
 def _parts(members: Iterable[str], settings: Iterable[str]) -> tuple[str, ...]:
-    """Return the parts that a result depends on: those of its members that the user can edit, then the settings."""
+    """Return the names of the inputs that a result depends on: the parts that the user can edit, then the settings."""
     ingredients = stages.dependencies(members)
     own = tuple(part for member, part in BY_HAND.items() if member in ingredients)
     named = tuple(dict.fromkeys(settings))
@@ -36,19 +37,19 @@ def _parts_of(block: str) -> tuple[str, ...]:
     return _parts((m for s in writers for m in s.needs), (name for s in writers for name in s.settings))
 
 
-# block of the notes -> parts that it depends on; settings by the name of their section, see ``stages.Stage``
+# report block of a stage -> names of its inputs; settings by the name of their section, see ``stages.Stage``
 PARTS: dict[str, tuple[str, ...]] = {"checks": ("shape",)} | {block: _parts_of(block) for block in stages.BLOCKS}
-PARTS["sheets"] += ("export",)  # the note names the files
-# results without a note -> parts that they depend on
+PARTS["sheets"] += ("export",)  # the block lists files, which depend on these settings
+# results that have no report block -> names of their inputs
 UNNOTED: dict[str, tuple[str, ...]] = {
     "regularise": _parts(stages.STAGES["regularise"].needs, stages.STAGES["regularise"].settings),
     "preview": (*_parts(("design",), ("spiral",)), "pose"),
-    "forecast": _parts(("merged",), stages.PHYSICS),  # of strains, made with a layout
+    "forecast": _parts(("merged",), stages.PHYSICS),  # predicted strains, computed with a layout
 }
 OF_MESH = {*BY_HAND.values(), "pose"}
-# includes "down", the direction of gravity
+# inputs that are settings, and "down", the direction of gravity in the object's frame
 OF_SETTINGS = {part for parts in (*PARTS.values(), *UNNOTED.values()) for part in parts} - OF_MESH
-# block -> blocks of the stages that it builds on
+# report block -> report blocks of the stages whose results it uses
 AFTER = {
     block: stages.blocks_describing(need for stage in stages.writers(block) for need in stage.needs) - {block}
     for block in stages.BLOCKS
@@ -57,9 +58,10 @@ AFTER = {
 
 @dataclass(frozen=True)
 class StageState:
-    """State of one stage: ``TODO``, ``DONE`` or ``OLD`` (out of date).
+    """State of one stage.
 
-    part : the part that changed, "" where an earlier stage changed
+    kind : ``TODO`` (never run), ``DONE`` or ``OLD`` (out of date)
+    part : the input that changed; "" where none of its own inputs changed, but an earlier stage did
     """
 
     kind: str
@@ -70,7 +72,7 @@ class StageState:
 
 
 def settings_now(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, str]:
-    """Return checksums of the settings for ``stamp``; take them when a stage starts, because they may change until it ends.
+    """Return checksums of the settings for ``stamp``. Call it when a stage starts: settings may change while it runs.
 
     Parameters
     ----------
@@ -82,12 +84,12 @@ def settings_now(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, str
 
 
 def stamp(obj: bpy.types.Object, scene: bpy.types.Scene, begun: dict[str, str] | None = None) -> None:
-    """Store the input checksums of all results written since the last stamp; call it after writing.
+    """Store the input checksums of all results written since the last call. Call it after writing results.
 
     Parameters
     ----------
     obj, scene : the mesh object and its scene
-    begun : ``settings_now`` from when the work began, if it took a while
+    begun : checksums from ``settings_now``, taken when the work began; None takes the present settings
     """
     mesh = obj.data
     fresh = notes.take_fresh(mesh)
@@ -103,12 +105,12 @@ def stamp(obj: bpy.types.Object, scene: bpy.types.Scene, begun: dict[str, str] |
 def stamp_unnoted(
     obj: bpy.types.Object, scene: bpy.types.Scene, name: str, begun: dict[str, str] | None = None
 ) -> None:
-    """Store the input checksums of one of ``UNNOTED``.
+    """Store the input checksums of a result that has no report block.
 
     Parameters
     ----------
     obj, scene : the mesh object and its scene
-    name : which
+    name : a key of ``UNNOTED``
     begun : as for ``stamp``
     """
     if obj.data.is_editmode:
@@ -121,7 +123,7 @@ def stamp_unnoted(
 
 
 def read_states(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, StageState]:
-    """Return the state of every stage; in edit mode, a mesh of more than ``MANY`` edges counts as edit mode found it.
+    """Return the state of every stage; edits of a large mesh count only after the user leaves edit mode.
 
     Parameters
     ----------
@@ -145,35 +147,35 @@ def read_states(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, Stag
 
 
 def current_blocks(obj: bpy.types.Object, known: dict[str, StageState]) -> dict[str, Any]:
-    """Return the stored blocks that are up to date; those of an extra that is missing are left out.
+    """Return the stored report blocks that are up to date, without blocks of extras that are not installed.
 
     Parameters
     ----------
     obj : the mesh object
-    known : from ``read_states``
+    known : states from ``read_states``
     """
     blocks = notes.read(obj.data)
     return {name: block for name, block in blocks.items() if name in known and known[name].kind == DONE}
 
 
 def is_old(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str) -> bool:
-    """Return whether a stage has a result whose inputs changed since; earlier stages are not considered.
+    """Return whether a stage has a result whose own inputs changed since; changes of earlier stages do not count.
 
     Parameters
     ----------
     obj, scene : the mesh object and its scene
-    stage : block of the notes; one of an extra that is missing is never old
+    stage : name of the stage's report block; the result is False if it belongs to an extra that is not installed
     """
     return stage in PARTS and stage in notes.read(obj.data) and _inputs_changed(obj, scene, stage, PARTS[stage])
 
 
 def is_old_unnoted(obj: bpy.types.Object, scene: bpy.types.Scene, name: str) -> bool:
-    """Return whether one of ``UNNOTED`` was made and its inputs changed since."""
+    """Return whether a result (a key of ``UNNOTED``) exists and its inputs changed since."""
     return _inputs_changed(obj, scene, name, UNNOTED[name])
 
 
 def is_current_unnoted(obj: bpy.types.Object, scene: bpy.types.Scene, name: str) -> bool:
-    """Return whether one of ``UNNOTED`` was made and is up to date."""
+    """Return whether a result (a key of ``UNNOTED``) exists and is up to date."""
     return name in notes.made_from(obj.data) and not is_old_unnoted(obj, scene, name)
 
 

@@ -1,4 +1,4 @@
-"""Supports and forces of a piece, from the vertex groups that the user chose and from single quads."""
+"""Supports and forces of a piece, from the vertex groups in the settings and from marks on single quads."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from .columns import weights
 if TYPE_CHECKING:
     from .surface import ObjectSurface
 
-CORNERS = 2  # corners in the group that put a quad into it, so that an edge on the ground counts as a support
+CORNERS = 2  # corners that put a quad into a vertex group; 2, so that an edge on the ground counts as a support
 GROUP = "FlexMaps supports"
 
 
 def loads(
     obj: bpy.types.Object, surface: ObjectSurface, params: LoadParams
 ) -> tuple[Int[np.ndarray, " supports"] | None, Float[np.ndarray, "quads 3"] | None]:
-    """Return the supported quads and the force on every quad in newtons, (quads, 3); None where there are none.
+    """Return the supported quads, and the force on every quad in newtons and world axes; None where there are none.
 
     Parameters
     ----------
@@ -41,9 +41,9 @@ def loads(
 
 
 def read_groups(obj: bpy.types.Object, surface: ObjectSurface, used: Settings) -> dict[str, Int[np.ndarray, " some"]]:
-    """Return the quads of the vertex groups that load cases use.
+    """Return the quads of every vertex group that the load cases use, by name; without groups that contain no quad.
 
-    Groups that hold no quad are left out; cases that cannot be read yield {}.
+    Return {} where the load cases are not valid, or the extra "structure" is not installed.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def read_groups(obj: bpy.types.Object, surface: ObjectSurface, used: Settings) -
     try:
         wanted = cases.plan(params.cases, params.combinations).groups
     except FlexMapsError:
-        return {}  # the stage reads the cases again and reports the error
+        return {}  # the stage parses the load cases again and reports the error
     quads = {}
     for name in wanted:
         if obj.vertex_groups.get(name) is not None:
@@ -70,7 +70,7 @@ def read_groups(obj: bpy.types.Object, surface: ObjectSurface, used: Settings) -
 
 
 def is_group(uid: int, name: str) -> bool:
-    """Return whether an object that was read earlier has a vertex group of this name.
+    """Return whether the object with this id has a vertex group of this name.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def is_group(uid: int, name: str) -> bool:
 def read_supports(
     obj: bpy.types.Object, surface: ObjectSurface, params: LoadParams
 ) -> Int[np.ndarray, " supports"] | None:
-    """Return the quads held by the group and by single marks; None where none are held.
+    """Return the quads held by the supports' vertex group or by marks on single quads; None where none are held.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def put(
     held: Int[np.ndarray, " supports"] | None,
     force: Float[np.ndarray, "quads 3"] | None,
 ) -> None:
-    """Store supports and forces: in the chosen groups as far as those match, the rest on single quads.
+    """Store supports and forces: in the vertex groups of the settings as far as these match, the rest on single quads.
 
     Parameters
     ----------
@@ -132,11 +132,12 @@ def put(
 
 
 def write(obj: bpy.types.Object, surface: ObjectSurface, quads: Int[np.ndarray, " supports"] | None) -> bool:
-    """Store held quads in a vertex group of the object and choose that group; None chooses no group.
+    """Store held quads in a vertex group and set it as the supports' group; None clears the setting.
 
     Returns
     -------
-    False where no vertex group yields exactly these quads, such as a single quad amid others; then no group is chosen.
+    False where no vertex group can represent exactly these quads, such as a single quad amid others; the setting is
+    then empty.
     """
     chosen = obj.flexmaps.loads
     chosen.supports = ""
@@ -144,7 +145,7 @@ def write(obj: bpy.types.Object, surface: ObjectSurface, quads: Int[np.ndarray, 
         return True
     corners = surface.polygons.corners
     held = np.isin(surface.polygons.face_of, quads)
-    # take the vertices that belong only to held quads: those on the ground, if the lowest quads are held
+    # take the vertices whose quads are all held; if the lowest quads are held, these are the vertices on the ground
     inside = np.bincount(corners[held], minlength=len(surface.positions)) > 0
     inside[corners[~held]] = False
     if not np.array_equal(_belonging(surface, inside), np.sort(quads)):
@@ -157,11 +158,11 @@ def write(obj: bpy.types.Object, surface: ObjectSurface, quads: Int[np.ndarray, 
 
 
 def force(obj: bpy.types.Object, surface: ObjectSurface, params: LoadParams) -> Float[np.ndarray, "quads 3"] | None:
-    """Return the force on every quad, newtons in world axes: the group's force, shared evenly, plus forces on single quads.
+    """Return the force on every quad: the vertex group's force, shared evenly, plus the forces on single quads.
 
     Returns
     -------
-    None without any force.
+    (F, 3), newtons in world axes; None without any force.
 
     Raises
     ------
@@ -173,7 +174,7 @@ def force(obj: bpy.types.Object, surface: ObjectSurface, params: LoadParams) -> 
 
 
 def force_of_group(obj: bpy.types.Object, surface: ObjectSurface, params: LoadParams) -> Float[np.ndarray, "quads 3"]:
-    """Return the share of the group's force on every quad; raises as ``force`` does."""
+    """Return the vertex group's force, shared evenly over its quads, (F, 3) in newtons; raise as ``force`` does."""
     total, shared = np.array(params.force), np.zeros((len(surface.polygons.sizes), 3))
     if not total.any():
         return shared
@@ -185,7 +186,7 @@ def force_of_group(obj: bpy.types.Object, surface: ObjectSurface, params: LoadPa
 
 
 def _quads(obj: bpy.types.Object, surface: ObjectSurface, name: str, place: str) -> Int[np.ndarray, " quads"]:
-    """Return the quads with enough corners in a vertex group; ``place`` is the label of the setting that names it."""
+    """Return the quads of a vertex group; ``place`` is the label of the setting that names the group, for errors."""
     group = obj.vertex_groups.get(name)
     if group is None:
         raise FlexMapsError(f"'{obj.name}' has no vertex group '{name}'; choose another one under {place}")
@@ -204,7 +205,7 @@ def _quads(obj: bpy.types.Object, surface: ObjectSurface, name: str, place: str)
 
 
 def _belonging(surface: ObjectSurface, inside: Bool[np.ndarray, " vertices"]) -> Int[np.ndarray, " quads"]:
-    """Return the quads with enough corners among some vertices."""
+    """Return the quads with at least ``CORNERS`` corners among the flagged vertices."""
     polygons = surface.polygons
     corners = np.bincount(polygons.face_of, weights=inside[polygons.corners], minlength=len(polygons.sizes))
     return np.flatnonzero(corners >= CORNERS)

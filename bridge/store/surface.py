@@ -13,18 +13,18 @@ from ...engine.surface.mesh import PolygonMesh
 
 @dataclass(frozen=True, eq=False)
 class ObjectSurface:
-    """A copy of an object's mesh when it was read; plain arrays, safe in another thread.
+    """Copy of an object's mesh as plain arrays, which other threads may read.
 
     uid : Blender's id of the object for this session, which survives renaming
-    polygons : the polygons, metres, world axes, counter-clockwise seen from outside
-    positions : single precision, the mesh's own vertices in the object's frame
-    pairs : the vertices of Blender's edges
+    polygons : faces in the engine's order; metres, world axes, corners counter-clockwise seen from outside
+    positions : the mesh's own vertices in the object's frame, float32
+    pairs : vertex indices of Blender's edges
     seams : UV seams in the order of Blender's edges
-    loops : Blender's corner of every corner of ``polygons``
+    loops : index of Blender's corner for every corner of ``polygons``
     to_metres : matrix from the object's frame to metres in world axes
     values : FlexMaps' attributes by name, without the prefix, in Blender's order
     spoilt : faces whose width or twist is out of its bounds
-    seen : the vertices moved by the user's shape keys and modifiers, in the object's frame
+    seen : vertices moved by the user's shape keys, in the object's frame
     """
 
     uid: int
@@ -40,7 +40,7 @@ class ObjectSurface:
 
     @cached_property
     def edge_of(self) -> Int[np.ndarray, " edges"]:
-        """Return Blender's edge of every edge of the engine, which numbers its edges by ascending vertex pair."""
+        """Return the index of Blender's edge for every edge of the engine, which sorts edges by their vertex pair."""
         corners = self.polygons.corners
         engine = _keys(np.stack([corners, corners[self.polygons.after]], axis=1), len(self.positions))
         blender = _keys(self.pairs, len(self.positions))
@@ -48,7 +48,7 @@ class ObjectSurface:
         return order[np.searchsorted(blender, np.unique(engine), sorter=order)]
 
     def same_as(self, other: ObjectSurface) -> bool:
-        """Return whether everything that a stage reads is unchanged."""
+        """Return whether vertices, faces and seams equal those of another copy."""
         a, b = self.polygons, other.polygons
         pairs = [(a.vertices, b.vertices), (a.corners, b.corners), (a.sizes, b.sizes), (self.seams, other.seams)]
         return all(x.shape == y.shape and bool((x == y).all()) for x, y in pairs)

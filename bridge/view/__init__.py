@@ -1,1 +1,1 @@
-"""Everything that is drawn or shown: overlays, previews, pictures, animations, and the objects beside the model."""
+"""Drawing and display: overlays, previews, pictures, animations, and the objects beside the model."""

@@ -1,4 +1,4 @@
-"""Write a piece that was recomputed with an advised remedy into its object, and report the effect."""
+"""Write a piece, recomputed with an advised remedy such as a thinner sheet, into its object; report the effect."""
 
 from __future__ import annotations
 
@@ -15,12 +15,19 @@ from ..store import advice, equilibrium, mesh, notes
 from ..store.surface import ObjectSurface
 from .flat_panels import PanelDrawing
 
-LIKE = 1e-3  # tolerance of vertex positions in edges, for Blender's single precision, which rounds by 6e-5 edges where 1,000 quads lie in a row
+# tolerance of vertex positions in median edge lengths, for Blender's single precision; larger takes moved meshes for
+# unchanged ones, smaller takes rounding for a change
+LIKE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """A piece before and after a remedy, the panels to draw, and the stages' blocks of notes."""
+    """A piece recomputed with a remedy.
+
+    before, after : results without and with the remedy
+    panels : panels to draw
+    blocks : results of the stages to store as notes, by stage
+    """
 
     before: Result
     after: Result
@@ -36,19 +43,19 @@ def write(
     change: tuple[str, float, float],
     figures: dict[str, Any],
 ) -> tuple[str, bool]:
-    """Write the piece into an object of the same shape, with its notes.
+    """Write the piece and its notes into an object with the piece's mesh.
 
     Parameters
     ----------
     obj, scene : the object and its scene
     surface : the object's present surface
-    made : the piece
-    change : the remedy, and the changed quantity before and after
-    figures : the block of the shape that the advice was made from
+    made : the recomputed piece
+    change : the remedy, and the quantity that it changes, before and after
+    figures : block "equilibrium" of the notes before the remedy
 
     Returns
     -------
-    A text for the user, and whether it is good news.
+    A text for the user, and whether the remedy helped without a warning.
     """
     blocks, kept = dict(made.blocks), notes.read(obj.data).get("layout", {})
     if made.after.flat is made.before.flat:
@@ -71,7 +78,7 @@ def write(
 
 
 def alike(surface: ObjectSurface, mesh: QuadMesh) -> bool:
-    """Return whether the object's corners lie where the engine's quads have theirs, one by one.
+    """Return whether an object has the quads of an engine mesh: in the same order, with equal corner positions.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""The assembly as an animation: one object a panel, moved by keyframes and bent by shape keys.
+"""The animation of the assembly: one object per panel, moved by keyframes and bent by shape keys.
 
-The shape keys are absolute: one animated value, the evaluation time, runs through them. The objects are children of an
-empty, which can be moved or scaled; a new animation replaces the empty and the objects.
+The shape keys are absolute: one animated value, the evaluation time, selects and interpolates them. The objects are
+children of an empty, which can be moved or scaled; a new animation replaces the empty and the objects.
 """
 
 from __future__ import annotations
@@ -22,8 +22,10 @@ if TYPE_CHECKING:
     from ...engine.extras.film.assembly_film import Film, Track
 
 KIND, ROOT = "film", "Assembly"
-LAST = "flexmaps_last_frame"  # key on the empty: its last frame
-LEAD, TAIL = 0.4, 1.2  # seconds before the first panel moves and after the last has arrived; by eye
+LAST = "flexmaps_last_frame"  # custom property of the empty: last frame of the animation
+# seconds of rest before the first panel moves and after the last one has arrived; longer leaves less time for the
+# motion in between; chosen by eye
+LEAD, TAIL = 0.4, 1.2
 
 
 def show(
@@ -34,15 +36,15 @@ def show(
     rgb: Float[np.ndarray, "quads 3"] | None,
     place: Float[np.ndarray, " 3"],
 ) -> tuple[bpy.types.Object, int]:
-    """Put the animation beside its model, replacing an earlier one.
+    """Make the objects of an animation beside its model, replacing an earlier animation.
 
     Parameters
     ----------
     obj, scene : the model and its scene
     film : the animation
     seconds : its length
-    rgb : linear colours, or None for the sheet's material
-    place : metres, added to the pose's positions
+    rgb : linear colours of the quads, or None for the sheet's material
+    place : position of the empty, metres, added to all positions of the film
 
     Returns
     -------
@@ -82,7 +84,7 @@ def show(
 
 
 def clear(obj: bpy.types.Object) -> None:
-    """Remove the animation of a model."""
+    """Remove a model's animation: objects, meshes and unused actions."""
     for other in collection.of_kinds(obj, KIND):
         # an object and its shape keys may share an action
         actions = {holder.animation_data.action.name for holder in _animated_data(other)}
@@ -102,12 +104,12 @@ def _animated_data(obj: bpy.types.Object) -> list[Any]:
 
 
 def existing(obj: bpy.types.Object) -> list[bpy.types.Object]:
-    """Return the objects of a model's animation, the empty first; empty without an animation."""
+    """Return the objects of a model's animation, the parent empty first; [] without an animation."""
     return sorted(collection.of_kinds(obj, KIND), key=lambda o: o.type != "EMPTY")
 
 
 def last_frame(obj: bpy.types.Object) -> int:
-    """Return the last frame of a model's animation."""
+    """Return the last frame of a model's animation, which has to exist."""
     return int(existing(obj)[0][LAST])
 
 
@@ -117,7 +119,7 @@ def last_frame(obj: bpy.types.Object) -> int:
 def _panel(
     obj: bpy.types.Object, scene: bpy.types.Scene, film: Film, track: Track, whole: bpy.types.Mesh
 ) -> bpy.types.Object:
-    """Make the object of a panel from its part of the whole mesh."""
+    """Make the object of a panel: its faces, UV map and colours are taken from the mesh of all panels, ``whole``."""
     panels = film.panels
     index = np.full(len(panels.vertex_quad), -1)
     index[track.vertices] = np.arange(len(track.vertices))
@@ -142,7 +144,7 @@ def _panel(
 
 
 def _animate_shape(made: bpy.types.Object, track: Track, frame: Callable[[float], float]) -> None:
-    """Add shape keys, and animate the evaluation time that runs through them."""
+    """Add the panel's shapes as absolute shape keys, and animate their evaluation time; ``frame`` converts times."""
     for k, points in enumerate(track.shapes):
         key = made.shape_key_add(name="Flat" if k == 0 else f"Shape {k}", from_mix=False)
         key.data.foreach_set("co", np.ascontiguousarray(points, dtype=np.float32).ravel())
@@ -172,14 +174,14 @@ def _animate_motion(made: bpy.types.Object, track: Track, frame: Callable[[float
 
 
 def _set_linear(holder: bpy.types.ID) -> None:
-    """Interpolate linearly between keyframes, which are dense enough."""
+    """Set linear interpolation between keyframes, which are dense enough for it."""
     for curve in _curves(holder.animation_data):
         for point in curve.keyframe_points:
             point.interpolation = "LINEAR"
 
 
 def _curves(data: bpy.types.ID) -> list[Any]:
-    """Return the animation's curves, which Blender 4.4 and later keep in slots and layers."""
+    """Return the action's F-curves; Blender 4.4 and later keep them in layers and slots."""
     action = data.action
     if hasattr(action, "layers") and len(action.layers):
         bag = action.layers[0].strips[0].channelbag(data.action_slot)

@@ -1,4 +1,4 @@
-"""The path of the pointer over an object, as dabs of the brush."""
+"""Turn the pointer's path over an object into dabs of the brush (single imprints along a stroke)."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from mathutils import Vector
 if TYPE_CHECKING:
     from .easel import Easel
 
-SPACING = 0.25  # distance of two dabs on the pointer's path, in radii; smaller paints more evenly and takes longer
-# share of the strength per dab: the four dabs that a passing brush sets on one place reach nine tenths; by eye
+SPACING = 0.25  # distance between dabs along the path, in brush radii; smaller paints more evenly and takes longer
+# fraction of the brush's strength that one dab applies; with 0.4 the four dabs of a passing brush reach 0.9 of the
+# strength; larger reaches it sooner and paints less evenly; chosen by eye
 FLOW = 0.4
 
 
 class BrushPath:
-    """The path of one stroke over the object on an easel."""
+    """The pointer's path during one stroke over a painted object."""
 
     def __init__(self, obj: bpy.types.Object, easel: Easel):
         self._object: bpy.types.Object = obj
@@ -27,7 +28,9 @@ class BrushPath:
         self._place: np.ndarray | None = None  # the last dab's position, in the object's frame
 
     def hit(self, context: bpy.types.Context, x: float, y: float) -> tuple[Any, Any] | None:
-        """Return where a pixel's ray hits the object, and the normal, in the object's frame; None if it misses.
+        """Cast a ray through a pixel; return where it hits the object, and the normal there, in the object's frame.
+
+        The normal points towards the viewer. Return None if the ray misses.
 
         Parameters
         ----------
@@ -45,12 +48,16 @@ class BrushPath:
         return place, normal if normal.dot(way) < 0.0 else -normal
 
     def move(self, context: bpy.types.Context, event: bpy.types.Event) -> tuple[list[np.ndarray], np.ndarray] | None:
-        """Return the dabs' weights since the last event, and the displacement in world axes; None without dabs.
+        """Return the dabs that a movement adds; None if it adds none.
 
         Parameters
         ----------
         context : context of a 3D view
         event : movement of the pointer or the pen, with its pressure
+
+        Returns
+        -------
+        Each dab's weights on the quads (F,), from 0 to 1, and the displacement on the surface (3,) in world axes.
         """
         brush = context.window_manager.flexmaps_brush
         pressure = event.pressure if event.is_tablet else 1.0
@@ -80,7 +87,10 @@ class BrushPath:
         return [strength * weight for weight in weights], way
 
     def _dab(self, context: bpy.types.Context, place: Vector, normal: Vector, size: float) -> np.ndarray:
-        """Return the weights of one dab, with its mirror image if the brush mirrors."""
+        """Return a dab's weights on the quads, including its mirror image in x if the brush mirrors.
+
+        ``place`` and ``normal`` are in the object's frame, ``size`` is the radius in pixels.
+        """
         frame, scale = self._object.matrix_world, context.scene.unit_settings.scale_length
         region, view = context.region, context.region_data
         centre = view3d_utils.location_3d_to_region_2d(region, view, frame @ place)

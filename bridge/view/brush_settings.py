@@ -1,4 +1,4 @@
-"""Settings of the brush, kept by the window."""
+"""Settings of the brush that paints spirals, stored in Blender's window manager."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ FROM = (
 
 
 def sources(self: bpy.types.PropertyGroup, context: bpy.types.Context, text: str) -> list[str]:
-    """List vertex groups, colours and other attributes of the active object, for the field *From*.
+    """List vertex groups, colours and other attributes of the active object, as choices of the field *From*.
 
     Parameters
     ----------
     context : context with the active object
-    text : text in the field; Blender filters the names by it
+    text : the typed text; unused, because Blender filters the names itself
     """
     from ..store import fields
 
@@ -36,7 +36,7 @@ def sources(self: bpy.types.PropertyGroup, context: bpy.types.Context, text: str
 
 
 class BrushSettings(bpy.types.PropertyGroup):
-    """Settings of the brush; kept by the window, because they belong to no file."""
+    """Settings of the brush, stored in the window manager because they do not belong to a file."""
 
     brush: EnumProperty(name="Brush", items=PAINTS)  # type: ignore[valid-type]
     size: IntProperty(  # type: ignore[valid-type]

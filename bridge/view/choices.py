@@ -1,4 +1,4 @@
-"""Small pictures of the compared layouts, as icons that the sidebar shows enlarged."""
+"""Small pictures of the proposed layouts, stored as an image and shown as enlarged icons in the sidebar."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from . import images
 if TYPE_CHECKING:
     from ...engine.patches.flattening.flatten import FlatPatches
 
-SIZE = 128  # pixels of an icon
+SIZE = 128  # width and height of an icon, pixels; larger is sharper and takes more room in the file
 PREVIEWS = ""  # key of Blender's preview collection in ``_kept``; all other keys are names of images
 
-_kept: dict[str, Any] = {}  # Blender's preview collection, and the icons of each image by its name
+_kept: dict[str, Any] = {}  # Blender's preview collection under PREVIEWS, and lists of icon numbers by image name
 
 
 def pictures(layouts: Sequence[FlatPatches]) -> Float[np.ndarray, "rows columns 4"]:
-    """Draw all layouts side by side, each in a square of ``SIZE`` pixels, top row first; sRGB with alpha."""
+    """Draw layouts side by side, each in a square of ``SIZE`` pixels; return sRGB with alpha, top row first."""
     drawn = []
     for flat in layouts:
         layout, mesh = flat.layout, flat.layout.mesh
@@ -32,12 +32,12 @@ def pictures(layouts: Sequence[FlatPatches]) -> Float[np.ndarray, "rows columns 
 
 
 def keep(obj: bpy.types.Object, strip: Float[np.ndarray, "rows columns 4"]) -> None:
-    """Store the pictures in the file, under the name of the object's mesh.
+    """Store the pictures in the .blend file as an image named after the object's mesh.
 
     Parameters
     ----------
     obj : the mesh object
-    strip : sRGB with alpha, from ``pictures``
+    strip : pictures of all layouts side by side, from ``pictures``
     """
     kept = images.image(_name(obj), strip.astype(np.float32))
     kept.use_fake_user = True  # Blender drops data without users when it saves
@@ -49,7 +49,7 @@ def _name(obj: bpy.types.Object) -> str:
 
 
 def icons(obj: bpy.types.Object, count: int) -> list[int]:
-    """Return the icon numbers of the layouts; 0 for layouts without a picture, and without a window.
+    """Return Blender's icon numbers for the layouts; 0 for a layout without a picture, and in background mode.
 
     Parameters
     ----------

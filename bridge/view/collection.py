@@ -1,6 +1,6 @@
-"""The collection with the objects beside a model; stages rebuild it and never read it back.
+"""The collection that holds the objects beside a model, such as its flat panels.
 
-Coordinates are the engine's, in metres; the objects are scaled to the scene's unit.
+Stages rebuild these objects and never read them. Their data is in metres; the objects are scaled to the scene's unit.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from ...engine.arrays import Float
 
 
 def collection_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Collection:
-    """Return the object's collection, created if missing and renamed after the object."""
+    """Return the model's collection; create it if missing, and rename it if the model was renamed."""
     own = existing(obj)
     if own is None:
         own = bpy.data.collections.new(f"FlexMaps {obj.name}")
-    if own not in scene.collection.children_recursive:  # new, or appended with the object
+    if own not in scene.collection.children_recursive:  # new, or appended from another file
         scene.collection.children.link(own)
     if own.name != f"FlexMaps {obj.name}":
         own.name = f"FlexMaps {obj.name}"
@@ -26,7 +26,7 @@ def collection_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Co
 
 
 def existing(obj: bpy.types.Object) -> bpy.types.Collection | None:
-    """Return the object's collection, or None; a duplicate of an object must not use the original's."""
+    """Return the model's collection, or None; a duplicate of a model does not get the original's collection."""
     own = obj.get("flexmaps_collection")
     if not isinstance(own, bpy.types.Collection):
         return None
@@ -38,7 +38,7 @@ def existing(obj: bpy.types.Object) -> bpy.types.Collection | None:
 
 
 def left_over(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
-    """Return the collections in the scene whose model was deleted. Quick enough for a panel."""
+    """Return the collections in the scene whose model was deleted; quick enough for every redraw of the sidebar."""
     owned = {own.session_uid for own in map(_pointed_at, bpy.data.objects) if own is not None}
     return [
         one for one in scene.collection.children_recursive if "flexmaps_owner" in one and one.session_uid not in owned
@@ -51,7 +51,7 @@ def _pointed_at(obj: bpy.types.Object) -> bpy.types.Collection | None:
 
 
 def remove(own: bpy.types.Collection) -> None:
-    """Delete a collection, all objects in it, and their data if nothing else uses it."""
+    """Delete a collection with all its objects, and the objects' data unless something else uses it."""
     data = [other.data for other in own.all_objects if other.data is not None]
     for other in list(own.all_objects):
         bpy.data.objects.remove(other)
@@ -60,24 +60,24 @@ def remove(own: bpy.types.Collection) -> None:
 
 
 def of_kinds(obj: bpy.types.Object, *kinds: str) -> list[bpy.types.Object]:
-    """Return the objects of the given kinds in the object's collection.
+    """Return objects in the model's collection by kind.
 
     Parameters
     ----------
     obj : the model
-    kinds : values of ``flexmaps_kind``
+    kinds : values of the custom property ``flexmaps_kind`` to look for
     """
     own = existing(obj)
     return [] if own is None else [o for o in own.objects if o.get("flexmaps_kind") in kinds]
 
 
 def clear(obj: bpy.types.Object, kinds: tuple[str, ...] = ("panels", "backs", "seams", "outlines")) -> None:
-    """Remove objects of the given kinds from the object's collection.
+    """Delete objects in the model's collection by kind.
 
     Parameters
     ----------
     obj : the model
-    kinds : values of ``flexmaps_kind``
+    kinds : values of the custom property ``flexmaps_kind`` to delete
     """
     for other in of_kinds(obj, *kinds):
         data = other.data
@@ -87,7 +87,7 @@ def clear(obj: bpy.types.Object, kinds: tuple[str, ...] = ("panels", "backs", "s
 
 
 def origin(obj: bpy.types.Object, scene: bpy.types.Scene, gap: float) -> Float[np.ndarray, " 3"]:
-    """Return in metres the upper left corner for the flat layout: right of the model, at its lowest height.
+    """Return the upper left corner of the flat layout in metres: right of the model, at its lowest height.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def origin(obj: bpy.types.Object, scene: bpy.types.Scene, gap: float) -> Float[n
 
 
 def box_of(obj: bpy.types.Object) -> Float[np.ndarray, "8 3"]:
-    """Return the corners of the object's box in the world, in the scene's unit."""
+    """Return the corners of the object's bounding box in world axes, in the scene's unit."""
     from mathutils import Vector
 
     return np.array([obj.matrix_world @ Vector(corner) for corner in obj.bound_box])
@@ -114,13 +114,13 @@ def add(
     data: bpy.types.ID,
     place: Float[np.ndarray, " 3"],
 ) -> bpy.types.Object:
-    """Add an object with data in metres to the model's collection.
+    """Add an object to the model's collection.
 
     Parameters
     ----------
     obj, scene : the model and its scene
-    kind : value of ``flexmaps_kind``
-    name : name after the model's
+    kind : value of its custom property ``flexmaps_kind``
+    name : second part of its name; the first is the model's name
     data : mesh or curve, metres
     place : position, metres
     """

@@ -1,4 +1,4 @@
-"""Colours of a model's quads for each kind of value, and their legends."""
+"""Colour maps of a model's quads by kind of value (distortion, width, strain, ...), with their legends."""
 
 from __future__ import annotations
 
@@ -18,7 +18,12 @@ from .legend import Legend
 
 
 class Kind(NamedTuple):
-    """A value that quads are coloured by: its attribute, the words of its legend, and those of its menu."""
+    """A kind of value that quads can be coloured by.
+
+    attribute : attribute of the mesh with the values
+    label, unit : words of the legend
+    name, explanation : words of the menu
+    """
 
     attribute: str
     label: str
@@ -68,14 +73,20 @@ KINDS = {
 }  # fmt: skip
 ITEMS = [("NONE", "No colours", "No colours"), *((kind, one.name, one.explanation) for kind, one in KINDS.items())]
 SIMULATED = ("DISTANCE", "STRAIN_ENERGY", "REACH", "SAFETY", "SLOT")
-SQUARE_HIGH = 0.25  # upper end of the scale; the paper's worst quad of a regularised mesh has 0.238
+# upper end of the colour scale of "SQUARE" (dimensionless); larger hides differences between good quads, smaller
+# saturates bad ones
+SQUARE_HIGH = 0.25
 
 
 def per_quad(kind: str, values: np.ndarray) -> Shaped[np.ndarray, " quads"]:
-    """Reduce an attribute's values to one a quad: for widths the mean of the four arms, or the anisotropy in percent."""
+    """Convert an attribute's values to one value per quad.
+
+    The attribute of widths has four values per quad: "WIDTH" takes their mean, "ANISOTROPY" the difference between the
+    two pairs of opposite arms in percent. Other values are returned unchanged.
+    """
     if kind == "WIDTH":
         return attributes.on_faces(values).mean(axis=1)
-    from ...engine.spirals.curves.spiral import anisotropy  # scipy comes with it
+    from ...engine.spirals.curves.spiral import anisotropy  # imported here because it imports scipy
 
     return 100 * anisotropy(attributes.on_faces(values)) if kind == "ANISOTROPY" else values
 
@@ -89,7 +100,7 @@ def painted(
     ----------
     obj : the mesh object
     kind : a key of ``KINDS``
-    values : one a quad, as ``per_quad`` returns them
+    values : one value per quad, from ``per_quad``
     """
     _, label, unit, *_ = KINDS[kind]
     if kind == "PATCH":
@@ -132,24 +143,32 @@ def painted(
 def _errors(
     values: np.ndarray, high: float, text: str, most: str, least: str = "0"
 ) -> tuple[Float[np.ndarray, "quads 3"], Legend]:
-    """Return colours and legend on the scale of errors from 0 to ``high``; ``least``, ``most``: words at its ends."""
+    """Map values to the error colour scale, and return colours and legend.
+
+    Parameters
+    ----------
+    values : one value per quad
+    high : value at the upper end of the scale; the lower end is 0
+    text : title of the legend
+    most, least : labels at the upper and lower end
+    """
     return colours.map_to_scale(values, 0.0, high, colours.ERROR_SCALE), Legend(text, least, most, colours.ERROR_SCALE)
 
 
 def stiffness_share(values: Shaped[np.ndarray, " quads"], low: float, high: float) -> Float[np.ndarray, " quads"]:
-    """Return 0 for the softest to 1 for the stiffest; logarithmic, because the stiffest is about ten times as stiff."""
+    """Map stiffness logarithmically from [low, high] to [0, 1], because ``high`` is about ten times ``low``."""
     least = max(low, 1e-12)
     return np.clip(np.log(np.maximum(values, least) / least) / max(np.log(high / least), 1e-9), 0.0, 1.0)
 
 
 def stiffness_legend(low: float, high: float) -> Legend:
-    """Return the legend of the logarithmic scale."""
+    """Return the legend of the logarithmic stiffness scale from ``low`` to ``high``, N mm/rad."""
     _, label, unit, *_ = KINDS["STIFFNESS"]
     return Legend(f"{label} (logarithmic)", f"{low:.3g} {unit}", f"{high:.3g} {unit}", colours.QUANTITY_SCALE)
 
 
 def _limits(kinds: Int[np.ndarray, " quads"]) -> tuple[Float[np.ndarray, "quads 3"], Legend]:
-    """Return colours and legend of what limits every spiral."""
+    """Return colours and legend of the reasons why spirals miss the target; ``kinds`` are indices of the reasons."""
     from ...engine.optimisation.reach import REASON_NAMES
 
     looks = [colours.LIMITS[name] for name in REASON_NAMES]
@@ -160,7 +179,7 @@ def _limits(kinds: Int[np.ndarray, " quads"]) -> tuple[Float[np.ndarray, "quads 
 
 
 def legend_of(obj: bpy.types.Object, kind: str) -> Legend:
-    """Return the legend of the colours that ``store`` has written."""
+    """Return the legend of the colours of a kind that ``store`` has written into the mesh."""
     with attributes.readable(obj) as mesh:
         values = attributes.get(mesh, KINDS[kind].attribute)
     assert values is not None
@@ -168,13 +187,15 @@ def legend_of(obj: bpy.types.Object, kind: str) -> Legend:
 
 
 def store(obj: bpy.types.Object, kind: str, *, afresh: bool = False) -> bool:
-    """Write the colours as the mesh's active colour attribute; return False where the stage of that kind has not run.
+    """Write the colours of a kind into the mesh's active colour attribute.
+
+    Return False if there are no up-to-date values of this kind, for example because their stage has not run.
 
     Parameters
     ----------
     obj : the mesh object
     kind : a key of ``KINDS``
-    afresh : recompute values that exist only for the colours, such as the stiffness after a change of material
+    afresh : recompute the stiffness, which is stored for colours only, such as after a change of material
     """
     if not current(obj, kind):
         return False
@@ -195,7 +216,7 @@ def store(obj: bpy.types.Object, kind: str, *, afresh: bool = False) -> bool:
 
 
 def _measure_stiffness(obj: bpy.types.Object) -> None:
-    """Compute the stiffness of the object's spirals; remove it where there are none or the model does not cover them."""
+    """Compute and store the spirals' stiffness; remove it if there are no spirals or the arm model excludes them."""
     from ...engine.mechanics.arms.spiral_stiffness import spiral_stiffness
     from ..store import mesh, snapshot
 
@@ -210,7 +231,7 @@ def _measure_stiffness(obj: bpy.types.Object) -> None:
 
 
 def current(obj: bpy.types.Object, kind: str) -> bool:
-    """Return whether the values of a kind are up to date; others are not shown."""
+    """Return whether the values of a kind are up to date; out-of-date values are not shown."""
     if kind == "SCAN":
         return scans.current(obj, bpy.context.scene)
     if kind == "UTILISATION":

@@ -1,4 +1,4 @@
-"""Blender curves from arrays: round lines through points, and the exact outlines of arcs."""
+"""Make Blender curves from arrays: round lines through points, and outlines of circular arcs."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
 
 
 def lines(name: str, polylines: list[Float[np.ndarray, "_ 3"]], radius: float, sides: int = 8) -> bpy.types.Curve:
-    """Make a curve of round lines, one a polyline, closed where the first and last point are equal.
+    """Make a curve of round lines along polylines; a polyline with equal first and last points is closed.
 
     Parameters
     ----------
     name : name of the curve
-    polylines : (N, 3) points each, metres
+    polylines : points of each, (N, 3), metres
     radius : metres
-    sides : sides of the section, an even number of at least 4
+    sides : number of sides of the cross-section, even and at least 4
     """
     curve = bpy.data.curves.new(name, "CURVE")
     curve.dimensions = "3D"
@@ -39,16 +39,16 @@ def lines(name: str, polylines: list[Float[np.ndarray, "_ 3"]], radius: float, s
 
 
 def chains(pairs: Int[np.ndarray, "edges 2"]) -> list[Int[np.ndarray, " _"]]:
-    """Join edges, vertex pairs, into chains of vertices that end where more or fewer than two edges meet."""
+    """Join edges (vertex pairs) into chains of vertices; chains end at vertices of one, or of more than two edges."""
     import shapely
 
-    ends = np.stack([pairs, np.zeros_like(pairs)], axis=-1)  # the number of a vertex stands for its place
+    ends = np.stack([pairs, np.zeros_like(pairs)], axis=-1)  # use vertex indices as coordinates
     merged = shapely.line_merge(shapely.multilinestrings(shapely.linestrings(ends)))
     return [shapely.get_coordinates(line)[:, 0].astype(int) for line in shapely.get_parts(merged)]
 
 
 def drawing(name: str, curves: Sequence[Curve]) -> bpy.types.Curve:
-    """Draw closed curves of arcs as Blender's Bezier curves, without thickness."""
+    """Convert closed curves of circular arcs to Blender's Bezier curves, without thickness."""
     made = bpy.data.curves.new(name, "CURVE")
     made.dimensions = "2D"
     made.fill_mode = "NONE"
@@ -66,9 +66,12 @@ def drawing(name: str, curves: Sequence[Curve]) -> bpy.types.Curve:
 def bezier(
     curve: Curve,
 ) -> tuple[Float[np.ndarray, "knots 2"], Float[np.ndarray, "knots 2"], Float[np.ndarray, "knots 2"]]:
-    """Return knots, left and right handles of a closed curve of arcs; a 90-degree arc deviates by 0.03 % of its radius."""
+    """Return knots, left and right handles of the Bezier curve that approximates a closed curve of circular arcs.
+
+    A 90-degree arc deviates from the circle by 0.03 % of its radius.
+    """
     a, b = curve.points, np.roll(curve.points, -1, axis=0)
-    # an arc's tangents lean from its chord by half its angle; handle length = 4/3 tan(angle / 4) radius
+    # an arc's tangents make half the arc's angle with the chord; handle length = 4/3 tan(angle / 4) radius
     quarter = np.arctan(curve.bulge)
     chord = (b - a)[:, 0] + 1j * (b - a)[:, 1]
     length = np.where(

@@ -1,4 +1,4 @@
-"""Compute dabs of a brush in a thread, so that the pointer never waits; dabs that queue up become one change."""
+"""Apply dabs of the brush in a thread, so that the pointer never waits; queued dabs are merged into one change."""
 
 from __future__ import annotations
 
@@ -14,10 +14,13 @@ if TYPE_CHECKING:
 
 
 class Dabs:
-    """The dabs of one stroke on an easel.
+    """Queue of the dabs of one stroke.
 
+    Parameters
+    ----------
+    easel : the painted object
     brush : name of the brush
-    inverted : apply the opposite change
+    inverted : whether to apply the brush's opposite effect
     """
 
     def __init__(self, easel: Easel, brush: str, inverted: bool):
@@ -28,19 +31,22 @@ class Dabs:
         self._running: Future[None] | None = None
 
     def add(self, weights: list[Float[np.ndarray, " quads"]], way: Float[np.ndarray, " 3"]) -> None:
-        """Queue dabs in order, with the brush's displacement meanwhile in the surface's axes.
+        """Add dabs to the queue.
 
         Parameters
         ----------
-        weights : (F,) weights of the quads, from 0 to 1, for every dab
-        way : (3,) displacement of the brush during all of them, in world axes; only its direction counts
+        weights : for every dab its weights on the quads (F,), from 0 to 1
+        way : displacement of the brush during these dabs (3,), in world axes; only its direction matters
         """
         self._weights += weights
         self._way = self._way + way
         self.look()
 
     def look(self) -> bool:
-        """Start queued dabs if nothing runs; return whether a run has ended since the last call, and raise its error."""
+        """Poll the thread: start the queued dabs if it is idle.
+
+        Return whether a run has ended since the last call; raise the run's error, if any.
+        """
         done = self._running is not None and self._running.done()
         if done:
             self._end()
@@ -51,13 +57,13 @@ class Dabs:
         return done
 
     def over(self) -> bool:
-        """Return whether all dabs are done and the easel has computed what it writes; poll it together with ``look``."""
+        """Return whether all dabs are applied and ``Easel.ready`` has run; call it after ``look``."""
         if self._running is None and not self._easel.is_ready:
             self._running = self._pool.submit(self._easel.ready)
         return self._running is None
 
     def wait(self) -> None:
-        """Finish all dabs now."""
+        """Block until all dabs are applied."""
         while True:
             self.look()
             if self.over():
@@ -65,7 +71,7 @@ class Dabs:
             self._end()
 
     def close(self) -> None:
-        """Drop queued dabs, and let the running one end."""
+        """Drop the queued dabs, and wait until the running ones end."""
         self._weights = []
         self._pool.shutdown()
         self._running = None

@@ -1,4 +1,4 @@
-"""The running optimisation: the assembled shape with its changing spirals, and the improvement of the match."""
+"""Picture of a running optimisation: the equilibrium shape with its changing spirals, and the falling distance."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 
 class Designing(LiveShape):
-    """The picture after a step.
+    """Picture of the shape after a step of the optimisation.
 
-    history : (seconds, RMS distance from the target in metres) of this step and all before it
+    history : (seconds since the start, RMS distance from the target in metres) of every step so far
     """
 
     def __init__(
@@ -42,12 +42,12 @@ class Designing(LiveShape):
 
     @property
     def colours(self) -> np.ndarray:
-        # scale over all that the settings allow, so that a colour means the same in every step
+        # scale to the largest twist that the settings allow, so that a colour means the same in every step
         share = np.clip(self._twist / max(self._highest, 1e-9), 0.0, 1.0)
         return colours.on_scale(share, colours.pale(colours.QUANTITY_SCALE))
 
     def bands(self, unit: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return points (N, 3) and triangles (T, 3) of the arms."""
+        """Return points (N, 3) in the scene's units, and triangles (T, 3), of the arms."""
         corners, normal = self.frame(unit)
         lift = LIFT * middle_edge(corners)
         points, triangles = bands.bands(corners, normal, self._width / unit, self._wind, lift)
@@ -55,7 +55,10 @@ class Designing(LiveShape):
 
 
 def searching(settings: ObjectSettings) -> Callable[[Result, Progress], Result]:
-    """Return a search for better spirals that shows every step; call this function on the main thread."""
+    """Return a function that optimises spirals and shows every step.
+
+    Call ``searching`` on the main thread; the returned function may run in another thread.
+    """
     unit = bpy.context.scene.unit_settings.scale_length
     once = replace(settings, simulate=replace(settings.simulate, restarts=0))
 

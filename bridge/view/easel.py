@@ -1,6 +1,6 @@
-"""An object whose spirals are being painted: its design, the change by a stroke, and the picture meanwhile.
+"""Easel: the state of an object whose spirals are painted with the brush (design, changes by a stroke, picture).
 
-Reading an object takes a while, so an easel is kept between strokes as long as the object is unchanged.
+Reading an object takes a while, so its easel is kept between strokes as long as the object is unchanged.
 """
 
 from __future__ import annotations
@@ -29,18 +29,23 @@ if TYPE_CHECKING:
     from ..store.snapshot import Snapshot
     from ..store.surface import ObjectSurface
 
-TOOL = "flexmaps.brush"  # the tool in Blender's toolbar
-PROTECTED = np.array([0.55, 0.60, 0.68])  # sRGB of protected spirals; by eye
-# states of the spirals that an easel recognises after undo; Blender can undo 32 by default. Larger takes memory
+TOOL = "flexmaps.brush"  # id of the tool in Blender's toolbar
+PROTECTED = np.array([0.55, 0.60, 0.68])  # sRGB of protected spirals, a grey that is not on the colour scale; by eye
+# number of designs whose stiffness is kept for undo and redo (Blender's default is 32 undo steps); larger takes more
+# memory, smaller recomputes the stiffness after long undos
 STEPS = 64
 
 _easels: list[Easel] = []
 
 
 class Painting(LiveShape):
-    """The surface coloured by stiffness, its arms dark, protected spirals grey.
+    """Picture of the painted surface: coloured by stiffness, arms dark, protected spirals grey.
 
-    former : the previous picture of the same surface; only what has changed is computed again
+    Parameters
+    ----------
+    easel : the painted object
+    vertices : vertices to draw, metres and world axes
+    former : previous picture of the same vertices; only the arms of changed spirals are recomputed
     """
 
     def __init__(self, easel: Easel, vertices: Float[np.ndarray, "vertices 3"], former: Painting | None = None):
@@ -79,7 +84,7 @@ class Painting(LiveShape):
 
 @dataclass(frozen=True, eq=False)
 class SeenSurface:
-    """An object's surface in one shape: vertices in metres and world axes, the ground under the brush, and the picture."""
+    """An object's surface in one shape: vertices (metres, world axes), the surface for the brush, and the picture."""
 
     vertices: Float[np.ndarray, "vertices 3"]
     ground: PaintSurface
@@ -95,8 +100,12 @@ class SeenSurface:
 class Easel:
     """One object being painted.
 
-    design : the painted spirals; before : the object's stored spirals
-    vertices, quads : as they are seen, metres and world axes; protected : (F,) bool; stiffness : (F,) N mm/rad
+    design : the painted spirals
+    before : the spirals stored in the object
+    vertices, quads : the surface as it is seen, metres and world axes
+    protected : whether each spiral is protected from the brush and the optimisation (F,)
+    stiffness : stiffness of each spiral (F,), N mm/rad
+    range : smallest and largest stiffness seen so far, the ends of the colour scale
     """
 
     design: SpiralDesign
@@ -136,16 +145,17 @@ class Easel:
         return snapshot.take(obj, surface, self._used, loaded=False)
 
     def _hold(self, design: SpiralDesign, taken: Snapshot) -> None:
-        """Take the object's stored spirals and marks."""
+        """Reset the painted spirals and the protected ones to the object's stored state."""
         self.design = self.before = design
         self.protected = np.zeros(len(design.twist), bool)
         self.protected[[] if taken.protected is None else taken.protected] = True
         self._marked = self.protected
 
     def renewed(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
-        """Take the object's spirals and marks if they changed, such as by an undo; return False if more changed.
+        """Adopt the object's stored spirals and protection if they changed, such as by an undo.
 
-        This is quick enough for a window, unlike reading the whole object.
+        Return False if anything else has changed, so that a new easel is needed. This is quick enough for the main
+        thread, unlike making a new easel.
         """
         from ...engine.spirals.fabricable import unfabricable_quads
         from ..store import mesh
@@ -172,7 +182,7 @@ class Easel:
             return False
         taken, self._surface = self._taken(obj, surface), surface
         self._hold(replace(design, painted=bool((taken.note or {}).get("painted"))), taken)
-        stored = surface.values.get("stiffness")  # removed with any other change of design
+        stored = surface.values.get("stiffness")  # up to date if present: any other change of design removes it
         if known is not None:
             self.stiffness = known
         elif stored is not None:
@@ -188,7 +198,7 @@ class Easel:
         return True
 
     def _keep(self, sums: dict[str, object]) -> None:
-        """Store the object's checksums and the stiffness of its spirals, so that undo and redo recognise them."""
+        """Store the object's checksums, and its spirals' stiffness so that undo and redo need not recompute it."""
         self._sums = sums
         self._known.pop(sums["design"], None)
         self._known[sums["design"]] = self.stiffness
@@ -201,7 +211,7 @@ class Easel:
         return positions.astype(float) @ frame[:3, :3].T + frame[:3, 3]
 
     def _picture_at(self, positions: Float[np.ndarray, "vertices 3"]) -> SeenSurface | None:
-        """Return the picture with vertices at these positions in the object's frame; None if they have not moved."""
+        """Return the surface with vertices at these positions (object's frame); None if they have not moved."""
         vertices = self._to_world(positions)
         return None if np.array_equal(vertices, self.vertices) else SeenSurface.from_easel(self, vertices)
 
@@ -224,13 +234,20 @@ class Easel:
     # -- painting ----------------------------------------------------------------------------------------------------
 
     def paint(self, brush: str, weight: Float[np.ndarray, " quads"], stroke: Stroke) -> None:
-        """Apply one dab; the brush ``protect`` marks or unmarks spirals with a weight of at least 0.5."""
+        """Apply one dab, or several merged dabs.
+
+        Parameters
+        ----------
+        brush : name of the brush; "protect" protects spirals of weight 0.5 or more, or unprotects them if inverted
+        weight : weights on the quads (F,), from 0 to 1
+        stroke : options of the brush
+        """
         if brush == "protect":
             self.protected = np.where(weight >= 0.5, not stroke.inverted, self.protected)
         else:
             self._paint(brush, weight, stroke)
         shape = Painting(self, self.vertices, self.shape)
-        shape.prepared(self._unit)  # compute before it is shown: this may run in a thread
+        shape.prepared(self._unit)  # compute the arrays here, because this method may run in a thread
         self.shape = shape
 
     def _paint(self, brush: str, weight: np.ndarray, stroke: Stroke) -> None:
@@ -252,19 +269,19 @@ class Easel:
             self.range = min(low, float(self.stiffness.min())), max(high, float(self.stiffness.max()))
 
     def revert(self) -> None:
-        """Undo the painting since the object was read or written."""
+        """Discard the painting since the object was last read or written."""
         old, self.design, self.protected = self.design, self.before, self._marked
         self._renew_stiffness(old)
         self.shape = Painting(self, self.vertices, self.shape)
 
     @property
     def changed(self) -> Bool[np.ndarray, " quads"]:
-        """Return which spirals differ from the object's."""
+        """Return a mask of the spirals that differ from the object's stored spirals."""
         return self.design.unlike(self.before)
 
     @property
     def is_ready(self) -> bool:
-        """Return whether everything that ``write`` needs is computed."""
+        """Return whether ``ready`` has run for the present design."""
         return self._readied is self.design or self.design is self.before
 
     def ready(self) -> None:
@@ -274,14 +291,14 @@ class Easel:
         if not self.is_ready:
             self._block = design_report(self.design, measured=False)
             self._panels.follow(self.design)
-            # writing other spirals removes the simulated shape
+            # writing changed spirals removes the simulated shape, so that the object shows the target again
             self._target = self._picture_at(self._surface.positions)
             if self._target is not None:
                 self._target.shape.prepared(self._unit)
             self._readied = self.design
 
     def write(self, scene: bpy.types.Scene) -> None:
-        """Write the painted spirals into the object; results made from the former spirals become out of date."""
+        """Write the painted spirals and the protection into the object; results of the old spirals go out of date."""
         from ..store import mesh
         from . import overlay
 
@@ -305,16 +322,20 @@ class Easel:
         self._panels.put_away()
 
 
-# -- the current easel ---------------------------------------------------------------------------------------------------
+# -- the current easel -------------------------------------------------------------------------------------------------
 
 
 def easel_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> Easel:
-    """Return the object's easel, set up anew if the object changed; raise ``FlexMapsError`` where it has no spirals.
+    """Return the object's easel; make a new one if the object has changed.
 
     Parameters
     ----------
-    obj : object with spirals
+    obj : object with flat patches
     scene : its scene
+
+    Raises
+    ------
+    FlexMapsError : the object cannot be used, or nothing was laid out yet
     """
     if not (_easels and _easels[0].renewed(obj, scene)):
         forget()
@@ -324,19 +345,22 @@ def easel_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> Easel:
 
 @bpy.app.handlers.persistent
 def forget(*_: object) -> None:
-    """Remove the easel, for example before another file is opened."""
+    """Delete the easel, for example before another file is opened."""
     while _easels:
         _easels.pop().put_away()
 
 
 def active(context: bpy.types.Context) -> bool:
-    """Return whether the brush is the tool of the 3D view in object mode."""
+    """Return whether the brush is the active tool of the 3D view in object mode."""
     tool = context.workspace.tools.from_space_view3d_mode("OBJECT") if context.workspace is not None else None
     return tool is not None and tool.idname == TOOL
 
 
 def shown() -> Painting | None:
-    """Return the picture over the 3D view while the brush is the tool; None if another object is active."""
+    """Return the picture to draw over the 3D view.
+
+    Return None if the brush is not the active tool, or the active object is not the easel's or has changed.
+    """
     context = bpy.context
     obj = context.object
     if not _easels or obj is None or obj.type != "MESH" or not active(context) or not obj.visible_get():
@@ -349,7 +373,7 @@ def shown() -> Painting | None:
 
 @bpy.app.handlers.persistent
 def renew(*_: object) -> None:
-    """Schedule taking the object's spirals after an undo or redo, once Blender has finished its step."""
+    """Handle undo and redo: update the easel from the object as soon as Blender has finished the step."""
     if _easels and not bpy.app.timers.is_registered(_renew):
         bpy.app.timers.register(_renew, first_interval=0.0)
 
@@ -362,7 +386,7 @@ def _renew() -> None:
             easel_of(obj, context.scene)
 
 
-_busy: list[bool] = []  # not empty during a stroke, in which nothing else can change the object
+_busy: list[bool] = []  # not empty during a stroke, while nothing else can change the object
 
 
 def stroke_begins() -> None:

@@ -1,4 +1,4 @@
-"""The flat patches and the panels with their spirals, laid out beside their model in the world's xy plane."""
+"""Show the flat patches, or the panels with their spirals, beside their model in the world's xy plane."""
 
 from __future__ import annotations
 
@@ -30,28 +30,29 @@ if TYPE_CHECKING:
     from ...engine.spirals.design import SpiralDesign
     from ..store.surface import ObjectSurface
 
-LOOK = "flexmaps_look"  # key on the panels' object: settings of their connectors
-PLAIN = "plain"  # look of panels without connectors and outlines, which Export redraws
-# share of white in the shapes below the spirals; from afar the spirals are lines too thin to have a colour. Larger is paler
+LOOK = "flexmaps_look"  # custom property of the panels' object: settings that its connectors were drawn with
+PLAIN = "plain"  # value of LOOK for panels drawn without connectors and outlines; Export redraws them
+# fraction of white in the filled patches below the spirals, which show the colours from afar, where the spirals' lines
+# are too thin; larger is paler; chosen by eye
 PALE = 0.35
-LINE = 0.03  # half the thickness of a drawn line, in quad edges; by eye
+LINE = 0.03  # radius of a drawn line, in median edge lengths; larger is easier to see and hides more; chosen by eye
 
 
 def panels_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
-    """Return the panels beside an object."""
+    """Return the objects that show the panels of a model."""
     return collection.of_kinds(obj, "panels")
 
 
 def show_flat(
     obj: bpy.types.Object, scene: bpy.types.Scene, flat: FlatPatches, centres: Float[np.ndarray, "patches 2"]
 ) -> None:
-    """Show the patches as one mesh, and their outlines as lines; both sides of a seam have the same colour.
+    """Show the flat patches as one mesh, and their outlines as lines; both sides of a seam have the same colour.
 
     Parameters
     ----------
     obj, scene : the model and its scene
     flat : the patches
-    centres : origin of every patch, metres
+    centres : position of every patch's origin, metres
     """
     collection.clear(obj)
     edge = flat.layout.mesh.median_edge
@@ -75,7 +76,7 @@ def show_flat(
 
 
 def _points(flat: FlatPatches, centres: Float[np.ndarray, "patches 2"]) -> Float[np.ndarray, "vertices 3"]:
-    """Return the flat vertices in metres, every patch about its centre."""
+    """Return the flat vertices in metres; ``centres`` are the positions of the patches' origins."""
     points = np.zeros((len(flat.points), 3))
     points[flat.layout.flat_corners, :2] = flat.corners + centres[flat.layout.patch_of][:, None]
     return points
@@ -84,7 +85,7 @@ def _points(flat: FlatPatches, centres: Float[np.ndarray, "patches 2"]) -> Float
 def _filled_mesh(
     name: str, flat: FlatPatches, points: Float[np.ndarray, "vertices 3"], white: float = 0.0
 ) -> bpy.types.Mesh:
-    """Make a mesh of the patches as filled shapes, in their colours mixed with a share of white."""
+    """Make a mesh of the flat patches in their colours, mixed with a fraction of white (0 to 1)."""
     mesh = quads(name, points, flat.layout.flat_corners)
     rgb = colours.patch_colours(len(flat.layout.patches))[flat.layout.patch_of]
     rgb = white + (1.0 - white) * rgb
@@ -94,17 +95,18 @@ def _filled_mesh(
 
 
 def look_of(settings: ObjectSettings) -> str:
-    """Return a text of all settings that the drawn connectors depend on."""
+    """Return all settings that the drawn connectors depend on, as a text to compare."""
     return f"{settings.connect}, mill {settings.cut.mill:g}"
 
 
 @dataclass(frozen=True, eq=False)
 class PanelDrawing:
-    """The panels of a design, ready to be shown beside the model as solids and as exact outlines.
+    """The panels of a design as solids and as exact outlines, computed and ready to be shown beside the model.
 
-    look : settings of their connectors, ``PLAIN``, or "" where they are as on the sheets
-    centres : origin of every panel, metres
-    outlines : for every panel, in its patch's frame, the outer curve, then its holes
+    look : settings of the connectors (from ``look_of``), ``PLAIN`` without connectors, or "" if drawn as on the sheets
+    centres : position of every panel's origin, metres
+    solid : mesh of all panels
+    outlines : for every panel the outer curve, then its holes, in its patch's frame
     """
 
     design: SpiralDesign
@@ -115,13 +117,13 @@ class PanelDrawing:
 
     @classmethod
     def from_design(cls, design: SpiralDesign, settings: ObjectSettings, progress: Progress = SILENT) -> PanelDrawing:
-        """Draw with connectors, as on the sheets; with plain ends where the settings allow no connectors.
+        """Draw the panels with connectors, as on the sheets; with plain ends if the connectors cannot be made.
 
         Parameters
         ----------
         design : spirals to draw
-        settings : settings of the object; those of connectors, sheets and the cutter count
-        progress : told how far the connectors are; may cancel
+        settings : settings of the object; those of connectors, sheets and the cutter matter
+        progress : called with a fraction and a text while connectors are computed; may raise to cancel
         """
         from ...engine.display import solids
         from ...engine.fabrication.connectors import connect
@@ -135,7 +137,7 @@ class PanelDrawing:
 
     @classmethod
     def connected(cls, design: SpiralDesign, connections: Connections, settings: ObjectSettings) -> PanelDrawing:
-        """Draw with connectors that are already computed.
+        """Draw the panels with connectors that are already computed.
 
         Parameters
         ----------
@@ -151,7 +153,7 @@ class PanelDrawing:
 
     @classmethod
     def plain(cls, design: SpiralDesign) -> PanelDrawing:
-        """Draw quickly, without connectors and outlines; Export replaces the drawing."""
+        """Draw the panels quickly, without connectors and outlines; Export replaces this drawing."""
         from ...engine.display import arrange, solids
 
         centres = arrange.side_by_side(design.flat)
@@ -160,13 +162,13 @@ class PanelDrawing:
     def write(
         self, obj: bpy.types.Object, surface: ObjectSurface, spirals: dict[str, Any], layout: dict[str, Any] | None
     ) -> None:
-        """Write the spirals and their note into the object.
+        """Write the design and its note (stored results) into the object.
 
         Parameters
         ----------
         obj, surface : the object and its surface
-        spirals : the note
-        layout : figures to update in the layout's note, if flat points have moved, else None
+        spirals : note of the stage "spirals"
+        layout : entries to update in the note of the layout, if the flat patches have changed, else None
         """
         from ..store import mesh
 
@@ -177,7 +179,7 @@ class PanelDrawing:
         notes.write(obj.data, "spirals", spirals)
 
     def mesh(self, name: str) -> bpy.types.Mesh:
-        """Make the mesh of the solids in their colours, metres."""
+        """Make the coloured mesh of all panels, in metres."""
         mesh = polygons(f"{name} panels", self.solid.vertices, self.solid.corners, self.solid.sizes)
         rgb, palette, of = self.coloured
         paint(mesh, rgb)
@@ -188,7 +190,7 @@ class PanelDrawing:
     def coloured(
         self,
     ) -> tuple[Float[np.ndarray, "corners 3"], Float[np.ndarray, "colours 3"], Int[np.ndarray, " faces"]]:
-        """Return the linear colour of every corner, the colours in use, and each face's index into them."""
+        """Return the linear colour of every face corner, the list of colours in use, and each face's index into it."""
         layout = self.design.flat.layout
         # connectors have their seam's colour, as on the assembly sheet
         palette = np.concatenate([colours.patch_colours(len(layout.patches)), colours.seam_colours(len(layout.seams))])
@@ -199,11 +201,11 @@ class PanelDrawing:
         return np.repeat(palette[row], self.solid.sizes, axis=0), palette[used], np.searchsorted(used, row)
 
     def stand(self, obj: bpy.types.Object, scene: bpy.types.Scene, mesh: bpy.types.Mesh) -> Float[np.ndarray, " 3"]:
-        """Put the panels' mesh beside the model, replacing what was there; return its place in metres.
+        """Put the panels' mesh beside the model, replacing earlier panels; return its position in metres.
 
         Parameters
         ----------
-        obj : object that the panels belong to
+        obj : model that the panels belong to
         scene : its scene
         mesh : mesh of the panels
         """
@@ -217,22 +219,22 @@ class PanelDrawing:
         back = _filled_mesh(f"{obj.name} backs", flat, _points(flat, self.centres), PALE)
         shown = collection.add(obj, scene, "backs", "backs", back, below)
         shown.hide_render = shown.hide_select = True
-        if self.solid.flat:  # show the thickness in renders only
+        if self.solid.flat:  # only the upper side is modelled: add the thickness in renders
             thick = made.modifiers.new("Thickness", "SOLIDIFY")
             thick.thickness, thick.offset, thick.show_viewport = self.design.params.thickness, -1.0, False
         return place
 
     def show(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[None]:
-        """Put the panels beside the model step by step, so that the window stays alive between the steps.
+        """Put the panels beside the model in steps; between two steps the caller can let Blender redraw its window.
 
         Parameters
         ----------
-        obj : object that the panels belong to
+        obj : model that the panels belong to
         scene : its scene
 
         Raises
         ------
-        FlexMapsError where the object was deleted meanwhile.
+        FlexMapsError : the model was deleted between two steps
         """
         uid = obj.session_uid
         place = self.stand(obj, scene, self.mesh(obj.name))
@@ -244,5 +246,6 @@ class PanelDrawing:
             made = collection.add(obj, scene, "outlines", f"outline {k + 1}", data, place + lift)
             made.hide_render = True
             if made.name in bpy.context.view_layer.objects:  # the user may have excluded the collection
-                # hide the outlines: from afar thousands of black lines cover the panels; the outliner's eye shows them
+                # hide the outlines, because thousands of black lines cover the panels from afar; the outliner's eye
+                # icon shows them
                 made.hide_set(True)

@@ -1,4 +1,4 @@
-"""The picture of a live piece, coloured by the distance from its target."""
+"""Picture of live mode: the live piece's shape, coloured by the distance from its target."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from ..store.i18n import translate
 from .legend import Legend
 from .live_shape import LiveShape
 
-# millimetres, possible upper ends of the scale; a continuous end would make colours flicker while a piece moves
+# possible upper ends of the colour scale, millimetres; with a continuous end, colours would flicker while a piece moves
 ENDS = np.array([1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0])
 
 
 class Followed(LiveShape):
-    """The picture of a shape that has vertices."""
+    """Picture of a live shape; the shape must have vertices."""
 
     def __init__(self, shape: LiveEquilibrium):
         assert shape.vertices is not None and shape.quads is not None and shape.distance is not None
@@ -28,11 +28,11 @@ class Followed(LiveShape):
 
     @classmethod
     def from_shape(cls, shape: LiveEquilibrium, unit: float) -> Followed | None:
-        """Make the picture ready to be drawn in a scene of this unit; None where the shape has no vertices yet.
+        """Make the picture of a shape, ready to be drawn; return None if the shape has no vertices yet.
 
         Parameters
         ----------
-        shape : equilibrium to draw
+        shape : live shape to draw
         unit : metres in one unit of the scene
         """
         if shape.vertices is None:

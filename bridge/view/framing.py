@@ -1,4 +1,4 @@
-"""Move 3D views to objects and select faulty places, so that the user sees them."""
+"""Move the 3D views to objects or to faulty places of a mesh, and select these places."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ if TYPE_CHECKING:
     from ..store.surface import ObjectSurface
 
 
-FRAMED = "flexmaps_framed"  # key on an object: the views were framed on its panels
+FRAMED = "flexmaps_framed"  # custom property of a model: the views were already framed on its panels
 
 
 def follow(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> None:
-    """Move every 3D view as an object is scaled about its origin, so that it looks unchanged; camera views stay.
+    """Move every 3D view so that an object, scaled about its origin, looks as large as before; camera views stay.
 
-    Without it, a ball of 2 m that becomes 0.2 m would be a dot.
+    Otherwise a sphere of 2 m that is scaled to 0.2 m would become a dot.
 
     Parameters
     ----------
     context : Blender's context
     obj : the object
-    factor : scale factor
+    factor : scale factor of the object
     """
     origin = obj.matrix_world.translation
     for _, area in _views(context):
@@ -37,9 +37,9 @@ def follow(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> 
 
 
 def frame(context: bpy.types.Context, *others: bpy.types.Object) -> None:
-    """Frame the selection and further objects in the part of every 3D view that sidebar, toolbar and headers leave free.
+    """Frame the selection and further objects in all 3D views, in the part that sidebar and toolbar leave free.
 
-    Blender's *Frame Selected* runs first: it leaves the camera's view, and knows the selection in every mode.
+    Blender's *Frame Selected* runs first, because it leaves camera views and works in every mode.
 
     Parameters
     ----------
@@ -61,13 +61,13 @@ def frame(context: bpy.types.Context, *others: bpy.types.Object) -> None:
 
 
 def select_alone(context: bpy.types.Context, obj: bpy.types.Object, layer: bpy.types.ViewLayer) -> None:
-    """Select exactly one object of a view layer, and turn the views to it.
+    """Make an object active and the only selected one, and frame it in the views.
 
     Parameters
     ----------
     context : Blender's context
     obj : the object
-    layer : the view layer
+    layer : the view layer with the object
     """
     for other in layer.objects:
         other.select_set(other == obj, view_layer=layer)
@@ -77,7 +77,7 @@ def select_alone(context: bpy.types.Context, obj: bpy.types.Object, layer: bpy.t
 
 
 def _views(context: bpy.types.Context) -> Iterator[tuple[Any, Any]]:
-    """Yield windows and areas of all 3D views."""
+    """Yield window and area of every 3D view."""
     for window in context.window_manager.windows:
         yield from ((window, area) for area in window.screen.areas if area.type == "VIEW_3D")
 
@@ -85,15 +85,16 @@ def _views(context: bpy.types.Context) -> Iterator[tuple[Any, Any]]:
 def reveal(
     context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, faces: list[int], edges: list[int]
 ) -> None:
-    """Select faces and edges, given in the engine's numbers, where the user sees them.
+    """Select faces and edges of an object's mesh.
 
-    With a window this enters edit mode: face mode, or edge mode for edges alone.
+    If Blender has a window and the object is active, enter edit mode to show the selection: in face mode, or in edge
+    mode if there are edges only.
 
     Parameters
     ----------
     context : Blender's context
     obj, surface : the object and its surface
-    faces, edges : their indices in the engine's order
+    faces, edges : indices in the engine's order
     """
     import numpy as np
 
@@ -108,12 +109,16 @@ def reveal(
 
 
 def show_place(context: bpy.types.Context, faces: list[int], edges: list[int]) -> None:
-    """Select faces and edges of the active object, given in the engine's numbers, and turn the views to them.
+    """Select faces and edges of the active object, and frame them in the views.
 
     Parameters
     ----------
     context : Blender's context
-    faces, edges : their indices in the engine's order
+    faces, edges : indices in the engine's order
+
+    Raises
+    ------
+    FlexMapsError : the mesh has fewer faces than the indices need
     """
     from ..store import mesh
 
@@ -125,12 +130,14 @@ def show_place(context: bpy.types.Context, faces: list[int], edges: list[int]) -
 
 
 def in_scene(context: bpy.types.Context, uid: int) -> AbstractContextManager[Any]:
-    """Return the context of the scene that the work began in, even if another scene is open now.
+    """Return a context manager in which ``bpy.context.scene`` is the scene that a job began in.
+
+    The user may have switched to another scene meanwhile.
 
     Parameters
     ----------
     context : Blender's context
-    uid : Blender's id of the scene
+    uid : Blender's session id of the scene; if it was deleted, the present scene is used
     """
     scene = next((scene for scene in context.blend_data.scenes if scene.session_uid == uid), context.scene)
     if scene == context.scene:

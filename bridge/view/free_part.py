@@ -1,4 +1,4 @@
-"""Turn a 3D view so that the selection fills the part of it that sidebar, toolbar and headers leave free."""
+"""Frame the selection in the part of a 3D view that sidebar, toolbar and headers leave free."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..store.columns import column
 
 
 def fill(context: bpy.types.Context, area: bpy.types.Area, region: bpy.types.Region) -> None:
-    """Place a view so that the selection fills its free part; leave camera views and quad views unchanged.
+    """Pan and zoom a view so that the selection fills its free part; leave camera views and quad views unchanged.
 
     Parameters
     ----------
@@ -33,15 +33,15 @@ def fill(context: bpy.types.Context, area: bpy.types.Area, region: bpy.types.Reg
     axes = np.array(orientation.view_rotation.to_matrix()).T
     in_perspective = orientation.is_perspective
     location, distance = place_view(points, axes, view, free_part(view, covers), space.lens, in_perspective)
-    if distance > space.clip_start:  # nearer, nothing would be seen
+    if distance > space.clip_start:  # a nearer view would be clipped and show nothing
         orientation.view_location, orientation.view_distance = location.tolist(), distance
 
 
 def _selected_points(context: bpy.types.Context) -> Float[np.ndarray, "points 3"]:
-    """Return points of the selection in the world, in the scene's unit.
+    """Return points that the selection consists of, in world axes and the scene's unit.
 
-    In object mode vertices of selected meshes and curves with their modifiers, and box corners of other objects; in edit mode of meshes the selected
-    vertices; in other modes none.
+    In object mode, these are the vertices of selected meshes and curves, with modifiers, and the corners of other
+    objects' bounding boxes. In edit mode of meshes, these are the selected vertices. In other modes there are none.
     """
     parts = [np.empty((0, 3))]
     objects = {"EDIT_MESH": context.objects_in_mode, "OBJECT": context.selected_objects}.get(context.mode, [])

@@ -1,4 +1,4 @@
-"""Gizmos of the handles: spirals that are held, pulled or have a drag target."""
+"""Gizmos of the handles: marks on spirals that are held in place, pulled by a force, or have a drag target."""
 
 from __future__ import annotations
 
@@ -13,15 +13,17 @@ from ..store import handles
 from ..store.objects import unusable
 from . import picking
 
-MOST = 200  # gizmos of a kind at most; more would delay drawing a piece held along its whole border; by eye
-# sRGB of held spirals, forces and drag targets, distinct in both themes; by eye
+# largest number of gizmos of each kind; more show every handle of a piece held along its whole border, and slow drawing
+# down; chosen by eye
+MOST = 200
+# sRGB of held spirals, forces and drag targets ("wish"), distinct in Blender's light and dark theme; chosen by eye
 COLOURS = {"held": (0.95, 0.35, 0.30), "pull": (0.25, 0.65, 0.95), "wish": (0.45, 0.80, 0.35)}
 
 
 class Handles:
-    """A gizmo group's handles: a ring on held spirals, an arrow for a force, an arrow with a box for a drag target.
+    """Mixin of a gizmo group: a ring for each held spiral, an arrow for a force, an arrow with a box for a drag target.
 
-    shape_of : returns the live shape of an object, if one is drawn
+    shape_of : function that returns the live shape of an object, or None if no live shape is drawn
     """
 
     gizmos: Any
@@ -31,7 +33,7 @@ class Handles:
         self._existing: list[tuple[str, int]] = []
 
     def refresh(self, context: bpy.types.Context) -> None:
-        """Make as many gizmos as there are handles."""
+        """Make the gizmos anew if the set of handles has changed."""
         wanted = [(kind, quad) for kind, quad, _, _ in _handles(context, self.shape_of)]
         if wanted == getattr(self, "_existing", []):
             return
@@ -54,11 +56,11 @@ class Handles:
         self._existing = wanted
 
     def draw_prepare(self, context: bpy.types.Context) -> None:
-        """Move the gizmos to the present places, because a live piece moves between two changes."""
+        """Move the gizmos to the handles' present positions, which change with a live piece even without an event."""
         self.refresh(context)
         if not self._existing:
             return
-        # one quad edge as the frame's scale, which sets the size of the arrow's head
+        # scale arrows by the median edge, which sets the size of their heads; lengths are divided by it
         edge = picking.edge_of(context.object)
         for one, (kind, _, place, way) in zip(self.gizmos, _handles(context, self.shape_of), strict=False):
             one.matrix_basis = _frame(place, way, 1.0 if kind == "held" else edge)
@@ -88,7 +90,7 @@ def _handles(
             if name == handles.PULL:
                 way = picking.edge_of(obj) * values[quad]
             elif name == handles.WISH:
-                # from the present place to the target's
+                # from the quad's present centre to its target centre plus the offset of the drag target
                 way = picking.target(obj)[quads[quad]].mean(axis=0) + matrix @ values[quad] - place
             result.append((name, quad, Vector(place), Vector(way)))
     return result

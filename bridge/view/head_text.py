@@ -1,4 +1,4 @@
-"""Texts of the tab's head besides the guidance: for a running job, for live mode, and without a mesh to work on."""
+"""Content of the tab's head: for a running job, for live mode, for a mesh, and without a usable mesh."""
 
 from __future__ import annotations
 
@@ -28,9 +28,13 @@ ABOUT = "It turns a surface into flat panels that spring into its shape. Select 
 
 @dataclass(frozen=True)
 class Head:
-    """Content of the head: the button, the status line with its icon, and either notices or a sentence.
+    """Content of the head: the button *Next*, the status line with its icon, and either notices or a sentence.
 
-    press : operator that *Next* runs, with its properties; "" where nothing can be pressed
+    label : text of the button
+    press, properties : operator that the button runs, and its properties; "" if the button is disabled
+    icon, status : the status line
+    about : sentence below the status line, shown if there are no notices
+    alert : whether the status line is drawn red
     """
 
     label: str
@@ -51,10 +55,10 @@ def current(
     Parameters
     ----------
     context : Blender's context
-    problem : why there is nothing to work on; "" where there is something
-    seen : the object's guidance, if there is an object
-    job : the ``background.Job`` that runs, if any
-    following : the piece that live mode follows, if any
+    problem : why the active object cannot be used; "" if it can
+    seen : guidance for the active object; None if it cannot be used
+    job : the running ``background.Job``, or None
+    following : the ``live.ObjectWatcher`` of live mode, or None
     """
     if job is not None:
         return _running(job)
@@ -75,7 +79,7 @@ def _running(job: RunningJob) -> Head:
 
 
 def _live(context: bpy.types.Context, seen: Guidance, following: Any) -> Head | None:
-    """Return the head for an object that live mode follows."""
+    """Return the head if live mode follows the active object, else None."""
     obj = context.object
     if following is None or obj is None or following.uid != obj.session_uid:
         return None
@@ -109,7 +113,7 @@ def _idle(context: bpy.types.Context, seen: Guidance) -> Head:
 
 
 def _nothing(context: bpy.types.Context, problem: str) -> Head:
-    """Return the head without a mesh to work on."""
+    """Return the head if the active object cannot be used; ``problem`` says why."""
     obj = context.object
     if obj is None:
         label = interface("Next: {}", interface("Add an example"))
@@ -127,7 +131,11 @@ def _nothing(context: bpy.types.Context, problem: str) -> Head:
 
 
 def around(context: bpy.types.Context) -> tuple[Notice, ...]:
-    """Return notices, all information, about things besides the object itself."""
+    """Return notices of the kind "information" that do not come from the object's stages.
+
+    They concern panels left over from deleted models, a mesh that several objects share, and results written by another
+    version of FlexMaps.
+    """
     obj, notices = context.object, []
     left = collection.left_over(context.scene)
     if left:

@@ -1,4 +1,4 @@
-"""Help for drawings: the letters of Blender's own font as triangles, and images of the file from pixels."""
+"""Helpers for drawings: letters of Blender's own font as triangles, and images stored in the file from pixels."""
 
 from __future__ import annotations
 
@@ -10,22 +10,24 @@ import numpy as np
 from ...engine.arrays import Float
 from ...engine.display.raster import Glyphs
 
-# letters that drawings can use
+# characters that drawings can use
 LETTERS = "".join(map(chr, range(32, 127))) + "\N{DEGREE SIGN}\N{PLUS-MINUS SIGN}\N{MULTIPLICATION SIGN}\N{EN DASH}"
-ROW = 2.0  # line spacing in font sizes of the text that the letters are read from
-APART = 8  # spaces between a letter and the mark that measures its advance; wider than any letter
+# line spacing, in font sizes, of the text that ``glyphs`` makes; has to be large enough that rows do not overlap
+ROW = 2.0
+APART = 8  # spaces between a letter and the mark "|" that measures its advance; together wider than any letter
 
 
 @cache
 def glyphs() -> Glyphs:
-    """Return for every letter its triangles (N, 3, 2) at size 1 and its advance width; on Blender's main thread.
+    """Return triangles (N, 3, 2) at font size 1 and advance width of every letter; for Blender's main thread only.
 
-    All letters are set as one text, a row each with a mark behind, because an object for each would block the window.
+    All letters are set as one text, each on a row of its own with a mark at the end, because one object per letter
+    would block the window.
     """
     triangles = _set("\n".join(letter + " " * APART + "|" for letter in ("", *LETTERS)))
     middle = triangles.mean(axis=1)
     row = np.floor((0.75 * ROW - middle[:, 1]) / ROW).astype(int)
-    marks = middle[:, 0] > 0.25 * APART  # a space is 0.3 wide, and no letter is as wide as seven spaces
+    marks = middle[:, 0] > 0.25 * APART  # a space is about 0.3 wide, and no letter is as wide as seven spaces
     ends = np.full(len(LETTERS) + 1, np.inf)
     np.minimum.at(ends, row[marks], triangles[marks][..., 0].min(axis=1))
     letters = {}
@@ -36,7 +38,7 @@ def glyphs() -> Glyphs:
 
 
 def _set(text: str) -> np.ndarray:
-    """Return the (N, 3, 2) triangles of a text in Blender's own font at size 1, the first baseline at y = 0."""
+    """Return triangles (N, 3, 2) of a text in Blender's own font at size 1; the first baseline is at y = 0."""
     data = bpy.data.curves.new(".flexmaps text", "FONT")
     obj = bpy.data.objects.new(".flexmaps text", data)
     try:
@@ -54,12 +56,12 @@ def _set(text: str) -> np.ndarray:
 
 
 def image(name: str, pixels: Float[np.ndarray, "rows columns 4"]) -> bpy.types.Image:
-    """Store pixels, top row first, as an image of that name in the file; overwrite an existing one.
+    """Store pixels as an image in the .blend file; overwrite an existing image of this name.
 
     Parameters
     ----------
     name : name of the image
-    pixels : (rows, columns, 4), from 0 to 1
+    pixels : (rows, columns, 4), from 0 to 1, top row first
     """
     height, width = pixels.shape[:2]
     made = bpy.data.images.get(name)

@@ -1,4 +1,4 @@
-"""The legend of the colours on a model, drawn over the 3D view."""
+"""Legend of the model's colours, drawn over the 3D view."""
 
 from __future__ import annotations
 
@@ -10,14 +10,16 @@ import numpy as np
 from ...engine import colours
 from ...engine.arrays import Float
 
-ROW = 18  # height of a line of the legend, pixels at an interface scale of 1
+ROW = 18  # height of a legend entry, pixels at an interface scale of 1
 
 
 @dataclass(frozen=True)
 class Legend:
-    """Words of a legend beside its colour bar; ``scale`` in sRGB, None without a bar.
+    """Content of a legend: a title, and below it a colour bar or a list of colours.
 
-    entries : sRGB colours with their labels, from top to bottom
+    low, high : labels at the ends of the bar
+    scale : sRGB colours of the bar from left to right; None without a bar
+    entries : the list: sRGB colours with their labels, from top to bottom
     """
 
     title: str
@@ -28,7 +30,7 @@ class Legend:
 
 
 def draw(legend: Legend) -> None:
-    """Draw the title at the lower left, below it a bar with its ends or a list, on a dark plate readable in any view."""
+    """Draw a legend at the lower left of the 3D view, on a dark rectangle so that it can be read in any view."""
     import blf
 
     unit = bpy.context.preferences.system.ui_scale
@@ -53,14 +55,14 @@ def draw(legend: Legend) -> None:
 
 
 def _covered_pixels(context: bpy.types.Context) -> int:
-    """Return how many pixels Blender's panel of the last operator covers from below."""
+    """Return how many pixels at the bottom of the view Blender's panel *Adjust Last Operation* covers."""
     region = context.region
     tops = [r.y + r.height - region.y for r in context.area.regions if r.type == "HUD" and r.height > 1]
     return max(tops, default=0)
 
 
 def _bar(x: float, y: float, width: float, height: float, scale: Float[np.ndarray, "colours 3"]) -> None:
-    """Draw a scale of sRGB colours from left to right."""
+    """Draw a colour bar; ``scale`` are its sRGB colours from left to right."""
     import gpu
     from gpu_extras.batch import batch_for_shader
 

@@ -1,6 +1,6 @@
-"""The shape of a running simulation, drawn over the 3D view without touching the file.
+"""Draw the shape of a running simulation over the 3D view, without changing the file.
 
-It is drawn on top of everything, so that the target, which it almost coincides with, does not hide it.
+It is drawn on top of everything, so that the target, with which it almost coincides, does not hide it.
 """
 
 from __future__ import annotations
@@ -19,14 +19,22 @@ if TYPE_CHECKING:
     from ...engine.progress import Progress
     from ...engine.runs.result import Result
 
-FILL, LINE = np.array([0.97, 0.80, 0.46]), np.array([0.10, 0.11, 0.14])  # sRGB of faces and lines; by eye
-LIFT = 0.01  # height of lines and arms above the faces, in edges; too small flickers; not measured
+FILL, LINE = np.array([0.97, 0.80, 0.46]), np.array([0.10, 0.11, 0.14])  # sRGB of faces and lines; chosen by eye
+# height of lines and arms above the faces, in median edge lengths; smaller flickers, larger seems to float;
+# not measured
+LIFT = 0.01
 
 
 class LiveShape:
-    """A moving shape: vertices in metres and world axes, quads."""
+    """Picture of a quad mesh that moves; subclasses give it colours, arms and a legend.
 
-    legend: Legend | None = None  # legend of its colours
+    Parameters
+    ----------
+    vertices : metres, world axes
+    quads : vertex indices
+    """
+
+    legend: Legend | None = None  # legend of the colours
 
     def __init__(self, vertices: Float[np.ndarray, "vertices 3"], quads: Int[np.ndarray, "quads 4"]):
         self._vertices, self._quads = vertices, quads
@@ -34,7 +42,7 @@ class LiveShape:
         self._batches: tuple[Any, Any, Any] | None = None
 
     def draw(self) -> None:
-        """Draw in a 3D view, after the view's own drawing."""
+        """Draw the shape; call it in a draw handler of the 3D view, of type "POST_VIEW"."""
         import gpu
 
         faces, bands, lines = self.batches(bpy.context.scene.unit_settings.scale_length)
@@ -60,30 +68,39 @@ class LiveShape:
 
     @property
     def colours(self) -> Float[np.ndarray, "*quads 3"]:
-        """Return sRGB colours before shading, (F, 3), or (3,) for all quads."""
+        """Return the quads' sRGB colours before shading: (F, 3), or (3,) for a common colour."""
         return FILL
 
     def bands(self, unit: float) -> tuple[Any, Any] | None:
-        """Return the dark areas on the quads, if any: points (N, 3) in the scene's units and triangles (T, 3)."""
+        """Return the dark bands on the quads, which show the arms; None if there are none.
+
+        Parameters
+        ----------
+        unit : metres in one unit of the scene
+
+        Returns
+        -------
+        Points (N, 3) in the scene's units, and triangles (T, 3).
+        """
         return None
 
     def prepared(self, unit: float) -> LiveShape:
-        """Compute everything for drawing, which may run in a thread, and return the shape itself."""
+        """Compute the arrays for drawing and return ``self``; may run in a thread."""
         self._arrays = (*self.drawn(unit), self.bands(unit))
         return self
 
     @property
     def is_drawn(self) -> bool:
-        """Return whether everything for drawing is computed."""
+        """Return whether the arrays for drawing are computed."""
         return self._arrays is not None
 
     @property
     def drawn_bands(self) -> tuple[Any, Any] | None:
-        """Return the computed ``bands``; None before they are computed."""
+        """Return the bands computed by ``prepared``; None before, or if there are none."""
         return None if self._arrays is None else self._arrays[3]
 
     def batches(self, unit: float) -> tuple[Any, Any, Any]:
-        """Return the graphics batches: faces, bands or None, lines; made once."""
+        """Return the GPU batches of faces, bands (or None) and lines; they are made at the first call."""
         if self._batches is None:
             import gpu
             from gpu_extras.batch import batch_for_shader
@@ -108,9 +125,9 @@ class LiveShape:
         return corners, normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
 
     def drawn(self, unit: float) -> tuple[Any, Any, Any]:
-        """Return triangles (12 F, 3) in the scene's units, their colours (12 F, 4), and ends of lines (8 F, 3).
+        """Return triangle corners (12 F, 3) in the scene's units, their colours (12 F, 4), and line ends (8 F, 3).
 
-        Four triangles a quad about its centre, so that no diagonal of a warped quad stands out.
+        Each quad is drawn as four triangles around its centre, so that a warped quad shows no diagonal.
         """
         corners, normal = self.frame(unit)
         rgb = self.colours * (0.74 + 0.26 * normal @ colours.LIGHT)[:, None]
@@ -123,18 +140,18 @@ class LiveShape:
 
 
 def middle_edge(corners: Float[np.ndarray, "quads 4 3"]) -> float:
-    """Return the median length of the quads' first sides."""
+    """Return the median length of the quads' first sides, as a measure of the mesh's edge length."""
     return float(np.median(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)))
 
 
 def settle(result: Result, settings: ObjectSettings, progress: Progress) -> Result:
-    """Simulate the result, and show the shape while it moves.
+    """Run the stage "simulate", and show the shape while it moves.
 
     Parameters
     ----------
     result : a result with spirals
-    settings : all settings
-    progress : called with a fraction and a text
+    settings : settings of the object
+    progress : called with a fraction, a text and the shapes to show
     """
     from ...engine.runs import job
 

@@ -1,4 +1,4 @@
-"""Blender materials, each made once per file: sheets for renders, single colours, and a colour attribute."""
+"""Blender materials, each made once per file: sheet materials for renders, plain colours, and a colour attribute."""
 
 from __future__ import annotations
 
@@ -11,18 +11,24 @@ import numpy as np
 from ...engine import colours
 from ...engine.arrays import Float, Int
 
-UV = "flexmaps_flat"  # UV map in millimetres, so that a grain has its true size and runs the same way in all panels
+# UV map of the flat panels in millimetres, so that a wood grain has its true size and one direction in all panels
+UV = "flexmaps_flat"
 
-FEW = 64  # single-colour materials on an object at most: more than a person tells apart; not measured
+# largest number of plain-colour materials on an object, more than a person can tell apart; larger clutters the file,
+# smaller makes solid view lose colours; not measured
+FEW = 64
 
 
 @dataclass(frozen=True)
 class SheetAppearance:
-    """Appearance of a sheet: colour (sRGB), roughness, and further surface effects.
+    """Appearance of a sheet material in renders.
 
-    grain : darker sRGB colour of the grain, or None
-    glass : share of light that passes through
-    lines : distance of printed strands in millimetres, 0 without strands
+    label : part of the name of Blender's material
+    colour : sRGB
+    roughness, coat, sheen : inputs of Blender's Principled BSDF, 0 to 1
+    glass : fraction of light that passes through
+    grain : sRGB of the darker grain; None without grain
+    lines : distance of 3D-printed strands, millimetres; 0 without strands
     """
 
     label: str
@@ -35,7 +41,7 @@ class SheetAppearance:
     lines: float = 0.0
 
 
-# material's key in the settings -> appearance; by eye
+# key of the material in the settings -> appearance; chosen by eye
 LOOKS: dict[str, SheetAppearance] = {
     "pom": SheetAppearance("Delrin", (0.95, 0.95, 0.93), 0.35),
     "vero": SheetAppearance("VeroWhite", (0.90, 0.89, 0.85), 0.5),
@@ -49,7 +55,7 @@ LOOKS: dict[str, SheetAppearance] = {
 
 
 def of_material(key: str) -> bpy.types.Material:
-    """Return the material of a sheet, by its key in the settings."""
+    """Return the Blender material of a sheet; ``key`` is the material's key in the settings, such as "birch"."""
     look = LOOKS[key]
     name = f"FlexMaps {look.label}"
     if name in bpy.data.materials:
@@ -76,7 +82,13 @@ def of_material(key: str) -> bpy.types.Material:
 
 
 def material(name: str, rgb: Float[np.ndarray, " 3"] | None) -> bpy.types.Material:
-    """Return a matt material of one colour (linear), or with None of the colour attribute; made once per file."""
+    """Return the matt material of this name; make it if the file lacks it.
+
+    Parameters
+    ----------
+    name : name of the material
+    rgb : linear colour; None to show the mesh's colour attribute
+    """
     if name in bpy.data.materials:
         return bpy.data.materials[name]
     made, shader = _new(name)
@@ -94,14 +106,14 @@ def material(name: str, rgb: Float[np.ndarray, " 3"] | None) -> bpy.types.Materi
 
 
 def _new(name: str) -> tuple[bpy.types.Material, bpy.types.Node]:
-    """Make a material; return it with its shader."""
+    """Make a material with nodes; return it with its Principled BSDF."""
     made = bpy.data.materials.new(name)
     made.use_nodes = True
     return made, made.node_tree.nodes["Principled BSDF"]
 
 
 def glowing(name: str, rgb: Float[np.ndarray, " 3"] | None) -> bpy.types.Material:
-    """Return a material like ``material`` that emits its colour, whatever the light."""
+    """Return a material like ``material`` that emits its colour, so that lighting does not change it."""
     known = name in bpy.data.materials
     made = material(name, rgb)
     if not known:
@@ -120,16 +132,16 @@ def wear(
     rgb: Float[np.ndarray, "colours 3"],
     of: Int[np.ndarray, " faces"] | None = None,
 ) -> None:
-    """Assign materials to faces or lines by their linear colours, so that the colours also show in solid view.
+    """Assign a material of its colour to every face or line, so that the colours also show in solid view.
 
-    With more than ``FEW`` colours, as on maps, one material shows the mesh's colour attribute; lines have no attribute and
-    get fewer shades.
+    With more than ``FEW`` colours, a mesh gets one material that shows its colour attribute; a curve has no colour
+    attribute, so its colours are rounded to fewer shades.
 
     Parameters
     ----------
     data : a mesh, or a curve of lines
-    rgb : the colours
-    of : index into ``rgb`` for every face or line; default one colour each
+    rgb : linear colours
+    of : index into ``rgb`` for every face or line; by default, face or line k has colour k
     """
     distinct, which = np.unique(np.round(rgb, 5), axis=0, return_inverse=True)
     lines = isinstance(data, bpy.types.Curve)
@@ -145,7 +157,7 @@ def wear(
     index = (which.ravel() if of is None else which.ravel()[of]).astype(np.int32)
     if lines:
         data.splines.foreach_set("material_index", index)
-    else:  # an attribute is many times as fast
+    else:  # writing the attribute is many times as fast as setting ``material_index`` of the polygons
         data.attributes.new("material_index", "INT", "FACE").data.foreach_set("value", index)
 
 
@@ -164,7 +176,7 @@ def _node(tree: bpy.types.NodeTree, kind: str, place: tuple[float, float], **inp
 def _millimetres(
     tree: bpy.types.NodeTree, scale: tuple[float, float, float], place: tuple[float, float]
 ) -> bpy.types.Node:
-    """Add nodes for the flat panel's coordinates, scaled."""
+    """Add shader nodes for the coordinates in the flat panel, in millimetres times ``scale``; return their output."""
     source = _node(tree, "ShaderNodeUVMap", (place[0] - 400, place[1]))
     source.uv_map = UV
     mapping = _node(tree, "ShaderNodeMapping", (place[0] - 200, place[1]), Scale=scale)
@@ -173,7 +185,7 @@ def _millimetres(
 
 
 def _grain(tree: bpy.types.NodeTree, shader: bpy.types.Node, look: SheetAppearance) -> None:
-    """Add nodes for long fibres along x, in uneven bands."""
+    """Add shader nodes of a wood grain: long fibres along x, in uneven bands."""
     assert look.grain is not None
     fibres = _node(tree, "ShaderNodeTexNoise", (-700, 200), Scale=1.0, Detail=6.0, Roughness=0.65, Distortion=0.3)
     tree.links.new(_millimetres(tree, (0.02, 0.55, 1.0), (-900, 200)), fibres.inputs["Vector"])
@@ -185,7 +197,7 @@ def _grain(tree: bpy.types.NodeTree, shader: bpy.types.Node, look: SheetAppearan
 
 
 def _strands(tree: bpy.types.NodeTree, shader: bpy.types.Node, apart: float) -> None:
-    """Add nodes for fine ridges, like a printer's strands."""
+    """Add shader nodes of fine ridges, like strands of a 3D printer, ``apart`` millimetres apart."""
     wave = _node(tree, "ShaderNodeTexWave", (-700, -200), Scale=1.0, Distortion=0.0)
     wave.bands_direction = "DIAGONAL"
     tree.links.new(_millimetres(tree, (0.5 / apart,) * 3, (-900, -200)), wave.inputs["Vector"])

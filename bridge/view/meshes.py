@@ -1,4 +1,4 @@
-"""Blender meshes from arrays, with colours and attributes for display."""
+"""Make Blender meshes from arrays, with colours and attributes for display."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..store import attributes
 
 
 def quads(name: str, points: Float[np.ndarray, "vertices 3"], corners: Int[np.ndarray, "quads 4"]) -> bpy.types.Mesh:
-    """Make a mesh of quads."""
+    """Make a mesh of quads, flat-shaded."""
     return polygons(name, points, corners.ravel(), np.full(len(corners), 4))
 
 
@@ -20,15 +20,16 @@ def polygons(
     corners: Int[np.ndarray, " corners"],
     sizes: Int[np.ndarray, " faces"],
 ) -> bpy.types.Mesh:
-    """Make a mesh of polygons, whose corners are listed face after face.
+    """Make a mesh of polygons, flat-shaded.
 
-    Values are set as attributes, which copies whole arrays; vertices and loops would take them one by one.
+    Positions and corners are written as attributes, which copies whole arrays; writing them through vertices and loops
+    would copy them one by one.
 
     Parameters
     ----------
     name : name of the mesh
     points : (V, 3)
-    corners : vertex of every corner
+    corners : vertex of every face corner, face after face
     sizes : number of corners of every face
     """
     mesh = bpy.data.meshes.new(name)
@@ -44,7 +45,7 @@ def polygons(
 
 
 def paint(mesh: bpy.types.Mesh, rgb: Float[np.ndarray, "corners 3"]) -> None:
-    """Set the linear colour of every corner, in the attribute that FlexMaps' materials and overlay use."""
+    """Set the linear colour of every face corner, in the colour attribute that FlexMaps' materials show."""
     attribute = mesh.attributes.get("flexmaps_colour")
     if attribute is None:
         attribute = mesh.attributes.new("flexmaps_colour", "FLOAT_COLOR", "CORNER")
@@ -55,14 +56,14 @@ def paint(mesh: bpy.types.Mesh, rgb: Float[np.ndarray, "corners 3"]) -> None:
 
 
 def put(mesh: bpy.types.Mesh, name: str, domain: str, values: np.ndarray) -> None:
-    """Add an attribute to a mesh; the type follows from the values, and pairs on corners make a UV map.
+    """Add an attribute to a mesh, or overwrite it.
 
     Parameters
     ----------
     mesh : the mesh
-    name : name with prefix
-    domain : Blender's domain
-    values : (N,) or (N, 2 to 4)
+    name : name, including the prefix "flexmaps_"
+    domain : Blender's domain, such as "POINT"
+    values : (N,) floats, integers or booleans; (N, 2) for a UV map, (N, 3) for vectors, (N, 4) for colours
     """
     kind = {"f": "FLOAT", "i": "INT", "b": "BOOLEAN"}[values.dtype.kind]
     if values.ndim == 2:
@@ -76,7 +77,10 @@ def put(mesh: bpy.types.Mesh, name: str, domain: str, values: np.ndarray) -> Non
 
 
 def smooth(mesh: bpy.types.Mesh, section: Int[np.ndarray, " vertices"]) -> None:
-    """Shade arms smoothly along their length; vertices with the same number in ``section`` share a cross-section."""
+    """Shade arms smoothly along their length, with sharp edges between their four sides.
+
+    ``section`` numbers the cross-section of every vertex: edges within a cross-section are smooth, all others sharp.
+    """
     pairs = np.empty(2 * len(mesh.edges), np.int32)
     mesh.attributes[".edge_verts"].data.foreach_get("value", pairs)
     ends = section[pairs.reshape(-1, 2)]

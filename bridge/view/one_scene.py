@@ -1,4 +1,4 @@
-"""Write a .blend file that holds one scene of the open file, with all that it uses."""
+"""Write a .blend file with one scene of the open file and all data that the scene uses."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import bpy
 
 
 def write(path: Path, scene: bpy.types.Scene, compress: bool = False) -> None:
-    """Write the file; raises ``RuntimeError`` or ``OSError``, as Blender does."""
+    """Write a scene to a new .blend file; raise ``RuntimeError`` or ``OSError`` on failure, as Blender does."""
     # Blender 5.2 crashes when it writes a scene whose view layers were never updated
     for layer in scene.view_layers:
         layer.update()

@@ -1,6 +1,6 @@
-"""Colours and seams of the active model, the shape of a running simulation and their legend, drawn over the 3D view.
+"""Draw the active model's colours and seams, the shape of a running simulation, and their legend over the 3D view.
 
-FlexMaps' own draw handlers draw them, so that the viewport's settings stay untouched.
+Draw handlers of FlexMaps draw them, so that the viewport's settings stay unchanged.
 """
 
 from __future__ import annotations
@@ -21,25 +21,26 @@ from . import colouring, legend
 from .legend import Legend
 from .live_shape import LIFT, LiveShape
 
-EDIT_ALPHA = 0.55  # opacity of the colours in edit mode, so that the mesh shines through; by eye
-SEAMS = "flexmaps_seam"  # edge attribute with the numbers of seams
-KEPT = "flexmaps_overlay"  # key on the scene: the kind of colours shown
-BEFORE = ("DISTANCE", "TWIST", "PATCH")  # kinds that the stages show, the latest stage first
-NO_SEAM = -2  # number of an edge that is not a seam; -1 is a seam without a number
-# sRGB of the bars that show the stiffer direction of a spiral
+# opacity of the colours in edit mode; smaller shows the mesh below better and the colours worse; chosen by eye
+EDIT_ALPHA = 0.55
+SEAMS = "flexmaps_seam"  # edge attribute with the index of the seam
+KEPT = "flexmaps_overlay"  # custom property of the scene: the kind of colours shown
+BEFORE = ("DISTANCE", "TWIST", "PATCH")  # kinds of colours that stages switch on, the latest stage first
+NO_SEAM = -2  # seam index of an edge that is not a seam; -1 is a seam without an index
+# sRGB and alpha of the bars that show the widths of a spiral's pairs of opposite arms
 CROSS = (0.05, 0.05, 0.05, 1.0)
-BAR = 0.8  # length of the longest bar, in quads; by eye
+BAR = 0.8  # length of the longest bar, as a fraction of its quad; larger bars run together; chosen by eye
 
 
 def renew(obj: bpy.types.Object, made: str = "") -> None:
-    """Recolour the object after a stage: in the kind ``made`` by the stage, or in the kind that is shown.
+    """Recolour the object after a stage: with the stage's new values, or else with the kind of colours shown before.
 
     A kind that the user chose stays while it is available; if the user chose no colours, none appear.
 
     Parameters
     ----------
     obj : the mesh object
-    made : kind of colours that the stage has made values for, or ""
+    made : kind of colours for which the stage has computed values, or ""
     """
     manager = bpy.context.window_manager
     shown, chosen = manager.flexmaps_overlay, manager.flexmaps_chosen
@@ -52,7 +53,7 @@ def renew(obj: bpy.types.Object, made: str = "") -> None:
 
 
 def switch(kind: str) -> None:
-    """Show the kind that the user chose; "NONE" shows nothing until the user chooses again."""
+    """Show the kind of colours that the user chose; "NONE" shows no colours until the user chooses again."""
     manager = bpy.context.window_manager
     manager.flexmaps_overlay, manager.flexmaps_chosen = kind, True
 
@@ -64,7 +65,10 @@ _cache: dict[tuple[int, str, bool], tuple[Any, Any, Legend] | None] = {}
 
 
 def register(running: Callable[[], Any]) -> None:
-    """Start drawing; ``running`` returns what the current job shows, which is drawn if it is a ``LiveShape``."""
+    """Register properties, event handlers and draw handlers.
+
+    ``running`` returns the intermediate result of the running job or live mode; a ``LiveShape`` is drawn.
+    """
     bpy.types.WindowManager.flexmaps_overlay = bpy.props.EnumProperty(
         items=colouring.ITEMS, name="Overlay", update=_on_switch
     )
@@ -96,7 +100,7 @@ def unregister() -> None:
 
 
 def _on_switch(manager: bpy.types.WindowManager, context: bpy.types.Context) -> None:
-    """Store the kind in the scene, so that the file shows it again."""
+    """Store the kind of colours in the scene, so that it is shown again when the file is opened."""
     if context.scene is not None and context.scene.get(KEPT, "NONE") != manager.flexmaps_overlay:
         context.scene[KEPT] = manager.flexmaps_overlay
     _redraw(manager)
@@ -111,7 +115,7 @@ def _on_load(*_: object) -> None:
 
 @bpy.app.handlers.persistent
 def _on_undo(*_: object) -> None:
-    """After an undo or redo, show an earlier stage's kind if the object lacks the shown one."""
+    """Handle undo and redo: if the object has no values of the shown kind any longer, show an earlier stage's kind."""
     _cache.clear()
     manager, obj = bpy.context.window_manager, bpy.context.view_layer.objects.active
     shown = manager.flexmaps_overlay
@@ -144,7 +148,7 @@ def _forget(*_: object) -> None:
 
 
 def _drawn_batch(context: bpy.types.Context) -> tuple[bpy.types.Object, Any, Any, Legend] | None:
-    """Return the object, the faces and lines to draw and the legend; None where nothing is to be drawn."""
+    """Return the object, GPU batches of its faces and lines, and the legend; None if there is nothing to draw."""
     obj, kind = context.object, context.window_manager.flexmaps_overlay
     if kind == "NONE" or obj is None or obj.type != "MESH" or not obj.visible_get():
         return None
@@ -166,7 +170,7 @@ def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
     seams, corners = quads.seams, quads.positions[quads.corners]
     up, normal = _normals(quads)
     lifted = on_both_sides(corners, up[quads.corners])
-    light = 0.78 + 0.22 * np.concatenate([normal, -normal]) @ colours.LIGHT  # enough shade to read the shape
+    light = 0.78 + 0.22 * np.concatenate([normal, -normal]) @ colours.LIGHT  # weak shading that shows the shape
     srgb = np.tile(np.clip(rgb, 0.0, 1.0) ** (1 / 2.2), (2, 1)) * light[:, None]
     points = lifted[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3).astype(np.float32)
     alpha = np.full(len(srgb), EDIT_ALPHA if obj.data.is_editmode else 1.0)
@@ -190,7 +194,13 @@ def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
 def on_both_sides(
     corners: Float[np.ndarray, "quads 4 3"], up: Float[np.ndarray, "quads 4 3"]
 ) -> Float[np.ndarray, "2*quads 4 3"]:
-    """Return the quads lifted along their normals, then against them, so that colours show whichever way normals point."""
+    """Return the quads twice: lifted along their normals, then lowered, so that colours show on both sides.
+
+    Parameters
+    ----------
+    corners : corners of the quads
+    up : unit normals at the corners
+    """
     lift = LIFT * float(np.median(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1))) * up
     return np.concatenate([corners + lift, corners - lift])
 
@@ -198,9 +208,10 @@ def on_both_sides(
 def crosses(
     corners: Float[np.ndarray, "quads 4 3"], width: Float[np.ndarray, "quads 4"]
 ) -> Float[np.ndarray, "bars 2 3"]:
-    """Return two bars a quad between the middles of opposite sides, each as long as the two arms there are wide.
+    """Return two bars per quad, which join the middles of opposite sides and show the widths of the arms there.
 
-    The widest pair of all gets a bar of ``BAR`` of its quad. Points are in the frame of the corners, two a bar.
+    A bar's length is proportional to the sum of the two arms' widths; the longest bar covers ``BAR`` of its quad. Each
+    bar is given by its two ends, in the frame of the corners.
     """
     middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
     centre, share = corners.mean(axis=1), width[:, :2] + width[:, 2:]
@@ -210,7 +221,10 @@ def crosses(
 
 
 def _seam_colours(seams: Int[np.ndarray, " sides"], kind: str) -> Float[np.ndarray, "sides 4"]:
-    """Return sRGB of the lines on seams; over patches each seam has its own colour, as on the assembly sheet."""
+    """Return sRGB and alpha of the seams' lines; with the colours of patches, each seam has its own colour.
+
+    These are the seams' colours on the assembly sheet.
+    """
     palette = np.clip(colours.seam_colours(int(seams.max()) + 1), 0.0, 1.0) ** (1 / 2.2)
     own = (seams >= 0) & (kind == "PATCH")
     rgb = np.tile(colours.SEAM, (len(seams), 1))
@@ -219,7 +233,10 @@ def _seam_colours(seams: Int[np.ndarray, " sides"], kind: str) -> Float[np.ndarr
 
 
 def _normals(quads: _Quads) -> tuple[Float[np.ndarray, "vertices 3"], Float[np.ndarray, "quads 3"]]:
-    """Return unit normals of vertices and of quads; colours are lifted along vertex normals, or neighbours would part."""
+    """Return unit normals of vertices and of quads.
+
+    Quads are lifted along the vertex normals: along their own normals, neighbours would separate.
+    """
     p = quads.positions[quads.corners]
     normal = np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
     up = np.zeros_like(quads.positions)
@@ -233,10 +250,12 @@ def _unit(vectors: Float[np.ndarray, "vectors 3"]) -> Float[np.ndarray, "vectors
 
 @dataclass(frozen=True, eq=False)
 class _Quads:
-    """The quads to colour: positions in the object's frame, corners, a value each, and seams.
+    """The quads to colour.
 
-    seams : the seam on every side, -1 for a seam without a number, ``NO_SEAM`` without a seam
-    width : widths in mm of the arms at the sides, for the anisotropy's bars
+    positions : vertices in the object's frame
+    values : value of every quad
+    seams : index of the seam on every side, -1 for a seam without an index, ``NO_SEAM`` without a seam
+    width : widths of the four arms, millimetres; only for the kind "ANISOTROPY"
     """
 
     positions: Float[np.ndarray, "vertices 3"]
@@ -247,7 +266,10 @@ class _Quads:
 
 
 def _quads(obj: bpy.types.Object, kind: str) -> _Quads | None:
-    """Return the visible object with the values of a kind; None where there are none, or other faces than quads."""
+    """Return the object's quads as they are seen, with the values of a kind.
+
+    Return None if the object has no such values, or faces that are not quads.
+    """
     name = colouring.KINDS[kind].attribute
     if obj.data.is_editmode:
         import bmesh
@@ -264,7 +286,7 @@ def _quads(obj: bpy.types.Object, kind: str) -> _Quads | None:
             own = np.array([loop[corner] for face in bm.faces for loop in face.loops])
         else:
             own = np.array([face[layer] for face in bm.faces])
-            own = np.repeat(own, 4) if name == "flexmaps_width" else own  # an older file stores one width a face
+            own = np.repeat(own, 4) if name == "flexmaps_width" else own  # older files store one width per face
         if not attributes.fits(name, own):
             return None
         number = bm.edges.layers.int.get(SEAMS)
@@ -320,7 +342,7 @@ def _draw_live(running: Callable[[], Any]) -> None:
 
 
 def _draw_legend(running: Callable[[], Any]) -> None:
-    """Draw the legend of the running shape, or else of the model's colours."""
+    """Draw the legend of the running simulation's shape if there is one, else of the model's colours."""
     shape, shown = running(), _drawn_batch(bpy.context)
     wanted = shape.legend if isinstance(shape, LiveShape) else None if shown is None else shown[3]
     if wanted is not None:

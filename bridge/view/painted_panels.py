@@ -1,4 +1,4 @@
-"""The panels beside a model that is being painted: one mesh whose points move from stroke to stroke."""
+"""The panels beside a model that is being painted: one mesh whose vertices move with every stroke."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from . import flat_panels
 if TYPE_CHECKING:
     from ...engine.spirals.design import SpiralDesign
 
-FACES = "flexmaps_faces"  # key on the mesh: a checksum of the faces and the panels' places
+FACES = "flexmaps_faces"  # custom property of the mesh: checksum of the faces and the panels' positions
 
 
 class PaintedPanels:
-    """The panels of successive designs.
+    """Draws the panels of a design that changes from stroke to stroke.
 
-    A mesh is made before the first stroke and waits unused, because making 100,000 faces takes Blender about 0.1 s.
+    A mesh is made in advance, before the first stroke, because making one of 100,000 faces takes about 0.1 s.
     """
 
     def __init__(self, name: str, design: SpiralDesign):
@@ -30,13 +30,13 @@ class PaintedPanels:
         self._made = self._make(name)
 
     def follow(self, design: SpiralDesign) -> None:
-        """Compute the panels of a design; touches no Blender data, so it may run in a thread."""
+        """Compute the panels of the changed design; touches no Blender data, so it may run in a thread."""
         self._moving.follow(design)
         if self._corners is not self._moving.solid.corners:
             self._prepare()
 
     def _prepare(self) -> None:
-        """Compute everything for a mesh with the present faces."""
+        """Compute checksum and colours for a mesh with the present faces."""
         solid = self._moving.solid
         parts = (solid.corners, solid.sizes, self._moving.centres)
         self._corners = solid.corners
@@ -47,7 +47,7 @@ class PaintedPanels:
         _ = self._drawing.coloured
 
     def show(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
-        """Show the panels of the latest design beside the object."""
+        """Show the panels of the latest design beside the object; move the vertices of the shown mesh if possible."""
         standing = flat_panels.panels_of(obj)
         if len(standing) == 1 and standing[0].data.get(FACES) == self._faces:
             self._move(standing[0].data)
@@ -62,13 +62,16 @@ class PaintedPanels:
         self._drawing.stand(obj, scene, mesh)
 
     def put_away(self) -> None:
-        """Remove the mesh if nothing uses it."""
+        """Remove the mesh made in advance if nothing uses it."""
         mesh = self._prepared_mesh()
         if mesh is not None:
             bpy.data.meshes.remove(mesh)
 
     def _prepared_mesh(self) -> bpy.types.Mesh | None:
-        """Return the prepared mesh while nothing uses it; found by id, because an undo invalidates Python's reference."""
+        """Return the mesh made in advance, or None if it is in use or gone.
+
+        It is found by its session id, because an undo invalidates Python's references.
+        """
         return next((m for m in bpy.data.meshes if m.session_uid == self._made and not m.users), None)
 
     def _move(self, mesh: bpy.types.Mesh) -> None:
@@ -77,7 +80,7 @@ class PaintedPanels:
         mesh.update()
 
     def _make(self, name: str) -> int:
-        """Make a mesh that nothing uses, and return Blender's id of it."""
+        """Make a mesh in advance, and return its session id."""
         made = self._drawing.mesh(name)
         made[FACES] = self._faces
         return int(made.session_uid)

@@ -1,4 +1,4 @@
-"""Find the spiral under the mouse, on the live shape if one is drawn, else on the mesh."""
+"""Find the spiral under the mouse, on the live shape if it is drawn, else on the object's mesh."""
 
 from __future__ import annotations
 
@@ -21,12 +21,14 @@ if TYPE_CHECKING:
 def seen(
     obj: bpy.types.Object, shape: LiveEquilibrium | None = None
 ) -> tuple[Float[np.ndarray, "vertices 3"], Int[np.ndarray, "quads 4"]]:
-    """Return vertices in the scene's units and world axes, and quads; ``shape`` may be the live shape of the object.
+    """Return the visible surface: vertices in the scene's units and world axes, and quads.
+
+    There are no quads if the mesh has other faces.
 
     Parameters
     ----------
     obj : the mesh object
-    shape : the live shape, or None
+    shape : live shape that is drawn for the object, or None
     """
     if (
         shape is not None
@@ -56,11 +58,11 @@ def _to_world(obj: bpy.types.Object, points: Float[np.ndarray, "vertices 3"]) ->
 def quad_at(
     points: Float[np.ndarray, "vertices 3"], quads: Int[np.ndarray, "quads 4"], origin: Vector, way: Vector
 ) -> int | None:
-    """Return the first quad that a ray hits; None if it misses.
+    """Return the index of the first quad that a ray hits; None if it misses.
 
     Parameters
     ----------
-    points, quads : the surface
+    points, quads : the surface, from ``seen``
     origin, way : start and direction of the ray
     """
     from mathutils.bvhtree import BVHTree
@@ -71,7 +73,7 @@ def quad_at(
 
 
 def edge_of(obj: bpy.types.Object) -> float:
-    """Return the target's median edge in the scene's units: the length of a force arrow of one newton."""
+    """Return the target's median edge length in the scene's units; a force arrow of one newton has this length."""
     with attributes.readable(obj) as mesh:
         pairs = column(mesh.edges, "vertices")
     points = target(obj)[pairs]

@@ -1,4 +1,4 @@
-"""Pictures of a piece: its layout, its panels, its simulated shape, and all of them side by side."""
+"""Render pictures of a piece: its layout, its panels, its simulated shape, or several of them side by side."""
 
 from __future__ import annotations
 
@@ -26,25 +26,25 @@ if TYPE_CHECKING:
     from ...engine.mechanics.assembly import Pose
     from ...engine.spirals.design import SpiralDesign
 
-SIZE = (1280, 720)  # pixels of the main job's pictures
-SAMPLES = 8  # samples a pixel, before denoising; more is less noisy and slower; by eye
+SIZE = (1280, 720)  # width and height of the main job's pictures, pixels
+SAMPLES = 8  # samples per pixel before denoising; more is less noisy and slower; chosen by eye
 Size = tuple[int, int] | None
 ABOVE, ASIDE = (0.0, 0.0, 1.0), (0.62, -1.0, 0.80)  # directions from the piece to the camera
 CLAY = (0.80, 0.79, 0.76)  # sRGB of a target without colours
-GAP = 0.12  # gap between pieces side by side, as a share of the widest; by eye
-PAGE = 1.05  # width of the panels in front of the pieces, as a share of the pieces' width; by eye
-MANY = 1200  # spirals from which medium detail looks round enough in a picture; by eye
+GAP = 0.12  # gap between objects side by side, as a fraction of the widest object's width; chosen by eye
+PAGE = 1.05  # width of the panels in front, as a fraction of the total width of the objects behind; chosen by eye
+MANY = 1200  # number of spirals from which arms are drawn in medium detail; larger is rounder and slower; by eye
 
 
 def layout(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
-    """Render the target in the colours of its patches, with quads as thin and seams as dark lines.
+    """Render the target in the colours of its patches, with quad edges as thin lines and seams as dark lines.
 
     Parameters
     ----------
     obj : the model
     path : the PNG file
     size : pixels across and down; default is ``SIZE``
-    samples : samples a pixel; default is ``SAMPLES``
+    samples : samples per pixel; default is ``SAMPLES``
     """
     with studio(size or SIZE, samples or SAMPLES) as place:
         _add_target(place, obj, "PATCH")
@@ -53,18 +53,18 @@ def layout(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: 
 
 
 def panels(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
-    """Render the flat panels, or the flat patches before there are spirals, straight from above.
+    """Render the flat panels straight from above; without spirals, render the flat patches.
 
     Parameters
     ----------
     obj : the model
     path : the PNG file
     size : pixels across and down; default is ``SIZE``
-    samples : samples a pixel; default is ``SAMPLES``
+    samples : samples per pixel; default is ``SAMPLES``
 
     Raises
     ------
-    FlexMapsError : there are none yet.
+    FlexMapsError : there are no flat patches yet
     """
     with studio(size or SIZE, samples or SAMPLES) as place:
         design = stored_design(obj)
@@ -72,7 +72,7 @@ def panels(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: 
         shown = [o for o in own.objects if not o.hide_render] if own is not None else []
         solid = next((o for o in shown if o.get("flexmaps_kind") == "panels" and not o.modifiers), None)
         if design is not None and solid is not None:
-            place.put(solid.data.copy())  # with connectors, as they are cut
+            place.put(solid.data.copy())  # the panels beside the model, drawn with their connectors
         elif design is not None:
             _add_panels(place, obj, design, "PATCH")
         else:
@@ -85,18 +85,18 @@ def panels(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: 
 
 
 def shape(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
-    """Render the assembled piece of the last simulation, coloured by distance to the target, with a scale.
+    """Render the assembled piece in its simulated shape, coloured by distance to the target, with a legend.
 
     Parameters
     ----------
     obj : the model
     path : the PNG file
     size : pixels across and down; default is ``SIZE``
-    samples : samples a pixel; default is ``SAMPLES``
+    samples : samples per pixel; default is ``SAMPLES``
 
     Raises
     ------
-    FlexMapsError : nothing was simulated yet.
+    FlexMapsError : there is no simulated shape yet
     """
     design = stored_design(obj)
     if keys.key_of(obj.data) is None or design is None:
@@ -109,7 +109,7 @@ def shape(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: i
 
 
 def overview(obj: bpy.types.Object, path: str | Path) -> None:
-    """Render ``together`` in the colours of the patches.
+    """Render target, assembled piece and flat panels in one picture, in the colours of the patches.
 
     Parameters
     ----------
@@ -118,26 +118,26 @@ def overview(obj: bpy.types.Object, path: str | Path) -> None:
 
     Raises
     ------
-    FlexMapsError : a part is not made yet.
+    FlexMapsError : there are no spirals yet
     """
     together(obj, path, RenderParams(pixels_x=SIZE[0], samples=SAMPLES))
 
 
 def together(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack: Path | None = None) -> None:
-    """Render target, assembled piece and flat panels on one ground, as the settings ask.
+    """Render target, assembled piece and flat panels on a common ground; the settings choose which of them.
 
-    Connectors are drawn if the preview has them.
+    Connectors are drawn if the settings of the preview ask for them.
 
     Parameters
     ----------
     obj : the model
     path : the PNG file
     params : settings of the picture
-    pack : as in ``studio``
+    pack : a .blend file that gets the scene instead of a render, see ``studio``
 
     Raises
     ------
-    FlexMapsError : a part is not made yet, or no part is asked for.
+    FlexMapsError : there are no spirals or no values to colour by, or the settings choose nothing
     """
     design = stored_design(obj)
     if design is None:
@@ -168,18 +168,18 @@ def together(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack
 
 
 def film(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack: Path | None = None) -> int:
-    """Render the assembly's animation as PNG files or a film, and return the number of frames.
+    """Render the animation of the assembly as PNG files or as a film, and return the number of frames.
 
     Parameters
     ----------
     obj : the model
-    path : the file of the film, or the folder of the PNG files
+    path : the .mp4 file; otherwise frames are written as PNG files, numbered after this path's name
     params : settings of the picture
-    pack : as in ``studio``
+    pack : a .blend file that gets the scene instead of a render, see ``studio``
 
     Raises
     ------
-    FlexMapsError : there is no animation.
+    FlexMapsError : there is no animation
     """
     shown, scene = animation.existing(obj), bpy.context.scene
     if not shown:
@@ -195,13 +195,13 @@ def film(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack: Pa
 
 
 def _direction(params: RenderParams) -> tuple[float, float, float]:
-    """Return the direction from the piece to the camera."""
+    """Return the unit vector from the piece to the camera, for the settings' azimuth and elevation."""
     c, s = np.cos(params.elevation), np.sin(params.elevation)
     return c * np.sin(params.azimuth), -c * np.cos(params.azimuth), s
 
 
 def stored_design(obj: bpy.types.Object) -> SpiralDesign | None:
-    """Return the spirals that an object holds; None where there are none that can be used."""
+    """Return the spirals stored in an object; None if it has no usable ones."""
     result = snapshot.read(obj).result
     return None if result is None else result.design
 
@@ -211,30 +211,30 @@ def stored_design(obj: bpy.types.Object) -> SpiralDesign | None:
 
 @dataclass(frozen=True)
 class Group:
-    """Objects of a studio that belong together; only its meshes count for its size, not its lines."""
+    """Objects in the studio that are moved together; its size is that of its meshes, without its lines (curves)."""
 
     objects: tuple[bpy.types.Object, ...]
 
     def seen(self, azimuth: float) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
-        """Return the lowest and highest position along right, back and up of a camera at an azimuth."""
+        """Return the lower and upper corner of the meshes' bounding box in the axes of ``_axes(azimuth)``, metres."""
         bodies = [points_of(obj) for obj in self.objects if obj.type == "MESH"]
         there = np.concatenate(bodies) @ _axes(azimuth).T
         return there.min(axis=0), there.max(axis=0)
 
     def move(self, shift: Float[np.ndarray, " 3"], azimuth: float) -> None:
-        """Shift by metres along right, back and up of a camera."""
+        """Shift the group by a vector in the axes of ``_axes(azimuth)``, metres."""
         for obj in self.objects:
             obj.location = np.array(obj.location) + shift @ _axes(azimuth)
 
 
 def _axes(azimuth: float) -> Float[np.ndarray, "3 3"]:
-    """Return rows right, back and up of a camera at an azimuth."""
+    """Return the unit vectors to the right, to the back and up, as seen by a level camera at an azimuth, as rows."""
     c, s = np.cos(azimuth), np.sin(azimuth)
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _line_up(groups: list[Group], azimuth: float) -> tuple[float, float]:
-    """Place the groups side by side on one ground with gaps by their size; return their total width and depth in metres."""
+    """Place groups side by side on a common ground, seen from an azimuth; return their width and depth in metres."""
     boxes = [group.seen(azimuth) for group in groups]
     gap = GAP * max((float((high - low)[0]) for low, high in boxes), default=0.0)
     at = depth = 0.0
@@ -246,25 +246,25 @@ def _line_up(groups: list[Group], azimuth: float) -> tuple[float, float]:
 
 
 def _place_in_front(flat: Group, wide: float, depth: float, azimuth: float) -> None:
-    """Place the panels on the ground in front of the other groups."""
+    """Place the panels on the ground in front of the other groups, whose width and depth are given in metres."""
     low, high = flat.seen(azimuth)
     aside = 0.5 * wide - 0.5 * (low + high)[0]
     flat.move(np.array([aside, -0.5 * depth - GAP * wide - high[1], -low[2]]), azimuth)
 
 
 def _set_finish(data: bpy.types.ID, finish: str) -> None:
-    """Give data the material of a finish: a sheet's, or the data's own colours."""
+    """Give mesh data a material: a sheet's if ``finish`` is a key of ``LOOKS``, else its own colour attribute."""
     chosen = materials.of_material(finish) if finish in materials.LOOKS else materials.material("FlexMaps panel", None)
     data.materials.append(chosen)
 
 
 def _colours(obj: bpy.types.Object, finish: str) -> Float[np.ndarray, "quads 3"] | None:
-    """Return linear colours of the quads, or None where a sheet's material is used."""
+    """Return linear colours of the quads; None if ``finish`` is a sheet's material."""
     return None if finish in materials.LOOKS else preview.quad_colours(obj, finish)
 
 
 def _add_target(place: Studio, obj: bpy.types.Object, finish: str) -> Group:
-    """Add the target, in its patches' colours or plain, with its quads and seams as lines."""
+    """Add the target with its quad edges, seams and borders as lines; coloured by patch if ``finish`` is "PATCH"."""
     surface = mesh.read_surface(obj, bpy.context.scene)
     polygons = surface.polygons
     data = meshes.polygons("FlexMaps target", polygons.vertices, polygons.corners, polygons.sizes)
@@ -286,7 +286,7 @@ def _add_target(place: Studio, obj: bpy.types.Object, finish: str) -> Group:
 def _add_assembled(
     place: Studio, obj: bpy.types.Object, design: SpiralDesign, finish: str, tips: Sequence[Tip] = ()
 ) -> Group:
-    """Add the piece with its spirals bent as in the last simulation, or on the target without a simulation."""
+    """Add the assembled piece, bent as in the last simulation; without a simulation, hubs lie on the target."""
     rgb = _colours(obj, finish)
     built = preview.build(design, _stand(obj, design), _detail(design), tips, base=_base(obj, design))
     assert built.panels is not None
@@ -299,7 +299,7 @@ def _add_assembled(
 
 
 def _stand(obj: bpy.types.Object, design: SpiralDesign) -> Pose:
-    """Return the hubs' pose of the last simulation, or on the target without a simulation."""
+    """Return the hubs' pose of the last simulation; without a simulation, their pose on the target."""
     from ...engine.mechanics.assembly import target_pose
 
     stand = pose.read(obj, seen.to_metres(obj, bpy.context.scene))
@@ -307,7 +307,7 @@ def _stand(obj: bpy.types.Object, design: SpiralDesign) -> Pose:
 
 
 def _base(obj: bpy.types.Object, design: SpiralDesign) -> Base | None:
-    """Return the base, if the settings ask for one and the piece can have it."""
+    """Return the base; None if the settings ask for none or it cannot be made."""
     used = settings.read(obj.flexmaps, ObjectSettings)
     if used.base.base == "none":
         return None
@@ -324,7 +324,7 @@ def _add_panels(
     width: float | None = None,
     azimuth: float = 0.0,
 ) -> Group:
-    """Add the flat panels side by side, as wide as asked for and facing a camera."""
+    """Add the flat panels side by side, about ``width`` metres wide and turned towards a camera at an azimuth."""
     from ...engine.display.panel_mesh import DETAILS, panel_mesh
 
     rgb, base = _colours(obj, finish), _base(obj, design)
@@ -346,7 +346,7 @@ def _add_lines(
     pairs: Int[np.ndarray, "edges 2"],
     bold: Bool[np.ndarray, " edges"],
 ) -> Iterable[bpy.types.Object]:
-    """Add edges as thin round lines, bold ones thicker and darker."""
+    """Add edges as thin round lines; edges in the mask ``bold`` are thicker and darker."""
     edge = float(np.median(np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)))
     thick = max(0.05 * edge, 0.0022 * float(np.linalg.norm(np.ptp(points, axis=0))))
     for name, chosen, radius, grey in (("quad", ~bold, 0.014 * edge, 0.32), ("seam", bold, thick, 0.1)):
@@ -357,13 +357,13 @@ def _add_lines(
 
 
 def _add_legend(studio: Studio, legend: Legend) -> None:
-    """Add a colour bar with its numbers to the upper left corner, in front of the camera and independent of light."""
+    """Add a legend in the picture's upper left corner: objects in front of the camera that emit their colours."""
     scene = studio.scene
     camera = scene.camera
     near = 2.0 * camera.data.clip_start
-    percent = near * camera.data.sensor_width / camera.data.lens / 100  # of the picture's width
+    percent = near * camera.data.sensor_width / camera.data.lens / 100  # 1 % of the picture's width, metres at ``near``
     left, top = -47.0, 50.0 * scene.render.resolution_y / scene.render.resolution_x - 4.0
-    if camera.data.type == "PERSP":  # the corner holds the legend and a gap
+    if camera.data.type == "PERSP":  # move the content out of the legend's corner
         studio.clear_corner(0.01 * (left + 21.5), 0.01 * (top - 6.5))
         left += 100.0 * camera.data.shift_x
 

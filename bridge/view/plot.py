@@ -1,4 +1,7 @@
-"""The distance from the target step by step, as an icon that the sidebar enlarges: panels can show no other pictures."""
+"""Plot the distance from the target over the steps of an optimisation.
+
+The plot is an icon that the sidebar enlarges, because Blender's panels can show no other pictures.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +12,13 @@ import numpy as np
 
 from ...engine.display import plots, raster
 
-SIZE = 192  # pixels of the icon
+SIZE = 192  # width and height of the icon, pixels; larger is sharper and slower
 
-_kept: dict[str, Any] = {}  # Blender's preview collection, its icon, and the values that the icon shows
+_kept: dict[str, Any] = {}  # "previews": Blender's preview collection; "icon": its icon; "values": plotted values
 
 
 def icon(distances: Sequence[float]) -> int:
-    """Return the number of an icon that plots these values, first to last; 0 without a window, where there are no icons."""
+    """Return Blender's number of the icon, redrawn to plot these values; 0 without a window, as there are no icons."""
     import bpy.utils.previews
 
     if not _kept:
@@ -38,6 +41,6 @@ def unregister() -> None:
 
 
 def picture(distances: Sequence[float]) -> np.ndarray:
-    """Return (SIZE, SIZE, 4) premultiplied sRGB with alpha, bottom row first, as Blender's icons need it."""
+    """Draw the plot; return sRGB with premultiplied alpha (SIZE, SIZE, 4), bottom row first, as icons need it."""
     drawn = plots.sparkline(distances, SIZE / raster.SCALE)
     return np.ascontiguousarray(raster.pixels(drawn, {}, paper=None)[::-1])

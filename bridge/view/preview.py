@@ -1,6 +1,6 @@
-"""The assembled piece as an object beside its model: every spiral with its true arms, bent as in the last simulation.
+"""Preview: the assembled piece as an object beside its model, with all arms, bent as in the last simulation.
 
-Its operator rebuilds it, and no stage reads it back. Coordinates are the engine's, in metres.
+Only the operator *Show the piece* rebuilds it, and no stage reads it. Coordinates are in metres.
 """
 
 from __future__ import annotations
@@ -33,20 +33,21 @@ if TYPE_CHECKING:
 
 KIND, NAME = "assembled", "Assembled"
 BASE, BASE_NAME = "base", "Base"
-GREY = 0.42  # linear grey of the base's plates, which belong to no patch
-NOTE = "flexmaps_preview"  # key on the object: its figures as JSON
-WIRE = 9  # points along an arm drawn as a wire; more is smoother and slower; by eye
+GREY = 0.42  # linear grey of the base's plates, which have no patch colour
+NOTE = "flexmaps_preview"  # custom property of the object: its figures as JSON
+WIRE = 9  # points along an arm drawn as a wire; more is smoother and slower; chosen by eye
 
 
 @dataclass(frozen=True, eq=False)
 class Built:
-    """An assembled piece, ready to be shown.
+    """An assembled piece, computed and ready to be shown.
 
-    design, pose : the spirals and their hubs
-    panels : its mesh, None if drawn as wires
-    vertices : (V, 3) metres of the mesh, or (A, WIRE, 3) of the wires
-    seconds : time spent on building it
-    base : the base under it, or None
+    design : the spirals
+    pose : pose of their hubs
+    panels : mesh of the arms and hubs; None if arms are drawn as wires
+    vertices : vertices of the mesh (V, 3), or points of the wires (A, WIRE, 3), metres
+    seconds : computing time
+    base : mesh of the base's plates, or None
     """
 
     design: SpiralDesign
@@ -58,17 +59,17 @@ class Built:
 
 
 def tips_of(design: SpiralDesign, settings: ObjectSettings, progress: Progress = SILENT) -> tuple[Tip, ...]:
-    """Return the arm ends with connectors, if preview, animation and pictures are to show them.
+    """Return the arm ends with connectors; () if the settings of the preview ask for no connectors.
 
     Parameters
     ----------
     design : the spirals
-    settings : all settings
+    settings : settings of the object
     progress : called with a fraction and a text
 
     Raises
     ------
-    FlexMapsError where the settings allow no connectors.
+    FlexMapsError : connectors cannot be made with these settings
     """
     if not settings.preview.joined:
         return ()
@@ -81,13 +82,16 @@ def tips_of(design: SpiralDesign, settings: ObjectSettings, progress: Progress =
 def base_of(
     design: SpiralDesign, pose: Pose, supports: Int[np.ndarray, " supports"] | None, settings: ObjectSettings
 ) -> Base | None:
-    """Return the base of a piece; None if the settings ask for none or it cannot be made, a case that Export explains.
+    """Return the base of a piece.
+
+    Return None if the settings ask for none or it cannot be made; Export reports the reason.
 
     Parameters
     ----------
-    design, pose : the spirals and their hubs
-    supports : quads that are held
-    settings : all settings
+    design : the spirals
+    pose : pose of their hubs
+    supports : indices of the quads that are held
+    settings : settings of the object
     """
     if settings.base.base == "none":
         return None
@@ -107,15 +111,16 @@ def build(
     progress: Progress = SILENT,
     base: Base | None = None,
 ) -> Built:
-    """Build the spirals of a design whose hubs stand in a pose; pure numerics, safe in another thread.
+    """Compute the geometry of an assembled piece; touches no Blender data, so it may run in a thread.
 
     Parameters
     ----------
-    design, pose : the spirals and their hubs
-    detail : "LINES" for wires, or a key of ``DETAILS``
+    design : the spirals
+    pose : pose of their hubs
+    detail : "LINES" for wires, or a key of ``engine.display.panel_mesh.DETAILS``
     tips : arm ends with connectors
     progress : called with a fraction and a text
-    base : adds feet and the base, if given
+    base : base of the piece; adds its plates, and the feet to the spirals
     """
     from ...engine.display.base_mesh import base_mesh
     from ...engine.display.panel_mesh import DETAILS, panel_mesh
@@ -134,7 +139,7 @@ def build(
 
 
 def wires(design: SpiralDesign, arms: BentArms) -> Float[np.ndarray, "arms points 3"]:
-    """Return ``WIRE`` points on the centre line of each arm in space, metres, from the joint to the hub's centre."""
+    """Return ``WIRE`` points on each bent arm's centre line, from the joint to the hub's centre, metres."""
     from ...engine.mechanics.arms.bent import flat_centre
 
     arm = np.repeat(np.arange(4 * len(design.width)), WIRE)
@@ -148,12 +153,16 @@ def wires(design: SpiralDesign, arms: BentArms) -> Float[np.ndarray, "arms point
 
 
 def existing(obj: bpy.types.Object) -> bpy.types.Object | None:
-    """Return the assembled piece of a model, if it exists."""
+    """Return the object that shows a model's assembled piece, or None."""
     return next(iter(collection.of_kinds(obj, KIND)), None)
 
 
 def note_of(obj: bpy.types.Object) -> dict[str, Any]:
-    """Return the figures of a model's assembled piece: spirals, triangles, seconds, ``simulated``; empty without a piece."""
+    """Return the figures of a model's assembled piece; {} without a piece.
+
+    The keys are "spirals" and "triangles" (counts), "seconds" (computing time) and "simulated" (whether the pose is
+    from a simulation).
+    """
     piece = existing(obj)
     return json.loads(piece.get(NOTE, "{}")) if piece is not None else {}
 
@@ -161,14 +170,18 @@ def note_of(obj: bpy.types.Object) -> dict[str, Any]:
 def show(
     obj: bpy.types.Object, scene: bpy.types.Scene, built: Built, params: PreviewParams, simulated: bool
 ) -> bpy.types.Object:
-    """Put the assembled piece beside its model, replacing an earlier one; raise ``FlexMapsError`` without its colours.
+    """Make the object of the assembled piece beside its model, replacing an earlier one, and return it.
 
     Parameters
     ----------
     obj, scene : the model and its scene
-    built : from ``build``
+    built : the piece, from ``build``
     params : settings of the preview
-    simulated : whether the pose is a simulation's
+    simulated : whether the pose is from a simulation
+
+    Raises
+    ------
+    FlexMapsError : the model has no values for the chosen colours
     """
     began = time.perf_counter()
     rgb = None if params.colour == "MATERIAL" else quad_colours(obj, params.colour)
@@ -207,12 +220,12 @@ def show(
 def shift(
     obj: bpy.types.Object, scene: bpy.types.Scene, low: Float[np.ndarray, " 3"], high: Float[np.ndarray, " 3"]
 ) -> Float[np.ndarray, " 3"]:
-    """Return the shift in metres that puts a box with these corners to the left of its model, on the same ground.
+    """Return the shift that puts a piece to the left of its model, at the model's lowest height, metres.
 
     Parameters
     ----------
     obj, scene : the model and its scene
-    low, high : lowest and highest corner of the piece, metres
+    low, high : lower and upper corner of the piece's bounding box, metres
     """
     box = collection.box_of(obj) * scene.unit_settings.scale_length
     gap = 0.15 * float(np.linalg.norm(high - low))
@@ -223,7 +236,7 @@ def shift(
 def _put_object(
     obj: bpy.types.Object, scene: bpy.types.Scene, data: bpy.types.ID, place: Float[np.ndarray, " 3"]
 ) -> bpy.types.Object:
-    """Return the object with this data; an existing object keeps its other properties."""
+    """Put data into the object of the assembled piece, and return it; an existing object keeps its other properties."""
     made = existing(obj)
     if made is not None and made.type != ("MESH" if isinstance(data, bpy.types.Mesh) else "CURVE"):
         collection.clear(obj, (KIND, BASE))
@@ -239,12 +252,16 @@ def _put_object(
 
 
 def quad_colours(obj: bpy.types.Object, kind: str) -> Float[np.ndarray, "quads 3"]:
-    """Return the overlay's linear colours of a kind; raise ``FlexMapsError`` where its stage has not run.
+    """Return the linear colours of the quads that the overlay shows for a kind of value.
 
     Parameters
     ----------
     obj : the model
     kind : a key of ``colouring.KINDS``
+
+    Raises
+    ------
+    FlexMapsError : the model has no values of this kind, because their stage has not run
     """
     with attributes.readable(obj) as mesh:
         values = attributes.get(mesh, colouring.KINDS[kind].attribute)
@@ -254,7 +271,7 @@ def quad_colours(obj: bpy.types.Object, kind: str) -> Float[np.ndarray, "quads 3
 
 
 def _face_values(obj: bpy.types.Object, quad_of: Int[np.ndarray, " faces"]) -> dict[str, np.ndarray]:
-    """Return the model's attributes of quads as values of the piece's faces."""
+    """Return attributes for the piece's faces: the quad of every face, and the model's values of that quad."""
     of_faces = {"flexmaps_quad": quad_of}
     with attributes.readable(obj) as mesh:
         for name in ("patch", "strain_energy", "strain", "distance"):
@@ -270,7 +287,15 @@ def _face_values(obj: bpy.types.Object, quad_of: Int[np.ndarray, " faces"]) -> d
 def piece_mesh(
     name: str, panels: PanelMesh, vertices: Float[np.ndarray, "vertices 3"], rgb: Float[np.ndarray, "quads 3"] | None
 ) -> bpy.types.Mesh:
-    """Make a mesh of the panels, vertices in metres, with UV map, colours and smooth shading between sharp edges."""
+    """Make a Blender mesh of the panels.
+
+    Parameters
+    ----------
+    name : name of the mesh
+    panels : faces of the panels
+    vertices : (V, 3), metres, bent or flat
+    rgb : linear colours of the quads; None for no colours
+    """
     mesh = meshes.polygons(name, vertices, panels.corners, panels.sizes)
     centres = arrange.side_by_side(panels.design.flat)
     uv = (1e3 * panels.flat(centres)[:, :2]).astype(np.float32)[panels.corners]
@@ -285,7 +310,7 @@ def piece_mesh(
 
 
 def plates_mesh(name: str, base: BaseMesh, shift: Float[np.ndarray, " 3"] | float = 0.0) -> bpy.types.Mesh:
-    """Make a grey mesh of a base's plates, shifted by metres."""
+    """Make a grey mesh of a base's plates, shifted by a vector in metres."""
     vertices, faces = base.vertices + shift, base.triangles
     data = meshes.polygons(name, vertices, faces.ravel(), np.full(len(faces), 3))
     data.materials.append(materials.material("FlexMaps base", np.full(3, GREY)))
@@ -293,5 +318,5 @@ def plates_mesh(name: str, base: BaseMesh, shift: Float[np.ndarray, " 3"] | floa
 
 
 def _curve(name: str, built: Built) -> bpy.types.Curve:
-    """Make the arms as wires as thick as their mean width, with only four sides because there are thousands."""
+    """Make a curve of the arms as wires, as thick as the mean arm width; four-sided, because there are thousands."""
     return curves.lines(name, list(built.vertices), 0.5 * float(built.design.width.mean()), sides=4)

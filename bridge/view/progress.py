@@ -8,12 +8,14 @@ import bpy
 
 from ..store.i18n import button_name, translate
 
-LEAST = 0.2  # seconds between two drawings of the progress at least; smaller is smoother and slower; by eye
-SHARE = 0.1  # largest share of the time spent on drawing, which slows the work down without a graphics card
+LEAST = 0.2  # shortest time between two redraws of the progress, seconds; smaller is smoother and slower; by eye
+# largest fraction of the time spent on redrawing; larger is smoother and slows the job down, above all without a
+# graphics card
+SHARE = 0.1
 
 
 class RunningJob(Protocol):
-    """Job as the sidebar and the status bar show it, see ``background.Job``."""
+    """Interface of ``background.Job`` that the sidebar and the status bar use."""
 
     title: str
     on_stop: str
@@ -29,9 +31,9 @@ class RunningJob(Protocol):
 
 
 class Pace:
-    """Decide when to redraw the progress: the longer the last drawing took, the later.
+    """Decide when to redraw the progress: the longer the last redraw took, the later the next one.
 
-    Blender draws before it sends the next timer event, so that event's delay is the drawing time.
+    Blender draws before it sends the next timer event, so the delay until this event is taken as the drawing time.
     """
 
     def __init__(self) -> None:
@@ -39,7 +41,10 @@ class Pace:
         self._next = 0.0
 
     def due(self, now: float) -> bool:
-        """Return whether to draw now, in seconds of any clock; call it at every tick, and draw when it returns True."""
+        """Return whether to redraw now; call it at every timer event, and redraw if it returns True.
+
+        ``now`` is the time in seconds of any steady clock.
+        """
         if self._asked is not None:
             self._next = self._asked + max(LEAST, (now - self._asked) / SHARE)
             self._asked = None
@@ -50,12 +55,12 @@ class Pace:
 
 
 def show(context: bpy.types.Context, running: RunningJob) -> None:
-    """Show a ``background.Job``'s progress in status bar, cursor and sidebar; redraw the 3D views if it shows a shape.
+    """Show a job's progress in status bar, cursor and sidebar; redraw the 3D views if the job shows a shape.
 
     Parameters
     ----------
     context : Blender's context
-    running : the ``background.Job``
+    running : the job, a ``background.Job``
     """
     context.window_manager.progress_update(int(100 * running.fraction))
     if context.workspace is not None:
@@ -71,12 +76,12 @@ def progress_line(running: RunningJob) -> str:
 
 
 def redraw(context: bpy.types.Context, kind: str = "") -> None:
-    """Redraw every 3D view, or only its regions of one kind.
+    """Redraw all 3D views, or only their regions of a type.
 
     Parameters
     ----------
     context : Blender's context
-    kind : type of region, or "" for all
+    kind : type of region, such as "UI" for the sidebar; "" for all
     """
     for window in context.window_manager.windows:
         for area in window.screen.areas:

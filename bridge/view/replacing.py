@@ -1,4 +1,4 @@
-"""Replace an object by another one, or give it other quads: transfer its settings and remove old results."""
+"""Replace an object by another one, scale it, or drop the results of one whose quads have changed."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ if TYPE_CHECKING:
 
 
 def take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types.Object) -> None:
-    """Let the new object replace the old one, with its settings.
+    """Replace an object by a new one, which gets its settings and becomes active; the old object is hidden.
 
     Parameters
     ----------
     context : Blender's context
-    obj : the object that is replaced
+    obj : the old object
     made : the new object
     """
-    from ..store import handing_down  # scipy comes with it
+    from ..store import handing_down  # imported here because it imports scipy
 
     leave_edit_mode(context)
     settings.write(made.flexmaps, settings.read(obj.flexmaps, ObjectSettings))
@@ -41,13 +41,13 @@ def take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types
 
 
 def resize(context: bpy.types.Context, obj: bpy.types.Object, millimetres: float) -> None:
-    """Scale an object about its origin until its longest side has a length; the views follow.
+    """Scale an object about its origin so that its longest dimension has a length; the 3D views zoom with it.
 
     Parameters
     ----------
     context : Blender's context
     obj : the object
-    millimetres : length of the longest side
+    millimetres : wanted length of its longest dimension
     """
     context.view_layer.update()
     factor = millimetres * 1e-3 / (max(obj.dimensions) * context.scene.unit_settings.scale_length)
@@ -55,7 +55,7 @@ def resize(context: bpy.types.Context, obj: bpy.types.Object, millimetres: float
 
 
 def scale(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> None:
-    """Scale an object about its origin; the views follow.
+    """Scale an object about its origin; the 3D views zoom with it.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def scale(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> N
 
 
 def begin_anew(obj: bpy.types.Object, findings: list[Finding]) -> None:
-    """Drop all results of an object whose quads have changed, and store the findings of the check.
+    """Delete all results of an object whose quads have changed, and store the findings of a check.
 
     Parameters
     ----------
@@ -86,6 +86,6 @@ def begin_anew(obj: bpy.types.Object, findings: list[Finding]) -> None:
 
 
 def leave_edit_mode(context: bpy.types.Context) -> None:
-    """Leave edit mode before a new object becomes active; *Check* may have entered it to show a fault."""
+    """Leave edit mode, as is needed before a new object becomes active; *Check* may have entered it to show a fault."""
     if context.object is not None and context.object.mode == "EDIT":
         bpy.ops.object.mode_set(mode="OBJECT")

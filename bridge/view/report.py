@@ -1,4 +1,4 @@
-"""The report and the plots of an object in Blender."""
+"""Build the report and the plots of an object in Blender."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ SIMULATED = ("equilibrium", "reach", "optimise", "structure")
 
 @dataclass(frozen=True, eq=False)
 class Reported:
-    """Input of a report, read from an object in Blender: plain arrays and texts, safe in another thread.
+    """Input of a report, read from an object in Blender: plain arrays and texts, which other threads may use.
 
-    taken : the snapshot of the object
-    blocks : the notes of the stages that are up to date
-    shape : (V, 3) float32, simulated vertices in the object's own frame; None without an up-to-date simulation
-    values : (F,) arrays of that simulation, or None, by the names of ``MapValues``
-    more : (F,) arrays of the extras, by the names of ``MapValues.more``
-    pose : the hubs' pose of that simulation; None where it is missing
-    findings : the notices, each with its cures
+    taken : snapshot of the object's surface, settings and stored results
+    blocks : notes (stored results) of the stages that are up to date, by stage
+    shape : simulated vertices (V, 3) in the object's own frame; None without an up-to-date simulation
+    values : arrays (F,) of the simulation, or None, by field of ``MapValues``
+    more : arrays (F,) of optional features, by key of ``MapValues.more``
+    pose : the hubs' pose in the simulation; None if it is missing
+    findings : the notices, each with its remedies
     """
 
     taken: Snapshot
@@ -48,18 +48,18 @@ class Reported:
 
 
 def of_object(obj: bpy.types.Object) -> tuple[dict[str, Any], dict[str, Drawing]]:
-    """Return the report and the plots of an object; results that are out of date are left out.
+    """Return the report and the plots of an object, without results that are out of date.
 
     Raises
     ------
-    FlexMapsError where the object cannot be used, the check finds errors, or nothing was laid out yet.
+    FlexMapsError : the object cannot be used, the check finds errors, or there is no layout yet
     """
     content = taken(obj)
     return drawn(content.taken.result(), content)
 
 
 def taken(obj: bpy.types.Object) -> Reported:
-    """Read an object on Blender's main thread; raise ``FlexMapsError`` where it cannot be used."""
+    """Read the input of an object's report, on Blender's main thread; raise ``FlexMapsError`` if it cannot be used."""
     import bpy
 
     from ..store import mesh, snapshot
@@ -70,7 +70,7 @@ def taken(obj: bpy.types.Object) -> Reported:
 
 
 def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
-    """Read what ``drawn`` needs besides the snapshot, on Blender's main thread, within milliseconds.
+    """Complete a snapshot of an object to the input of its report; runs on Blender's main thread, in milliseconds.
 
     Parameters
     ----------
@@ -104,17 +104,17 @@ def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
 
 
 def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple[dict[str, Any], dict[str, Drawing]]:
-    """Return the report and the plots of a result that was taken from an object; touches no Blender data.
+    """Return the report and the plots of an object from its input; touches no Blender data.
 
     Parameters
     ----------
-    result : the result
-    found : what was read of the object
+    result : result of the object's snapshot
+    found : input of the report, read from the object
     progress : called with a fraction and a text
 
     Raises
     ------
-    FlexMapsError where nothing was laid out yet.
+    FlexMapsError : there is no layout yet
     """
     taken = found.taken
     result.need(FinalLayout)
@@ -127,12 +127,12 @@ def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple
 
 
 def shown(result: Result, found: Reported) -> ViewContent | None:
-    """Return the content of the page's 3D view of a result that was taken from an object; None without spirals.
+    """Return the content of the HTML page's 3D view; None without spirals.
 
     Parameters
     ----------
-    result : the result
-    found : what was read of the object
+    result : result of the object's snapshot
+    found : input of the report, read from the object
     """
     if result.design is None:
         return None
@@ -146,5 +146,5 @@ def _measured_values(result: Result, content: Reported) -> run_plots.MapValues:
         return measured
     to_metres = content.taken.surface.to_metres
     world = content.shape.astype(float) @ to_metres[:3, :3].T + to_metres[:3, 3]
-    used = np.unique(content.taken.surface.polygons.corners)  # the engine knows only vertices of faces
+    used = np.unique(content.taken.surface.polygons.corners)  # the engine's mesh has no loose vertices
     return replace(measured, shape=world[used], **content.values)

@@ -1,4 +1,4 @@
-"""The points of a scan, laid over the model as an object of vertices."""
+"""Show the points of a scan as an object of vertices, aligned with the model."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
 
 
 def show(obj: bpy.types.Object, scene: bpy.types.Scene, found: Comparison) -> bpy.types.Object:
-    """Lay the scan's points over the model; the attribute ``shows_piece`` is 0 for points beside the piece.
+    """Make an object of the scan's points; its attribute ``shows_piece`` is False for points that are not on the piece.
 
     Parameters
     ----------
     obj, scene : the model and its scene
-    found : the comparison
+    found : comparison of the scan with the simulated shape, with the aligned points
     """
     mesh = bpy.data.meshes.new(f"{obj.name} scan")
     mesh.vertices.add(len(found.points))
@@ -27,5 +27,5 @@ def show(obj: bpy.types.Object, scene: bpy.types.Scene, found: Comparison) -> bp
     mesh.attributes.new("shows_piece", "BOOLEAN", "POINT").data.foreach_set("value", found.used)
     mesh.update()
     made = collection.add(obj, scene, "scan", "scan", mesh, np.zeros(3))
-    made.hide_render = True  # vertices do not render, but would widen a picture's frame
+    made.hide_render = True  # vertices are not rendered, but the camera would be fitted to them
     return made

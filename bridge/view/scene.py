@@ -1,4 +1,4 @@
-"""Finished results as a Blender scene, for the main job and for scripts, built with the operators' functions."""
+"""Write finished results into a Blender scene, for the main job and for scripts; uses the operators' functions."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ if TYPE_CHECKING:
 
 
 def open_blend(path: str | Path) -> bpy.types.Object:
-    """Open a .blend file in place of the open one, and return its active mesh object, or else its first one.
+    """Open a .blend file, closing the open one, and return its active mesh object, or else its first mesh object.
 
-    Without a mesh, a text, curve or metaball is converted to one.
+    If it has no mesh with faces, convert a text, curve, surface or metaball to a mesh.
 
     Raises
     ------
-    FlexMapsError where the file cannot be read or holds nothing with faces.
+    FlexMapsError : the file cannot be read, or has no object with faces
     """
     path = Path(path)
     if not path.is_file():
@@ -60,7 +60,9 @@ def open_blend(path: str | Path) -> bpy.types.Object:
 
 
 def convert(obj: bpy.types.Object, context: bpy.types.Context) -> bpy.types.Object | None:
-    """Make a mesh object beside a text, curve, surface or metaball, which is hidden; None where it has no faces.
+    """Convert a text, curve, surface or metaball to a mesh object, and hide the original.
+
+    Return None if the mesh would have no faces.
 
     Parameters
     ----------
@@ -86,13 +88,13 @@ def convert(obj: bpy.types.Object, context: bpy.types.Context) -> bpy.types.Obje
 def show(
     result: Result, name: str = "FlexMaps", used: Settings | None = None, progress: Progress = SILENT
 ) -> bpy.types.Object:
-    """Empty the file and put a finished job into it: the model with its attributes and colours, and the flat panels.
+    """Replace the open file by a new one with a job's results: the model with attributes and colours, and its panels.
 
     Parameters
     ----------
-    result : the job
+    result : results of the job
     name : name of the model
-    used : settings of the job, which the object gets
+    used : settings to give to the model
     progress : called with a fraction and a text
     """
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True, load_ui=True)
@@ -102,7 +104,7 @@ def show(
 def _fill(
     scene: bpy.types.Scene, result: Result, name: str, used: Settings | None, progress: Progress = SILENT
 ) -> bpy.types.Object:
-    """Put a finished job into an empty scene, and return the model."""
+    """Put a job's results into an empty scene, and return the model."""
     scene.unit_settings.length_unit = "MILLIMETERS"
     obj = add_model(scene, result.mesh, name)
     put(result, obj, scene, used, progress)
@@ -118,18 +120,19 @@ def put(
     used: Settings | None = None,
     progress: Progress = SILENT,
 ) -> None:
-    """Write a job's results into its object, as the operators do one by one.
+    """Write a job's results into an object, as the operators of all its stages would.
 
     Parameters
     ----------
-    result : the job
-    obj, scene : an object with the quads of the job's mesh, in their order; its vertices are moved to the mesh's
-    used : settings of the job, which the object gets
+    result : results of the job
+    obj : object with the quads of the job's mesh, in the same order; its vertices are moved to the mesh's vertices
+    scene : its scene
+    used : settings to give to the object
     progress : called with a fraction and a text
 
     Raises
     ------
-    FlexMapsError where the object has other faces.
+    FlexMapsError : the object has other faces
     """
     surface = mesh.read_surface(obj, scene)
     quads, corners = result.mesh, surface.polygons.corners
@@ -174,7 +177,7 @@ def _put_flat(
     surface: ObjectSurface,
     progress: Progress,
 ) -> None:
-    """Write seams, flat patches and spirals, and the objects beside the model."""
+    """Write seams, flat patches and spirals into the object, and make the objects beside the model."""
     progress(0.0, "panels side by side")
     centres = arrange.side_by_side(flat)
     progress(0.1, "flat panels in the Blender file")
@@ -201,7 +204,7 @@ def _outlines(sheets: CutSheets | None, design: SpiralDesign) -> list[tuple[Any,
 
 
 def add_model(scene: bpy.types.Scene, quads: QuadMesh, name: str) -> bpy.types.Object:
-    """Add the surface as a mesh object, selected and active, in the scene's units.
+    """Add a surface to a scene as a mesh object, which is selected and active.
 
     Parameters
     ----------
@@ -221,10 +224,15 @@ def add_model(scene: bpy.types.Scene, quads: QuadMesh, name: str) -> bpy.types.O
 
 
 def save(path: str | Path) -> None:
-    """Save the file, compressed, with the 3D views framed on all objects; raise ``FlexMapsError`` on failure."""
+    """Save a compressed copy of the open file, with its 3D views framed on all objects, replacing an existing file.
+
+    Raises
+    ------
+    FlexMapsError : the file cannot be written
+    """
     _frame_views()
     path = Path(path).absolute()  # Blender's working folder may differ
-    path.unlink(missing_ok=True)  # else Blender keeps a backup of the placeholder beside it
+    path.unlink(missing_ok=True)  # otherwise Blender keeps the existing file as a backup beside it
     try:
         bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True, check_existing=False)
     except (OSError, RuntimeError) as error:
@@ -232,18 +240,18 @@ def save(path: str | Path) -> None:
 
 
 def save_alone(path: str | Path, result: Result, name: str, used: Settings | None = None) -> None:
-    """Save a file that holds a finished job and nothing of the open file, which stays as it is.
+    """Save a job's results as a .blend file of their own; the open file does not change.
 
     Parameters
     ----------
     path : the .blend file
-    result : the job
+    result : results of the job
     name : name of the model
-    used : settings of the job
+    used : settings to give to the model
 
     Raises
     ------
-    FlexMapsError where it cannot be written.
+    FlexMapsError : the file cannot be written
     """
     path = Path(path).absolute()
     there = _all_data()
@@ -266,7 +274,7 @@ def _all_data() -> set[bpy.types.ID]:
 
 
 def _frame_views() -> None:
-    """Frame the 3D views so that the file opens with everything in view, even small pieces."""
+    """Frame all objects in the 3D views, so that the file opens with everything in view, even a small piece."""
     objects = bpy.context.scene.objects
     boxes = [collection.box_of(o) for o in objects]
     if not boxes:

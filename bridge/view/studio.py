@@ -1,7 +1,6 @@
-"""A studio for pictures: a separate scene with soft light, a ground and a fitted camera.
+"""Studio for pictures: a temporary scene with soft light, a ground and a camera fitted to its content.
 
-The user's scene stays untouched, and the studio is removed afterwards. Cycles on the CPU needs no screen; where Blender has
-a window, EEVEE draws the same scene on the graphics card.
+The user's scene does not change. With a window, EEVEE renders on the graphics card; without, Cycles renders on the CPU.
 """
 
 from __future__ import annotations
@@ -19,25 +18,26 @@ from ...engine.errors import FlexMapsError
 from ..store.columns import column
 from . import collection, meshes, one_scene
 
-MARGIN = 1.06  # size of the picture over the size of its content
-UNDENOISED = 4  # factor on the samples without a denoiser: half the noise, which falls with the root of the samples
-LENS = 85.0  # millimetres, a portrait lens; shorter ones enlarge what is near
-GROUNDS = {"WHITE": (0.93, 0.93, 0.93), "GREY": (0.66, 0.67, 0.69)}  # sRGB
+MARGIN = 1.06  # size of the picture divided by the size of its content; larger leaves a wider margin
+# factor on the number of samples without a denoiser; noise falls with its square root, rendering time grows with it
+UNDENOISED = 4
+LENS = 85.0  # focal length, millimetres (a portrait lens); longer has less perspective
+GROUNDS = {"WHITE": (0.93, 0.93, 0.93), "GREY": (0.66, 0.67, 0.69)}  # name of a ground -> its sRGB
 
 
 @contextmanager
 def studio(
     size: tuple[int, int], samples: int, ground: str = "WHITE", engine: str = "AUTO", pack: Path | None = None
 ) -> Iterator[Studio]:
-    """Yield a studio for one picture or film, and remove everything in it afterwards.
+    """Open a studio for one picture or film; everything in it is removed afterwards.
 
     Parameters
     ----------
     size : width and height in pixels
-    samples : samples a pixel
+    samples : samples per pixel
     ground : a key of ``GROUNDS``
     engine : "AUTO", "CYCLES" or "EEVEE"
-    pack : a .blend file that gets the scene instead of a render, for a Blender without a window
+    pack : .blend file to which the scene is written instead of rendering it, for a second Blender to render
     """
     scene = bpy.data.scenes.new("FlexMaps picture")
     made = Studio(scene, ground, pack)
@@ -49,7 +49,7 @@ def studio(
 
 
 class Studio:
-    """Put objects in with ``put``, then ``set_up`` light and camera, then ``take`` pictures."""
+    """Temporary scene for pictures: add objects (``put``, ``show``), call ``set_up``, then ``take`` or ``film``."""
 
     def __init__(self, scene: bpy.types.Scene, ground: str, pack: Path | None = None):
         self.scene = scene
@@ -60,7 +60,13 @@ class Studio:
         self._theirs: list[bpy.types.Object] = []
 
     def put(self, data: bpy.types.ID, framed: bool = True) -> bpy.types.Object:
-        """Add data made for the picture, in metres; it is removed with the studio. The camera frames it if ``framed``."""
+        """Add a temporary object with this data (metres); it is removed with the studio.
+
+        Parameters
+        ----------
+        data : mesh or curve made for the picture
+        framed : whether the camera is fitted to it
+        """
         made = bpy.data.objects.new(data.name, data)
         self.keep(made, data)
         if framed:
@@ -68,24 +74,24 @@ class Studio:
         return made
 
     def show(self, obj: bpy.types.Object) -> None:
-        """Add an object of the user's file, as it stands and moves."""
+        """Add an object of the user's file, with its own position and animation."""
         self.scene.collection.objects.link(obj)
         self._theirs.append(obj)
 
     def keep(self, *items: bpy.types.ID) -> None:
-        """Add data-blocks that are removed with the studio but not framed."""
+        """Add data-blocks that are removed with the studio; the camera is not fitted to them."""
         self._made += items
         for item in items:
             if isinstance(item, bpy.types.Object):
                 self.scene.collection.objects.link(item)
 
     def points(self) -> Float[np.ndarray, "points 3"]:
-        """Return points that enclose the content tightly enough to frame it."""
+        """Return points to which the camera is fitted: vertices and bounding boxes of the content."""
         boxes = map(collection.box_of, self._theirs)
         return np.concatenate([*(points_of(o) for o in self._shown), *boxes])
 
     def points_in(self, frames: Iterable[int]) -> Float[np.ndarray, "points 3"]:
-        """Return some vertices of the user's meshes, as seen in some frames."""
+        """Return every fifth vertex of the user's meshes in these frames, in world axes."""
         visible, graph = [], self.scene.view_layers[0].depsgraph
         for frame in frames:
             self.scene.frame_set(frame)
@@ -106,16 +112,16 @@ class Studio:
 
         Parameters
         ----------
-        direction : from the content to the camera
-        points : points to frame; default the whole content
-        tight : fit the picture's height to the points
+        direction : direction from the content to the camera
+        points : points to which the camera is fitted; default the whole content
+        tight : whether to fit the picture's height to the points
         """
         shown = self.points() if points is None else points
         self._light(shown)
         self._camera(shown, np.asarray(direction, dtype=float), tight)
 
     def take(self, path: str | Path) -> None:
-        """Render to a PNG file; raise ``FlexMapsError`` where it cannot be written."""
+        """Render a picture to a PNG file; raise ``FlexMapsError`` if it cannot be written."""
         self.scene.render.filepath = _literal(Path(path).absolute())
         try:
             self._render(write_still=True)
@@ -123,17 +129,17 @@ class Studio:
             raise FlexMapsError(f"The picture {path} could not be made: {error}") from error
 
     def film(self, path: str | Path, frames: tuple[int, int], rate: tuple[int, float]) -> None:
-        """Render frames to numbered PNG files, or to one film if the path ends in .mp4.
+        """Render frames to an .mp4 film, or to numbered PNG files.
 
         Parameters
         ----------
-        path : the file
+        path : the film if it ends in .mp4, else the path whose name the PNG files' names begin with
         frames : first and last frame
-        rate : frames per second, and its base
+        rate : frames per second as a fraction: numerator and denominator
 
         Raises
         ------
-        FlexMapsError where the files cannot be written.
+        FlexMapsError : the files cannot be written
         """
         path, render = Path(path).absolute(), self.scene.render
         self.scene.frame_start, self.scene.frame_end = frames
@@ -164,7 +170,7 @@ class Studio:
     # -- light ---------------------------------------------------------------------------------------------------------
 
     def _light(self, points: Float[np.ndarray, "points 3"]) -> None:
-        """Add a bright sky, a large soft lamp from the upper left, a weak back lamp, and the ground under the lowest point."""
+        """Add a bright sky, a soft lamp from the upper left, a weak back lamp, and a ground below the lowest point."""
         low, high = points.min(axis=0), points.max(axis=0)
         radius = float(np.linalg.norm(high - low)) / 2
         middle = (low + high) / 2
@@ -195,7 +201,7 @@ class Studio:
     # -- camera --------------------------------------------------------------------------------------------------------
 
     def _camera(self, points: Float[np.ndarray, "points 3"], direction: Float[np.ndarray, " 3"], tight: bool) -> None:
-        """Add a camera that sees all points with a margin; straight from above without perspective."""
+        """Add a camera that sees all points with a margin; a view straight from above is orthographic."""
         from mathutils import Vector
 
         data = bpy.data.cameras.new("FlexMaps camera")
@@ -227,11 +233,12 @@ class Studio:
         camera.location = axes @ _fit(seen, half, half * scene.render.resolution_y / width)
 
     def clear_corner(self, right: float, below: float) -> None:
-        """Shift the content to the right until none is in the upper left corner, at most to the picture's margin.
+        """Shift the content to the right, out of the picture's upper left corner, but not beyond the right margin.
 
         Parameters
         ----------
-        right, below : of the corner's lower right end, from the picture's centre in widths of the picture
+        right, below : the lower right end of this corner: distance to the right of the picture's centre, and above it,
+            as fractions of the picture's width
         """
         camera = self.scene.camera
         there = (self.points() - np.array(camera.location)) @ np.array(camera.rotation_euler.to_matrix())
@@ -241,13 +248,19 @@ class Studio:
 
 
 def _literal(path: Path) -> str:
-    """Return the path for Blender's renderer, which since 4.5 reads braces as templates unless they are doubled."""
+    """Return the path as Blender's renderer needs it: since 4.5, braces mark templates unless they are doubled."""
     text = str(path)
     return text.replace("{", "{{").replace("}", "}}") if bpy.app.version >= (4, 5) else text
 
 
 def _fit(points: Float[np.ndarray, "points 3"], across: float, up: float) -> Float[np.ndarray, " 3"]:
-    """Return the nearest position of a camera along -z that sees all points; ``across``, ``up``: tangents of half angles."""
+    """Return the nearest position from which a camera sees all points.
+
+    Parameters
+    ----------
+    points : points in the camera's axes; it looks along -z
+    across, up : tangents of half the horizontal and half the vertical angle of view
+    """
     x, y, z = points.T
     ends = []
     for side, half in ((x, across / MARGIN), (y, up / MARGIN)):
@@ -257,7 +270,10 @@ def _fit(points: Float[np.ndarray, "points 3"], across: float, up: float) -> Flo
 
 
 def _least_tangent(points: Float[np.ndarray, "points 3"], across: float) -> float:
-    """Return the smallest tangent upwards that moves the camera no farther away than the tangent ``across`` does."""
+    """Return the smallest vertical angle of view that does not move the camera farther away.
+
+    ``across`` and the result are tangents of half the horizontal and half the vertical angle of view.
+    """
     far = _fit(points, across, 1e3)[2]
     low, high = 1e-3 * across, 1e3 * across
     for _ in range(60):
@@ -271,13 +287,13 @@ def _pixels(width: int, aspect: float) -> int:
 
 
 def points_of(obj: bpy.types.Object) -> Float[np.ndarray, "points 3"]:
-    """Return the vertices of a mesh, or the corners of another object's box, in the world."""
+    """Return a mesh object's vertices, or another object's bounding-box corners, shifted by the object's location."""
     points = vertices_of(obj.data) if obj.type == "MESH" else np.array(obj.bound_box, dtype=float)
     return points + np.array(obj.location)
 
 
 def vertices_of(mesh: bpy.types.Mesh) -> Float[np.ndarray, "vertices 3"]:
-    """Return the vertices in the mesh's own frame."""
+    """Return the vertices (V, 3) of a mesh in its own frame."""
     return column(mesh.vertices, "co").astype(float)
 
 
@@ -304,15 +320,18 @@ def _settings(scene: bpy.types.Scene, size: tuple[int, int], samples: int, engin
     if hasattr(cycles, "denoising_quality"):
         cycles.denoising_quality = "BALANCED"
     cycles.max_bounces, cycles.diffuse_bounces, cycles.transmission_bounces = 4, 2, 4
-    cycles.sample_clamp_indirect = 3.0  # avoids single bright pixels
+    cycles.sample_clamp_indirect = 3.0  # smaller avoids single bright pixels and darkens indirect light
     cycles.blur_glossy = 1.0
     cycles.caustics_reflective = cycles.caustics_refractive = False
-    cycles.use_auto_tile, cycles.tile_size = True, 512  # less memory than one large tile
+    cycles.use_auto_tile, cycles.tile_size = True, 512  # tiles take less memory than the whole picture at once
     cycles.seed = 0
 
 
 def _as_film(render: bpy.types.RenderSettings) -> None:
-    """Set H.264 in an MP4 file with even sizes; raise ``FlexMapsError`` where this Blender writes no films."""
+    """Set the output to an MP4 film in H.264, which needs an even width and height, in pixels.
+
+    Raise ``FlexMapsError`` if this Blender cannot write films.
+    """
     try:
         if hasattr(render.image_settings, "media_type"):  # Blender 5.0 and later
             render.image_settings.media_type = "VIDEO"
@@ -326,14 +345,14 @@ def _as_film(render: bpy.types.RenderSettings) -> None:
 
 
 def _denoises() -> bool:
-    """Return whether this Blender has a denoiser; some distributions lack it, and fail when it is used."""
+    """Return whether this Blender has a denoiser; some Linux distributions' builds lack it, and a render would fail."""
     import _cycles
 
     return bool(_cycles.with_openimagedenoise)
 
 
 def _eevee(scene: bpy.types.Scene, samples: int) -> None:
-    """Set EEVEE by the name that this Blender uses."""
+    """Select EEVEE, whose name differs between Blender's versions, and set its quality."""
     known = {item.identifier for item in bpy.types.RenderSettings.bl_rna.properties["engine"].enum_items_static_ui}
     scene.render.engine = "BLENDER_EEVEE_NEXT" if "BLENDER_EEVEE_NEXT" in known else "BLENDER_EEVEE"
     eevee: bpy.types.SceneEEVEE = scene.eevee
@@ -343,13 +362,13 @@ def _eevee(scene: bpy.types.Scene, samples: int) -> None:
 
 
 def _sky() -> bpy.types.World:
-    """Make a sky that is white above and a little darker towards the horizon, so that smooth surfaces reflect something."""
+    """Make a sky that is white above and darker towards the horizon, so that glossy surfaces show reflections."""
     world = bpy.data.worlds.new("FlexMaps picture")
     world.use_nodes = True
     tree = world.node_tree
     sky = tree.nodes["Background"]
     sky.inputs["Strength"].default_value = 0.5
-    world.cycles.sampling_method = "NONE"  # the sky is even enough; takes a third of the time
+    world.cycles.sampling_method = "NONE"  # no importance sampling, which such an even sky does not need
     where = tree.nodes.new("ShaderNodeTexCoord")
     parts = tree.nodes.new("ShaderNodeSeparateXYZ")
     ramp = tree.nodes.new("ShaderNodeMapRange")

@@ -1,4 +1,4 @@
-"""The open section of the tab and other state of the window; none of it goes into a file."""
+"""State of the sidebar's tab, such as which section is open; kept in the window manager, never in a file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CHECKS = (("LOADS", "Loads", "What the piece bears"), ("BUILT", "As built", "The
 HABITS = (("CUT", "Cut", "What the machine takes away"), ("JOINTS", "Joints", "Connectors of the panels"),
           ("SHEET", "Sheet", "How panels lie on their sheets"), ("FILES", "Files", "What the files hold"),
           ("PRICE", "Price", "What sheets and hours cost"), ("SOLVER", "Solver", "Numbers of the searches"))  # fmt: skip
-_folding: list[bool] = []  # not empty while the program itself opens and folds sections
+_folding: list[bool] = []  # not empty while the program, not the user, opens and folds sections
 
 
 def _on_open(key: str) -> Callable[[bpy.types.PropertyGroup, bpy.types.Context], None]:
@@ -30,10 +30,10 @@ def _on_open(key: str) -> Callable[[bpy.types.PropertyGroup, bpy.types.Context],
 
 
 class Tab(bpy.types.PropertyGroup):
-    """The open section and the open tabs within sections."""
+    """Which section is open (one property ``open_SECTION`` each), and which tab is open within sections."""
 
     __annotations__ = {
-        "by_hand": BoolProperty(),  # the user opened or folded a section since the last press
+        "by_hand": BoolProperty(),  # the user opened or folded a section since a stage's button was last pressed
         "check": EnumProperty(items=CHECKS, name="Check", translation_context=CONTEXT),
         "habits": EnumProperty(items=HABITS, name="Workshop", translation_context=CONTEXT),
     }
@@ -49,12 +49,12 @@ def _show_only(tab: bpy.types.PropertyGroup, key: str) -> None:
 
 
 def pressed() -> None:
-    """Note that a stage begins; its end may open another section."""
+    """Handle the start of a stage: at its end, ``follow`` may open another section."""
     bpy.context.window_manager.flexmaps_tab.by_hand = False
 
 
 def follow(context: bpy.types.Context) -> None:
-    """Open the section that *Next* uses now, unless the user chose one since the last press."""
+    """Open the section of the next step, unless the user has opened or folded a section since the last stage began."""
     tab, obj = bpy.context.window_manager.flexmaps_tab, context.object
     if tab.by_hand or objects.unusable(obj) is not None:
         return

@@ -1,4 +1,4 @@
-"""Widths of words in Blender's font, and sentences broken into lines of the sidebar."""
+"""Measure texts in Blender's font, and break sentences into lines that fit the sidebar."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from functools import lru_cache
 import blf
 import bpy
 
-# pixels at an interface scale of 1, read off pictures of the sidebar: width of tabs, frames and box, and default width
-# of the sidebar without a window
+# pixels at an interface scale of 1: width of the sidebar that tabs, frames and box take from a text (read off
+# screenshots), and the sidebar's width assumed without a window
 FRAMES, UNKNOWN = 66, 291
 
 
 def lines(text: str, width: float, most: int) -> list[str]:
-    """Break a sentence into at most ``most`` lines of a width in pixels; split words longer than a line, such as paths.
+    """Break a sentence into lines; split words longer than a line, such as paths.
 
     Parameters
     ----------
     text : the sentence
-    width : pixels at an interface scale of 1
-    most : number of lines at most
+    width : width of a line in pixels at an interface scale of 1
+    most : largest number of lines; the last line ends with an ellipsis if the rest is cut off
     """
     broken: list[str] = []
     for word in text.split():
@@ -37,7 +37,7 @@ def lines(text: str, width: float, most: int) -> list[str]:
 
 
 def room(context: bpy.types.Context) -> float:
-    """Return the sidebar's width for the words of one line, in pixels at an interface scale of 1."""
+    """Return the width of a line of text in the sidebar, in pixels at an interface scale of 1."""
     region = context.region
     return (UNKNOWN if region is None else region.width / _unit()) - FRAMES
 
@@ -47,7 +47,7 @@ def _unit() -> float:
 
 
 def wide(text: str) -> float:
-    """Return the width of words in Blender's font, in pixels at an interface scale of 1."""
+    """Return the width of a text in Blender's font, in pixels at an interface scale of 1."""
     unit = _unit()
     return _pixels(text, bpy.context.preferences.ui_styles[0].widget.points * unit) / unit
 

@@ -1,1 +1,1 @@
-"""Geometry and drawings for display: patches side by side, panels as bodies, plots and maps, for any screen or paper."""
+"""Geometry and drawings for display: arranged patches, panels as meshes, plots and maps."""

@@ -1,4 +1,4 @@
-"""Arrange the flat patches side by side for display, not for cutting: in rows, or packed by xatlas."""
+"""Arrange flat patches side by side for display (not for cutting): in rows, or packed by xatlas."""
 
 from __future__ import annotations
 
@@ -14,26 +14,31 @@ if TYPE_CHECKING:
     from ..patches.flattening.flatten import FlatPatches
     from ..spirals.design import SpiralDesign
 
-TABLE = 1.3  # width of the rows of panels on a table, as a factor on the piece's width; by eye
-ASPECT = 1.6  # width over height of the page to fill, as of a screen
-# widths of rows tried, as factors on the width of a page that the boxes fill; finer steps were not measured
+# Width of the rows of panels in front of the piece, as a factor on the diagonal of the piece's ground plan. Larger:
+# fewer, longer rows.
+TABLE = 1.3
+ASPECT = 1.6  # width over height of the page that patches should fill, as of a screen
+# Widths of rows that are tried, as factors on the width of a page with the boxes' total area. More: slower, denser.
 WIDTHS = (0.8, 0.9, 1.0, 1.1, 1.2, 1.35, 1.5, 1.8, 2.2)
-# Pixels of xatlas in the gap between two patches, half of them round each; with 4 the pages of 9 and 23 patches are 3 %
-# smaller and 9 % larger.
-PIXELS = 8
-# largest number of patches that xatlas packs: 23 take 0.14 s, and it cannot be stopped; more are as well seen in rows
+PIXELS = 8  # gap between two patches, in pixels of xatlas; larger: patches are packed at a finer resolution
+# Largest number of patches that xatlas packs (23 take 0.14 s); it cannot be cancelled, and rows suit many patches too.
 MOST = 100
 
 
 def side_by_side(flat: FlatPatches, width: float | None = None) -> Float[np.ndarray, "patches 2"]:
-    """Return the positions of the patches' origins, metres, about an edge apart; the upper left corner of all is the origin.
+    """Arrange flat patches without overlap, with gaps of about one edge length.
 
-    Of rows of boxes and, if installed, xatlas's packing of the true shapes, the smaller page is taken.
+    Rows of bounding boxes and, if xatlas is installed, its packing of the true shapes are tried; the arrangement that
+    fits on the smaller page is returned.
 
     Parameters
     ----------
     flat : flat patches
-    width : approximate total width, metres; by default that of a page
+    width : approximate total width, metres; None for a page of the aspect ``ASPECT``
+
+    Returns
+    -------
+    positions of the patches' origins, metres; the upper left corner of the whole is at (0, 0)
     """
     (low, high), gap = patch_boxes(flat), flat.layout.mesh.median_edge
     sizes = high - low
@@ -45,7 +50,7 @@ def side_by_side(flat: FlatPatches, width: float | None = None) -> Float[np.ndar
 
 
 def patch_boxes(flat: FlatPatches) -> tuple[Float[np.ndarray, "patches 2"], Float[np.ndarray, "patches 2"]]:
-    """Lower and upper corners of the patches in their own frames, metres."""
+    """Return the lower left and upper right corners of the patches' bounding boxes, in the patches' frames, metres."""
     count = len(flat.layout.patches)
     low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
     patch = np.repeat(flat.layout.patch_of, 4)
@@ -56,12 +61,12 @@ def patch_boxes(flat: FlatPatches) -> tuple[Float[np.ndarray, "patches 2"], Floa
 
 
 def on_table(design: SpiralDesign, pose: Pose) -> Float[np.ndarray, "patches 3"]:
-    """Return the positions of the patches' origins before assembly, metres: in rows in front of the piece, on its ground.
+    """Return the positions of the flat patches' origins before assembly, metres: in front of the piece, on its ground.
 
     Parameters
     ----------
-    design : spirals
-    pose : of the piece
+    design : spirals of the piece
+    pose : pose of the piece
     """
     flat = design.flat
     spokes = 0.5 * (flat.corners + np.roll(flat.corners, -1, axis=1)) - design.arms.centre[:, None]
@@ -75,15 +80,17 @@ def on_table(design: SpiralDesign, pose: Pose) -> Float[np.ndarray, "patches 3"]
 
 
 def rows(sizes: Float[np.ndarray, "boxes 2"], gap: float, aspect: float = ASPECT) -> Float[np.ndarray, "boxes 2"]:
-    """Return the lower left corners of boxes, metres, in rows from the top down, the tallest first.
-
-    The upper left corner of all is the origin; of several widths, the best for a page of this aspect is taken.
+    """Arrange boxes in rows from the top down, the tallest first, so that they fill a page well.
 
     Parameters
     ----------
-    sizes : of the boxes, metres
-    gap : between boxes, metres
+    sizes : widths and heights of the boxes, metres
+    gap : distance between boxes, metres
     aspect : width over height of the page
+
+    Returns
+    -------
+    lower left corners of the boxes, metres; the upper left corner of the whole is at (0, 0)
     """
     padded = sizes + gap
     ideal = np.sqrt(padded.prod(axis=1).sum() * aspect)
@@ -92,13 +99,13 @@ def rows(sizes: Float[np.ndarray, "boxes 2"], gap: float, aspect: float = ASPECT
 
 
 def _page(corners: Float[np.ndarray, "boxes 2"], sizes: Float[np.ndarray, "boxes 2"], aspect: float) -> float:
-    """Height of the page of this aspect that holds boxes at these lower left corners."""
+    """Return the height of the smallest page of an aspect that contains boxes, given by lower left corner and size."""
     width, height = (corners + sizes)[:, 0].max(), -corners[:, 1].min()
     return float(max(width / aspect, height))
 
 
 def _rows(sizes: Float[np.ndarray, "boxes 2"], gap: float, width: float) -> Float[np.ndarray, "boxes 2"]:
-    """Set boxes in rows no wider than ``width``, each centred under the widest."""
+    """Return the lower left corners of boxes in rows no wider than ``width``; all rows have one centre line."""
     lines: list[list[int]] = [[]]
     x = 0.0
     for i in np.lexsort((np.arange(len(sizes)), -sizes[:, 1].round(5))).tolist():
@@ -120,18 +127,30 @@ def _rows(sizes: Float[np.ndarray, "boxes 2"], gap: float, width: float) -> Floa
     return corners
 
 
-# Keep the last atlas alive: its destructor waits for worker threads, for ever if they have not started yet. By the time
-# the next one replaces it they have.
+# Keep the last atlas alive: its destructor waits for worker threads, for ever if they have not started yet. When the
+# next atlas replaces it, they have started.
 _LAST: list[object] = []
 
 
 def _pack(
     flat: FlatPatches, low: Float[np.ndarray, "patches 2"], gap: float, aspect: float
 ) -> Float[np.ndarray, "patches 2"]:
-    """Return the lower left corners of the patches' boxes, metres, as xatlas packs the true shapes without rotation."""
+    """Pack the true shapes of patches with xatlas, without rotation.
+
+    Parameters
+    ----------
+    flat : flat patches
+    low : lower left corner of every patch in its frame, metres
+    gap : distance between patches, metres
+    aspect : width over height of the page
+
+    Returns
+    -------
+    lower left corners of the patches' bounding boxes, metres
+    """
     import xatlas
 
-    # xatlas fills squares, so the patches are scaled to make a square a page of this aspect
+    # xatlas fills squares, so the patches are scaled to turn a page of this aspect into a square
     scale = PIXELS / gap * np.array([aspect**-0.5, aspect**0.5])
     atlas, kept = xatlas.Atlas(), []
     _LAST[:] = [atlas]

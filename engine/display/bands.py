@@ -1,4 +1,4 @@
-"""Spiral arms as flat bands on quads in space, fast enough to redraw at every step of the optimiser."""
+"""Spiral arms drawn as flat bands on quads in space, fast enough to redraw at every step of the optimiser."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import numpy as np
 from ..arrays import Float, Int
 from ..spirals.curves.spiral import LEFT, RIGHT, Arms, edge_points
 
-# largest number of points of all bands; above it arms get fewer pieces; 1,000 spirals still have the most pieces
+# Largest number of points of all bands; beyond it arms get fewer pieces. Larger: smoother arms, slower redrawing.
 MOST = 250_000
-LEAST_PIECES, MOST_PIECES = 5, 18  # pieces of an arm; 18 pieces for a full turn show no corners at the size of a window
+# Smallest and largest number of straight pieces of an arm. Larger: smoother arms, slower redrawing.
+LEAST_PIECES, MOST_PIECES = 5, 18
 
 
 def bands(
@@ -20,22 +21,26 @@ def bands(
     lift: float,
     pieces: int | None = None,
 ) -> tuple[Float[np.ndarray, "points 3"], Int[np.ndarray, "triangles 3"]]:
-    """Return points and triangles of the arms from the joints to the centres; blends at the joints are left out.
+    """Build the bands of all arms, from the joints to the centres, without the blends at the joints.
 
     Parameters
     ----------
-    corners : quads in space; all lengths in one unit
+    corners : corners of the quads in space; all lengths in one unit
     normal : unit normals of the quads
-    width : of the arms
+    width : widths of the arms
     wind : twist, radians, with the sign of the sense of rotation
     lift : distance of the bands above the quads
-    pieces : per arm; by default as many as ``MOST`` allows
+    pieces : number of pieces per arm; by default as many as ``MOST`` allows
+
+    Returns
+    -------
+    points; triangles
     """
     count = len(corners)
     if pieces is None:
         pieces = int(np.clip(MOST // (8 * max(count, 1)) - 1, LEAST_PIECES, MOST_PIECES))
     centre = corners.mean(axis=1)
-    # the side middles lie in one plane (Varignon)
+    # the midpoints of a quad's sides lie in one plane (Varignon)
     spokes = 0.5 * (corners + np.roll(corners, -1, axis=1)) - centre[:, None]
     axes = np.stack([spokes[:, 0], np.cross(normal, spokes[:, 0])], axis=1)
     axes /= np.maximum(np.linalg.norm(axes, axis=-1, keepdims=True), 1e-30)
@@ -57,8 +62,12 @@ def _warp_offsets(
     corners: Float[np.ndarray, "quads 4 3"],
     spokes: Float[np.ndarray, "quads 4 3"],
 ) -> Float[np.ndarray, "quads points 3"]:
-    """Return offsets from the quads' mean planes to the four triangles by which quads are drawn; points from the quads' centres."""
-    one, two = spokes[:, 0], spokes[:, 1]  # the other two side middles are opposite
+    """Return offsets that move points from the quads' mean planes onto the four triangles that are drawn for a quad.
+
+    points : positions in the mean planes, from the quads' centres
+    spokes : vectors from the quads' centres to the sides' midpoints
+    """
+    one, two = spokes[:, 0], spokes[:, 1]  # the midpoints of the other two sides are opposite
     a, b, c = ((x * y).sum(axis=1)[:, None] for x, y in ((one, one), (one, two), (two, two)))
     along, across = (np.einsum("fnk,fk->fn", points, x) for x in (one, two))
     scale = 1.0 / np.maximum(a * c - b * b, 1e-30)

@@ -1,4 +1,4 @@
-"""The base plates of a piece as one body in space."""
+"""The base plates of a piece as one triangle mesh in space."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from .solids import DRAWN
 
 @dataclass(frozen=True, eq=False)
 class BaseMesh:
-    """Closed triangle meshes, outward; vertices in metres."""
+    """Closed triangle mesh of all plates, with normals outwards; vertices in metres."""
 
     vertices: Float[np.ndarray, "vertices 3"]
     triangles: Int[np.ndarray, "triangles 3"]
 
 
 def base_mesh(base: Base) -> BaseMesh:
-    """Return all plates of a base, their upper sides on the ground."""
+    """Build all plates of a base, with their upper sides at the height of the ground."""
     vertices, triangles, count = [], [], 0
     for plate in base.plates:
         solid = extrude_panel(Panel(0, -1, plate.outline, plate.holes, (), 0.0, kind="base"), base.thickness, DRAWN)

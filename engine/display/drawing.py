@@ -1,4 +1,4 @@
-"""Drawings of plots and maps: lists of shapes, written as SVG here and as pixels in ``raster.py``."""
+"""Drawings of plots and maps: lists of shapes, written as SVG here and rendered to pixels in ``raster.py``."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ from ..tolerances import SINGLE_TOL
 
 INK, GREY, GRID, PAPER = "#262b33", "#6b7280", "#e4e7eb", "#ffffff"
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
-SHADES = 96  # number of shades of a colour scale; few, so that shapes of equal colour become one path
-SEAM = 0.5  # pixels: filled shapes grow by half of this, to close hairlines between neighbours
+# Number of shades of a colour scale. Smaller: smaller SVG files, as shapes of equal colour become one path.
+SHADES = 96
+SEAM = 0.5  # width of the outline of filled shapes, pixels, which closes hairlines between neighbours
 
 
 @dataclass(frozen=True, eq=False)
 class FilledShapes:
     """Convex filled shapes, drawn in their order.
 
-    points : pixels
-    fills : sRGB
-    opacity : of all shapes together
+    points : corners, pixels
+    fills : colours, sRGB in [0, 1]
+    opacity : opacity of every shape
     """
 
     points: Float[np.ndarray, "shapes corners 2"]
@@ -35,7 +36,7 @@ class FilledShapes:
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A polyline, points (n, 2) and ``width`` in pixels; ``dash`` is the length of dashes in pixels, 0 for a solid line."""
+    """A polyline through points (n, 2); lengths in pixels. ``dash`` is the length of dashes, 0 for a solid line."""
 
     points: np.ndarray
     colour: str = INK
@@ -45,7 +46,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Strokes:
-    """Many straight lines of one colour and width: ends (N, 2, 2) pixels."""
+    """Many straight lines of one colour and width, given by their ends (N, 2, 2); lengths in pixels."""
 
     ends: np.ndarray
     colour: str = INK
@@ -54,7 +55,7 @@ class Strokes:
 
 @dataclass(frozen=True, eq=False)
 class Dots:
-    """Filled circles: centres (n, 2) and radius, pixels."""
+    """Filled circles of one radius and colour, with centres (n, 2); lengths in pixels."""
 
     points: np.ndarray
     radius: float
@@ -63,7 +64,13 @@ class Dots:
 
 @dataclass(frozen=True)
 class Text:
-    """A line of text with its start, middle or end (``anchor``) on the baseline at ``at``; ``turned`` reads upwards."""
+    """A line of text.
+
+    at : point on the baseline, pixels
+    size : font size, pixels
+    anchor : part of the text at that point: "start", "middle" or "end"
+    turned : whether the text is rotated to read upwards
+    """
 
     at: tuple[float, float]
     text: str
@@ -87,17 +94,17 @@ class Drawing:
     items: list[Item] = field(default_factory=list)
 
     def add(self, *items: Item) -> None:
-        """Append items; later ones cover earlier ones."""
+        """Append items; later items cover earlier items."""
         self.items.extend(items)
 
 
 def rgb(colour: str) -> np.ndarray:
-    """(3,) sRGB of "#rrggbb"."""
+    """Return the sRGB components (3,), in [0, 1], of a colour "#rrggbb"."""
     return np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
 
 
 def svg(drawing: Drawing) -> str:
-    """Return the drawing as an SVG document, standalone or for a page; it refers to no other file."""
+    """Return the drawing as a self-contained SVG document, which may also be placed in a web page."""
     w, h = f"{drawing.width:g}", f"{drawing.height:g}"
     title = escape(drawing.title)
     lines = [
@@ -159,18 +166,18 @@ def _path(points: np.ndarray) -> str:
 
 
 def hexes(srgb: np.ndarray) -> list[str]:
-    """Colours (N, 3) sRGB as "#rrggbb"."""
+    """Return colours (N, 3), sRGB in [0, 1], as "#rrggbb"."""
     return [f"#{r:02x}{g:02x}{b:02x}" for r, g, b in np.round(255 * np.clip(srgb, 0, 1)).astype(int).tolist()]
 
 
 def on_scale(values: np.ndarray, low: float, high: float, scale: np.ndarray) -> np.ndarray:
-    """Map values to colours on a scale, in ``SHADES`` shades.
+    """Map values to colours on a scale of ``SHADES`` shades.
 
     Parameters
     ----------
-    values : (N,)
+    values : (N,) values
     low, high : values at the ends of the scale
-    scale : (n, 3) sRGB anchors
+    scale : (n, 3) sRGB colours, evenly spaced along the scale
 
     Returns
     -------
@@ -183,12 +190,12 @@ def on_scale(values: np.ndarray, low: float, high: float, scale: np.ndarray) -> 
 
 
 def ticks(low: float, high: float, count: int = 5) -> list[float]:
-    """Return about ``count`` round numbers between low and high, one, two or five times a power of ten apart.
+    """Return about ``count`` tick values between low and high: multiples of 1, 2 or 5 times a power of ten.
 
     Parameters
     ----------
     low, high : ends of the axis
-    count : wanted number
+    count : wanted number of ticks
     """
     span = high - low
     if not np.isfinite(span) or span <= 0:
@@ -201,7 +208,7 @@ def ticks(low: float, high: float, count: int = 5) -> list[float]:
 
 
 def decades(low: float, high: float) -> list[float]:
-    """Return ticks of a logarithmic axis: powers of ten, with multiples where these are few."""
+    """Return tick values of a logarithmic axis: powers of ten, and multiples of these if there are fewer than three."""
     powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
     for factors in ((1,), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)):
         found = sorted(f * p for p in powers.tolist() for f in factors if low * 0.999 <= f * p <= high * 1.001)
@@ -211,7 +218,7 @@ def decades(low: float, high: float) -> list[float]:
 
 
 def number(value: float) -> str:
-    """Format a tick's number with no more digits than needed."""
+    """Format a tick value with no more digits than needed."""
     return f"{value:.6g}" if abs(value) < 1e5 else f"{value:.1e}"
 
 
@@ -222,8 +229,8 @@ def legend_bar(
 
     Parameters
     ----------
-    at, size : upper left corner; width and height, pixels
-    scale : (n, 3) sRGB anchors
+    at, size : upper left corner; width and height; pixels
+    scale : (n, 3) sRGB colours, evenly spaced from bottom to top
     low, high, unit : values at the ends; their unit
     """
     (x, y), (width, height) = at, size
@@ -245,13 +252,13 @@ def legend_bar(
 def entries(
     at: tuple[float, float], rows: Sequence[tuple[str, str]], columns: int = 2, wide: float = 240
 ) -> list[Item]:
-    """Return a colour key, row by row from ``at`` to the right and downwards.
+    """Return a colour key: a coloured square and a text for each entry, row by row.
 
     Parameters
     ----------
     at : upper left corner, pixels
-    rows : "#rrggbb" and text of each entry
-    columns, wide : number of columns; their width, pixels
+    rows : colour "#rrggbb" and text of each entry
+    columns, wide : number of columns; width of a column, pixels
     """
     items: list[Item] = []
     for k, (colour, text) in enumerate(rows):

@@ -1,4 +1,7 @@
-"""Panels whose vertices follow a design while it is painted: moving points is fast, rebuilding the mesh would block the window."""
+"""Panels whose vertices follow a design while the user paints it.
+
+Moving vertices is fast; rebuilding the mesh would block the window.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +22,9 @@ from .solids import ArmVertices, PolygonSolid, arm_edges, light, rim_points
 class MovingPanels:
     """Panels of a design without connectors, side by side.
 
-    design : shown now; centres : (N, 2) metres, positions of the patches' origins
-    solid : built for any twist that the settings allow, so that its faces never change
+    design : design that the panels show
+    centres : (N, 2) positions of the patches' origins, metres
+    solid : mesh of the panels, fine enough for any twist that the settings allow, so that its faces rarely change
     """
 
     design: SpiralDesign
@@ -36,12 +40,12 @@ class MovingPanels:
         self.solid = light(design, self.centres, wound=max(design.params.twist_max, float(design.twist.max())))
 
     def follow(self, design: SpiralDesign) -> None:
-        """Show another design of the same flat patches and settings; only spirals that changed are redrawn."""
+        """Show another design with the same flat patches and settings; only spirals that changed are redrawn."""
         touched = design.changed_arms(self.design)
         if not touched.any():
             return
         where = self.solid.arms
-        # a foot keeps its place, but its arm may meet it with another number of points
+        # a foot stays where it is, but its connection with the arm may need another number of points
         if where is None or touched[[foot.arm // 4 for foot in design.feet]].any():
             self._make(design)
             return
@@ -75,9 +79,13 @@ def _move_caps(
     chords: Float[np.ndarray, "some 4 2 2"],
     absent: Bool[np.ndarray, "some 4"],
 ) -> None:
-    """Rotate and scale the half circles at the ends of arms with their chords, in place.
+    """Rotate and scale the half circles at the ends of left-out arms to their new chords, in place.
 
-    chords : metres, left and right edge at the new ends of these arms; the vertices still have the old ones
+    vertices : vertices of the panels, metres; the edges of the arms are still at their old positions
+    where : indices of the arms' vertices
+    arm : numbers 4 quad + side of the arms that changed
+    chords : new end points of the left and right edges of these arms, metres
+    absent : mask of these arms that are left out, of which only a stump with a half circle exists
     """
     new = np.full((4 * where.edges.shape[1], 2), np.nan, dtype=complex)
     new[arm[absent]] = chords[absent] @ np.array([1.0, 1j])

@@ -1,7 +1,7 @@
-"""The panels as a bendable mesh: every arm a bar of true rectangular section, every hub a plate.
+"""The panels as a bendable mesh: every arm is a bar with its true rectangular cross-sections, every hub a plate.
 
-The faces are made once per design; the vertices follow from the arms of any pose (``mechanics.arms.bent``). The mesh is built
-from sections, because triangulating a sheet with thousands of holes would take minutes.
+The faces are made once per design; the vertices follow from the bent arms of any pose (``mechanics.arms.bent``). The
+mesh is built section by section, because triangulating a sheet with thousands of holes would take minutes.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ DRAWING = "Drawing the arms"  # text of the progress
 class Detail:
     """Resolution of the panels.
 
-    least : pieces of a straight arm
-    degrees : twist per additional piece
-    fillet : points on the fillet between two arms at the hub
+    least : number of pieces of an arm without twist
+    degrees : degrees of twist per additional piece
+    fillet : number of points on the fillet between two arms at the hub
     """
 
     least: int
@@ -46,16 +46,18 @@ DETAILS = {"COARSE": Detail(4, 40.0, 0), "MEDIUM": Detail(6, 20.0, 0), "FINE": D
 
 @dataclass(frozen=True, eq=False)
 class PanelMesh:
-    """Sections of the arms, points of the hubs, and the faces between them; lengths in metres.
+    """Cross-sections of the arms, points of the hubs, and the faces between them; lengths in metres, in the flat panel.
 
-    arm, t : arm 4 f + k and parameter of every section; line : flat, from the hub's centre to the section
-    sides : flat, from the section's middle to its left and right edge
-    rim_quad, rim : quad and position, as ``line``, of the hubs' points between the arms
-    used : vertices that exist, without those of the strip: 4 per section (left and right above, left and right below)
-        and 2 per point of a hub or connector (above, below)
-    heads : points of the connectors; strip : points of the piece's rim, whose vertices come last
-    corners, sizes, quad_of : vertex of every face corner; corners and quad of every face
+    arm, t : number 4 quad + side of the arm, and parameter along it, of every section
+    line : vector from the hub's centre to the middle of every section
+    sides : vectors from the section's middle to its left and right edge
+    rim_quad, rim : quad and position, from the hub's centre, of points on the fillets between two arms
+    heads : connectors and caps at arms' ends
+    used : vertices that are not replaced by shared ones, among 4 per section (left and right above, left and right
+        below) and 2 per point of a fillet or connector (above, below)
+    corners, sizes, quad_of : vertex of every face corner; number of corners and quad of every face
     vertex_quad, section : quad and section of every vertex
+    strip : plates of the piece's rim, whose vertices come last; None without a rim
     """
 
     design: SpiralDesign
@@ -84,8 +86,8 @@ class PanelMesh:
 
         Parameters
         ----------
-        arms, pose : bent arms and pose
-        only : mask of quads that are needed; vertices of the others are undefined
+        arms, pose : bent arms; pose of the hubs
+        only : mask of the quads whose vertices are needed; other vertices are undefined
         """
         wanted = np.ones(len(self.design.width), bool) if only is None else only
         rows, rims, points = wanted[self.arm // 4], wanted[self.rim_quad], wanted[self.heads.arm // 4]
@@ -102,7 +104,7 @@ class PanelMesh:
         return made if self.strip is None else np.concatenate([made, self._plates(*self.strip.at_pose(arms))])
 
     def flat(self, centres: Float[np.ndarray, "patches 2"]) -> Float[np.ndarray, "vertices 3"]:
-        """Return the vertices of the flat panels, metres; patch origins are at ``centres``, the middle plane at z = 0."""
+        """Return the vertices of the flat panels, metres, with patch origins at ``centres``, mid-plane at z = 0."""
         shape = np.zeros((len(self.design.width), 3))
         shape[:, :2] = self.design.arms.centre + centres[self.design.flat.layout.patch_of]
         up = np.array([0.0, 0.0, 1.0])
@@ -115,12 +117,12 @@ class PanelMesh:
         return np.concatenate([made, self._plates(self.strip.flat + np.c_[moved, np.zeros(len(moved))], up)])
 
     def _plates(self, points: np.ndarray, up: np.ndarray) -> Float[np.ndarray, "vertices 3"]:
-        """Offset points by half the thickness to both sides along ``up``."""
+        """Return points of the mid-surface moved by half the thickness along ``up`` and against it, in turn."""
         lift = 0.5 * self.design.params.thickness * np.broadcast_to(up, points.shape)
         return np.stack([points + lift, points - lift], axis=1).reshape(-1, 3)
 
     def _thick(self, edges: np.ndarray, up: np.ndarray, rim: np.ndarray, rim_up: np.ndarray) -> np.ndarray:
-        """Give sections and single points their thickness, and keep the used vertices."""
+        """Return the used vertices above and below sections (``edges``) and points (``rim``) of the mid-surface."""
         half = 0.5 * self.design.params.thickness
         lift, rim_lift = half * np.broadcast_to(up, (len(edges), 3)), half * np.broadcast_to(rim_up, rim.shape)
         sections = np.concatenate([edges + lift[:, None], edges - lift[:, None]], axis=1).reshape(-1, 3)
@@ -137,14 +139,14 @@ def panel_mesh(
     ----------
     design : spirals
     detail : resolution
-    tips : ends of arms with connectors or caps, in true outline; other arms end bluntly at cuts
+    tips : ends of arms with connectors, with their true outlines; other arms end bluntly at cuts
     progress : called with the fraction done
     """
     progress(0.0, DRAWING)
     count = len(design.width)
     turn = np.degrees(design.twist) / detail.degrees
     pieces = np.repeat(detail.least + np.ceil(turn).astype(int), 4)
-    # the slots on both sides of an arm end at different places, with the arm's root between them
+    # the slots on the two sides of an arm end at different places; the arm's root between these places needs rows too
     behind = np.abs(design.roots.left - np.roll(design.roots.right, 1, axis=1))
     rows = pieces + 2 + (turn[:, None] * behind).astype(int).ravel()
     first = np.cumsum(rows) - rows
@@ -182,7 +184,7 @@ def panel_mesh(
 
 
 def _with_rim(made: PanelMesh, strip: RimMesh | None) -> PanelMesh:
-    """Add the plates of a rim, if there is one."""
+    """Add the plates of the piece's rim, if it has a rim."""
     if strip is None:
         return made
     faces, quad_of = strip.faces(len(made.used))
@@ -201,15 +203,18 @@ def _with_rim(made: PanelMesh, strip: RimMesh | None) -> PanelMesh:
 def _sections(
     design: SpiralDesign, arm: np.ndarray, row: np.ndarray, pieces: np.ndarray, rows: np.ndarray, begin: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return parameter (R,), centre line (R, 3) and edges relative to it (R, 2, 3) of all sections, from tips to roots.
+    """Compute the sections of all arms, from tips to roots: R sections, A arms.
 
-    Tips are at ``begin`` (A,). Of the ``rows`` (A,) of an arm, the first ``pieces`` (A,) + 1 are perpendicular to it;
-    the others are rigid with the hub.
+    arm, row : (R,) arm of every section, and its number within the arm
+    pieces, rows : (A,) pieces and sections of every arm; its first ``pieces`` + 1 sections are perpendicular to it, the
+        others belong to its root, which is rigid with the hub
+    begin : (A,) parameter of the arms' tips
+    Returns parameters (R,), middles (R, 3) from the hub's centre, and edges (R, 2, 3) from the middles.
     """
     quad, side = np.divmod(arm, 4)
     hub, root = hub_edge_of_design(design).ravel()[arm], design.roots
     share = np.minimum(row / pieces[arm], 1.0)
-    # closer together towards the tip, where arms blend
+    # sections are denser towards the tip, where the arm blends into the joint
     t = begin[arm] + (hub - begin[arm]) * share * (2.0 + share) / 3.0
     shape = design.arms.one_by_one(quad, side)
     beyond = np.maximum(row - pieces[arm], 0) / (rows - 1 - pieces)[arm]
@@ -223,7 +228,7 @@ def _sections(
 
 
 def _rims(design: SpiralDesign, points: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return quad (F, 4, points) and position (F, 4, points, 3), from the hub's centre, of points on the fillet after every arm."""
+    """Return points on the fillet after every arm: quads (F, 4, points), positions (F, 4, points, 3) from the hub."""
     root, count = design.roots, len(design.width)
     quad = np.broadcast_to(np.arange(count)[:, None, None], (count, 4, points))
     place = np.zeros((count, 4, points, 3))
@@ -233,7 +238,7 @@ def _rims(design: SpiralDesign, points: int) -> tuple[np.ndarray, np.ndarray]:
     right = np.roll(edge_points(design.arms, np.roll(root.right, 1, axis=1)[..., None], RIGHT)[0][:, :, 0], -1, axis=1)
     right -= root.centre
     begin = np.arctan2(left[..., 1], left[..., 0])
-    # the fillet always turns to the right
+    # the fillet always runs clockwise round its centre
     turn = -((begin - np.arctan2(right[..., 1], right[..., 0])) % (2.0 * np.pi))
     turn = np.where(turn < -1.5 * np.pi, 0.0, turn)
     angle = begin[..., None] + turn[..., None] * (np.arange(1, points + 1) / (points + 1))
@@ -245,11 +250,11 @@ def _rims(design: SpiralDesign, points: int) -> tuple[np.ndarray, np.ndarray]:
 def _faces(
     design: SpiralDesign, arm: np.ndarray, first: np.ndarray, last: np.ndarray, fillet: int, headed: np.ndarray
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """Return arrays of faces (n, size), and the quad of every face.
+    """Return arrays of faces (n, corners), and the quad of every face.
 
-    first, last : (F, 4) sections at the arms' ends
-    fillet : points per fillet
-    headed : (A,) bool, arms that end in a connector
+    first, last : (F, 4) section at the tip and at the root of every arm
+    fillet : number of points per fillet
+    headed : (A,) mask of the arms that end in a connector or cap
     """
     layout, count = design.flat.layout, len(first)
     outer = np.ones(len(arm), bool)
@@ -269,7 +274,7 @@ def _faces(
     rim = 4 * len(arm) + 2 * np.arange(4 * count * fillet).reshape(count, 4, fillet)
     corner = np.concatenate([4 * last[..., None] + left, rim], axis=2)
     below = np.concatenate([4 * last[..., None] + left + low, rim + 1], axis=2)
-    # round the hub: right root and left root of every arm, then the fillet
+    # round the hub: right and left edge of every arm's root, then the fillet
     top = np.concatenate([4 * last[..., None] + right, corner], axis=2).reshape(count, -1)
     bottom = np.concatenate([4 * last[..., None] + right + low, below], axis=2).reshape(count, -1)
     onward = np.concatenate([corner[..., 1:], np.roll(4 * last + right, -1, axis=1)[..., None]], axis=2)
@@ -284,11 +289,12 @@ def _faces(
 
 @dataclass(frozen=True, eq=False)
 class Heads:
-    """Points of the connectors that do not belong to arms, and their faces.
+    """Connectors and caps at arms' ends: their points, without the two that they share with the arm, and triangles.
 
-    arm, t : of every point, as of a section; line, side : metres, flat, to the centre line and from there to the point
-    ends : arms with a connector; starts : (ends + 1,), first point of each
-    triangles : counter-clockwise, point numbers, with -1 and -2 for the arm's right and left edge
+    arm, t : arm of every point, and parameter of the arm's nearest section
+    line, side : vectors in the flat panel from the hub's centre to the section's middle, and from there to the point, m
+    ends : arms with a connector or cap; starts : (ends + 1,) first point of each, and number of points
+    triangles : counter-clockwise; numbers of points, or -1 and -2 for the arm's right and left edge
     of : position in ``ends`` of every triangle's arm
     """
 
@@ -328,16 +334,16 @@ class Heads:
         )
 
     def faces(self, first: np.ndarray, base: int) -> tuple[list[np.ndarray], np.ndarray]:
-        """Return triangles and walls, and the quad of each.
+        """Return faces above, below and at the edges, and the quad of every face.
 
         first : (A,) first section of every arm
-        base : number of the connectors' first vertex
+        base : index of the connectors' first vertex
         """
         # upper right and left vertices of the arm's end
         known = np.stack([4 * first[self.ends] + 1, 4 * first[self.ends]], axis=1)
 
         def vertex(number: np.ndarray, of: np.ndarray, low: int) -> np.ndarray:
-            """Return vertex numbers; negative numbers are edges of the arm."""
+            """Return the upper (``low`` 0) or lower (1) vertices of points; -1 and -2 are the arm's edges."""
             side = known[of[:, None], np.where(number == -1, 0, 1)] + 2 * low
             return np.where(number < 0, side, base + 2 * number + low)
 
@@ -356,7 +362,10 @@ class Heads:
 def _arm_coordinates(
     design: SpiralDesign, arm: np.ndarray, points: np.ndarray, tips: Sequence[Tip | Cap], count: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return parameter (H,), centre line (H, 3) and offset from it (H, 3) of points (H, 2) near the tips; points beyond them move rigidly."""
+    """Return the coordinates of connector points (H, 2) along their arms: ``t``, ``line`` and ``side`` of ``Heads``.
+
+    Points beyond an arm's tip get the parameter of the tip and so move rigidly with it.
+    """
     shape = design.arms.one_by_one(*np.divmod(arm, 4))
     tip, speed, _ = (x[:, 0, 0] for x in centre_line(shape, np.zeros((len(arm), 1, 1))))
     over = np.repeat([tip.over for tip in tips], count)
@@ -368,13 +377,13 @@ def _arm_coordinates(
 
 
 def _shared_vertices(design: SpiralDesign, first: np.ndarray, points: int) -> np.ndarray:
-    """Return (points,) int, the vertex that replaces each: two arms of a patch share the section at their joint."""
+    """Return the vertex that replaces each of all vertices: two arms of a patch share the section at their joint."""
     layout, same = design.flat.layout, np.arange(points)
     quad, side = opposite_sides(layout.mesh)
     blunt = layout.cut[layout.mesh.quad_edges] | layout.mesh.border[layout.mesh.quad_edges]
     second = ~blunt & (np.arange(len(first))[:, None] > quad)
     mine, theirs = 4 * first[second], 4 * first[quad, side][second]
-    # seen outwards, left of an arm is right of the arm that it meets
+    # the left edge of an arm, seen from its hub, is the right edge of the arm that it meets
     for own, other in ((0, 1), (1, 0), (2, 3), (3, 2)):
         same[mine + own] = theirs + other
     return same

@@ -1,4 +1,4 @@
-"""Plots of a run: progress of the match, distribution of errors, maps of the flat patches and of the shape."""
+"""Plots of a run: progress of the optimisation, distribution of errors, maps of the flat patches and of the shape."""
 
 from __future__ import annotations
 
@@ -31,13 +31,18 @@ from .drawing import (
 CURVE, ACCENT = "#2e8599", "#d9622b"
 BRIGHT, PALE = "#fab840", "#9e9e9e"  # readable on dark and on light paper
 LOGARITHMIC = 8.0  # ratio of largest to smallest value above which a scale is logarithmic; chosen by eye
-WIDTH, HEIGHT = 520, 320  # of a plot, pixels
-VIEW = np.array([0.9, -1.0, 0.85])  # direction to the viewer of ``shape_map``
+WIDTH, HEIGHT = 520, 320  # size of a plot, pixels
+VIEW = np.array([0.9, -1.0, 0.85])  # direction from the surface to the viewer in ``shape_map``
 
 
 @dataclass(frozen=True, eq=False)
 class Axes:
-    """Frame of a plot: maps values to pixels, draws both axes with ticks, grid, names and units; margins in pixels."""
+    """Axes of a plot: map values to pixels, and draw ticks, grid, names and units.
+
+    x, y : smallest and largest value on each axis
+    left, right, top, bottom : margins, pixels
+    logarithmic : whether the y axis is logarithmic
+    """
 
     drawing: Drawing
     x: tuple[float, float]
@@ -98,14 +103,14 @@ class Axes:
 
 
 def history(values: Sequence[float], title: str, name: str) -> Drawing:
-    """Plot a number over the steps of a run; the first is the start's.
+    """Plot a quantity over the steps of a run.
 
     The scale begins at zero, or is logarithmic if the values span a wide range.
 
     Parameters
     ----------
-    values : one per step; non-finite ones are dropped
-    title, name : of the plot; of the number, with its unit
+    values : value at the start and after every step; values that are not finite are dropped
+    title, name : title of the plot; name of the quantity, with its unit
     """
     found = np.asarray([v for v in values if np.isfinite(v)], dtype=float)
     drawing = Drawing(title, WIDTH, HEIGHT)
@@ -124,7 +129,7 @@ def history(values: Sequence[float], title: str, name: str) -> Drawing:
 
 
 def _scale(values: Float[np.ndarray, " steps"]) -> tuple[tuple[float, float], bool]:
-    """Return the ends of a scale for these values, and whether it is logarithmic."""
+    """Return the ends of a scale for values, and whether it should be logarithmic."""
     low, high = float(values.min()), float(values.max())
     if low > 0.0 and high > LOGARITHMIC * low:
         return (low / 1.15, high * 1.15), True
@@ -132,12 +137,12 @@ def _scale(values: Float[np.ndarray, " steps"]) -> tuple[tuple[float, float], bo
 
 
 def sparkline(values: Sequence[float], size: float) -> Drawing:
-    """Draw the curve of ``history`` without words, readable on dark and on light paper.
+    """Draw the curve of ``history`` without text, readable on dark and on light backgrounds.
 
     Parameters
     ----------
-    values : one per step; only positive finite ones are drawn
-    size : side of the square, pixels
+    values : one value per step; only positive, finite values are drawn
+    size : side of the square picture, pixels
     """
     drawing, margin = Drawing("", size, size), 0.05 * size
     low, high = 0.7 * margin, size - 0.7 * margin
@@ -166,9 +171,9 @@ def histogram(
 
     Parameters
     ----------
-    values : one per spiral
-    title, name : of the plot; of the value, with its unit
-    marks : values to mark, with names, e.g. the root mean square
+    values : one value per spiral
+    title, name : title of the plot; name of the quantity, with its unit
+    marks : values to mark with a line, and their names, e.g. the root mean square
     """
     values = np.asarray(values, dtype=float)
     drawing = Drawing(title, WIDTH, HEIGHT)
@@ -197,8 +202,8 @@ def bars(rows: Sequence[tuple[str, float]], title: str, unit: str, width: float 
     Parameters
     ----------
     rows : names and amounts
-    title, unit : of the plot; of the amounts
-    width : pixels
+    title, unit : title of the plot; unit of the amounts
+    width : width of the plot, pixels
     """
     drawing = Drawing(title, width, 44 + 24 * len(rows) + 8)
     drawing.add(Text((16, 22), title, 14, INK, bold=True))
@@ -219,7 +224,12 @@ def bars(rows: Sequence[tuple[str, float]], title: str, unit: str, width: float 
 
 @dataclass(frozen=True, eq=False)
 class Colouring:
-    """Colours of a map: fills (F, 3) sRGB, and their key: a scale from low to high with its unit, or rows of colours."""
+    """Colours of a map's quads, and their key, which is a colour scale or a list of entries.
+
+    fills : (F, 3) sRGB
+    unit, scale, low, high : unit, colours (n, 3) and end values of the scale; no scale if None
+    rows : colour "#rrggbb" and text of each entry
+    """
 
     title: str
     fills: np.ndarray
@@ -237,10 +247,10 @@ class Colouring:
 
         Parameters
         ----------
-        title, unit : texts of the legend
-        values : (N,) in that unit
-        scale : (n, 3) sRGB colours of a scale from ``low`` to ``high``
-        low, high : values at its ends
+        title, unit : title of the map; unit of the values
+        values : (F,) values of the quads
+        scale : (n, 3) sRGB colours, evenly spaced from ``low`` to ``high``
+        low, high : values at the ends of the scale
         """
         return cls(title, on_scale(values, low, high, scale), unit, scale, low, high)
 
@@ -250,24 +260,24 @@ def flat_map(corners: np.ndarray, sides: np.ndarray, colouring: Colouring) -> Dr
 
     Parameters
     ----------
-    corners : (F, 4, 2), y up, any unit of length
-    sides : (F, 4) bool, drawn as outlines
-    colouring : of the quads
+    corners : (F, 4, 2) corners of the quads, y up, in any unit
+    sides : (F, 4) mask of the sides that are drawn as outlines
+    colouring : colours of the quads
     """
     drawing, placed = _fitted(corners * np.array([1.0, -1.0]), colouring)
-    order = np.lexsort(colouring.fills.T)  # group equal colours; none covers another
+    order = np.lexsort(colouring.fills.T)  # group equal colours; the order is free, as no quad covers another
     drawing.add(FilledShapes(placed[order], colouring.fills[order]))
     return _finish(drawing, placed, sides, colouring)
 
 
 def shape_map(vertices: np.ndarray, quads: np.ndarray, sides: np.ndarray, colouring: Colouring) -> Drawing:
-    """Draw a surface in space, in parallel projection from above and one side, far quads first, slightly lit.
+    """Draw a surface in space with soft shading, in parallel projection obliquely from above.
 
     Parameters
     ----------
-    vertices, quads : (V, 3), any unit of length; (F, 4) int
-    sides : (F, 4) bool, drawn as lines
-    colouring : of the quads
+    vertices, quads : (V, 3) positions in any unit; (F, 4) vertex indices
+    sides : (F, 4) mask of the sides that are drawn as lines
+    colouring : colours of the quads
     """
     eye = VIEW / np.linalg.norm(VIEW)
     right = np.cross([0.0, 0.0, 1.0], eye)
@@ -290,7 +300,7 @@ def shape_map(vertices: np.ndarray, quads: np.ndarray, sides: np.ndarray, colour
 
 
 def _fitted(points: Float[np.ndarray, "quads 4 2"], colouring: Colouring) -> tuple[Drawing, np.ndarray]:
-    """Return a drawing as high as a map needs, with room for its key, and the map's points in its pixels, y down."""
+    """Return an empty drawing of the height that a map and its key need, and the map's points scaled to its pixels."""
     low, high = points.reshape(-1, 2).min(axis=0), points.reshape(-1, 2).max(axis=0)
     size, room = np.maximum(high - low, 1e-30), WIDTH - 32 - _key_width(colouring)
     factor = min(room / size[0], 0.8 * WIDTH / size[1])
@@ -301,7 +311,7 @@ def _fitted(points: Float[np.ndarray, "quads 4 2"], colouring: Colouring) -> tup
 
 
 def patch_fills(patch: Int[np.ndarray, " quads"]) -> Float[np.ndarray, "quads 3"]:
-    """Return (F, 3) sRGB, one colour per patch."""
+    """Return the colours (F, 3) sRGB of quads by their patch."""
     looks = colours.hexadecimal(colours.patch_colours(int(patch.max()) + 1))
     return np.array([rgb(name) for name in looks])[patch]
 
@@ -309,13 +319,13 @@ def patch_fills(patch: Int[np.ndarray, " quads"]) -> Float[np.ndarray, "quads 3"
 def thumbnail(
     vertices: np.ndarray, quads: np.ndarray, sides: np.ndarray, patch: Int[np.ndarray, " quads"], size: float
 ) -> Drawing:
-    """Draw patches like ``shape_map``, without words.
+    """Draw coloured patches like ``shape_map``, without text.
 
     Parameters
     ----------
     vertices, quads, sides : see ``shape_map``
-    patch : of every quad
-    size : side of the square, pixels
+    patch : patch of every quad
+    size : side of the square picture, pixels
     """
     large = shape_map(vertices, quads, sides, Colouring("", patch_fills(patch)))
     body = [item for item in large.items if not isinstance(item, Text)]
@@ -333,12 +343,12 @@ def thumbnail(
 
 
 def front(rows: Sequence[tuple[float, float, str]], taken: int) -> Drawing:
-    """Plot proposals by joints and distance, each with a name; the chosen proposal stands out.
+    """Plot the proposals by number of joints and distance, with their names; highlight the chosen proposal.
 
     Parameters
     ----------
-    rows : joints, RMS distance in percent, and name of each proposal
-    taken : position of the chosen proposal
+    rows : number of joints, RMS distance in per cent, and name of each proposal
+    taken : index of the chosen proposal
     """
     drawing = Drawing("Layouts that were compared", WIDTH, HEIGHT)
     joints, rms = np.array([row[0] for row in rows], dtype=float), np.array([row[1] for row in rows], dtype=float)
@@ -353,22 +363,22 @@ def front(rows: Sequence[tuple[float, float, str]], taken: int) -> Drawing:
 
 
 def _key_width(colouring: Colouring) -> float:
-    """Width of the key at the right, pixels."""
+    """Return the width of the colour scale at the right, pixels."""
     return 84.0 if colouring.scale is not None else 0.0
 
 
 def _key_height(colouring: Colouring) -> float:
-    """Height of the key at the bottom, pixels."""
+    """Return the height of the key's entries at the bottom, pixels."""
     return 20.0 * ((len(colouring.rows) + 1) // 2)
 
 
 def _outlines(placed: np.ndarray, sides: np.ndarray) -> Strokes:
-    """Lines along the marked sides."""
+    """Return lines along the masked sides of quads."""
     return Strokes(np.stack([placed[sides], np.roll(placed, -1, axis=1)[sides]], axis=1), INK, 0.9)
 
 
 def _finish(drawing: Drawing, placed: np.ndarray, sides: np.ndarray, colouring: Colouring) -> Drawing:
-    """Add outlines, title and key."""
+    """Add outlines, title and key to a map."""
     drawing.add(_outlines(placed, sides))
     drawing.add(Text((16, 22), colouring.title, 14, INK, bold=True))
     if colouring.scale is not None:

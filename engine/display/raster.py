@@ -1,4 +1,4 @@
-"""Render drawings to pixels: shapes are filled with numpy, letters are triangles of any font."""
+"""Render drawings to pixels with numpy; letters are triangulated glyphs of any font."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ import numpy as np
 from ..arrays import Float
 from .drawing import PAPER, SEAM, Dots, Drawing, FilledShapes, Item, Line, Strokes, Text, rgb
 
-SCALE = 2  # pixels of the picture per pixel of the drawing, so that letters of 11 pixels stay readable enlarged
-FINE = 2  # subpixels per pixel in both directions, for soft edges
+SCALE = 2  # pixels of the picture per pixel of the drawing; larger: letters stay sharp when enlarged, slower
+FINE = 2  # subpixels per pixel in both directions, for antialiasing; larger: smoother edges, slower
 UNKNOWN = "?"  # replaces letters without a glyph
 
-_ANGLES = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)  # 24 corners: a dot of 9 pixels deviates by 0.04 pixels
+_ANGLES = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)  # a dot of 9 pixels deviates from a circle by 0.04 pixels
 _CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)  # corners of a dot of radius 1
 
 Glyphs = dict[str, tuple[np.ndarray, float]]  # triangles (N, 3, 2) of every letter at size 1, and its advance
 
 
 def pixels(drawing: Drawing, letters: Glyphs, paper: str | None = PAPER) -> Float[np.ndarray, "rows columns 4"]:
-    """Render a drawing to sRGB with alpha in [0, 1], premultiplied, the top row first.
+    """Render a drawing to sRGB with premultiplied alpha, in [0, 1], the top row first.
 
-    It needs no Blender, so any thread can call it.
+    Any thread can call this function, as it does not use Blender.
 
     Parameters
     ----------
-    drawing : shapes
+    drawing : drawing to render
     letters : glyphs of a font
-    paper : background "#rrggbb"; None for transparent
+    paper : background colour "#rrggbb"; None for a transparent background
     """
     factor = SCALE * FINE
     rows, columns = round(drawing.height * SCALE), round(drawing.width * SCALE)
@@ -42,7 +42,7 @@ def pixels(drawing: Drawing, letters: Glyphs, paper: str | None = PAPER) -> Floa
 
 
 def _opaque(colour: str) -> Float[np.ndarray, " 4"]:
-    """Return a colour with alpha 1."""
+    """Return a colour "#rrggbb" as sRGB with alpha 1."""
     return np.append(rgb(colour), 1.0)
 
 
@@ -64,14 +64,14 @@ def _polygons(item: Item, letters: Glyphs) -> Iterable[tuple[np.ndarray, np.ndar
 
 
 def _text_triangles(item: Text, letters: Glyphs) -> np.ndarray:
-    """Return the triangles of a text at its place; the factor 1.05 is the font's size over the letters' height."""
+    """Return the triangles of a text at its position, in pixels of the drawing."""
     parts, length = [np.zeros((0, 3, 2))], 0.0
     for letter in item.text:
         shape, width = letters[letter if letter in letters else UNKNOWN]
         parts.append(shape + np.array([length, 0.0]))
         length += width
     triangles = np.concatenate(parts)
-    size = 1.05 * item.size
+    size = 1.05 * item.size  # the factor converts the height of letters to the size of the font
     shift = {"start": 0.0, "middle": 0.5, "end": 1.0}[item.anchor] * length
     x, y = size * (triangles[..., 0] - shift), -size * triangles[..., 1]
     if item.turned:
@@ -83,14 +83,14 @@ def _text_triangles(item: Text, letters: Glyphs) -> np.ndarray:
 
 
 def _stroke(a: np.ndarray, b: np.ndarray, width: float) -> np.ndarray:
-    """Return a straight line as a rectangle."""
+    """Return a straight line from a to b as a rectangle, longer by half the width at both ends."""
     along = (b - a) / max(float(np.linalg.norm(b - a)), 1e-12) * 0.5 * width
     across = np.array([-along[1], along[0]])
     return np.array([a - along + across, a - along - across, b + along - across, b + along + across])
 
 
 def _dashes(item: Line) -> Iterable[tuple[np.ndarray, np.ndarray]]:
-    """Yield the straight parts of a line."""
+    """Yield the ends of a polyline's segments, or of its dashes."""
     for a, b in zip(item.points[:-1], item.points[1:]):
         if not item.dash:
             yield a, b

@@ -1,7 +1,7 @@
-"""The rim as bendable bodies: a plate per node, with its neck and holes, reaching half way to the adjacent nodes.
+"""The rim as a bendable mesh: one plate per node, with its neck and holes, reaching half way to the adjacent nodes.
 
-Plates are triangulated in coordinates of the straightened strip: s along its middle line from the node, y outwards. The
-points follow the node's arms of the bent piece (see ``mechanics.arms.bent``).
+Plates are triangulated in coordinates of the straightened strip: s along its centre line from the node, y outwards. In
+the elastic model a node has arms like a hub, and the points of its plate follow these (``mechanics.arms.bent``).
 """
 
 from __future__ import annotations
@@ -18,21 +18,22 @@ from ..spirals.design import SpiralDesign
 from ..spirals.rim import Rim
 from ..triangulation import triangulate
 
-FINEST = 0.002  # metres: largest distance between points along an edge; by eye
-ROUND = 6  # points on a quarter of a hole; by eye
+FINEST = 0.002  # largest distance between points along an edge, metres; smaller: smoother, slower; chosen by eye
+ROUND = 6  # points on a quarter of a hole's circle; larger: smoother, slower; chosen by eye
 
 
 @dataclass(frozen=True, eq=False)
 class RimMesh:
-    """Points of all plates, each above and below, and the triangles between them; lengths in metres.
+    """Points of all plates on the mid-surface, and triangles between them; lengths in metres.
 
-    rim : the rim with B nodes; necks : half width of each node's neck, never 0
+    rim : the rim; necks : half width of each node's neck, never 0
     node : node of every point; plane : s and y of every point
-    arm : 4 body + arm, the arm of the bent piece that every point follows; t : parameter along that arm
-    line, side : flat, from the node's centre to the arm's middle line, and from there to the point
-    centre : of the point's node, flat
-    quad : quad of every point; triangles : upper side, counter-clockwise; walls : edges of the plates, material on the
-        left
+    arm : arm of the bent piece that every point follows, 4 body + arm; t : parameter along that arm
+    line, side : vectors in the flat panel from the node's centre to the arm's centre line, and from there to the point
+    centre : position of every point's node in the flat panel
+    quad : quad of every point
+    triangles : triangles of the upper side, counter-clockwise
+    walls : edges of the plates, with the material on the left
     """
 
     rim: Rim
@@ -50,7 +51,7 @@ class RimMesh:
 
     @classmethod
     def from_design(cls, design: SpiralDesign) -> RimMesh | None:
-        """Build the rim of a design; None if it has no rim."""
+        """Build the plates of a design's rim; None if it has no rim."""
         rim = design.rim
         if rim is None:
             return None
@@ -67,9 +68,9 @@ class RimMesh:
         return cls(rim, necks, of, plane, arm, t, line, side, centre, quad, triangles, walls)
 
     def with_necks_of(self, design: SpiralDesign) -> RimMesh:
-        """Return the same faces with the necks as wide as the arms of another design on the same rim.
+        """Return the plates with necks as wide as the arms of another design with this rim; the faces stay.
 
-        Points of the strip's inner edge beside a neck move in proportion to make room.
+        Points on the strip's inner edge beside a neck move in proportion to make room.
         """
         necks = _necks(design, self.rim)
         s, y = self.plane.T
@@ -83,17 +84,20 @@ class RimMesh:
         return replace(self, necks=necks, plane=plane, t=t, line=line, side=side)
 
     def at_pose(self, arms: BentArms) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
-        """Return middle points, metres, and upward normals in space."""
+        """Return the points on the mid-surface in space, metres, and the upward normals there."""
         place, turn = arms.at(self.arm, self.t, self.line)
         return place + matvec(turn, self.side), turn[:, :, 2]
 
     @property
     def flat(self) -> Float[np.ndarray, "points 3"]:
-        """Middle points in the frames of the patches, metres."""
+        """Points on the mid-surface of the flat panels, in the patches' frames, metres."""
         return self.centre + self.line + self.side
 
     def faces(self, base: int) -> tuple[list[np.ndarray], Int[np.ndarray, " faces"]]:
-        """Return the triangles above and below with the walls, and the quad of each; upper and lower vertices alternate from ``base`` on."""
+        """Return the faces above, below and at the edges, and the quad of every face.
+
+        base : index of the first vertex; the upper and lower vertices of the points alternate
+        """
         above = base + 2 * self.triangles
         a, b = base + 2 * self.walls.T
         walls = np.stack([a + 1, b + 1, b, a], axis=1)
@@ -102,7 +106,12 @@ class RimMesh:
 
 
 def _plate(rim: Rim, node: int, half: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return points (n, 2) s and y of a plate, its triangles and its edges."""
+    """Triangulate the plate of a node, whose neck has the half width ``half``, metres.
+
+    Returns
+    -------
+    points (n, 2): s and y; triangles; edges, as in ``RimMesh``
+    """
     import shapely
 
     ahead, behind = rim.reach[node].tolist()
@@ -124,7 +133,7 @@ def _plate(rim: Rim, node: int, half: float) -> tuple[np.ndarray, np.ndarray, np
     rings = [shape.exterior, *shape.interiors]
     points = np.concatenate([shapely.get_coordinates(ring)[:-1] for ring in rings])
     triangles = triangulate([shape], points)
-    # walls are at edges of one triangle only
+    # the edges of the plate are the edges of only one triangle
     edges = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
     known = {(a, b) for a, b in edges.tolist()}
     walls = np.array([(a, b) for a, b in edges.tolist() if (b, a) not in known])
@@ -133,7 +142,7 @@ def _plate(rim: Rim, node: int, half: float) -> tuple[np.ndarray, np.ndarray, np
 
 
 def _bores(rim: Rim, node: int) -> Float[np.ndarray, " holes"]:
-    """Return s of all holes that reach into a plate, including those centred beyond its ends."""
+    """Return s of the centres of all holes that may reach into a node's plate, including centres beyond its ends."""
     found = []
     for sign, other in ((1.0, node), (-1.0, int(rim.before[node]))):
         if other >= 0 and rim.holes[other]:
@@ -146,14 +155,18 @@ def _bores(rim: Rim, node: int) -> Float[np.ndarray, " holes"]:
 
 
 def _necks(design: SpiralDesign, rim: Rim) -> Float[np.ndarray, " nodes"]:
-    """Half width of every neck, metres."""
+    """Return the half width of every neck, metres."""
     return 0.5 * design.arms.joint_width[rim.quad, rim.side]
 
 
 def _arm_coordinates(
     rim: Rim, node: Int[np.ndarray, " n"], points: Float[np.ndarray, "n 2"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Express points of plates relative to their node's arms: arm, t, line and side, see ``RimMesh``, in the flat frame."""
+    """Return the arm that each point of a plate follows, and t, line and side, as in ``RimMesh``.
+
+    node : node of every point
+    points : s and y of every point
+    """
     s, y = points.T
     ahead, behind = rim.reach[node].T
     middle, way = np.zeros(len(s), dtype=complex), np.zeros(len(s), dtype=complex)

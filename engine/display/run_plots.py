@@ -1,4 +1,4 @@
-"""Plots and maps of a run, by file name, for the stages that have run."""
+"""Plots and maps of the stages that have run, by file name."""
 
 from __future__ import annotations
 
@@ -28,15 +28,17 @@ NAMES = ("surface", "patches", "distortion", "width", "anisotropy", "twist", "hi
 
 @dataclass(frozen=True, eq=False)
 class MapValues:
-    """Values per quad for maps; None if the stage has not run.
+    """Values of all quads for maps; None if the stage that computes them has not run.
 
-    mesh : target; corners : metres, flat patches side by side; sides : their outlines
+    mesh : target
+    corners, sides, patch : corners of the flat patches side by side, metres; mask of outline sides; patch of each quad
     distortion : ARAP energy
-    width, anisotropy, twist : mean of the arms in mm; percent, see ``spiral.anisotropy``; degrees
-    shape : metres, simulated; distance : mm to the target; strain : share of the material's limit
-    slot : mm, narrowest slot beside the arms in that shape
-    kind : what limits the match, index into ``reach.REASON_NAMES``
-    more : values of the extras, by name
+    width, anisotropy, twist : mean width of the arms, mm; per cent, see ``spiral.anisotropy``; degrees
+    shape, distance : vertices of the simulated shape, metres; distance of each spiral to the target, mm
+    strain : strain of the arms, as a share of the strain limit
+    slot : narrowest slot in space beside the spiral's arms, mm
+    kind : what limits the match at the spiral, index into ``reach.REASON_NAMES``
+    more : values of optional features (``engine.extras``), by name
     """
 
     mesh: QuadMesh
@@ -63,12 +65,12 @@ class MapValues:
         simulation: Simulation | None = None,
         limits: MatchLimits | None = None,
     ) -> MapValues:
-        """Gather the values from the results of the stages.
+        """Collect the values from the results of the stages.
 
         Parameters
         ----------
         mesh : target
-        flat, design, simulation, limits : results; None if the stage has not run
+        flat, design, simulation, limits : results of stages; None if the stage has not run
         """
         values: dict[str, Any] = {}
         if flat is not None:
@@ -97,13 +99,13 @@ class MapValues:
 
 
 def drawings(measured: MapValues, described: Mapping[str, Any], distortion: float) -> dict[str, Drawing]:
-    """Return the plots of the road's stages for which there are values, by name.
+    """Return the plots and maps for which there are values, by name (see ``NAMES``).
 
     Parameters
     ----------
-    measured : values per quad
-    described : report of the same run
-    distortion : distortion limit of the layout, where its scale ends
+    measured : values of all quads
+    described : report of the run (report.json)
+    distortion : distortion limit of the layout, up to which the colour scale of the distortion reaches at least
     """
     layout, spirals = _layout(measured, distortion), _spirals(measured)
     match = _match(measured, described)
@@ -111,7 +113,7 @@ def drawings(measured: MapValues, described: Mapping[str, Any], distortion: floa
 
 
 def _layout(m: MapValues, distortion: float) -> dict[str, Drawing]:
-    """Maps of the surface, the patches and their distortion."""
+    """Return maps of the surface, the patches and their distortion."""
     count = len(m.mesh.quads)
     sides = np.zeros((count, 4), bool) if m.sides is None else m.sides
     if m.patch is None or m.corners is None or m.distortion is None:
@@ -130,7 +132,7 @@ def _layout(m: MapValues, distortion: float) -> dict[str, Drawing]:
 
 
 def _spirals(m: MapValues) -> dict[str, Drawing]:
-    """Maps of the spirals' width, twist and anisotropy."""
+    """Return maps of the spirals' width, twist and anisotropy."""
     if m.width is None or m.anisotropy is None or m.twist is None or m.corners is None or m.sides is None:
         return {}
     found = {}
@@ -148,7 +150,7 @@ def _spirals(m: MapValues) -> dict[str, Drawing]:
 
 
 def _history(described: Mapping[str, Any]) -> dict[str, Drawing]:
-    """Plots of the optimisation."""
+    """Return plots of the distance and the objective during the optimisation."""
     block = described.get("optimise")
     if not block or not block["history"]:
         return {}
@@ -162,7 +164,7 @@ def _history(described: Mapping[str, Any]) -> dict[str, Drawing]:
 
 
 def _match(m: MapValues, described: Mapping[str, Any]) -> dict[str, Drawing]:
-    """Plots of distance, strain, slots and limits of the simulated shape."""
+    """Return plots and maps of the simulated shape: distance to the target, strain, slots, limits of the match."""
     if m.distance is None or m.corners is None or m.sides is None:
         return {}
     found = {}

@@ -1,9 +1,9 @@
-"""Panels with true spirals that follow their hubs without a solver, so that a web page can bend them.
+"""Skinned panels: arms that follow their hubs without a solver, so that a web page can bend them.
 
-Every section of an arm depends on two frames: its hub's, and its tip's, half way between the two hubs of its joint; it
-moves by a weighted mean of both ("skinning" in animation). The rest of the elastic arm's true shape in the final pose
-(``bent``) is stored per section, and added in proportion to the arm's bend. So flat panels and the final pose are
-exact, and poses between are close.
+Every section of an arm follows a weighted mean of two frames, that of its hub and that of its tip, which lies half way
+between the two hubs of the joint ("skinning" in animation). The difference to the elastic arm's shape in the final pose
+(``mechanics.arms.bent``) is stored for every section, and added in proportion to the arm's bend. So the flat panels and
+the final pose are exact, and poses in between are approximated.
 """
 
 from __future__ import annotations
@@ -21,18 +21,20 @@ from ..spirals.design import SpiralDesign
 from .panel_mesh import Detail, panel_mesh
 from .rim_mesh import RimMesh
 
-# Pieces of a straight arm and degrees of twist per further piece, by eye: few spirals are seen from near, of more than
-# MANY each has some 40 pixels. COARSE saves a fifth of the triangles, of 290 to 370 per spiral on four surfaces.
+# Resolution of the arms for up to MANY spirals, and the coarser resolution for more, which appear small (some 40
+# pixels). Finer: smoother arms, larger pages.
 DETAIL, COARSE, MANY = Detail(4, 45.0, 0), Detail(3, 60.0, 0), 600
 
 
 @dataclass(frozen=True, eq=False)
 class RimStrip:
-    """The rim of a piece: plates whose points follow a hub, sorted by quad. Lengths in metres, from the hub's centre.
+    """The rim of a piece: plates whose points follow the hub of their quad, sorted by quad. Lengths in metres.
 
-    quad : of every point; flat : position in the panel
-    way, up : in the hub's frame, offset from there to the final pose, and the strip's upward normal then
-    triangles : counter-clockwise, seen from above; walls : edges of the plates, material on the left
+    quad : quad of every point
+    flat : position of every point in the flat panel, from the hub's centre
+    way, up : in the final pose, in the hub's frame: displacement of the point from there, and upward normal
+    triangles : counter-clockwise, seen from above
+    walls : edges of the plates, with the material on the left
     """
 
     quad: Int[np.ndarray, " points"]
@@ -44,7 +46,7 @@ class RimStrip:
 
     @classmethod
     def of_rim(cls, rim: RimMesh, design: SpiralDesign, pose: Pose | None, arms: BentArms | None) -> RimStrip:
-        """Build the plates of a rim; with a pose, also their offsets in it."""
+        """Build the plates of a rim; without a pose and bent arms they stay flat."""
         order = np.argsort(rim.quad, kind="stable")
         new = np.empty(len(order), dtype=np.int64)
         new[order] = np.arange(len(order))
@@ -62,14 +64,16 @@ class RimStrip:
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """Skinned panels. Arm 4 f + k is arm k of quad f. Lengths in metres; flat means from the hub's centre, in the patch's frame.
+    """Skinned panels; lengths in metres, flat positions from the hub's centre in the patch's frame.
 
-    arm : of every section, from tips to roots; share : weight of the tip's frame
-    left, right : flat, edges of every section
-    tip : flat, end of every arm; axis : radians, direction of its side; partner : arm at the same joint, or -1
-    way, turn : correction in the final pose, in the hub's frame: metres and rotation vectors
+    arm : arm of every section, 4 quad + side; the sections of an arm run from tip to root
+    share : weight of the tip's frame at every section
+    left, right : flat positions of the edges of every section
+    tip, axis : flat position of every arm's end, and direction of the quad's side there, radians
+    partner : arm that meets the arm in its joint, -1 at the border
+    way, turn : corrections of the sections in the final pose, in the hub's frame: displacements and rotation vectors
     full : (A, 6) motion of the tip relative to the hub in the final pose, see ``tips``
-    strip : the rim, if there is one
+    strip : plates of the rim; None without a rim
     """
 
     arm: Int[np.ndarray, " sections"]
@@ -119,7 +123,7 @@ class Skin:
         middle = place + matvec(turn, panels.sides.mean(axis=1))
         full = skin.tips(pose, (partner >= 0).astype(float))
         back = np.swapaxes(pose.rotations, 1, 2)[arm // 4]
-        # in the hub's frame
+        # position and rotation of the sections in the hub's frame
         own = matvec(back, middle - pose.centres[arm // 4])
         turned = rotation_vector(back @ turn)
         guess, guessed = skin.interpolate(full)
@@ -128,12 +132,13 @@ class Skin:
         )  # fmt: skip
 
     def tips(self, pose: Pose, closed: Float[np.ndarray, " arms"]) -> Float[np.ndarray, "arms 6"]:
-        """Return the motion of every tip relative to its hub, in the hub's frame: metres and rotation vectors.
+        """Return the motion of every tip relative to its hub, in the hub's frame: displacement (m), rotation vector.
 
         Parameters
         ----------
-        pose : of the hubs
-        closed : 1 if the tip is half way to its partner's, 0 if it is rigid with its hub, or between
+        pose : pose of the hubs
+        closed : how far every joint is closed: 1 if the tips of both arms meet half way, 0 if they are rigid with
+            their hubs
         """
         quad, met = np.arange(len(self.tip)) // 4, np.flatnonzero(self.partner >= 0)
         end = pose.centres[quad] + matvec(pose.rotations[quad], _flat(self.tip))
@@ -147,7 +152,12 @@ class Skin:
         return out
 
     def interpolate(self, moved: Float[np.ndarray, "arms 6"]) -> tuple[np.ndarray, np.ndarray]:
-        """Return middles (n, 3), metres, and rotation vectors (n, 3) of the sections, in their hubs' frames, interpolated to the tips."""
+        """Interpolate the motion of the sections between their hubs, at rest, and their tips, moved by ``moved``.
+
+        Returns
+        -------
+        middles of the sections, metres, and rotation vectors, in their hubs' frames, (n, 3) each
+        """
         middle, tip = _flat(0.5 * (self.left + self.right)), _flat(self.tip)[self.arm]
         way, turn = moved[self.arm, :3], moved[self.arm, 3:]
         share = self.share[:, None]
@@ -155,13 +165,15 @@ class Skin:
         return (1.0 - share) * middle + share * with_tip, share * turn
 
     def edges_at_pose(self, pose: Pose, closed: Float[np.ndarray, " arms"], thickness: float) -> np.ndarray:
-        """Return for every section left and right edge above, then below, (n, 4, 3) metres; the page computes the same.
+        """Return the corners of every section, (n, 4, 3) metres: left and right above, then left and right below.
+
+        The web page has the same computation.
 
         Parameters
         ----------
-        pose : of the hubs
-        closed : see ``tips``
-        thickness : metres
+        pose : pose of the hubs
+        closed : how far every joint is closed, see ``tips``
+        thickness : thickness of the sheet, metres
         """
         moved = self.tips(pose, closed)
         middle, turn = self.interpolate(moved)
@@ -175,17 +187,20 @@ class Skin:
         return np.stack([left + up, right + up, left - up, right - up], axis=1)
 
     def bends(self, moved: Float[np.ndarray, "arms 6"]) -> Float[np.ndarray, " arms"]:
-        """Share of its final bend that every arm has, 0 to 1; border arms, without a joint, take the mean of their spiral."""
+        """Return the share of its final bend that every arm has, 0 to 1.
+
+        Arms without a joint get the mean of the other arms of their spiral.
+        """
         measure = self.measure(moved)
         return np.where(self.partner >= 0, measure, np.repeat(self._means(measure), 4))
 
     def _means(self, measure: Float[np.ndarray, " arms"]) -> Float[np.ndarray, " quads"]:
-        """Mean over the arms with a joint of every spiral."""
+        """Return the mean of a value over the arms with a joint, for every spiral."""
         met = (self.partner >= 0).reshape(-1, 4)
         return (measure.reshape(-1, 4) * met).sum(axis=1) / np.maximum(met.sum(axis=1), 1)
 
     def measure(self, moved: Float[np.ndarray, "arms 6"]) -> Float[np.ndarray, " arms"]:
-        """Share of their final bend that arms with a joint have, 0 to 1."""
+        """Return the share of their final bend that arms with a joint have, 0 to 1; ``moved`` is from ``tips``."""
         size = np.linalg.norm(self.tip, axis=1)
         unit = np.concatenate([np.repeat(1.0 / size[:, None], 3, axis=1), np.ones((len(size), 3))], axis=1)
         full = self.full * unit
@@ -193,15 +208,15 @@ class Skin:
 
 
 def detail_of(design: SpiralDesign) -> Detail:
-    """Return the resolution for a design."""
+    """Return the resolution of the arms that suits the number of spirals."""
     return DETAIL if len(design.width) <= MANY else COARSE
 
 
 def _flat(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "points 3"]:
-    """Add z = 0."""
+    """Return plane points as points in space with z = 0."""
     return np.c_[points, np.zeros(len(points))]
 
 
 def _about_z(angle: Float[np.ndarray, " angles"]) -> Float[np.ndarray, "angles 3 3"]:
-    """Rotation matrices about z."""
+    """Return rotation matrices about the z axis; ``angle`` in radians."""
     return rotation_matrix(np.stack([np.zeros_like(angle), np.zeros_like(angle), angle], axis=1))

@@ -1,6 +1,6 @@
-"""The cut panels as solids for display: every arm a bar between its true edges, every hub a small plate.
+"""The flat panels as solids for display: every arm is a bar between its true edges, every hub a small plate.
 
-They are built arm by arm, because triangulating a sheet with thousands of holes would take Blender minutes.
+They are built arm by arm, because triangulating a sheet with thousands of holes would take minutes.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from ..spirals.roots import SlotRoots
 from ..triangulation import triangulate
 from .rim_mesh import RimMesh
 
-DEGREES = 9.5  # degrees of an arm's twist per step
-# Largest number of faces of all arms, above which steps are longer: 10,000 spirals have 2 million faces of 12 steps per
-# arm instead of 7 million.
+DEGREES = 9.5  # twist per straight step of an arm, degrees; larger: fewer faces, arms with visible corners
+# Largest number of faces of all arms; for more spirals the steps are longer. Larger: smoother arms, slower.
 MOST = 2_000_000
-DRAWN = 5e-5  # metres: tolerance of the outlines of panels and plates in pictures
+DRAWN = 5e-5  # tolerance of the outlines of panels and plates in pictures, metres; larger: coarser, faster
 
 
 @dataclass(frozen=True, eq=False)
 class ArmVertices:
-    """Vertices of the arms' points, of the lower and the upper side, or of the upper side only.
+    """Indices of the vertices of arms, on the lower and the upper side, or on the upper side only.
 
-    edges : as in ``_edges``; -1 for points without a vertex
-    ends : points of caps and connectors that are not on an edge; arm : 4 quad + side of each
+    edges : vertices of the arms' edges, in the order of ``_edges``; -1 where there is none
+    ends : vertices of caps and connectors apart from the arms' edges
+    arm : arm of each vertex in ``ends``, 4 quad + side
     """
 
     edges: Int[np.ndarray, "sides quads 4 2 steps"]
@@ -41,15 +41,15 @@ class ArmVertices:
 
 @dataclass(frozen=True, eq=False)
 class PolygonSolid:
-    """A polygon mesh.
+    """Polygon mesh of the panels.
 
-    vertices : metres
-    corners : vertex of every face corner; sizes : corners per face
+    vertices : positions, metres
+    corners, sizes : vertex of every face corner; number of corners of every face
     quad_of : quad of every face
-    seam_of : seam of the connector to which the face belongs, or -1
-    flat : whether it has the upper side only
-    arms : vertices of the arms' points; None for other bodies
-    strip : the rim, whose points come last
+    seam_of : seam of the connector to which the face belongs; -1 for other faces
+    flat : whether the mesh has only the upper side
+    arms : indices of the arms' vertices; None for meshes without arms
+    strip : plates of the rim, whose vertices come last; None without a rim
     """
 
     vertices: Float[np.ndarray, "vertices 3"]
@@ -69,13 +69,13 @@ def light(
     most: int = 100_000,
     wound: float | None = None,
 ) -> PolygonSolid:
-    """Like ``solid``, but large designs get only the upper side and coarser steps, so that a window stays responsive.
+    """Build all panels like ``solid``, but large designs with only the upper side and longer steps, for fast redrawing.
 
     Parameters
     ----------
     design, centres, tips : see ``solid``
     most : approximate largest number of faces
-    wound : twist for which the steps suffice, radians; by default the design's largest
+    wound : largest twist for which the number of steps must suffice, radians; by default the design's largest
     """
     count, steps = len(design.width), _steps(design, DEGREES, wound)
     if count * 16 * steps <= most:
@@ -107,16 +107,15 @@ def solid(
 ) -> PolygonSolid:
     """Build all panels as closed bodies from z = 0 up to the sheet's thickness; every edge has exactly two faces.
 
-    For printing, ``engine/fabrication/writers/panel_solids.py`` follows the true outlines.
+    For 3D printing, ``engine/fabrication/writers/panel_solids.py`` builds solids from the true outlines instead.
 
     Parameters
     ----------
     design : spirals
     centres : (N, 2) positions of the patches' origins, metres
-    tips : ends of arms with connectors, in true shape
-    degrees_per_step : arms are straight between steps; 9.5 gives the volume to half a percent; longer above ``MOST``
-        faces
-    wound : twist for which the steps suffice, radians; by default the design's largest
+    tips : ends of arms with connectors, with their true outlines
+    degrees_per_step : twist per straight step of an arm; longer where there would be more than ``MOST`` faces
+    wound : largest twist for which the number of steps must suffice, radians; by default the design's largest
     """
     layout, tips = design.flat.layout, (*tips, *design.caps)
     steps = min(_steps(design, degrees_per_step, wound), max(MOST // (16 * len(design.width)), 5))
@@ -149,7 +148,7 @@ def solid(
 
 
 def _with_rim(made: PolygonSolid, design: SpiralDesign, centres: np.ndarray) -> PolygonSolid:
-    """Add the plates of a rim, if there is one."""
+    """Add the plates of the design's rim, if it has a rim."""
     strip = RimMesh.from_design(design)
     if strip is None:
         return made
@@ -171,14 +170,17 @@ def _with_rim(made: PolygonSolid, design: SpiralDesign, centres: np.ndarray) -> 
 
 
 def rim_points(strip: RimMesh, design: SpiralDesign, centres: np.ndarray, flat: bool) -> Float[np.ndarray, "points 3"]:
-    """Return the vertices of a rim in the panels, metres: above and below in turn, or only above if ``flat``."""
+    """Return the vertices of a rim's plates in the flat panels, metres.
+
+    Vertices above and below alternate; with ``flat`` there are only those above.
+    """
     moved = centres[design.flat.layout.patch_of[strip.quad]]
     above = strip.flat + np.c_[moved, np.full(len(moved), design.params.thickness)]
     return above if flat else np.stack([above, above * [1.0, 1.0, 0.0]], axis=1).reshape(-1, 3)
 
 
 def _seams(design: SpiralDesign, arm: np.ndarray, count: int) -> np.ndarray:
-    """Return (count,) int, the seam of every face: the last faces belong to the arms ``arm``, the others to no seam."""
+    """Return the seam of each of ``count`` faces: the last faces are at the ends of ``arm``, the others have -1."""
     layout = design.flat.layout
     seam = np.full(count, -1, dtype=np.int64)
     if len(arm):
@@ -188,11 +190,12 @@ def _seams(design: SpiralDesign, arm: np.ndarray, count: int) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Heads:
-    """Flat ends with connectors, on the vertices of their arms and on their own.
+    """Connectors and caps at arms' ends, triangulated in the plane; arms have the numbers 4 quad + side.
 
-    points : (n, 2) metres, own vertices, numbered after the arms'; point_arm : (n,) int
-    triangles : (T, 3) int, counter-clockwise; arm : (T,) int, 4 quad + side
-    walls : (W, 2) int, sides of their outlines that they don't share with arms; wall_arm : (W,) int
+    points, point_arm : (n, 2) positions of points that are not on an arm's edge, metres; arm of each. Their numbers
+        follow those of the arms' vertices.
+    triangles, arm : (T, 3) counter-clockwise; arm of each
+    walls, wall_arm : (W, 2) sides of the outlines, without the side that an end shares with its arm; arm of each
     """
 
     points: np.ndarray
@@ -206,7 +209,7 @@ class _Heads:
     def from_tips(
         cls, design: SpiralDesign, centres: np.ndarray, tips: Sequence[Tip | Cap], index: np.ndarray
     ) -> _Heads:
-        """Triangulate the ends; ``index`` numbers the arms' vertices."""
+        """Triangulate the ends of arms; ``index`` gives the numbers of the arms' vertices, ordered as in ``_edges``."""
         import shapely
 
         points, triangles, walls = [np.empty((0, 2))], [np.empty((0, 3), dtype=int)], [np.empty((0, 2), dtype=int)]
@@ -232,13 +235,13 @@ class _Heads:
 
 
 def _steps(design: SpiralDesign, degrees_per_step: float, wound: float | None = None) -> int:
-    """Number of points along every arm's edges."""
+    """Return the number of points along an arm's edge that suits the largest twist."""
     most = design.twist.max(initial=0.0) if wound is None else wound
     return 5 + int(np.ceil(np.degrees(most) / degrees_per_step))
 
 
 def _edges(design: SpiralDesign, centres: np.ndarray, steps: int, tips: Sequence[Tip | Cap]) -> np.ndarray:
-    """(F, 4, 2, steps, 2) metres: left and right edge of every arm, from the joint, or its tip, to the hub."""
+    """Return the left and right edge of every arm, from its joint or tip to the hub, (F, 4, 2, steps, 2), metres."""
     begin = design.begin.copy()
     begin.ravel()[[tip.arm for tip in tips]] = [tip.over for tip in tips]
     return (
@@ -247,17 +250,17 @@ def _edges(design: SpiralDesign, centres: np.ndarray, steps: int, tips: Sequence
 
 
 def arm_edges(arms: Arms, root: SlotRoots, begin: Float[np.ndarray, "quads 4"], steps: int) -> np.ndarray:
-    """Left and right edge of every arm from parameter ``begin`` to its root, in its patch's frame.
+    """Return the left and right edge of every arm from parameter ``begin`` to its root, in its patch's frame.
 
     Parameters
     ----------
-    arms, root : of the quads
-    begin : parameter t of the ends
-    steps : points per edge
+    arms, root : arms of the quads; ends of the slots between them
+    begin : parameter t at which each arm's edges begin
+    steps : number of points per edge
 
     Returns
     -------
-    (F, 4, 2, steps, 2) metres
+    (F, 4, 2, steps, 2) points, metres
     """
     share, first = np.linspace(0.0, 1.0, steps), begin[..., None]
     left = edge_points(arms, first + (root.left[..., None] - first) * share, LEFT)[0]
@@ -266,26 +269,26 @@ def arm_edges(arms: Arms, root: SlotRoots, begin: Float[np.ndarray, "quads 4"], 
 
 
 def _shared_vertices(index: np.ndarray, blunt: np.ndarray, design: SpiralDesign) -> np.ndarray:
-    """Return (n,) int, the vertex that replaces each lower vertex: two arms share both end points at their joint."""
+    """Return the vertex that replaces each lower vertex: two arms share the end points of their edges at a joint."""
     same = np.arange(index.size)
     quad, side = opposite_sides(design.flat.layout.mesh)
     own = np.arange(len(index))[:, None]
     second = ~blunt & (own > quad)
     ends = index[..., 0]
-    # seen inwards, left of an arm is right of the arm that it meets
+    # the left edge of an arm, seen from its joint, is the right edge of the arm that it meets
     for mine, theirs in ((0, 1), (1, 0)):
         same[ends[:, :, mine][second]] = ends[quad, side, theirs][second]
     return same
 
 
 def _faces(index: np.ndarray, blunt: np.ndarray, up: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return quads (n, 4) and hub plates (2 F, 8).
+    """Return the faces of the arms (n, 4) and of the hubs' plates (2 F, 8).
 
-    index : (F, 4, 2, steps) lower vertices; the upper vertices have numbers larger by ``up``
-    blunt : (F, 4) bool, arms that end at a cut, where the bar gets an end face
+    index : (F, 4, 2, steps) lower vertices; the index of the upper vertex is larger by ``up``
+    blunt : (F, 4) mask of the arms that end bluntly at a cut, where the bar gets an end face
     """
     l0, l1, r0, r1 = index[:, :, 0, :-1], index[:, :, 0, 1:], index[:, :, 1, :-1], index[:, :, 1, 1:]
-    # the right edge precedes the left edge counter-clockwise, seen from the joint inwards
+    # counter-clockwise round the hub, an arm's right edge (seen from its joint) comes before its left edge
     plate = np.stack([index[:, :, 1, -1], index[:, :, 0, -1]], axis=-1).reshape(len(index), 8)
     after = np.roll(index[:, :, 1, -1], -1, axis=1)
     ends = index[:, :, :, 0][blunt]

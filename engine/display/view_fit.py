@@ -1,4 +1,4 @@
-"""Place a 3D view so that points fill the part of it that nothing covers."""
+"""Fit a 3D view so that points fill the part of it that no bar covers."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ import numpy as np
 
 from ..arrays import Float
 
-# Blender's 3D views show SENSOR / lens to either side of their middle at distance 1, along the longer side
+# Blender's constant, millimetres: along its longer side a 3D view shows the length SENSOR / lens on either side of its
+# middle, at distance 1.
 SENSOR = 36.0
-MARGIN = 0.06  # gap at each side of the points, as a fraction of the free part; chosen by eye
-LEAST_FREE = 0.3  # smallest fraction of a view's width or height that is used: with less, objects would be dots; by eye
-BISECTIONS = 20  # halvings of the room beside the points; 10 already leave less than a pixel
+MARGIN = 0.06  # gap on each side of the points, as a share of the free part; larger: smaller objects; by eye
+# Smallest share of a view's width and height that is used; with less, objects would be dots and the whole view is used.
+LEAST_FREE = 0.3
+BISECTIONS = 20  # bisections for equal gaps on both sides; 10 are exact to a pixel
 
 
 class Rectangle(NamedTuple):
@@ -30,14 +32,14 @@ def free_part(view: Rectangle, covers: Iterable[tuple[str, Rectangle]]) -> Recta
 
     Parameters
     ----------
-    view : the 3D view
-    covers : side that a bar is attached to (LEFT, RIGHT, BOTTOM or TOP; others cover nothing), and its rectangle
+    view : rectangle of the 3D view
+    covers : side to which each bar is attached (LEFT, RIGHT, BOTTOM or TOP; others are ignored), and its rectangle
     """
     left, bottom, right, top = view
     for side, bar in covers:
         wide = min(bar.right, view.right) - max(bar.left, view.left)
         high = min(bar.top, view.top) - max(bar.bottom, view.bottom)
-        if wide <= 0 or high <= 0:  # beside the view
+        if wide <= 0 or high <= 0:  # the bar lies beside the view
             continue
         if side == "LEFT":
             left = max(left, bar.right)
@@ -59,28 +61,29 @@ def place_view(
     lens: float,
     perspective: bool,
 ) -> tuple[Float[np.ndarray, " 3"], float]:
-    """Return the centre of rotation and the distance with which points just fill a part of a view, seen in its direction.
+    """Return the centre of rotation and the distance of a view in which points just fill its free part.
 
-    In perspective, each side of the free part is a plane through the eye, and the points are to lie within all four of
-    them. For an eye at (x, z) the right side, of slope a, asks for ``x + a z >= max(p_x + a p_z)``, the left one for
-    ``x + b z <= min(p_x + b p_z)``; both together give the smallest z. Bisection then finds the x with equal gaps.
+    In perspective, each side of the free part is a plane through the eye, and the points must lie between all four. For
+    an eye at (x, z) the plane on the right, of slope a, demands ``x + a z >= max(p_x + a p_z)``, the plane on the left,
+    of slope b, ``x + b z <= min(p_x + b p_z)``; together they give the smallest z. Bisection then finds the x with
+    equal gaps on both sides.
 
     Parameters
     ----------
     points : the points to be seen, in any unit of length
     axes : rows are the view's directions to the right, upwards and towards the eye
-    view, free : the 3D view and its free part, pixels
+    view, free : rectangles of the 3D view and of its free part
     lens : focal length, millimetres
     perspective : whether the view is in perspective; orthographic otherwise
 
     Returns
     -------
-    location, distance : centre of rotation, in the middle of the view and at the depth of the points' middle; its distance
+    location, distance : centre of rotation, in the middle of the view at the mean depth of the points; its distance
         from the eye, in the unit of the points, 0 for a single point
     """
     seen = points @ axes.T
     low, high = seen.min(axis=0), seen.max(axis=0)
-    scale = 2.0 * SENSOR / lens / max(view.right - view.left, view.top - view.bottom)  # slope of a pixel
+    scale = 2.0 * SENSOR / lens / max(view.right - view.left, view.top - view.bottom)  # size of a pixel at distance 1
     middle = np.array([(view.left + view.right) / 2.0, (view.bottom + view.top) / 2.0])
     corners = np.array([[free.left, free.bottom], [free.right, free.top]])
     gap = MARGIN * (corners[1] - corners[0])
@@ -93,7 +96,7 @@ def place_view(
     least = (seen[:, :2] + lower * seen[:, 2:]).min(axis=0)
     most = (seen[:, :2] + upper * seen[:, 2:]).max(axis=0)
     eye = float(((most - least) / (upper - lower)).max())
-    one, other = most - upper * eye, least - lower * eye  # the eye is between them, in both directions across the view
+    one, other = most - upper * eye, least - lower * eye  # bounds of the eye's position across the view
     for _ in range(BISECTIONS):
         across = (one + other) / 2.0
         slopes = (seen[:, :2] - across) / np.maximum(eye - seen[:, 2:], 1e-12)

@@ -1,1 +1,1 @@
-"""Rooms beside the road from the mesh to the files; each folder can be taken out alone."""
+"""Optional features beside the main job (mesh to cutting files); each folder can be removed alone."""

@@ -1,8 +1,8 @@
-"""Registry of the extras: a line for each folder, with the modules of operators and panels that work with it alone.
+"""Registry of the optional features (extras): one entry for each folder, with its operator and panel modules.
 
-The road from mesh to files imports no extra. It asks here which folders are present, and loads their modules by name; an
-extra's stages are in its ``__init__.py``. Taking out a folder takes out its stages, its buttons and its commands; results
-in a .blend file stay there.
+The main job, from mesh to cutting files, imports no extra. It asks this module which folders are present and loads
+their modules by name; an extra's stages are listed in its ``__init__.py``. Removing a folder removes its stages,
+buttons and commands; results already stored in a .blend file remain.
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ from ..errors import FlexMapsError
 
 @dataclass(frozen=True)
 class Extra:
-    """Line of the registry.
+    """Entry of the registry.
 
-    folder : its folder, below this one
-    label : its subject, for the message where the folder is missing
-    job, kept : its sections of ``Settings`` and of ``ObjectSettings``; each is the class in its module NAME_params
-    needs : folders of other extras without which it does not work
-    operators, panels : modules of the folders ``operators`` and ``panels``, which are not registered where it is missing
+    folder : name of the extra's folder in ``engine/extras``
+    label : the feature in words, for the error message if the folder is missing
+    job, kept : sections that the extra adds to ``Settings`` and to ``ObjectSettings``; section NAME is the class
+        NameParams in the module NAME_params
+    needs : folders of other extras without which this extra does not work
+    operators, panels : modules in ``operators`` and ``panels`` that are not registered if the extra is missing
     """
 
     folder: str
@@ -57,24 +58,24 @@ def _extra(folder: str) -> Extra:
 
 @cache
 def has(folder: str) -> bool:
-    """Return whether the folder of an extra is present, and those that it needs."""
+    """Return whether an extra's folder, and the folders of all extras that it needs, are present."""
     present = (Path(__file__).parent / folder / "__init__.py").is_file()
     return present and all(has(other) for other in _extra(folder).needs)
 
 
 def need(folder: str) -> None:
-    """Raise ``FlexMapsError`` where the folder of an extra is missing."""
+    """Raise ``FlexMapsError`` if the folder of an extra, or of an extra that it needs, is missing."""
     if not has(folder):
         raise FlexMapsError(f"{_extra(folder).label} is not part of this copy of FlexMaps; install the whole extension")
 
 
 def load(module: str) -> Any:
-    """Return a module of an extra, named from here on, such as "structure.cases"."""
+    """Import a module of an extra by its name below ``engine.extras``, such as "structure.cases"."""
     return import_module(f"{__package__}.{module}")
 
 
 def missing_modules(kind: str) -> set[str]:
-    """Return the modules that are not to be registered.
+    """Return the operator or panel modules not to register, because their extra is missing.
 
     Parameters
     ----------
@@ -84,7 +85,7 @@ def missing_modules(kind: str) -> set[str]:
 
 
 def sections(settings: str) -> dict[str, type]:
-    """Return the classes of the extras' sections by name.
+    """Return the settings sections that the present extras add: class by section name.
 
     Parameters
     ----------
@@ -96,5 +97,5 @@ def sections(settings: str) -> dict[str, type]:
 
 
 def stages() -> dict[str, tuple[Any, ...]]:
-    """Return the rows of the table of stages by extra; an extra that is missing, or has no stage, has none."""
+    """Return the stages of each extra by folder name; an empty tuple if the extra is missing or has no stage."""
     return {extra.folder: getattr(load(extra.folder), "STAGES", ()) if has(extra.folder) else () for extra in REGISTRY}

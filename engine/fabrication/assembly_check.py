@@ -1,7 +1,7 @@
-"""Check the assembly in advance: how well both sides of every seam fit, the load on its joints, and difficulties.
+"""Predict how hard every seam is to assemble: how well its two sides fit, and the load on its joints.
 
-Both sides of a seam were flattened to slightly different lengths; to join them, one side is stretched and the other
-compressed. ``joints`` computes the load on joints at rest.
+Flattening makes the two sides of a seam slightly different in length; to join them, one side is stretched and the other
+compressed. Module ``joints`` computes the load on joints in equilibrium.
 """
 
 from __future__ import annotations
@@ -19,10 +19,11 @@ from . import joints
 from .connectors.connect import Connections
 from .panels.labels import panel_name, seam_name
 
-# maximum difference of both sides of an edge as a share: beyond it, two joints 20 mm apart are off by a whole thin arm
+# Maximum difference in length between the two sides of a seam edge, as a share of their mean; beyond it, joints 20 mm
+# apart are misaligned by the width of a thin arm
 STRETCH = 0.05
-HAND = 20.0  # newtons: a third of the pinch strength of an adult, sustainable joint after joint
-BEARS = 1.0  # maximum load as a share of the strain limit
+HAND = 20.0  # maximum force of a joint in newtons: a third of an adult's pinch strength, sustainable for many joints
+BEARS = 1.0  # maximum load of a joint, as a share of the strain limit
 
 
 @dataclass(frozen=True)
@@ -30,11 +31,11 @@ class SeamCheck:
     """Prediction for one seam.
 
     name : letters of the seam
-    panels : numbers of the panels on both sides, equal for a cut within a panel
+    panels : numbers of the panels on its two sides, equal for a cut within a panel
     joints : number of joints
-    lengths : of both flat sides from corner to corner, metres
-    stretch : largest difference of both sides of an edge as a share of their mean
-    force, moment : largest of its joints at rest, N and N m
+    lengths : lengths of its two flat sides, metres
+    stretch : largest difference in length between the two sides of an edge, as a share of their mean
+    force, moment : largest force and moment of its joints in equilibrium, N and N m
     load : largest strain of a neck as a share of the material's limit
     hard : reasons why it is hard to join: "stretch", "force", "load"
 
@@ -53,13 +54,13 @@ class SeamCheck:
 
     @property
     def mismatch(self) -> float:
-        """Difference of the whole lengths of both sides as a share of their mean."""
+        """Difference between the total lengths of the two sides, as a share of their mean."""
         return 2.0 * abs(self.lengths[0] - self.lengths[1]) / sum(self.lengths)
 
 
 @dataclass(frozen=True)
 class AssemblyCheck:
-    """All seams in the order of ``layout.seams``."""
+    """Predictions for all seams, in the order of ``layout.seams``."""
 
     seams: tuple[SeamCheck, ...]
 
@@ -118,9 +119,9 @@ def _loads(seam: SeamCheck) -> dict[str, float]:
 def check_assembly(
     design: SpiralDesign, made: Connections | None = None, simulation: Simulation | None = None
 ) -> AssemblyCheck:
-    """Check every seam of a design, with the necks of its connectors and the forces of its equilibrium, if given.
+    """Predict how hard every seam of a design is to assemble.
 
-    Forces need the arm model and a reliable state: converged and not locked.
+    Forces are computed only with the arm model, and only if its equilibrium has converged and is not locked.
 
     Parameters
     ----------
@@ -149,9 +150,9 @@ def check_assembly(
 
 
 def _lengths(design: SpiralDesign) -> list[np.ndarray]:
-    """Return for every seam (N, 2) metres: the lengths of its edges on both sides.
+    """Return for every seam the lengths (N, 2) in metres of its edges on both flat sides.
 
-    The first column is the side of the first edge's first quad.
+    The first column is the side on which the first quad of the first edge lies.
     """
     layout = design.flat.layout
     mesh, corners = layout.mesh, design.flat.corners
@@ -165,23 +166,26 @@ def _lengths(design: SpiralDesign) -> list[np.ndarray]:
 
 
 def _is_swapped(layout: PatchLayout, edges: np.ndarray) -> np.ndarray:
-    """Return (N,) whether the second quad of an edge of a seam lies on the side of the first edge's first quad.
+    """Return (N,) whether an edge of a seam has its two quads in the opposite order to the first edge.
 
-    All quads on one side of a path run along it in the same direction.
+    All quads on the same side of a seam traverse its edges in the same direction, which tells the sides apart.
     """
     mesh = layout.mesh
     quad, side = mesh.edge_quads[edges, 0], mesh.edge_sides[edges, 0]
     start, end = mesh.quads[quad, side].tolist(), mesh.quads[quad, (side + 1) % 4].tolist()
     turned = [False]
     for k in range(1, len(edges)):
-        # consecutive edges run in the same direction where the end of one is the start of the other
+        # two consecutive edges are traversed in the same direction if one ends where the other starts
         same = end[k - 1] == start[k] or start[k - 1] == end[k]
         turned.append(turned[-1] if same else not turned[-1])
     return np.array(turned)
 
 
 def _forces(design: SpiralDesign, made: Connections | None, simulation: Simulation) -> np.ndarray | None:
-    """Return (E, 3) at every edge: force (N), moment (N m), and stress of the neck by the material's strength."""
+    """Return (E, 3) for every edge: force (N), moment (N m), and ratio of the neck's stress to the strength.
+
+    None if the equilibrium is not reliable or the elastic model has no forces at joints.
+    """
     model, rest = simulation.model, simulation.equilibrium
     if not rest.converged or simulation.is_locked:
         return None

@@ -1,4 +1,4 @@
-"""Write labels that do not fit on their panels in legible letters in the waste beside them, with a tick to the panel."""
+"""Write labels that are too small on their panels into the waste beside them, with a tick that points to the panel."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from .panels.lettering import length, straight
 from .panels.panel import Panel
 
 BESIDE = "labels beside panels"
-_WAYS = 16  # directions around a labelled point in which free space is searched
-_REACH = 5.0  # maximum distance from the labelled point, in letter heights; ticks that are longer cross other ticks
-_STEPS = 12  # distances tried up to ``_REACH``
+_WAYS = 16  # number of directions around a labelled point in which free space is searched
+_REACH = 5.0  # maximum distance of letters from the labelled point, in letter heights; longer ticks cross other ticks
+_STEPS = 12  # number of distances tried up to ``_REACH``
 _MIN_TICK = 0.5  # minimum length of a tick in letter heights; a shorter one looks like a hyphen
-# maximum distance in metres from the labelled point to the outline along the tick; connectors extend so far
+# maximum distance in metres of the labelled point from the outline, measured along the tick; connectors are so long
 _MAX_DEPTH = 0.004
 _LINE_POINTS = 16  # points of an outline per line in the search tree
-_BATCH = 32  # boxes tested together, the nearest first; 16 or 64 take longer
-_TOLERANCE = 2e-5  # maximum distance in metres of the lines in the search tree from the outlines
+_BATCH = 32  # candidate boxes tested together, nearest first; fewer or more take longer
+_TOLERANCE = 2e-5  # maximum distance in metres between the outlines and their polylines in the search tree
 
 
 def labels_beside(
@@ -36,7 +36,7 @@ def labels_beside(
     params: SheetParams,
     progress: Progress = SILENT,
 ) -> list[tuple[Curve, ...]]:
-    """Return the strokes of every small label beside its panel, in that panel's frame; none where there is no room.
+    """Return the strokes of every small label beside its panel, in the panel's frame.
 
     Letters keep half of the panels' spacing from every panel and do not overlap each other.
 
@@ -50,7 +50,7 @@ def labels_beside(
 
     Returns
     -------
-    list of tuples of curves, one tuple per label; empty without room
+    list of tuples of curves, one tuple per label; empty for labels without room
     """
     found: list[tuple[Curve, ...]] = [()] * len(small)
     sheet_of = packing.sheet[np.asarray(of_panel, dtype=int)] if len(small) else np.zeros(0, dtype=int)
@@ -65,7 +65,7 @@ def labels_beside(
 
 
 class _Waste:
-    """Free space of one sheet: outside of its panels and of the labels written so far."""
+    """Free space of one sheet, outside its panels and the labels written so far."""
 
     def __init__(self, panels: Sequence[Panel], packing: Packing, sheet: int, params: SheetParams, progress: Progress):
         import shapely
@@ -93,7 +93,7 @@ class _Waste:
         self.marks: list[Any] = []  # boxes of the letters, and ticks
 
     def room(self, label: SmallLabel, panel: int) -> tuple[Curve, ...]:
-        """Write a label at the first free place beside its panel and return its strokes; none without room."""
+        """Write a label at the nearest free place beside its panel and return its strokes; empty without room."""
         boxes, places = self._candidates(label, panel)
         for first in range(0, len(boxes), _BATCH):  # most labels fit into one of the first boxes
             some = slice(first, first + _BATCH)
@@ -104,9 +104,9 @@ class _Waste:
         return ()
 
     def _candidates(self, label: SmallLabel, panel: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return boxes for the letters around the labelled points, nearest first, and the labelled point of each.
+        """Return candidate boxes for the letters, nearest first, and the labelled point to which each belongs.
 
-        Boxes are centres and half sizes (n, 4), points (n, 2), all in metres on the sheet.
+        Boxes (n, 4) are centres and half sizes; boxes and points (n, 2) are in metres on the sheet.
         """
         turn = self.packing.rotation[panel]
         frame = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
@@ -114,7 +114,7 @@ class _Waste:
         half = 0.5 * self.height * np.array([length(label.text), 1.0])
         angle = 2.0 * np.pi / _WAYS * np.arange(_WAYS)
         way = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        # from the distance at which the box touches the point, outwards
+        # search outwards, starting where the box touches the labelled point
         out = np.min(half / np.maximum(np.abs(way), 1e-9), axis=1)
         steps = np.linspace(self.clear, _REACH * self.height, _STEPS * (self.clear < _REACH * self.height))
         offset = (out + steps[:, None])[..., None] * way
@@ -123,7 +123,7 @@ class _Waste:
         return np.concatenate([centres, np.broadcast_to(half, centres.shape)], axis=1), of
 
     def _free(self, boxes: Float[np.ndarray, "boxes 4"]) -> np.ndarray:
-        """Return whether boxes lie inside the sheet and clear of all panels."""
+        """Return (n,) whether boxes lie inside the sheet and keep their distance from all panels."""
         import shapely
 
         low, high = boxes[:, :2] - boxes[:, 2:], boxes[:, :2] + boxes[:, 2:]
@@ -136,7 +136,7 @@ class _Waste:
         return free
 
     def _write(self, label: SmallLabel, panel: int, boxes: np.ndarray, places: np.ndarray) -> tuple[Curve, ...]:
-        """Write the label into the first box without letters whose line to its point is free; return the strokes."""
+        """Write the label into the first box with a free tick that overlaps no other label; return the strokes."""
         import shapely
 
         for box, place in zip(boxes, places, strict=True):
@@ -155,9 +155,9 @@ class _Waste:
         return ()
 
     def _tick(self, box: np.ndarray, place: np.ndarray) -> np.ndarray | None:
-        """Return a stroke from the letters towards a labelled point, or None if another outline is in the way.
+        """Return the tick from the letters towards a labelled point; None if it is too short or the outline too far.
 
-        The stroke ends a third of the clearance before the outline.
+        The tick ends before the first outline on its way, at a third of the letters' distance from panels.
         """
         import shapely
 

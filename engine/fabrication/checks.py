@@ -1,4 +1,4 @@
-"""Check whether sheets can be cut as requested: errors with the place and a remedy, and warnings for the user."""
+"""Check whether sheets can be cut as requested: raise errors with faces and a remedy, or return warnings."""
 
 from __future__ import annotations
 
@@ -35,7 +35,10 @@ def check_mill(design: SpiralDesign, cut: CutParams) -> None:
 
 
 def check_nozzle(design: SpiralDesign, cut: CutParams) -> list[str]:
-    """Warn where arms are narrower than two lines of the printer; raise ``FlexMapsError`` where narrower than one."""
+    """Return warnings about arms narrower than two printed lines; raise ``FlexMapsError`` if narrower than one line.
+
+    A line is as wide as the printer's nozzle.
+    """
     narrowest = design.width.min(axis=1)
     lost, weak = (np.flatnonzero(narrowest < share * cut.nozzle * (1.0 - 1e-6)) for share in (1.0, 2.0))
     least = f"down to {narrowest.min() * 1e3:.2g} mm wide"
@@ -77,10 +80,12 @@ def check_kerf(design: SpiralDesign, panels: Sequence[Panel], cut: CutParams, pr
 
 
 def without(made: Connections, params: ConnectorParams) -> list[str]:
-    """Return warnings about joints without a connector and joints that must be glued although another kind was
-    requested.
+    """Return warnings about joints without a connector, and about joints that have only room for a glued tab.
 
-    Faces are numbered as in Blender.
+    Parameters
+    ----------
+    made : the connectors
+    params : requested kind of connector; no warning about tabs if tabs are requested
     """
     found, whole = [], len(made.unsolved) + len(made.connectors)
     remedy = "make the object larger, the slot at seams wider, or the thinnest part of the connectors smaller"
@@ -96,7 +101,7 @@ def without(made: Connections, params: ConnectorParams) -> list[str]:
 
 
 def _named(joints: Sequence[tuple[str, Sequence[int]]], most: int = 5) -> str:
-    """Return the names of the first ``most`` joints and the faces on both sides of each."""
+    """Return the names of the first ``most`` joints in words, with the two faces of each."""
     named = [f"{name} between faces {a} and {b}" for name, (a, b) in joints[:most]]
     return ", ".join(named) + (", ..." if len(joints) > most else "")
 
@@ -108,10 +113,15 @@ def oversize(
     progress: Progress = SILENT,
     turn: float = 0.0,
 ) -> list[str]:
-    """Return a warning for every panel larger than the sheet; raise ``FlexMapsError`` if ``params.oversize`` is
-    "error".
+    """Return a warning for every panel larger than the sheet, or raise ``FlexMapsError`` if such panels are forbidden.
 
-    ``turn`` (radians) lays the grain along x.
+    Parameters
+    ----------
+    panels : the panels
+    patches : quads of every patch, for the error
+    params : size of the sheets, margin, allowed rotations; ``oversize`` "error" forbids larger panels
+    progress : called with the fraction done; may cancel
+    turn : rotation in radians that lays the panels' grain along x
     """
     found = []
     for number, panel in enumerate(panels):
@@ -138,7 +148,7 @@ def grain_lost(material: Material, params: SheetParams) -> list[str]:
     Parameters
     ----------
     material : of the sheets
-    params : with the rotation allowed for panels
+    params : allowed rotations of panels
 
     Returns
     -------

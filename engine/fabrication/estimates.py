@@ -13,9 +13,9 @@ from .sheets import CutSheets
 
 @dataclass(frozen=True)
 class CutSpeed:
-    """Cutting speed of a 60 W laser in a sheet of 3 mm, m/s, and its source.
+    """Cutting speed of a 60 W laser in a sheet 3 mm thick, m/s, and the source of this figure.
 
-    The speed is proportional to one over the thickness: the tables give half of it at 6 mm.
+    The speed is assumed to be inversely proportional to the thickness: tables give half of it at 6 mm.
     """
 
     at_3mm: float
@@ -26,24 +26,22 @@ class CutSpeed:
         return min(self.at_3mm * 0.003 / thickness, FASTEST)
 
 
-FASTEST = 0.06  # m/s
-CONTOUR = 0.4  # seconds per contour for moving there and piercing
-ENGRAVING = 0.1  # m/s while engraving the strokes of a label
+FASTEST = 0.06  # maximum cutting speed, m/s
+CONTOUR = 0.4  # seconds per contour for travel and piercing
+ENGRAVING = 0.1  # speed of engraving the strokes of labels, m/s
 _TABLE = "teaching material of a certified laser course, 60 W CO2: cast acrylic 3 mm 10-15 mm/s, 6 mm 5-8; birch plywood 3 mm 12-18, 6 mm 5-8; MDF 3 mm 15-20"
-# by material, with the source of each speed
+# cutting speeds by key of the material
 SPEEDS: dict[str, CutSpeed] = {
     "acrylic": CutSpeed(0.0125, _TABLE),
     "birch": CutSpeed(0.015, _TABLE),
     "mdf": CutSpeed(0.0175, _TABLE),
     "pom": CutSpeed(0.0125, "taken as acrylic, which it cuts like; no table at hand names it"),
 }
-# Seconds per joint. FlexMaps, table 1, gives 0.25 h (Shell) to 7.5 h (Bunny) for objects with about 70 to 700 joints:
-# 12 to 80 s each
-JOINT = 45.0  # seconds
+JOINT = 45.0  # seconds to assemble a joint by hand; table 1 of FlexMaps implies 12 to 80 s
 
 
 def duration(minutes: float) -> str:
-    """Return a rough duration in words."""
+    """Format a duration given in minutes as "25 min" or "1.8 h"."""
     whole = max(round(minutes), 1)
     return f"{whole} min" if whole < 90 else f"{minutes / 60.0:.1f} h"
 
@@ -58,10 +56,10 @@ class Estimates:
     cut_seconds : on a 60 W laser; None for materials that a laser does not cut
     cut_speed : m/s, or None
     joints : number of pairs of arms that meet across a cut
-    assembly_seconds : for a single person
+    assembly_seconds : time of assembly by a single person
     waste : share of the sheets' area that is not used by parts
-    cut_length : metres of all cuts
-    costs : for "sheets", "machine" and "assembly", in the currency of the prices; only items that have a price
+    cut_length : total length of the cuts, metres
+    costs : of "sheets", "machine" and "assembly", in the currency of the prices; only items that have a price
     """
 
     material: Material
@@ -137,12 +135,12 @@ def cut_seconds(
 
 
 def assembly_seconds(joints: int) -> float:
-    """Return the seconds that a single person needs to assemble so many joints."""
+    """Return the seconds that a single person needs to assemble this number of joints."""
     return JOINT * joints
 
 
 def estimates_report(made: Estimates) -> dict[str, Any]:
-    """Return these figures for the ``sheets`` block of report.json; figures that are unknown are left out."""
+    """Return the estimates for the ``sheets`` block of report.json; unknown figures are left out."""
     block: dict[str, Any] = {
         "mass_g": round(made.mass * 1e3, 2),
         "sheet_area_m2": round(made.sheet_area, 4),

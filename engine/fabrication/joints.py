@@ -1,11 +1,11 @@
 """Stress in the narrowest place of every joint.
 
-At rest every joint carries a force and a moment. Its narrowest place is the neck of its connector, a bar of the neck's
-width n and the sheet's thickness t. Under a force F and the moments M_in and M_out in and out of the sheet's plane, its
-stress is at most F / n t + 6 M_in / t n^2 + 6 M_out / n t^2 by beam theory: tension and both bendings are added as in
-EN 1995-1-1, 6.2.3, with k_m = 1. Torsion counts as bending out of the plane: in a flat bar it strains the material
-slightly less. The limit is the material's strength, Young's modulus times the strain limit. Failure of glue, and heads
-or keys that slip out of their sockets across the sheet, are not covered.
+In equilibrium every joint carries a force and a moment. Its narrowest place is the neck of its connector, a bar of the
+neck's width n and the sheet's thickness t. Under a force F and moments M_in and M_out in and out of the sheet's plane,
+its stress is at most F / (n t) + 6 M_in / (t n^2) + 6 M_out / (n t^2) by beam theory: tension and bending about both
+axes are added as in EN 1995-1-1, 6.2.3, with k_m = 1. Torsion is treated as bending out of the plane, which slightly
+overestimates its stress in a flat bar. The limit is the material's strength, Young's modulus times the strain limit.
+Not covered are failure of glue, and heads or keys that slip out of their sockets perpendicular to the sheet.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .connectors.connect import Connections
 
 
 def necks(design: SpiralDesign, made: Connections | None) -> Float[np.ndarray, " edges"]:
-    """Return (E,) metres, the width of the narrowest place of every joint: its connector's neck, or else the arm.
+    """Return the width (E,) in metres of the narrowest place of every joint: its connector's neck, or else the arm.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def necks(design: SpiralDesign, made: Connections | None) -> Float[np.ndarray, "
     for connector in () if made is None else made.connectors:
         if connector.kind != "tab":
             size = connector.made.size
-            # the gap is removed on both sides of the curve between head and socket
+            # the clearance narrows the neck by half its width on both sides
             neck[mesh.quad_edges[connector.faces[0], connector.sides[0]]] = size.neck - size.clearance
     return neck
 
@@ -38,11 +38,11 @@ def necks(design: SpiralDesign, made: Connections | None) -> Float[np.ndarray, "
 def stresses(
     wrench: Float[np.ndarray, "joints 6"], neck: Float[np.ndarray, " joints"], thickness: float
 ) -> Float[np.ndarray, " joints"]:
-    """Return the stress in every neck, Pa.
+    """Return an upper bound of the stress in every neck, Pa.
 
     Parameters
     ----------
-    wrench : (m, 6), N and N m in the joint's axes: across, along the edge, normal
+    wrench : (m, 6), force in N and moment in N m along the joint's axes: across the edge, along the edge, normal
     neck : width (m,), metres
     thickness : metres
     """

@@ -28,19 +28,21 @@ from .panels.panel import Panel
 from .panels.toolpath import WAY, SheetCuts, plan
 from .standing.base import Base
 
-_HUB = 3.0  # prefer a holding tab at a hub to one at a plain end only if it is this many times farther from other tabs
+# Penalty factor of places for holding tabs at hubs: one is preferred to a plain arm end only if it is so many times
+# farther from the other tabs
+_HUB = 3.0
 CONNECTORS, CUT = ConnectorParams(), CutParams()
 
 
 @dataclass(frozen=True, eq=False)
 class CutSheets:
-    """All panels and the sheets that they are cut from. Lengths in metres; origin of a sheet lower left.
+    """All panels and the sheets that they are cut from. Lengths in metres; origin of a sheet at its lower left.
 
     panels : one per patch, followed by the plates of the base and the loose keys
     packing : sheet, rotation and shift of every panel, and the sizes of the sheets
     params : settings that the sheets were made with
     warnings : sentences for the user
-    labels_placed, labels_left_out : number of labels engraved, and without room
+    labels_placed, labels_left_out : number of labels that are engraved, and of labels without room
     slot_min, bridge_min : narrowest slot and narrowest piece of material on the true outlines
     thickness : of the material
     cut : settings of the cutter
@@ -68,14 +70,14 @@ class CutSheets:
         return len(self.packing.sizes)
 
     def on_sheet(self, index: int) -> list[Panel]:
-        """Return the panels of one sheet in its coordinates."""
+        """Return the panels of one sheet in the sheet's coordinates."""
         where = self.packing
         return [
             self.panels[i].moved(float(where.rotation[i]), where.shift[i]) for i in np.flatnonzero(where.sheet == index)
         ]
 
     def paths_on_sheet(self, index: int, progress: Progress = SILENT) -> list[Panel]:
-        """Return the panels of one sheet with the paths of the cutter, offset by half of the kerf.
+        """Return the panels of one sheet with their outlines and holes offset by half of the kerf.
 
         Parameters
         ----------
@@ -85,7 +87,7 @@ class CutSheets:
         return [_with_cutter_path(p, self.cut) for p in progress.each(self.on_sheet(index), WAY)]
 
     def runs(self, index: int, progress: Progress = SILENT) -> SheetCuts:
-        """Return the cuts of one sheet in their order, with lead-ins and holding tabs.
+        """Return the cuts of one sheet in cutting order, with lead-ins and holding tabs.
 
         Parameters
         ----------
@@ -127,11 +129,12 @@ def make_sheets(
     params : size of the sheets, labels, nesting
     progress : called with the fraction done; may cancel
     connectors, cut : settings of the connectors and of the cutter
-    base : plates and feet of a standing piece; its design, without the arms that the feet replace, is used
+    base : plates and feet of a standing piece; ``base.design``, whose feet replace arms, is then used for ``design``
 
     Raises
     ------
-    FlexMapsError : a spiral has no room, a panel would touch itself, or is larger than the sheet where that is an error
+    FlexMapsError : a spiral has no room, a panel would touch itself, the cutter is too wide, or a panel is larger than
+        the sheet and ``params.oversize`` is "error"
     """
     design = design if base is None else base.design
     layout = design.flat.layout
@@ -195,7 +198,7 @@ def _refuse_wide_cutter(connectors: ConnectorParams, cut: CutParams) -> None:
 def _lay_on_sheets(
     panels: Sequence[Panel], made: Connections, turn: float, params: SheetParams, progress: Progress
 ) -> Packing:
-    """Lay panels on sheets with their grain turned by ``turn`` (radians), followed by the loose keys."""
+    """Lay panels on sheets, all turned first by ``turn`` (radians, see ``along_grain``), and then the loose keys."""
     outlines = [p.outline for p in progress.part(0.0, 0.0).each(panels, "outlines of the panels")]
     shapes = [o.moved(turn, np.zeros(2)).sampled(2e-5) if turn else o.sampled(2e-5) for o in outlines]
     refuse_many(shapes, params)
@@ -211,14 +214,14 @@ def with_labels_beside(
     piece: int = 0,
     progress: Progress = SILENT,
 ) -> tuple[tuple[Panel, ...], int]:
-    """Return the panels with small labels of one piece written beside them, and how many labels appear only there.
+    """Return the panels with small labels written beside them, and the number of labels that appear only there.
 
     Parameters
     ----------
     panels, packing : of all pieces, with their places on the sheets
-    small : labels of one piece that are too small on it
+    small : labels of one piece that are too small on its panels
     params : height of letters, and spacing
-    piece : number of the piece
+    piece : index of this piece
     progress : called with the fraction done; may cancel
     """
     place = {p.patch: k for k, p in enumerate(panels) if p.patch >= 0 and p.piece == piece}
@@ -247,8 +250,8 @@ def make_engraving(
     design : spirals and panels
     made : connectors, whose places the labels avoid
     params : heights of labels, and whether there are any
-    base : its feet are labelled too, and holes of its eyelets avoided
-    mark : letter of the piece
+    base : its feet are labelled too, and the holes of its eyelets are avoided
+    mark : letter of the piece, if several share sheets
     progress : called with the fraction done; may cancel
     """
     if not params.labels:
@@ -263,12 +266,12 @@ def make_engraving(
 
 
 def along_grain(design: SpiralDesign, params: SheetParams) -> float:
-    """Return the angle in radians by which panels are turned so that their grain runs along the sheet's grain.
+    """Return the angle in radians by which panels are turned so that their grain runs along the sheet's width.
 
     Parameters
     ----------
-    design : its ``grain`` is an angle in the panels' plane, radians
-    params : allowed rotations
+    design : ``design.params.grain`` is the direction of the grain in the panels' plane, radians
+    params : allowed rotations; unless they are "GRAIN", the angle is 0
     """
     return -design.params.grain if params.rotation == "GRAIN" else 0.0
 
@@ -276,7 +279,7 @@ def along_grain(design: SpiralDesign, params: SheetParams) -> float:
 def _panels(
     design: SpiralDesign, outlines: Sequence[Outline], labels: Labels, base: Base | None, progress: Progress
 ) -> tuple[Panel, ...]:
-    """Return one panel per patch, with the holes for its eyelets."""
+    """Return one panel per patch, including the holes for eyelets."""
     holds, numbers = _tab_places(design, progress), panel_numbers(design.flat.layout)
     panels = []
     for i, o in enumerate(progress.each(outlines, "areas of the panels")):
@@ -324,16 +327,15 @@ def loose_keys(made: Connections, params: SheetParams, mark: str = "") -> tuple[
 
 
 def _tab_places(design: SpiralDesign, progress: Progress) -> list[np.ndarray]:
-    """Return for every panel the places (K, 3) for holding tabs: plain ends of arms, then roots of slots at the
-    outline.
+    """Return for every panel the places (K, 3) for holding tabs: plain arm ends, and inner ends of outline slots.
 
-    Columns are x, y in metres and the preference factor. A tab beside an arm would bend the arm when broken off, and a
-    tab on a connector would spoil its fit.
+    Columns are x, y in metres and a penalty factor of at least 1. A tab beside an arm would bend the arm when broken
+    off, and a tab on a connector would spoil the connector's fit.
     """
     layout, arms = design.flat.layout, design.arms
     border = layout.mesh.border[layout.mesh.quad_edges]
     tips = centre_line(arms, np.where(design.absent, design.begin, 0.0)[..., None])[0][:, :, 0]
-    # it opens to the outline if the vertex between both sides does
+    # a slot opens to the outline if the vertex between its two sides lies on the outline
     outer = layout.on_outline[np.roll(layout.flat_corners, -1, axis=1)]
     found = []
     for quads in progress.each(layout.patches, "places for holding tabs"):
@@ -344,13 +346,13 @@ def _tab_places(design: SpiralDesign, progress: Progress) -> list[np.ndarray]:
 
 
 def _with_cutter_path(panel: Panel, cut: CutParams) -> Panel:
-    """Return the panel with its curves replaced by the paths of the cutter."""
+    """Return the panel with its outline and holes replaced by the paths of the cutter."""
     path = cut_paths(Outline(panel.outline, panel.holes), cut.kerf_outline, cut.kerf_holes)
     return replace(panel, outline=path.outer, holes=path.holes)
 
 
 def with_keys(packing: Packing, keys: tuple[Outline, ...], params: SheetParams) -> Packing:
-    """Add sheets with the loose keys in rows, no larger than needed, so that they can be cut from a remnant.
+    """Add sheets for the loose keys, in rows; these sheets are only as large as needed, to be cut from leftovers.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from .sheets import CutSheets
 
 
 def _runs_report(sheets: CutSheets) -> dict[str, Any]:
-    """Return the figures about mill, holding tabs and lead-ins, where used."""
+    """Return the figures about mill, holding tabs and lead-ins, if they are used."""
     cut, found = sheets.cut, {}
     if cut.mill:
         found["mill_mm"] = round(cut.mill * 1e3, 4)

@@ -1,1 +1,1 @@
-"""Assemblies of spirals, their supports and loads, and their equilibrium; ``arms`` and ``rods`` hold the elastic models."""
+"""Assemblies of spirals, their supports, loads and equilibria; the elastic models are in ``arms`` and ``rods``."""

@@ -1,13 +1,15 @@
-"""Bend points of arms: the point up to which an arm's lever counts as rigid.
+"""Bend point of an arm: the end of the rigid lever that stands for the elastic arm.
 
-An arm turns gradually from hub to tip. Measuring a joint's gap as if every arm were rigid up to its tip, and turned
-there at once, would mistake the bending of slender arms for a second-order stretch. With the turn spread evenly along
-the arm, x(u) = R u e^(i twist (1 - u)) and its arc fraction sigma,
+An arm turns gradually from hub to tip. If the gap at a joint were measured between rigid levers that reach to the tips
+and turn abruptly there, the bending of slender arms would look like a stretch of second order. So let the turn be
+spread evenly along the arm. Its centre line is x(u) = R u e^(i twist (1 - u)), with u from 0 at the hub's centre to 1
+at the tip, and sigma(u) is the share of its arc length up to u. In the frame half way between both hubs, the second
+hub is shifted by
 
-    shift of the second hub = integral of exp((f - 1/2) turn) dx,   f = the share of the turn that is reached there,
+    integral of exp((f - 1/2) turn) dx,   where f is the share of the joint's turn that is reached at x.
 
-seen from the frame half way between both hubs. Levers that end at ``integral of (1 - 2 share sigma)^2 dx`` give the
-same shift up to the third order; ``share`` is the arm's part of the joint's turn, 1/2 for equal arms.
+Levers that end at ``integral of (1 - 2 share sigma)^2 dx`` give this shift up to the third order. ``share`` is the
+arm's part of the joint's turn, 1/2 for equal arms.
 """
 
 from __future__ import annotations
@@ -16,15 +18,22 @@ import numpy as np
 
 from ..arrays import Float
 
-POINTS = 24  # Gauss quadrature: within 2e-14 of the radius, up to a twist of 600 degrees
+POINTS = 24  # Gauss points along an arm: within 2e-14 of the radius up to a twist of 600 degrees; more are slower
 _X, _W = np.polynomial.legendre.leggauss(POINTS)
 
 
 def bend_point(twist: np.ndarray, share: Float[np.ndarray, " arms"] | float = 0.5) -> tuple[np.ndarray, np.ndarray]:
-    """Bend points of n arms, and their derivatives by the twist, both (n, 2), in units of the arm's radius.
+    """Return the bend points of n arms and their derivatives with respect to the twist.
 
-    twist : (n,) rad; share : (n,) in [0, 1]. Axes: along the radius to the tip, and to the left of it; for arms that
-        wind clockwise, to the right.
+    Parameters
+    ----------
+    twist : (n,) rad
+    share : (n,) in [0, 1], the arm's part of the joint's turn
+
+    Returns
+    -------
+    (n, 2) and (n, 2) : in units of the arm's radius. Axes: along the radius to the tip, and to the left of it; to the
+        right for arms that wind clockwise
     """
     u, w = 0.5 * (_X + 1.0), 0.5 * _W
     phi = np.atleast_1d(np.asarray(twist, dtype=float))[:, None]
@@ -42,7 +51,7 @@ def bend_point(twist: np.ndarray, share: Float[np.ndarray, " arms"] | float = 0.
 
 
 def _arc(phi: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Length of the arm up to u, over its radius, and its derivative by the twist."""
+    """Return the arm's arc length up to u, in units of its radius, and its derivative with respect to the twist."""
     small = phi < 1e-3
     safe = np.where(small, 1.0, phi)
     speed = np.sqrt(1.0 + (safe * u) ** 2)

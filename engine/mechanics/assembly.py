@@ -1,4 +1,4 @@
-"""Spirals and the joints between them as arrays: the input of the elastic models of the whole object.
+"""Spirals and the joints between them as arrays: the input of the elastic models.
 
 A spiral is a rigid hub with four elastic arms (FlexMaps section 6.1). Two arms meet rigidly at a joint. At rest every
 hub lies in the plane of its own patch. A joint across a seam has a rest state on either side, so the assembly needs no
@@ -35,9 +35,9 @@ class Pose:
     nodes: Nodes | None = None
 
     def moved(self, step: np.ndarray) -> Pose:
-        """Shift the hubs by step[:, :3] metres and turn them by the rotation vectors step[:, 3:] radians, in space, (n, 6).
+        """Shift the hubs by step[:, :3], metres, and turn them by rotation vectors step[:, 3:], radians, in space.
 
-        Rows of the nodes may follow the rows of the hubs; without such rows the nodes move with their hubs.
+        ``step`` is (n, 6). Rows for the rim's nodes may follow; without such rows the nodes move with their hubs.
         """
         n = len(self.centres)
         moved = Pose(self.centres + step[:n, :3], Rotation.from_rotvec(step[:n, 3:]).as_matrix() @ self.rotations)
@@ -49,7 +49,7 @@ class Pose:
 
     @cached_property
     def whole(self) -> Pose:
-        """The pose of the hubs and, after them, of the nodes, as bodies of the same kind."""
+        """The pose with the rim's nodes appended to the hubs."""
         if self.nodes is None:
             return self
         hub, frame = self.nodes.hub, self.rotations[self.nodes.hub]
@@ -68,7 +68,7 @@ class Pose:
         return Pose(self.centres @ rotation.T + shift, rotation @ self.rotations, self.nodes)
 
     def part(self, hubs: Int[np.ndarray, " some"]) -> Pose:
-        """Select hubs (k,) int."""
+        """Return the poses of some hubs (k,) int."""
         return Pose(self.centres[hubs], self.rotations[hubs], None if self.nodes is None else self.nodes.part(hubs))
 
     def with_part(self, hubs: Int[np.ndarray, " some"], part: Pose) -> Pose:
@@ -91,7 +91,7 @@ class Pose:
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Nodes of a rim relative to their hubs.
+    """Poses of a rim's nodes relative to their hubs.
 
     hub : (b,) int; centres : (b, 3) metres and rotations : (b, 3, 3), in the frames of the hubs
     """
@@ -102,7 +102,7 @@ class Nodes:
 
     @classmethod
     def from_poses(cls, pose: Pose, hub: np.ndarray, there: Pose) -> Nodes:
-        """Express nodes that stand at ``there`` in space relative to their hubs.
+        """Convert poses of nodes in space to poses relative to their hubs.
 
         Parameters
         ----------
@@ -115,7 +115,7 @@ class Nodes:
 
     @classmethod
     def resting(cls, hub: np.ndarray, offset: Float[np.ndarray, "nodes 3"]) -> Nodes:
-        """Nodes at rest in the flat sheet.
+        """Return the nodes at rest, in the flat sheet.
 
         Parameters
         ----------
@@ -133,7 +133,7 @@ class Nodes:
 
 
 def nearest_rotation(covariance: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
-    """(..., 3, 3) the rotation R with the largest trace of R covariance: R p fits q best for covariance = sum of p q^T."""
+    """Return the rotations R (..., 3, 3) for which R p fits q best (Kabsch), from covariance = sum of p q^T."""
     u, _, vt = np.linalg.svd(covariance)
     flip = np.linalg.det(u) * np.linalg.det(vt)
     u = u.copy()
@@ -145,7 +145,7 @@ def nearest_rotation(covariance: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
 class CutSettings:
     """Settings of how arms are cut.
 
-    blend : share of t over which an arm that hardly turns is blended; fillet : metres
+    blend : length of the shortest blends, in t; fillet : radius, metres
     """
 
     blend: float
@@ -159,15 +159,15 @@ class Assembly:
     pairs : (m, 2) int, the two spirals of every joint; sides : (m, 2) int, which of their arms meet there
     lever : (m, 2, 3) metres, from the centre of spiral pairs[e, k] to the joint, in the flat frame of its patch
     axes : (m, 2, 3, 3) columns: across the shared edge from the first spiral to the second, along the edge, normal; in
-        the flat frame of the patch of spiral pairs[e, k]. The rest directions of both sides coincide at the joint.
+        the flat frame of the patch of spiral pairs[e, k]. At rest the axes of both sides coincide.
     width : (n, 4) metres of every spiral's arms; twist : (n,) radians
     thickness : metres, of the sheet
     clockwise : True if the arms turn clockwise from the tips inwards
     cut : how the arms are cut; None for pure spirals with the fillets of the stiffness table
     grain : radians from the x axes of the flat patches to the sheet's grain; unused for sheets without a grain
     rim : nodes of the rim and their joints; None without a rim
-    nodes : number of rim nodes that stand as the last spirals; the rim's joints are then the last joints (see
-        ``whole``)
+    nodes : number of rim nodes that are appended to the spirals, 0 before ``whole`` appends them; the rim's joints are
+        then the last joints
     """
 
     pairs: Int[np.ndarray, "joints 2"]
@@ -213,7 +213,7 @@ class Assembly:
 
     @cached_property
     def whole(self) -> Assembly:
-        """The assembly with the rim's nodes as spirals and its joints as joints; without a rim, the assembly itself."""
+        """The assembly with the rim's nodes appended to the spirals, its joints to the joints; itself without a rim."""
         rim = self.rim
         if rim is None or self.nodes:
             return self
@@ -235,7 +235,7 @@ class Assembly:
 
     @property
     def plain(self) -> Assembly:
-        """Inverse of ``whole``: without the rim's nodes and joints, and with ``rim`` None."""
+        """The assembly without its rim: the inverse of ``whole``, but with ``rim`` None."""
         m, n = self.inner, self.spirals
         parts = {name: getattr(self, name)[:m] for name in ("pairs", "sides", "lever", "axes")}
         return replace(self, **parts, width=self.width[:n], twist=self.twist[:n], rim=None, nodes=0)
@@ -268,8 +268,8 @@ class Assembly:
 
     @cached_property
     def arm_axes(self) -> Float[np.ndarray, "joints 2 6 6"]:
-        """(m, 2, 6, 6) matrices that take shifts and turns, or forces and moments, from every arm's own axes to the
-        joint's.
+        """(m, 2, 6, 6) matrices that rotate shifts and turns, or forces and moments, from every arm's own axes (see
+        ``radial``) to the joint's axes.
 
         Arms that wind clockwise have their second axis to the right: they are mirror images.
         """
@@ -279,7 +279,7 @@ class Assembly:
 
     @property
     def to_grain(self) -> Float[np.ndarray, "joints 2"]:
-        """(m, 2) radians from every arm's radius to the grain, positive to the side to which the arms wind inwards."""
+        """(m, 2) radians from every arm's radius to the grain; positive is the side to which arms wind inwards."""
         return (self.grain - np.arctan2(self.lever[..., 1], self.lever[..., 0])) * (-1.0 if self.clockwise else 1.0)
 
     @cached_property
@@ -290,7 +290,7 @@ class Assembly:
 
     @cached_property
     def bend(self) -> tuple[Float[np.ndarray, "joints 2 2"], Float[np.ndarray, "joints 2 2"]]:
-        """Bend points of both arms of every joint, and their derivatives by the twists (see ``arm_bend``)."""
+        """(m, 2, 2) bend points of both arms of every joint, and derivatives by their twists (see ``arm_bend``)."""
         value, slope = (found[self.pairs] for found in bend_point(self.twist))
         if self.nodes:
             # a neck is so stiff that the whole turn happens in the arm beyond it
@@ -321,7 +321,7 @@ class Assembly:
         )
 
     def with_spirals(self, width: np.ndarray, twist: np.ndarray) -> Assembly:
-        """Replace the spirals.
+        """Replace widths and twists of the spirals.
 
         Parameters
         ----------
@@ -331,7 +331,7 @@ class Assembly:
         return replace(self, width=width, twist=twist)
 
     def with_rest_geometry(self, lever: np.ndarray, axes: Float[np.ndarray, "joints 2 3 3"]) -> Assembly:
-        """Replace the rest geometry.
+        """Replace the rest geometry of the joints.
 
         Parameters
         ----------
@@ -343,8 +343,8 @@ class Assembly:
 def assembly_from_design(design: SpiralDesign) -> Assembly:
     """Build the assembly of a design: one joint per edge between two quads, within patches and across seams.
 
-    A quad that shares no edge is a spiral without a joint. Raises FlexMapsError with the faces if no quads share an
-    edge.
+    A quad that shares no edge is a spiral without a joint. Raises FlexMapsError, with all quads as ``faces``, if no
+    quads share an edge.
     """
     mesh, corners = design.flat.layout.mesh, design.flat.corners
     inner = ~mesh.border
@@ -360,7 +360,7 @@ def assembly_from_design(design: SpiralDesign) -> Assembly:
 
 
 def rest_joints(mesh: QuadMesh, corners: Float[np.ndarray, "quads 4 2"]) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the rest geometry of the joints between flat quads.
+    """Return levers and axes of the joints between flat quads.
 
     Parameters
     ----------
@@ -386,7 +386,7 @@ def rest_joints(mesh: QuadMesh, corners: Float[np.ndarray, "quads 4 2"]) -> tupl
 
 
 def target_pose(mesh: QuadMesh, corners: Float[np.ndarray, "quads 4 2"]) -> Pose:
-    """Place the hubs on a surface: each at the middle of its quad, rotated to fit its flat corners best.
+    """Place the hubs on a surface: each at the middle of its quad, in the rotation that fits its flat corners best.
 
     Parameters
     ----------

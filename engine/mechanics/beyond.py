@@ -1,4 +1,4 @@
-"""Spirals outside the range that an elastic model was fitted to; the model treats them as the nearest spirals inside."""
+"""Spirals outside the range that an elastic model was fitted to; it treats them as the nearest spirals inside."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ import numpy as np
 
 from ..arrays import Int
 
-SLACK = 2e-3  # relative tolerance: covers rounding and the tolerance of ``fabricable.unfabricable_quads`` on twists
+# Share of a limit by which a value may exceed it unreported: covers rounding and the tolerance on twists of
+# ``fabricable.unfabricable_quads``. Larger hides small excesses.
+SLACK = 2e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Beyond:
-    """Spirals with one quantity outside a model's range.
+    """Spirals for which one quantity lies outside a model's range.
 
-    quantity : its name; low, high : the range; spirals : (k,) int, ascending; worst : the value farthest outside
+    quantity : its name; low, high : the range; spirals : (k,) int, ascending; worst : the value farthest outside it
     """
 
     quantity: str
@@ -28,14 +30,14 @@ class Beyond:
     def outside_range(
         cls, quantity: str, value: np.ndarray, low: float, high: float, spiral: np.ndarray
     ) -> list[Beyond]:
-        """List with one entry if any value (N,), each of a spiral (N,) int, lies outside the range; else empty.
+        """Return a list with one entry if any value lies outside the range, else an empty list.
 
         Parameters
         ----------
         quantity : name for the message
-        value : (N,)
+        value : (N,) values of the quantity
         low, high : range of the model
-        spiral : (N,) spiral of every value
+        spiral : (N,) int, the spiral that each value belongs to
         """
         apart = np.maximum(low * (1.0 - SLACK) - value, value - high * (1.0 + SLACK))
         outside = apart > 0.0

@@ -16,13 +16,13 @@ from .beyond import Beyond
 
 @dataclass(frozen=True, eq=False)
 class Expansion:
-    """The elastic energy about a state, to second order in the increments of ``Pose.moved``.
+    """The elastic energy near a state, to second order in the increments of ``Pose.moved``.
 
-    energy : joules; per_joint : (m,) joules
+    energy : joules; per_joint : (m,) joules, of every joint
     gradient : (n, 6) newtons and newton metres
-    hessian : (m, 12, 12) of every joint, in the order: shift of the first spiral, its turn, shift of the second, its
-        turn
-    convex : (m, 12, 12) positive semi-definite part of the Hessian, without the curvature of the strains (Gauss-Newton)
+    hessian : (m, 12, 12) block of every joint; rows and columns: shift and turn of its first spiral, shift and turn of
+        its second
+    convex : (m, 12, 12) Gauss-Newton part of the Hessian, positive semi-definite: without second derivatives of strains
     """
 
     energy: float
@@ -48,7 +48,7 @@ class ElasticModel(Protocol):
     def pairs(self) -> np.ndarray: ...
 
     def part(self, hubs: np.ndarray, joints: np.ndarray) -> ElasticModel:
-        """Select spirals and joints between them, as ``Assembly.part``; all other joints are open.
+        """Return the model of some spirals and some joints between them, without all other joints.
 
         Parameters
         ----------
@@ -57,27 +57,27 @@ class ElasticModel(Protocol):
         """
 
     def scale_stiffness(self, share: np.ndarray) -> ElasticModel:
-        """Multiply the joints' stiffness by ``share`` (m,)."""
+        """Return the model with the stiffness of every joint multiplied by ``share`` (m,)."""
 
     def start(self, pose: Pose) -> Any:
-        """State at a pose, as if reached straight from rest."""
+        """Return the state at a pose, as if it were reached directly from rest."""
 
     def energy(self, state: Any) -> float:
-        """Energy in joules; not a number outside the model's range."""
+        """Return the energy in joules; NaN outside the model's range."""
 
     def expand(self, state: Any, ahead: bool = False) -> Expansion:
         """Compute energy, gradient and Hessian.
 
         Parameters
         ----------
-        state : where
-        ahead : weight the curvature of the strains by the stresses that the last step predicted to first order, not by
-            those of the state: the mixed iteration of Magisano, Leonetti and Garcea (2017). Thin shells then bend much
-            farther per step, because a finite step along a bend first stretches them.
+        state : about which the energy is expanded
+        ahead : weight the second derivatives of the strains with the stresses that the last step predicted to first
+            order, not with the state's stresses (mixed iteration of Magisano, Leonetti and Garcea, 2017). Thin shells
+            then bend much farther per step, because a finite step along a bend first stretches them.
         """
 
     def moved(self, state: Any, step: np.ndarray) -> Any:
-        """Move a state.
+        """Return the state after a step.
 
         Parameters
         ----------
@@ -86,7 +86,7 @@ class ElasticModel(Protocol):
         """
 
     def gradient_by_design(self, state: Any) -> Float[np.ndarray, "joints 12 2 5"]:
-        """Differentiate every joint's share of the gradient by the design, at a fixed pose.
+        """Differentiate every joint's contribution to the gradient by widths and twists, at a fixed pose.
 
         Returns
         -------
@@ -98,10 +98,13 @@ class ElasticModel(Protocol):
         """List the quantities outside the model's range, with the spirals concerned."""
 
     def torsion(self, state: Any) -> Float[np.ndarray, " joints"]:
-        """(m,) radians, turn of the two hubs of every joint relative to each other about the line across it."""
+        """Return the torsions (m,) of the joints, radians.
+
+        The torsion is the turn of a joint's two hubs against each other about the line across the joint.
+        """
 
     def rebuilt(self, assembly: Assembly, material: Material) -> ElasticModel:
-        """Build the model of a slightly changed assembly of the same joints; what hardly changes may be kept.
+        """Build the model of a slightly changed assembly with these joints; it may reuse what hardly changes.
 
         Parameters
         ----------
@@ -110,25 +113,29 @@ class ElasticModel(Protocol):
         """
 
     def with_bending(self, factor: float) -> ElasticModel | None:
-        """Multiply the stiffness against bending out of the sheet; None where that has no stiffness of its own."""
+        """Multiply the stiffness against bending out of the sheet.
+
+        Returns None if the model has no separate stiffness for this bending.
+        """
 
     def wrenches(self, state: Any) -> Float[np.ndarray, "joints 6"] | None:
-        """(m, 6) wrench, N and N m, that the second arm of every joint exerts on the first, at the joint; None if unknown."""
+        """Return the wrenches (m, 6), N and N m, of the second arm on the first at every joint; None if unknown."""
 
     def strains(self, state: Any, material: Material) -> Float[np.ndarray, "joints 2"] | None:
-        """(m, 2) largest strain on the surface of both arms of every joint, without fillets; None if unknown.
+        """Return the largest surface strains (m, 2) of both arms of every joint, without fillets; None if unknown.
 
         Parameters
         ----------
-        state, material : where the joints are, and the sheet
+        state : of the joints
+        material : of the sheet
         """
 
     def in_plane_energy(self, state: Any) -> Float[np.ndarray, " joints"] | None:
-        """(m,) joules, energy of every joint from motions in the plane of the sheet; None if unknown."""
+        """Return the energy (m,) of every joint from motions in the plane of the sheet, joules; None if unknown."""
 
 
 class JointsOnly:
-    """Base of models that know joints as a whole but not their arms: the arms' quantities are unknown."""
+    """Base class of models without separate arms: it returns None for all quantities of arms."""
 
     def with_bending(self, factor: float) -> None:
         return None
@@ -146,7 +153,7 @@ class JointsOnly:
 def sum_joint_vectors(
     blocks: np.ndarray, pairs: Int[np.ndarray, "joints 2"], size: int
 ) -> Float[np.ndarray, "spirals 6"]:
-    """Sum vectors of joints over the spirals.
+    """Add up the joints' vectors for every spiral.
 
     Parameters
     ----------
@@ -163,10 +170,10 @@ def sum_joint_vectors(
 
 
 class JointSum:
-    """Sums blocks of joints (m, 12, 2 K) to a sparse matrix (6 n, K n): derivatives of six numbers per body by K per
-    spiral.
+    """Assembler of a sparse matrix from blocks (m, 12, 2 K) of the joints; its sparsity pattern is computed once.
 
-    The sparsity pattern is computed once for many sums.
+    The matrix (6 n, K s) holds the derivatives of six quantities per body (s spirals, then the rim's nodes) by K
+    quantities per spiral.
     """
 
     def __init__(self, assembly: Assembly, each: int):
@@ -180,6 +187,6 @@ class JointSum:
         self._indptr = np.searchsorted(entries, starts).astype(np.int32)
 
     def __call__(self, blocks: np.ndarray) -> csr_array:
-        """Sum blocks."""
+        """Assemble the matrix from blocks (m, 12, 2 K)."""
         values = np.bincount(self._slot.ravel(), weights=blocks.ravel(), minlength=len(self._indices))
         return csr_array((values, self._indices, self._indptr), shape=self._shape)

@@ -1,8 +1,8 @@
 """Static equilibrium of an assembly by Newton's method on the energy (FlexMaps section 6.1).
 
-The Hessian is indefinite except near a minimum; ``newton.LineSearch`` handles that. Its stresses are those that the
-last step predicted to first order, which lets thin shells bend far per step (see ``ElasticModel.expand``). Large turns
-are capped. Only a minimum counts as converged.
+The Hessian is indefinite except near a minimum; ``newton.LineSearch`` handles that. It is computed with the stresses
+that the last step predicted to first order, so that thin shells can bend far in one step (see ``ElasticModel.expand``).
+Steps that turn a hub far are shortened. Only a minimum counts as converged, not a saddle.
 """
 
 from __future__ import annotations
@@ -37,9 +37,11 @@ from .elastic import ElasticModel, Expansion
 from .loads import Loads, joints_between_hubs
 from .newton_system import NewtonSystem
 
-TURN_CAP = 0.5  # radians, largest turn of a hub in one step, so that the expansion holds; chosen by eye
-NUDGE = 0.05  # radians, largest turn of the step that leaves a saddle; chosen by eye
-# Strain of the forces that the residual is relative to where nothing is stressed; far below any relevant strain.
+# radians, largest turn of a hub in one step; larger needs fewer steps, but the expansion is less exact; chosen by eye
+TURN_CAP = 0.5
+NUDGE = 0.05  # radians, largest turn of a hub in the step that leaves a saddle; chosen by eye
+# The residual is relative to the forces in the joints, or to the forces at this strain if those are smaller (an
+# unstressed piece). Larger accepts larger forces there; far below any relevant strain.
 REFERENCE_STRAIN = 1e-5
 STATUS = {
     CONVERGED: "Converged in {}.",
@@ -55,13 +57,13 @@ STATUS = {
 class Equilibrium:
     """Equilibrium of an assembly.
 
-    pose : of the hubs; energy : joules, elastic energy minus the work of the forces; per_joint : (m,) elastic joules
+    pose : of the hubs; energy : joules, elastic energy minus the work of the forces; per_joint : (m,) J, elastic
     converged : True only at a minimum with a residual within the tolerance
-    iterations : Newton steps; residual : norm of the unbalanced forces, relative to those in the joints
+    iterations : Newton steps; residual : norm of the unbalanced forces, relative to the forces in the joints
     negative_eigenvalues : of the Hessian at the end; 0 at a minimum
     torsion_max : radians, largest turn of two neighbours about the line across their joint
     status : one sentence for the user
-    spare : largest of the margins with which it is stable, 0 if none (see ``solve``)
+    spare : largest of the tested stability margins that it keeps, 0 if none (``margins`` of ``solve``)
     """
 
     pose: Pose
@@ -76,7 +78,7 @@ class Equilibrium:
     spare: float = 0.0
 
     def with_pose(self, pose: Pose) -> Equilibrium:
-        """Replace the pose, for a rigid motion of the whole."""
+        """Replace the pose by a pose that was moved rigidly as a whole."""
         return replace(self, pose=pose)
 
 
@@ -92,16 +94,16 @@ def solve(
     step: Float[np.ndarray, "spirals 6"] | None = None,
     margins: tuple[float, ...] = (),
 ) -> Equilibrium:
-    """Find the equilibrium that is reached from a pose; ``converged`` tells whether it was.
+    """Find the equilibrium that Newton's method reaches from a pose; without one, ``converged`` is False.
 
     Parameters
     ----------
     model, start, loads, params, progress : model, starting pose, loads, and the solver's settings
-    system : shared by solves with the same joints and supports
-    iterations : a further limit on the settings' number of iterations
+    system : linear system to reuse in solves with equal joints and supports; None builds a new system
+    iterations : largest number of iterations, if below that of the settings
     step : (n, 6) a predicted first step
-    margins : shares of the convex part that are subtracted from the Hessian; ``Equilibrium.spare`` is the largest that
-        leaves it positive definite
+    margins : stability margins to test, as shares of the convex part: ``Equilibrium.spare`` is the largest margin for
+        which the Hessian minus this share of its convex part is positive definite
 
     Raises
     ------
@@ -136,7 +138,7 @@ def solve_stepwise(
     rule = LineSearch(params.tolerance, params.iterations if iterations is None else min(iterations, params.iterations))
     problem, state = _Balance(model, loads, params.tolerance, system, progress, margins), model.start(start)
     if step is not None:
-        # near the end the convex part is needed for at most one step
+        # a predicted step starts near the minimum, where at most one step needs the convex part of the Hessian
         rule.decay, state = 0.0, model.moved(state, step)
     return _make_result(problem, (yield from stepping(problem, state, rule)))
 
@@ -152,7 +154,7 @@ class _Balance:
     progress: Progress
     margins: tuple[float, ...] = ()
     spare: float = 0.0
-    scale: float = 0.0  # newtons, largest force so far
+    scale: float = 0.0  # newtons, largest force so far in the joints or of the loads
 
     def expand(self, state: Any) -> Local:
         here = self.model.expand(state, ahead=True)
@@ -205,7 +207,7 @@ class _Balance:
         return [self.model.moved(state, sign * way) for sign in (1.0, -1.0)]
 
     def _residual(self, here: Expansion, gradient: np.ndarray, pose: Pose) -> float:
-        """Norm of the unbalanced forces, relative to the largest forces in the joints so far and to the loads."""
+        """Return the norm of the unbalanced forces over the larger of loads and largest forces in the joints so far."""
         weight, inner = force_scale(self.model, here, pose)
         left = np.linalg.norm((gradient * weight)[~self.system.held])
         self.scale = max(self.scale, inner, float(np.linalg.norm(self.loads.force)))
@@ -213,7 +215,7 @@ class _Balance:
 
 
 def force_scale(model: ElasticModel, here: Expansion, pose: Pose) -> tuple[Float[np.ndarray, " 6"], float]:
-    """Weights that turn forces and moments into forces, and the size of the forces in the joints.
+    """Return weights that convert forces and moments to forces, and the typical force in the joints.
 
     Parameters
     ----------
@@ -221,7 +223,7 @@ def force_scale(model: ElasticModel, here: Expansion, pose: Pose) -> tuple[Float
 
     Returns
     -------
-    (6,) and newtons
+    (6,) weights, 1 for forces and 1/m for moments; and newtons
     """
     pose = pose.whole
     a, b = model.pairs.T
@@ -232,7 +234,7 @@ def force_scale(model: ElasticModel, here: Expansion, pose: Pose) -> tuple[Float
 
 
 def _make_result(problem: _Balance, run: Run) -> Equilibrium:
-    """Collect the result of a run, with its sentence."""
+    """Collect the result of a run, with the sentence for users."""
     model, state, history = problem.model, run.state, run.history
     torsion = float(np.abs(model.torsion(state)).max(initial=0.0))
     steps, converged, negative = len(history) - 1, run.ended in (CONVERGED, AT_ROUNDING), 0
@@ -250,10 +252,10 @@ def _make_result(problem: _Balance, run: Run) -> Equilibrium:
 def other_minima(
     model: ElasticModel, found: Equilibrium, loads: Loads, params: SimulateParams, progress: Progress = SILENT
 ) -> list[Equilibrium]:
-    """Search other shapes in which the assembly can rest, sorted by energy.
+    """Find other shapes in which the assembly can rest, sorted by energy.
 
-    The ``params.restarts`` starts are the shape turned inside out, then shapes bent along its softest modes. Two minima
-    are equal if no hub differs by more than a tenth of the distance of neighbours.
+    Searches start from ``params.restarts`` poses: first the shape turned inside out, then the shape bent along its
+    softest modes. Two minima count as equal if no hub differs by more than a tenth of the distance between neighbours.
 
     Parameters
     ----------
@@ -280,7 +282,7 @@ def other_minima(
 
 
 def _turn_inside_out(pose: Pose, held: np.ndarray) -> Pose:
-    """Mirror a pose along its mean normal, at the middle of the held hubs, which stay."""
+    """Mirror a pose along its mean normal in a plane through the middle of the held hubs, which stay in place."""
     held = held[: len(pose.centres)]
     middle = pose.centres[held[:, 0]].mean(axis=0)
     normal = pose.rotations[:, :, 2].mean(axis=0)
@@ -292,22 +294,22 @@ def _turn_inside_out(pose: Pose, held: np.ndarray) -> Pose:
 
 
 def _bend_along_modes(pose: Pose, modes: np.ndarray, k: int) -> Pose:
-    """Bend a pose along the modes one by one, to both sides, then along random mixtures of them."""
+    """Return the k-th bent pose to start from: along one mode, to either side; later along random mixtures of modes."""
     rng = np.random.default_rng(k)
     weight = np.eye(len(modes))[k // 2] * (-1.0) ** k if k < 2 * len(modes) else rng.normal(size=len(modes))
     step = np.tensordot(weight / np.abs(weight).sum(), modes, 1) * MIN_BEND * (1.0 + k % 3)
-    # in small steps, because finite turns do not add
+    # in small steps, because finite rotation vectors do not add up
     for _ in range(8):
         pose = pose.moved(step / 8.0)
     return pose
 
 
-MODE_COUNT = 6  # number of softest modes that starts are bent along; chosen by eye
-MIN_BEND = 0.8  # radians, largest turn of the least bent start; chosen by eye
+MODE_COUNT = 6  # number of softest modes along which starts are bent; more cost time; chosen by eye
+MIN_BEND = 0.8  # radians, largest turn of a hub in the least bent start; chosen by eye
 
 
 def poses_differ(one: Pose, two: Pose, pairs: np.ndarray, loads: Loads) -> bool:
-    """Return whether any hub differs between two poses by more than a tenth of the distance of neighbours.
+    """Return whether any hub differs between two poses by more than a tenth of the distance between neighbours.
 
     Parameters
     ----------

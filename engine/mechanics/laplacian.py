@@ -1,4 +1,4 @@
-"""Shape error in Laplacian coordinates (FlexMaps section 7, eq. 6), which measures where a surface bends differently."""
+"""Shape error in Laplacian coordinates (FlexMaps section 7, eq. 6): it compares bending, not position."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from .assembly import nearest_rotation
 
 
 def uniform_laplacian(pairs: Int[np.ndarray, "joints 2"], size: int) -> csr_array:
-    """Build the sparse matrix (n, n) that takes every point minus the mean of its neighbours.
+    """Build the sparse matrix (n, n) that subtracts from every point the mean of its neighbours.
 
     Parameters
     ----------
-    pairs : (m, 2) int, neighbours
+    pairs : (m, 2) int, pairs of neighbouring points
     size : n, number of points
     """
     both = np.concatenate([pairs, pairs[:, ::-1]])
@@ -28,11 +28,11 @@ def uniform_laplacian(pairs: Int[np.ndarray, "joints 2"], size: int) -> csr_arra
 def laplacian_difference(
     pairs: np.ndarray, centres: Float[np.ndarray, "spirals 3"], target: Float[np.ndarray, "spirals 3"]
 ) -> Float[np.ndarray, "spirals 3"]:
-    """Laplacian coordinates of the centres, after the best rotation, minus the target's.
+    """Return the Laplacian coordinates of the centres, rotated to fit best, minus the target's Laplacian coordinates.
 
     Parameters
     ----------
-    pairs : (m, 2) int, neighbours
+    pairs : (m, 2) int, pairs of neighbouring points
     centres, target : (n, 3) metres
 
     Returns
@@ -45,7 +45,7 @@ def laplacian_difference(
 
 
 def laplacian_rmse(pairs: np.ndarray, centres: np.ndarray, target: np.ndarray) -> float:
-    """Root mean square of ``laplacian_difference``, metres.
+    """Return the root mean square of ``laplacian_difference``, metres.
 
     Parameters
     ----------

@@ -15,18 +15,20 @@ from ..surface.mesh import QuadMesh
 from .assembly import Pose
 from .rigid import Freedom, free_pieces
 
-GRAVITY = 9.81  # m / s^2
+GRAVITY = 9.81  # gravitational acceleration, m / s^2
 LOWEST = "lowest"
-# Work of the forces, as a share of the largest possible, that counts as zero: for shifts and for turns of a piece.
+# Largest work of the forces along a rigid motion that counts as zero, as a share of the largest possible work: for
+# shifts and for turns of a piece. Larger values accept loads that carry a piece away; smaller ones trip over rounding.
 CARRY_TOLERANCE, TURN_TOLERANCE = 1e-9, 1e-6
-GROUND_HEIGHT = 0.25  # height above the lowest quad, in median edges, up to which a quad stands on the ground
+# height above the lowest quad, in median edges, up to which quads count as lowest; larger adds more supports
+GROUND_HEIGHT = 0.25
 
 
 @dataclass(frozen=True, eq=False)
 class Springs:
     """Springs between the centres of hubs and fixed places, equally stiff in all directions.
 
-    stiffness : newtons per metre, of every spring; places : (n, 3) metres
+    stiffness : newtons per metre, of every spring; places : (n, 3) metres, fixed ends of the springs
     """
 
     stiffness: float
@@ -45,8 +47,8 @@ class Springs:
 class Loads:
     """Supports and forces of n spirals.
 
-    fixed : (n, 6) bool, the shifts (3) and turns (3) of every hub that are held
-    force : (n, 3) newtons on the hubs, in fixed directions; springs : that pull hubs to places; None for none
+    fixed : (n, 6) bool, which of the three shifts and three turns of every hub are held
+    force : (n, 3) newtons on the hubs, in fixed directions; springs : from hubs to fixed places; None for none
     """
 
     fixed: Bool[np.ndarray, "spirals 6"]
@@ -67,8 +69,8 @@ class Loads:
 
         Parameters
         ----------
-        supports : (k,) int, spirals that are held
-        clamped : hold their directions too
+        supports : (k,) int, spirals that are supported
+        clamped : hold their rotations too, not only their positions
         force : (n, 3) newtons
         mass : (n,) kg, adds weight along -z
 
@@ -91,10 +93,10 @@ class Loads:
         return cls(fixed, total)
 
     def held_increments(self, pairs: np.ndarray, centres: np.ndarray) -> Bool[np.ndarray, "spirals 6"]:
-        """(n, 6) increments that are held during the search for an equilibrium.
+        """Return which increments (n, 6) are held during the search for an equilibrium.
 
-        These are the supports, and for every piece that can still move as a whole as many increments of one hub (see
-        ``rigid``).
+        These are the supported increments and, where a piece can still move as a whole, enough increments of one of its
+        hubs to stop that (see ``rigid``).
 
         Parameters
         ----------
@@ -116,7 +118,7 @@ class Loads:
         return held
 
     def align(self, pose: Pose, pairs: np.ndarray, target: Pose) -> Pose:
-        """Move the pieces of a pose, as far as the supports leave them free, to where they lie closest to a target.
+        """Move every piece rigidly, as far as its supports allow, to where it lies closest to a target.
 
         Parameters
         ----------
@@ -128,7 +130,7 @@ class Loads:
         return pose
 
     def work(self, centres: np.ndarray) -> float:
-        """Work of the forces in joules, from the origin to these centres, minus the energy of the springs."""
+        """Return the work of the forces from the origin to these centres minus the energy of the springs, joules."""
         work = float((self.force * centres).sum())
         return work if self.springs is None else work - self.springs.energy(centres)
 
@@ -138,7 +140,7 @@ class Loads:
 
 
 def joints_between_hubs(pairs: Int[np.ndarray, "joints 2"], size: int) -> Int[np.ndarray, "_ 2"]:
-    """Select the joints between hubs, without those of a rim's nodes.
+    """Select the pairs that join two hubs, without the pairs of a rim's nodes.
 
     Parameters
     ----------
@@ -149,7 +151,7 @@ def joints_between_hubs(pairs: Int[np.ndarray, "joints 2"], size: int) -> Int[np
 
 
 def _describe_motion(free: Freedom, carried: bool) -> str:
-    """Message for forces that move a piece as a whole."""
+    """Return the message to users about forces that move a piece as a whole."""
     size = len(free.members)
     if free.floats:
         return (
@@ -164,9 +166,9 @@ def _describe_motion(free: Freedom, carried: bool) -> str:
 
 
 def parse_supports(mesh: QuadMesh, which: str | Sequence[int]) -> Int[np.ndarray, " some"]:
-    """Parse which quads are supports.
+    """Return the indices of the quads that a text or a list names as supports.
 
-    The lowest quads have at least two corners at the height of the lowest such quad.
+    ``LOWEST`` names the quads whose second lowest corner is at most ``GROUND_HEIGHT`` above the lowest such corner.
 
     Parameters
     ----------
@@ -195,7 +197,7 @@ def parse_supports(mesh: QuadMesh, which: str | Sequence[int]) -> Int[np.ndarray
 
 
 def _parse_number(word: str | int) -> int:
-    """Parse a whole number of any size, written with the digits 0 to 9; raises ValueError or TypeError for other text."""
+    """Parse a whole number of any size in the digits 0 to 9; raises ValueError or TypeError for other text."""
     if not isinstance(word, str):
         return index(word)
     if not re.fullmatch(r"\s*[+-]?[0-9]+\s*", word):

@@ -1,4 +1,4 @@
-"""Linear systems of an assembly's equilibrium, assembled from joint blocks without the held degrees of freedom."""
+"""Sparse linear systems for an assembly's equilibrium, built from joint blocks without the held degrees of freedom."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ from ..linalg import NotPositiveDefinite, Pattern, SparseCholesky, negative_eige
 from ..progress import SILENT, Progress
 from .loads import Springs
 
-SHIFT = 1e-9  # share of the diagonal added to make a semi-definite matrix definite
-# relative, of the eigenvalues at a minimum; tight because their derivatives need accurate modes
+# share of the diagonal that is added to make a semi-definite matrix definite; larger is more robust and less exact
+SHIFT = 1e-9
+# relative tolerance of eigenvalues at a minimum; tight, because derivatives of eigenvalues need accurate modes
 INVERSE_TOLERANCE = 1e-7
 MAX_DENSE_SIZE = 60  # largest number of free increments solved densely; Lanczos needs more unknowns than eigenvalues
 
 
 class NewtonSystem:
-    """Systems in the free increments of n hubs, with one sparsity pattern and one symbolic factorisation.
+    """Linear systems in the free increments of n hubs that share one sparsity pattern and symbolic factorisation.
 
     pairs : (m, 2) int, the spirals of every joint; held : (n, 6) bool, increments that stay zero
-    springs : at the hubs, whose stiffness is part of every matrix; None for none
+    springs : at the hubs; their stiffness is added to every matrix; None for none
     Bodies in ``pairs`` beyond the n hubs, the nodes of a rim, are free; their rows in fields (n, 6) may be missing and
     then count as 0.
     """
@@ -48,11 +49,11 @@ class NewtonSystem:
 
     @cached_property
     def without_springs(self) -> NewtonSystem:
-        """This system if it has no springs, else one for the same joints that has none."""
+        """This system if it has no springs, else a system of these joints without springs."""
         return self if self._springs is None else NewtonSystem(self._pairs, self.held)
 
     def values(self, blocks: np.ndarray) -> Num[np.ndarray, " nnz"]:
-        """(nnz,) entries of the lower triangle, from the joints' blocks (m, 12, 12), springs included."""
+        """Return the entries (nnz,) of the lower triangle: the joints' blocks (m, 12, 12) plus the springs."""
         values = self.pattern.sum(blocks.ravel()[self._used])
         if self._springs is not None:
             values[self.pattern.indptr[:-1]] += self._springs
@@ -63,13 +64,13 @@ class NewtonSystem:
         return self.cholesky.attempt(values)
 
     def free_entries(self, field: np.ndarray) -> Float[np.ndarray, " free"]:
-        """(free,) free entries of a field (n, 6)."""
+        """Return the entries (free,) of a field (n, 6) at the free increments."""
         if len(field) < len(self.held):
             field = np.concatenate([field, np.zeros((len(self.held) - len(field), 6))])
         return field.ravel()[self.free]
 
     def full(self, reduced: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
-        """(n, 6) field from its free entries, zero where hubs are held."""
+        """Return the field (n, 6) with these values at the free increments and zeros at the held increments."""
         out = np.zeros(self.held.size)
         out[self.free] = reduced
         return out.reshape(self.held.shape)
@@ -79,12 +80,12 @@ class NewtonSystem:
         return self.full(self.cholesky.solve(self.free_entries(field)))
 
     def definite(self, values: np.ndarray, share: float = SHIFT) -> np.ndarray:
-        """Make a positive semi-definite matrix definite.
+        """Make a positive semi-definite matrix positive definite by a small addition to its diagonal.
 
         Parameters
         ----------
         values : (nnz,) its entries
-        share : of the diagonal that is added
+        share : part of the diagonal to add
         """
         values, diagonal = values.copy(), self.pattern.indptr[:-1]
         values[diagonal] += share * values[diagonal] + 1e-3 * share * values[diagonal].max(initial=0.0)
@@ -109,7 +110,8 @@ class NewtonSystem:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Find the increments in which the energy rises least, or falls most: eigenvectors of H v = lambda B v.
 
-        B is made definite. Relative to it the spectrum of H is well spread, so that a few Lanczos steps suffice.
+        B is made positive definite. With B as metric the eigenvalues of H lie far apart, so that few Lanczos steps
+        suffice.
 
         Parameters
         ----------
@@ -179,7 +181,7 @@ class NewtonSystem:
         return np.array([self.full(v / one) for v, one in zip(vectors.T, lengths, strict=True)]), 1.0 / found
 
     def _all_modes(self, values: np.ndarray, metric: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Modes and eigenvalues of ``softest`` from the dense matrices."""
+        """Return the modes and eigenvalues of ``softest``, computed with dense matrices."""
         a, b = (self.pattern.matrix(v).toarray() for v in (values, metric))
         rise, vectors = eigh(a, b, subset_by_index=(0, min(count, len(self.free)) - 1))
         return np.stack([self.full(v) for v in vectors.T]), rise

@@ -18,14 +18,14 @@ from ..components import components
 from .assembly import Pose, nearest_rotation
 from .vectors import skew
 
-# Mean squared motion of the supports under a turn of 1 rad, in squared distances of neighbours, above which they hold
-# the turn.
+# Supports hold a turn of the piece if a turn of 1 rad would move them by a mean square above this, in squared distances
+# of neighbouring hubs. A larger value treats nearly collinear hinges as collinear.
 MIN_SUPPORT_MOTION = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Freedom:
-    """Rigid motions left to one connected piece.
+    """Rigid motions that the supports leave to one connected piece.
 
     members : (k,) int, its hubs; hub : the member whose increments are held so that the piece cannot move as a whole
     motions : (d, 6) shift (m) at ``hub`` and turn (rad) of independent rigid motions, d = 6, 3, 1 in practice
@@ -43,7 +43,7 @@ class Freedom:
         return len(self.motions) == 6
 
     def work(self, centres: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(d,) work of forces (n, 3) newtons along the motions, and (d,) its upper bound for forces of this size."""
+        """Return the work (d,) of forces (n, 3) newtons along the motions, and its upper bound (d,) for their sizes."""
         lever = centres[self.members] - centres[self.hub]
         moves = self.motions[:, None, :3] + np.cross(self.motions[:, None, 3:], lever)
         pull = force[self.members]
@@ -51,7 +51,7 @@ class Freedom:
         return (moves * pull).sum(axis=(1, 2)), most.sum(axis=1)
 
     def align(self, pose: Pose, target: Float[np.ndarray, "spirals 3"]) -> Pose:
-        """Move this piece, as far as it is free, so that its centres lie closest to ``target`` (n, 3)."""
+        """Move this piece rigidly, as far as its supports allow, so that its centres are closest to ``target``."""
         part, wanted = pose.part(self.members), target[self.members]
         if self.floats:
             moved = part.aligned(wanted)
@@ -68,7 +68,7 @@ class Freedom:
 
 
 def connected_pieces(pairs: Int[np.ndarray, "joints 2"], size: int) -> Int[np.ndarray, " spirals"]:
-    """Return the number of the connected piece of every hub.
+    """Number the connected pieces and return the number of every hub's piece.
 
     Parameters
     ----------
@@ -83,7 +83,11 @@ def free_pieces(
 ) -> list[Freedom]:
     """List the pieces that can still move as a whole.
 
-    fixed : (n, 6) bool, shifts and turns of the hubs that are held; pairs : (m, 2) int, joined hubs; centres : (n, 3) m
+    Parameters
+    ----------
+    fixed : (n, 6) bool, shifts and turns of the hubs that are held
+    pairs : (m, 2) int, joined hubs
+    centres : (n, 3) metres
     """
     piece = connected_pieces(pairs, len(fixed))
     count = int(piece.max(initial=-1)) + 1
@@ -102,12 +106,12 @@ def free_pieces(
 def _free_motions(
     fixed: np.ndarray, centres: np.ndarray, members: np.ndarray, spacing: float
 ) -> tuple[np.ndarray, int]:
-    """(d, 6) rigid motions of a piece that leave its supports in place, and the hub at which they are expressed."""
+    """Return the rigid motions (d, 6) of a piece that its supports allow, and the hub where they are measured."""
     held = members[fixed[members].any(axis=1)]
     if not len(held):
         middle = centres[members].mean(axis=0)
         return np.eye(6), int(members[np.linalg.norm(centres[members] - middle, axis=1).argmin()])
-    # expressed at a supported hub, so that only its own free turns need to be held
+    # measured at a supported hub, so that only its own free turns need to be held
     hub = int(held[0])
     rows = np.zeros((len(held), 6, 6))
     rows[:, :3, :3] = rows[:, 3:, 3:] = np.eye(3)
@@ -118,7 +122,7 @@ def _free_motions(
 
 
 def _best_turn_about(axis: np.ndarray, covariance: np.ndarray) -> Float[np.ndarray, "3 3"]:
-    """(3, 3) the rotation about a unit axis with the largest trace of rotation x covariance."""
+    """Return the rotation R (3, 3) about a unit axis for which the trace of R @ covariance is largest."""
     around = skew(axis)
     # R = 1 + sin(a) K + (1 - cos(a)) K K
     sine, cosine = np.trace(around @ covariance), -np.trace(around @ around @ covariance)

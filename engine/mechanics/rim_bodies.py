@@ -18,20 +18,19 @@ from ..spirals.rim import Rim
 from .vectors import skew, to_space
 
 FORWARDS, NECK, BACKWARDS = 0, 1, 2  # arms of a node, counter-clockwise
-# Pieces of half a strip, so that every hole spans several pieces; more are slower. The compliance is within 1e-4 of the
-# result of 2000 pieces.
+# pieces into which half a strip is divided, several for every hole; more are slower and more exact (error 1e-4)
 STRIP_PIECES = 200
-NECK_PIECES = 24  # pieces of a neck: within 3e-4 of its closed form
-# step of the fourth-order finite differences, as a share of a neck's width: within 1e-11 of the closed form
+NECK_PIECES = 24  # pieces into which a neck is divided; more are slower and more exact (error 3e-4)
+# step of the fourth-order finite differences by a neck's width, as a share of it; smaller: more rounding errors
 NECK_STEP = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class RimBeams(Columns):
-    """Arms of N nodes as lines of S pieces, in the flat frame.
+    """N arms of rim nodes, each divided into S straight pieces, in the flat frame.
 
-    lever : metres, from every piece to the arm's tip; tangent : unit vectors, outwards; length : metres, of every piece
-    width : metres, of the strip; bore : metres of the width that a hole takes away
+    lever : metres, vectors from the pieces' middles to the arm's tip; tangent : unit vectors towards the tip
+    length, width : metres, of every piece, holes ignored; bore : metres of the width that a hole takes away there
     """
 
     lever: Float[np.ndarray, "n pieces 3"]
@@ -50,12 +49,12 @@ class RimBeams(Columns):
         width: np.ndarray,
         bore: np.ndarray,
     ) -> RimBeams:
-        """Build from complex positions and directions (N, S) of the pieces and tips (N,).
+        """Build arms from complex positions in the flat plane.
 
         Parameters
         ----------
-        place, way : (N, S) complex, middles and unit directions of the pieces, metres
-        tip : (N,) complex, metres
+        place, way : (N, S) complex, middles (metres) and unit directions of the pieces
+        tip : (N,) complex, metres, tips of the arms
         length, width, bore : of the pieces, metres
         """
         return cls(to_space(tip[:, None] - place), to_space(way), length, np.broadcast_to(width, length.shape), bore)
@@ -63,13 +62,13 @@ class RimBeams(Columns):
 
 @dataclass(frozen=True, eq=False)
 class RimJoints:
-    """B nodes, their joints to the arms at the border (ties), and S joints between them (strips).
+    """B nodes of a rim, their joints to the arms at the border (ties), and S joints between nodes (strips).
 
-    hub, side : (B,) int, the arm of every node
-    lever : (B, 2, 3) metres, from the hub and from the node to the tip; axes : (B, 2, 3, 3), as in ``Assembly``
-    pairs : (S, 2) int, nodes; strip_lever : (S, 2, 3); strip_axes : (S, 2, 3, 3)
-    necks : (B,), for arms of width 1; strips : (2 S,), both halves of every strip in turn
-    width : metres of the strip minus its hole
+    hub, side : (B,) int, quad and side of the arm at every node
+    lever, axes : (B, 2, 3) metres and (B, 2, 3, 3), of the ties, as in ``Assembly``: first the hub, then the node
+    pairs : (S, 2) int, the nodes of every strip; strip_lever, strip_axes : (S, 2, 3) and (S, 2, 3, 3), of the strips
+    necks : B arms, with a width of 1 to be scaled; strips : 2 S arms, both halves of every strip in turn
+    width : metres, of the strip beside a hole
     """
 
     hub: Int[np.ndarray, " nodes"]
@@ -116,7 +115,7 @@ class RimJoints:
 
     @property
     def without_strips(self) -> RimJoints:
-        """The ties only."""
+        """These joints without the joints between nodes."""
         none = {name: getattr(self, name)[:0] for name in ("pairs", "strip_lever", "strip_axes")}
         return replace(self, **none, strips=self.strips.subset(np.arange(0)))
 
@@ -135,13 +134,13 @@ class RimJoints:
         )  # fmt: skip
 
     def indices_of_hubs(self, hubs: np.ndarray) -> tuple[Int[np.ndarray, " nodes"], Int[np.ndarray, " strips"]]:
-        """Indices of the nodes and strips that belong to some hubs."""
+        """Return the indices of the nodes of some hubs, and of the strips between these nodes."""
         there = np.isin(self.hub, hubs)
         return np.flatnonzero(there), np.flatnonzero(there[self.pairs].all(axis=1))
 
 
 def _necks(rim: Rim) -> RimBeams:
-    """Straight necks, from the strip to the tips."""
+    """Divide the necks, straight from the strip to the tips."""
     share = (np.arange(NECK_PIECES) + 0.5) / NECK_PIECES
     place = (rim.middle + rim.depth * rim.out)[:, None] - rim.depth * share * rim.out[:, None]
     way = np.broadcast_to(-rim.out[:, None], place.shape)
@@ -150,7 +149,7 @@ def _necks(rim: Rim) -> RimBeams:
 
 
 def _strips(rim: Rim, first: np.ndarray, middle: Complex[np.ndarray, " strips"]) -> RimBeams:
-    """Both halves of every strip, from its nodes to its middle."""
+    """Divide both halves of every strip, each from its node to the strip's middle."""
     share, whole = (np.arange(STRIP_PIECES) + 0.5) / STRIP_PIECES, rim.length[first]
     half = rim.reach[first, 0]
     at = np.stack([half[:, None] * share, whole[:, None] - (whole - half)[:, None] * share], axis=1)
@@ -168,19 +167,19 @@ def _strips(rim: Rim, first: np.ndarray, middle: Complex[np.ndarray, " strips"])
 
 
 def _axes(across: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 2 3 3"]:
-    """Axes as in ``Assembly`` (across, along, normal), equal for both sides, which lie in one patch."""
+    """Return axes as in ``Assembly`` (across, along, normal), equal on both sides of a joint: they lie in one patch."""
     normal = np.broadcast_to([0.0, 0.0, 1.0], (len(across), 3))
     one = np.stack([to_space(across), to_space(1j * across), normal], axis=2)
     return np.stack([one, one], axis=1)
 
 
 def rim_tip_compliance(bend: np.ndarray, slide: np.ndarray, lever: np.ndarray) -> Float[np.ndarray, "n 6 6"]:
-    """(N, 6, 6) motion of the tips of arms per wrench there.
+    """Return the tip compliances (N, 6, 6) of arms: motion of the tip per wrench at the tip.
 
     Parameters
     ----------
-    bend, slide : (N, S, 3, 6) turns and stretches of the pieces per wrench
-    lever : (N, S, 3) metres to the tip
+    bend, slide : (N, S, 3, 6) turns and elongations of the pieces per wrench at the tip
+    lever : (N, S, 3) metres, from the pieces to the tip
     """
     shift = (slide - skew(lever) @ bend).sum(axis=1)
     return np.concatenate([shift, bend.sum(axis=1)], axis=1)

@@ -1,4 +1,4 @@
-"""Poses of the supported hubs: every supported flat quad is fitted to its quad of the target."""
+"""Positions and rotations at which supports hold hubs: every supported flat quad is fitted to its target quad."""
 
 from __future__ import annotations
 
@@ -19,9 +19,12 @@ from .vectors import skew
 
 @dataclass(frozen=True, eq=False)
 class Stance:
-    """The held part of a pose. It depends on the flat shapes, because a clamped hub turns with its flat quad.
+    """Positions and rotations at which the supports hold their hubs.
 
-    loads, surface : the supports, and the target; corners : (F, 4, 2) metres, the flat quads
+    They depend on the flat quads, because the rotation of a clamped hub is the one that fits its flat quad to the
+    target.
+
+    loads : the supports; surface : the target; corners : (F, 4, 2) metres, the flat quads
     """
 
     loads: Loads
@@ -30,21 +33,21 @@ class Stance:
 
     @cached_property
     def aim(self) -> Pose:
-        """Pose of all hubs on the target."""
+        """Pose of all hubs that fits every flat quad to its quad of the target."""
         return target_pose(self.surface, self.corners)
 
     def with_corners(self, corners: Float[np.ndarray, "quads 4 2"]) -> Stance:
-        """Replace the flat quads."""
+        """Return these supports for other flat quads."""
         return replace(self, corners=corners)
 
     def place_supports(self, pose: Pose) -> Pose:
-        """Move the supports of a pose to where they are held."""
+        """Return the pose with the supported hubs moved to where the supports hold them."""
         shifts, turns = self.loads.fixed[:, :3], self.loads.fixed[:, 3:4, None]
         centres = np.where(shifts, self.aim.centres, pose.centres)
         return replace(pose, centres=centres, rotations=np.where(turns, self.aim.rotations, pose.rotations))
 
     def step(self, pose: Pose, step: Float[np.ndarray, "spirals 6"]) -> Float[np.ndarray, "spirals 6"]:
-        """Change a step so that it brings the supports to where they are held.
+        """Return a step, changed so that it brings the supported hubs to where the supports hold them.
 
         Parameters
         ----------
@@ -58,19 +61,20 @@ class Stance:
         return step
 
     def by_points(self, layout: PatchLayout, bodies: int) -> csr_array:
-        """Differentiate the supports' increments by the flat vertices; rows of other hubs are zero.
+        """Differentiate the increments of supported hubs by the flat vertices; rows of other hubs are zero.
 
-        The rotation R nearest to M = sum of p q^T makes S = R M symmetric; M + dM turns it by w with (tr(S) 1 - S) w =
-        the axial vector of R dM, sum of R p x q.
+        Let p be the flat corners, q the target's corners and M = sum of p q^T. The rotation R that fits p to q best
+        makes S = R M symmetric. When p changes by dp, R turns by the rotation vector w that solves
+        (tr(S) 1 - S) w = sum of R dp x q.
 
         Parameters
         ----------
-        layout : gives the flat vertices
+        layout : gives the flat vertices of every quad
         bodies : number of hubs and nodes
 
         Returns
         -------
-        (6 bodies, 2 P) : sparse
+        (6 bodies, 2 P) : sparse, for P flat vertices
         """
         clamped = np.flatnonzero(self.loads.fixed[:, 3])
         wanted = self.surface.vertices[self.surface.quads[clamped]]

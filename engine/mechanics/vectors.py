@@ -1,4 +1,4 @@
-"""Products and rotations of many small vectors at once; components are the last axes.
+"""Products and rotations of arrays of small vectors and matrices, whose components are the last axes.
 
 ``arms/stacked.py`` holds the products for arrays whose first axes are the components.
 """
@@ -12,7 +12,7 @@ from ..arrays import Float
 
 
 def matvec(matrix: Float[np.ndarray, "... i j"], vector: Float[np.ndarray, "... j"]) -> Float[np.ndarray, "... i"]:
-    """Multiply matrices and vectors.
+    """Multiply every matrix with its vector.
 
     Parameters
     ----------
@@ -33,12 +33,12 @@ def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def to_space(flat: np.ndarray) -> Float[np.ndarray, "... 3"]:
-    """Vectors (..., 3) in the flat plane from complex numbers (...)."""
+    """Convert complex numbers x + iy (...) to vectors (x, y, 0) (..., 3)."""
     return np.stack([flat.real, flat.imag, np.zeros(flat.shape)], axis=-1)
 
 
 def outer(a: Float[np.ndarray, "... i"], b: Float[np.ndarray, "... j"]) -> Float[np.ndarray, "... i j"]:
-    """Outer products (..., i, j) of vectors (..., i) and (..., j).
+    """Return the outer products (..., i, j) of vectors (..., i) and (..., j).
 
     Parameters
     ----------
@@ -48,14 +48,14 @@ def outer(a: Float[np.ndarray, "... i"], b: Float[np.ndarray, "... j"]) -> Float
 
 
 def skew(v: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
-    """(..., 3, 3) matrices with skew(v) x = v cross x, for vectors (..., 3)."""
+    """Return the cross-product matrices (..., 3, 3) of vectors v (..., 3): skew(v) @ x is v cross x."""
     out = np.zeros((*v.shape, 3))
     fill_skew(np.moveaxis(out, (-2, -1), (0, 1)), np.moveaxis(v, -1, 0))
     return out
 
 
 def fill_skew(out: np.ndarray, v: np.ndarray) -> None:
-    """Write the skew matrices of vectors (3, ...) into zeros (3, 3, ...).
+    """Write the cross-product matrices of vectors (3, ...) into an array of zeros (3, 3, ...).
 
     Parameters
     ----------
@@ -67,7 +67,10 @@ def fill_skew(out: np.ndarray, v: np.ndarray) -> None:
 
 
 def rotation_vector(matrix: np.ndarray) -> Float[np.ndarray, "joints 3"]:
-    """(m, 3) radians of rotation matrices (m, 3, 3); several times faster than scipy's, which is used near half turns."""
+    """Return the rotation vectors (m, 3), radians, of rotation matrices (m, 3, 3).
+
+    Several times faster than scipy's function, which is used for angles near a half turn only.
+    """
     double = np.stack(
         [matrix[:, 2, 1] - matrix[:, 1, 2], matrix[:, 0, 2] - matrix[:, 2, 0], matrix[:, 1, 0] - matrix[:, 0, 1]], 1
     )
@@ -81,7 +84,7 @@ def rotation_vector(matrix: np.ndarray) -> Float[np.ndarray, "joints 3"]:
 
 
 def rotation_matrix(turn: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
-    """(..., 3, 3) rotation matrices of rotation vectors (..., 3) (Rodrigues)."""
+    """Return the rotation matrices (..., 3, 3) of rotation vectors (..., 3), radians (Rodrigues' formula)."""
     square = (turn * turn).sum(axis=-1)
     angle = np.sqrt(square)
     sine = np.sinc(angle / np.pi)
@@ -99,8 +102,10 @@ def rotation_matrix(turn: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
 
 
 def right_jacobian(turn: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
-    """Right Jacobian J of rotation vectors (..., 3): exp(turn + d) = exp(turn) exp(J d) = exp(J^T d) exp(turn) to first
-    order."""
+    """Return the right Jacobians J (..., 3, 3) of rotation vectors (..., 3), radians.
+
+    To first order in d, exp(turn + d) = exp(turn) exp(J d) = exp(J^T d) exp(turn).
+    """
     angle = np.linalg.norm(turn, axis=-1)[..., None, None]
     across = skew(turn)
     small = angle < 1e-3

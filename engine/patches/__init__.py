@@ -1,1 +1,1 @@
-"""The layout: cut a quad mesh into few patches that flatten with little distortion, and flatten them."""
+"""The layout: cut a quad mesh into few patches that can be flattened with little distortion, and flatten them."""

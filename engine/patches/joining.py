@@ -1,4 +1,4 @@
-"""Order in which panels are joined: breadth first, so that every step adds one panel to those already joined."""
+"""Order in which panels are assembled: breadth first, so that every step joins one panel to the joined panels."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from .layout import PatchLayout
 
 @dataclass(frozen=True)
 class Join:
-    """A seam that is closed in a step.
+    """A seam that is closed in a step of the assembly.
 
-    seam : index in ``layout.seams``; joints : number of arms that meet along it
-    panel, other : patches on its sides; ``panel`` is added in this step
+    seam : index in ``layout.seams``
+    joints : number of joints along the seam
+    panel, other : patches on both sides of the seam; ``panel`` is added in this step
     """
 
     seam: int
@@ -28,7 +29,7 @@ class Join:
 
 @dataclass(frozen=True)
 class Step:
-    """A step: the panel added (index of its patch), the seams closed, and all panels joined afterwards."""
+    """A step of the assembly: the added panel, the closed seams, and all panels joined afterwards (patch indices)."""
 
     panel: int
     joins: tuple[Join, ...]
@@ -36,10 +37,10 @@ class Step:
 
 
 def steps(layout: PatchLayout) -> list[Step]:
-    """Return all steps, one per patch, body by body, beginning at the largest patch of each.
+    """Return all steps of the assembly, one per patch, body by body, beginning at the largest patch of each body.
 
-    Among the panels that can come next, the nearest to the first panel comes first, then the panel with the most joints
-    to those already joined. Cuts inside a patch are closed when it is added.
+    The next panel is the panel with the fewest seams between it and the first panel; among equals, the panel with the
+    most joints to the joined panels. Cuts inside a patch are closed when its panel is added.
     """
     sides = [tuple(layout.patch_of[layout.mesh.edge_quads[edges[0]]].tolist()) for edges in layout.seams]
     joints = [len(edges) for edges in layout.seams]
@@ -51,8 +52,8 @@ def steps(layout: PatchLayout) -> list[Step]:
     first = iter(sorted(range(len(areas)), key=lambda p: (-round(float(areas[p]), 12), p)))
     depth: dict[int, int] = {}
     there: list[int] = []
-    # candidates: depth of the nearest neighbour, minus the number of joints to panels already joined; the latest entry
-    # of a panel is the best
+    # candidates: smallest depth of a joined neighbour, minus the number of joints to joined panels, and patch; a panel
+    # may have several entries, and its latest is its best
     waiting: list[tuple[int, int, int]] = []
     known: dict[int, tuple[int, int]] = {}
     found: list[Step] = []
@@ -85,7 +86,7 @@ def steps(layout: PatchLayout) -> list[Step]:
 
 @lru_cache(maxsize=4)
 def panel_numbers(layout: PatchLayout) -> tuple[int, ...]:
-    """Return the number of every patch's panel, from 1 in the order of the steps."""
+    """Return the panel number of every patch, from 1 in the order of assembly."""
     numbers = [0] * len(layout.patches)
     for number, step in enumerate(steps(layout), start=1):
         numbers[step.panel] = number

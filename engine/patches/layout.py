@@ -1,7 +1,7 @@
 """The layout of patches: a boolean per edge says where the surface is cut (FlexMaps section 4).
 
-Merging, opening, closing and hand edits all flip runs of edges. A patch may have cuts inside itself: a sphere becomes
-one patch in this way.
+Every change of a layout (merging, cutting, joining, manual edits) flips a run of edges between cut and uncut. A patch
+may have cuts inside itself: in this way a sphere becomes a single patch.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ def _by_first(labels: np.ndarray) -> Int[np.ndarray, " nodes"]:
 
 
 def loop_of_sides(start: Int[np.ndarray, " sides"], end: Int[np.ndarray, " sides"]) -> Int[np.ndarray, " sides"]:
-    """Return the loop of every side, numbered from 0.
+    """Return the closed loop to which every directed side belongs, numbered from 0.
 
     Parameters
     ----------
-    start, end : nodes of the sides
+    start, end : nodes (such as flat vertices) at both ends of every side
     """
     used, ends = np.unique(np.stack([start, end]), return_inverse=True)
     ends = ends.reshape(2, -1)
@@ -40,12 +40,12 @@ def loop_of_sides(start: Int[np.ndarray, " sides"], end: Int[np.ndarray, " sides
 
 
 def groups(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the connected component of every node, numbered by its smallest node.
+    """Return the connected component of every node; components are numbered from 0, ordered by their smallest node.
 
     Parameters
     ----------
     count : number of nodes
-    a, b : ends of the links
+    a, b : nodes at both ends of every link
 
     Returns
     -------
@@ -55,7 +55,7 @@ def groups(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(count, count))
         labels = connected_components(graph, directed=False)[1]
         return _by_first(labels)
-    # for few nodes, building a sparse graph costs more than propagating the smallest label
+    # for few nodes, propagating the smallest label is faster than building a sparse graph
     labels = np.arange(count)
     while True:
         before = labels.copy()
@@ -75,9 +75,9 @@ class PatchLayout:
 
     mesh : the surface
     cut : True where the surface is cut; border edges are never marked
-    notes : sentences for the report about how the layout arose (symmetry, forced small patches)
-    origin : how the program cut it: along "lines" of quads or between "regions"; "" for cuts of a person, from which
-        merging starts
+    notes : entries of the report about the layout, such as kept symmetries and patches beyond a limit
+    origin : how the program made the first cuts: along "lines" of quads or between "regions"; "" for other cuts, such
+        as cuts by a person or after merging
     """
 
     mesh: QuadMesh
@@ -107,7 +107,7 @@ class PatchLayout:
     def flat_corners(self) -> Int[np.ndarray, "quads 4"]:
         """Flat vertex of every quad corner, numbered 0..P-1.
 
-        Corners of two quads are one flat vertex if they meet at an uncut edge of both quads.
+        Corners of two quads share a flat vertex if they meet at an uncut edge of both quads.
         """
         mesh = self.mesh
         (qa, qb), (ka, kb) = mesh.edge_quads[self.uncut_edges].T, mesh.edge_sides[self.uncut_edges].T
@@ -120,7 +120,7 @@ class PatchLayout:
 
     @cached_property
     def euler(self) -> Int[np.ndarray, " patches"]:
-        """Euler characteristic of every patch, its inner cuts counted as outline; 1 for a disk, one less per hole."""
+        """Euler characteristic of every patch, cut open along its inner cuts; 1 for a disk, less 1 for every hole."""
         n = len(self.patches)
         patch = np.repeat(self.patch_of, 4)
         _, first = np.unique(self.flat_corners, return_index=True)
@@ -136,7 +136,7 @@ class PatchLayout:
 
     @cached_property
     def loop_of(self) -> Int[np.ndarray, "quads 4"]:
-        """Loop of the outline on which a quad side lies, numbered from 0; -1 for inner sides."""
+        """Loop of an outline to which each side of a quad belongs, numbered from 0; -1 for sides inside a patch."""
         quad, side = np.nonzero(self.outline_sides)
         start, end = self.flat_corners[quad, side], self.flat_corners[quad, (side + 1) % 4]
         result = np.full(self.outline_sides.shape, -1, dtype=np.int64)
@@ -153,15 +153,15 @@ class PatchLayout:
 
     @cached_property
     def loop_lengths(self) -> Float[np.ndarray, " loops"]:
-        """Length of every loop on the surface, metres, with ragged rims smoothed; both sides of inner cuts count."""
+        """Length of every loop on the surface, metres; ragged borders count as smooth, and inner cuts count twice."""
         sides = self.outline_sides
         return np.bincount(self.loop_of[sides], weights=drawn_lengths(self.mesh)[self.mesh.quad_edges][sides])
 
     @cached_property
     def planar(self) -> Bool[np.ndarray, " patches"]:
-        """Mask of patches that can be laid flat: disks, or disks with holes that are not openings of a tube."""
+        """Mask of patches whose topology allows laying them flat: disks, also with holes, but not tubes."""
         loops = np.bincount(self.loop_patch, minlength=len(self.patches))
-        good = (self.euler == 2 - loops) & (loops > 0)  # closed patches cannot
+        good = (self.euler == 2 - loops) & (loops > 0)  # closed patches cannot be laid flat
         for patch in np.flatnonzero(good & (loops > 1)).tolist():
             quads = self.patches[patch]
             corners = np.unique(self.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
@@ -175,8 +175,8 @@ class PatchLayout:
     def compactness(self) -> Float[np.ndarray, " patches"]:
         """Perimeter / sqrt(area) on the surface: 4 for a square, 3.54 for a disk.
 
-        The perimeter is the longest loop, because the others are holes of the surface; see ``compactness_lengths`` for narrow
-        surfaces.
+        The perimeter is the length of the longest loop, because the other loops are holes of the surface; see
+        ``compactness_lengths`` for narrow surfaces.
         """
         area = np.bincount(self.patch_of, weights=self.mesh.areas)
         weights = np.where(self.mesh.border, drawn_lengths(self.mesh), 0.0)[self.mesh.quad_edges]
@@ -196,14 +196,14 @@ class PatchLayout:
         return mask
 
     def isthmus_widths(self, widest: int = 8, *, own: bool = True) -> Int[np.ndarray, " patches"]:
-        """Number of quads across the narrowest isthmus of every patch, at most ``widest``.
+        """Return the number of quads across the narrowest isthmus of every patch, at most ``widest``.
 
         An isthmus is a straight line of uncut edges through the patch with both ends on the outline.
 
         Parameters
         ----------
         widest : upper bound of the result
-        own : count lines from border to border too, where the surface itself is narrow
+        own : count also lines from border to border of the surface, where the surface itself is narrow
         """
         mesh, corners, outline = self.mesh, self.flat_corners, self.on_outline
         result = np.full(len(self.patches), widest, dtype=np.int64)
@@ -231,14 +231,14 @@ class PatchLayout:
 
     @cached_property
     def seam_of(self) -> Int[np.ndarray, " edges"]:
-        """Seam of every cut edge, numbered by smallest edge; -1 for other edges.
+        """Seam of every cut edge, numbered from 0, ordered by smallest edge; -1 for other edges.
 
-        A seam is a maximal run of cut edges that meets no other cut and no border on its way.
+        A seam is a maximal run of cut edges that meets neither another cut nor a border between its ends.
         """
         return self._runs((self.cut_degree == 2) & ~self.mesh.on_border)
 
     def _runs(self, passing: Bool[np.ndarray, " vertices"]) -> Int[np.ndarray, " edges"]:
-        """Number the runs of cut edges that continue at the vertices ``passing``; -1 for uncut edges."""
+        """Return the number of each edge's run of cut edges, -1 if uncut; runs end at vertices not in ``passing``."""
         mesh = self.mesh
         ids = np.flatnonzero(self.cut)
         result = np.full(len(self.cut), -1, dtype=np.int64)
@@ -257,7 +257,7 @@ class PatchLayout:
 
     @cached_property
     def short_seam_edges(self) -> tuple[np.ndarray, ...]:
-        """Edges of every seam, with seams divided at irregular vertices."""
+        """Edges of every seam, ascending, with seams divided at irregular vertices."""
         mesh = self.mesh
         return self._split_runs(self._runs((self.cut_degree == 2) & ~mesh.on_border & ~mesh.irregular))
 
@@ -277,9 +277,9 @@ class PatchLayout:
 
 @lru_cache(maxsize=4)
 def drawn_lengths(mesh: QuadMesh) -> Float[np.ndarray, " edges"]:
-    """Length of every edge for measuring outlines, metres; a ragged rim of the surface counts as if it were smooth.
+    """Return the length of every edge for measuring outlines, metres; a ragged border counts as if it were smooth.
 
-    The two edges at a reflex border vertex count together as the straight line between their far ends.
+    Both edges at a reflex vertex of the border count together as the straight line between their far ends.
     """
     lengths = mesh.edge_lengths
     reflex = np.flatnonzero(mesh.on_border & (mesh.valence > 3))
@@ -300,17 +300,21 @@ def drawn_lengths(mesh: QuadMesh) -> Float[np.ndarray, " edges"]:
 
 
 def alone(layout: PatchLayout, quads: Int[np.ndarray, " quads"]) -> tuple[PatchLayout, np.ndarray]:
-    """Return the layout of some quads (ascending) by themselves, and for each of its edges the edge of the whole mesh.
+    """Return the layout of some quads as a mesh of their own.
 
     Parameters
     ----------
     layout : layout of the whole mesh
-    quads : ascending
+    quads : the quads, ascending
+
+    Returns
+    -------
+    layout of the new mesh, and for each of its edges the edge of the whole mesh
     """
     mesh = layout.mesh
     used, corners = np.unique(mesh.quads[quads], return_inverse=True)
     part = QuadMesh(mesh.vertices[used], corners.reshape(-1, 4))
-    # vertices keep their order, hence edges do too
+    # vertices keep their order, and so do edges
     edges = np.unique(mesh.quad_edges[quads])
     return PatchLayout(part, layout.cut[edges] & ~part.border, origin=layout.origin), edges
 
@@ -318,20 +322,21 @@ def alone(layout: PatchLayout, quads: Int[np.ndarray, " quads"]) -> tuple[PatchL
 def straight_on(
     mesh: QuadMesh, quad: Int[np.ndarray, " n"], side: Int[np.ndarray, " n"]
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Continue along parametric lines: from a quad's side to the next edge beyond its end, on the same side of the line.
+    """Step along straight lines of edges: return the next edge, straight ahead, as a side of a quad.
 
     Parameters
     ----------
     mesh : quad mesh
-    quad, side : current quads and sides
+    quad, side : current edges, as sides of quads on one side of the lines; lines run in the direction of these sides
 
     Returns
     -------
-    quad; side; validity, False if the line ends at a border or an irregular vertex
+    quad, side : next edges, as sides of quads on the same side of the lines
+    valid : mask, False if the line ends at a border or an irregular vertex
     """
     vertex = mesh.quads[quad, (side + 1) % 4]
     valid = (mesh.valence[vertex] == 4) & ~mesh.on_border[vertex]
-    # go round the end: the quad across the next side contains the continuation, on the same side of the line
+    # the quad across the next side of the quad contains the next edge, and lies on the same side of the line
     across = mesh.quad_edges[quad, (side + 1) % 4]
     pair, sides = mesh.edge_quads[across], mesh.edge_sides[across]
     other = np.where(pair[:, 0] == quad, 1, 0)
@@ -341,7 +346,7 @@ def straight_on(
 
 
 def in_order(mesh: QuadMesh, edges: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """Return the edges of a run in order, from the end with the smaller edge number."""
+    """Return the edges of a run in order, from the end with the smaller edge number (if closed, from the smallest)."""
     if len(edges) < 3:
         return np.sort(edges)
     at: dict[int, list[int]] = {}

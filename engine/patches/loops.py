@@ -1,4 +1,4 @@
-"""Closed loops of a patch's outline: the outer loop, and one round every hole of the surface in it."""
+"""Closed loops of a patch's outline: the outer loop, and a loop round every hole of the surface in the patch."""
 
 from __future__ import annotations
 
@@ -10,15 +10,18 @@ from ..arrays import Bool, Float, Int, Num
 
 NEXT = np.array([1, 2, 3, 0])  # next corner of a quad
 PREVIOUS = np.array([3, 0, 1, 2])  # previous corner of a quad
-SQUARE = 4.0  # perimeter over root of area of a square
-OPEN = 1.0  # radians: largest curvature that a hole may replace before the patch round it must be cut open
+SQUARE = 4.0  # perimeter / sqrt(area) of a square
+# largest integral curvature of the surface that a hole may replace, radians; with more, the patch round the hole must
+# be cut open; larger values cut less and distort more
+OPEN = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Loops:
-    """Positions of a patch's flat vertices on its outline.
+    """Positions of a patch's flat vertices on the loops of its outline.
 
-    loop : loop of every flat vertex; where : its position along the loop; both -1 for inner vertices
+    loop : loop of every flat vertex; -1 for inner vertices
+    where : position of every flat vertex along its loop, in edges; -1 for inner vertices
     lengths : number of edges of every loop
     """
 
@@ -37,14 +40,14 @@ class Loops:
     def turning(
         self, corners: Int[np.ndarray, "quads 4"], angles: Float[np.ndarray, "quads 4"]
     ) -> Float[np.ndarray, " loops"]:
-        """Total geodesic curvature of every loop, radians, from the angles at the corners.
+        """Return the total geodesic curvature of every loop, radians, from the angles of the quads at its vertices.
 
-        2 pi round a flat disk, -2 pi round a hole in a flat patch, 0 round a tube.
+        It is 2 pi round a flat disk, -2 pi round a hole in a flat patch and 0 round a tube.
 
         Parameters
         ----------
         corners : flat vertices of the patch's quads
-        angles : at their corners, radians
+        angles : angles at the corners of these quads, radians
         """
         inner = np.bincount(corners.ravel(), weights=angles.ravel(), minlength=len(self.loop))
         on = self.loop >= 0
@@ -56,13 +59,15 @@ class Loops:
         angles: Float[np.ndarray, "quads 4"],
         border: Bool[np.ndarray, "quads 4"],
     ) -> bool:
-        """Return whether all loops but one are holes of the surface as in a flat patch; the opening of a tube is not.
+        """Return whether all loops but the outer loop go round holes of the surface, as in a flat patch.
+
+        The opening of a tube is not such a hole, nor is a loop without border, round an inner cut or another patch.
 
         Parameters
         ----------
         corners : flat vertices of the patch's quads
-        angles : at their corners, radians
-        border : mask of the sides on the border of the surface; inner cuts and patches inside this one are no holes
+        angles : angles at the corners of these quads, radians
+        border : mask of the quads' sides on the border of the surface
         """
         if len(self) < 2:
             return True
@@ -73,12 +78,12 @@ class Loops:
 
 
 def loops_of(corners: Int[np.ndarray, "quads 4"], sides: Bool[np.ndarray, "quads 4"]) -> Loops:
-    """Return the loops of a patch.
+    """Return the loops of a patch's outline.
 
     Parameters
     ----------
-    corners : flat vertices of its quads
-    sides : mask of the sides on the outline
+    corners : flat vertices of the patch's quads
+    sides : mask of the quads' sides on the outline
     """
     count = int(corners.max()) + 1
     following = np.full(count, -1, dtype=np.int64)
@@ -106,14 +111,14 @@ def compactness_lengths(
 ) -> Num[np.ndarray, " loops"]:
     """Return the lengths of loops that count for compactness, metres.
 
-    Border longer than the perimeter of a square of the same area does not count: there the surface itself is narrow,
-    and cutting a ribbon into short panels makes none of them wider.
+    The excess of a loop's border over the perimeter of a square of the patch's area does not count: there the surface
+    itself is narrow, and cutting a ribbon into short panels does not make the panels wider.
 
     Parameters
     ----------
-    lengths : of the loops, metres
-    border : length of border in each, metres
-    area : of the patch, square metres
+    lengths : lengths of the loops, metres
+    border : length of the surface's border in each loop, metres
+    area : area of each loop's patch, square metres
     """
     return lengths - np.maximum(border - SQUARE * np.sqrt(area), 0.0)
 
@@ -126,15 +131,15 @@ def perimeter(
     border: Bool[np.ndarray, "quads 4"],
     area: float,
 ) -> float:
-    """Return the perimeter of a patch that counts for compactness, metres: its longest loop, without holes of the surface.
+    """Return the perimeter of a patch that counts for compactness, metres: the length of its longest loop.
 
     Parameters
     ----------
-    sides : mask of the sides on the outline
+    sides : mask of the quads' sides on the outline
     corners, loops : flat vertices of the quads, and their loops
-    lengths : of the sides, metres
+    lengths : lengths of the sides, metres
     border : mask of the sides on the border of the surface
-    area : square metres
+    area : area of the patch, square metres
     """
     loop = loops.loop[corners[sides]]
     all_ = np.bincount(loop, weights=lengths[sides], minlength=len(loops))

@@ -1,4 +1,4 @@
-"""Distance between a piece and its target when the sheets differ from their nominal values."""
+"""Distances between a piece and its target when the sheets differ from their nominal values."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Distances from the target at both ends of one tolerance.
+    """Distances from the target at the lower and the upper end of one tolerance.
 
     name : "thickness", "width" or "stiffness"
     less, more : RMS distance in metres at the lower and at the upper end; None where no equilibrium was found
@@ -22,7 +22,7 @@ class Tolerance:
 
     @property
     def text(self) -> str:
-        """Part of the sentence to users: the smaller and the larger distance, or that there is no equilibrium."""
+        """Part of a sentence to users: the smaller and the larger distance, or that no equilibrium was found."""
         distances = sorted(one for one in (self.less, self.more) if one is not None)
         if len(distances) < 2:
             return f"no equilibrium found {self.words}"
@@ -40,7 +40,7 @@ class ToleranceBand:
 
     @property
     def text(self) -> str:
-        """Sentence to users. It leaves out the distance with nominal sheets, which stands before it wherever it is shown."""
+        """Sentence to users. It leaves out the distance with nominal sheets, which is always shown before it."""
         return f"RMS with other sheets: {', '.join(one.text for one in self.tolerances)}."
 
     def report(self) -> dict[str, Any]:

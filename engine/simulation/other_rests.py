@@ -1,4 +1,4 @@
-"""Search for other stable shapes of a piece, from poses in which assembling may begin."""
+"""Search for other stable shapes of a piece, from poses in which a user may begin to assemble it."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from .simulate import Simulation
 
-# standard deviation of the random start: shifts as a share of the mean distance of neighbours, turns in radians. Of five surfaces 0.05 finds
-# the same shapes, and 0.2 a shape more on two
+# standard deviation of the random start pose: shifts as a share of the mean distance between neighbouring hubs, turns
+# in radians; larger finds more other shapes
 PERTURBATION = 0.1
 
 
 def find_other_rests(simulation: Simulation, params: SimulateParams, progress: Progress = SILENT) -> Simulation:
-    """Add other stable shapes of the piece to a simulation; searches start from the target's pose and from a random one.
+    """Add other stable shapes to a simulation; searches start from the target's pose and from a random pose near it.
 
     Parameters
     ----------
@@ -29,7 +29,8 @@ def find_other_rests(simulation: Simulation, params: SimulateParams, progress: P
 
     Returns
     -------
-    The simulation with ``others`` in order of energy, and with ``assembled`` if the target's pose leads to another shape.
+    The simulation with ``others`` in order of energy, and with ``assembled`` if the search from the target's pose ends
+    in another shape.
     """
     equilibrium, loads, model = simulation.equilibrium, simulation.loads, simulation.model
     if not equilibrium.converged:
@@ -45,13 +46,13 @@ def find_other_rests(simulation: Simulation, params: SimulateParams, progress: P
             others.append(other.with_pose(loads.align(other.pose, simulation.assembly.pairs, aim)))
             assembled = others[-1] if start is aim else assembled
     found = replace(simulation, others=sorted(others, key=lambda one: one.energy), assembled=assembled)
-    found.seen.extend(simulation.seen)  # the shape is the same
+    found.seen.extend(simulation.seen)  # the caches stay valid, because the shape is unchanged
     found.soft.extend(simulation.soft)
     return found
 
 
 def _perturb(pose: Pose, simulation: Simulation) -> Pose:
-    """Move and turn the hubs of a pose at random; degrees of freedom that supports hold stay."""
+    """Move and turn the hubs of a pose at random, except in degrees of freedom that supports hold."""
     pairs = joints_between_hubs(simulation.model.pairs, len(pose.centres))
     length = float(np.linalg.norm(np.diff(pose.centres[pairs], axis=1), axis=2).mean())
     step = PERTURBATION * np.random.default_rng(0).normal(size=(len(pose.centres), 6)) * np.repeat([length, 1.0], 3)

@@ -1,6 +1,6 @@
-"""Measure how tolerances of real sheets change a piece: one equilibrium for each end of each tolerance.
+"""Compute how tolerances of real sheets change a piece: one equilibrium for each end of each tolerance.
 
-A tolerance changes the whole sheet evenly.
+A changed thickness, width or stiffness is the same all over the piece.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from ..progress import SILENT, Progress
 from .band import Tolerance, ToleranceBand
 from .simulate import Simulation
 
-# tolerance of the sheet's thickness, as a share of the nominal thickness: of plywood, of all other materials
+# tolerance of a sheet's thickness, plus or minus, as a share of the nominal thickness: plywood, all other materials
 PLYWOOD_THICKNESS, THICKNESS = 0.10, 0.05
-WIDTH = 5e-5  # tolerance of the arms' width, metres: the kerf changes this much
-STIFFNESS = 0.03  # uncertainty of the elastic model's ratio of bending to stretching stiffness, as a share
-MAX_SPIRALS = 3000  # most spirals for which the band is computed unasked; with more, six equilibria take too long
+WIDTH = 5e-5  # tolerance of the arms' width, plus or minus, metres: as much as the kerf varies
+STIFFNESS = 0.03  # relative uncertainty of the elastic model's ratio of bending to in-plane stiffness, plus or minus
+MAX_SPIRALS = 3000  # largest number of spirals for which the band is computed by default; larger makes users wait
 
 
 def tolerance_band(simulation: Simulation, params: SimulateParams, progress: Progress = SILENT) -> ToleranceBand:
@@ -56,7 +56,7 @@ def tolerance_band(simulation: Simulation, params: SimulateParams, progress: Pro
 def _rms_distance(
     simulation: Simulation, name: str, step: float, params: SimulateParams, progress: Progress
 ) -> float | None:
-    """Return the RMS distance from the target, in metres, after changing one quantity; None if no equilibrium is found."""
+    """Return the RMS distance from the target, metres, after a change of one quantity; None without an equilibrium."""
     progress(0.0, "Real sheets")
     assembly, loads, model, material = simulation.assembly, simulation.loads, simulation.model, simulation.material
     changed: ElasticModel | None

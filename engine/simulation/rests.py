@@ -13,19 +13,20 @@ from ..mechanics.equilibrium import Equilibrium
 from ..surface.checking.finding import Finding, with_count
 from ..surface.mesh import QuadMesh
 
-# function that returns the softest motion of the hubs (n, 6) and its stiffness as a share of the convex part
+# function that returns the softest motion of the hubs (n, 6), and its stiffness as a share of the stiffness that the
+# convex part of the energy alone gives it
 Softest = Callable[[], tuple[np.ndarray, float]]
-# function from an equilibrium to the largest strain (F,) of every spiral over its limit; None for the rod model
+# function of an equilibrium that returns every spiral's largest strain (F,) over its limit; None for the rod model
 Strain = Callable[[Equilibrium], np.ndarray | None]
-# remaining stiffness of the softest motion, as a share of the convex part, below which a piece is about to snap; larger
-# values warn earlier
+# stiffness of the softest motion, as a share of the convex part, below which a piece is about to snap; larger values
+# warn earlier
 SNAP_STIFFNESS = 0.02
 # least motion of a spiral in a finding, as a share of the largest motion; larger values name fewer spirals; by eye
 MOVING = 0.5
-# another stable shape counts as equally near to the target if its RMS distance is at most this factor times the distance of
-# the simulated shape; by eye: .72 and .79 % look alike
+# another stable shape counts as equally near to the target if its RMS distance is at most this factor times the
+# simulated shape's RMS distance; larger calls more shapes equal; by eye
 AS_NEAR = 1.25
-# finding codes for another stable shape: a worse match or arms that break, an equal match
+# codes of the findings about another stable shape: with a worse match or breaking arms; with an equally good match
 OTHER_REST_CODES = ("other-rest", "rest-as-near")
 # energy difference, as a share of the elastic energy, from which another stable shape counts as lower; rounding errors
 # are far smaller
@@ -81,9 +82,17 @@ def _other_rest(
     target: QuadMesh,
     size: float,
 ) -> Finding:
-    """Return the finding about another stable shape; its code says whether that shape is worse: farther away, or arms break.
+    """Return the finding about another stable shape; its code says whether that shape is worse than the simulated one.
 
-    strain, other_strain : the largest of both shapes, over its limit
+    Worse means farther from the target, or with breaking arms.
+
+    Parameters
+    ----------
+    equilibrium, other : the simulated and the other stable shape
+    strain, other_strain : the largest strain in either shape, over its limit
+    lower : whether the other shape has less energy
+    target : mesh that the piece should match
+    size : length in metres that percentages in the message refer to
     """
     here, there = (
         float(np.sqrt(((one.pose.centres - target.centroids) ** 2).sum(axis=1).mean())) for one in (equilibrium, other)
@@ -118,7 +127,7 @@ def snapping_spirals(equilibrium: Equilibrium, softest: Softest) -> tuple[Int[np
     Returns
     -------
     spirals : (k,) indices
-    share : remaining stiffness of the softest motion, as a share of the convex part; a lower bound if there are no spirals
+    share : stiffness of the softest motion, as a share of the convex part; may be a lower bound if there are no spirals
     """
     none = np.zeros(0, dtype=int)
     if equilibrium.spare >= SNAP_STIFFNESS:

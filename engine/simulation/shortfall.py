@@ -1,9 +1,7 @@
-"""Find bodies that stay flat or come to rest far from their target, and what would help them.
+"""Find bodies that stay flat or come to rest far from their target, and remedies for them.
 
-The relief of a surface is the root mean square distance of its quad centres from their best plane. Bodies that stay flat
-and all others differ clearly: over 62 simulations of domes, saddles, hypars, barrels, tubes and waves of three heights, free
-or standing on their lowest quads, and 100 other test surfaces, a body that stays flat keeps at most 12 % of its target's
-relief, nearly always none, and every other body at least 45 %.
+A body is a connected part of the piece. The relief of a surface is the root mean square distance of its quad centres
+from their best-fit plane.
 """
 
 from __future__ import annotations
@@ -21,11 +19,13 @@ from ..surface.curvature import LOW_RELIEF, relief
 from ..surface.mesh import QuadMesh
 from .visible import VISIBLE_RMS_SHARE
 
-# RMS distance from the target, as a share of the target's relief, above which a body is far from its target
+# RMS distance from the target, as a share of the target's relief, above which a body is far from it; larger warns less
 FAR_BY_RELIEF = 0.5
-FLAT = 0.25  # relief as a share of the target's relief below which a body has stayed flat
-# total Gaussian curvature of a patch, in radians, above which a cut through it is proposed beside other seams; a body without a seam is always
-# proposed one
+# relief as a share of the target's relief below which a body has stayed flat: such bodies keep at most 0.12, all others
+# at least 0.45
+FLAT = 0.25
+# total Gaussian curvature of a patch, radians, above which a cut through it is proposed for a body with seams; for a
+# flat body without seams a cut is always proposed; larger proposes fewer cuts
 CURVED = 0.6
 
 
@@ -39,7 +39,7 @@ class FarBody:
     held : whether supports hold it
     open : whether it has a border
     whole : whether it is the whole piece
-    line : (c,) indices of edges, a cut that would let it curve; empty if no cut would
+    line : (c,) indices of the edges of a cut that would let it curve; empty if no cut would
     """
 
     quads: Int[np.ndarray, " some"]
@@ -53,7 +53,7 @@ class FarBody:
 
     @property
     def wrong(self) -> str:
-        """Sentence about the fault."""
+        """Sentence to users about the fault."""
         which = (
             "The piece" if self.whole else f"One body of the piece, of {with_count(len(self.quads), 'quad', 'quads')},"
         )
@@ -62,7 +62,7 @@ class FarBody:
 
     @property
     def help(self) -> str:
-        """Sentence with the remedies, after a blank; empty if neither supports nor a cut would help."""
+        """Sentence to users with the remedies, after a space; empty if neither supports nor a cut would help."""
         ways = []
         if self.open:
             ways.append(
@@ -115,7 +115,7 @@ def find_far_bodies(
 
 
 def _middle_cut(layout: PatchLayout, quads: np.ndarray, *, any_curvature: bool) -> Int[np.ndarray, " c"]:
-    """Return the edges (c,) of the line that halves the most curved patch of a body; empty if no patch is curved enough."""
+    """Return the edges (c,) that halve the most curved patch of a body; empty if no patch is curved enough."""
     curved = angle_defects(layout)[quads]
     patch = layout.patch_of[quads]
     total = np.bincount(patch, weights=curved)
@@ -124,10 +124,11 @@ def _middle_cut(layout: PatchLayout, quads: np.ndarray, *, any_curvature: bool) 
 
 
 def angle_defects(layout: PatchLayout) -> Float[np.ndarray, " quads"]:
-    """Return the absolute Gaussian curvature (F,) of every quad, in radians; vertices on seams and borders count nothing.
+    """Return the absolute Gaussian curvature (F,) of every quad, radians; vertices on seams and borders count as 0.
 
-    The curvature is the angle defect (discrete Gauss-Bonnet): at a vertex 2 pi less the sum of the angles around it, shared
-    equally among its quads; in a quad 2 pi less the sum of its own angles, which is 0 if the quad is planar.
+    The curvature is the angle defect (discrete Gauss-Bonnet). At a vertex this is 2 pi minus the sum of the angles
+    around it, divided equally among its quads; in a quad 2 pi minus the sum of its own angles, which is 0 in a planar
+    quad.
     """
     mesh = layout.mesh
     points = mesh.vertices[mesh.quads]

@@ -34,8 +34,8 @@ from .band import ToleranceBand
 from .rests import SNAP_STIFFNESS, rest_findings
 from .shortfall import FarBody, find_far_bodies
 
-# difference between a joint's torsion and its torsion in the target, radians, above which the search has probably ended in a
-# false minimum; larger values warn about fewer shapes; by eye
+# difference between a joint's torsion and its torsion in the target, radians, above which the shape is probably a false
+# minimum, which the real piece would not take; larger values warn about fewer shapes; by eye
 FALSE_MINIMUM_TORSION = 1.0
 
 
@@ -47,7 +47,7 @@ class Simulation:
     others : other equilibria, if they were searched for
     assembled : member of ``others`` that a search from the target's pose reaches; None if ``equilibrium`` started there
     band : effect of the tolerances of real sheets, if requested
-    seen, soft : caches of ``slots`` and ``softest``, with one member at most
+    seen, soft : caches of the results of ``slots`` and ``softest``; empty before their first call
     """
 
     design: SpiralDesign
@@ -86,7 +86,7 @@ class Simulation:
 
     @cached_property
     def strain(self) -> Float[np.ndarray, " quads"] | None:
-        """(F,) largest surface strain of every spiral's arms, without fillets, over the strain limit; None for the rod model.
+        """(F,) largest surface strain of every spiral's arms over the strain limit, without fillets; None for rods.
 
         The more strained arm of a joint counts for both of its spirals (see ``strain_changes.max_strain_per_spiral``).
         """
@@ -95,7 +95,7 @@ class Simulation:
         return max_strain_per_spiral(self.model.assembly, self.joint_strain) / self.material.strain_limit
 
     def slots(self, progress: Progress = SILENT) -> SpaceSlots | None:
-        """Measure the slots between the bent arms, at the first call only; None without an equilibrium."""
+        """Return the slots between the bent arms, measured at the first call; None without an equilibrium."""
         if not self.seen and self.equilibrium.converged:
             pose = self.equilibrium.pose
             arms = bend_arms(self.design, pose, material=self.material, progress=progress.part(0.0, 0.5))
@@ -117,12 +117,12 @@ class Simulation:
         return others.with_quads_of(slots_in_space(self.design, arms, quads=some), some)
 
     def softest(self, progress: Progress = SILENT) -> tuple[np.ndarray, float]:
-        """Find the softest motion of the hubs, at the first call only.
+        """Return the softest motion of the hubs, computed at the first call.
 
         Returns
         -------
         motion : (F, 6) shifts and turns of the hubs
-        share : its stiffness as a share of the convex part; negative at a saddle
+        share : its stiffness, as a share of its stiffness by the convex part alone; negative at a saddle
         """
         if self.soft:
             return self.soft[0]
@@ -155,12 +155,12 @@ class Simulation:
 
     @property
     def is_locked(self) -> bool:
-        """Whether some joint's torsion differs so much from the target that the shape is probably a false minimum."""
+        """Whether some joint's torsion differs so much from the target's that the shape is probably a false minimum."""
         return bool(self.torsion_change.max(initial=0.0) > FALSE_MINIMUM_TORSION)
 
     @cached_property
     def findings(self) -> list[Finding]:
-        """Warnings about the shape: no equilibrium, far from the target, outside the model's range, overstrained, unstable."""
+        """Warnings about the shape: no equilibrium, far from target, outside the model, overstrained, unstable."""
         findings = []
         if not self.equilibrium.converged:
             findings.append(Finding("no-equilibrium", "warning", self.equilibrium.status))
@@ -178,7 +178,7 @@ class Simulation:
             faces = tuple((beside if len(beside) else piece.quads).tolist())
             text, code = piece.wrong + piece.help, "stays-flat" if piece.flat else "far-from-target"
             far.append(Finding(code, "warning", text, faces, tuple(piece.line.tolist())))
-        findings += joined_alike(far)  # alike bodies, such as the eyes of a head, share one sentence
+        findings += joined_alike(far)  # findings about alike bodies, such as eyes, share one sentence
         alone = np.setdiff1d(np.arange(self.assembly.size), self.assembly.pairs)
         if len(alone):
             text = f"{with_count(len(alone), 'quad is', 'quads are')} joined to no other quad and {'bends' if len(alone) == 1 else 'bend'} nothing: delete such quads, or join them to the others"
@@ -210,11 +210,11 @@ class Simulation:
         return findings + rest_findings(*rests, self.target, self.size)
 
     def _strain_at(self, rest: Equilibrium) -> Float[np.ndarray, " quads"] | None:
-        """Return ``strain`` in this rest or in another one."""
+        """Return ``strain`` in this equilibrium or in another equilibrium of the piece."""
         return self.strain if rest is self.equilibrium else replace(self, equilibrium=rest).strain
 
     def _kinked(self) -> list[Finding]:
-        """Find the joints at kinks whose strains may exceed the limit, though the model computes less."""
+        """Return a finding about joints at kinks where the true strain may exceed the limit, not the computed one."""
         if self.joint_strain is None:
             return []
         assembly = self.model.assembly
@@ -232,7 +232,7 @@ class Simulation:
 
     @property
     def _strain_note(self) -> str:
-        """Remark in brackets for people: where the strain occurs, and how exact it is."""
+        """Remark in brackets for users: where the strain occurs, and how exact it is."""
         if self.strain is None or not self.material.breaks:
             return " (on their surface, give or take 15 %)"
         at_fillets = 100.0 * FILLET_STRAIN * self.strain.max()
@@ -310,8 +310,8 @@ def build_model(
     assembly : spirals and joints
     material : elastic constants
     name : "arm" or "rod"
-    quick : leave out the second order of the strains, which matters under strong forces only
-    slopes : compute the arms' derivatives with respect to the design at once, which design searches need
+    quick : leave out the strains' second-order term (see ``arms.curving``), which matters under strong forces only
+    slopes : compute the arms' derivatives with respect to the design now; design searches need them
     progress : called with the fraction done; may cancel
 
     Raises
@@ -351,7 +351,7 @@ def simulate(
     supports : (k,) quads that are held at their places in the target; None to hold none
     force : (F, 3) forces on the spirals, newtons; None for none
     start : pose to start from; None to start from the target's pose
-    quick : leave out the second order of the strains, as the optimiser does
+    quick : leave out the strains' second-order term, as the optimiser does
     progress : called with the fraction done and the vertices (V, 3) reached; may cancel
 
     Raises
@@ -379,7 +379,7 @@ def simulate(
 
 
 def move_vertices(design: SpiralDesign, pose: Pose, mesh: QuadMesh) -> Float[np.ndarray, "vertices 3"]:
-    """Move the vertices of a mesh with the hubs of their quads; a vertex goes to the mean of its places in all its quads.
+    """Move the vertices of a mesh with the hubs of their quads: to the mean of the positions that these quads give.
 
     Parameters
     ----------

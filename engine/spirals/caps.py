@@ -1,8 +1,8 @@
 """Caps: the ends of arms that are left out at an open border, and of arms that end in a foot.
 
-An arm at the border has no joint and carries nothing. If it is left out, a round end on the hub remains. The hub keeps its
-corners beside that end, so that the other arms are as stiff as beside a whole arm. The round end lies within the arm's own
-outline, so that no clearance becomes smaller.
+An arm at the border has no joint and carries nothing. If it is left out, a stump with a round end remains on the hub.
+The hub keeps its corners beside the stump, so that the other arms are as stiff as beside a whole arm. The stump lies
+within the outline of the whole arm, so that no clearance becomes smaller.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from .curves.arcs import Curve
 from .curves.spiral import LEFT, RIGHT, Arms, edge_points
 from .roots import SlotRoots
 
-# t at which an arm that is left out ends, as a share of the t of its root: 0.2 mm of 10 mm remain, so that both of its edges
-# exist; larger values shorten the stump
+# start of the stump of a left-out arm, as a share of the arm parameter t at the roots of the slots beside it; at 0.98,
+# 0.2 mm of 10 mm remain, so that both edges of the arm exist; larger values shorten the stump
 STUMP = 0.98
-POLYGON_TOLERANCE = 2e-6  # largest deviation of a cap's polygon from its arcs, metres; larger values are faster
+POLYGON_TOLERANCE = 2e-6  # largest deviation of a cap's polygon from its arcs, metres; larger is faster and less exact
 
 
 @dataclass(frozen=True, eq=False)
 class Cap:
     """End of an arm without a joint: a round end or a foot.
 
-    arm : 4 quad + side
+    arm : number of the arm, 4 quad + side
     patch : index of its patch
-    over : t where the plain arm begins
-    across : curve from the arm's right edge to its left edge there, in the patch's frame, metres
+    over : arm parameter t (0 at the joint, 1 at the quad's centre) where the cap ends and the plain arm begins
+    across : curve of the cap from the arm's right edge to its left edge at ``over``, in the patch's frame, metres
     """
 
     arm: int
@@ -55,7 +55,7 @@ def left_out_arms(mesh: QuadMesh, params: SpiralParams) -> Bool[np.ndarray, "qua
 
 
 def stump_starts(root: SlotRoots) -> Float[np.ndarray, "quads 4"]:
-    """Return the t (F, 4) where arms end that are left out."""
+    """Return the arm parameter t at which the stump of each arm would begin if the arm were left out, (F, 4)."""
     return STUMP * np.minimum(root.left, np.roll(root.right, 1, axis=1))
 
 
@@ -66,9 +66,9 @@ def make_caps(
 
     Parameters
     ----------
-    arms : of all quads
-    begin : t where every arm begins
-    absent : arms that are left out
+    arms : arms of all quads
+    begin : (F, 4) arm parameter t where every arm begins
+    absent : mask of the arms that are left out
     patch_of : (F,) patch of every quad
     """
     quad, side = np.nonzero(absent)

@@ -17,9 +17,9 @@ def _no_quads() -> Int[np.ndarray, " 0"]:
 class Constraints:
     """Indices of quads whose spirals are not free; empty by default.
 
-    straight : quads with twist 0; their arms at the border start at the largest width, because feet begin there
+    straight : quads with twist 0; in a first design, their arms at the border have the largest width, to carry feet
     wide : quads whose arms all have the largest width, because an eyelet is cut into their hub
-    kept : quads whose spirals and flat shapes a search must not change; making a first design ignores them
+    kept : quads whose spirals and flat shapes a search must not change; ignored when a first design is made
     """
 
     straight: Int[np.ndarray, " straight"] = field(default_factory=_no_quads)

@@ -1,9 +1,10 @@
 """Outlines of the panels: one closed curve of arcs around every panel and one around every hole (FlexMaps section 5).
 
 Outlines need no union of polygons. Between two consecutive arms of a quad lies a slot, one per corner of the quad. Its
-curve runs from the joint of one arm along the arm's left edge to the hub, around a fillet, and out along the right edge of
-the other arm. At a joint the curve continues in the neighbouring quad; at a cut it crosses the arm's end. So the slots of
-all quads form closed chains: one around every inner flat vertex, and one around the panel. The fillet is the slot's root.
+curve runs from the joint of one arm along the arm's left edge to the hub, around a fillet, and out along the right edge
+of the other arm. At a joint the curve continues in the neighbouring quad; at a cut it crosses the arm's end. So the
+slots of all quads form closed chains: one around every inner flat vertex, and one around the panel. The fillet at a
+slot's inner end is called the slot's root.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from .roots import SlotRoots
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """Curves of one panel in its patch's frame: outer curve counter-clockwise, holes clockwise; material on the left."""
+    """Curves of one panel in its patch's frame, metres: the outer curve counter-clockwise, holes clockwise."""
 
     outer: Curve
     holes: tuple[Curve, ...]
@@ -37,10 +38,12 @@ class Outline:
 class Tips:
     """Ends of arms with connectors or other shapes instead of a plain cut; arm 4 f + k is arm k of quad f.
 
+    The arm parameter t runs from 0 at the joint to 1 at the quad's centre.
+
     extra : outward offset of the left and the right edges at the tips, metres
     full, over : t up to which the offset is complete, and t from which it is 0
     begin : t where the edges begin
-    across : curve from the right to the left edge of every such arm, in its patch's frame, by the arm's number
+    across : curve of each shaped end, from the right to the left edge, in the patch's frame, metres; key: arm number
     """
 
     extra: Float[np.ndarray, "2 quads 4"]
@@ -50,12 +53,12 @@ class Tips:
     across: dict[int, Curve]
 
     def wider(self, which: Int[np.ndarray, " n"], t: Float[np.ndarray, "n m"]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the additional width at t, and its derivative, of some edges.
+        """Return the additional arm width (metres) at t beside some edges, and its derivative by t.
 
         Parameters
         ----------
-        which : numbers of the edges: left edges of all arms first, then right ones
-        t : places on each of them
+        which : numbers of the edges: left edges of all arms first, then right edges
+        t : places on every edge
         """
         arm = which % self.full.size
         return widening(
@@ -67,7 +70,7 @@ class Tips:
 
 
 def arm_starts(layout: PatchLayout, arms: Arms, slot: float) -> Float[np.ndarray, "quads 4"]:
-    """Return the t where every arm begins: 0, or slightly more at cuts inside a patch.
+    """Return the arm parameter t where every arm begins: 0, or slightly more at cuts inside a patch.
 
     At a cut inside a patch, two arm ends face each other in one panel, and need a gap.
 
@@ -75,7 +78,7 @@ def arm_starts(layout: PatchLayout, arms: Arms, slot: float) -> Float[np.ndarray
     ----------
     layout : mesh and cuts
     arms : arms of all quads
-    slot : least width of that gap, metres
+    slot : least width of the gap, metres
     """
     quad, side = opposite_sides(layout.mesh)
     inside = (
@@ -95,7 +98,7 @@ def arm_starts(layout: PatchLayout, arms: Arms, slot: float) -> Float[np.ndarray
 
 
 def _from_segment(points: Float[np.ndarray, "n k 2"], segment: Float[np.ndarray, "n 2 2"]) -> Float[np.ndarray, " n"]:
-    """Return the smallest distance of points from segments."""
+    """Return the smallest distance (n,) of k points from their segment, in each of n groups."""
     a, along = segment[:, :1], segment[:, 1:] - segment[:, :1]
     share = np.clip(((points - a) * along).sum(-1) / (along**2).sum(-1), 0.0, 1.0)
     return np.linalg.norm(points - a - share[..., None] * along, axis=-1).min(axis=1)
@@ -114,10 +117,20 @@ def fit_edges(
 ) -> FittedArcs:
     """Fit arcs to both edges of every arm, within ``tolerance`` metres.
 
-    Curve 4 f + k is the left edge of arm k, inwards; curve 4 F + 4 f + k is its right edge, outwards. Arms without a tip
-    begin at the t ``plain``. ``known`` is an earlier result; if given, only the arms ``again`` are fitted.
+    Curve 4 f + k is the left edge of arm k of quad f, inwards; curve 4 F + 4 f + k is its right edge, outwards.
 
-    Raises ``FlexMapsError`` with the faces of spirals that have no room in their quads.
+    Parameters
+    ----------
+    layout, arms, root : mesh and cuts, arms of all quads, roots of their slots
+    plain : arm parameter t where the edges begin if there are no ``tips``
+    tolerance : largest distance of the arcs from the exact edges, metres
+    tips : shaped ends of arms, with their own beginnings
+    progress : called with the fraction done; may cancel
+    known, again : an earlier result, and the numbers of the arms to fit again; by default all arms are fitted
+
+    Raises
+    ------
+    FlexMapsError : with the faces of spirals that have no room in their quads
     """
     tight = np.flatnonzero(root.missed.any(axis=1))
     if len(tight):
@@ -156,11 +169,21 @@ def draw_outlines(
     caps: Mapping[int, Curve] = {},
     rim: tuple[Rim, float] | None = None,
 ) -> list[Outline]:
-    """Assemble one outline per patch from the ``fit_edges`` of all arms, with ``tips`` at the cuts or plain ends at the t ``plain``.
+    """Assemble one outline per patch from the fitted edges of all arms.
 
-    ``caps`` are end curves of other arms, as in ``Tips.across``; ``rim`` is the rim with the fillet of its necks in metres.
+    Parameters
+    ----------
+    layout, arms, root : mesh and cuts, arms of all quads, roots of their slots
+    plain : arm parameter t where arms begin if there are no ``tips``
+    fitted : result of ``fit_edges``
+    tips : shaped ends of arms at the cuts; default is plain ends
+    progress : called with the fraction done; may cancel
+    caps : end curves of arms without a joint, as in ``Tips.across``
+    rim : the rim, and the fillet of its necks in metres
 
-    Raises ``FlexMapsError`` with the faces of a patch that overlaps itself.
+    Raises
+    ------
+    FlexMapsError : with the faces of a patch that overlaps itself
     """
     mesh, joined, patch_of = layout.mesh, ~layout.outline_sides, layout.patch_of
     begin = plain if tips is None else tips.begin
@@ -198,14 +221,14 @@ def _pieces(
     across: dict[int, Curve],
     progress: Progress,
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return the curve (points, bulges) around every slot (quad, corner): inwards along arm corner - 1, outwards along arm corner.
+    """Return the curve (points, bulges) around the slot at every corner of every quad.
 
-    If side ``corner`` is cut, the end of arm ``corner`` follows.
+    The curve runs inwards along arm corner - 1 and outwards along arm corner, and over its end if that lies at a cut.
     """
     t_left, t_right = root.left[..., None], np.roll(root.right, 1, axis=1)[..., None]
     p_left, d_left = (x[:, :, 0] for x in edge_points(arms, t_left, LEFT))
     _, d_right = (np.roll(x[:, :, 0], -1, axis=1) for x in edge_points(arms, t_right, RIGHT))
-    # from inwards on the left edge to outwards on the right edge of the next arm: always a turn to the right
+    # the fillet turns from inwards on the left edge to outwards on the next arm's right edge, always to the right
     turn = np.arctan2(d_left[..., 0] * -d_right[..., 1] + d_left[..., 1] * d_right[..., 0], -(d_left * d_right).sum(-1))
     turn = np.where(turn > 0.5 * np.pi, turn - 2.0 * np.pi, np.minimum(turn, 0.0))
     bulge = np.tan(0.25 * turn)
@@ -236,16 +259,17 @@ def _pieces(
 
 
 def _links(arms: Arms, rim: Rim, fillet: float) -> dict[int, Curve]:
-    """Return the outlines' curves along the rim; the keys are the arms whose right edges they start from."""
+    """Return the parts of the outlines along the rim; key: the arm (4 quad + side) whose right edge comes before it."""
     half = 0.5 * arms.joint_width[rim.quad, rim.side]
     number = (4 * rim.quad + rim.side).tolist()
     return {arm: Curve(*rim.link(n, half, fillet), closed=False) for n, arm in enumerate(number)}
 
 
 def _chains(mesh: QuadMesh, joined: np.ndarray, onward: Mapping[int, int]) -> list[list[int]]:
-    """Return closed chains of slots 4 quad + corner: across a joined side into the neighbour, at a cut to the quad's next slot.
+    """Return the closed chains of slots, numbered 4 quad + corner, that the outlines follow.
 
-    ``onward`` maps slots to other successors, at the rim.
+    At a joined side the chain continues with the neighbour's slot, at a cut with the next slot of the quad, and at the
+    rim as ``onward`` maps the slots.
     """
     quad, side = opposite_sides(mesh)
     own = 4 * np.arange(len(mesh.quads))[:, None] + (np.arange(4) + 1) % 4

@@ -24,7 +24,7 @@ class PaintSurface:
 
     @classmethod
     def from_mesh(cls, vertices: Float[np.ndarray, "vertices 3"], quads: Int[np.ndarray, "quads 4"]) -> PaintSurface:
-        """Make the ground from vertices (metres) and quads (vertex indices).
+        """Make the surface from the vertices and quads of a mesh.
 
         Parameters
         ----------
@@ -41,9 +41,9 @@ class PaintSurface:
     def weight(self, place: np.ndarray, facing: np.ndarray, radius: float) -> Float[np.ndarray, " quads"]:
         """Return the weight of a dab on every quad, from 0 to 1.
 
-        The weight falls off smoothly to 0 at the radius (3 s^2 - 2 s^3, Blender's *Smooth* falloff). Distances count from a
-        quad's sides, so that a small brush paints the whole quad under it. Quads that face away, such as the far side of a
-        thin wall, have weight 0.
+        The weight falls off smoothly to 0 at the radius (3 s^2 - 2 s^3, Blender's *Smooth* falloff). Distances count
+        from a quad's sides, so that a small brush paints the whole quad under it. Quads that face away, such as the far
+        side of a thin wall, have weight 0.
 
         Parameters
         ----------
@@ -57,7 +57,7 @@ class PaintSurface:
 
 
 def combine_weights(weights: list[Float[np.ndarray, " quads"]]) -> Float[np.ndarray, " quads"]:
-    """Combine the weights of consecutive dabs into one weight; exact if all dabs have the same goal."""
+    """Combine the weights of consecutive dabs into one weight; exact if all dabs move spirals to the same goal."""
     left = np.ones_like(weights[0])
     for weight in weights:
         left *= 1.0 - weight

@@ -27,7 +27,7 @@ from .solid import (
     without_spiral,
 )
 
-BATCH = 500  # spirals measured between two calls of progress: a tenth of a second
+BATCH = 500  # number of spirals measured between two progress reports (0.1 s); larger batches delay a cancel
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,10 +36,11 @@ class SpiralDesign:
 
     flat : flat patches that the spirals lie in
     params : fabricable range, sheet thickness, chirality
-    width : of every arm, metres; column k is the arm that ends at side k
+    width : width of every arm, metres; column k is the arm that ends at side k
     twist : winding angle from the tip to the centre, radians
     feet : feet in place of some arms at the border, so that the piece can stand
     painted : whether the user changed spirals by hand; a search then starts from this design only
+    drawn : cache of drawings and measurements
     """
 
     flat: FlatPatches
@@ -55,11 +56,11 @@ class SpiralDesign:
         return (self.width != other.width).any(axis=1) | (self.twist != other.twist)
 
     def changed_arms(self, other: SpiralDesign) -> Bool[np.ndarray, " quads"]:
-        """Return a mask of the quads with arms that differ from another design; arms blend into the arms at their joints."""
+        """Return a mask of the quads whose arms differ from another design's: changed spirals and their neighbours."""
         return (unlike := self.unlike(other)) | unlike[opposite_sides(self.flat.layout.mesh)[0]].any(axis=1)
 
     def reusing(self, known: SpiralDesign) -> SpiralDesign:
-        """Return this design after taking over the roots and arcs of those arms of another that are the same."""
+        """Copy the slot roots and fitted arcs of unchanged arms from another design's cache, and return this design."""
         if "roots" in known.__dict__:
             quads = np.flatnonzero(self.changed_arms(known))
             part = slot_roots(self.arms.subset(quads), self.params.fillet, self.solid[quads])
@@ -69,12 +70,12 @@ class SpiralDesign:
 
     @cached_property
     def arms(self) -> Arms:
-        """The true shape of every arm."""
+        """Shape parameters of every arm, including blends at the joints."""
         return arms(self.flat, self.params, self.width, self.twist)
 
     @cached_property
     def roots(self) -> SlotRoots:
-        """Roots of all slots."""
+        """Roots of all slots: the fillets at their inner ends."""
         return slot_roots(self.arms, self.params.fillet, self.solid)
 
     @cached_property
@@ -96,7 +97,7 @@ class SpiralDesign:
 
     @cached_property
     def begin(self) -> Float[np.ndarray, "quads 4"]:
-        """Place t on every arm where it begins, from 0 at the joint to 1 at the centre; without connectors."""
+        """Arm parameter t (0 at the joint, 1 at the centre) where every arm begins if there are no connectors."""
         plain = arm_starts(self.flat.layout, self.arms, slots.min_slot_width(self.params))
         return np.where(self.absent, stump_starts(self.roots), plain)
 
@@ -108,7 +109,7 @@ class SpiralDesign:
         return (*make_caps(self.arms, self.begin, bare, self.flat.layout.patch_of), *self.feet)
 
     def outlines(self, tolerance: float = 1e-5, tips: Tips | None = None, progress: Progress = SILENT) -> list[Outline]:
-        """Draw the outline of every panel as arcs; results without ``tips`` are cached.
+        """Return the outline of every panel, made of arcs; results without ``tips`` are cached.
 
         Parameters
         ----------
@@ -134,7 +135,7 @@ class SpiralDesign:
 
     @cached_property
     def area(self) -> Float[np.ndarray, " quads"]:
-        """Area of every spiral's material with its part of the rim, but without fillets and feet, square metres."""
+        """Area of every spiral's material, including its part of the rim but not fillets and feet, square metres."""
         share = np.linspace(0.0, 1.0, 33)
         begin = np.where(self.absent, self.begin, 0.0)[..., None]
         inner = np.roll(self.roots.right, 1, axis=1)[..., None]
@@ -152,7 +153,7 @@ class SpiralDesign:
 
     @cached_property
     def thin(self) -> Int[np.ndarray, " n"]:
-        """Quads too small for the smallest width, whose arms are thinner than the settings allow."""
+        """Quads that are too small for the smallest width, so that their arms are thinner than the settings allow."""
         return np.flatnonzero((self.width < self.params.width_min * (1.0 - 1e-6)).any(axis=1) & ~self.solid)
 
     @property
@@ -166,7 +167,10 @@ class SpiralDesign:
         return self.measure()
 
     def measure(self, progress: Progress = SILENT) -> tuple[float, float]:
-        """Measure ``min_slot_and_bridge`` between the true edges of the arms, at the first call only."""
+        """Return the widths of the narrowest slot and of the narrowest piece of material, metres (cached).
+
+        Widths are measured between the edges of the arms of each quad, and slots also between arms of different quads.
+        """
         if self.drawn.narrowest is None:
             slot, bridge = np.inf, np.inf
             every, roots = np.arange(len(self.width)), self.roots
@@ -181,7 +185,7 @@ class SpiralDesign:
         return self.drawn.narrowest
 
     def narrower(self, width: float) -> Int[np.ndarray, " n"]:
-        """Return the quads with a slot narrower than ``width`` metres beside their arms, at the root or elsewhere."""
+        """Return the quads beside whose arms a slot is narrower than ``width`` metres, at its root or elsewhere."""
         if 2.0 * self.params.fillet < width * (1.0 - 1e-9):
             return np.arange(len(self.width))
         apart, lean = slots.slot_widths(self.arms, self.roots.left, self.roots.right, np.linspace(0.0, 0.97, 32))[:2]
@@ -192,7 +196,7 @@ class SpiralDesign:
         return np.flatnonzero(least < 0.999 * width)
 
     def _gaps(self, below: float) -> tuple[Int[np.ndarray, "k 2"], Float[np.ndarray, " k"]]:
-        """Return both quads and the width of all gaps below ``below`` between arms of different quads, metres."""
+        """Return both quads and the width of all gaps below ``below`` metres between arms of different quads."""
         arms, gap = ClearanceModel.gaps(self.flat, self.params, self.width, self.twist, below)
         cut = ~self.absent.ravel()[arms].any(axis=1)
         return arms[cut] // 4, gap[cut]

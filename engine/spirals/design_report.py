@@ -1,4 +1,4 @@
-"""The block about the spirals in report.json and in .blend files."""
+"""Report on a design: the block about spirals in report.json and in .blend files."""
 
 from __future__ import annotations
 

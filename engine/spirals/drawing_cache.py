@@ -1,4 +1,4 @@
-"""Cache of a design's drawings and measurements; some are copied from the design that it was made from."""
+"""Cache of a design's drawings and measurements, reused in part by designs with a few other spirals."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ from .touching import find_contacts
 class DrawingCache:
     """Cache of a design.
 
-    plain : edges and outlines without connectors, by tolerance; narrowest : the result of ``SpiralDesign.measure``
-    earlier : edges of a design whose arms differ in the quads ``changed`` only, by tolerance
-    sound : patches whose outlines touch nowhere
+    plain : fitted edges and outlines without connectors; key: tolerance in metres
+    narrowest : result of ``SpiralDesign.measure``; None before its first call
+    earlier : fitted edges of a similar design, whose arms differ only in the quads ``changed``; key: tolerance
+    changed : quads whose arms differ from the edges in ``earlier``
+    sound : patches whose outlines are known not to touch themselves or each other
     """
 
     plain: dict[float, tuple[FittedArcs, list[Outline]]] = field(default_factory=dict)
@@ -31,7 +33,14 @@ class DrawingCache:
     def take_over(
         self, other: DrawingCache, quads: Int[np.ndarray, " some"], patches: Int[np.ndarray, " some"]
     ) -> None:
-        """Take over what is known of a design whose arms differ in these quads only, which lie in these patches."""
+        """Take over valid entries from the cache of a similar design.
+
+        Parameters
+        ----------
+        other : cache of the similar design
+        quads : all quads whose arms differ
+        patches : patches of these quads
+        """
         self.sound = other.sound - set(patches.tolist())
         if other.plain:
             self.earlier, self.changed = {tolerance: fitted for tolerance, (fitted, _) in other.plain.items()}, quads
@@ -41,7 +50,13 @@ class DrawingCache:
     def known_edges(
         self, tolerance: float, tips: Tips | None
     ) -> tuple[FittedArcs | None, Int[np.ndarray, " arms"] | None]:
-        """Return edges that are known, and the arms that must be fitted again; None if none are known."""
+        """Return cached edges, and the arms whose edges must be fitted again; (None, None) if nothing is cached.
+
+        Parameters
+        ----------
+        tolerance : tolerance of the edges, metres
+        tips : ends of arms with connectors; None for plain ends
+        """
         if tips is not None and tolerance in self.plain:
             return self.plain[tolerance][0], np.array(sorted(tips.across), dtype=np.int64)
         if tips is None and tolerance in self.earlier:
@@ -49,7 +64,7 @@ class DrawingCache:
         return None, None
 
     def contacts(self, drawn: list[Outline], progress: Progress) -> Float[np.ndarray, "n 3"]:
-        """Return the places where outlines touch, as ``find_contacts``, which checks only patches not known to be sound."""
+        """Return the result of ``find_contacts``, checking only patches not in ``sound``, and update ``sound``."""
         where = find_contacts(drawn, progress, self.sound)
         self.sound = set(range(len(drawn))) - set(where[:, 0].astype(int).tolist())
         return where

@@ -1,4 +1,4 @@
-"""Designs whose spirals can be cut: starts from equal widths, from curvatures and near given spirals (FlexMaps section 7)."""
+"""Designs that can be cut: starts of equal spirals, from curvature, and near given spirals (FlexMaps section 7)."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def design_from_curvature(
     curvature: Float[np.ndarray, " quads"],
     progress: Progress = SILENT,
 ) -> SpiralDesign:
-    """Make the curvature-adjusted start (FlexMaps section 7): higher curvature gives thinner arms and more twist.
+    """Make the curvature-adjusted start design (FlexMaps section 7): more curvature gives thinner arms and more twist.
 
     Parameters
     ----------
@@ -76,9 +76,9 @@ def design_from_spirals(
     *,
     constraints: Constraints = NO_CONSTRAINTS,
 ) -> SpiralDesign:
-    """Make a start near given widths (metres) and twists (radians) that can be cut and meets the constraints.
+    """Make a start design near given widths (metres) and twists (radians) that can be cut and meets the constraints.
 
-    If quads have no room, move the flat points near them; the design then has its own flat patches.
+    If quads have no room for spirals, move the flat points near them; the design then has its own flat patches.
 
     Parameters
     ----------
@@ -117,8 +117,8 @@ def curvature_adjusted(
 ) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]]:
     """Return widths (metres) and twists (radians) for an RMS curvature C (1/m), without checks whether they can be cut.
 
-    Both are linear in c = C / C_max. C_max is the percentile ``params.curvature_top`` of the curvature, where the publication
-    takes the maximum (100): a single sharp crease would leave c near 0 on the rest of the surface.
+    Both are linear in c = C / C_max. C_max is the percentile ``params.curvature_top`` of the curvature. The publication
+    takes the maximum (100), but a single sharp crease would then leave c near 0 on the rest of the surface.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def make_fabricable(
     free: Bool[np.ndarray, " quads"] | None = None,
     progress: Progress = SILENT,
 ) -> SpiralDesign:
-    """Make a design near given widths and twists that can be cut, joints and neighbours included.
+    """Make a design near given widths and twists that can be cut, with gaps to neighbouring spirals considered.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def make_fabricable(
     low, high = slots.width_range(flat, params)
     small = without_room(flat, params)
     refuse_many(np.flatnonzero(small & free), len(twist), slots.too_small(flat, params, np.flatnonzero(small)))
-    if prove:  # quads with solid hubs may have room in these flat patches
+    if prove:  # a quad that had a solid hub may have room for a spiral in these flat patches
         width = np.where((free & ~small & without_spiral(width, params))[:, None], low[:, None], width)
     most = np.where(free, high, np.inf)
     progress(0.0, "room between the arms")
@@ -169,7 +169,7 @@ def make_fabricable(
     twist = np.where(free, np.minimum(twist, params.twist_max), twist)
     width, twist = set_solid(params, width, twist, (small | without_spiral(width, params)) & free)
     shut = room.quads_with_closed_gaps(width, twist) & free
-    if shut.any():  # a good first guess for spirals with far too much twist
+    if shut.any():  # reduce far too large twists at once, so that ``open_gaps`` needs fewer rounds
         twist = np.where(shut, slots.twist_bound(flat, params, width, progress.part(0.0, 0.2), twist), twist)
     spirals = open_gaps(room, low, width, twist, free & ~without_spiral(width, params), progress.part(0.2, 0.6))
     design = SpiralDesign(flat, params, *spirals)
@@ -182,16 +182,16 @@ def unfabricable_quads(design: SpiralDesign, quads: Bool[np.ndarray, " quads"] |
     Parameters
     ----------
     design : spirals that a user or an older version may have made
-    quads : check only the slots beside these quads; default is all
+    quads : mask of quads; check only gaps beside them; default is all
     """
     low, high = slots.width_range(design.flat, design.params)
     finite = np.isfinite(design.width).all(axis=1) & np.isfinite(design.twist)
     width, twist = np.where(finite[:, None], design.width, low[:, None]), np.where(finite, design.twist, 0.0)
-    slack = 1e-3  # for rounding, and for limits from iterations
+    slack = 1e-3  # tolerance, for rounding and for limits found by iteration
     least, most = (1.0 - slack) * np.minimum(low, slots.MIN_WIDTH_SHARE * design.params.width_min), (1.0 + slack) * high
     fits = (width.min(axis=1) >= least) & (width.max(axis=1) <= most)
     fits &= (twist >= -slack) & (twist <= (1.0 + slack) * design.params.twist_max)
-    # arms without room for connectors can be glued, and spirals outside the model's range can be cut
+    # ignore the slot at seams and the range of the stiffness table: without them a piece can still be cut, and glued
     room = ClearanceModel.from_flat(design.flat, replace(design.params, slot_seam=0.0)).by_gaps
     spirals = np.clip(width, 0.1 * low[:, None], high[:, None]), np.clip(twist, 0.0, None)
     terms = room.terms(*spirals, below=-slack, quads=quads)
@@ -203,13 +203,13 @@ def unfabricable_quads(design: SpiralDesign, quads: Bool[np.ndarray, " quads"] |
 def resolve_contacts(
     design: SpiralDesign, progress: Progress = SILENT, rounds: int = 60, free: Bool[np.ndarray, " quads"] | None = None
 ) -> SpiralDesign:
-    """Draw the outlines, and unwind the spirals around every place where outlines still touch; most designs have none.
+    """Draw the outlines, and unwind the spirals around every place where outlines touch; most designs have none.
 
     Parameters
     ----------
-    design : spirals without closed gaps, as of ``open_gaps``
+    design : spirals without closed gaps, as returned by ``open_gaps``
     progress : called with the fraction done; may cancel
-    rounds : most repetitions
+    rounds : largest number of repetitions
     free : spirals that may change; default is all
 
     Raises
@@ -225,7 +225,7 @@ def resolve_contacts(
         culprits, where = _culprits(design, part)
         if not len(culprits):
             return design
-        # unwind first, neighbours too, because they determine the joints' direction; then thin the arms
+        # first unwind spirals and their neighbours, which also determine the direction of joints; then thin the arms
         beside = np.union1d(culprits, mate[culprits])
         still = (design.twist == 0.0) | ~free
         straight = culprits[still[culprits] & still[mate[culprits]].all(axis=1) & (free & ~design.solid)[culprits]]
@@ -234,7 +234,7 @@ def resolve_contacts(
         twist[beside] = np.where(twist[beside] < 0.3, 0.0, 0.75 * twist[beside])
         width[straight] = np.maximum(0.85 * width[straight], thinnest)
         if (twist == design.twist).all() and (width == design.width).all():
-            # nothing can be unwound any further: the quad nearest to each place gets a solid hub
+            # nothing can be unwound any further: give the quad nearest to each contact a solid hub
             worst = culprits if where is None else nearest_quads(design.flat, where, 1)
             given_up = np.zeros(len(twist), dtype=bool)
             given_up[worst] = True
@@ -252,7 +252,10 @@ def resolve_contacts(
 
 
 def _culprits(design: SpiralDesign, progress: Progress) -> tuple[Int[np.ndarray, " n"], np.ndarray | None]:
-    """Return the quads whose slots have no root, else the quads where outlines touch and the places (as ``find_contacts``)."""
+    """Return the quads to change and the places where outlines touch, as from ``find_contacts``.
+
+    If slots have no root, return their quads and None, because outlines cannot be drawn.
+    """
     progress(0.0, "roots of the slots")
     culprits = np.flatnonzero(design.roots.missed.any(axis=1))
     if len(culprits):

@@ -1,7 +1,7 @@
 """Change spirals by hand, with a brush or with a field over the whole surface, as far as they can be cut.
 
-Every brush has goal spirals for full strength; a dab moves each spiral towards its goal by the weight's share of the way.
-So widths and twists stay within their bounds. Where slots would close, a spiral moves less.
+Every brush defines goal spirals within the allowed ranges. A dab moves each spiral towards its goal; its weight, from
+0 to 1, is the share of the way. Where slots would close, a spiral moves less.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from .clearance.room import ClearanceModel
 from .clearance.slots import OPEN_SHARE, min_slot_width, twist_limit, width_range
 from .design import SpiralDesign
 
-# halvings of a spiral's move where slots would close, before the spiral stays; more lose less of the move (here 2 %) and
-# take longer
+# number of times the move of a spiral is halved where slots would close; then the spiral stays. A larger number loses
+# less of the move (6: at most 2 %) and takes longer
 HALVINGS = 6
-ROUNDS = 40  # most rounds of halving over all spirals
+ROUNDS = 40  # largest number of rounds; each halves the moves of all spirals at closed slots; more takes longer
 
 Spirals = tuple[np.ndarray, np.ndarray]  # widths (F, 4) in metres and twists (F,) in radians
 
@@ -32,9 +32,10 @@ Spirals = tuple[np.ndarray, np.ndarray]  # widths (F, 4) in metres and twists (F
 class Canvas:
     """Data that stays constant while painting: ranges of the spirals, and neighbours.
 
+    flat : flat patches
     low, high : (F,) range of the widths, metres
     diameter : (F,) diameter of the spirals, metres
-    spokes : (F, 4, 3) from the centre of every quad of the surface to the middles of its sides, metres
+    spokes : (F, 4, 3) vectors from the centre of every quad of the surface to the middles of its sides, metres
     mate : (F, 4) arm across every joint, 4 quad + side; at the border the arm itself
     """
 
@@ -80,9 +81,9 @@ def _mates(mesh: QuadMesh) -> Int[np.ndarray, "quads 4"]:
 
 @dataclass(frozen=True, eq=False)
 class Stroke:
-    """Options of a brush beside its weight.
+    """Options of a brush besides its weight.
 
-    inverted : reverse the brush's effect, if it has a reverse
+    inverted : reverse the brush's effect; the brush ``smooth`` has no reverse
     direction : (3,) or (F, 3) vector along which the brush ``along`` stiffens, in the surface's axes; of any length
     level : (F,) stiffness from 0 to 1 that the brush ``stiffness`` sets
     """
@@ -101,7 +102,7 @@ def _stiffest(design: SpiralDesign, canvas: Canvas) -> Spirals:
 
 
 def _softest(design: SpiralDesign, canvas: Canvas) -> Spirals:
-    """Return the smallest widths and the largest twists that they allow."""
+    """Return the smallest widths, and the largest twists that these widths allow."""
     width = np.repeat(canvas.low[:, None], 4, axis=1)
     return width, _largest_twist(design, canvas, width)
 
@@ -109,7 +110,7 @@ def _softest(design: SpiralDesign, canvas: Canvas) -> Spirals:
 def _largest_twist(
     design: SpiralDesign, canvas: Canvas, width: Float[np.ndarray, "quads 4"]
 ) -> Float[np.ndarray, " quads"]:
-    """Return the largest twist in radians of a regular spiral of that width; in irregular quads slots close sooner."""
+    """Return the largest twist of a regular spiral of given width, radians; in irregular quads slots close sooner."""
     params = design.params
     limit = twist_limit(canvas.diameter, width.mean(axis=1), min_slot_width(params), OPEN_SHARE)
     return np.clip(limit, params.twist_min, params.twist_max)
@@ -135,32 +136,35 @@ def _stiffness(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
 def _smooth(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
     """Move halfway to the mean of the neighbours; a full step would flip a chequerboard instead of fading it.
 
-    The mean width of a spiral moves to the mean width of its neighbours. The deviation of an arm from that mean moves to the
-    deviation of its mate.
+    The mean width of a spiral moves towards its neighbours' mean width, and an arm's deviation from its spiral's mean
+    towards the deviation of the arm across the joint.
     """
     middle = design.width.mean(axis=1)
     unlike = design.width - middle[:, None]
     mated = unlike.ravel()[canvas.mate]
     width = 0.5 * (middle + middle[canvas.beside].mean(axis=1))[:, None] + 0.5 * (unlike + mated)
-    # mean and deviation together may leave the allowed range
+    # the sum of mean and deviation may leave the allowed range
     width = np.clip(width, np.minimum(canvas.low, design.width.min(axis=1))[:, None], canvas.high[:, None])
     return width, 0.5 * (design.twist + design.twist[canvas.beside].mean(axis=1))
 
 
 def _twist(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
-    """Increase the twist, or decrease it if inverted."""
+    """Increase the twist, or decrease it if the stroke is inverted."""
     least = np.full(len(canvas.low), design.params.twist_min)
     return design.width, least if stroke.inverted else _largest_twist(design, canvas, design.width)
 
 
 def _width(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
-    """Widen the arms, or thin them if inverted."""
+    """Widen the arms, or thin them if the stroke is inverted."""
     ends = canvas.low if stroke.inverted else canvas.high
     return np.repeat(ends[:, None], 4, axis=1), design.twist
 
 
 def _along(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
-    """Widen arms along a direction and thin arms across it, by the cosine of twice the angle; inverted, the reverse."""
+    """Widen arms along a direction and thin arms across it, in proportion to the cosine of twice the angle.
+
+    An inverted stroke thins the arms along the direction and widens the arms across it.
+    """
     if stroke.direction is None:
         raise FlexMapsError("The brush needs a direction; give one, such as x, or draw with the brush along it")
     way = np.broadcast_to(np.asarray(stroke.direction, dtype=float), (len(canvas.low), 3))
@@ -206,7 +210,7 @@ def paint_spirals(
 
     Raises
     ------
-    FlexMapsError if there is no such brush, or it lacks an option.
+    FlexMapsError : unknown brush, missing option of the brush, or weights of a wrong shape
     """
     if brush not in BRUSHES:
         raise FlexMapsError(f"There is no brush '{brush}'; the brushes are {', '.join(BRUSHES)}")
@@ -223,7 +227,7 @@ def paint_spirals(
         design.twist + weight * (twist - design.twist),
     )
     room, touched = ClearanceModel.from_flat(design.flat, design.params), weight > 0.0
-    # first the changes that widen slots, so that the others have more room
+    # first make the changes that widen slots, so that all other changes have more room
     opened = _move_towards(
         room,
         (design.width, design.twist),
@@ -235,7 +239,10 @@ def paint_spirals(
 
 
 def _move_towards(room: ClearanceModel, start: Spirals, goal: Spirals, touched: Bool[np.ndarray, " quads"]) -> Spirals:
-    """Move every touched spiral towards its goal as far as slots stay open; halve the moves of spirals at closed slots."""
+    """Move spirals towards their goals as far as slots stay open, by halving the moves of spirals at closed slots.
+
+    touched : mask of the spirals that may move
+    """
     share, quads = touched.astype(float), touched
     width, twist = goal
     for turn in range(ROUNDS):

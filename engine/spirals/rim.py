@@ -1,12 +1,12 @@
 """The rim: a strip along an open border that joins the tips of the arms there, with holes for a cord or rivets.
 
-Every arm at the border has a node, where its centre line meets the strip's centre line. The arm crosses the border at right
-angles, because its mate is its own mirror image (see ``blends``); its straight part from there to the strip is its neck.
-Between two nodes the strip consists of a straight, an arc and a straight, so that it follows the border with round corners.
-The rim depends only on the flat patches and the settings, not on the spirals.
+Every arm at the border has a node, where its centre line meets the strip's centre line. The arm crosses the border at
+right angles, because it is blended with its own mirror image (see ``blends``); the straight piece from the border to
+the strip is its neck. Between two nodes the strip consists of a straight, an arc and a straight, so that it follows the
+border with round corners. The rim depends only on the flat patches and the settings, not on the spirals.
 
-At a cut the strip ends with its patch; the two ends at a seam leave a gap. Lengths are metres; points are complex numbers in
-the frame of their patch.
+At a cut the strip ends with its patch; the two ends at a seam leave a gap. Lengths are metres; points are complex
+numbers in the frame of their patch.
 """
 
 from __future__ import annotations
@@ -26,13 +26,14 @@ from .curves.arc_path import ArcPath
 from .curves.arcs import Curve
 from .curves.spiral import opposite_sides
 
-# largest slope of a strip's end against the border's normal, as it follows the seam; beyond 45 degrees it would be a point
+# largest slope (1: 45 degrees) of a strip's end, which follows the seam, against the border's normal; larger values
+# make the end more pointed
 _SLANT = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Rim:
-    """Strips of all patches, as arrays over their B nodes in the order of quads and sides.
+    """Strips of all patches, as arrays over their B nodes (one per arm at the border), ordered by quad and side.
 
     quad, side, patch : arm and patch of every node
     following, before : next and previous node along the border, counter-clockwise around the patch; -1 at a strip's end
@@ -40,7 +41,7 @@ class Rim:
     depth, width : distance from the border to the strip, which is the length of the necks; width of the strip
     straight : (B, 2) length of the straight parts of the strip after and before the node
     turn, radius : angle of the arc to the following node, in radians to the left, and its radius; 0 if there is none
-    hole, holes, spacing : diameter of the holes, (B,) their number up to the following node, and their desired distance
+    hole, holes, spacing : diameter of the holes; (B,) number of holes up to the following node; desired hole distance
     """
 
     quad: Int[np.ndarray, " nodes"]
@@ -93,7 +94,7 @@ class Rim:
 
     @property
     def out(self) -> Complex[np.ndarray, " nodes"]:
-        """Outward unit normals of the border's sides."""
+        """Outward unit normals of the sides on the border."""
         return -1j * self.along
 
     @property
@@ -109,18 +110,18 @@ class Rim:
 
     @property
     def overhang(self) -> Float[np.ndarray, "nodes 2"]:
-        """Length of the strip's free ends after and before the node; 0 where the strip continues."""
+        """Length of the strip's free ends after and before every node; 0 where the strip continues."""
         ends = np.stack([self.following < 0, self.before < 0], axis=1)
         return np.where(ends, self.straight, 0.0)
 
     def _with_turns(self, half: Float[np.ndarray, " nodes"], params: SpiralParams) -> Rim:
-        """Add the arcs, with the largest radii that the sides' half lengths allow and that stay outside the border."""
+        """Return the rim with arcs, of the largest radii for which they fit the sides and stay off the border."""
         i = np.flatnonzero(self.following >= 0)
         j = self.following[i]
         turn = np.angle(self.along[j] / self.along[i])
         reach = self.depth + 0.5 * self.width
         slope = np.tan(0.5 * turn)
-        there, here = half[j] + reach * slope, half[i] + reach * slope  # to the crossing of both straights
+        there, here = half[j] + reach * slope, half[i] + reach * slope  # from the nodes to where both straights meet
         room = np.minimum(here, there) - _clear(params)
         bends = np.abs(turn) > SINGLE_TOL
         size = np.where(bends, np.abs(slope), 1.0)
@@ -143,7 +144,7 @@ class Rim:
         return replace(self, straight=straight, turn=turns, radius=radii)
 
     def _with_ends(self, half: np.ndarray, seams: Complex[np.ndarray, "nodes 2"], params: SpiralParams) -> Rim:
-        """Add the free ends, half a gap before the seams (``seams`` : directions from the border inwards)."""
+        """Return the rim with free ends half a gap before the seams, whose inward directions are ``seams``."""
         straight, gap = self.straight.copy(), max(params.slot_seam, min_slot_width(params))
         for k, ends in enumerate((self.following < 0, self.before < 0)):
             way = (1.0 if k == 0 else -1.0) * self.along
@@ -158,7 +159,7 @@ class Rim:
         return replace(self, straight=straight)
 
     def _with_holes(self) -> Rim:
-        """Add the holes: between two nodes the number whose spacing is nearest to the setting."""
+        """Return the rim with holes: between two nodes, the number whose spacing is nearest to the setting."""
         if self.hole == 0.0:
             return self
         length = self.length
@@ -188,14 +189,14 @@ class Rim:
 
     @property
     def reach(self) -> Float[np.ndarray, "nodes 2"]:
-        """Length of the strip that belongs to every node, after and before it: half the way to its neighbours, or to the end."""
+        """Length of every node's part of the strip, after and before it: half-way to the next node, or to the end."""
         half = 0.5 * self.radius * np.abs(self.turn)
         return self.straight + np.stack([half, np.where(self.before >= 0, half[self.before], 0.0)], axis=1)
 
     def half(
         self, node: Int[np.ndarray, " n"], back: bool, gone: Float[np.ndarray, " n"]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return points on the strip's centre line relative to their nodes, and the forward directions there.
+        """Return vectors from nodes to points on the strip's centre line, and the forward directions at these points.
 
         Parameters
         ----------
@@ -214,16 +215,16 @@ class Rim:
 
     @property
     def hole_ways(self) -> tuple[Int[np.ndarray, " holes"], Float[np.ndarray, " holes"]]:
-        """Previous node of every hole between two nodes, and the hole's distance from it along the strip."""
+        """For every hole between two nodes: the node before it, and its distance from that node along the strip."""
         node = np.repeat(np.arange(len(self.quad)), self.holes)
         rank = np.arange(len(node)) - np.repeat(np.cumsum(self.holes) - self.holes, self.holes)
         return node, (rank + 0.5) / np.maximum(self.holes[node], 1) * self.length[node]
 
     @property
     def end_bores(self) -> Float[np.ndarray, "nodes 2"]:
-        """Distance of the hole in a free end from its node, after and before it; 0 if there is no hole.
+        """Distance from every node to the hole in the strip's free end after and before it; 0 if there is no hole.
 
-        The hole is as far from the end as from the edges; there is none if the neck leaves no room.
+        A hole is as far from the end as from the edges; ends too short for a hole beside the neck have none.
         """
         room = self.overhang > max(0.5 * self.width, self.hole) + 0.5 * self.width
         return np.where(room & (self.hole > 0.0), self.overhang - 0.5 * self.width, 0.0)
@@ -272,8 +273,8 @@ class Rim:
     def link(self, node: int, half: Float[np.ndarray, " nodes"], fillet: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the part of the outline (points (n, 2), bulges) that begins at the right edge of a node's arm.
 
-        The part ends at the left edge of the previous node's arm. If the node is the first of its strip, the part runs around
-        the whole strip and ends at the last node's arm.
+        The part ends at the left edge of the previous node's arm. If the node is the first of its strip, the part runs
+        around the whole strip and ends at the last node's arm.
 
         Parameters
         ----------
@@ -298,7 +299,7 @@ class Rim:
         return path.arrays()
 
     def _neck(self, path: ArcPath, node: int, sign: float, half: np.ndarray, fillet: float) -> None:
-        """Add one side of a neck with its fillet: the right side outwards (``sign`` -1) or the left side inwards (1)."""
+        """Add a side of a neck with its fillet: the right side outwards (``sign`` -1) or the left side inwards (1)."""
         foot = self.middle[node] + sign * half[node] * self.along[node]
         out, aside = self.out[node], sign * self.along[node]
         near, far = foot + (self.depth - fillet) * out, foot + self.depth * out + fillet * aside
@@ -312,7 +313,7 @@ class Rim:
             path.to(foot)
 
     def _segment(self, path: ArcPath, node: int, aside: float, way: float) -> None:
-        """Add the arc from a node to the following node, ``aside`` outside the centre line, forwards (``way`` 1) or backwards (-1)."""
+        """Add the arc from a node to the next (backwards if ``way`` is -1), ``aside`` metres off the centre line."""
         turn, there = float(self.turn[node]), int(self.following[node])
         if turn == 0.0:
             return
@@ -335,7 +336,7 @@ class Rim:
                 path.to(place, bulge if round_ > 0.0 else 0.0)
 
     def closed_curves(self) -> list[tuple[int, Curve]]:
-        """Return patch and curve of the outer edges of closed strips and of all holes; holes are clockwise."""
+        """Return the outer edges of closed strips, and all holes (clockwise), each as patch and curve."""
         curves, seen = [], self._last_nodes() != np.arange(len(self.quad))
         ends = set(np.flatnonzero(self.before < 0).tolist())
         for i in ends:
@@ -358,19 +359,19 @@ class Rim:
 
 
 def rim_depth(params: SpiralParams) -> float:
-    """Return the distance from the border to the strip in metres; it leaves a slot beside the widest arm."""
+    """Return the distance from the border to the strip, metres, which leaves room for a slot beside the widest arm."""
     return 0.5 * params.width_max + min_slot_width(params)
 
 
 def _clear(params: SpiralParams) -> float:
-    """Return the least straight length of the strip on both sides of a node in metres, for a neck with its fillets."""
+    """Return the least straight length of the strip on each side of a node, metres, for a neck with its fillets."""
     return 1.02 * (0.5 * params.width_max + params.fillet)
 
 
 def _follow_border(
     flat: FlatPatches, quad: np.ndarray, side: np.ndarray
 ) -> tuple[np.ndarray, Complex[np.ndarray, "nodes 2"]]:
-    """Return the following node on the border of the patch (-1 at a cut), and the directions of cuts after and before it (else 0)."""
+    """Return the next node along the border (-1 at a cut), and directions of the cuts after and before (else 0)."""
     layout = flat.layout
     mate, beyond = opposite_sides(layout.mesh)
     border = layout.mesh.border[layout.mesh.quad_edges]

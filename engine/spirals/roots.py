@@ -1,4 +1,4 @@
-"""Roots of the slots between consecutive arms of a quad: the places of the fillets where the slots end."""
+"""Roots of the slots between consecutive arms of a quad: the fillets at which the slots end near the hub."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from ..arrays import Bool, Float
 from .clearance.slots import PARALLEL_COSINE, is_clockwise, slot_widths
 from .curves.spiral import LEFT, RIGHT, Arms, centre_line, edge_points
 
-# Largest t at which a slot may end. The edges of a wide arm between thin ones can end beyond the centre: in 1 of 100
-# spirals with widths between 1 and 2 mm in quads of 60 and 120 degrees, at most at 1.12.
+# Largest arm parameter t (0 at the joint, 1 at the quad's centre) at which a slot may end. The edges of a wide arm
+# between thin arms can end beyond the centre, at up to 1.12; a smaller bound would miss such roots.
 _LARGEST_T = 1.2
-# Retries for wrong roots: start from these t, first with the requested fillet, then with larger ones. Of 30,000 spirals
-# with widths of 1 or 2 mm some 20 need that.
+# Start values of t for retries at wrong roots, first with the requested fillet, then with larger fillets; rarely needed
 _RETRY_T = (0.95, 0.85, 0.75)
-_RETRY_FILLETS = (1.5, 2.2, 3.3, 5.0)  # factors on the requested fillet
+_RETRY_FILLETS = (1.5, 2.2, 3.3, 5.0)  # factors on the requested fillet for retries; larger fillets shorten the slot
 # the factors apply to at least this share of the smallest arm width, so that retries work if the requested fillet is 0
 _SMALLEST_RETRY = 0.1
 
@@ -25,8 +24,8 @@ _SMALLEST_RETRY = 0.1
 class SlotRoots:
     """Roots of all slots. Entry k belongs to the slot between arm k and arm k + 1.
 
-    left : t on the left edge of arm k where the fillet begins
-    right : t on the right edge of arm k + 1 where the fillet ends
+    left : arm parameter t on the left edge of arm k where the fillet begins
+    right : arm parameter t on the right edge of arm k + 1 where the fillet ends
     centre : centre of the fillet, metres
     fillet : radius of the fillet, metres; larger than requested where a slot is still wide beside the quad's centre
     missed : True where there is no room for a slot
@@ -42,8 +41,8 @@ class SlotRoots:
 def find_roots(arms: Arms, fillet: float) -> SlotRoots:
     """Find the roots of all slots: the places where the fillet touches both edges.
 
-    Newton's method follows each root from straight arms (twist 0) to the full twist. If it misses the first such place,
-    as it may in slots that hardly narrow, scan the slot from its mouth inwards.
+    Newton's method follows each root while the twist grows from 0 (straight arms) to its full value. Where it misses
+    the first such place, as it may in slots that hardly narrow, the slot is scanned from its mouth inwards.
 
     Parameters
     ----------
@@ -61,7 +60,7 @@ def find_roots(arms: Arms, fillet: float) -> SlotRoots:
         left, right, _ = _newton(arms.without_blends(part * arms.wind), left, right, fillet, rounds=2)
     left, right, miss = _newton(arms, left, right, fillet, rounds=8)
     doubtful = ~(miss < 1e-9)
-    # a slot narrower than at its root means a wrong root: check all slots coarsely, and the narrow ones finely
+    # a root is wrong if its slot is narrower farther out: check all slots coarsely, and narrow slots finely
     near = np.flatnonzero((_slot_minimum(arms, left, right, np.linspace(0.1, 0.8, 6)) < 5.0 * fillet).any(axis=1))
     closer = _slot_minimum(arms.subset(near), left[near], right[near], np.linspace(0.0, 0.97, 72))
     doubtful[near] |= closer < 1.999 * fillet
@@ -79,9 +78,9 @@ def find_roots(arms: Arms, fillet: float) -> SlotRoots:
 def _enlarge_fillets(
     arms: Arms, left: np.ndarray, right: np.ndarray, miss: np.ndarray, fillet: float
 ) -> Float[np.ndarray, "quads 4"]:
-    """Return fillet radii, larger where the root is wrong, because the slot is still wide beside the centre.
+    """Return the fillet radii; enlarge fillets with wrong roots, where the slot is still wide beside the quad's centre.
 
-    Write the roots and distances of these fillets into ``left``, ``right`` and ``miss``.
+    The roots of larger fillets, and their remaining distances, are written into ``left``, ``right`` and ``miss``.
     """
     radius, wrong = np.full(left.shape, fillet), _is_wrong(arms, left, right, miss)
     quads = np.flatnonzero(wrong.any(axis=1))
@@ -103,7 +102,7 @@ def _enlarge_fillets(
 
 
 def _is_wrong(arms: Arms, left: np.ndarray, right: np.ndarray, miss: np.ndarray) -> Bool[np.ndarray, "quads 4"]:
-    """Return a mask of the roots that were missed, lie beyond the centre, or lie where an edge turns back."""
+    """Return a mask of wrong roots: not converged, beyond the centre, or where an arm's edge runs backwards."""
     out = ~(miss < 1e-9) | (np.maximum(left, right) > 1.0)
     for way, t in ((LEFT, left), (RIGHT, np.roll(right, 1, axis=1))):
         t = np.minimum(t, 1.0)[..., None]
@@ -113,16 +112,19 @@ def _is_wrong(arms: Arms, left: np.ndarray, right: np.ndarray, miss: np.ndarray)
 
 
 def _slot_minimum(arms: Arms, left: np.ndarray, right: np.ndarray, share: np.ndarray) -> Float[np.ndarray, "quads 4"]:
-    """Return the least width of every slot in metres, over the shares (N,) of its length where its sides are nearly parallel."""
+    """Return the least width of every slot at the shares (N,) of its length where its edges are almost parallel."""
     apart, lean = slot_widths(arms, left, right, share)[:2]
     return np.where(lean > PARALLEL_COSINE, apart, np.inf).min(axis=-1)
 
 
 def _scan_inwards(arms: Arms, fillet: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Find the first narrow place from the mouth inwards; return left t, right t and remaining distance, each (F, 4)."""
+    """Find roots at the first narrow place from the mouth inwards.
+
+    Return t on the left and on the right edge, and the remaining distance in metres as in ``_newton``, each (F, 4).
+    """
     far = np.full(arms.radius.shape, 0.999)
     apart, lean, outer, inner = slot_widths(arms, far, far, np.linspace(0.0, 1.0, 129))
-    # the added last column ends every scan
+    # a column of True at the end stops every scan
     narrow = np.concatenate(
         [(apart < 2.0 * fillet) & (lean > PARALLEL_COSINE), np.ones((*far.shape, 1), dtype=bool)], axis=-1
     )
@@ -137,7 +139,11 @@ def _scan_inwards(arms: Arms, fillet: float) -> tuple[np.ndarray, np.ndarray, np
 def _newton(
     arms: Arms, left: np.ndarray, right: np.ndarray, fillet: float | np.ndarray, rounds: int, step: float = 0.08
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Improve both t (F, 4) of every root; also return the distance (F, 4) in metres before the last iteration."""
+    """Improve both t (F, 4) of every root by Newton's method, with steps of at most ``step`` in t.
+
+    Also return the remaining distance (F, 4) before the last iteration, metres: between the centres of two circles with
+    the fillet's radius, each touching one of the two edges.
+    """
     miss = np.empty(0)
     for _ in range(rounds):
         a, da = (x[:, :, 0] for x in edge_points(arms, left[..., None], LEFT, fillet))
@@ -149,7 +155,7 @@ def _newton(
         miss = np.linalg.norm(gap, axis=-1)
         det = da[..., 1] * db[..., 0] - da[..., 0] * db[..., 1]
         det = np.where(np.abs(det) < 1e-20, 1e-20, det)
-        # a + da x = b + db y
+        # solve a + da x = b + db y for the steps x and y
         x = (gap[..., 1] * db[..., 0] - gap[..., 0] * db[..., 1]) / det
         y = (gap[..., 1] * da[..., 0] - gap[..., 0] * da[..., 1]) / det
         left = np.clip(left + np.clip(x, -step, step), 0.0, _LARGEST_T)

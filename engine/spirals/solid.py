@@ -1,7 +1,7 @@
 """Solid hubs: quads without room for a spiral, whose hub reaches to straight bars at the four joints.
 
-Arms thinner than any spiral may have mark such a quad, so that the stored widths and twists suffice and every stage finds the
-same quads. The elastic model treats them as straight thin arms, which are softer than the cut shape.
+Such a quad is marked by widths below the smallest width of any spiral, so that widths and twists alone describe a
+design. The elastic model treats its bars as straight thin arms, which are softer than the cut shape.
 """
 
 from __future__ import annotations
@@ -20,17 +20,20 @@ from .clearance.slots import MIN_WIDTH_SHARE, SOLID_WIDTH_SHARE, width_range
 from .curves.spiral import LEFT, RIGHT, Arms, arms, centre_line, edge_points, same_width
 from .roots import SlotRoots, find_roots
 
-# arm width, as a share of the smallest width, below which a quad has a solid hub; between ``SOLID_WIDTH_SHARE`` and ``MIN_WIDTH_SHARE``
+# arm width, as a share of the smallest width, below which a quad has a solid hub; it must lie between
+# ``SOLID_WIDTH_SHARE`` and ``MIN_WIDTH_SHARE``
 BELOW = 0.49
-LARGEST_SHARE = 0.01  # largest share of quads without a spiral; with more, the piece would be a different one
-MOST = 20  # largest number of quads without a spiral
-DEEPEST = 0.4  # largest t at the root of a slot beside a solid hub; larger values weaken the bars at the joints
-# distance of both edges at equal t over the slot's width, because the shortest way across is oblique; larger is safer
+# largest share of quads without a spiral; more are refused, because the piece would hardly take the target's shape
+LARGEST_SHARE = 0.01
+MOST = 20  # largest number of quads without a spiral; more are refused
+DEEPEST = 0.4  # largest arm parameter t at the root of a slot beside a solid hub; larger values weaken the bars
+# safety factor on the distance between both edges of a slot at equal t, which crosses the slot obliquely and so exceeds
+# its width; larger is safer and makes slots shorter
 ASLANT = 1.2
-MIN_TURN = 0.01  # least turn of the arc around a hub's corner, radians, so that the arc has a centre
-SAMPLES = 33  # number of t up to ``DEEPEST`` where slots are measured; more find the root more exactly
-# count of quads to remesh with, as a share of the present count: larger quads may skip parts too small for any spiral; not
-# measured
+MIN_TURN = 0.01  # least angle of the arc around a hub's corner, radians, so that the arc has a finite radius
+SAMPLES = 33  # number of t up to ``DEEPEST`` where slots are measured; more samples find the root more exactly
+# proposed number of quads for a new mesh, as a share of the present number; fewer, larger quads may pass over parts
+# that are too small for any spiral; not measured
 FEWER = 0.6
 
 
@@ -54,7 +57,7 @@ def set_solid(
     twist: Float[np.ndarray, " quads"],
     quads: Bool[np.ndarray, " quads"],
 ) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]]:
-    """Return widths (metres) and twists (radians) with solid hubs in the quads of a mask."""
+    """Return widths (metres) and twists (radians) with solid hubs in the quads of the mask ``quads``."""
     return np.where(quads[:, None], SOLID_WIDTH_SHARE * params.width_min, width), np.where(quads, 0.0, twist)
 
 
@@ -82,15 +85,15 @@ def slot_roots(arms: Arms, fillet: float, solid: Bool[np.ndarray, " quads"]) -> 
 
     Parameters
     ----------
-    arms : of these quads
-    fillet : metres
+    arms : arms of these quads
+    fillet : radius at the roots, metres
     solid : mask of the quads with a solid hub
     """
     return set_solid_roots(find_roots(arms, fillet), arms, fillet, solid)
 
 
 def update_roots(root: SlotRoots, quads: Int[np.ndarray, " some"], part: SlotRoots) -> SlotRoots:
-    """Replace the roots of some quads by ``part``."""
+    """Return the slot roots with the entries of ``quads`` replaced by ``part``."""
     found = replace(root, **{name: getattr(root, name).copy() for name in root.__dataclass_fields__})
     for name in root.__dataclass_fields__:
         getattr(found, name)[quads] = getattr(part, name)
@@ -103,8 +106,8 @@ def set_solid_roots(root: SlotRoots, arms: Arms, fillet: float, quads: Bool[np.n
     Parameters
     ----------
     root : roots of all slots
-    arms : of all quads
-    fillet : metres
+    arms : arms of all quads
+    fillet : radius at the roots, metres
     quads : mask of the quads with a solid hub
     """
     some = np.flatnonzero(quads)
@@ -115,7 +118,7 @@ def set_solid_roots(root: SlotRoots, arms: Arms, fillet: float, quads: Bool[np.n
     left = edge_points(part, t, LEFT)[0]
     right = np.roll(edge_points(part, t, RIGHT)[0], -1, axis=1)
     inwards = centre_line(part, t)[1]
-    # seen from an arm, the next one lies on its left
+    # seen from the centre outwards, the next arm lies on an arm's left; elsewhere both edges have crossed
     across = right - left
     beyond = inwards[..., 0] * -across[..., 1] + inwards[..., 1] * across[..., 0]
     apart = np.where(beyond > 0.0, np.linalg.norm(across, axis=-1), 0.0)
@@ -132,7 +135,10 @@ def set_solid_roots(root: SlotRoots, arms: Arms, fillet: float, quads: Bool[np.n
 
 
 def _corner_arcs(arms: Arms, depth: Float[np.ndarray, "quads 4"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return centre and radius (metres) of the arcs from the left edges at t ``depth`` to the right edges of the next arms."""
+    """Return centres and radii (metres) of the arcs around hub corners, from left edges to the next arms' right edges.
+
+    depth : arm parameter t where the arcs begin and end
+    """
     (p, inwards), (q, outwards) = (
         (x[:, :, 0] @ np.array([1.0, 1j]) for x in edge_points(arms, t[..., None], side))
         for t, side in ((depth, LEFT), (np.roll(depth, 1, axis=1), RIGHT))

@@ -19,9 +19,9 @@ def find_contacts(
 
     Parameters
     ----------
-    drawn : one outline per patch
+    drawn : outlines, one per patch
     progress : called with the fraction done; may cancel
-    sound : patches that are known to have no contacts, and are left out
+    sound : patches that are known to have no contacts and are not checked
 
     Returns
     -------
@@ -41,7 +41,7 @@ def find_contacts(
         one, two = shapely.STRtree(rings).query(rings, predicate="intersects")
         both = [rings[a].intersection(rings[b]) for a, b in zip(one[one < two], two[one < two], strict=True)]
         at = np.concatenate([shapely.get_coordinates(p) for p in [*places, *both]] or [np.empty((0, 2))])
-        if not len(at):  # for example a hole outside the panel, which has no single place
+        if not len(at):  # for example a hole outside the panel: report any point of the outer curve
             at = shapely.get_coordinates(rings[0])[:1]
         contacts.append(np.column_stack([np.full(len(at), patch), at]))
     return np.concatenate(contacts) if contacts else np.empty((0, 3))
@@ -57,7 +57,7 @@ def _crossing(ring):  # type: ignore[no-untyped-def]  # shapely's geometries
 
 
 def nearest_quads(flat: FlatPatches, where: Float[np.ndarray, "n 3"], count: int = 4) -> Int[np.ndarray, " found"]:
-    """Return the ``count`` quads nearest to each place.
+    """Return the quads that are among the ``count`` nearest quads of any place, ascending.
 
     Parameters
     ----------

@@ -10,12 +10,12 @@ from ..progress import SILENT, Progress
 from ..surface.remeshing.regularise import best_squares
 
 RINGS = 2  # rings of neighbours around a small quad whose corners move too; more rings spread the change wider
-MOVES = 60  # smoothing iterations; more come closer to convergence and take longer
+MOVES = 60  # number of smoothing iterations; more come closer to convergence and take longer
 SMALL = 0.7  # target side of small quads, as a share of the median side; larger values leave less room to neighbours
 
 
 def enlarge_quads(flat: FlatPatches, quads: Int[np.ndarray, " n"], progress: Progress = SILENT) -> FlatPatches:
-    """Move the inner corners near ``quads`` so that quads become squarer and the smallest larger.
+    """Move the inner corners of ``quads`` and of quads near them so that quads become squarer and small quads larger.
 
     Return the input if a quad would turn over or become concave.
     """
@@ -47,7 +47,7 @@ def enlarge_quads(flat: FlatPatches, quads: Int[np.ndarray, " n"], progress: Pro
 
 
 def _smallest_corner(flat: FlatPatches) -> np.ndarray:
-    """Return the smallest cross product of two sides in every quad; not positive if it is turned over or concave."""
+    """Return the smallest cross product of successive sides in every quad; 0 or less if turned over or concave."""
     along = np.roll(flat.corners, -1, axis=1) - flat.corners
     before = np.roll(along, 1, axis=1)
     return (before[..., 0] * along[..., 1] - before[..., 1] * along[..., 0]).min(axis=1)

@@ -1,4 +1,4 @@
-"""Cost of the patch corners that the cuts of a layout make at a vertex; lower is a cleaner outline."""
+"""Cost of the patch corners that the cuts of a layout make at a vertex; low costs mean smooth outlines."""
 
 from __future__ import annotations
 
@@ -11,23 +11,27 @@ import numpy as np
 from .curvature import corner_angles
 from .mesh import QuadMesh
 
-# Costs are in edges of cut. This one is for a reflex corner, which spoils an outline most. Chosen by eye, so that a
-# seam rather goes three edges round than has such a corner, or turns by a right angle on its way. For turns 1.5 and 6 give the same on two surfaces.
+# Cost of a reflex corner, in edges of additional cut: a seam takes a detour of up to three edges to avoid one. Larger:
+# longer seams with smoother outlines.
 REFLEX = 3.0
-CONVEX = 0.25  # cost of a corner narrower than a straight line
-SHARP = 2.0  # cost of a corner too pointed for an arm
-TIP = 0.5  # cost of a cut that ends inside the surface
-# radians: angles between them count as straight, so that 2 and 3 of 5 quads round a vertex do
+CONVEX = 0.25  # cost of a convex corner, in edges of cut; larger: straighter outlines, longer seams
+SHARP = 2.0  # cost of a corner too pointed for an arm, in edges of cut; larger: fewer such corners, longer seams
+TIP = 0.5  # cost of a cut that ends inside the surface, in edges of cut; larger: fewer such cuts
+# Angles of patch corners, radians, between which an outline counts as straight: wide enough for 2 and 3 of 5 quads
+# round a vertex. A wider range permits more crooked outlines.
 WIDE, NARROW = np.radians(222.0), np.radians(138.0)
-ACUTE = np.radians(50.0)  # radians: corners below it are too pointed; six quads round a vertex make 60 degrees
+# Angle of a patch corner, radians, below which it is too pointed: below the 60 degrees of six quads round a vertex.
+ACUTE = np.radians(50.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Ring:
-    """Edges round a vertex, counter-clockwise, and the angle from each to the next, radians.
+    """Edges round a vertex, counter-clockwise, and the angle from each edge to the next, radians.
 
-    At a border vertex the first and the last edge lie on the border, and there is one angle less than edges. ``known``
-    caches costs by the pattern of cut edges.
+    edges : indices of the edges; at a border vertex the first and the last lie on the border
+    angles : as many as edges, or one less at a border vertex
+    closed : False at a border vertex
+    known : cache of costs by the pattern of cut edges
     """
 
     edges: tuple[int, ...]
@@ -38,7 +42,7 @@ class Ring:
 
 @lru_cache(maxsize=4)
 def rings(mesh: QuadMesh) -> list[Ring]:
-    """Return the ring of every vertex."""
+    """Return the ring of edges of every vertex."""
     follow: list[dict[int, tuple[int, float]]] = [{} for _ in range(len(mesh.vertices))]
     before = np.roll(mesh.quad_edges, 1, axis=1)
     for v, out, back, a in zip(
@@ -53,7 +57,7 @@ def rings(mesh: QuadMesh) -> list[Ring]:
 
 
 def _ring(step: dict[int, tuple[int, float]]) -> Ring:
-    """Build a ring by following the edges round a vertex; ``step`` maps an edge to the next edge and the angle between."""
+    """Build the ring of a vertex; ``step`` maps every edge to the next edge and the angle between them."""
     if not step:
         return Ring((), (), True)
     targets = {edge for edge, _ in step.values()}
@@ -70,7 +74,7 @@ def _ring(step: dict[int, tuple[int, float]]) -> Ring:
 
 
 def corner_cost(ring: Ring, cut: Container[int]) -> float:
-    """Return the cost of the patch corners at a vertex: reflex and very sharp corners, ends of cuts.
+    """Return the cost of the patch corners and ends of cuts at a vertex.
 
     Parameters
     ----------
@@ -79,7 +83,7 @@ def corner_cost(ring: Ring, cut: Container[int]) -> float:
 
     Returns
     -------
-    cost, in edges
+    cost, in edges of additional cut
     """
     pattern = 0
     for e in ring.edges:
@@ -91,7 +95,7 @@ def corner_cost(ring: Ring, cut: Container[int]) -> float:
 
 
 def _cost(ring: Ring, marks: list[bool]) -> float:
-    """Add up the costs of the sectors between cut edges; ``marks`` tells for every edge of the ring whether it is cut."""
+    """Add up the costs of the patch corners between cut edges; ``marks`` is a mask of the ring's cut edges."""
     count = sum(marks)
     if count < 2:
         return 0.0 if count == 0 or len(marks) != 4 else TIP

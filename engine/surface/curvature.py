@@ -8,18 +8,19 @@ from scipy.sparse import coo_array
 from ..arrays import Float
 from .mesh import QuadMesh
 
-# regularisation of the quadric fit: sets coefficients to zero that the neighbours leave open; any small number does
+# Tikhonov regularisation of the quadric fit: makes coefficients zero that the vertices do not determine. Any small
+# number will do.
 SLACK = 1e-4
-# largest thickness of a flat body, as a share of its smaller width: rounding to single precision leaves 1e-7, a visible
-# bend 1e-2
+# Largest thickness of a flat body, as a share of its smaller width: rounding to single precision leaves 1e-7, a visible
+# bend 1e-2. Larger: slightly curved bodies count as flat.
 FLAT = 1e-4
-# Smallest relief of a curved surface, as a share of its size. A search ends where a piece is so near its target, and below it a panel that stays
-# flat is as near
+# Smallest relief of a surface that counts as curved, as a share of its size (see ``relief``). Below it a flat panel is
+# as near to the target as a search would get. Larger: more surfaces are made flat.
 LOW_RELIEF = 1e-3
 
 
 def rms_curvature(mesh: QuadMesh) -> Float[np.ndarray, " quads"]:
-    """Root mean square of the principal curvatures, sqrt((k1^2 + k2^2) / 2), at the middle of every quad, 1/m.
+    """Return the root mean square of the principal curvatures, sqrt((k1^2 + k2^2) / 2), of every quad, 1/m.
 
     See ``principal_curvatures``.
     """
@@ -37,32 +38,31 @@ def is_flat(mesh: QuadMesh) -> bool:
 
 
 def relief(points: Float[np.ndarray, "points 3"]) -> float:
-    """Return the root mean square distance of points from their best plane, in the unit of the points."""
+    """Return the root mean square distance of points from their best-fitting plane, in the unit of the points."""
     return float(np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1] / np.sqrt(len(points)))
 
 
 def principal_curvatures(mesh: QuadMesh) -> Float[np.ndarray, "quads 2"]:
-    """Largest and smallest normal curvature at the middle of every quad, 1/m.
+    """Return the largest and smallest normal curvature at the middle of every quad, 1/m.
 
-    A curvature is positive where the surface is hollow seen from the side to which the normals point. It comes from the
-    shape operator of a quadric z(x, y) over the quad's tangent plane, fitted to the vertices of the quad and of all
-    quads round it (16 in a regular mesh), nearer ones with more weight (Cazals and Pouget 2005). Coefficients that the
-    neighbours leave open, as across a strip one quad wide, are zero.
+    A curvature is positive where the surface is concave seen from the side to which the normals point. It comes from
+    the shape operator of a quadric z(x, y) over the quad's tangent plane, fitted to the vertices of the quad and of all
+    quads round it (16 in a regular mesh), nearer vertices with more weight (Cazals and Pouget 2005). Coefficients that
+    the vertices do not determine, as across a strip one quad wide, are zero.
     """
     a, b, c, d, e, f, scale = _fit_quadrics(mesh)
     fitted = _graph_curvatures(b, c, d, e, f)
-    # the fit is about the quad's middle, which lies a below the surface; curvatures of parallel surfaces lead back to
-    # the middle
+    # the quadric passes the quad's middle at the height a; the parallel surface through the middle has other curvatures
     lift = np.clip(a[:, None] * fitted, -0.5, 0.5)
     return fitted / (1.0 - lift) / scale[:, None]
 
 
 def misalignment(mesh: QuadMesh) -> float:
-    """Mean angle between the quads' sides and the principal directions, degrees, 0 to 45; 22.5 for random directions.
+    """Return the mean angle between quad sides and principal directions, degrees, 0 to 45 (22.5 if they are unrelated).
 
-    The weight of a quad is its area times |k1 - k2| times its size, at most 1: where both curvatures are equal, no
-    direction is better than another. The angle comes from the second fundamental form of the quadric of
-    ``principal_curvatures``, whose x axis runs along the quad; tilts of the quadric against the quad are neglected.
+    A quad is weighted by its area times min(1, |k1 - k2| times its size): where the curvatures are equal, no direction
+    is better than another. The angle comes from the second fundamental form of the quadric of ``principal_curvatures``,
+    whose x axis runs along the quad; the tilt of the quadric against the quad is neglected.
     """
     _, _, _, d, e, f, _ = _fit_quadrics(mesh)
     off = 0.5 * np.abs(np.arctan2(2.0 * e, d - f))
@@ -71,7 +71,12 @@ def misalignment(mesh: QuadMesh) -> float:
 
 
 def _fit_quadrics(mesh: QuadMesh) -> tuple[Float[np.ndarray, " quads"], ...]:
-    """Fit z = a + b x + c y + d x^2/2 + e x y + f y^2/2 at every quad; return a to f, in units of the quad's size, and that size, metres."""
+    """Fit z = a + b x + c y + d x^2/2 + e x y + f y^2/2 to the surface round every quad.
+
+    Returns
+    -------
+    a to f, for lengths in units of the quad's size; the quad's size (root of its area), metres; (quads,) each
+    """
     quad, vertex = _neighbourhoods(mesh)
     count = len(mesh.quads)
     normal = _smooth_normals(mesh)
@@ -101,7 +106,7 @@ def _fit_quadrics(mesh: QuadMesh) -> tuple[Float[np.ndarray, " quads"], ...]:
 def _graph_curvatures(
     b: np.ndarray, c: np.ndarray, d: np.ndarray, e: np.ndarray, f: np.ndarray
 ) -> Float[np.ndarray, "points 2"]:
-    """Principal curvatures of z = b x + c y + d x^2/2 + e x y + f y^2/2 at the origin (do Carmo 3.3)."""
+    """Return the principal curvatures of z = b x + c y + d x^2/2 + e x y + f y^2/2 at the origin (do Carmo 3.3)."""
     first = 1 + b**2 + c**2
     gauss = (d * f - e**2) / first**2
     mean = ((1 + c**2) * d - 2 * b * c * e + (1 + b**2) * f) / (2 * first**1.5)
@@ -110,7 +115,7 @@ def _graph_curvatures(
 
 
 def _neighbourhoods(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs (quad, vertex), sorted by quad: the vertices of the quad and of every quad that shares a vertex with it."""
+    """Return pairs (quad, vertex), sorted by quad: the vertices of every quad and of all quads that touch it."""
     count = len(mesh.quads)
     owner = np.repeat(np.arange(count), 4)
     touch = coo_array((np.ones(4 * count), (owner, mesh.quads.ravel())), shape=(count, len(mesh.vertices))).tocsr()
@@ -120,7 +125,7 @@ def _neighbourhoods(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _smooth_normals(mesh: QuadMesh) -> Float[np.ndarray, "quads 3"]:
-    """Unit normals: every quad's normal averaged with its neighbours', weighted by area."""
+    """Return smoothed unit normals: every quad's normal averaged with its neighbours' normals, weighted by area."""
     total = 2 * mesh.area_vectors
     around = np.where((mesh.neighbours >= 0)[..., None], mesh.area_vectors[mesh.neighbours], 0.0)
     # leave out neighbours on the far side of a sharp fold
@@ -130,10 +135,10 @@ def _smooth_normals(mesh: QuadMesh) -> Float[np.ndarray, "quads 3"]:
 
 
 def angle_defects(mesh: QuadMesh) -> tuple[Float[np.ndarray, " vertices"], Float[np.ndarray, " quads"]]:
-    """Total Gaussian curvature at every inner vertex and within every quad, radians.
+    """Return the integral of the Gaussian curvature at every vertex and within every quad, radians.
 
-    At a vertex it is 2 pi less the angles round it (0 at the border); in a quad it is the sum of its angles less 2 pi
-    (not 0 if the quad is warped). Together they satisfy the Gauss-Bonnet theorem exactly.
+    At a vertex it is 2 pi minus the sum of the angles round it (0 at the border); in a quad it is the sum of its angles
+    minus 2 pi (not 0 if the quad is warped). Together they satisfy the Gauss-Bonnet theorem exactly.
     """
     angle = corner_angles(mesh)
     round_vertex = np.bincount(mesh.quads.ravel(), weights=angle.ravel(), minlength=len(mesh.vertices))
@@ -141,7 +146,7 @@ def angle_defects(mesh: QuadMesh) -> tuple[Float[np.ndarray, " vertices"], Float
 
 
 def corner_angles(mesh: QuadMesh) -> Float[np.ndarray, "quads 4"]:
-    """Angle between the two sides at every corner of every quad, radians."""
+    """Return the angle between the two sides at every corner of every quad, radians."""
     p = mesh.vertices[mesh.quads]
     forward, backward = np.roll(p, -1, axis=1) - p, np.roll(p, 1, axis=1) - p
     cross = np.linalg.norm(np.cross(forward, backward), axis=2)

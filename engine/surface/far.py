@@ -1,4 +1,4 @@
-"""Surfaces far from the origin: move them to the origin, and detect coordinates rounded to single precision."""
+"""Surfaces far from the origin: move them there, and detect coordinates that single precision rounds visibly."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ import numpy as np
 from ..arrays import Float
 from .mesh import PolygonMesh, QuadMesh
 
-# Move a mesh to the origin if its middle is farther away than so many of its extents: there Blender's single precision
-# rounds to 1e-6 of the extent. Larger: coarser coordinates; smaller: meshes move without need.
+# Largest distance of a mesh's middle from the origin, in extents of the mesh, without moving it: there Blender's single
+# precision rounds to 1e-6 of the extent. Larger: coarser coordinates; smaller: meshes are moved without need.
 FAR = 20.0
-COARSE = 1e-4  # share of the extent: a coarser rounding of the coordinates is reported; 0.02 mm for a piece of 200 mm
+# Largest rounding step of coordinates without a report, as a share of the extent (0.02 mm for a piece of 200 mm).
+COARSE = 1e-4
 
 
 def about_middle(polygons: PolygonMesh) -> PolygonMesh:
-    """Return the mesh with its middle at the origin if it lies far from there, else unchanged."""
+    """Centre a mesh at the origin if it lies far from the origin; otherwise return it unchanged."""
     used = polygons.vertices[np.unique(polygons.corners)]
     if not len(used) or not np.isfinite(used).all():
         return polygons
@@ -28,13 +29,16 @@ def about_middle(polygons: PolygonMesh) -> PolygonMesh:
 
 
 def near(mesh: QuadMesh) -> QuadMesh:
-    """Return a quad mesh moved to the origin if it lies far from there, else unchanged."""
+    """Centre a quad mesh at the origin if it lies far from the origin; otherwise return it unchanged."""
     moved = about_middle(PolygonMesh.from_quads(mesh)).vertices
     return mesh if moved is mesh.vertices else mesh.moved(moved)
 
 
 def coarse_step(positions: Float[np.ndarray, "vertices 3"]) -> float:
-    """Return the single-precision rounding step at these positions, in their unit; 0 if it is fine relative to their extent."""
+    """Return the rounding step of single precision at positions, in their unit; 0 if it is fine enough.
+
+    It is fine enough up to ``COARSE`` times the extent of the positions.
+    """
     finite = positions[np.isfinite(positions).all(axis=1)]
     if not len(finite):
         return 0.0

@@ -1,4 +1,4 @@
-"""Unchecked polygon meshes as files give them, and the clean quad mesh with its topology."""
+"""Polygon meshes of any kind, as read from files, and checked quad meshes with their topology."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ TOPOLOGY = ("_edges", "_edge_uses", "border", "neighbours", "valence", "on_borde
 class PolygonMesh:
     """Any polygon mesh, unchecked, as a file or Blender gives it.
 
-    vertices : (V, 3) float, metres (or without a unit, before scaling)
+    vertices : (V, 3) float, metres (or in the file's unit, before scaling)
     corners : (C,) int, vertex index of every face corner, face after face
     sizes : (F,) int, number of corners of every face
-    left_out : sentences about data of the file that were not read; ``check`` reports them
-    cured : codes and sentences of faults that were repaired on reading; ``check`` reports them
+    left_out : messages about data of the file that were not read; ``check`` reports them
+    cured : codes and messages of faults that were repaired on reading; ``check`` reports them
     """
 
     vertices: np.ndarray
@@ -54,13 +54,13 @@ class PolygonMesh:
         return np.add.reduceat(corners, self.starts, axis=0) / self.sizes[:, None]
 
     def subset(self, faces: Bool[np.ndarray, " faces"]) -> PolygonMesh:
-        """Return the mesh with the faces of the mask only; vertices stay."""
+        """Return a mesh with only the masked faces; all vertices stay."""
         if faces.all():
             return self
         return replace(self, corners=self.corners[np.repeat(faces, self.sizes)], sizes=self.sizes[faces])
 
     def in_order(self) -> PolygonMesh:
-        """Renumber vertices and faces by position, so that the same shape always gets the same numbering.
+        """Renumber vertices and faces by position, so that equal shapes always have equal numbering.
 
         Blender numbers its own primitives differently every time it makes them.
         """
@@ -100,7 +100,7 @@ class QuadMesh:
     quads: Int[np.ndarray, "quads 4"]
 
     def moved(self, vertices: Float[np.ndarray, "vertices 3"]) -> QuadMesh:
-        """Return the same quads with other vertex positions, metres; topology that is already computed is shared."""
+        """Return these quads with other vertex positions, metres; topology that is already computed is reused."""
         other = QuadMesh(np.asarray(vertices, dtype=float), self.quads)
         for name in TOPOLOGY:
             if name in self.__dict__:
@@ -111,7 +111,7 @@ class QuadMesh:
 
     @cached_property
     def _edges(self) -> tuple[np.ndarray, np.ndarray]:
-        """Vertex pairs of all edges, and the edge of every side of every quad."""
+        """Vertex pairs of all edges, and the edge index of every side of every quad."""
         sides = np.stack([self.quads, np.roll(self.quads, -1, axis=1)], axis=2).reshape(-1, 2)
         low, high = sides.min(axis=1).astype(np.int64), sides.max(axis=1).astype(np.int64)
         keys, of_side = np.unique(low * len(self.vertices) + high, return_inverse=True)
@@ -143,7 +143,7 @@ class QuadMesh:
 
     @cached_property
     def _edge_uses(self) -> tuple[np.ndarray, np.ndarray]:
-        """``edge_quads`` and ``edge_sides``."""
+        """The arrays ``edge_quads`` and ``edge_sides``."""
         quads = np.full((len(self.edges), 2), -1, dtype=np.int64)
         sides = np.full((len(self.edges), 2), -1, dtype=np.int64)
         face, side = np.divmod(np.arange(self.quads.size), 4)
@@ -162,7 +162,7 @@ class QuadMesh:
 
     @cached_property
     def border(self) -> Bool[np.ndarray, " edges"]:
-        """Mask of the edges with a quad on one side only."""
+        """Mask of the border edges, which have a quad on only one side."""
         return (self.edge_quads < 0).any(axis=1)
 
     @cached_property
@@ -212,7 +212,7 @@ class QuadMesh:
 
     @cached_property
     def diagonal(self) -> float:
-        """Diagonal of the box round all vertices, metres: what percentages of a match refer to."""
+        """Diagonal of the bounding box of all vertices, metres; deviations in per cent refer to it."""
         return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
 
     @cached_property
@@ -222,12 +222,12 @@ class QuadMesh:
 
     @cached_property
     def centroids(self) -> Float[np.ndarray, "quads 3"]:
-        """Mean of the four corners, metres: the target position of the spiral's centre."""
+        """Mean of the four corners of every quad, metres: the target position of the spiral's centre."""
         return self.vertices[self.quads].mean(axis=1)
 
     @cached_property
     def area_vectors(self) -> Float[np.ndarray, "quads 3"]:
-        """Half the cross product of the diagonals, square metres; its length is the projected area."""
+        """Half the cross product of every quad's diagonals, square metres; its length is the projected area."""
         p = self.vertices[self.quads]
         return 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
 

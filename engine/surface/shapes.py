@@ -1,4 +1,4 @@
-"""Built-in surfaces for the demo, for tests and for trying things out.
+"""Built-in surfaces for the demo, for tests and for experiments.
 
 Every shape is a function, without required arguments, that returns a QuadMesh of arbitrary size; ``make`` scales it to
 an edge length.
@@ -24,7 +24,7 @@ def make(name: str, edge: float = 0.02) -> QuadMesh:
 
     Raises
     ------
-    FlexMapsError : unknown name
+    FlexMapsError : no surface has this name
     """
     if name not in BUILDERS:
         raise FlexMapsError(f"There is no shape '{name}'; the shapes are {', '.join(NAMES)}")
@@ -36,7 +36,7 @@ def make(name: str, edge: float = 0.02) -> QuadMesh:
 
 
 def _grid(columns: int, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return u and v in [-1, 1] of every vertex, and the quads of a regular grid."""
+    """Return a regular grid: coordinates u and v of every vertex, from -1 to 1, and the quads."""
     u, v = np.meshgrid(np.linspace(-1, 1, columns + 1), np.linspace(-1, 1, rows + 1), indexing="ij")
     index = np.arange(u.size).reshape(u.shape)
     quads = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1)
@@ -44,7 +44,7 @@ def _grid(columns: int, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def weld_quads(vertices: np.ndarray, quads: np.ndarray) -> QuadMesh:
-    """Merge vertices at the same place and drop unused ones.
+    """Make a quad mesh; merge vertices at equal positions and drop unused vertices.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def weld_quads(vertices: np.ndarray, quads: np.ndarray) -> QuadMesh:
 
 
 def subdivide(mesh: QuadMesh) -> QuadMesh:
-    """One Catmull-Clark subdivision step (1978); borders become cubic B-splines."""
+    """Subdivide a mesh once (Catmull and Clark 1978); borders become cubic B-splines."""
     p, inner = mesh.vertices, ~mesh.border
     faces = mesh.centroids
     ends = p[mesh.edges]
@@ -103,19 +103,19 @@ def cubesphere(n: int = 5) -> QuadMesh:
 
 
 def dome(n: int = 8) -> QuadMesh:
-    """The upper half of a sphere; ``n`` even."""
+    """The upper half of a sphere, of 3 n^2 quads; ``n`` must be even."""
     sphere = cubesphere(n)
     return weld_quads(sphere.vertices, sphere.quads[sphere.centroids[:, 2] > 0])
 
 
 def torus(around: int = 30, across: int = 12, ratio: float = 0.4) -> QuadMesh:
-    """A ring of radius 1.
+    """A torus; its tube's centre line has the radius 1.
 
     Parameters
     ----------
-    around : quads round the ring
-    across : quads round the tube
-    ratio : tube radius
+    around : number of quads along the centre line
+    across : number of quads round the tube
+    ratio : radius of the tube
     """
     u, v, quads = _grid(around, across)
     radius = 1 + ratio * np.cos(np.pi * v)
@@ -140,8 +140,8 @@ def strip(length: int = 36, width: int = 3) -> QuadMesh:
 
     Parameters
     ----------
-    length : quads along the strip
-    width : quads across it
+    length : number of quads along the strip
+    width : number of quads across the strip
     """
     u, v, quads = _grid(length, width)
     angle, radius = 0.75 * np.pi * u, 1 + v * width / length * 2.0
@@ -149,7 +149,7 @@ def strip(length: int = 36, width: int = 3) -> QuadMesh:
 
 
 def three_holes(steps: int = 2) -> QuadMesh:
-    """A smooth solid with three holes: a subdivided slab of cubes."""
+    """A smooth solid with three holes: a slab of cubes, subdivided ``steps`` times."""
     filled = np.ones((7, 3, 1), dtype=bool)
     filled[1::2, 1] = False
     mesh = voxels(filled)
@@ -159,7 +159,7 @@ def three_holes(steps: int = 2) -> QuadMesh:
 
 
 def voxels(filled: np.ndarray) -> QuadMesh:
-    """The outer surface of a set of unit cubes, normals outwards."""
+    """The outer surface of a set of unit cubes, with normals outwards; ``filled`` is a mask (nx, ny, nz)."""
     padded = np.pad(filled, 1)
     vertices: list[np.ndarray] = []
     quads: list[np.ndarray] = []
@@ -178,17 +178,17 @@ def voxels(filled: np.ndarray) -> QuadMesh:
 
 
 def two_bodies() -> QuadMesh:
-    """A sphere and a smaller one beside it."""
+    """A sphere and a smaller sphere beside it."""
     one, two = cubesphere(5), cubesphere(4)
     vertices = np.concatenate([one.vertices, 0.8 * two.vertices + [2.2, 0, 0]])
     return QuadMesh(vertices, np.concatenate([one.quads, two.quads + len(one.vertices)]))
 
 
 def demo(n: int = 12) -> QuadMesh:
-    """A canopy on three feet: a dome in the middle, edges that flare upwards between the feet.
+    """A canopy on three feet: a dome in the middle, with edges that flare upwards between the feet.
 
-    3 n^2 quads round a vertex of valence 3: an eighth of a cubesphere, flattened and given its height. Gaussian
-    curvature is positive round the top and negative towards the edges.
+    It has 3 n^2 quads round a vertex of valence 3: an eighth of a cubesphere, flattened and raised again by a formula.
+    The Gaussian curvature is positive round the top and negative towards the edges.
     """
     u, v, quads = _grid(n, n)
     face = np.stack([np.tan((1 - u) * np.pi / 8), np.tan((1 - v) * np.pi / 8), np.ones_like(u)], axis=1)

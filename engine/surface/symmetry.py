@@ -1,4 +1,4 @@
-"""Find mirrors and rotations that map a mesh onto itself, so that a symmetric surface gets a symmetric layout."""
+"""Find reflections and rotations that map a mesh onto itself, so that a symmetric surface gets a symmetric layout."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _known: WeakKeyDictionary[QuadMesh, dict[tuple[float, int], list[Symmetry]]] = W
 
 @dataclass(frozen=True, eq=False)
 class Symmetry:
-    """A rigid motion that maps a mesh onto itself.
+    """A rigid motion (rotation, reflection or both) that maps a mesh onto itself.
 
-    vertices, quads, edges : index of the image of each
-    matrix : orthogonal, about the centre of the mesh
+    vertices, quads, edges : index of the image of every vertex, quad and edge
+    matrix : orthogonal matrix of the motion about the centre of the mesh
     """
 
     vertices: Int[np.ndarray, " vertices"]
@@ -61,7 +61,7 @@ class Symmetry:
 
 
 def _direction(axis: np.ndarray) -> str:
-    """Return the name of a coordinate axis, or the vector's components as text."""
+    """Return a direction as text: the name of a coordinate axis, or the vector's components."""
     for name, unit in zip("xyz", np.eye(3), strict=True):
         if axis @ unit > 0.9999:
             return name
@@ -71,18 +71,20 @@ def _direction(axis: np.ndarray) -> str:
 def symmetries(
     mesh: QuadMesh, tolerance: float = 0.05, largest: int = 128, progress: Progress = SILENT
 ) -> list[Symmetry]:
-    """Return the rigid motions, without the identity, that map the mesh onto itself corner by corner; a mesh is searched once.
+    """Return the rigid motions that map the vertices, edges and quads of a mesh onto each other.
+
+    The result is cached.
 
     Parameters
     ----------
     mesh : quad mesh
-    tolerance : largest deviation of a vertex, as a share of the median edge
-    largest : stop the search after more than this many; a surface of revolution may have hundreds
+    tolerance : largest distance of a vertex's image from a vertex, as a share of the median edge
+    largest : number of motions after which the search ends; a surface of revolution may have hundreds
     progress : called with the fraction done
 
     Returns
     -------
-    all different motions
+    the different motions, without the identity
     """
     known = _known.setdefault(mesh, {})
     if (tolerance, largest) not in known:
@@ -91,13 +93,13 @@ def symmetries(
 
 
 def _find(mesh: QuadMesh, tolerance: float, largest: int, progress: Progress) -> list[Symmetry]:
-    """Search a mesh for its symmetries."""
+    """Search a mesh for its symmetries, see ``symmetries``."""
     centre = mesh.vertices.mean(axis=0)
     points = mesh.vertices - centre
     marks = _marks(mesh, points, progress)
     slack = 2 * tolerance * mesh.median_edge
     tree = cKDTree(points)
-    # start from the quad with the rarest marks: it has the fewest possible images
+    # take a quad whose marks are the rarest: it has the fewest possible images
     rounded = np.round(marks / (4 * slack)).astype(np.int64)
     _, group, count = np.unique(rounded, axis=0, return_inverse=True, return_counts=True)
     first = int(np.lexsort((np.arange(len(marks)), count[group.ravel()]))[0])
@@ -118,10 +120,10 @@ def _find(mesh: QuadMesh, tolerance: float, largest: int, progress: Progress) ->
 
 
 def _marks(mesh: QuadMesh, points: np.ndarray, progress: Progress) -> Float[np.ndarray, "quads 9"]:
-    """Nine lengths per quad, metres, that no rigid motion about the centre changes.
+    """Return nine marks of every quad, metres, that no rigid motion about the centre changes.
 
-    They are the sorted distances of its corners from the centre, that of its middle, and the sorted numbers of edges
-    from its corners to the nearest irregular or border vertex, times the median edge.
+    These are the sorted distances of its corners from the centre, the distance of its centroid from the centre, and the
+    sorted numbers of edges from its corners to the nearest irregular or border vertex, times the median edge.
     """
     away = np.sort(np.linalg.norm(points[mesh.quads], axis=2), axis=1)
     middle = np.linalg.norm(points[mesh.quads].mean(axis=1), axis=1)
@@ -141,7 +143,11 @@ def _marks(mesh: QuadMesh, points: np.ndarray, progress: Progress) -> Float[np.n
 def _motion(
     mesh: QuadMesh, points: np.ndarray, tree: cKDTree, first: int, quad: int, order: np.ndarray, slack: float
 ) -> Symmetry | None:
-    """Return the symmetry that maps quad ``first`` to ``quad``, corners in the given order; None if there is none."""
+    """Return the symmetry that maps quad ``first`` to ``quad``; None if there is none.
+
+    order : corner of ``quad`` to which each corner of ``first`` is mapped
+    slack : largest distance of a vertex's image from a vertex, metres
+    """
     way = 1 if (order[1] - order[0]) % 4 == 1 else -1
     source, target = points[mesh.quads[first]], points[mesh.quads[quad][order]]
     lengths = [np.linalg.norm(p - p[[1, 2, 3, 0]], axis=1) for p in (source, target)]
@@ -159,7 +165,10 @@ def _motion(
 
 
 def _refit(mesh: QuadMesh, points: np.ndarray, tree: cKDTree, matrix: np.ndarray, slack: float) -> Symmetry | None:
-    """Return the symmetry of a motion, with the matrix refitted to all vertices; None if the motion is not a symmetry."""
+    """Fit a motion to all vertices, and return it as a symmetry; None if it is not a symmetry.
+
+    slack : largest distance of a vertex's image from a vertex, metres
+    """
     few = points[:: max(1, len(points) // 40)]
     if tree.query(few @ matrix.T)[0].max() > 8 * slack:
         return None
@@ -187,7 +196,7 @@ def _edge_images(mesh: QuadMesh, image: np.ndarray) -> np.ndarray | None:
 
 
 def _quad_images(mesh: QuadMesh, edges: np.ndarray) -> Int[np.ndarray, " quads"] | None:
-    """Return the quad on the images of every quad's edges; None if any of these quads does not exist."""
+    """Return the quad that has the images of every quad's edges; None if any of these quads does not exist."""
     own, images = np.sort(mesh.quad_edges, axis=1), np.sort(edges[mesh.quad_edges], axis=1)
     first, second = np.lexsort(own.T), np.lexsort(images.T)
     if (own[first] != images[second]).any():
@@ -203,22 +212,22 @@ def keeping(found: Sequence[Symmetry], cut: np.ndarray) -> list[Symmetry]:
     Parameters
     ----------
     found : symmetries of the mesh
-    cut : mask over its edges
+    cut : mask of the mesh's edges that are cut
     """
     return [s for s in found if (cut[s.edges] == cut).all()]
 
 
 def close_under(cut: Bool[np.ndarray, " edges"], symmetries: Sequence[Symmetry]) -> Bool[np.ndarray, " edges"]:
-    """Return the smallest set of cuts that contains the given cuts and is mapped onto itself by every symmetry.
+    """Extend cuts to the smallest set that every symmetry maps onto itself.
 
     Parameters
     ----------
-    cut : mask over the edges
+    cut : mask of the edges that are cut
     symmetries : symmetries of the mesh
 
     Returns
     -------
-    mask over the edges
+    mask of the edges in the extended set
     """
     while True:
         more = cut.copy()
@@ -230,9 +239,9 @@ def close_under(cut: Bool[np.ndarray, " edges"], symmetries: Sequence[Symmetry])
 
 
 def subgroups(found: list[Symmetry], most: int = 12) -> list[list[Symmetry]]:
-    """Return groups of symmetries generated by one or two elements, the largest first, without the identity.
+    """Return groups of symmetries that one or two symmetries generate, the largest first, without the identity.
 
-    Groups of the same kind (equal motions by type, equal numbers of fixed vertices) are returned once.
+    Of several groups with equal types of motions and equal numbers of fixed vertices, only one is returned.
 
     Parameters
     ----------
@@ -257,7 +266,7 @@ def subgroups(found: list[Symmetry], most: int = 12) -> list[list[Symmetry]]:
             members = more
 
     cyclic = {closure({i}): i for i in range(count)}
-    # two elements generate the same group as any generators of their cyclic groups
+    # two elements and any generators of their two cyclic groups generate equal groups, so one generator each is enough
     generators = sorted(cyclic.values())
     known = {*cyclic, *(closure({i, j}) for i in generators for j in generators if j < i)}
     known.add(frozenset(range(count)))

@@ -1,4 +1,4 @@
-"""Triangulated surfaces with their closest points."""
+"""Triangulated surfaces with fast queries of closest points."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class TriangleTree:
 
     @cached_property
     def _tree(self) -> Any:
-        """Tree of bounding boxes (libigl)."""
+        """Tree of the triangles' bounding boxes (libigl AABB)."""
         import igl
 
         tree = igl.AABB()

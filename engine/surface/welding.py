@@ -1,4 +1,4 @@
-"""Weld vertices of separate faces that differ only by noise; the tolerance follows from the edge lengths."""
+"""Weld vertices of different faces whose positions differ only by noise; the tolerance follows from edge lengths."""
 
 from __future__ import annotations
 
@@ -14,14 +14,16 @@ from .mesh import PolygonMesh
 # Welding distance, as a share of the 5th percentile of edge lengths. Larger: thin slits close; smaller: noise keeps
 # faces apart.
 NEAR = 0.01
-# Factors on NEAR, tried because other programs leave larger noise: welding takes the smallest beyond which the next
-# joins nothing more.
+# Factors on NEAR that are tried in order, as some programs leave more noise: the first is taken after which the next
+# welds no further vertices.
 WIDER = (1.0, 2.0, 4.0, 8.0)
-SHORT = 5.0  # percentile of edge lengths taken as the short edge; higher than 0, so that a few slivers don't count
+# Percentile of the edge lengths that counts as the length of a short edge. Larger: thin slits close; near 0 a few
+# slivers make the tolerance too small.
+SHORT = 5.0
 
 
 def short_edge(mesh: PolygonMesh) -> float:
-    """Return the 5th percentile of the lengths of all sides, zero lengths left out."""
+    """Return the 5th percentile of the lengths of all faces' sides, without sides of length 0."""
     p = mesh.vertices[mesh.corners]
     lengths = np.linalg.norm(p[mesh.after] - p, axis=1)
     lengths = lengths[lengths > 0]
@@ -29,30 +31,30 @@ def short_edge(mesh: PolygonMesh) -> float:
 
 
 def weld(mesh: PolygonMesh) -> PolygonMesh:
-    """Weld vertices nearer than ``NEAR``, at their mean, but never two corners of one face."""
+    """Move vertices that are closer than noise to their mean and merge them, but never two corners of one face."""
     used = np.unique(mesh.corners)
     if not np.isfinite(mesh.vertices[used]).all():
         return mesh
     near = NEAR * short_edge(mesh)
     tried = [clusters(mesh, used, factor * near) for factor in WIDER]
     left = [len(np.unique(label[used])) for label in tried]
-    # take the smallest distance beyond which nothing more joins; if there is none, noise and shape cannot be told apart
+    # take the smallest distance beyond which no more vertices merge; if there is none, noise cannot be told from shape
     best = next((k for k in range(len(WIDER) - 1) if left[k] == left[k + 1]), 0)
     return merge_labelled(mesh, tried[best])
 
 
 def clusters(mesh: PolygonMesh, among: Int[np.ndarray, " some"], near: float) -> Int[np.ndarray, " vertices"]:
-    """Return for every vertex the first vertex it is welded with; only vertices ``among`` are welded, up to distance ``near``.
+    """Group vertices into clusters to be welded, without two corners of one face in any cluster.
 
     Parameters
     ----------
     mesh : unchecked mesh, metres
     among : vertices that may be welded
-    near : largest distance of two welded vertices, metres
+    near : largest distance of two neighbours in a cluster, metres
 
     Returns
     -------
-    (N,) index of the first vertex of the cluster; a vertex's own index where it stays alone
+    (V,) index of the first vertex of every vertex's cluster; its own index if it stays alone
     """
     label = np.arange(len(mesh.vertices))
     pairs = among[cKDTree(mesh.vertices[among]).query_pairs(near, output_type="ndarray")]
@@ -66,16 +68,16 @@ def clusters(mesh: PolygonMesh, among: Int[np.ndarray, " some"], near: float) ->
 
 
 def merge_labelled(mesh: PolygonMesh, label: Int[np.ndarray, " vertices"]) -> PolygonMesh:
-    """Merge vertices with equal labels at their mean; a label is the index of the first vertex of the cluster.
+    """Merge the vertices of every cluster at their mean position.
 
     Parameters
     ----------
     mesh : mesh to weld
-    label : (N,) index of the first vertex of every vertex's cluster
+    label : (V,) index of the first vertex of every vertex's cluster, from ``clusters``
 
     Returns
     -------
-    A mesh with one vertex per cluster; ``mesh`` itself if every vertex is alone
+    a mesh with one vertex per cluster; ``mesh`` itself if every vertex is alone
     """
     if (label == np.arange(len(label))).all():
         return mesh
@@ -88,7 +90,7 @@ def merge_labelled(mesh: PolygonMesh, label: Int[np.ndarray, " vertices"]) -> Po
 
 
 def _degenerate_clusters(mesh: PolygonMesh, group: Int[np.ndarray, " vertices"]) -> np.ndarray:
-    """Return the clusters that hold two different corners of one face."""
+    """Return the clusters that contain two different corners of one face."""
     face, of_corner = mesh.face_of, group[mesh.corners]
     order = np.lexsort((mesh.corners, of_corner, face))
     f, g, v = face[order], of_corner[order], mesh.corners[order]
@@ -96,7 +98,7 @@ def _degenerate_clusters(mesh: PolygonMesh, group: Int[np.ndarray, " vertices"])
 
 
 def _split_clusters(mesh: PolygonMesh, group: np.ndarray, pairs: Int[np.ndarray, "pairs 2"]) -> np.ndarray:
-    """Split a cluster: join its pairs, the nearest first, unless that would merge two corners of one face."""
+    """Split a cluster so that no part has two corners of one face; join its pairs again, the nearest first."""
     vertices = np.unique(pairs)
     face = mesh.face_of
     faces: dict[int, set[int]] = {v: set() for v in vertices.tolist()}

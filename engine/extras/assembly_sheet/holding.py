@@ -1,4 +1,4 @@
-"""Last page of the assembly sheet: the base that the piece stands on, or the eyelets by which it hangs."""
+"""Last page of the assembly sheet: the base on which the piece stands, or the eyelets by which it hangs."""
 
 from __future__ import annotations
 
@@ -11,19 +11,20 @@ from ...fabrication.writers.pdf import Page
 from ...patches.joining import panel_numbers
 from .step_pictures import GREY, HEIGHT, INK, MARGIN, PALE, WIDTH
 
-DOT = 0.0013  # half the size of an eyelet's mark on paper, metres
-LINE = 0.0045  # distance between lines of the table on paper, metres
-PICTURE = 0.12  # height of the picture above the table on paper, metres
-COLUMNS = (0.0, 0.012, 0.03, 0.05, 0.068, 0.086, 0.104)  # positions of the table's columns on paper, metres
+# Lengths on paper, metres
+DOT = 0.0013  # half the width of an eyelet's mark
+LINE = 0.0045  # distance between the table's lines
+PICTURE = 0.12  # height of the picture above the table
+COLUMNS = (0.0, 0.012, 0.03, 0.05, 0.068, 0.086, 0.104)  # positions of the table's columns
 
 
 def held_page(base: Base) -> Page:
-    """Return the page for a base with feet or with eyelets."""
+    """Return the page that shows where the feet or the eyelets of a base belong."""
     return _eyelet_page(base) if base.eyelets else _base_page(base)
 
 
 def _base_page(base: Base) -> Page:
-    """Draw the plates from above with the numbers of the feet that enter their slots."""
+    """Draw the plates from above, with the number of the foot beside each slot."""
     page, framed = Page(WIDTH, HEIGHT), base.framed
     page.text("Put the feet into the slots of the base", (MARGIN, HEIGHT - MARGIN - 0.006), 0.005, INK)
     words = (
@@ -50,7 +51,7 @@ def _base_page(base: Base) -> Page:
 
 
 def _eyelet_page(base: Base) -> Page:
-    """Draw the positions of the eyelets from above and tabulate their forces."""
+    """Draw the eyelets from above and tabulate their positions and forces."""
     page = Page(WIDTH, HEIGHT)
     page.text("Hang it by its eyelets", (MARGIN, HEIGHT - MARGIN - 0.006), 0.005, INK)
     first = base.eyelets[0]
@@ -80,7 +81,10 @@ def _eyelet_page(base: Base) -> Page:
 
 
 def _table(page: Page, base: Base, top: float) -> None:
-    """Write name, panel, face, position and force of every eyelet, in one column or two."""
+    """Write a table of the eyelets, in one or two columns: name, panel, quad, position and force.
+
+    top : height of the first line on the page, metres
+    """
     eyelets, numbers = base.eyelets, panel_numbers(base.design.flat.layout)
     rows = int((top - MARGIN) / LINE) - 1
     for first in range(0, min(len(eyelets), 2 * rows), rows):
@@ -96,7 +100,7 @@ def _table(page: Page, base: Base, top: float) -> None:
 
 
 def _row(one: Eyelet, number: int) -> tuple[str, ...]:
-    """Return the cells of an eyelet's row."""
+    """Return the cells of an eyelet's row in the table; ``number`` is the number of its panel."""
     force = "-" if one.force is None else f"{one.force:.3g}"
     place = (f"{1e3 * float(x):.1f}" for x in one.place)
     return (one.name, panel_name(number), str(one.quad), *place, force)

@@ -1,4 +1,4 @@
-"""Printable assembly sheet (A4, PDF): an overview, then a picture of every step."""
+"""Write the printable assembly sheet (A4, PDF): an overview, then a picture of every step."""
 
 from __future__ import annotations
 
@@ -37,13 +37,12 @@ from .step_pictures import (
     panel,
 )
 
-ROWS = 3  # steps per page
-BAY = 0.006  # metres; narrower gaps between arms are closed in small pictures
-SMALL = 0.005  # metres on paper; smaller panels are drawn as their hull without number
-# Maximum number of quads in all pictures of steps, 15 microseconds and 30 bytes each: 60 panels of 4,000 quads. Further
-# steps are described in words
+ROWS = 3  # number of steps with pictures on a page
+BAY = 0.006  # small pictures close gaps between arms that are narrower than twice this, metres; larger: fewer details
+SMALL = 0.005  # width of a panel on paper, metres, below which it is drawn as its convex hull without a number
+# largest number of quads in all pictures of steps (15 microseconds and 30 bytes each); further steps are only described
 SHOWN = 250_000
-LINES = 58  # steps in words per column; a page has two
+LINES = 58  # number of steps without pictures in a column; a page has two columns
 
 
 def write(
@@ -60,10 +59,10 @@ def write(
 
     Parameters
     ----------
-    design, sheets, figures : the piece, its panels on sheets, and its estimates
+    design, sheets, figures : the piece, its panels on sheets, and its estimates of mass, time and cost
     target : path of the file
     title : name of the object
-    new : from ``files.write_all_atomically``, if the sheet must appear together with other files
+    new : file function of ``files.write_all_atomically``, if the sheet must appear together with other files
     checked : how hard every seam is to join
     progress : called with the fraction done; may cancel
 
@@ -88,7 +87,12 @@ def pages(
     checked: AssemblyCheck | None = None,
     progress: Progress = SILENT,
 ) -> list[Page]:
-    """Return the pages: an overview with the places of panels on sheets, then the steps, the first with pictures."""
+    """Return the pages: an overview, steps with pictures, further steps in words, and the page of the base.
+
+    Parameters
+    ----------
+    design, sheets, figures, title, checked, progress : as in ``write``
+    """
     flat = design.flat
     look = PatchColours(
         hexadecimal(patch_colours(len(flat.layout.patches))), hexadecimal(seam_colours(max(len(flat.layout.seams), 1)))
@@ -125,7 +129,7 @@ def _overview(
     checked: AssemblyCheck | None,
     progress: Progress,
 ) -> Page:
-    """Draw the page with the whole piece, figures, sheets and seams."""
+    """Return the overview page: picture of the whole piece, figures, sheets and list of seams."""
     page, layout = Page(WIDTH, HEIGHT), flat.layout
     page.text(title, (MARGIN, HEIGHT - 0.022), 0.007, INK)
     page.text("How to put it together", (MARGIN, HEIGHT - 0.029), 0.004, GREY)
@@ -156,7 +160,7 @@ def _overview(
 
 
 def _letters(sheets: CutSheets) -> list[str]:
-    """Return lines about the letter that precedes all labels, if several pieces share the sheets."""
+    """Return lines of text about the letter that precedes all labels, if several pieces share the sheets."""
     marks = dict.fromkeys(p.mark for p in sheets.panels if p.patch >= 0 and p.mark)
     if not marks:
         return []
@@ -165,10 +169,10 @@ def _letters(sheets: CutSheets) -> list[str]:
 
 
 def _glued_or_plain(sheets: CutSheets) -> list[str]:
-    """Return lines with the joints that must be glued or have plain ends, if other joints hold by themselves."""
+    """Return lines of text that list the joints to glue and those with plain ends, if other joints have connectors."""
     made = sheets.connections
     glued = [c.name for c in made.connectors if c.kind == "tab"]
-    if len(glued) == len(made.connectors):  # tabs or no connectors were requested
+    if len(glued) == len(made.connectors):  # the user chose tabs, or no connectors
         return []
     found = []
     for said, names in (("Glue these joints", glued), ("These have plain ends", [name for name, *_ in made.unsolved])):
@@ -179,7 +183,7 @@ def _glued_or_plain(sheets: CutSheets) -> list[str]:
 
 
 def _figures(sheets: CutSheets, figures: Estimates, panels: int) -> list[tuple[str, str]]:
-    """Return names and values of the figures."""
+    """Return the figures in the overview as (name, value with unit)."""
     found = [
         ("Panels", str(panels)),
         ("Sheets", f"{sheets.count}, {sheets.thickness * 1e3:g} mm thick"),
@@ -197,7 +201,7 @@ def _figures(sheets: CutSheets, figures: Estimates, panels: int) -> list[tuple[s
 
 
 def _thumbnails(page: Page, box: Box, sheets: CutSheets, look: PatchColours, progress: Progress) -> None:
-    """Draw all sheets with their panels at a small scale."""
+    """Draw small pictures of all sheets with their panels and the panels' numbers."""
     sizes = sheets.packing.sizes
     scale, columns = max(
         (min(0.95 * box.width / n / sizes[:, 0].max(), 0.92 * box.height / -(-len(sizes) // n) / sizes[:, 1].max()), n)
@@ -233,14 +237,14 @@ def _thumbnails(page: Page, box: Box, sheets: CutSheets, look: PatchColours, pro
 
 
 def _hull(points: np.ndarray) -> np.ndarray:
-    """Return the convex hull of points."""
+    """Return the convex hull of points (n, 2)."""
     from scipy.spatial import ConvexHull
 
     return points[ConvexHull(points).vertices]
 
 
 def _simplify(points: np.ndarray, tolerance: float) -> np.ndarray:
-    """Return an outline without narrow gaps, simplified."""
+    """Close an outline's narrow gaps and simplify it; ``points`` and ``tolerance`` in metres."""
     import shapely
 
     closed = shapely.Polygon(points).buffer(BAY, quad_segs=2).buffer(-BAY, quad_segs=2)
@@ -249,7 +253,7 @@ def _simplify(points: np.ndarray, tolerance: float) -> np.ndarray:
 
 
 def _seam_list(page: Page, box: Box, flat: FlatPatches, look: PatchColours, checked: AssemblyCheck | None) -> None:
-    """List every seam with its panels and joints and the result of its check, in columns."""
+    """Write the list of seams in columns: panels, number of joints, force, and a mark if a seam is hard to join."""
     layout, seams = flat.layout, () if checked is None else checked.seams
     numbers = panel_numbers(layout)
     forces = any(s.force is not None for s in seams)
@@ -277,7 +281,7 @@ def _seam_list(page: Page, box: Box, flat: FlatPatches, look: PatchColours, chec
 
 
 def _step(page: Page, box: Box, flat: FlatPatches, number: int, step: Step, look: PatchColours) -> None:
-    """Draw a step: its title, its seams, the joined part and the flat panel."""
+    """Draw a step: its title, its seams, the panels joined so far, and the flat new panel."""
     top = box.y + box.height
     page.stroke(line([[box.x, top - 0.001], [box.x + box.width, top - 0.001]]), PALE, 2e-4)
     page.text(f"{number}", (box.x, top - 0.0095), 0.008, INK)
@@ -309,7 +313,7 @@ def _step(page: Page, box: Box, flat: FlatPatches, number: int, step: Step, look
 def _in_words(
     order: list[Step], numbers: tuple[int, ...], first: int, look: PatchColours, progress: Progress
 ) -> list[Page]:
-    """Return pages with the steps from ``first`` on without pictures, in two columns."""
+    """Return pages that describe the steps from index ``first`` on without pictures, in two columns."""
     found = []
     width = 0.5 * (WIDTH - 2 * MARGIN)
     for start in range(first, len(order), 2 * LINES):
@@ -332,13 +336,13 @@ def _in_words(
 
 
 def _step_title(step: Step, number: int) -> str:
-    """Return the title of a step."""
+    """Return the title of a step, "Add panel 3" or "Take panel 1" for the first panel of a body."""
     joined = len(step.there) > 1 and any(join.other != step.panel for join in step.joins)
     return f"{'Add' if joined else 'Take'} panel {panel_name(number)}"
 
 
 def _sentence(join: Join, numbers: tuple[int, ...]) -> str:
-    """Return the description of a seam to join."""
+    """Return the description of a seam to join, such as "A: 5 joints to panel 2"."""
     joints = f"{join.joints} joint" + "s" * (join.joints > 1)
     where = "within the panel" if join.other == join.panel else f"to panel {panel_name(numbers[join.other])}"
     return f"{seam_name(join.seam)}: {joints} {where}"

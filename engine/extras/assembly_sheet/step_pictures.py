@@ -1,4 +1,4 @@
-"""Pictures of the assembly sheet: the joined part of the surface, and the flat panel."""
+"""Pictures of a step in the assembly sheet: the panels joined so far, and the flat new panel."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from ...patches.flattening.flatten import FlatPatches
 from ...patches.joining import Join, Step, panel_numbers
 from ...spirals.curves.arcs import Curve
 
-WIDTH, HEIGHT, MARGIN = 0.21, 0.297, 0.015  # width, height and margin of a page in metres (A4)
+WIDTH, HEIGHT, MARGIN = 0.21, 0.297, 0.015  # width, height and margin of a page (A4), metres
 INK, PALE, GREY = "#1c1e24", "#e4e6e9", "#7a7f87"
-LIFT = 0.35  # tangent of the angle by which the view looks down
-LOOKED_AT = 24  # quads per panel tested for visibility
-NUMBER = (0.0065, 0.004)  # width and height of a panel's number on paper, metres
+LIFT = 0.35  # tangent of the angle by which the camera looks down
+LOOKED_AT = 24  # number of quads per panel that are tested for visibility; larger: better views, slower
+NUMBER = (0.0065, 0.004)  # width and height that a panel's number needs on paper, metres
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class PatchColours:
 
 @dataclass(frozen=True)
 class Box:
-    """A rectangle on a page, metres, from its lower left corner."""
+    """A rectangle on a page: lower left corner, width and height, metres."""
 
     x: float
     y: float
@@ -40,7 +40,7 @@ class Box:
 
 
 def middle(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, " 2"]:
-    """Return a point well inside a polygon."""
+    """Return a point inside a polygon, well away from its outline."""
     import shapely
 
     place = shapely.Polygon(points).buffer(0.0).representative_point()
@@ -48,13 +48,19 @@ def middle(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, " 2"]:
 
 
 def line(points: list[list[float]] | np.ndarray) -> Curve:
-    """Return the polyline through points (M, 2)."""
+    """Return the open polyline through points (n, 2)."""
     points = np.asarray(points, dtype=float)
     return Curve(points, np.zeros(len(points)), closed=False)
 
 
 def fit_box(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"], box: Box) -> tuple[float, np.ndarray]:
-    """Return scale and shift that centre a rectangle in a box."""
+    """Return scale and shift that fit a rectangle into a box, centred.
+
+    Parameters
+    ----------
+    low, high : lower left and upper right corner of the rectangle
+    box : where it should lie
+    """
     size = np.maximum(high - low, 1e-9)
     scale = float(min(box.width / size[0], box.height / size[1]))
     return scale, np.array([box.x + 0.5 * box.width, box.y + 0.5 * box.height]) - 0.5 * scale * (low + high)
@@ -70,7 +76,18 @@ def model(
     look: PatchColours,
     view: Float[np.ndarray, "3 3"],
 ) -> None:
-    """Draw the part ``there`` of the target surface, seen along the camera's axes ``view``; the rest as a pale ghost."""
+    """Draw the target surface: the panels joined so far in colour, the rest in pale lines.
+
+    Parameters
+    ----------
+    page, box : where to draw
+    flat : mesh and layout
+    there : patches joined so far
+    strong : patches in full colour; the others are lighter
+    joins : seams to highlight
+    look : colours
+    view : axes of the camera, see ``camera``
+    """
     layout, mesh = flat.layout, flat.layout.mesh
     ahead, places = view[2], mesh.vertices @ view.T
     scale, shift = fit_box(places[:, :2].min(axis=0), places[:, :2].max(axis=0), box)
@@ -80,7 +97,7 @@ def model(
     depth = places[mesh.quads, 2].mean(axis=1)
     seam_of = {int(e): j.seam for j in joins for e in layout.seams[j.seam].tolist()}
     items = [(float(d), 0, int(q)) for q, d in enumerate(depth.tolist())]
-    # draw a seam over the quads on both sides
+    # draw a seam after the quads on both sides
     items += [(float(depth[mesh.edge_quads[e]].max()) + 1e-6, 1, e) for e in seam_of]
     for _, kind, index in sorted(items):
         if kind:
@@ -102,10 +119,13 @@ def model(
 def _numbers(
     page: Page, flat: FlatPatches, there: tuple[int, ...], places: np.ndarray, drawn: np.ndarray, towards: np.ndarray
 ) -> None:
-    """Write the numbers of the panels that are present where they are visible and do not overlap."""
+    """Write the numbers of the panels joined so far, where they are visible and do not overlap.
+
+    places : vertices in the axes of the camera; drawn : vertices on paper; towards : cosine of quad normal and view
+    """
     layout, mesh, numbers = flat.layout, flat.layout.mesh, panel_numbers(flat.layout)
     candidates = []
-    for patch in sorted(there, key=lambda p: len(layout.patches[p])):  # small panels have the fewest places
+    for patch in sorted(there, key=lambda p: len(layout.patches[p])):  # small panels first: they have few places
         quads = layout.patches[patch]
         quads = quads[towards[quads] > 0.2]
         candidates.append((patch, quads[np.argsort(-_suitability(towards[quads], mesh.centroids[quads]))[:LOOKED_AT]]))
@@ -113,7 +133,7 @@ def _numbers(
     open_ = np.zeros(len(mesh.quads), dtype=bool)
     open_[every[are_visible(places, mesh.quads, every, np.isin(layout.patch_of, there))]] = True
     middles = drawn[mesh.quads].mean(axis=1)
-    # position of the number in each cell of a grid whose cells are as large as a number
+    # positions of the numbers written so far, by the cell of a grid whose cells are as large as a number
     written: dict[tuple[int, int], tuple[float, float]] = {}
     for patch, quads in candidates:
         for x, y in middles[quads[open_[quads]]].tolist():
@@ -126,7 +146,7 @@ def _numbers(
 
 
 def _suitability(towards: np.ndarray, centroids: np.ndarray) -> np.ndarray:
-    """Return how suitable every quad is for its patch's number: facing the viewer, in the middle of the patch."""
+    """Return how suitable each quad is to bear its patch's number: best if it faces the viewer and is central."""
     if not len(centroids):
         return towards
     apart = np.linalg.norm(centroids - centroids.mean(axis=0), axis=1)
@@ -137,9 +157,14 @@ def are_visible(
     places: Float[np.ndarray, "vertices 3"], quads: Int[np.ndarray, "quads 4"],
     which: Int[np.ndarray, " m"], shown: Bool[np.ndarray, " quads"],
 ) -> Bool[np.ndarray, " m"]:  # fmt: skip
-    """Return for quads ``which`` whether their middle is not covered by a quad that is ``shown``.
+    """Return whether the middle of each quad is visible.
 
-    places : vertices with axes right, up, and towards the viewer
+    Parameters
+    ----------
+    places : vertices in the axes of the camera: right, up, towards the viewer
+    quads : vertex indices of all quads
+    which : indices of the quads to test
+    shown : whether each quad can hide others
     """
     import shapely
 
@@ -157,7 +182,7 @@ def are_visible(
 
 
 def best_view(flat: FlatPatches, step: Step) -> Float[np.ndarray, "3 3"]:
-    """Return the camera's axes that show most of the step's panel; the direction that it faces, if equally good."""
+    """Return the camera's axes for the view that shows most of a step's panel; from its front if that is as good."""
     layout, mesh = flat.layout, flat.layout.mesh
     quads = layout.patches[step.panel]
     some = quads[np.linspace(0, len(quads) - 1, min(len(quads), LOOKED_AT)).astype(int)]
@@ -179,7 +204,10 @@ def best_view(flat: FlatPatches, step: Step) -> Float[np.ndarray, "3 3"]:
 
 
 def camera(facing: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
-    """Return the camera's axes right, up and towards the viewer, with ``facing`` towards the viewer and z upright."""
+    """Return the axes of a camera, rows right, up and towards the viewer, that looks slightly down at a surface.
+
+    facing : direction from the surface towards the viewer, before the view is tilted down
+    """
     level = np.array([facing[0], facing[1], 0.0])
     size, whole = float(np.linalg.norm(level)), float(np.linalg.norm(facing))
     level = level / size if size > 0.15 * max(whole, 1e-12) else np.array([0.6, -0.8, 0.0])
@@ -191,7 +219,7 @@ def camera(facing: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
 
 
 def panel(page: Page, box: Box, flat: FlatPatches, step: Step, look: PatchColours) -> None:
-    """Draw the flat panel with its seams of this step in their colours and the numbers of their first and last joints."""
+    """Draw a step's flat panel with its seams in their colours, and the numbers of their first and last joints."""
     layout, mesh = flat.layout, flat.layout.mesh
     quads = layout.patches[step.panel]
     corners = flat.points[layout.flat_corners[quads]]
@@ -220,6 +248,6 @@ def panel(page: Page, box: Box, flat: FlatPatches, step: Step, look: PatchColour
 
 @lru_cache(maxsize=4096)
 def mix_colours(one: str, two: str, share: float) -> str:
-    """Return a colour between two, "#rrggbb"."""
+    """Interpolate two colours "#rrggbb"; ``share`` is the share of the second."""
     a, b = (np.array([int(c[i : i + 2], 16) for i in (1, 3, 5)]) for c in (one, two))
     return "#" + "".join(f"{round(x):02x}" for x in ((1 - share) * a + share * b).tolist())

@@ -1,1 +1,1 @@
-"""Calibration sheet, and its evaluation: kerf, clearance and stiffness of the user's own machine and material."""
+"""Calibration sheet and its evaluation: kerf, clearance and stiffness of the user's own machine and material."""

@@ -5,18 +5,16 @@ deflections (elastica; Bisshopp and Drucker 1945 without own weight, integrated 
 
     E I theta'' = -(F + q (L - s)) cos theta,   theta(0) = 0,   theta'(L) = 0,   sag = integral of sin theta.
 
-The clamp also prevents the strip from bending across near it, as if it were shorter by 0.37 nu^2 times its width:
-measured on solids of widths from 5 to 12 thicknesses and Poisson's ratios from 0.2 to 0.42, see
-``database/coupons.py``.
+Near the clamp the strip cannot bend across its width, so it acts as if it were shorter by 0.37 nu^2 times its width
+(``database/coupons.py``).
 
-The measured value is the change of height when the weight is added, so own sag and initial curvature cancel. The linear
-limit F L^3 / (3 E I) is 1.1 % too large at a sag of a tenth of the length, and 4 % at a fifth.
+The measured value is the change of height when the weight is added, so that the sag under own weight and an initial
+curvature cancel. The linear limit F L^3 / (3 E I) is 1.1 % too large at a sag of a tenth of the length.
 
 Spiral: the tips of the four arms are held in their frame and the hub sinks without turning, because the spiral has
 fourfold symmetry. Each arm carries a quarter of the weight. Its stiffness K = C^-1 is the inverse of the compliance
-from ``mechanics/arms/stiffness.py``, the program's own table from finite elements; it turns the motion u of the tip
-relative to the hub into the wrench K u. This is linear: a solid whose arms' ends are held at every point sags less by 0
-to 2 %, and by 1 to 3 % at up to 1.5 thicknesses.
+from ``mechanics/arms/stiffness.py``, the program's own table from finite elements; K maps the motion u of the tip
+against the hub to the wrench K u. This is linear: solids sag less by 0 to 3 %, up to sags of 1.5 thicknesses.
 """
 
 from __future__ import annotations
@@ -31,23 +29,23 @@ from ...mechanics.arms.cut import FILLET_REACH, TABLE_FILLET
 from ...mechanics.arms.stiffness import table_tip_compliance
 from .coupons import GRAVITY, Coupons, SpiralCoupon
 
-SOFTEST, STIFFEST = 1e6, 1e12  # bounds of a custom material's modulus, Pa
-# the first guess uses the small sag at 100 GPa (factor on 1 GPa); maximum iterations, of which 4 to 25 are needed
+SOFTEST, STIFFEST = 1e6, 1e12  # bounds of Young's modulus, Pa; beyond them a reading is refused
+# modulus, GPa, whose small sag gives the first guess, and largest number of iterations, of which 4 to 25 are needed
 FIRST_GUESS, ROUNDS = 100.0, 60
-NORMAL = 2  # index of translation and force along the sheet's normal
-CLAMPED = 0.37  # shortening by a clamp that keeps the strip flat, in widths times Poisson's ratio squared
-STEEPEST = 0.6  # maximum sag of a strip over its length; a steeper end lets the weight slip
+NORMAL = 2  # index of translation and force along the sheet's normal in motions and wrenches
+CLAMPED = 0.37  # apparent shortening of the strip by the clamp, in widths times Poisson's ratio squared
+STEEPEST = 0.6  # largest ratio of a strip's sag to its length; larger: the weight may slip off the steep end
 
 
 def strip_sag(made: Coupons, youngs: float, load: float, *, width: float | None = None) -> float:
-    """Return the metres by which the strip's end sinks when ``load`` is added.
+    """Return by how many metres the strip's end sinks when a weight is added.
 
     Parameters
     ----------
     made : sizes of the strip
-    youngs : Pa
-    load : kg
-    width : true width of the strip, metres; the drawn width if None
+    youngs : Young's modulus, Pa
+    load : weight, kg
+    width : true width of the strip, metres; default is the drawn width
     """
     b, h = width or made.strip_width, made.thickness
     length = made.strip_length - CLAMPED * made.poisson**2 * b
@@ -58,7 +56,7 @@ def strip_sag(made: Coupons, youngs: float, load: float, *, width: float | None 
 
 
 def _elastica(pull: float, own: float) -> float:
-    """Return sag over length of a cantilever under F L^2 / EI at its end and q L^3 / EI along it."""
+    """Return sag / length of a cantilever; ``pull`` is F L^2 / EI for the force at its end, ``own`` q L^3 / EI."""
     from scipy.integrate import solve_bvp
 
     def slope(s: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -69,7 +67,7 @@ def _elastica(pull: float, own: float) -> float:
 
     s = np.linspace(0.0, 1.0, 25)
     first = np.zeros((3, len(s)))
-    # initial guess: the curve of small deflections, at most almost vertical
+    # initial guess: the curve of small deflections, limited to almost vertical
     first[0] = np.minimum(pull * (s - 0.5 * s * s) + own * (s / 2.0 - s * s / 2.0 + s**3 / 6.0), 1.5)
     found = solve_bvp(slope, ends, s, first, tol=1e-7)
     if not found.success:
@@ -80,7 +78,19 @@ def _elastica(pull: float, own: float) -> float:
 
 
 def strip_youngs(made: Coupons, sag: float, load: float, *, width: float | None = None) -> float:
-    """Return the modulus in Pa of a strip whose end sank by ``sag`` metres under ``load`` kg; raises ``FlexMapsError``."""
+    """Return Young's modulus, Pa, of a strip whose end sank under a weight.
+
+    Parameters
+    ----------
+    made : sizes of the strip
+    sag : measured sag, metres
+    load : weight, kg
+    width : true width of the strip, metres; default is the drawn width
+
+    Raises
+    ------
+    FlexMapsError : the strip hangs too steeply, or the modulus is impossible
+    """
     if sag > STEEPEST * made.strip_length:
         raise FlexMapsError(
             f"A strip of {made.strip_length * 1e3:.0f} mm that sinks by {sag * 1e3:.1f} mm hangs too steeply; take a lighter weight"
@@ -89,55 +99,69 @@ def strip_youngs(made: Coupons, sag: float, load: float, *, width: float | None 
 
 
 def strip_load(made: Coupons, sag: float) -> float:
-    """Return the weight in kg for a sag of about ``sag`` metres by the linear limit, rounded to one digit."""
+    """Return the weight, kg, for a strip's sag of about ``sag`` metres (linear theory), rounded, see ``_round``."""
     stiffness = 3.0 * made.youngs * made.strip_width * made.thickness**3 / 12.0 / made.strip_length**3
     return _round(stiffness * sag / GRAVITY)
 
 
 def spiral_stiffness(made: Coupons, scale: float, width: float, twist: float, youngs: float) -> float:
-    """Return the stiffness of a spiral's hub along the sheet's normal with the tips of its arms held, N/m.
+    """Return the stiffness, N/m, of a spiral's hub along the sheet's normal with the tips of its arms held.
 
     Parameters
     ----------
     made : thickness, Poisson's ratio and cutter
     scale, width : diameter, and width of the arms, metres
-    twist : radians
-    youngs : Pa
+    twist : winding angle of the arms, radians
+    youngs : Young's modulus, Pa
     """
     compliance = table_tip_compliance(
         np.array([scale]), np.array([width]), np.array([twist]),
         thickness=made.thickness, youngs=youngs, poisson=made.poisson,
     ).values[0]  # fmt: skip
-    # a larger fillet at the hub than the table's shortens the arm, whose length is that of an Archimedean spiral
+    # a fillet at the hub that is larger than the stiffness table's shortens the arm, an Archimedean spiral
     along = 0.25 * scale * (math.hypot(1.0, twist) + math.asinh(twist) / twist)
     longer = 1.0 - FILLET_REACH * (fillet(made, width) - TABLE_FILLET * width) / along
     return 4.0 * float(np.linalg.inv(compliance)[NORMAL, NORMAL]) / longer**3
 
 
 def fillet(made: Coupons, width: float) -> float:
-    """Return the radius of corners at the hub, metres: the stiffness table's or the smallest possible cut."""
+    """Return the radius of the corners between arms of ``width`` metres at the hub, metres.
+
+    It is the stiffness table's fillet, or the smallest that the cutter can make if that is larger.
+    """
     return max(TABLE_FILLET * width, 0.5 * made.kerf_holes, 0.51 * made.mill)
 
 
 def spiral_youngs(made: Coupons, spiral: SpiralCoupon, sag: float, load: float, wider: float = 0.0) -> float:
-    """Return the modulus in Pa of a spiral whose hub sank by ``sag`` metres under ``load`` kg.
+    """Return Young's modulus, Pa, of a spiral whose hub sank under a weight.
 
-    ``wider`` is the difference in metres between true and drawn width of its arms.
+    Parameters
+    ----------
+    made, spiral : sizes of the pieces and of the spiral
+    sag : measured sag, metres
+    load : weight, kg
+    wider : true minus drawn width of its arms, metres
     """
     unit = spiral_stiffness(made, spiral.scale, spiral.width + wider, spiral.twist, 1.0)
     return _check_bounds(load * GRAVITY / (sag * unit), f"spiral {spiral.name}", load)
 
 
 def spiral_load(made: Coupons, scale: float, width: float, twist: float, sag: float) -> float:
-    """Return the weight in kg for a spiral's sag of about ``sag`` metres, rounded to one digit."""
+    """Return the weight, kg, for a spiral's sag of about ``sag`` metres, rounded, see ``_round``.
+
+    Parameters
+    ----------
+    made, scale, width, twist : as in ``spiral_stiffness``
+    sag : intended sag, metres
+    """
     return _round(spiral_stiffness(made, scale, width, twist, made.youngs) * sag / GRAVITY)
 
 
 def _modulus_for_sag(sag_of: Callable[[float], float], sag: float, what: str, load: float) -> float:
-    """Return the modulus whose sag is the measured one, by fixed-point iteration.
+    """Return Young's modulus, Pa, for which ``sag_of`` gives the measured sag, by fixed-point iteration.
 
-    Sag is nearly proportional to one over the modulus, so each iteration reduces the error by a factor: 0.05 at a sag
-    of a tenth of the length, 0.5 at the steepest permitted sag.
+    Sag is nearly proportional to 1 / modulus, so each iteration reduces the error by a factor: 0.05 at a sag of a tenth
+    of the length, 0.5 at the steepest permitted sag.
     """
     youngs = 1e9
     youngs = _check_bounds(youngs * sag_of(youngs * FIRST_GUESS) * FIRST_GUESS / sag, what, load)
@@ -149,7 +173,7 @@ def _modulus_for_sag(sag_of: Callable[[float], float], sag: float, what: str, lo
 
 
 def _check_bounds(youngs: float, what: str, load: float) -> float:
-    """Return the modulus; raise ``FlexMapsError`` if it is outside the bounds."""
+    """Return Young's modulus unchanged; raise ``FlexMapsError`` if it is out of bounds; ``what`` names the piece."""
     if not SOFTEST < youngs < STIFFEST:
         raise FlexMapsError(
             f"The sag of the {what} under {load * 1e3:g} g would take a material of {youngs * 1e-9:.3g} GPa; "
@@ -159,6 +183,6 @@ def _check_bounds(youngs: float, what: str, load: float) -> float:
 
 
 def _round(mass: float) -> float:
-    """Return a mass in kg rounded to 1, 2 or 5 times a power of ten, as weights are made."""
+    """Round a mass, kg, to 1, 2 or 5 times a power of ten, as weights are sold."""
     power = 10.0 ** math.floor(math.log10(mass))
     return min((1.0, 2.0, 5.0, 10.0), key=lambda m: abs(math.log(m * power / mass))) * power

@@ -1,15 +1,15 @@
 """Compute kerf, clearance and stiffness, with standard errors, from measurements on a calibration sheet.
 
-Kerf: a window of n squares is cut apart by n + 1 lines including its ends, and every line removes one kerf. Pushed to
-one side, the squares leave a gap of n + 1 kerfs.
+Kerf: the comb is a window with n squares, cut by n + 1 lines including its ends, and every line removes one kerf.
+Pushed to one side, the squares leave a gap of n + 1 kerfs.
 
-Clearance: the rung that fits best was drawn with a clearance c and an allowance for a kerf k0; with the true kerf k its
-gap is c + k - k0. Once outlines allow for k, that gap is the clearance to use.
+Clearance: the rung (joint of the ladder) that fits best was drawn with a clearance c for a kerf k0; with the true kerf
+k its gap is c + k - k0. This gap is the clearance to use, once outlines are drawn for the kerf k.
 
-Stiffness: see ``bending``. All pieces count as wide as they were cut, k0 - k wider than drawn. Strip and spirals are
-two measurements of one modulus. If they agree within their errors, their mean counts, weighted by inverse variance.
-Otherwise the spirals count: they bend and twist in all directions of the sheet as the piece does, while the strip bends
-in one direction only, and wood is stiffer along its grain.
+Stiffness: see ``bending``. All pieces count with their true width, k0 - k more than drawn. Strip and spirals are two
+measurements of Young's modulus. If they agree within their errors, their mean is used, weighted by inverse variance.
+Otherwise the spirals' value is used: they bend and twist in all directions of the sheet as the piece does, while the
+strip bends in one direction only, and wood is stiffer along its grain.
 """
 
 from __future__ import annotations
@@ -27,26 +27,23 @@ from ...params import Settings, with_values
 from .bending import spiral_youngs, strip_youngs
 from .coupons import KINDS, STRIP_CLAMP, STRIP_END, Coupons
 
-# error of a sag reading as a share of its value; more if readings scatter more, but three readings seldom show their
-# own error
-READING = 0.02
-RULER = 2e-5  # error of a caliper reading, metres
-# Error of the formulas as a share of the modulus, measured against solids. Strip and spirals
-# contradict each other only if they differ by more than this and their measurement errors together
+READING = 0.02  # smallest standard error of a sag reading, as a share of its value; larger: fewer contradictions
+RULER = 2e-5  # standard error of a caliper reading, metres
+# Error of the formulas as a share of the modulus; larger: strip and spirals contradict each other less often
 MODEL = 0.02
-SURE = 3.0  # combined standard errors beyond which two values contradict each other
-DIGITS = 3  # minimum significant digits of a number in a preset
+SURE = 3.0  # number of combined standard errors beyond which two values contradict each other; larger: less often
+DIGITS = 3  # one less than the number of significant digits of results
 
 
 @dataclass(frozen=True)
 class Readings:
     """Measurements: lengths in metres, masses in kg; empty or None if not measured.
 
-    kerf_gaps : in the comb, with the squares pushed to one side
+    kerf_gaps : gaps in the comb with the squares pushed to one side
     clearance, kind : value of the rung that fits best, and kind of its connector
-    thickness : of the sheet at several places
-    strip_sags, strip_load, strip_mass : sinking of the strip's end, its weight, and mass of the whole strip
-    spiral_sags, spiral_loads : sinking of spirals A and B, a pair per round, and their weights
+    thickness : thickness of the sheet at several places
+    strip_sags, strip_load, strip_mass : sags of the strip's end, the weight on it, and the mass of the strip itself
+    spiral_sags, spiral_loads : sags of spirals A and B, a pair per measurement, and the weights on them
     """
 
     kerf_gaps: Sequence[float] = ()
@@ -73,12 +70,12 @@ class Readings:
         spiral_sag: Sequence[Sequence[float]] = (),
         spiral_weight: Sequence[float] | None = None,
     ) -> Readings:
-        """Convert measurements in mm and g, single numbers or several readings; raises ``FlexMapsError``.
+        """Make readings from measurements in mm and g; raises ``FlexMapsError``.
 
         Parameters
         ----------
         kerf_comb, clearance, kind, thickness, strip_sag, strip_weight, strip_mass : see ``Readings``
-        spiral_sag, spiral_weight : of A and B; several pairs of sags
+        spiral_sag, spiral_weight : one or several pairs of sags of spirals A and B, and the pair of weights
         """
         pairs = [spiral_sag] if spiral_sag and not isinstance(spiral_sag[0], Sequence) else spiral_sag
         weights = _numbers(spiral_weight, "spirals' weights")
@@ -98,7 +95,7 @@ class Readings:
 
 
 def numbers(text: str) -> list[float]:
-    """Return the numbers in a text such as "1.02, 1.04"; raises ``FlexMapsError``."""
+    """Parse the numbers in a text such as "1.02, 1.04"; raises ``FlexMapsError``."""
     try:
         return [float(word) for word in text.replace(",", " ").replace(";", " ").split()]
     except ValueError:
@@ -106,7 +103,7 @@ def numbers(text: str) -> list[float]:
 
 
 def _numbers(value: Any, what: str) -> list[float]:
-    """Return a thousandth of one or several numbers: metres from mm, kg from g."""
+    """Return one or several numbers times 1e-3: mm to metres, g to kg; ``what`` names them in errors."""
     some = (
         []
         if value is None
@@ -121,7 +118,7 @@ def _numbers(value: Any, what: str) -> list[float]:
 
 @dataclass(frozen=True)
 class MeasuredValue:
-    """A value and its standard error, SI."""
+    """A measured value and its standard error, in SI units."""
 
     value: float
     error: float
@@ -136,10 +133,10 @@ class MeasuredValue:
 class Calibration:
     """Results in SI units; None if not measured.
 
-    strip, spirals : Young's modulus measured with each, Pa
+    strip, spirals : Young's modulus measured with the strip and with the spirals, Pa
     youngs, believed : Young's modulus to use, and a text that says where it comes from
     warnings : sentences about contradictions
-    settings : "section.name" -> value for ``params.with_values``, only measured settings
+    settings : the measured settings, "section.name" -> value, for ``params.with_values``
     """
 
     kerf: MeasuredValue | None
@@ -154,7 +151,7 @@ class Calibration:
     settings: dict[str, Any] = field(default_factory=dict)
 
     def report(self) -> dict[str, Any]:
-        """Return the figures in usual units, for JSON."""
+        """Return the results in the units of their names (mm, GPa, kg/m3), for JSON."""
 
         def shown(one: MeasuredValue | None, factor: float) -> dict[str, float] | None:
             return (
@@ -176,11 +173,11 @@ class Calibration:
 
 
 def calibrate(made: Coupons, readings: Readings) -> Calibration:
-    """Evaluate the readings of a sheet; raises ``FlexMapsError`` for an impossible reading, or none at all.
+    """Evaluate the readings of a sheet; raises ``FlexMapsError`` if a reading is impossible, or if there are none.
 
     Parameters
     ----------
-    made, readings : sizes of the pieces, and measurements
+    made, readings : sizes of the calibration pieces, and measurements
     """
     _refuse_wrong(made, readings)
     warnings: list[str] = []
@@ -232,9 +229,9 @@ def _refuse_wrong(made: Coupons, readings: Readings) -> None:
 
 
 def _mean(values: Sequence[float], ruler: float = 0.0) -> MeasuredValue:
-    """Return mean and standard error of readings, from their scatter or the error of a reading, whichever is larger.
+    """Return mean and standard error of readings, from their scatter or from the error of one reading if larger.
 
-    ruler : error of a reading in metres; without it, a share of the value
+    ruler : error of one reading, metres; if 0, the share ``READING`` of the mean
     """
     some = np.asarray(values, dtype=float)
     middle, count = float(some.mean()), len(some)
@@ -244,7 +241,7 @@ def _mean(values: Sequence[float], ruler: float = 0.0) -> MeasuredValue:
 
 
 def _kerf(made: Coupons, readings: Readings) -> tuple[MeasuredValue | None, float]:
-    """Return the kerf, and the resulting error of a joint's gap in metres."""
+    """Return the kerf with its standard error, and the resulting error of a joint's gap, metres."""
     if not readings.kerf_gaps:
         return None, 0.0
     lines = made.cells + 1
@@ -261,10 +258,10 @@ def _kerf(made: Coupons, readings: Readings) -> tuple[MeasuredValue | None, floa
 def _clearance(
     readings: Readings, kerf: MeasuredValue | None, wider: float, strays: float, warnings: list[str]
 ) -> MeasuredValue | None:
-    """Return the clearance to use, with warnings if it is within its error."""
+    """Return the clearance to use; add a warning if it is smaller than its error."""
     if readings.clearance is None:
         return None
-    # without a measured kerf, use the kerf for which the sheet was drawn
+    # ``wider`` is 0 without a measured kerf: the kerf for which the sheet was drawn is used
     gap = readings.clearance - wider
     error = math.hypot(strays, RULER if kerf is None else 0.0)
     if kerf is not None and gap < -SURE * error - 1e-6:
@@ -281,7 +278,7 @@ def _clearance(
 
 
 def _strip(made: Coupons, readings: Readings, wider: float) -> tuple[MeasuredValue | None, float | None]:
-    """Return Young's modulus and density from the strip."""
+    """Return Young's modulus, Pa, and density, kg/m3, from the strip; ``wider``: true minus drawn width, metres."""
     width = made.strip_width + wider
     long = made.strip_length + (STRIP_CLAMP + STRIP_END) * made.thickness + wider
     density = None
@@ -300,7 +297,7 @@ def _strip(made: Coupons, readings: Readings, wider: float) -> tuple[MeasuredVal
 
 
 def _spirals(made: Coupons, readings: Readings, wider: float, warnings: list[str]) -> MeasuredValue | None:
-    """Return Young's modulus from both spirals with all their readings."""
+    """Return Young's modulus, Pa, from all readings of both spirals; add a warning if these contradict each other."""
     if not readings.spiral_sags:
         return None
     loads = readings.spiral_loads or tuple(one.load for one in made.spirals)
@@ -318,14 +315,14 @@ def _spirals(made: Coupons, readings: Readings, wider: float, warnings: list[str
 
 
 def _weighted_mean(some: Sequence[MeasuredValue]) -> MeasuredValue:
-    """Return the mean weighted by inverse variance."""
+    """Return the mean of values weighted by inverse variance, and its standard error."""
     weights = np.array([1.0 / one.error**2 for one in some])
     value = float(weights @ np.array([one.value for one in some]) / weights.sum())
     return MeasuredValue(value, float(weights.sum() ** -0.5))
 
 
 def _contradict(one: MeasuredValue, other: MeasuredValue) -> bool:
-    """Return whether two values differ by more than their errors."""
+    """Return whether two moduli differ by more than ``SURE`` standard errors and the error of the formulas."""
     middle = 0.5 * (one.value + other.value)
     return abs(one.value - other.value) > SURE * math.hypot(one.error, other.error) + MODEL * middle
 
@@ -333,7 +330,7 @@ def _contradict(one: MeasuredValue, other: MeasuredValue) -> bool:
 def _choose_modulus(
     strip: MeasuredValue | None, spirals: MeasuredValue | None, warnings: list[str]
 ) -> tuple[MeasuredValue | None, str]:
-    """Return the modulus from the strip, the spirals or both, and the reason for this choice."""
+    """Return the modulus to use, from the strip, the spirals or both, and a text with the reason."""
     if strip is None or spirals is None:
         one = strip or spirals
         if one is None:
@@ -357,7 +354,7 @@ def _choose_modulus(
 
 
 def _settings(made: Coupons, found: Calibration, readings: Readings) -> dict[str, Any]:
-    """Return the measured settings; a custom material gets all four values."""
+    """Return the measured settings by "section.name"; a custom material gets all of its values."""
     values: dict[str, Any] = {}
     if found.thickness is not None or found.youngs is not None:
         values["spiral.thickness"] = _figures(1e3 * (found.thickness.value if found.thickness else made.thickness))
@@ -385,16 +382,16 @@ def _settings(made: Coupons, found: Calibration, readings: Readings) -> dict[str
 
 
 def _figures(value: float) -> float:
-    """Return a number rounded to the digits of a measurement."""
+    """Return a number rounded to ``DIGITS`` + 1 significant digits."""
     return float(f"{value:.{DIGITS + 1}g}")
 
 
 def preset(values: Mapping[str, Any], note: str) -> str:
-    """Return the script of a Blender preset with these settings.
+    """Return the Python script of a Blender preset with these settings.
 
     Parameters
     ----------
-    values, note : values by "section.name", and a note for the first line
+    values, note : values by "section.name", and a comment for the first line
     """
     lines = [f"# {' '.join(note.split())}", "import bpy", "", "settings = bpy.context.object.flexmaps", ""]
     return "\n".join([*lines, *(f"settings.{name} = {value!r}" for name, value in values.items())]) + "\n"

@@ -1,4 +1,4 @@
-"""The pieces of the calibration sheet as curves of arcs, in metres, with the origin at the lower left."""
+"""Draw the pieces of the calibration sheet as curves of arcs, in metres, with the origin at the lower left."""
 
 from __future__ import annotations
 
@@ -22,16 +22,18 @@ from .bending import fillet
 from .coupons import STRIP_CLAMP, STRIP_END, Coupons, SpiralCoupon
 
 LETTERS = 0.0025  # height of engraved letters, metres
-RIM = 0.008  # width of the material around holes, metres
-SAMPLES = 14  # pairs of arcs per edge of a spiral: within 1e-5 of its diameter, and longer than the radius of a mill
-TOOTH = 3.0  # width of the base of a tooth in heights; the tooth holds an arm's end and must be stiffer than the arm
+RIM = 0.008  # width of the material around holes, metres; larger: stiffer frames, larger sheet
+SAMPLES = 14  # pairs of arcs per edge of a spiral; more: closer to the spiral, but arcs shorter than a mill's radius
+# width of the base of the tooth that holds an arm's end, as a ratio to its height; larger: stiffer against the arm
+TOOTH = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class DrawnPiece:
-    """A piece, or several that belong together; material on the left of outlines and holes.
+    """Drawing of a piece, or of several that belong together; material lies on the left of outlines and holes.
 
-    shared : lines cut along their middle regardless of the kerf, such as those between squares of the comb
+    shared : lines that the cutter follows without an offset, such as those between the squares of the comb
+    engraved : lines of the labels
     """
 
     outlines: tuple[Curve, ...] = ()
@@ -40,11 +42,11 @@ class DrawnPiece:
     engraved: tuple[Curve, ...] = ()
 
     def moved(self, shift: Float[np.ndarray, " 2"]) -> DrawnPiece:
-        """Return the piece shifted by metres."""
+        """Return the piece shifted by a vector, metres."""
         return DrawnPiece(*(tuple(c.moved(0.0, shift) for c in some) for some in self._all))
 
     def cut(self, kerf: float, kerf_holes: float) -> DrawnPiece:
-        """Return the piece with the paths of the cutter: outlines and holes offset by half of the kerf."""
+        """Return the cutter's paths: outlines and holes offset by half of their kerf, metres."""
         return replace(
             self,
             outlines=tuple(offset(c, 0.5 * kerf) for c in self.outlines),
@@ -57,38 +59,48 @@ class DrawnPiece:
 
     @property
     def box(self) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
-        """Lower left and upper right corner, metres."""
+        """Bounding box: lower left and upper right corner, metres."""
         points = np.concatenate([c.sampled(1e-5) for some in self._all for c in some])
         return points.min(axis=0), points.max(axis=0)
 
 
 def together(pieces: Iterable[DrawnPiece]) -> DrawnPiece:
-    """Join several pieces."""
+    """Combine several pieces into one drawing."""
     some = list(pieces)
     return DrawnPiece(*(tuple(c for piece in some for c in piece._all[k]) for k in range(4)))
 
 
 def words(text: str, x: float, y: float, middle: bool = False, room: float = math.inf) -> tuple[Curve, ...]:
-    """Return engraved letters starting at (x, y), metres, or centred there; smaller if ``room`` requires."""
+    """Return engraved text.
+
+    Parameters
+    ----------
+    text : letters
+    x, y : where the base line begins, metres
+    middle : centre the text at x instead
+    room : largest width, metres; letters become smaller if they need more
+    """
     high = min(LETTERS, room / max(length(text), 1.0))
     begin = np.array([x - (0.5 * high * length(text) if middle else 0.0), y])
     return tuple(Curve(high * s + begin, np.zeros(len(s)), closed=False) for s in strokes(text))
 
 
 def rectangle(x0: float, y0: float, x1: float, y1: float) -> Curve:
-    """Return a rectangle, counter-clockwise."""
+    """Return a rectangle from its lower left and upper right corners, counter-clockwise."""
     return Curve(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]), np.zeros(4))
 
 
 def line(*points: tuple[float, float]) -> Curve:
-    """Return an open polyline."""
+    """Return the open polyline through points."""
     return Curve(np.array(points), np.zeros(len(points)), closed=False)
 
 
 def comb(made: Coupons, text: str) -> DrawnPiece:
-    """Return the kerf comb: squares in a window, separated by shared lines.
+    """Return the kerf comb: squares in a window, separated by lines that are cut without an offset.
 
-    Pushed to one side, n squares leave a gap of n + 1 kerfs.
+    When n squares are pushed to one side, they leave a gap of n + 1 kerfs.
+
+    made : sizes; text : engraved above the window
     """
     wide, high, a = made.cells * made.cell, made.cell, made.cell
     x, y = RIM, RIM + 2.0 * LETTERS
@@ -105,7 +117,16 @@ def comb(made: Coupons, text: str) -> DrawnPiece:
 
 
 def ladder(made: Coupons, params: ConnectorParams, kind: str) -> DrawnPiece:
-    """Return a rail with a socket for every clearance, the pieces to insert, and their values on both."""
+    """Return a ladder: a rail with a socket for every clearance (rung), and the counterparts to insert.
+
+    Both bear the value of the clearance, mm.
+
+    Parameters
+    ----------
+    made : sizes of the calibration pieces
+    params : settings of connectors
+    kind : kind of connector, one of ``coupons.KINDS``
+    """
     rungs = [size(made.joint, replace(params, clearance=c), mill=made.mill) for c in made.clearances]
     values = [f"{c * 1e3:g}" for c in made.clearances]
     gap = made.joint + 2.0 * max(made.kerf, made.mill)
@@ -113,7 +134,7 @@ def ladder(made: Coupons, params: ConnectorParams, kind: str) -> DrawnPiece:
     deep = max(r.length for r in rungs) + 2.0 * LETTERS
     name, x0 = kind.upper(), 2.0 * LETTERS
     begin, top = x0 + LETTERS * length(name) + LETTERS, deep + LETTERS
-    low = top - max(made.clearances)  # between sockets the rail is lower than their faces, so that only the faces touch
+    low = top - max(made.clearances)  # the rail is lower between sockets, so that only the sockets' faces touch
     end = begin + pitch * len(rungs) + x0
     places = [begin + pitch * (k + 0.5) for k in range(len(rungs))]
     rail = [(0.0, 0.0), (end, 0.0), (end, low)]
@@ -134,7 +155,7 @@ def ladder(made: Coupons, params: ConnectorParams, kind: str) -> DrawnPiece:
 
 
 def _recess(rung: Size, kind: str) -> Curve:
-    """Return the recess in a rail from right to left, seen from outside, as ``socket``."""
+    """Return the outline of a socket in the rail, from right to left as seen from outside, like ``socket``."""
     if kind != "tab":
         return socket(rung)
     wide, deep = 0.5 * (rung.head + rung.clearance), rung.length + 0.5 * rung.clearance
@@ -144,9 +165,12 @@ def _recess(rung: Size, kind: str) -> Curve:
 
 
 def _counterpart(rung: Size, kind: str, value: str, x: float, y: float, gap: float) -> list[DrawnPiece]:
-    """Return the pieces to insert into one recess, placed above it: a stem with its value, and the key if it is loose."""
+    """Return the pieces to insert into one socket, placed above it: a labelled stem, and the loose key if there is one.
+
+    rung : size of the connector; value : label; x, y : position, metres; gap : distance between pieces, metres
+    """
     wide = max(0.5 * rung.pad, 0.5 * LETTERS * length(value) + 0.4 * LETTERS)
-    foot = rung.length + 2.0 * rung.inside if kind == "key" else 0.0  # letters are placed above the socket
+    foot = rung.length + 2.0 * rung.inside if kind == "key" else 0.0  # height of the socket, below the letters
     high = foot + 4.0 * LETTERS
     if kind == "dovetail":
         front = _point_down(head(rung))
@@ -175,12 +199,12 @@ def _counterpart(rung: Size, kind: str, value: str, x: float, y: float, gap: flo
 
 
 def _point_up(curve: Curve, x: float, y: float) -> Curve:
-    """Return the end of an arm pointing up, with its face at (x, y)."""
+    """Turn the outline of an arm's end so that it points up, with the middle of its face at (x, y)."""
     return curve.moved(0.5 * math.pi, np.array([x, y]))
 
 
 def _point_down(curve: Curve) -> Curve:
-    """Return the end of an arm pointing down, from left to right."""
+    """Turn the outline of an arm's end so that it points down and runs from left to right."""
     return curve.moved(-0.5 * math.pi, np.zeros(2))
 
 
@@ -188,7 +212,7 @@ def _point_down(curve: Curve) -> Curve:
 
 
 def strip(made: Coupons) -> DrawnPiece:
-    """Return the bending strip: a clamped part, a line at its end, and a hole for a thread with the weight."""
+    """Return the bending strip: a part to clamp, a line where the clamp ends, and a hole for the weight's thread."""
     clamp, end = STRIP_CLAMP * made.thickness, STRIP_END * made.thickness
     b, load = made.strip_width, clamp + made.strip_length
     hole = max(0.002, 1.5 * max(made.kerf, made.mill))
@@ -204,12 +228,12 @@ def strip(made: Coupons) -> DrawnPiece:
 
 
 def _circle(x: float, y: float, radius: float) -> Curve:
-    """Return a circle, clockwise, for a hole."""
+    """Return a clockwise circle, as for a hole."""
     return Curve(np.array([[x + radius, y], [x - radius, y]]), np.array([-1.0, -1.0]))
 
 
 def spiral(made: Coupons, one: SpiralCoupon) -> DrawnPiece:
-    """Return a spiral in its frame, with a hole between consecutive arms."""
+    """Return a spiral in its frame: a rectangle with a hole between any two consecutive arms."""
     arms = _arms(one)
     rim = 0.5 * one.scale + 1.5 * max(one.width, 2.0 * max(made.kerf_holes, made.mill)) + max(RIM, 5.0 * made.thickness)
     foot = 2.0 * LETTERS
@@ -220,7 +244,7 @@ def spiral(made: Coupons, one: SpiralCoupon) -> DrawnPiece:
 
 
 def _arms(one: SpiralCoupon) -> Arms:
-    """Return four equal arms around the origin, without blends, as in the stiffness table."""
+    """Return four equal arms around the origin, unblended as in the stiffness table."""
     four = np.full((1, 4), 1.0)
     angle = 0.5 * np.pi * np.arange(4.0)[None]
     return Arms(
@@ -230,10 +254,10 @@ def _arms(one: SpiralCoupon) -> Arms:
 
 
 def _slots(sizes: Coupons, one: SpiralCoupon, arms: Arms) -> list[Curve]:
-    """Return the holes between arms k and k + 1, clockwise.
+    """Return the four holes between consecutive arms, clockwise.
 
-    A hole runs along one arm to the hub, along the next arm to its end, and back along the frame, which holds the ends
-    of the arms with perpendicular teeth.
+    The outline of a hole runs along arm k to the hub, along arm k + 1 to its end, and back along the frame, whose teeth
+    hold the ends of the arms and stand perpendicular to them.
     """
     roots = find_roots(arms, fillet(sizes, one.width))
     if roots.missed.any():
@@ -248,15 +272,16 @@ def _slots(sizes: Coupons, one: SpiralCoupon, arms: Arms) -> list[Curve]:
     from_hub, tip_bulge = biarcs(outwards[0][0], -outwards[1][0])
     ends = complexes(np.stack([edge_points(arms, np.zeros((1, 4, 1)), side)[0][0, :, 0] for side in (LEFT, RIGHT)]))
     middle = complexes(centre_line(arms, np.zeros((1, 4, 1)))[0][0, :, 0])
-    reach = max(one.width, 2.0 * max(sizes.kerf_holes, sizes.mill))  # the cutter has to pass around the ends
+    reach = max(one.width, 2.0 * max(sizes.kerf_holes, sizes.mill))  # the cutter must pass around the arms' ends
     made = []
     for k in range(4):
         after = (k + 1) % 4
         first = complexes(inwards[0][0, k, -1])
         into, out = complexes(inwards[1][0, k, -1]), -complexes(outwards[1][0, after, 0])
         corner_bulge = math.tan(0.25 * _right_turn(complex(into), complex(out)))
-        # arms wind clockwise outwards, so the left corner of an arm's end lies outside the right one. The frame
-        # continues along the ends of both arms; the tooth that holds arm k + 1 stands on the frame's circle
+        # arms wind clockwise outwards, so the left corner of an arm's end lies farther out than the right corner. The
+        # outline follows the ends of both arms outwards; between them it follows the frame's circle, on which the tooth
+        # of arm k + 1 stands
         outer, inner = (
             corner + reach * (corner - tip) / abs(corner - tip)
             for corner, tip in ((ends[0, k], middle[k]), (ends[1, after], middle[after]))
@@ -279,6 +304,6 @@ def _slots(sizes: Coupons, one: SpiralCoupon, arms: Arms) -> list[Curve]:
 
 
 def _right_turn(before: complex, after: complex) -> float:
-    """Return the angle between two directions as a right turn, in radians."""
+    """Return the angle from one direction to another as a right turn: radians, 0 or negative."""
     turn = float(np.angle(after / before))
     return turn - 2.0 * math.pi if turn > 0.5 * math.pi else min(turn, 0.0)

@@ -1,6 +1,6 @@
-"""Sizes of the calibration pieces, stored beside the sheet.
+"""Sizes of the calibration pieces (coupons), stored in a file beside the sheet.
 
-The pieces grow with the sheet's thickness, so that sags and weights stay handy: their stiffness is proportional to
+The pieces grow with the sheet's thickness, so that sags and weights stay practical: their stiffness is proportional to
 Young's modulus times thickness.
 """
 
@@ -18,9 +18,8 @@ from ...errors import FlexMapsError
 FILE = "calibration.json"
 GRAVITY = 9.80665  # m/s^2, standard
 KINDS = ("dovetail", "key", "tab")
-# Dimensions of the strip in thicknesses: so slender that shear contributes less than 0.1 % of its sag, and so narrow
-# that it bends as a beam, not as a plate (within 1 % of finite elements). The intended sag is a
-# tenth of its length
+# Dimensions of the strip in thicknesses, and its intended sag as a share of its length. Longer: less shear, larger
+# sheet; wider: the strip bends like a plate, not like a beam
 STRIP_LENGTH, STRIP_WIDTH, STRIP_CLAMP, STRIP_END, STRIP_SAG = 50.0, 7.0, 15.0, 3.0, 0.1
 
 
@@ -28,8 +27,9 @@ STRIP_LENGTH, STRIP_WIDTH, STRIP_CLAMP, STRIP_END, STRIP_SAG = 50.0, 7.0, 15.0, 
 class SpiralCoupon:
     """A spiral in a frame that holds the tips of its arms.
 
+    name : engraved letter
     scale, width : diameter, and width of its arms, metres
-    twist : radians
+    twist : winding angle of its arms, radians
     load : suggested weight, kg
     """
 
@@ -42,17 +42,17 @@ class SpiralCoupon:
 
 @dataclass(frozen=True)
 class Coupons:
-    """Sizes in metres, weights in kg.
+    """Sizes of all calibration pieces: lengths in metres, weights in kg.
 
     material : key of the assumed material
-    youngs, poisson, density, strain_limit : of the assumed material
-    thickness : of the sheet
-    kerf, kerf_holes : kerf for which outlines and holes are drawn
-    mill : diameter, 0 for a beam
+    youngs, poisson, density, strain_limit : properties of the assumed material, in SI units
+    thickness : thickness of the sheet
+    kerf, kerf_holes : kerfs for which outlines and holes are drawn
+    mill : diameter of the mill; 0 for a laser or another beam
     cells, cell : number of squares of the kerf comb, and their side
-    clearances, joint : of the ladder, and the width of its arms
-    strip_length, strip_width, strip_load : from clamp to load; width; suggested weight
-    spirals : two, the softer first
+    clearances, joint : clearances of the ladders' rungs, and width of the arms that they join
+    strip_length, strip_width, strip_load : length of the strip from clamp to weight, its width, and suggested weight
+    spirals : spirals A and B, the softer first
     """
 
     material: str
@@ -74,12 +74,12 @@ class Coupons:
     spirals: tuple[SpiralCoupon, ...]
 
     def text(self) -> str:
-        """Return the JSON document stored beside the sheet, in SI units."""
+        """Return the JSON document that is stored beside the sheet, in SI units."""
         return json.dumps({"flexmaps": "calibration", "program": MARK, **asdict(self)}, indent=1) + "\n"
 
 
 def members(made: Coupons) -> dict[str, Any]:
-    """Return the values by name."""
+    """Return the fields of ``Coupons`` by name."""
     return {f.name: getattr(made, f.name) for f in fields(Coupons)}
 
 

@@ -1,4 +1,4 @@
-"""The calibration sheet: its pieces on a sheet no larger than needed, and its files."""
+"""Lay the calibration pieces on a sheet that is no larger than needed, and write its files."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ USUAL = ("svg", "dxf", "pdf")
 
 @dataclass(frozen=True, eq=False)
 class CalibrationDrawing:
-    """One sheet of pieces, in metres, as input for the writers of files.
+    """One sheet of calibration pieces, metres, in the form that the file writers need.
 
     coupons : sizes of the pieces, stored for the evaluation
-    pieces : in their places, with finished sizes
-    packing : without panels, for the sheet's size
+    pieces : drawings of the pieces in their places, with finished sizes
+    packing : size of the sheet, without panels
     """
 
     coupons: Coupons
@@ -47,7 +47,10 @@ class CalibrationDrawing:
     count: int = 1
 
     def runs(self, index: int, progress: Progress = SILENT) -> SheetCuts:
-        """Return the cuts: shared lines unchanged, other curves offset by half of the kerf."""
+        """Return the cutter's paths: shared lines unchanged, outlines and holes offset by half of the kerf.
+
+        The arguments are unused; the file writers expect them.
+        """
         made = calibration_pieces.together(
             piece.cut(self.coupons.kerf, self.coupons.kerf_holes) for piece in self.pieces
         )
@@ -55,7 +58,7 @@ class CalibrationDrawing:
 
 
 def make(settings: Settings) -> CalibrationDrawing:
-    """Make the sheet for the machine and material of these settings."""
+    """Make the calibration sheet for the machine and the material in these settings."""
     sizes = coupons(settings)
     says = f"{sizes.material} {sizes.thickness * 1e3:g} mm - drawn for a kerf of {sizes.kerf * 1e3:g}"
     pieces = [
@@ -72,10 +75,7 @@ def make(settings: Settings) -> CalibrationDrawing:
 
 
 def _in_rows(pieces: Sequence[DrawnPiece], margin: float, spacing: float) -> tuple[tuple[DrawnPiece, ...], np.ndarray]:
-    """Lay the pieces in rows from the top, the first two side by side.
-
-    Also return the sheet's width and height, metres.
-    """
+    """Lay the pieces in rows from the top, two in the first; return them and the sheet's width and height, metres."""
     boxes = [piece.box for piece in pieces]
     width = max(float(np.ptp([b[0][0], b[1][0]])) for b in boxes)
     width = max(width, float(sum(b[1][0] - b[0][0] for b in boxes[:2])) + spacing)
@@ -101,12 +101,12 @@ def write(
 
     Parameters
     ----------
-    sheet : drawing of the coupons
-    folder : made where it is missing
+    sheet : drawing of the calibration pieces
+    folder : folder for the files, made if it is missing
     formats : keys of ``WRITERS``
-    name : of the files, without suffix
+    name : name of the files without suffix
     progress : called with the fraction done; may cancel
-    guard : refuses to replace files of others
+    guard : refuses to replace files that this program did not write
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Choose the sizes of calibration pieces for a machine and a material."""
+"""Choose the sizes of the calibration pieces for a machine and a material."""
 
 from __future__ import annotations
 
@@ -10,20 +10,19 @@ from ...params import Settings
 from .bending import spiral_load, strip_load
 from .coupons import STRIP_LENGTH, STRIP_SAG, STRIP_WIDTH, Coupons, SpiralCoupon, members
 
-# number of squares of the kerf comb and their side in metres: calipers of 0.02 mm then resolve 0.002 mm of kerf
+# number of squares of the kerf comb, and their side, metres; more squares: the kerf is resolved more finely
 CELLS, CELL = 10, 0.01
-# clearances of the ladder in mm, around those usual for lasers and printers
+# clearances of the ladders' rungs, mm, around those usual for lasers and printers; more rungs: finer, larger sheet
 STEPS = (0.0, 0.025, 0.05, 0.075, 0.1, 0.15, 0.2)
-# Dimensions of the spirals in thicknesses: diameter, and widths of the arms of A and B. A twist of half a turn bends
-# and twists the arms as in real pieces. All values are within the range of the stiffness table. The intended sag is
-# half a thickness
+# Spirals: diameter, and widths of the arms of A and B, in thicknesses; twist, radians; intended sag, in thicknesses.
+# The arms bend and twist as in real pieces, and are within the range of the stiffness table
 SPIRAL_SCALE, SPIRAL_WIDTHS, SPIRAL_TWIST, SPIRAL_SAG = 25.0, (0.8, 1.2), math.pi, 0.5
-MILLS = 1.5  # maximum diameter of a mill in thicknesses: wider mills do not fit around the ends of spiral B's arms
-KERFS = 4.0  # minimum width of an arm in kerfs; otherwise variation of the kerf would dominate its stiffness
+MILLS = 1.5  # largest diameter of a mill, in thicknesses; wider mills do not fit around the ends of spiral B's arms
+KERFS = 4.0  # smallest width of an arm, in kerfs; smaller: the variation of the kerf dominates the arm's stiffness
 
 
 def coupons(settings: Settings) -> Coupons:
-    """Return the pieces for these settings of thickness, material, kerf, mill and widths."""
+    """Return the sizes of the calibration pieces for the thickness, material and cutter in the settings."""
     spiral, cut, material = settings.spiral, settings.cut, settings.material.sheet
     h, kerf = spiral.thickness, max(cut.kerf_outline, cut.kerf_holes)
     if cut.mill > MILLS * h:
@@ -34,7 +33,7 @@ def coupons(settings: Settings) -> Coupons:
     joint = spiral.width_max
     catch = size(joint, settings.connect, mill=cut.mill)
     steps = tuple(c * 1e-3 for c in STEPS if c * 1e-3 <= 0.25 * (catch.head - catch.neck))
-    # the width cut by a mill varies less than that of a beam
+    # a mill's cut varies less in width than a beam's, so arms need not be wide compared with it
     thin = max(SPIRAL_WIDTHS[0] * h, 0.0 if cut.mill else KERFS * kerf)
     widths = tuple(thin * w / SPIRAL_WIDTHS[0] for w in SPIRAL_WIDTHS)
     scale = SPIRAL_SCALE / SPIRAL_WIDTHS[0] * thin

@@ -1,4 +1,4 @@
-"""Comparison of layouts: proposals are judged by the shape that the assembled panels take."""
+"""Compare layouts by the shape that their assembled panels take."""
 
 from ...runs.stage import PHYSICS, SEARCH, Stage
 

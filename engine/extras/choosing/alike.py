@@ -1,4 +1,4 @@
-"""Layouts with as many panels as a present one: with shifted seams, or with a new cut in exchange for a seam."""
+"""Variants of a layout with no more panels: with a seam shifted, or with one seam joined in exchange for a new cut."""
 
 from __future__ import annotations
 
@@ -14,15 +14,20 @@ from ...surface.symmetry import Symmetry, keeping
 from .judge import Idea, JudgedLayout, LayoutProblem
 from .moves import cuts, fixable_mismatch, weakest, with_images
 
-ROWS = (1, 2, 4)  # quads by which a seam is moved; not measured: far enough to matter, few enough to try
-JOINED = 6  # seams that are joined in exchange for a cut, one at a time; not measured, bounds the time
-TRIED = 24  # largest number of ideas to lay flat: 24 with 1,000 quads take some 10 s
+ROWS = (1, 2, 4)  # distances by which a seam is shifted, in rows of quads; more values: more ideas, more time
+JOINED = 6  # number of seams tried in exchange for each new cut; larger: more ideas, more time
+TRIED = 24  # largest number of ideas to flatten; larger: more time (24 with 1,000 quads take some 10 s)
 
 
 def alike(piece: LayoutProblem, judged: JudgedLayout) -> list[Idea]:
-    """Return layouts with no more panels than a judged one, those with the least curvature within their panels first.
+    """Return variants of a judged layout with no more panels, those with the least curvature within panels first.
 
-    Every change is tried with its images under the symmetries that the layout keeps, and by itself.
+    Each change is tried alone, and together with its images under the symmetries that the layout keeps.
+
+    Parameters
+    ----------
+    piece : the surface and its symmetries
+    judged : the layout
     """
     layout = judged.laid.flat.layout
     kept = keeping(piece.symmetries, layout.cut)
@@ -37,12 +42,12 @@ def alike(piece: LayoutProblem, judged: JudgedLayout) -> list[Idea]:
 
 
 def _curved(layout: PatchLayout) -> float:
-    """Return the curvature within the panels, which seams don't absorb; a panel's distortion grows with its square."""
+    """Estimate a layout's distortion: sum over panels of the squared Gaussian curvature inside, radians squared."""
     return round(float((np.bincount(layout.patch_of, angle_defects(layout)) ** 2).sum()), 9)
 
 
 def _moved(layout: PatchLayout, symmetries: Sequence[Symmetry]) -> Iterator[Idea]:
-    """Yield layouts with one seam shifted by some rows of quads, to either side."""
+    """Yield layouts with one seam shifted to either side, by each number of rows of quads in ``ROWS``."""
     for seam in layout.seams:
         for quads, sides in _beside(layout.mesh, seam):
             for rows in ROWS:
@@ -56,7 +61,10 @@ def _moved(layout: PatchLayout, symmetries: Sequence[Symmetry]) -> Iterator[Idea
 
 
 def _beside(mesh: QuadMesh, seam: Int[np.ndarray, " edges"]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Return the quads on either side of a seam, whose edges are in order, and which of their sides lie on it."""
+    """Yield, for either side of a seam, the quads beside it and which of their sides lie on it.
+
+    seam : its edges in order along the seam
+    """
     ends = mesh.edges[seam]
     start = ends[:, 0].copy()
     if len(seam) > 1:
@@ -65,7 +73,7 @@ def _beside(mesh: QuadMesh, seam: Int[np.ndarray, " edges"]) -> Iterator[tuple[n
         for k in range(1, len(seam)):
             start[k] = ends[k - 1].sum() - start[k - 1]
     quads, sides = mesh.edge_quads[seam], mesh.edge_sides[seam]
-    # the quad whose corners follow one another in the direction of the seam
+    # whether a quad's side runs in the direction of the seam: for each edge, this tells the quads on both sides apart
     along = mesh.quads[quads, sides] == start[:, None]
     for way in (along, ~along):
         which = way.argmax(axis=1)[:, None]
@@ -75,7 +83,10 @@ def _beside(mesh: QuadMesh, seam: Int[np.ndarray, " edges"]) -> Iterator[tuple[n
 def _rows(
     layout: PatchLayout, quads: Int[np.ndarray, " edges"], sides: Int[np.ndarray, " edges"], rows: int
 ) -> Int[np.ndarray, " some"] | None:
-    """Return the quads in some rows beside a seam; None where another seam or the border lies within them."""
+    """Return the quads in the first ``rows`` rows beside a seam; None if another seam or the border lies in between.
+
+    quads, sides : the quads of the first row, and their sides on the seam
+    """
     mesh, closed, taken = layout.mesh, layout.cut | layout.mesh.border, []
     for _ in range(rows):
         taken.append(quads)
@@ -89,7 +100,7 @@ def _rows(
 
 
 def _outline(mesh: QuadMesh, quads: Int[np.ndarray, " some"]) -> Int[np.ndarray, " edges"]:
-    """Return the edges around some quads."""
+    """Return the outline of a set of quads: the edges that belong to only one of them."""
     edges, count = np.unique(mesh.quad_edges[quads], return_counts=True)
     return edges[count == 1]
 
@@ -97,7 +108,10 @@ def _outline(mesh: QuadMesh, quads: Int[np.ndarray, " some"]) -> Int[np.ndarray,
 def _exchanged(
     layout: PatchLayout, symmetries: Sequence[Symmetry], blame: Float[np.ndarray, " quads"]
 ) -> Iterator[Idea]:
-    """Yield layouts with a new cut where the shape misses the target, each with one of the least important seams joined."""
+    """Yield layouts with a new cut where the shape misses the target, and one of the least important seams joined.
+
+    blame : (F,) weighted mismatch, see ``fixable_mismatch``
+    """
     mesh, panels = layout.mesh, len(layout.patches)
     for edges, name in cuts(layout, blame):
         new = with_images(edges, symmetries)

@@ -1,4 +1,4 @@
-"""Outcome of choosing: a few proposals with their figures, and the number of the present one."""
+"""Result of comparing layouts: a few proposals with match and estimated effort, and the index of the chosen one."""
 
 from __future__ import annotations
 
@@ -14,19 +14,22 @@ from ...patches.flattening.flatten import FlatPatches
 from ...patches.splitting.split import usable
 from .judge import JudgedLayout
 
-# share of a sheet that panels fill: true nesting fills 0.43 to 0.55 of it
+# share of a sheet's area that panels fill, to estimate the number of sheets; larger: fewer sheets are announced
 FILLED = 0.5
 PROPOSALS, LEAST_SHOWN = 6, 3  # largest and smallest number of proposals to show: more are hard to compare
-STRIDE = 1.6  # largest ratio of the numbers of panels of consecutive proposals, if there are layouts between them
-INITIAL = "as it was"  # origin of the layout with which choosing began
+# largest ratio of panel counts of consecutive proposals, if there are layouts between them; larger: fewer proposals
+STRIDE = 1.6
+INITIAL = "as it was"  # ``origin`` of the layout that the piece had before layouts were compared
 
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """A layout with its match, and with estimates of making it.
+    """A judged layout with estimates of the effort to make it.
 
-    judged : match and strains; predicted if it is not ``proved``
-    sheets : estimated number; cut, join : seconds; cut is None if no laser cuts the material, or the panels were not drawn
+    judged : match and strains; predicted unless ``proved``
+    sheets : estimated number of sheets
+    cut : laser time, seconds; None if no laser cuts the material, or the length of the cuts is not known
+    join : time to snap all joints together, seconds
     """
 
     judged: JudgedLayout
@@ -44,17 +47,17 @@ class Proposal:
 
     @property
     def rms(self) -> float:
-        """Distance from the target, as a share of its size."""
+        """RMS distance from the target, as a share of the target's size."""
         return self.judged.eased
 
     @property
     def proved(self) -> bool:
-        """Whether a search gave its figures; otherwise they are predicted."""
+        """Whether the match comes from a long search with strains within the limit; otherwise it is an estimate."""
         return self.judged.proved
 
     @property
     def symmetric(self) -> bool:
-        """Whether it keeps at least one of the surface's symmetries."""
+        """Whether the layout keeps at least one of the surface's symmetries."""
         return self.judged.laid.symmetric > 1
 
     def report(self) -> dict[str, Any]:
@@ -84,8 +87,8 @@ def proposal(judged: JudgedLayout, settings: Settings, material: Material) -> Pr
     Parameters
     ----------
     judged : the layout with its match
-    settings : of the piece
-    material : of the sheets
+    settings : settings of the piece
+    material : material of the sheets
     """
     flat, thickness = judged.laid.flat, settings.spiral.thickness
     corners = flat.corners - np.roll(flat.corners, 2, axis=1)
@@ -103,9 +106,11 @@ def proposal(judged: JudgedLayout, settings: Settings, material: Material) -> Pr
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The proposals, fewest panels first, and the number of the present one.
+    """The proposals, fewest panels first, and which of them is chosen.
 
-    reached : whether it meets the goal; note : sentence on the choice, or on why the goal was missed
+    taken : index of the chosen proposal
+    goal : as in ``ChooseParams.goal``; reached : whether the chosen proposal meets it
+    note : sentence that explains the choice, or why the goal was missed
     finished : False if the user stopped the search; judged : number of layouts judged
     """
 
@@ -122,7 +127,7 @@ class Choice:
         return self.proposals[self.taken]
 
     def report(self) -> dict[str, Any]:
-        """The ``choose`` block of report.json."""
+        """Return the ``choose`` block of report.json."""
         return {
             "goal": self.goal,
             "reached": self.reached,
@@ -135,7 +140,7 @@ class Choice:
 
 
 def front(judged: list[JudgedLayout]) -> list[JudgedLayout]:
-    """Return the Pareto front of few panels and small distance from the target, fewest panels first."""
+    """Return the layouts on the Pareto front of panel count and RMS distance from the target, fewest panels first."""
     found: list[JudgedLayout] = []
     for one in sorted(judged, key=lambda one: (one.laid.panels, one.eased, one.laid.joints)):
         if not found or one.eased < found[-1].eased:
@@ -144,7 +149,16 @@ def front(judged: list[JudgedLayout]) -> list[JudgedLayout]:
 
 
 def worth_showing(made: list[Proposal], best: Proposal) -> list[Proposal]:
-    """Return the proposals worth showing, fewest panels first: the chosen one, the initial one, and some of those with fewer panels than the nearest."""
+    """Return the proposals worth showing, fewest panels first.
+
+    These are the chosen and the initial layout, the nearest symmetric one, and steps along the Pareto front of panel
+    count and distance; others only to fill up to ``LEAST_SHOWN``. Proposals that look the same to users appear once.
+
+    Parameters
+    ----------
+    made : all proposals, best first
+    best : the chosen one
+    """
     given = [one for one in made if one.judged.laid.origin == INITIAL]
     symmetric = sorted((one for one in made if one.symmetric), key=lambda one: one.rms)[:1]
     nearest = {id(one) for one in front([one.judged for one in made])}
@@ -164,5 +178,5 @@ def worth_showing(made: list[Proposal], best: Proposal) -> list[Proposal]:
 
 
 def _look(one: Proposal) -> tuple[float | str, ...]:
-    """Return the figures that make proposals distinguishable to users."""
+    """Return the figures, as users see them, by which proposals differ: panels, joints, rounded distance, sheets."""
     return one.panels, one.judged.laid.joints, f"{100.0 * one.rms:.1g}", one.sheets

@@ -1,4 +1,4 @@
-"""The stage that compares layouts: its function, its output, its plot, and taking another proposal."""
+"""Stage that compares layouts: its run function, output and plot, and the change to another proposal."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ PLOTS = ("choices",)
 
 @dataclass(frozen=True, eq=False)
 class LayoutChoice(StageOutput):
-    """The proposed layouts, and the number of the present one."""
+    """Output of the stage: the proposed layouts, and which of them is chosen."""
 
     name = "choice"
     choice: Choice
@@ -40,17 +40,17 @@ def run(result: Result, layout: FinalLayout, settings: Settings, progress: Progr
 
     Parameters
     ----------
-    result : the piece
+    result : results of the piece so far
     layout : its present layout
-    settings : of all stages
-    progress : reports and cancels
+    settings : settings of all stages
+    progress : called with the fraction done; may cancel
 
     Raises
     ------
-    FlexMapsError : no layout can be compared
+    FlexMapsError : no layout has an equilibrium
     """
     found = symmetries(result.mesh, progress=progress.part(0.0, 0.02)) if settings.layout.symmetric else []
-    # layouts near the present one start from its spirals; all others start from those of a long search
+    # small changes of the present layout start from its spirals; other layouts start from those of a long search
     start = layout.start if settings.choose.near else None
     piece = LayoutProblem(result.mesh, settings, result.supports, result.force, tuple(found), start)
     flat = layout.flat if result.design is None else result.design.flat
@@ -60,7 +60,7 @@ def run(result: Result, layout: FinalLayout, settings: Settings, progress: Progr
 
 
 def _reached(result: Result) -> Simulation | None:
-    """Return the simulation of optimised spirals, if it has an equilibrium."""
+    """Return the simulation of the present layout if its spirals are optimised and it converged; else None."""
     version, shape = result.get(DesignVersion), result.get(SimulatedShape)
     if version is None or shape is None or version.origin != OPTIMISED:
         return None
@@ -68,14 +68,14 @@ def _reached(result: Result) -> Simulation | None:
 
 
 def take(result: Result, choice: Choice, settings: Settings, present: FlatPatches | None = None) -> Result:
-    """Return the result with the layout that a choice names, unless that is the present one.
+    """Return the results with a choice stored, and with its chosen layout unless that is already present.
 
     Parameters
     ----------
-    result : the piece
-    choice : the proposals
-    settings : that they were compared with
-    present : the patches of the piece as they are now
+    result : results of the piece so far
+    choice : the proposals and the chosen one
+    settings : settings with which they were compared
+    present : flat patches of the present layout
     """
     layout, best = result.need(FinalLayout), choice.best
     if best.flat is not present:
@@ -90,9 +90,9 @@ def take_proposal(result: Result, number: int, settings: Settings) -> Result:
 
     Parameters
     ----------
-    result : a piece for which layouts were proposed
+    result : results of a piece for which layouts were compared
     number : index of the proposal, from 0
-    settings : of all stages
+    settings : settings of all stages
 
     Raises
     ------
@@ -105,12 +105,12 @@ def take_proposal(result: Result, number: int, settings: Settings) -> Result:
 
 
 def drawings(shown: MapValues, described: Mapping[str, Any]) -> dict[str, Drawing]:
-    """Return the plot of the layouts compared.
+    """Return the plot of the compared layouts by name: joints against RMS distance; empty if none were compared.
 
     Parameters
     ----------
-    shown : values per quad
-    described : the report
+    shown : values per quad, unused
+    described : the whole report
     """
     block = described.get("choose")
     if not block:
@@ -121,5 +121,5 @@ def drawings(shown: MapValues, described: Mapping[str, Any]) -> dict[str, Drawin
 
 
 def notes(described: Mapping[str, Any]) -> list[tuple[bool, str]]:
-    """Return no notes for the top of the report's page; its section tells how the choice ended."""
+    """Return an empty list: this stage has its own section in the report and adds no notes to the top."""
     return []

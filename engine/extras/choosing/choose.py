@@ -1,11 +1,11 @@
-"""Choosing a layout: flatten many layouts of a surface, judge the promising ones by the shape that their panels take, and change
-them where that shape misses the target.
+"""Search for a layout: flatten many layouts of a surface, judge the promising ones by the shape that their assembled
+panels take, and change the best where that shape misses the target.
 
-The paper leaves open which cuts are the best ("we believe that ... automatic cutting is an interesting avenue", FlexMaps
-section 10). Geometry alone cannot tell: a layout with less distortion may snap into another shape, and one with more may come
-nearer because its spirals can be softer. So the match of every compared layout is predicted from its shape at rest, and the
-most promising layouts are optimised. The work is limited by counts, not by the clock: the result is the same on every machine
-and with any number of processes.
+The paper leaves open which cuts are the best ("we believe that ... automatic cutting is an interesting avenue",
+FlexMaps section 10). Geometry alone does not decide: a layout with less distortion may snap into another shape, and one
+with more may come nearer because its spirals can be softer. So the match of each compared layout is predicted from its
+equilibrium, and the most promising layouts are optimised. The work is limited by counts, not by the clock, so that the
+result is the same on every machine and with any number of processes.
 """
 
 from __future__ import annotations
@@ -53,33 +53,34 @@ from .moves import IDEAS, merge_across_seams, moves
 from .predict import PredictionStart
 from .prospects import WORTH
 
-# Distortion limits, as shares of the present limit, under which the surface is merged anew: smaller ones lead to more panels
+# Distortion limits, as shares of the limit in the settings, for merging the surface again; smaller: more panels
 LADDER = (0.4, 0.15, 0.06, 0.03)
-Sketch = tuple[str, np.ndarray]  # a name, and (E,) bool where it is cut
-# Further variants of merging if the number of panels is to stay: a limit nearer to the present one, more or less compact panels, wider
-# necks. Each takes 0.2 to 4 s and leads to another layout on four of eight surfaces, on three to one that comes nearer
+Sketch = tuple[str, np.ndarray]  # a name, and its cut edges, (E,) bool
+# Variants of merging if the goal is a number of panels: shares of the distortion limit, factors on the compactness
+# limit, and a factor on the smallest neck. More variants: more layouts, 0.2 to 4 s each
 SHARES, COMPACT, NECK = (0.8, 0.6, 0.4), (0.9, 1.4), 2
-MOST_PARTS = 8  # strips, rings or petals; not measured, it bounds the time
-MOST_PANELS = 3  # largest ratio to the present number of panels, if the number is free; not measured, bounds the time
-CURVED = 2.0  # largest ratio of the curvature within panels to that of the initial layout: over seven surfaces none with more lay flat
-SETTLED = 0.6  # share of the layouts to judge before any is changed
-TURNS = 3  # number of times that the best layouts are changed
-BASES = 2  # layouts that are changed in a turn
-PROVED = 2  # layouts that get a long search besides the initial one; at least the number of cores
-# Ratio of the seconds that a long search takes to the seconds that its work counts for; only the time left that users see depends on it
+MOST_PARTS = 8  # largest number of equal strips, rings or petals; larger: more layouts, more time
+MOST_PANELS = 3  # largest ratio of panel counts to the initial layout's, unless the goal limits them; larger: more time
+# Largest curvature within a panel, in multiples of the initial layout's, with which flattening is tried; larger: slower
+CURVED = 2.0
+SETTLED = 0.6  # share of the layouts to judge before any is changed; the others are left for changes
+TURNS = 3  # number of rounds in which the best layouts are changed
+BASES = 2  # number of layouts that are changed in a round
+PROVED = 2  # number of layouts beside the initial one that get a long search; larger: more certain, more time
+# Ratio of the real to the counted seconds of a long search; changes only the displayed time left
 SLOWER = 4.0
-# A search goes on if it ends within this many times the required distance: a heart of 400 quads ends at 1.2 %, and at 0.95 after half as long again
+# A layout gets a second long search if the first ends within this factor of the required distance; larger: more time
 CLOSE = 1.3
-# Largest number of quads for several further searches at once; larger pieces get one at a time, so that they take a minute
+# Largest number of quads with which several long searches run at once; larger pieces get one at a time, about a minute
 SMALL = 500
-BEGUN = 0.05  # share of the progress for the given layout; not measured
-# Shares of the rest by which layouts are laid flat, judged, changed, and filled in; the rest are long searches. Seconds on 512 and 986 quads
-# with as many long searches as there may be, so that the time left hardly rises
+BEGUN = 0.05  # share of the progress for the initial layout
+# Fractions of the remaining progress at which flattening, judging, changing, and filling of gaps between proposals end;
+# long searches take the rest. Fitted so that the displayed time left hardly rises
 SHARES_OF_TIME = 0.22, 0.3, 0.38, 0.42
-# These shares if the initial layout was optimised, so that no long search runs while layouts are flattened. Replayed with the
-# seconds of 12 surfaces of 240 to 800 quads the time left rises 1.5 times at most; with those above, up to six times. Smaller shares tell longer times, which rise less
+# The fractions if the initial layout was optimised before, so that no long search runs while layouts are flattened.
+# Smaller: a longer time left is displayed, which rises less
 SHARES_IF_OPTIMISED = 0.1, 0.4, 0.55, 0.58
-FILLED = 2  # number of layouts to look for between two proposals
+FILLED = 2  # largest number of layouts to make in gaps between proposals
 
 
 def choose(
@@ -90,19 +91,21 @@ def choose(
     together: Together | None = None,
     reached: Simulation | None = None,
 ) -> Choice:
-    """Return the layout that meets the goal best, and others worth showing.
+    """Find the layout that meets the goal best, and others worth showing.
 
     Parameters
     ----------
-    piece : the surface, how it is held, and what it is made of
+    piece : the surface, its supports and forces, and the settings
     given : the initial layout, which is one of the proposals
     params : the goal
-    together : calls a function with each of several arguments, perhaps in several processes; results are in the order of the arguments
-    reached : equilibrium of the initial layout, if its spirals are optimised; it stays unless another one comes nearer, or meets the goal
+    progress : called with the fraction done; may cancel
+    together : maps a function over arguments in order, perhaps in several processes; default is in this one
+    reached : equilibrium of the initial layout, if its spirals are optimised; this layout stays unless another one
+        comes clearly nearer to the target, or alone meets the goal
 
     Returns
     -------
-    The choice; the best so far if the user cancels
+    the proposals and the chosen one; the best so far if the user cancels
 
     Raises
     ------
@@ -114,7 +117,7 @@ def choose(
     finished = True
     if reached is not None:
         search.proved[key(first)] = found = judge_optimised(first, reached)
-        search.piece = replace(piece, spirals=found.spirals)  # predictions start from them too
+        search.piece = replace(piece, spirals=found.spirals)  # predictions start from the optimised spirals too
     try:
         _begin(search, first, progress.part(0.0, BEGUN))
         if params.near:
@@ -131,7 +134,7 @@ def choose(
 
 
 def _cut_there(search: LayoutSearch, progress: Progress) -> None:
-    """Cut the best layout where its shape misses the target, until it is near enough or no cut improves it."""
+    """Add cuts to the best layout where its shape misses the target, until it is near enough or no cut improves it."""
     for turn in range(TURNS):
         best = next(iter(search.ranking), None)
         if best is None or (turn and 100.0 * best.rms <= WANTED_PERCENT):
@@ -145,7 +148,7 @@ def _cut_there(search: LayoutSearch, progress: Progress) -> None:
 
 
 def _sought(search: LayoutSearch, first: FlatLayout, progress: Progress) -> None:
-    """Lay out, judge and change, fill the gaps between what is found, and prove the best."""
+    """Collect and judge layouts, change the best, fill gaps between proposals, and give the best a long search."""
     collected, settled, changed, filled = SHARES_IF_OPTIMISED if search.proved else SHARES_OF_TIME
     _collect(search, first, progress.part(0.0, collected))
     search.judge(search.next(SETTLED), progress.part(collected, settled))
@@ -162,9 +165,9 @@ def _sought(search: LayoutSearch, first: FlatLayout, progress: Progress) -> None
 
 
 def _begin(search: LayoutSearch, first: FlatLayout, progress: Progress) -> None:
-    """Judge the initial layout as the others are judged: by a short search or by its prediction.
+    """Judge the initial layout in the way in which all layouts are judged: by its prediction or by a short search.
 
-    If it was optimised before, that result is used.
+    If it was optimised before, its simulated shape also calibrates the predictions.
     """
     piece, reached = search.piece, search.proved.get(key(first))
     if reached is not None:
@@ -187,9 +190,10 @@ def _begin(search: LayoutSearch, first: FlatLayout, progress: Progress) -> None:
 
 
 def _collect(search: LayoutSearch, first: FlatLayout, progress: Progress) -> None:
-    """Flatten the layouts that geometry suggests, while a long search runs for the initial layout.
+    """Flatten the layouts that geometry suggests; meanwhile search the initial layout, unless it was optimised before.
 
-    The ratio of its result to its prediction calibrates the other predictions; their long searches start from its spirals.
+    The ratio of the initial layout's distance to its prediction calibrates the predictions of other layouts, and their
+    long searches start from its spirals.
     """
     piece, mesh, quick = search.piece, search.piece.mesh, search.known[key(first)]
     sketches = [*along_folds(mesh), *planes(mesh, piece.symmetries), *equal_cuts(mesh, MOST_PARTS, piece.symmetries)]
@@ -213,7 +217,7 @@ def _collect(search: LayoutSearch, first: FlatLayout, progress: Progress) -> Non
 
 
 def _promising(search: LayoutSearch, sketches: list[Sketch]) -> list[Sketch]:
-    """Return as many sketches as may be judged, the Pareto front of few cuts and little curvature within panels first."""
+    """Return the most promising sketches, as many as may be judged, by Pareto rank in cut edges and panel curvature."""
     mesh = search.piece.mesh
     worth = [(int(cut.sum()), panel_curvature(PatchLayout(mesh, cut & ~mesh.border))) for _, cut in sketches]
     ranked = sorted(range(len(sketches)), key=lambda k: (sum(_beats(other, worth[k]) for other in worth), worth[k], k))
@@ -221,7 +225,7 @@ def _promising(search: LayoutSearch, sketches: list[Sketch]) -> list[Sketch]:
 
 
 def _merges(search: LayoutSearch) -> list[LayoutParams]:
-    """Return the settings under which to merge the surface: the present ones, and variants if the number of panels is fixed."""
+    """Return the settings for merging the surface: the user's, and variants if the goal is a number of panels."""
     layout = search.piece.settings.layout
     if search.params.goal != "panels":
         return [layout]
@@ -230,7 +234,7 @@ def _merges(search: LayoutSearch) -> list[LayoutParams]:
 
 
 def _limits(search: LayoutSearch, first: FlatLayout) -> tuple[int, float]:
-    """Return the largest number of panels, and the largest distortion of a quad."""
+    """Return the largest number of panels, and the largest distortion of a quad, that a layout may have."""
     params, layout = search.params, search.piece.settings.layout
     panels = params.panels if params.goal == "panels" else max(MOST_PANELS * first.panels, MOST_PARTS)
     return panels, max(layout.distortion_limit, float(first.flat.energy.max()))
@@ -241,9 +245,9 @@ def _fits(laid: FlatLayout, panels: int, limit: float) -> bool:
 
 
 def _ranked(search: LayoutSearch, found: list[FlatLayout]) -> list[FlatLayout]:
-    """Sort layouts into Pareto fronts of few joints and little distortion, each from few to many joints.
+    """Sort layouts by Pareto front (joints, distortion, lost symmetries), each front spread from few to many joints.
 
-    If only the distance counts, sort by distortion.
+    If the goal is a number of panels, sort by distortion.
     """
     if search.params.goal == "panels":
         return sorted(found, key=lambda one: _worth(one)[1:])
@@ -256,7 +260,7 @@ def _ranked(search: LayoutSearch, found: list[FlatLayout]) -> list[FlatLayout]:
 
 
 def _spread(ordered: list[FlatLayout]) -> list[FlatLayout]:
-    """Reorder so that the first few are spread over the whole range: both ends, then the middle of the largest gap, and so on."""
+    """Reorder a list so that its first items span it: both ends, then the middle of the largest gap, and so on."""
     taken = sorted({0, len(ordered) - 1})
     while len(taken) < len(ordered):
         left, right = max(pairwise(sorted(taken)), key=lambda gap: gap[1] - gap[0])
@@ -269,7 +273,7 @@ def _beats(mine: tuple[float, ...], theirs: tuple[float, ...]) -> bool:
 
 
 def _worth(laid: FlatLayout) -> tuple[float, ...]:
-    """Return the geometric costs of a layout: joints, mean distortion, symmetries lost."""
+    """Return the geometric costs of a layout: joints, area-weighted mean distortion, minus the symmetries kept."""
     areas = laid.flat.layout.mesh.areas
     return laid.joints, round(float(laid.flat.energy @ areas / areas.sum()), 9), -laid.symmetric
 
@@ -277,7 +281,12 @@ def _worth(laid: FlatLayout) -> tuple[float, ...]:
 def _done(
     piece: LayoutProblem, params: ChooseParams, most: float, job: FlatLayout | Idea | LayoutParams
 ) -> JudgedLayout | list[FlatLayout] | None:
-    """Run one job in a worker: judge a layout by a long search, lay an idea flat, or merge the surface under some limits."""
+    """Run one job in a worker process, by its type.
+
+    FlatLayout : judge it by a long search
+    Idea : flatten it; nothing if a panel's curvature exceeds ``most``, radians
+    LayoutParams : merge the surface under these limits, and under tighter ones, and flatten the layouts
+    """
     if isinstance(job, FlatLayout):
         return judge(piece, job, LONG)
     if isinstance(job, Idea):
@@ -296,7 +305,7 @@ def _done(
 
 
 def _changed(search: LayoutSearch, first: FlatLayout, progress: Progress) -> bool:
-    """Change the best layouts where they miss the target; return whether a change improved them, or may still do so."""
+    """Change and judge the best layouts for one round; return whether another round is worthwhile."""
     before = search.key(search.ranking[0])
     ideas: list[Idea] = []
     share = 2 * max(1, round(search.left / (2 * TURNS)))  # an even number keeps two cores busy
@@ -305,14 +314,14 @@ def _changed(search: LayoutSearch, first: FlatLayout, progress: Progress) -> boo
         holds = search.holds(base)
         more = base.laid.panels < search.params.panels if counted else not holds
         changes = islice(moves(search.piece, base, fewer=holds != counted, more=more), share)
-        if holds == counted:  # no more panels, but nearer
+        if holds == counted:  # look for nearer layouts with the same number of panels
             ideas += [
                 one for both in zip_longest(alike(search.piece, base), changes) for one in both if one is not None
             ]
         else:
             ideas += changes
     ideas = ideas if counted else ideas[: BASES * share]
-    batch = max(len(ideas), 1) if counted else share  # layouts are flattened before they are ranked
+    batch = max(len(ideas), 1) if counted else share  # with a number of panels as goal, flatten all, then rank them
     sound: list[FlatLayout] = []
     for k in range(0, len(ideas), batch):
         if len(sound) < share:
@@ -328,10 +337,10 @@ def _changed(search: LayoutSearch, first: FlatLayout, progress: Progress) -> boo
 
 
 def _prove(search: LayoutSearch, progress: Progress) -> None:
-    """Give the best layouts a long search; if none meets the goal, continue the nearest, and others that may still meet it.
+    """Give the best layouts a long search; if none meets the required match, search those that may still meet it.
 
-    Pieces of many quads are searched one after another, as long as the next is expected to meet the goal better; others several
-    at once, whatever the number of cores, so that the result is the same.
+    With up to ``SMALL`` quads several layouts are searched at once, whatever the number of cores, so that the result
+    does not depend on it; with more quads, one after another, as long as the next is expected to meet the goal better.
     """
     together = PROVED if len(search.piece.mesh.quads) <= SMALL else 1
     searched: list[FlatLayout] = []
@@ -347,7 +356,10 @@ def _prove(search: LayoutSearch, progress: Progress) -> None:
 
 
 def _better(search: LayoutSearch, most: int) -> list[FlatLayout]:
-    """Return layouts that are expected to meet the goal better than all searched ones; if the number of panels is fixed, the best unsearched ones."""
+    """Return at most ``most`` layouts that had no long search but are expected to be better than all that had one.
+
+    If the goal is a number of panels, return the best layouts without a long search.
+    """
     found: Iterable[JudgedLayout] = search.ranking
     if search.params.goal != "panels":
         found = takewhile(lambda one: one.share < LONG, found)
@@ -355,7 +367,7 @@ def _better(search: LayoutSearch, most: int) -> list[FlatLayout]:
 
 
 def _undecided(search: LayoutSearch) -> list[FlatLayout]:
-    """Return the nearest layout that had one long search, if a second search decides whether it is chosen; else None."""
+    """Return the nearest layout that had a long search if a second one may decide its choice; else an empty list."""
     nearest = min((one for one in search.proved.values() if one.share < WHOLE), key=lambda one: one.eased, default=None)
     if nearest is None:
         return []
@@ -365,13 +377,13 @@ def _undecided(search: LayoutSearch) -> list[FlatLayout]:
 
 
 def _fill_gaps(search: LayoutSearch, progress: Progress) -> None:
-    """Fill large gaps between proposals with layouts made by joining panels of the larger one."""
+    """Make and judge layouts in large gaps between the panel counts of proposals."""
     made = list(islice(_between(search), FILLED))
     search.judge(made, progress, more=True)
 
 
 def _between(search: LayoutSearch) -> Iterator[FlatLayout]:
-    """Yield layouts not judged yet, with more panels than one proposal and far fewer than the next."""
+    """Yield new layouts between two proposals in panel count, made from the larger one by joining panels."""
     for few, many in pairwise(front(search.ranking)):
         most = max(int(STRIDE * few.laid.panels), few.laid.panels + 1)
         made = merge_across_seams(search.piece, many, most) if many.laid.panels > most else None

@@ -10,16 +10,17 @@ from .judge import LONG, WHOLE, FlatLayout, JudgedLayout
 from .layout_search import EXPECTED, SEARCH_SCATTER, LayoutSearch, key, short
 from .prospects import WORTH
 
-# Distances that count as the same when the work is weighed: two searches of the same layout differ by up to 3 %
+# Ratio of distances from the target up to which the layout with fewer joints is preferred; larger: fewer joints, larger
+# distances. Above 1.03, because two searches of a layout differ by up to 3 %
 ENOUGH = 1.05
 
 
 def decide(search: LayoutSearch, first: FlatLayout, finished: bool) -> Choice:
-    """Return the choice among all judged layouts.
+    """Choose the best of all judged layouts, and the proposals to show beside it.
 
     Parameters
     ----------
-    search : with all judged layouts
+    search : state of the search, with all judged layouts
     first : the initial layout
     finished : False if the user cancelled
     """
@@ -27,7 +28,7 @@ def decide(search: LayoutSearch, first: FlatLayout, finished: bool) -> Choice:
     judged = [one if one.share else replace(one, rms=search.distance(one)) for one in search.ranking]
     search.expected = 1.0
     drawn_one = next((one for one in judged if one.cut_length is not None), None)
-    if drawn_one is not None:  # seams hardly change the length of cuts
+    if drawn_one is not None:  # seams hardly change the length of cuts, so predicted layouts take it from a drawn one
         judged = [
             one if one.share else replace(one, cut_length=drawn_one.cut_length, contours=drawn_one.contours)
             for one in judged
@@ -49,8 +50,19 @@ def decide(search: LayoutSearch, first: FlatLayout, finished: bool) -> Choice:
 
 
 def pick(search: LayoutSearch, judged: list[JudgedLayout], first: FlatLayout) -> JudgedLayout:
-    """Return the best layout. If none meets the goal, or only the distance counts, a slightly nearer one does not justify more work."""
-    # a prediction may be too good, so searched layouts come first
+    """Return the best layout.
+
+    If no layout meets the goal, one with fewer joints is preferred to a slightly nearer one. If the goal is a number of
+    panels, only the initial layout is preferred in this way. An initial layout that was optimised stays unless another
+    one is clearly nearer, or alone meets the goal.
+
+    Parameters
+    ----------
+    search : state of the search; gives the goal
+    judged : all judged layouts, best first
+    first : the initial layout
+    """
+    # a prediction may be too good, so layouts with a search come first
     best = next((one for one in judged if one.share), judged[0])
     if search.params.goal != "panels" and search.holds(best):
         return best
@@ -68,7 +80,10 @@ def pick(search: LayoutSearch, judged: list[JudgedLayout], first: FlatLayout) ->
 
 
 def may_replace_initial(search: LayoutSearch, one: JudgedLayout) -> bool:
-    """Return whether a layout would replace the initial one if a search met its prediction; true if the initial one was not optimised."""
+    """Return whether a layout would replace the initial one if a search confirmed its prediction.
+
+    True if the initial layout was not optimised.
+    """
     given = next((other for other in search.proved.values() if other.share >= WHOLE), None)
     if given is None:
         return True
@@ -77,7 +92,7 @@ def may_replace_initial(search: LayoutSearch, one: JudgedLayout) -> bool:
 
 
 def _note(search: LayoutSearch, best: Proposal, given: Proposal | None, reached: bool) -> str:
-    """Return a sentence on the best layout, or on why the goal was missed."""
+    """Return a sentence that explains the choice of the best layout, or why the goal was missed."""
     what = short(best.judged.laid, best.rms)
     if given is not None and given is not best:
         what += f" (before: {short(given.judged.laid, given.rms)})"
@@ -103,7 +118,7 @@ def _note(search: LayoutSearch, best: Proposal, given: Proposal | None, reached:
 
 
 def _no_nearer(search: LayoutSearch, best: JudgedLayout) -> str:
-    """Return a sentence, with a trailing space, if searches show that more panels come no nearer; else ""."""
+    """Return a sentence with a trailing space if searches show that more panels bring no gain; else ""."""
     searched = [one for one in search.ranking if one.share]
     most = max(searched, key=lambda one: one.laid.panels, default=best)
     left = most.rms if most.share >= LONG else EXPECTED * most.rms

@@ -1,5 +1,8 @@
-"""Cuts that a person would draw: seams along folds, equal strips, rings and petals along families of parallel lines, seams in mirror planes, and
-layouts made symmetric."""
+"""Cuts as a person would draw them: along folds, into equal strips, rings and petals, in mirror planes, symmetric.
+
+A line is a chain of edges that runs straight on through regular vertices; lines that the same strip of quads crosses
+are called a family of parallel lines.
+"""
 
 from __future__ import annotations
 
@@ -16,20 +19,21 @@ from ...surface.checking.topology import sides_of
 from ...surface.mesh import PolygonMesh, QuadMesh
 from ...surface.symmetry import Symmetry, close_under, keeping
 
-FAMILIES = 4  # number of families to try, longest lines first; not measured, bounds the time
-ALIKE = 0.7  # largest share of its lines that a family may have in common with an earlier one
-# number of symmetrised layouts to try of each kind, fewest cuts first; not measured, bounds the time
-COMPLETED = 2
-OPENINGS = 3  # rounds of opening patches that are not disks and adding the images; one suffices for most
+FAMILIES = 4  # number of families to use, those with most edges first; larger: more layouts, more time
+# largest share of its lines that a family may have in common with an earlier one; larger: more layouts that are alike
+ALIKE = 0.7
+COMPLETED = 2  # number of symmetric layouts to yield of each kind, fewest cuts first; larger: more layouts, more time
+OPENINGS = 3  # largest number of rounds of opening patches and adding symmetric images; mostly one suffices
 LEAST = 4  # smallest number of lines of a family: fewer are parallel by coincidence
 
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """Parallel lines that one strip of quads crosses.
+    """Parallel lines of edges: those that one strip of quads crosses.
 
-    lines : number of every line crossed, in order; at : position of each crossing, metres along the strip
-    length : of the strip, metres; closed : whether it ends where it begins
+    lines : index of each line, in the order in which the strip crosses them
+    at : position of each crossing, metres along the strip
+    length : length of the strip, metres; closed : whether the strip ends where it begins
     """
 
     lines: Int[np.ndarray, " crossed"]
@@ -38,7 +42,13 @@ class Family:
     closed: bool
 
     def equal(self, parts: int, first: int = 0) -> Int[np.ndarray, " chosen"]:
-        """Return the lines nearest to those that divide the strip into equal parts, from ``first`` if it is closed."""
+        """Return the lines that most nearly divide the strip into equal parts.
+
+        Parameters
+        ----------
+        parts : number of parts
+        first : crossing at which a closed strip is divided first; unused if the strip is open
+        """
         if self.closed:
             places = (self.at[first] + self.length * np.arange(parts) / parts) % self.length
         else:
@@ -49,7 +59,7 @@ class Family:
 
 
 def lines_of(mesh: QuadMesh) -> Int[np.ndarray, " edges"]:
-    """Return the number of each edge's straight line; lines end at irregular vertices and at the border."""
+    """Return the index of each edge's straight line; lines end at irregular vertices and at the border."""
     inner = np.flatnonzero(~mesh.border)
     one, two = [], []
     for way in range(2):
@@ -61,7 +71,7 @@ def lines_of(mesh: QuadMesh) -> Int[np.ndarray, " edges"]:
 
 
 def families(mesh: QuadMesh) -> list[Family]:
-    """Return the families of parallel lines of a surface, those that cover most of it first."""
+    """Return the families of parallel lines of a surface, those with most edges first, without near-duplicates."""
     line_of = lines_of(mesh)
     size = np.bincount(line_of)
     found = [_family(mesh, strip, closed, line_of) for strip, closed in _strips(mesh)]
@@ -80,7 +90,7 @@ def families(mesh: QuadMesh) -> list[Family]:
 def _strips(mesh: QuadMesh) -> Iterator[tuple[list[int], bool]]:
     """Yield each strip of quads as the edges that it crosses, in order, and whether it is closed."""
     seen = np.zeros(len(mesh.edges), dtype=bool)
-    # strips that begin at the border first, so that none is entered in its middle
+    # begin at the border, so that no open strip is entered in its middle
     for edge in (*np.flatnonzero(mesh.border).tolist(), *np.flatnonzero(~mesh.border).tolist()):
         if seen[edge]:
             continue
@@ -114,10 +124,16 @@ def _family(mesh: QuadMesh, strip: list[int], closed: bool, line_of: np.ndarray)
 def equal_cuts(
     mesh: QuadMesh, most: int, symmetries: Sequence[Symmetry]
 ) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
-    """Yield divisions into equal strips, rings and petals up to a number of parts: name and cut edges, (E,) bool.
+    """Yield divisions into equal strips, rings and petals: name and cut edges, (E,) bool.
 
-    Closed families begin at a line in a mirror plane, if there is one, so that symmetry is kept. Parts that would be tubes are
-    opened along one or two lines of a second family.
+    Closed strips are divided first at a line in a mirror plane, if there is one, to keep the symmetry. On a closed
+    surface, where parts would be tubes, they are also opened along a line of a second family.
+
+    Parameters
+    ----------
+    mesh : quad mesh
+    most : largest number of parts
+    symmetries : symmetries of the mesh
     """
     line_of, found = lines_of(mesh), families(mesh)
     plane = np.zeros(int(line_of.max()) + 1, dtype=bool)
@@ -141,7 +157,7 @@ def equal_cuts(
 
 
 def in_plane(mesh: QuadMesh, symmetry: Symmetry) -> Int[np.ndarray, " some"]:
-    """Return the edges in the plane of a mirror symmetry; empty for a rotation."""
+    """Return the inner edges in the plane of a mirror symmetry; empty for a rotation."""
     if not symmetry.mirrors:
         return np.zeros(0, dtype=np.int64)
     still = symmetry.vertices == np.arange(len(mesh.vertices))
@@ -149,7 +165,7 @@ def in_plane(mesh: QuadMesh, symmetry: Symmetry) -> Int[np.ndarray, " some"]:
 
 
 def along_folds(mesh: QuadMesh) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
-    """Yield cuts along the edges that are sharper than spirals can bend, if there are any."""
+    """Yield one set of cuts, name and (E,) bool: all folds that are sharper than spirals can bend, if there are any."""
     polygons = PolygonMesh.from_quads(mesh)
     cut = (turns(polygons, sides_of(polygons)) > SHARP) & ~mesh.border
     if cut.any():
@@ -157,7 +173,7 @@ def along_folds(mesh: QuadMesh) -> Iterator[tuple[str, Bool[np.ndarray, " edges"
 
 
 def planes(mesh: QuadMesh, symmetries: Sequence[Symmetry]) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
-    """Yield cuts in each mirror plane, and in all planes together: name and (E,) bool."""
+    """Yield the cuts along each mirror plane, and along all mirror planes together: name and (E,) bool."""
     found = []
     for symmetry in symmetries:
         edges = in_plane(mesh, symmetry)
@@ -173,7 +189,7 @@ def planes(mesh: QuadMesh, symmetries: Sequence[Symmetry]) -> Iterator[tuple[str
 def drop_images(
     sketches: Iterable[tuple[str, Bool[np.ndarray, " edges"]]], symmetries: Sequence[Symmetry]
 ) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
-    """Drop sketches that are images of earlier ones: two of the sixteen mirror planes along a torus of 32 quads remain."""
+    """Yield the sketches (name, cut edges) that are not symmetric images of earlier ones."""
     seen = set[bytes]()
     for name, cut in sketches:
         if cut.tobytes() not in seen:
@@ -185,7 +201,11 @@ def drop_images(
 def symmetric_variants(
     cut: Bool[np.ndarray, " edges"], mesh: QuadMesh, symmetries: Sequence[Symmetry]
 ) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
-    """Yield symmetric layouts made from one: with its images, or with one half on both sides of a mirror plane; name and (E,) bool."""
+    """Yield symmetric layouts made from the cuts of a layout: name and (E,) bool.
+
+    Either the images of all cuts are added, or the cuts on one side of a mirror plane are mirrored to the other side.
+    At most ``COMPLETED`` of each kind.
+    """
     ways: dict[str, dict[bytes, np.ndarray]] = {"as it was, with its images": {}, "one half, mirrored": {}}
     images, halves = ways.values()
     for symmetry in symmetries:
@@ -206,9 +226,9 @@ def symmetric_variants(
 def open_symmetrically(
     cut: Bool[np.ndarray, " edges"], mesh: QuadMesh, symmetries: Sequence[Symmetry]
 ) -> Bool[np.ndarray, " edges"] | None:
-    """Return symmetric cuts whose tubes and rings are opened by the fewest images of one cut.
+    """Return symmetric cuts with patches that are not disks (tubes, rings) opened by the fewest symmetric cuts.
 
-    None if opening them anywhere keeps a symmetry, or if the cuts are not symmetric.
+    None if the usual opening keeps a symmetry, if the cuts are not symmetric, or if no symmetric opening exists.
     """
     kept = keeping(symmetries, cut)
     if not kept or keeping(kept, make_disks(PatchLayout(mesh, cut)).cut):
@@ -218,7 +238,7 @@ def open_symmetrically(
 
 
 def _opened(cut: np.ndarray, mesh: QuadMesh, symmetry: Symmetry) -> np.ndarray:
-    """Add the images of the cuts under a symmetry, and open patches that are not disks by one cut and its images."""
+    """Add the images of the cuts under a symmetry, and open patches that are not disks by cuts and their images."""
     for _ in range(OPENINGS):
         cut = close_under(cut, [symmetry])
         opened = make_disks(PatchLayout(mesh, cut)).cut & ~mesh.border

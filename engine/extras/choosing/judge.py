@@ -1,4 +1,4 @@
-"""Flatten a layout, and judge it by the shape of its assembled panels after a short optimisation."""
+"""Flatten a layout, and judge it by the shape that its assembled panels take after a short optimisation."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from ...surface.mesh import QuadMesh
 from ...surface.symmetry import Symmetry, keeping
 from .drawn_cuts import open_symmetrically
 
-# Shares of the optimiser's own patience. Four layouts of 986 quads end at 0.50, 0.41, 0.21 and 0.16 % of RMS distance after 5 s of
-# a short search, and at 0.33, 0.22, 0.09 and 0.06 % after 12 s of a long one: the order is the same
+# Durations of a short and a long search, as shares of the optimiser's patience (its time budget). Larger: layouts are
+# compared more reliably, and more slowly; short and long searches rank layouts alike
 SHORT, LONG = 0.15, 0.35
-WHOLE = 1.0  # share of patience recorded for a piece that Optimise has optimised
-# Exponent by which excess strain predicts how much farther a whole search ends than a long one. Two layouts of a cone ended at 0.60 and 0.90 % with 1.26 and
-# 1.12 times the strain limit, and whole searches, which reduce the strain, at 0.86 and 1.15 %
+WHOLE = 1.0  # share recorded for a layout that the user had optimised with the full patience
+# A long search that ends at s > 1 times the strain limit is expected to end s^EASED times as far from the target once
+# its strain is reduced to the limit; larger: overstrained layouts rank lower
 EASED = 2
-# Number of quads for which a short search has its full patience, and the smallest share of it for fewer quads, whose steps take less
-# time. With the full patience a dome of 48 quads was searched to a millionth of its size
+# A short search has its full duration from QUADS quads on, and in proportion less with fewer, down to the share LEAST.
+# Larger QUADS or smaller LEAST: faster on small pieces, but less reliable
 QUADS, LEAST = 1000, 0.25
 
 
@@ -42,9 +42,11 @@ QUADS, LEAST = 1000, 0.25
 class LayoutProblem:
     """Data common to all layouts of a surface.
 
-    mesh : the target; supports : (k,) int or None; force : (F, 3) newtons or None
-    symmetries : of the mesh; empty if layouts need not be symmetric
-    spirals : widths (F, 4) metres and twists (F,) radians from which searches start, of a layout that was optimised; or None
+    mesh : the target
+    supports : (k,) indices of supported quads, or None
+    force : (F, 3) force on every quad, newtons, or None
+    symmetries : symmetries of the mesh; empty if layouts need not be symmetric
+    spirals : widths (F, 4) metres and twists (F,) radians of an optimised layout, from which searches start; or None
     """
 
     mesh: QuadMesh
@@ -60,12 +62,12 @@ class LayoutProblem:
         return self.supports is not None and len(self.supports) > 0
 
     def restrict_to(self, mesh: QuadMesh, quads: Int[np.ndarray, " some"]) -> LayoutProblem:
-        """Return the problem of some quads by themselves, without symmetries.
+        """Return the problem for a subset of the quads alone, without symmetries.
 
         Parameters
         ----------
         mesh : mesh of these quads
-        quads : their indices, ascending
+        quads : their indices in the whole mesh, ascending
         """
         return replace(
             self,
@@ -79,9 +81,10 @@ class LayoutProblem:
 
 @dataclass(frozen=True, eq=False)
 class Idea:
-    """A possible set of cuts, (E,) bool, and its origin in a few words.
+    """A set of cuts that is not flattened yet.
 
-    even : open patches that are not disks with the symmetries of the cuts
+    cut : (E,) bool; origin : how the cuts were made, in a few words
+    even : whether patches that are not disks are opened by symmetric cuts
     """
 
     cut: Bool[np.ndarray, " edges"]
@@ -91,7 +94,10 @@ class Idea:
 
 @dataclass(frozen=True, eq=False)
 class FlatLayout:
-    """A flattened idea; every panel fits its sheet."""
+    """A flattened layout whose panels fit the sheet.
+
+    origin : how the cuts were made, in a few words; symmetric : 1 + number of the surface's symmetries that it keeps
+    """
 
     flat: FlatPatches
     origin: str
@@ -118,14 +124,20 @@ class FlatLayout:
 
 @dataclass(frozen=True, eq=False)
 class JudgedLayout:
-    """Match, strains and making figures of a layout's assembled panels.
+    """A layout with the match, strain and cutting figures of its assembled panels.
 
-    rms, largest : distance from the target as a share of its size; strain : largest, as a share of the limit
-    blame : (F,) squared difference between every quad's bending and the target's, square metres; kind : index into ``reach.REASON_NAMES``
-    advice : what limits the match, in a sentence; closed : number of closed slots; None if not counted
-    share : of the optimiser's patience that its search had; 0 if the match is predicted
-    cut_length : of cuts without connectors, metres; contours : number of closed curves; None if the panels were not drawn
-    spirals : widths and twists, as in ``LayoutProblem``; flat : the panels after the search, which may change their flat shapes
+    laid : the layout
+    rms, largest : RMS and largest distance from the target, shares of the target's size
+    strain : largest strain, as a share of the limit
+    closed : number of closed slots; None if not counted
+    blame : (F,) mismatch of every quad: squared difference of its bending from the target's, square metres
+    kind : (F,) reason for the mismatch, index into ``reach.REASON_NAMES``
+    advice : sentence on what limits the match
+    share : duration of the search, as a share of the optimiser's patience; 0 if the match is predicted
+    cut_length : length of all cuts without connectors, metres; None if the outlines were not computed
+    contours : number of closed curves to cut; None if the outlines were not computed
+    spirals : widths and twists, as in ``LayoutProblem``
+    flat : the panels after the search, which may have changed their flat shapes
     """
 
     laid: FlatLayout
@@ -144,30 +156,40 @@ class JudgedLayout:
 
     @property
     def proved(self) -> bool:
-        """Whether ``rms`` is reliable: a long search reached it, with strains within the limit."""
+        """Whether ``rms`` is reliable: reached by the full search, or by a long one with strains within the limit."""
         return self.share >= WHOLE or (self.share >= LONG and self.strain <= 1.0)
 
     @property
     def eased(self) -> float:
-        """Expected RMS distance once a long search's strains are brought within the limit; for other searches, ``rms``."""
+        """RMS distance, a share of the size, expected with strains within the limit.
+
+        It equals ``rms`` unless a long search ended with strains beyond the limit.
+        """
         return self.rms * max(1.0, self.strain) ** EASED if LONG <= self.share < WHOLE else self.rms
 
 
 def starting_spirals(piece: LayoutProblem) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]]:
-    """Return the widths (metres) and twists (radians) from which searches start: those of the piece, or the curvature-adjusted ones.
+    """Return the widths (F, 4), metres, and twists (F,), radians, from which searches start.
 
-    Parameters
-    ----------
-    piece : the surface and settings
+    These are ``piece.spirals`` if present, else spirals adjusted to the curvature of the surface.
     """
     return piece.spirals or curvature_adjusted(piece.settings.spiral, curvature.rms_curvature(piece.mesh))
 
 
 def lay_flat(piece: LayoutProblem, idea: Idea, most: float = np.inf, progress: Progress = SILENT) -> FlatLayout | None:
-    """Flatten an idea: open patches that are not disks, join tiny ones, cut those larger than a sheet. None if that fails, or if
-    an ``even`` idea gives the same cuts as without ``even``.
+    """Flatten an idea: open patches that are not disks, join patches that are too small, cut those larger than a sheet.
 
-    most : largest curvature within a panel, radians; ideas with more give None
+    Parameters
+    ----------
+    piece : the surface, its symmetries and settings
+    idea : the cuts
+    most : largest Gaussian curvature within a panel, radians
+    progress : called with the fraction done; may cancel
+
+    Returns
+    -------
+    the layout; None if flattening fails, if panels overlap themselves, if a panel has more curvature than ``most``, or
+    if an ``even`` idea would give the same cuts without ``even``
     """
     layout, sheet = piece.settings.layout, piece.settings.sheet
     try:
@@ -188,7 +210,7 @@ def lay_flat(piece: LayoutProblem, idea: Idea, most: float = np.inf, progress: P
 
 
 def panel_curvature(layout: PatchLayout) -> float:
-    """Return the curvature within the most curved panel, radians."""
+    """Return the absolute Gaussian curvature inside the most curved panel, radians."""
     return float(np.bincount(layout.patch_of, angle_defects(layout)).max())
 
 
@@ -199,18 +221,16 @@ def judge(
     progress: Progress = SILENT,
     thorough: bool | None = None,
 ) -> JudgedLayout | None:
-    """Judge a layout by a search with a share of the optimiser's patience; return None if it has no equilibrium.
-
-    The search starts from the piece's spirals, or from the curvature-adjusted ones.
+    """Judge a layout by a search of limited duration, from ``starting_spirals``; None if it has no equilibrium.
 
     Parameters
     ----------
-    piece : the surface, how it is held, and what it is made of
+    piece : the surface, its supports and forces, and the settings
     laid : one of its layouts
-    share : of the optimiser's patience
+    share : duration, as a share of the optimiser's patience
     progress : called with the fraction done; may cancel
-    thorough : open and count closed slots, and try several starts if the piece has no spirals; default is only in searches with a
-        share above ``SHORT``
+    thorough : open and count closed slots, and try several starts if ``piece.spirals`` is None; default is True only
+        if ``share`` is above ``SHORT``
     """
     settings, quick = piece.settings, share <= SHORT
     thorough = not quick if thorough is None else thorough
@@ -250,13 +270,13 @@ def judge_optimised(laid: FlatLayout, found: Simulation) -> JudgedLayout:
     Parameters
     ----------
     laid : the layout
-    found : its spirals at rest
+    found : simulation of its optimised spirals
     """
     return _drawn(judge_shape(laid, found, find_limits(found, remedies=False), WHOLE, thorough=True), found)
 
 
 def _drawn(known: JudgedLayout, found: Simulation) -> JudgedLayout:
-    """Return a judged layout with its length of cuts and number of contours."""
+    """Return a judged layout with the length of cuts and the number of contours filled in from the outlines."""
     curves = [curve for panel in found.design.outlines() for curve in (panel.outer, *panel.holes)]
     return replace(known, cut_length=sum(curve.length for curve in curves), contours=len(curves))
 
@@ -264,14 +284,15 @@ def _drawn(known: JudgedLayout, found: Simulation) -> JudgedLayout:
 def judge_shape(
     laid: FlatLayout, found: Simulation, limits: MatchLimits, share: float, *, thorough: bool
 ) -> JudgedLayout:
-    """Judge a layout by its shape at equilibrium, without figures of cutting.
+    """Judge a layout by its simulated shape, without the length of cuts and the number of contours.
 
     Parameters
     ----------
     laid : the layout
-    found, limits : its equilibrium, and the reasons why it misses the target
-    share : of the optimiser's patience that the search has had
-    thorough : whether closed slots are counted
+    found : its simulation
+    limits : reasons why it misses the target
+    share : duration of the search, as a share of the optimiser's patience
+    thorough : whether to count closed slots
     """
     bends = laplacian_difference(found.assembly.pairs, found.equilibrium.pose.centres, found.target.centroids)
     match, measured = found.match, found.slots() if thorough else None

@@ -1,4 +1,4 @@
-"""State of the search for layouts: judged layouts, their ranking, and the number that may still be judged."""
+"""State of the search for layouts: the judged layouts, their ranking, and how many more may be judged."""
 
 from __future__ import annotations
 
@@ -20,34 +20,35 @@ from .predict import PredictionStart, judge_by_prediction
 
 Together = Callable[[Callable[[Any], Any], Sequence[Any], Progress, str], list[Any]]
 
-# Processor seconds for all predictions together, and for one: a constant part, and a part per quad
+# Processor seconds: of all predictions (larger: more layouts), of one prediction, and in addition of each of its quads
 BUDGET, ONE, QUAD = 16.0, 0.4, 2.2e-3
 PUNCTUAL = 0.6  # share of the expected time after which the progress bar slows down
-# Ratio of the time to judge a layout to that of the initial layout, by the clock: 1.6 to 2.8 on six surfaces, with two at once
+# Ratio of the clock time to judge a layout to that of the initial layout; changes the progress bar only
 HARDER = 2.0
 FEWEST, MOST = 6, 32  # smallest and largest number of layouts to judge
 SEARCH_SCATTER = (
-    0.03  # share of a distance by which two searches of the same layout differ at most, and which counts as the same
+    0.03  # relative difference of distances that counts as none: two searches of one layout differ by at most this
 )
-# Expected distance after a long search over the distance after a short one: measured 0.36 to 0.67 for layouts of 986 quads, less for those of 150
+# Expected ratio of the distance after a long search to that after a short one (0.36 to 0.67); larger: more pessimistic
 EXPECTED = 0.67
 
 
 @dataclass(eq=False)
 class LayoutSearch:
-    """State of the search for layouts."""
+    """State of the search for layouts; distances are RMS distances from the target as shares of its size."""
 
     piece: LayoutProblem
     params: ChooseParams
-    together: Together
-    start: PredictionStart | None = None  # start of predictions; None if short searches judge
+    together: Together  # maps a function over arguments, perhaps in several processes
+    start: PredictionStart | None = None  # start of predictions; None if layouts are judged by short searches
     reference: float = np.inf  # distance of the initial layout after a long search
     # ratio of the distance after a long search to the predicted one, or to that after a short search
     expected: float = EXPECTED
-    pace: float = 0.0  # seconds that the last long search took
-    first: float = 0.0  # seconds to judge the initial layout, by the clock
+    pace: float = 0.0  # expected or last clock time of a long search, seconds
+    first: float = 0.0  # clock time to judge the initial layout, seconds
+    # first judgement of every layout, by ``key(layout)``; None if it has no equilibrium
     known: dict[bytes, JudgedLayout | None] = field(default_factory=dict)
-    proved: dict[bytes, JudgedLayout] = field(default_factory=dict)
+    proved: dict[bytes, JudgedLayout] = field(default_factory=dict)  # best long search of a layout, by key
     waiting: list[FlatLayout] = field(default_factory=list)  # flattened but not judged yet, most promising first
 
     @property
@@ -57,7 +58,7 @@ class LayoutSearch:
 
     @property
     def left(self) -> int:
-        """Number of layouts that may still be judged."""
+        """Number of layouts that may still be judged; negative if more were judged than planned."""
         return int(np.clip(BUDGET / self.one, FEWEST, MOST)) - len(self.known)
 
     def unknown(self, laid: FlatLayout) -> bool:
@@ -71,17 +72,17 @@ class LayoutSearch:
         return sorted((one for one in latest.values() if one is not None), key=self.key)
 
     def distance(self, one: JudgedLayout) -> float:
-        """Return the RMS distance after a long search, or the expected one, with strains within the limit; at the end, the result."""
+        """Return the RMS distance after a long search, reached or expected, with strains within the limit."""
         return one.eased if one.share >= LONG else self.expected * one.rms
 
     @property
     def progress_text(self) -> str:
-        """Return the progress text while layouts are judged: the best so far."""
+        """Progress text while layouts are judged, with the best layout so far."""
         best = next(iter(self.ranking), None)
         return "Judging layouts" + ("" if best is None else f", the best: {short(best.laid, best.rms)}")
 
     def key(self, one: JudgedLayout) -> tuple[float, ...]:
-        """Return the sort key of a layout for the present goal; smaller is better."""
+        """Return the sort key of a layout: smaller is better, and the first entry is 0 if the goal is met."""
         rms, laid = self.distance(one), one.laid
         work = (float(laid.joints), float(laid.panels), rms)
         if self.params.goal == "panels":
@@ -95,7 +96,10 @@ class LayoutSearch:
         return self.key(one)[0] == 0.0
 
     def next(self, share: float) -> list[FlatLayout]:
-        """Return the most promising layouts, a share of the number left; at least one is symmetric, if any is."""
+        """Return the most promising waiting layouts, including a symmetric one if there is any.
+
+        share : number of layouts, as a share of those that may still be judged
+        """
         taken = self.waiting[: int(share * self.left)]
         symmetric = next((one for one in self.waiting if one.symmetric > 1), None)
         if taken and symmetric is not None and not any(one.symmetric > 1 for one in taken):
@@ -103,7 +107,14 @@ class LayoutSearch:
         return taken
 
     def judge(self, laid: Iterable[FlatLayout], progress: Progress, *, more: bool = False) -> None:
-        """Judge new layouts, up to the number left or ``more``: by predictions if there is a start, else by short searches."""
+        """Judge new layouts, by predictions if there is a ``start``, else by short searches.
+
+        Parameters
+        ----------
+        laid : layouts, the most promising first; those judged before are skipped
+        progress : called with the fraction done; may cancel
+        more : judge all of them, even beyond the number that may still be judged
+        """
         fresh = list({key(one): one for one in laid if self.unknown(one)}.values())
         fresh = fresh if more else fresh[: max(self.left, 0)]
         way = partial(judge, self.piece) if self.start is None else partial(judge_by_prediction, self.piece, self.start)
@@ -113,7 +124,7 @@ class LayoutSearch:
         self.known.update(zip(map(key, fresh), found, strict=True))
 
     def expect(self, searched: Iterable[JudgedLayout]) -> None:
-        """Update the expected ratio of long searches to predictions: the worst of several."""
+        """Update ``expected`` to the largest ratio of searched to predicted distance among these layouts."""
         shares = [
             one.eased / before.rms
             for one in searched
@@ -123,15 +134,15 @@ class LayoutSearch:
             self.expected = max(shares)
 
     def learn(self, given: JudgedLayout) -> None:
-        """Use the outcome of a search of the initial layout: long searches of other layouts start from its spirals."""
+        """Use the searched initial layout as reference, and its spirals as start of later searches."""
         self.reference = given.rms
         self.expect([given])
         self.piece = replace(self.piece, spirals=given.spirals)
 
     def prove(self, laid: Sequence[FlatLayout], progress: Progress) -> None:
-        """Judge known layouts by a long search, which continues an earlier one.
+        """Judge layouts by a long search, which continues an earlier long search of the same layout.
 
-        If a search loses the equilibrium, that is recorded for the layout, or its earlier judgement stays.
+        If a search ends without an equilibrium, the result of an earlier long search stays, or the layout is dropped.
         """
         tries = []
         for one in laid:
@@ -151,13 +162,13 @@ def _proved(tried: tuple[LayoutProblem, FlatLayout]) -> JudgedLayout | None:
 
 
 def clocked_progress(progress: Progress, seconds: float, ahead: float | None = None) -> Progress:
-    """Return a progress that advances with the clock, for work that reports nothing near its end.
+    """Return a progress that advances with the clock, for work that reports rarely.
 
     Parameters
     ----------
-    progress : to report to
+    progress : progress to report to
     seconds : expected duration of the work
-    ahead : share of the work by which the clock may run ahead of the reports; None to ignore reports
+    ahead : share of the work by which the clock may run ahead of the reported fraction; None to ignore that fraction
     """
     report, began, whole = progress.report, time.monotonic(), progress.hi - progress.lo
     if report is None or seconds <= 0.0:
@@ -176,11 +187,11 @@ def clocked_progress(progress: Progress, seconds: float, ahead: float | None = N
 
 
 def key(laid: FlatLayout) -> bytes:
-    """Return a key that identifies a layout of the surface."""
+    """Return the cuts of a layout as bytes, which identify it among the layouts of a surface."""
     return np.packbits(laid.cut).tobytes()
 
 
 def short(laid: FlatLayout, rms: float) -> str:
-    """Describe a layout by its panels and distance in a few words."""
+    """Describe a layout by its number of panels and its RMS distance (share of the size), for users."""
     panels = with_count(laid.panels, "panel", "panels")
     return f"{panels}, RMS distance {format_figure(100.0 * rms)} %"

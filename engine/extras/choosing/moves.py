@@ -1,4 +1,4 @@
-"""Changes of a layout where its equilibrium misses the target: cuts, darts and joins, together with their symmetric images."""
+"""Changes of a layout, with symmetric images: cuts and darts where its shape misses the target, and joined seams."""
 
 from __future__ import annotations
 
@@ -15,17 +15,24 @@ from ...simulation.shortfall import angle_defects
 from ...surface.symmetry import Symmetry, keeping
 from .judge import FlatLayout, Idea, JudgedLayout, LayoutProblem, lay_flat
 
-PLACES = 3  # vertices from which cuts and darts are tried, and seams that are opened; not measured, it bounds the time
-IDEAS = 2  # cuts to try at a time while a user waits: each takes as long as a support
-# reasons that limit a spiral's match (see ``reach``) and that another cut can remove
+# number of vertices at which cuts and darts begin, and number of seams to join; larger: more ideas, more time
+PLACES = 3
+IDEAS = 2  # number of cuts to try at a time while a user waits; larger: more ideas, more time
+# reasons why a spiral misses the target (see ``reach``) that another cut can remove
 MENDED = tuple(REASON_NAMES.index(name) for name in ("unstable", "distorted", "stretched"))
-OTHERWISE = 0.25  # weight of the other reasons; above 0 so that places with other reasons alone are found too
+# weight of mismatch for other reasons (1 for ``MENDED``); above 0 so that cuts are also tried where these prevail
+OTHERWISE = 0.25
 
 
 def moves(piece: LayoutProblem, judged: JudgedLayout, *, fewer: bool, more: bool) -> Iterator[Idea]:
-    """Return changes of a judged layout: with ``more`` cuts and darts where it misses the target, with ``fewer`` cuts elsewhere.
+    """Yield changed layouts, each with one change and its images under the symmetries that the layout keeps.
 
-    Every change comes with its images under the symmetries which the layout keeps.
+    Parameters
+    ----------
+    piece : the surface, its symmetries and settings
+    judged : the layout to change
+    fewer : yield layouts with one of the least important seams joined
+    more : yield layouts with a cut or a dart added where the shape misses the target
     """
     layout = judged.laid.flat.layout
     kept = keeping(piece.symmetries, layout.cut)
@@ -46,24 +53,30 @@ def moves(piece: LayoutProblem, judged: JudgedLayout, *, fewer: bool, more: bool
 
 
 def with_images(edges: Int[np.ndarray, " some"], symmetries: Sequence[Symmetry]) -> Int[np.ndarray, " more"]:
-    """Return edges with their images under symmetries."""
+    """Return the given edges and their images under symmetries, sorted, each once."""
     return np.unique(np.concatenate([edges, *(symmetry.edges[edges] for symmetry in symmetries)]))
 
 
 def fixable_mismatch(judged: JudgedLayout) -> Float[np.ndarray, " quads"]:
-    """Return (F,) each quad's share in the mismatch, weighted by whether another cut could remove its reason."""
+    """Return each quad's mismatch, (F,) square metres, weighted less if another cut cannot remove its reason."""
     return weight_by_fixability(judged.blame, judged.kind)
 
 
 def weight_by_fixability(
     blame: Float[np.ndarray, " quads"], kind: Int[np.ndarray, " quads"]
 ) -> Float[np.ndarray, " quads"]:
-    """Weight differences of bending by whether another cut could remove their reason, ``kind`` as in ``reach``."""
+    """Weight each quad's mismatch by 1 if another cut can remove its reason, else by ``OTHERWISE``.
+
+    Parameters
+    ----------
+    blame : (F,) squared difference of bending from the target's, square metres
+    kind : (F,) reason, index into ``reach.REASON_NAMES``
+    """
     return blame * np.where(np.isin(kind, MENDED), 1.0, OTHERWISE)
 
 
 def with_cuts(layout: PatchLayout, blame: Float[np.ndarray, " quads"]) -> Iterator[Idea]:
-    """Yield layouts with one more cut each, see ``cuts``."""
+    """Yield copies of a layout with one more cut each, see ``cuts``."""
     for edges, origin in cuts(layout, blame):
         cut = layout.cut.copy()
         cut[edges] = True
@@ -71,7 +84,14 @@ def with_cuts(layout: PatchLayout, blame: Float[np.ndarray, " quads"]) -> Iterat
 
 
 def cuts(layout: PatchLayout, blame: np.ndarray) -> Iterator[tuple[np.ndarray, str]]:
-    """Yield edges to cut: through the middle of the worst patch, and from its worst vertices to the outline."""
+    """Yield edges to cut, with a name: the middle line of the patch with the largest mismatch, then straight lines from
+    the worst vertices to the outline, in one direction (a dart) or two (a cut).
+
+    Parameters
+    ----------
+    layout : mesh and cuts
+    blame : (F,) weighted mismatch
+    """
     worst = int(np.bincount(layout.patch_of, blame).argmax())
     middle = middle_line(layout, worst)
     if len(middle):
@@ -91,7 +111,7 @@ def cuts(layout: PatchLayout, blame: np.ndarray) -> Iterator[tuple[np.ndarray, s
 
 
 def _places(layout: PatchLayout, blame: np.ndarray) -> list[int]:
-    """Return vertices inside patches, those with the largest mismatch and the most enclosed curvature first."""
+    """Return at most ``PLACES`` vertices inside patches, those with most mismatch and Gaussian curvature first."""
     mesh = layout.mesh
     inside = (layout.cut_degree == 0) & ~mesh.on_border & (mesh.valence > 0)
     curved = angle_defects(layout)
@@ -109,7 +129,7 @@ def _places(layout: PatchLayout, blame: np.ndarray) -> list[int]:
 
 
 def _rays(layout: PatchLayout, vertex: int) -> Iterator[Int[np.ndarray, " some"]]:
-    """Return the straight lines from a vertex inside a patch to its outline; those that end at an irregular vertex are left out."""
+    """Yield the edges of each straight line from a vertex to its patch's outline that meets no irregular vertex."""
     mesh = layout.mesh
     outline = (layout.cut_degree > 0) | mesh.on_border
     for quad, side in np.argwhere(mesh.quads == vertex).tolist():
@@ -125,9 +145,15 @@ def _rays(layout: PatchLayout, vertex: int) -> Iterator[Int[np.ndarray, " some"]
 
 
 def merge_across_seams(piece: LayoutProblem, judged: JudgedLayout, most: int) -> FlatLayout | None:
-    """Join panels of a judged layout until it has at most a number of panels, within the limits; None if these forbid it.
+    """Join panels until at most ``most`` are left; None if the limits on panels forbid it, or flattening fails.
 
-    The seams that matter least go first, with their images under the symmetries that the layout keeps.
+    The least important seams are joined first, with their images under the symmetries that the layout keeps.
+
+    Parameters
+    ----------
+    piece : the surface, its symmetries and settings
+    judged : the layout to change
+    most : largest number of panels
     """
     layout, params, blame = judged.laid.flat.layout, piece.settings.layout, fixable_mismatch(judged)
     board = limited_board(layout, params, piece.symmetries)
@@ -142,7 +168,10 @@ def merge_across_seams(piece: LayoutProblem, judged: JudgedLayout, most: int) ->
 
 
 def weakest(layout: PatchLayout, blame: np.ndarray) -> list[Int[np.ndarray, " _"]]:
-    """Return the seams, least important first: those with the least mismatch and relieved curvature per length."""
+    """Return the edges of every seam, least important first.
+
+    The importance is the mismatch and the Gaussian curvature of the quads beside a seam, per edge of the seam.
+    """
     mesh, opened = layout.mesh, PatchLayout(layout.mesh, np.zeros(len(layout.cut), dtype=bool))
     curved = angle_defects(opened)
     weight = blame / max(float(blame.sum()), 1e-300) + curved / max(float(curved.sum()), 1e-300)

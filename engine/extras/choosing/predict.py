@@ -1,14 +1,12 @@
 """Prediction of how near a layout can come to its target, without a search.
 
-The curvature-adjusted spirals, or those of an optimised layout, are brought to equilibrium. One Gauss-Newton step of spirals and
-flat shapes, within all bounds, leads to a second equilibrium; the prediction is the distance after another step from there if hubs moved
-linearly with the design. A search takes more steps, each of which is expected to reduce the distance by the same factor. Limits of strains are
-left out.
+The prediction starts at the equilibrium of spirals adjusted to the curvature, or of an optimised layout's spirals. A
+Gauss-Newton step of spirals and flat shapes, within their bounds, leads to a second equilibrium. The prediction is the
+distance after a second step from there, if hubs moved linearly with the design. A search takes more steps; each further
+step is assumed to reduce the distance by the same factor as the second. Strain limits are ignored.
 
-Over 88 layouts of 21 surfaces its rank correlation with what searches reach is 0.91, and 68 % of predictions are within a factor of 1.5; of
-67 layouts predicted with the spirals of another, optimised layout, 0.94 and 81 %. With one equilibrium, which takes half of the
-time, the former are 0.78 and 60 %. These were measured with steps that brought less of the decrease; with the present ones it is 0.92 and 70 % over
-40 layouts of 11 surfaces. ``bench layout --match`` measures them.
+Over 40 layouts of 11 surfaces the rank correlation with the results of searches is 0.92, and 70 % of predictions are
+within a factor of 1.5. ``bench layout --match`` measures this.
 """
 
 from __future__ import annotations
@@ -34,18 +32,20 @@ from ...spirals.design import SpiralDesign
 from ...spirals.fabricable import make_fabricable
 from .judge import FlatLayout, JudgedLayout, LayoutProblem, judge_shape, starting_spirals
 
-# Shares of the first step that are tried in turn until the piece comes nearer. With the full step alone, 59 % of the predictions of 22 surfaces are
-# within a factor of 1.5 of what a search reaches, with both shares 64 %; a third share changes no prediction
+# Fractions of the first step, tried in turn until the distance decreases; more fractions: slower, hardly better
 SHARES = 1.0, 0.3
-PRODUCT_SHARE = 0.02  # of the progress that is left, for each product with the model's matrix; a step takes some 100
-DAMPING = 1e-4  # penalty, as a share of the objective, on a step over the whole range of one coordinate
+# Share of the remaining progress for each Gauss-Newton matrix product (some 100 a step); changes the display only
+PRODUCT_SHARE = 0.02
+# Penalty on a step over the whole range of one coordinate, as a share of the objective; larger: shorter, safer steps
+DAMPING = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class PredictionStart:
-    """Start of the predictions for all layouts of a piece.
+    """Starting design shared by the predictions of all layouts of a piece.
 
-    spirals : widths (F, 4) metres and twists (F,) radians of a design that can be cut; space : its design space
+    spirals : widths (F, 4) metres and twists (F,) radians that can be cut in at least one layout
+    space : design space of that layout: bounds and scaling of widths and twists
     """
 
     spirals: tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]]
@@ -53,16 +53,23 @@ class PredictionStart:
 
     @classmethod
     def from_layout(cls, piece: LayoutProblem, flat: FlatPatches, progress: Progress = SILENT) -> PredictionStart:
-        """Return the spirals of the piece, or the curvature-adjusted ones, changed where they cannot be cut in a layout."""
+        """Return the start with ``starting_spirals``, changed where they cannot be cut in a layout.
+
+        Parameters
+        ----------
+        piece : the surface and settings
+        flat : one of its layouts
+        progress : called with the fraction done; may cancel
+        """
         design = make_fabricable(flat, piece.settings.spiral, *starting_spirals(piece), prove=False, progress=progress)
         return cls((design.width, design.twist), _task(piece).space(design, progress))
 
     def with_uniform_spirals(self, width: float = 0.5, twist: float = 0.5) -> PredictionStart:
-        """Return a start with equally wide and equally twisted spirals in all quads.
+        """Return a start whose spirals have the same relative width and relative twist in all quads.
 
         Parameters
         ----------
-        width, twist : from 0 to 1, shares of their ranges
+        width, twist : positions in each spiral's range, from 0 (narrowest, least twist) to 1
         """
         return replace(self, spirals=self.space.design(self.space.uniform(width, twist)))
 
@@ -75,18 +82,19 @@ def predict(
     *,
     further: int = 0,
 ) -> float:
-    """Return the RMS distance from the target that a search of a layout may reach.
+    """Predict the RMS distance from the target that a search of a layout would reach.
 
     Parameters
     ----------
-    piece : the surface, how it is held, and what it is made of
+    piece : the surface, its supports and forces, and the settings
     flat : one of its layouts
-    start : made from any layout of the piece, which saves half of the time; default is made from this layout
-    further : steps of a search after the second, each expected to shrink the distance by the same share as the second
+    start : start from any layout of the piece; saves half of the time. Default is made from this layout
+    progress : called with the fraction done; may cancel
+    further : steps after the second, each assumed to reduce the distance by the same factor as the second
 
     Returns
     -------
-    A share of the size of the surface; infinite if the layout has no equilibrium, or its quads have no room for spirals.
+    share of the size of the surface; infinite if the layout has no equilibrium, or its quads have no room for spirals
     """
     try:
         start = start or PredictionStart.from_layout(piece, flat, progress.part(0.0, 0.1))
@@ -99,13 +107,14 @@ def predict(
 def judge_by_prediction(
     piece: LayoutProblem, start: PredictionStart, laid: FlatLayout, progress: Progress = SILENT
 ) -> JudgedLayout | None:
-    """Return a layout judged by its prediction, not by a search; None if it has no equilibrium.
+    """Judge a layout by its prediction, without a search; None if it has no equilibrium.
 
     Parameters
     ----------
-    piece : the surface, how it is held, and what it is made of
-    start : made from any layout of the piece
+    piece : the surface, its supports and forces, and the settings
+    start : start from any layout of the piece
     laid : the layout
+    progress : called with the fraction done; may cancel
     """
     try:
         design, point = _rest(piece, laid.flat, start, progress.part(0.0, 0.4))
@@ -122,7 +131,7 @@ def judge_by_prediction(
 def _rest(
     piece: LayoutProblem, flat: FlatPatches, start: PredictionStart, progress: Progress
 ) -> tuple[SpiralDesign, FlatPoint]:
-    """Return the design that a prediction begins with, and its equilibrium, from which flat shapes may move."""
+    """Return the starting design of a prediction, and its equilibrium as a function of spirals and flat shapes."""
     task = _task(piece)
     design = make_fabricable(flat, piece.settings.spiral, *start.spirals, prove=False, progress=progress)
     problem = task.problem(design, progress, start.space.including(design))
@@ -130,16 +139,16 @@ def _rest(
     free, movable = problem.space.free, design.rim is None
     shapes = FlatRange.from_patches(
         flat, MAX_SHIFT, *limits, 0.0, flat, free, border=movable
-    )  # ``update_stiffness`` decides the weight
+    )  # weight 0: ``update_stiffness`` decides it later
     whole = FlatProblem.from_problem(problem, shapes)
     x = np.concatenate([problem.space.coordinates(design.width, design.twist), np.full(2 * len(shapes.span), 0.5)])
     return design, whole.at(x, target_pose(piece.mesh, flat.corners), progress).renewed()
 
 
 def _predicted(design: SpiralDesign, point: FlatPoint, progress: Progress, further: int = 0) -> float:
-    """Return the predicted distance as a share of the size; infinite if the point is not an equilibrium.
+    """Return the predicted RMS distance, a share of the size; infinite if ``point`` is not an equilibrium.
 
-    further : steps after the second, each of which shrinks the distance by the share by which the second does
+    further : steps after the second, each assumed to reduce the distance by the same factor as the second
     """
     if not point.equilibrium.converged:
         return np.inf
@@ -148,7 +157,7 @@ def _predicted(design: SpiralDesign, point: FlatPoint, progress: Progress, furth
     for share in SHARES:
         after = point.problem.at(point.problem.within(point.x + share * step, point), pose, progress.part(0.4, 0.6))
         moved = _distance(after, after.equilibrium.pose)
-        # the value is infinite where flat shapes leave their limits
+        # the value is infinite if flat shapes violate their limits
         if after.equilibrium.converged and np.isfinite(after.value) and moved < before:
             point, between = after.renewed(), moved
             step = _step(point, progress.part(0.6, 1.0))
@@ -159,18 +168,18 @@ def _predicted(design: SpiralDesign, point: FlatPoint, progress: Progress, furth
 
 
 def _moved(point: FlatPoint, step: Float[np.ndarray, " coordinates"]) -> float:
-    """Return metres RMS from the target after a step along which hubs move linearly."""
+    """Return the RMS distance from the target, metres, after a step of the design if hubs move linearly with it."""
     pose = point.equilibrium.pose
     return _distance(point, replace(pose, centres=pose.centres + point.moves(step)[: len(pose.centres), :3]))
 
 
 def _step(point: FlatPoint, progress: Progress) -> Float[np.ndarray, " coordinates"]:
-    """Return the step that nearly minimises the linear model of the mismatch within the bounds."""
+    """Return the Gauss-Newton step of the design that nearly minimises the linearised mismatch within the bounds."""
     damping, bending = DAMPING * point.value / len(point.x), CurvatureEstimate(len(point.x))
     products = progress.shares(PRODUCT_SHARE)
 
     def product(way: np.ndarray) -> np.ndarray:
-        next(products)(0.0)  # the only place to cancel in this step
+        next(products)(0.0)  # reports, and is the only place where a step can be cancelled
         return point.gauss_newton(way)
 
     point.prepare(progress)
@@ -180,7 +189,7 @@ def _step(point: FlatPoint, progress: Progress) -> Float[np.ndarray, " coordinat
 
 
 def _distance(point: FlatPoint, pose: Pose) -> float:
-    """Return metres RMS from the target."""
+    """Return the RMS distance of a pose from the target, metres."""
     target = point.problem.target
     return target.unit * target.distance(pose)
 

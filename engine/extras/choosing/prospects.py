@@ -1,8 +1,8 @@
-"""Ways to bring a piece nearer to its target, each with the match that a short search reaches.
+"""Ways to bring an optimised piece nearer to its target, each with the match that a short search reaches.
 
-A short search takes seconds, a prediction half of one: only ways that are predicted to help are searched. On cube, cylinder, cone and
-boolean both agreed on which of twelve ways help. The full search after a press has the start of the short one and more time, so it comes at least as near,
-except for what is lost when the outlines are proved.
+A short search takes seconds, a prediction half of that, so only ways that are predicted to help get a search. When the
+user presses the button, the full search begins at the same start and has more time, so it comes at least as near, apart
+from small losses when the final outlines are checked.
 """
 
 from __future__ import annotations
@@ -30,9 +30,10 @@ from .judge import SHORT, Idea, LayoutProblem, judge, lay_flat
 from .moves import IDEAS, weight_by_fixability, with_cuts
 from .predict import PredictionStart, predict
 
-BORDER, ROUND = "border", "round"  # ways besides ``LOWEST`` and ``CUT``: supports at the border, and rounded folds
-WORTH = 0.8  # largest ratio of new to present distance that is worth pressing a button; larger offers more buttons, and more that bring little; not measured
-MOST_HELD = 0.5  # largest share of held quads: with more, too little of the piece is left to bend
+BORDER, ROUND = "border", "round"  # ways beside ``LOWEST`` and ``CUT``: supports at the border, and rounded folds
+# Largest ratio of new to present distance at which a way is offered; larger: more buttons, and more that bring little
+WORTH = 0.8
+MOST_HELD = 0.5  # largest share of quads to support; larger: too little of the piece is left to bend
 
 
 def prospects(
@@ -44,18 +45,21 @@ def prospects(
     force: Float[np.ndarray, "quads 3"] | None = None,
     progress: Progress = SILENT,
 ) -> dict[str, float] | None:
-    """Find ways to bring an optimised piece nearer, the best first; None if it is near already.
+    """Find ways to bring an optimised piece nearer to its target, the best first.
 
     Parameters
     ----------
-    found, limits : the equilibrium of the piece, and the reasons why it misses the target
-    settings : of the search that found it
+    found : simulation of the piece
+    limits : the reasons why it misses the target
+    settings : settings with which it was optimised
     supports, force : as in ``simulate``
+    progress : called with the fraction done; may cancel
 
     Returns
     -------
-    RMS distance in percent of the size for each way: ``LOWEST`` and ``BORDER`` support these quads, ``CUT`` cuts where the shape misses the
-    target, ``ROUND`` rounds the folds of the target; its distance is from the rounded target.
+    RMS distance from the target, percent of the size, that each way reaches; None if the piece is near enough already,
+    or has no equilibrium. ``LOWEST`` supports the lowest quads, ``BORDER`` those at the border, ``CUT`` adds cuts where
+    the shape misses the target, ``ROUND`` rounds the folds of the target, and its distance is from the rounded target
     """
     now = found.match["rms_percent"]
     if not found.equilibrium.converged or now <= wanted_percent(settings.choose):
@@ -83,7 +87,7 @@ def prospects(
 
 
 class _Promise:
-    """Predicts whether another layout or other supports bring a piece nearer. There are no predictions for rods: all ways pass."""
+    """Predicts whether other layouts or supports bring a piece nearer; lets all pass for the rod model."""
 
     def __init__(self, piece: LayoutProblem, flat: FlatPatches, progress: Progress) -> None:
         self.progress = progress
@@ -93,12 +97,12 @@ class _Promise:
         self.now = predict(piece, flat, self.start, progress) if self.start else np.inf
 
     def gains(self, piece: LayoutProblem, flat: FlatPatches) -> bool:
-        """Return whether the predicted gain is worth a search."""
+        """Return whether the predicted distance is small enough, against the present one, to justify a search."""
         return self.start is None or predict(piece, flat, self.start, self.progress) <= WORTH * self.now
 
 
 def holding(mesh: QuadMesh) -> list[tuple[str, Int[np.ndarray, " _"]]]:
-    """Return the sets of quads at which a piece could be held, if enough quads remain free to bend; each set once."""
+    """Return sets of quads, with names, at which a piece could be supported and still have enough free quads."""
     border = np.unique(np.nonzero(mesh.border[mesh.quad_edges])[0])
     found: dict[bytes, tuple[str, np.ndarray]] = {}
     for name, quads in ((LOWEST, parse_supports(mesh, LOWEST)), (BORDER, border)):
@@ -110,7 +114,10 @@ def holding(mesh: QuadMesh) -> list[tuple[str, Int[np.ndarray, " _"]]]:
 def _held(
     found: Simulation, piece: LayoutProblem, supports: Int[np.ndarray, " held"], promise: _Promise, progress: Progress
 ) -> float:
-    """Return the RMS distance in percent after a short search with these supports; infinite if there is no equilibrium, or the prediction is not near enough."""
+    """Return the RMS distance, percent of the size, after a short search with other supports.
+
+    Infinite if there is no equilibrium, or if the prediction is not near enough.
+    """
     settings = piece.settings
     if not promise.gains(replace(piece, supports=supports), found.design.flat):
         return np.inf
@@ -134,7 +141,10 @@ def _held(
 
 
 def _cut(piece: LayoutProblem, idea: Idea, promise: _Promise, progress: Progress) -> float:
-    """Return the RMS distance in percent after a short search of another layout; infinite if it cannot be flattened, or the prediction is not near enough."""
+    """Return the RMS distance, percent of the size, after a short search of another layout.
+
+    Infinite if the layout cannot be flattened or has no equilibrium, or if the prediction is not near enough.
+    """
     laid = lay_flat(piece, idea, progress=progress)
     if laid is None or not promise.gains(piece, laid.flat):
         return np.inf
@@ -143,6 +153,6 @@ def _cut(piece: LayoutProblem, idea: Idea, promise: _Promise, progress: Progress
 
 
 def _mismatch(found: Simulation) -> Float[np.ndarray, " quads"]:
-    """Return the squared difference of each quad's bending from the target's, squared metres."""
+    """Return each quad's mismatch, (F,) square metres: squared difference of Laplacian coordinates."""
     bends = laplacian_difference(found.assembly.pairs, found.equilibrium.pose.centres, found.target.centroids)
     return (bends**2).sum(axis=1)

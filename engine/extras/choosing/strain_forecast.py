@@ -14,19 +14,20 @@ from .predict import PredictionStart
 
 
 def strain_of_softest(piece: LayoutProblem, flat: FlatPatches, progress: Progress = SILENT) -> float | None:
-    """Return the largest strain that a piece takes at rest with the softest spirals that can be cut.
+    """Return the largest strain at equilibrium with the softest spirals that can be cut.
 
-    This is nearly a lower bound: stiffer spirals are strained more, though a search can relieve single arms through their neighbours.
+    This is nearly a lower bound: stiffer spirals have larger strains, but a search can relieve single arms through
+    their neighbours.
 
     Parameters
     ----------
-    piece : the surface, how it is held, and what it is made of
+    piece : the surface, its supports and forces, and the settings
     flat : one of its layouts
-    progress : reports and cancels
+    progress : called with the fraction done; may cancel
 
     Returns
     -------
-    Strain over the limit of the material; None if there is no shape at rest, or no room for spirals.
+    strain divided by the limit of the material; None if there is no equilibrium, or no room for spirals
     """
     settings = piece.settings
     try:

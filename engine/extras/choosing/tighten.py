@@ -1,6 +1,6 @@
-"""Replacement of the merged layout if it is predicted to stay far from the target.
+"""Replace the merged layout if it is predicted to stay too far from the target.
 
-Limits of distortion lead to few panels, but do not say how near to its target the piece comes.
+Merging under a distortion limit gives few panels, but does not tell how near the piece comes to its target.
 """
 
 from __future__ import annotations
@@ -29,35 +29,28 @@ from .judge import Idea, LayoutProblem, lay_flat, panel_curvature, starting_spir
 from .predict import PredictionStart, predict
 from .strain_forecast import strain_of_softest
 
-SHARES = (0.5, 0.25)  # limits under which the surface is merged again, as shares of the distortion limit
-# Largest ratio of the expected distances at which a layout replaces another one: 0.95 gives the same on four surfaces, 0.8 keeps tents in 2
-# panels for 3
+SHARES = (0.5, 0.25)  # shares of the distortion limit under which the surface is merged again; smaller: more panels
+# Largest ratio of expected distances (new to old) at which a layout replaces another; larger: more panels
 NEARER = 0.9
-MOST = 2  # largest ratio of its panels to those of the layout that it replaces
-# Steps that are added to the two of a prediction. With one, 30 of 51 layouts are within a factor of 1.5 of what a search reaches, and 6 on the wrong
-# side of 1 %, with a rank correlation of 0.88; with none 23, 11 and 0.83; with two as many as with one, but three of 17 that miss 1 % are expected within it
+MOST = 2  # largest ratio of panels to those of the present layout; larger: nearer to the target, more panels
+# Gauss-Newton steps that a prediction extrapolates beyond its two. Larger: smaller expected distances; 0 predicts
+# worse, 2 is sometimes too optimistic
 FURTHER = 1
-# Predictions begin with uniform spirals if these lower the expected distance to less than this share. Of 22 surfaces the share is 0.02 on one, which
-# then ends as near as expected, and above 0.8 on all others
+# Predictions begin with uniform spirals if these reduce the expected distance below this share; larger: more often
 UNIFORM = 0.5
-# Share of the wanted distance within which the expected one must lie. Of 16 surfaces three are expected at 0.92 to 0.96 %; two end at 0.76 and
-# 0.78 %, and a head of 472 quads in 7 panels at 1.07 % with eight closed slots; in 12 panels it ends at 0.50 % with none
+# Share of the required distance below which a layout's expected distance must be; larger: fewer panels, less certain
 WANTED_SHARE = 0.9
-# Largest expected distance that is kept, as a share of the distance of a flat piece: a prediction that begins with a flat piece stays flat, where
-# searches come near with springs
+# Largest expected distance to report, as a share of a flat piece's; above it, the prediction never left the flat shape
 RISEN = 0.95
-# Most equal parts that are tried, most divisions that are laid flat, and most of those whose match is predicted: half and twice as many give the
-# same on four surfaces, but tents keep 2 panels for 3 with one prediction.
-# Layouts that may have more than PARTS panels are left out: of a head in 12 panels, no division into equal parts kept the limits
+# Equal parts: largest numbers of panels, of divisions to flatten, and of divisions to predict; larger: more time
 PARTS, LAID, PREDICTED = 8, 6, 3
-# Factor on the limit of compactness for equal parts: strips of a square in four have 5, which is the default limit, of a curved square up to 5.4.
-# Larger: longer strips. docs/tuning.md has the surfaces that it changes
+# Factor on the compactness limit for equal parts; larger: longer strips (docs/tuning.md lists surfaces)
 STRIPS = 1.1
 
-# Factors on the distortion limit within which panels below the smallest size may join a neighbour. Larger: fewer such panels; docs/tuning.md has
-# the surfaces that it changes
+# Factors on the distortion limit up to which panels below the smallest size may join a neighbour; larger: fewer small
+# panels. docs/tuning.md lists the surfaces that they change
 LOOSER = 2.0, 4.0
-PART = 0.2  # of the progress that is left, for each layout that is made and each that is predicted: there are 2 to 14
+PART = 0.2  # share of the remaining progress for each layout that is made or predicted
 PREDICTING = "Predicting the match"
 
 
@@ -67,24 +60,30 @@ def tighten(
 ) -> FlatPatches:
     """Return another layout if the present one is expected to miss the required match.
 
-    The surface is cut along its folds, merged under tighter limits, or divided into equal parts. A layout along the folds also
-    replaces one with more panels, if both are expected to meet the match. Panels below the smallest size join others beyond the distortion limit
-    if the expected match does not suffer. Every connected body is a piece of its own, of its own size.
+    Cuts along the folds, merging under tighter limits and division into equal parts are tried in this order. A layout
+    along the folds also replaces one with more panels, if both are expected to meet the match. Panels below the
+    smallest size may join neighbours beyond the distortion limit if the expected match does not suffer. Each connected
+    body is treated as a piece of its own.
 
     Parameters
     ----------
-    piece : the surface, how it is held, and what it is made of
+    piece : the surface, its supports and forces, and the settings
     begun : the patches that ``flat`` was merged from
     flat : the present layout, merged under the limits in the settings of ``piece``
-    params : the required match; with any other goal ``flat`` is returned
+    params : goal and required match; ``flat`` is returned unless the goal is a match
+    progress : called with the fraction done; may cancel
 
     Returns
     -------
-    For every body the first layout that is expected within ``WANTED_SHARE`` of the match, else the one that is expected nearest; ``flat`` itself if no
-    other is better. Layouts are compared with the cuts that their panels need to fit the sheet, and may then have at most ``MOST`` times as many panels
-    as ``flat``; the returned layout is without these cuts. The notes of the layout have ``expected_percent``, the RMS distance from the target with
-    which a search may end, as a percentage of the size; not where it cannot be predicted, or is that of a flat piece. If
-    arms are likely to break, the notes have ``strain_softest`` (see ``strain_of_softest``) instead.
+    for each body the first layout whose expected distance is below ``WANTED_SHARE`` of the match, else the one with the
+    least expected distance; ``flat`` itself if no other is better.
+
+    Layouts are compared after the cuts that make their panels fit the sheet, and may then have at most ``MOST`` times
+    as many panels as ``flat``; the returned layout does not contain these cuts.
+
+    The notes of the layout get ``expected_percent``, the RMS distance from the target that a search is expected to
+    reach, as a percentage of the size, unless it cannot be predicted or nearly equals a flat piece's. If arms are
+    likely to break, they get ``strain_softest`` (see ``strain_of_softest``) instead.
     """
     mesh = piece.mesh
     if params.goal != "match" or piece.settings.simulate.model == "rod" or is_flat(mesh):
@@ -102,8 +101,8 @@ def tighten(
 def _tighten_bodies(
     piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, params: ChooseParams, progress: Progress
 ) -> tuple[FlatPatches, float]:
-    """Return a layout of several connected bodies, each as ``_tighten_body`` finds it, and the expected distance of all."""
-    mesh, spirals = piece.mesh, starting_spirals(piece)  # from the curvature of all bodies, as in the search
+    """Apply ``_tighten_body`` to each connected body; return the whole layout and its expected distance."""
+    mesh, spirals = piece.mesh, starting_spirals(piece)  # computed for all bodies together, as the search does
     piece = replace(piece, spirals=spirals)
     cut, corners, squares = flat.layout.cut.copy(), flat.corners, 0.0
     ends = np.cumsum(np.bincount(mesh.body_of)) / len(mesh.quads)
@@ -126,20 +125,23 @@ def _tighten_bodies(
 def _tighten_body(
     piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, params: ChooseParams, progress: Progress
 ) -> tuple[FlatPatches, float]:
-    """Return the best layout of one connected body, and its expected distance as a share of its size; infinite if none can be predicted."""
+    """Return the best layout of one connected body and its expected distance from the target.
+
+    The distance is a share of the body's size, infinite if it cannot be predicted. See ``tighten``.
+    """
     if is_flat(piece.mesh):
         return flat, 0.0
     parts = progress.shares(PART)
     try:
         start = PredictionStart.from_layout(piece, flat, next(parts).saying(PREDICTING))
-    except FlexMapsError:  # quads are too small for spirals; the next stage reports it
+    except FlexMapsError:  # quads are too small for spirals; the next stage reports this
         return flat, np.inf
     best, fitted = flat, _fit_sheet(piece, flat, progress)
     left, most = _expected(piece, fitted, start, next(parts)), MOST * _panels(fitted)
     if left == np.inf:
         return flat, left
     limits, wanted = piece.settings.layout, WANTED_SHARE * 0.01 * params.match
-    if left > wanted:  # a search begins with uniform spirals too
+    if left > wanted:  # a search also tries uniform spirals as its start
         uniform = start.with_uniform_spirals()
         from_uniform = _expected(piece, fitted, uniform, next(parts))
         if from_uniform < UNIFORM * left:
@@ -175,9 +177,19 @@ def _join_small(
     wanted: float,
     parts: Iterator[Progress],
 ) -> tuple[FlatPatches, float]:
-    """Return the layout with panels below the smallest size joined to more distorted ones where the match bears it, and its expected distance.
+    """Join panels that are too small to neighbours under looser distortion limits, unless the match suffers.
 
-    left, wanted : expected and required distance; parts : of the progress
+    Parameters
+    ----------
+    piece : the surface and settings
+    flat : the layout
+    start : start of the predictions
+    left, wanted : expected and required distance, shares of the size
+    parts : successive parts of the progress
+
+    Returns
+    -------
+    the layout, unchanged if nothing could be joined, and its expected distance
     """
     limits = piece.settings.layout
     if _smallest(flat) >= limits.patch_min:
@@ -202,7 +214,7 @@ def _smallest(flat: FlatPatches) -> int:
 
 
 def _along_folds(piece: LayoutProblem, progress: Progress) -> Iterator[FlatPatches]:
-    """Yield the surface cut along its folds, if it has any."""
+    """Yield the layout cut along the folds of the surface, if it has folds."""
     for name, cut in along_folds(piece.mesh):
         laid = lay_flat(piece, Idea(cut, name), progress=progress.quiet())
         if laid is not None:
@@ -212,14 +224,15 @@ def _along_folds(piece: LayoutProblem, progress: Progress) -> Iterator[FlatPatch
 def _under_tighter_limits(
     piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, most: int, parts: Iterator[Progress]
 ) -> Iterator[FlatPatches]:
-    """Yield layouts merged under ever tighter limits, small panels and necks joined to neighbours, until the next one may have too many panels.
+    """Yield layouts merged under ever tighter distortion limits, until the next would have too many panels.
 
-    most : largest number of panels; parts : of the progress, one for each merge
+    most : largest number of panels; parts : successive parts of the progress
     """
     limits, last = piece.settings.layout, flat
     kept = symmetries(piece.mesh, progress=next(parts).quiet()) if limits.symmetric else ()
     for share in SHARES:
-        if _panels(last) ** 2 > most * _panels(flat):  # if it grew by as much again it would have more
+        # if the number of panels grew by the same factor again, it would exceed the largest number
+        if _panels(last) ** 2 > most * _panels(flat):
             return
         part = next(parts)
         last = merge(
@@ -232,12 +245,12 @@ def _under_tighter_limits(
 def _in_equal_parts(
     piece: LayoutProblem, flat: FlatPatches, most: int, parts: Iterator[Progress]
 ) -> Iterator[FlatPatches]:
-    """Yield layouts of equal strips, rings or petals that keep all limits, with the limit of compactness raised by the factor ``STRIPS``.
+    """Yield layouts of equal strips, rings or petals that keep all limits, the compactness limit raised by ``STRIPS``.
 
-    The least distorted layout of each number of panels is yielded, the fewest panels first. On smooth tubes and strips the first cuts may leave too few
-    panels to come near the target, and tighter limits do not add any.
+    The least distorted layout for each number of panels is yielded, fewest panels first. Smooth tubes and strips need
+    these: tracing may give them too few patches to come near the target, and merging under tighter limits adds none.
 
-    most : largest number of panels; parts : of the progress
+    most : largest number of panels; parts : successive parts of the progress
     """
     mesh, limits = piece.mesh, piece.settings.layout
     if most > PARTS:
@@ -251,7 +264,7 @@ def _in_equal_parts(
         if len(sketch.patches) <= most:
             rated = round(panel_curvature(sketch), 9), number, Idea(cut, name)
             sketches.setdefault(len(sketch.patches), []).append(rated)
-    # the least curved of each number of parts first, then the second of each
+    # first the sketch with the least curved panels for each number of parts, then the second for each, and so on
     ranked = [one for same in zip_longest(*map(sorted, sketches.values())) for one in same if one is not None]
     best: dict[int, FlatPatches] = {}
     for _, _, idea in progress.each(ranked[:LAID], "Dividing into equal parts"):
@@ -264,12 +277,15 @@ def _in_equal_parts(
 
 
 def _with_longer_strips(limits: LayoutParams) -> LayoutParams:
-    """Return the limits with the compactness that equal parts may have; notes on tightened layouts name only panels beyond it."""
+    """Return the limits with the compactness limit of equal parts; notes on layouts mention only panels beyond it."""
     return replace(limits, compactness_limit=STRIPS * limits.compactness_limit)
 
 
 def _symmetry_notes(flat: FlatPatches, *, symmetric: bool) -> dict[str, object]:
-    """Return notes on the symmetries that a layout keeps; none if it has them, if the surface has no symmetry, or if it need not be symmetric."""
+    """Return notes on the symmetries that a layout keeps.
+
+    Empty if the layout already has such notes, if it need not be symmetric, or if the surface has no symmetry.
+    """
     layout = flat.layout
     if "symmetry" in layout.notes or not symmetric:
         return {}
@@ -283,13 +299,13 @@ def _panels(flat: FlatPatches) -> int:
 
 
 def _fit_sheet(piece: LayoutProblem, flat: FlatPatches, progress: Progress) -> FlatPatches:
-    """Return a layout with the cuts that its panels need to fit the sheet; unchanged where quads alone do not fit."""
+    """Cut panels that do not fit the sheet; return the layout unchanged if single quads do not fit."""
     try:
         return split(flat, piece.settings.layout, piece.settings.sheet, progress.quiet())
-    except FlexMapsError:  # the next stage reports it
+    except FlexMapsError:  # the next stage reports this
         return flat
 
 
 def _expected(piece: LayoutProblem, flat: FlatPatches, start: PredictionStart, progress: Progress) -> float:
-    """Return the RMS distance with which a search of a layout may end, as a share of the size; infinite without an equilibrium."""
+    """Predict the RMS distance that a search would reach, a share of the size; infinite without an equilibrium."""
     return predict(piece, flat, start, progress.saying(PREDICTING), further=FURTHER)

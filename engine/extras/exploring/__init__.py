@@ -1,1 +1,1 @@
-"""Exploration: compare many candidates to find the size, thickness, material and spirals that suit a piece best."""
+"""Exploration: vary size, thickness, material and spirals of a piece, and compare many candidates."""

@@ -1,4 +1,4 @@
-"""Candidates: a piece with other settings or of another size, laid out, optimised for a short time, and measured."""
+"""Candidates: variants of a piece (settings, size), each laid out, briefly optimised and measured."""
 
 from __future__ import annotations
 
@@ -25,15 +25,18 @@ from ..choosing.choice import proposal
 from ..choosing.judge import FlatLayout, JudgedLayout, LayoutProblem, judge
 from .space import SIZES, Values
 
-DECIMALS = 9  # of measures: strains of a flat piece are rounding errors, some 1e-13
-# Share of the optimiser's patience that a candidate gets: the share of layouts that are compared with each other (``judge.SHORT``)
+DECIMALS = 9  # decimals to which measures are rounded, so that rounding errors of flat pieces become 0
+# duration of a candidate's search, as a share of the optimiser's patience (as ``judge.SHORT``); larger: better, slower
 EFFORT = 0.15
-PICTURE_WIDTH = 220.0  # pixels
+PICTURE_WIDTH = 220.0  # width of a candidate's picture, pixels
 
 
 @dataclass(frozen=True, eq=False)
 class StartSurface:
-    """Surface that candidates begin with; cut : mask of the edges where it is cut, unless the layout is varied."""
+    """Mesh and layout that candidates begin with.
+
+    cut : (E,) whether an edge is cut; unused if the layout is varied
+    """
 
     mesh: QuadMesh
     cut: Bool[np.ndarray, " edges"]
@@ -43,9 +46,10 @@ class StartSurface:
 class ExplorationInput:
     """Inputs that all candidates share.
 
-    starts : surfaces by the requested number of quads; by 0 if that number is not varied
-    settings : of the piece, before variables are changed; supports : quads that are held; force : newtons on every quad
-    effort : share of the optimiser's patience that a candidate gets
+    starts : surfaces by the requested number of quads; under the key 0 if that number is not varied
+    settings : settings of the piece, before variables are changed
+    supports : indices of supported quads, or None; force : (F, 3) force on every quad, newtons, or None
+    effort : duration of a candidate's search, as a share of the optimiser's patience
     """
 
     starts: Mapping[int, StartSurface]
@@ -57,10 +61,12 @@ class ExplorationInput:
 
 @dataclass(frozen=True)
 class Candidate:
-    """Values of the variables, in the units shown to users, and the result.
+    """A variant of a piece and its result.
 
-    measures : by the names of ``space.MEASURES``; empty if the candidate could not be made: ``fault`` says why
-    advice : sentence on what limits the match; picture : the surface with its panels, as SVG
+    values : values of the variables, in the units shown to users
+    measures : values by the names of ``space.MEASURES``; empty if the candidate failed
+    advice : sentence on what limits the match; fault : why the candidate failed, else ""
+    picture : the surface with its panels, as SVG
     """
 
     values: Values
@@ -75,7 +81,13 @@ class Candidate:
 
 
 def evaluate_candidate(base: ExplorationInput, values: Values) -> Candidate:
-    """Make and measure the candidate with these values; a FlexMapsError goes into ``Candidate.fault``, other errors propagate."""
+    """Make and measure a candidate; a FlexMapsError is recorded as ``Candidate.fault``, other errors propagate.
+
+    Parameters
+    ----------
+    base : inputs that all candidates share
+    values : values of the variables, in the units shown to users
+    """
     try:
         settings = with_values(base.settings, {name: value for name, value in values.items() if name not in SIZES})
         start = base.starts[values.get("quads", 0)]
@@ -91,7 +103,7 @@ def evaluate_candidate(base: ExplorationInput, values: Values) -> Candidate:
 
 
 def _scale_mesh(mesh: QuadMesh, values: Values) -> QuadMesh:
-    """Scale the mesh to the edge or the height, millimetres, among the values, if there is one."""
+    """Scale the mesh to the median edge or the height, millimetres, in ``values``, if there is either."""
     if "edge" in values:
         return mesh.moved(mesh.vertices * (values["edge"] / 1e3 / mesh.median_edge))
     if "height" in values:
@@ -120,7 +132,7 @@ def _lay_out(
 
 
 def _measure(judged: JudgedLayout, settings: Settings, material: Material) -> dict[str, float]:
-    """Return the measures of a candidate, rounded to four digits and ``DECIMALS``; those that are not finite are left out."""
+    """Return the measures of a candidate, rounded to four significant digits; infinite values are left out."""
     made, mesh = proposal(judged, settings, material), judged.laid.flat.layout.mesh
     found = {
         "rms_percent": 100.0 * judged.rms,
@@ -147,7 +159,13 @@ def _draw(laid: FlatLayout) -> str:
 
 
 def failed_candidate(values: Values, error: Exception) -> Candidate:
-    """Return the candidate for values at which the program failed, or its process ended."""
+    """Return a candidate that records an error: of the program, or because its process ended.
+
+    Parameters
+    ----------
+    values : values of the variables
+    error : what was raised
+    """
     what = (
         str(error) if isinstance(error, FlexMapsError) else f"A fault of the program, {type(error).__name__}: {error}"
     )

@@ -1,9 +1,10 @@
 """Explore many candidates in parallel: first spread evenly over the space, then near the best ones.
 
-A Sobol sequence fills the space. Then differential evolution (Storn and Price 1997) starts from the best candidates so far, with
-several weights of the two measures in turn, so that the whole front improves (decomposition, as Zhang and Li 2007). Both are
-scipy's. No candidate is tried twice, and a batch depends only on the batches before it: an exploration that is continued after a
-cancel, or run with another number of processes, tries the same candidates.
+A Sobol sequence fills the space. Then differential evolution (Storn and Price 1997) starts from the best candidates so
+far, with several weights of the two minimised measures in turn, so that the whole Pareto front improves (decomposition,
+as Zhang and Li 2007). Both algorithms are scipy's. No candidate is tried twice, and a batch depends only on the batches
+before it, so that an exploration continued after a cancel, or run with another number of processes, tries the same
+candidates.
 """
 
 from __future__ import annotations
@@ -25,18 +26,15 @@ from ...workers import WorkerDied, as_done
 from .candidate import Candidate, ExplorationInput, evaluate_candidate, failed_candidate
 from .space import Space, Values
 
-# The first two were measured on four test functions of two to five variables, mean of six seeds, 60 and 200 candidates: batches of 6
-# to 12 come nearer to the optimum than those of 16 and 24; a quarter or a third spread evenly comes as near as half, or nearer. Larger
-# batches keep more cores busy, because a batch waits for its last candidate
-SOBOL_SHARE = 0.35  # share of all candidates that is spread evenly
-POPULATION = 12  # largest number of candidates in a batch
-# weight of the first measure in every batch, in turn, so that the ends and the middle of the front improve alike; the second gets the rest
+SOBOL_SHARE = 0.35  # share of candidates spread evenly; larger: wider search, fewer candidates near the best ones
+# largest number of candidates in a batch; larger: more cores are busy, but farther from the optimum
+POPULATION = 12
+# weights of the first measure, in turn from batch to batch, so that the whole front improves; the second has the rest
 WEIGHTS = (0.5, 0.8, 0.2)
 MIN_POPULATION = 5  # smallest population that scipy accepts
-# range of the mutation factor, drawn anew for every batch; within the range that Storn and Price recommend
-STEP = (0.4, 0.9)
-MAX_MISS = 1e6  # largest miss of the goals that is distinguished, so that missing measures give a finite number
-MAX_IDLE_BATCHES = 3  # batches in a row without a new candidate, one for each weight, after which evolution ends
+STEP = (0.4, 0.9)  # range of the mutation factor, drawn anew for every batch; larger: wider steps
+MAX_MISS = 1e6  # upper limit of a shortfall from the goals, so that missing measures give a finite number
+MAX_IDLE_BATCHES = 3  # the evolution ends after so many successive batches without a new candidate, one for each weight
 
 OnCandidate = Callable[[Candidate], None]
 
@@ -45,7 +43,9 @@ OnCandidate = Callable[[Candidate], None]
 class Exploration:
     """Result of an exploration.
 
-    candidates : in the order in which they were requested; finished : False after a cancel
+    space : variables, goals and minimised measures
+    candidates : the candidates in the order in which they were requested
+    finished : False after a cancel
     """
 
     space: Space
@@ -54,14 +54,14 @@ class Exploration:
 
     @property
     def sound(self) -> list[Candidate]:
-        """Candidates that could be made."""
+        """Candidates that did not fail."""
         return [one for one in self.candidates if not one.fault]
 
     @property
     def front(self) -> list[Candidate]:
         """Pareto front of the two minimised measures, sorted by the first.
 
-        It is made of the candidates that meet all goals; of all sound ones if none meets them.
+        Only candidates that meet all goals count, or all ``sound`` candidates if none meets them.
         """
         holding = [one for one in self.sound if not self.space.shortfall(one.measures)]
         kept: list[tuple[tuple[float, float], Candidate]] = []
@@ -74,7 +74,10 @@ class Exploration:
 
     @property
     def best(self) -> int | None:
-        """Index of the best candidate: smallest miss of the goals, then smallest first measure; None if none is sound."""
+        """Index of the best candidate: smallest shortfall from the goals, then smallest first minimised measure.
+
+        None if all candidates failed.
+        """
         order = sorted(
             self.sound, key=lambda one: (self.space.shortfall(one.measures), _minimised_pair(self.space, one))
         )
@@ -82,7 +85,7 @@ class Exploration:
 
     @property
     def note(self) -> str:
-        """Result in a sentence or two: the best candidate, or the goals that it misses."""
+        """Summary in a sentence or two: the values of the best candidate, and the goals that it misses."""
         if self.best is None:
             return "No candidate could be made. " + (self.candidates[0].fault if self.candidates else "")
         best = self.candidates[self.best]
@@ -120,7 +123,10 @@ class Exploration:
 class _RunningExploration:
     """State of a running exploration.
 
-    count : largest number of candidates; known : candidates by ``key``; asked : keys that were requested, in order
+    count : largest number of candidates
+    task : function that makes and measures a candidate; found : callback for every new candidate
+    known : candidates by ``key``, those of earlier explorations included
+    asked : keys of the requested candidates, in order
     """
 
     space: Space
@@ -138,7 +144,7 @@ class _RunningExploration:
         return self.count - len(self.asked)
 
     def ask(self, wanted: Iterable[Values]) -> int:
-        """Try the values that were not requested yet, up to ``left``; return how many there were."""
+        """Request and try values that were not requested before, at most ``left``; return their number."""
         fresh: dict[tuple[Any, ...], Values] = {}
         for values in wanted:
             if key(values) not in self.asked and len(fresh) < self.left:
@@ -153,18 +159,18 @@ class _RunningExploration:
                 raise error
             one = future.result() if error is None else failed_candidate(missing[number], _as_exception(error))
             self.known[key(missing[number])] = one
-            # a lost process is not recorded, because with more memory the candidate may succeed
+            # do not report a candidate whose process died: with more memory it may succeed in a later exploration
             if not isinstance(error, WorkerDied):
                 self.found(one)
         return len(fresh)
 
     def made(self) -> tuple[Candidate, ...]:
-        """Return the candidates that were requested and tried, in order."""
+        """Return the tried candidates in the order of the requests."""
         return tuple(self.known[name] for name in self.asked if name in self.known)
 
 
 def key(values: Values) -> tuple[Any, ...]:
-    """Return a key that identifies the candidate with these values."""
+    """Return a hashable key that identifies the candidate with these values."""
     return tuple(sorted(values.items()))
 
 
@@ -187,11 +193,11 @@ def explore(
     base, space : the piece, and the variables and goals
     count : largest number of candidates
     executor : runs the tasks
-    progress : reports progress and raises Cancelled
+    progress : called with the fraction done; may cancel
     known : candidates of an earlier exploration, which are not tried again
     found : called with every new candidate
-    seed : another number tries other candidates
-    task : makes and measures the candidate with given values
+    seed : seed of the random numbers; different seeds try different candidates
+    task : function that makes and measures a candidate
 
     Raises
     ------
@@ -211,7 +217,7 @@ def explore(
         else:
             search.ask(_sobol_points(space, max(MIN_POPULATION, round(SOBOL_SHARE * count)), seed))
             _improve(search, seed)
-            search.ask(_sobol_points(space, 2 * count, seed))  # fills up if evolution ended early
+            search.ask(_sobol_points(space, 2 * count, seed))  # more points if evolution ended early
     except Cancelled:
         if not search.made():
             raise
@@ -220,17 +226,17 @@ def explore(
 
 
 def _sobol_points(space: Space, count: int, seed: int) -> Iterator[Values]:
-    """Return the values at the points of a Sobol sequence (Sobol 1967), scrambled (Owen 1998)."""
+    """Return the values of the variables at the points of a scrambled Sobol sequence (Sobol 1967, Owen 1998)."""
     from scipy.stats import qmc
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # it warns unless ``count`` is a power of two
+        warnings.simplefilter("ignore", UserWarning)  # scipy warns unless ``count`` is a power of two
         points = qmc.Sobol(len(space.variables), seed=seed).random(count)
     return map(space.values, points)
 
 
 def _improve(search: _RunningExploration, seed: int) -> None:
-    """Try batches of differential evolution until all candidates are spent, or batches bring nothing new."""
+    """Try generations of differential evolution until no candidates are left, or generations bring nothing new."""
     barren = turn = 0
     while search.left and barren < MAX_IDLE_BATCHES:
         new = search.ask(_next_generation(search, WEIGHTS[turn % len(WEIGHTS)], seed + turn))
@@ -239,7 +245,12 @@ def _improve(search: _RunningExploration, seed: int) -> None:
 
 
 def _next_generation(search: _RunningExploration, weight: float, seed: int) -> list[Values]:
-    """Return the values of the next generation, bred from the best candidates by one weight; scipy's objective is not evaluated."""
+    """Return the values of the next generation of differential evolution.
+
+    scipy breeds it from the best candidates; ``record`` catches the points, and no objective is evaluated.
+
+    weight : weight of the first minimised measure
+    """
     from scipy.optimize import differential_evolution
 
     space, known = search.space, search.made()
@@ -249,7 +260,7 @@ def _next_generation(search: _RunningExploration, weight: float, seed: int) -> l
     asked: list[list[np.ndarray]] = []
 
     def record(function: Any, places: Iterable[np.ndarray]) -> list[float]:
-        """Record the places that scipy evaluates: first the population, whose merits are known, then its offspring."""
+        """Record the points that scipy evaluates: first the population, whose merits are known, then its offspring."""
         asked.append([np.array(place) for place in places])
         return merits[order].tolist()
 
@@ -262,7 +273,7 @@ def _next_generation(search: _RunningExploration, weight: float, seed: int) -> l
 
 
 def _merits(space: Space, known: Sequence[Candidate], weight: float) -> Float[np.ndarray, " candidates"]:
-    """Return the merits that evolution minimises: the miss of the goals first, then the weighted ranks in both measures."""
+    """Return the objective of the evolution: shortfall from the goals first, then weighted ranks in both measures."""
     pairs = np.array([_minimised_pair(space, one) for one in known])
     first, second = (np.searchsorted(np.unique(column), column) / len(column) for column in pairs.T)
     missed = np.array([min(space.shortfall(one.measures), MAX_MISS) for one in known])
@@ -270,13 +281,13 @@ def _merits(space: Space, known: Sequence[Candidate], weight: float) -> Float[np
 
 
 def _minimised_pair(space: Space, one: Candidate) -> tuple[float, float]:
-    """Return both minimised measures of a candidate; infinite if not measured."""
+    """Return the two minimised measures of a candidate; infinite if missing."""
     first, second = (one.measures.get(name, np.inf) for name in space.minimised)
     return first, second
 
 
 def _as_exception(error: BaseException) -> Exception:
-    """Return an error of a task; raise it again if it ends the program, as KeyboardInterrupt does."""
+    """Return a task's error; raise it again if it should end the program, as KeyboardInterrupt does."""
     if not isinstance(error, Exception):
         raise error
     return error

@@ -1,4 +1,4 @@
-"""Store an exploration in a folder: a line for every candidate as it is tried, and at the end a table, a plot and pictures."""
+"""Store an exploration in a folder: a journal while it runs, and at the end a table, a plot and pictures."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from .candidate import Candidate, ExplorationInput
 from .explore import Exploration
 from .space import MEASURES, SECTIONS, Space
 
-JOURNAL_FILE = "tried.jsonl"  # JSON lines: the first identifies piece and variables, one follows for every candidate
+JOURNAL_FILE = "tried.jsonl"  # JSON lines: the first identifies piece and variables, then one line per candidate
 TABLE, REPORT, PLOT = "candidates.csv", "explore.json", "front.svg"
-AXIS_MARGIN = 0.08  # free space at both ends of an axis, as a share of its values' range; chosen by eye
+AXIS_MARGIN = 0.08  # free space at both ends of an axis, as a share of the range of its values
 
 
 class Folder:
-    """Folder of an exploration; ``known`` : candidates that are stored in it.
+    """Folder of an exploration; its attribute ``known`` has the candidates that are stored in it.
 
     Parameters
     ----------
-    path : made if it does not exist
-    base, space : piece and variables, which must be those of an exploration that is already there
-    guard : keeps the user's files in the folder
+    path : the folder, which is made if it does not exist
+    base, space : piece and variables; they must match an exploration that is already stored there
+    guard : protects the user's own files in the folder
 
     Raises
     ------
@@ -63,7 +63,7 @@ class Folder:
             self._stream = (self.path / JOURNAL_FILE).open("a", encoding="utf-8")
         except OSError as error:
             raise FlexMapsError(f"{self.path}: {files.describe_error(error)}") from None
-        self._append("" if not lines else "\n")  # ends a line that an earlier run has written by half
+        self._append("" if not lines else "\n")  # ends a line that an interrupted run may have left incomplete
         if not lines:
             self._append(json.dumps(mark) + "\n")
 
@@ -74,11 +74,11 @@ class Folder:
         self._stream.close()
 
     def add(self, one: Candidate) -> None:
-        """Append a candidate to the file."""
+        """Append a candidate to the journal."""
         self._append(json.dumps(vars(one)) + "\n")
 
     def write(self, made: Exploration) -> dict[str, Any]:
-        """Write the table, the report, the plot of the front and a picture of every candidate; return the report."""
+        """Write the table, the report, the plot of the front and every candidate's picture; return the report."""
         described, front = made.report(), made.front
         with files.write_all_atomically(
             self.path.glob("candidate-*.svg"), None if self.guard is None else self.path, self.guard
@@ -98,7 +98,7 @@ class Folder:
         return described
 
     def _append(self, text: str) -> None:
-        """Write text to the end of the file of candidates."""
+        """Append text to the journal and flush it."""
         try:
             self._stream.write(text)
             self._stream.flush()
@@ -107,23 +107,29 @@ class Folder:
 
 
 def refuse_to_replace(path: Path, guard: Guard) -> None:
-    """Raise FlexMapsError if an exploration in the folder ``path`` would replace files that ``guard`` keeps.
+    """Raise FlexMapsError if an exploration would replace files of the user in its folder.
 
     Parameters
     ----------
     path : folder of the exploration
-    guard : knows which files this program wrote
+    guard : tells the user's files from those that this program wrote
     """
     guard.check([*(path / name for name in (TABLE, REPORT, PLOT)), *path.glob("candidate-*.svg")], path)
 
 
 def escape_formula(value: Any) -> Any:
-    """Return a value for a table; texts that a spreadsheet would run as a formula get an apostrophe (owasp.org, CSV Injection)."""
+    """Put an apostrophe before a text that a spreadsheet would run as a formula (owasp.org, CSV Injection)."""
     return f"'{value}" if isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r")) else value
 
 
 def plot(made: Exploration, size: tuple[float, float] = (620, 420)) -> Drawing:
-    """Draw all candidates by the two minimised measures; those of the front are highlighted and numbered. size : pixels"""
+    """Plot all candidates by the two minimised measures; those on the Pareto front are highlighted and numbered.
+
+    Parameters
+    ----------
+    made : the exploration
+    size : width and height, pixels
+    """
     names = made.space.minimised
     drawing = Drawing("Candidates that were tried", *size)
     rows = [one for one in made.sound if set(names) <= one.measures.keys()]
@@ -139,13 +145,13 @@ def plot(made: Exploration, size: tuple[float, float] = (620, 420)) -> Drawing:
         if np.isfinite(here).all():
             number = made.candidates.index(one)
             drawing.add(Dots(here, 5.0, ACCENT if number == made.best else CURVE))
-            beside = 14 if turn % 2 else -6  # above and below in turn, so that numbers of neighbours do not overlap
+            beside = 14 if turn % 2 else -6  # alternately below and above, so that neighbouring numbers do not overlap
             drawing.add(Text((float(here[0, 0]) + 5, float(here[0, 1]) + beside), str(number), 11.5, INK))
     return drawing
 
 
 def _axis_range(values: np.ndarray) -> tuple[float, float]:
-    """Return the ends of an axis for these values."""
+    """Return the ends of a plot axis for these values, with a margin."""
     if not len(values):
         return 0.0, 1.0
     low, high = float(values.min()), float(values.max())
@@ -165,7 +171,7 @@ def _fingerprint(base: ExplorationInput) -> str:
 
 
 def _parse(line: str) -> Any:
-    """Return the content of a JSON line; None if it is damaged."""
+    """Parse a JSON line; return None if it is damaged."""
     try:
         return json.loads(line)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Run a whole exploration: on the cores of this machine or on a cluster, and stored in a folder if one is given."""
+"""Run a whole exploration on the cores of this machine or on a cluster, and store it in a folder if required."""
 
 from __future__ import annotations
 
@@ -34,18 +34,21 @@ def explore_piece(
     guard: Guard | None = None,
     progress: Progress = SILENT,
 ) -> Exploration:
-    """Try many candidates of a piece that has a layout.
+    """Try many variants of a piece that has a layout.
 
     Parameters
     ----------
-    results : pieces by the numbers of quads in ``question.quads``
-    settings, question : of the piece; the variables and goals
-    folder : gets the table, the plot and the pictures; candidates that are stored in it are not tried again
+    results : results of the piece with each number of quads in ``question.quads``
+    settings : settings of the piece
+    question : variables, goals and minimised measures
+    folder : folder for the journal, table, plot and pictures; candidates that are stored in it are not tried again
     candidates : largest number of candidates
-    scheduler, cores : address of a Dask cluster; else the number of this machine's cores, all by default
-    effort : share of the optimiser's patience that every candidate gets
-    seed : another number tries other candidates
-    guard : keeps the user's files in the folder
+    scheduler : address of a Dask cluster; default is this machine
+    cores : number of this machine's cores to use; default is all
+    effort : duration of a candidate's search, as a share of the optimiser's patience
+    seed : seed of the random numbers; different seeds try different candidates
+    guard : protects the user's own files in the folder
+    progress : called with the fraction done; may cancel
 
     Raises
     ------

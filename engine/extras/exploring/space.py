@@ -1,4 +1,4 @@
-"""The question that an exploration answers: variables with their ranges, goals, and the measures to minimise."""
+"""Search space of an exploration: variables with their ranges, goals, and the two measures to minimise."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ from ...params import SHOWN, Settings, values_in_shown_units, with_values
 from .explore_params import ExploreParams
 
 Values = dict[str, Any]
-SIZES = ("edge", "height", "quads")  # variables that are not settings: millimetres, millimetres, a number
+# variables that are not settings: median edge of the quads and height of the piece, mm, and number of quads
+SIZES = ("edge", "height", "quads")
 # sections of the settings that a candidate depends on
 SECTIONS = ("layout", "choose", "spiral", "sheet", "material", "simulate", "optimise")
-DIGITS = 4  # significant digits of values, short to read; of widths in mm they leave 1 um, finer than any cutter
-# measures of a candidate, with their labels and units for a plot
+DIGITS = 4  # significant digits of varied values; more: longer to read. Widths in mm are exact to 1 um
+# names of a candidate's measures, and their labels with units
 MEASURES = {
     "rms_percent": "RMS distance (%)",
     "max_percent": "Largest distance (%)",
@@ -36,13 +37,13 @@ MEASURES = {
     "cut_minutes": "Cutting (min)",
     "join_minutes": "Joining (min)",
 }
-MINIMISED = ("rms_percent", "strain_share")  # by default
+MINIMISED = ("rms_percent", "strain_share")  # default measures to minimise
 GOALS = ("rms_percent<=1", f"strain_share<={OVERSTRAIN_SHARE:.2g}")
 
 
 @dataclass(frozen=True)
 class Variable:
-    """Setting or size that is varied: between the numbers ``low`` and ``high`` in shown units, or among ``choices``."""
+    """A setting or size that is varied, between ``low`` and ``high`` (in users' units) or among ``choices``."""
 
     name: str
     low: float = 0.0
@@ -50,13 +51,13 @@ class Variable:
     choices: tuple[Any, ...] = ()
 
     def at(self, share: float) -> Any:
-        """Return the value at a number in [0, 1]."""
+        """Return the value at a position in [0, 1] of the range or of the choices."""
         if self.choices:
             return self.choices[min(int(share * len(self.choices)), len(self.choices) - 1)]
         return float(f"{self.low + share * (self.high - self.low):.{DIGITS}g}")
 
     def share(self, value: Any) -> float:
-        """Return a number in [0, 1] at which the variable has this value."""
+        """Return a position in [0, 1] at which the variable has this value; inverse of ``at``."""
         if self.choices:
             return (self.choices.index(value) + 0.5) / len(self.choices)
         return min(max((value - self.low) / (self.high - self.low), 0.0), 1.0)
@@ -64,14 +65,17 @@ class Variable:
 
 @dataclass(frozen=True)
 class Goal:
-    """Limit of a measure: the largest value if ``most``, else the smallest."""
+    """A limit of a measure: an upper limit if ``most``, else a lower limit."""
 
     measure: str
     limit: float
     most: bool = True
 
     def shortfall(self, measures: Mapping[str, float]) -> float:
-        """Return by how much the measures miss the goal, as a share of the limit; 0 if they meet it, infinite without the measure."""
+        """Return how far the measure is beyond its limit, as a share of the limit; 0 if the goal is met.
+
+        If the measure is missing, an upper limit is missed infinitely far, and a lower limit counts as met.
+        """
         value = measures.get(self.measure, math.inf)
         over = value - self.limit if self.most else self.limit - value
         return max(0.0, over / (abs(self.limit) or 1.0))
@@ -82,7 +86,7 @@ class Goal:
 
 @dataclass(frozen=True)
 class Space:
-    """Variables, goals and the two measures to minimise; raises FlexMapsError if they contradict each other."""
+    """Variables, goals and the two measures to minimise; raises FlexMapsError if they do not fit together."""
 
     variables: tuple[Variable, ...]
     goals: tuple[Goal, ...]
@@ -110,33 +114,33 @@ class Space:
         return next((v.choices for v in self.variables if v.name == "quads"), (0,))
 
     def values(self, place: Float[np.ndarray, " variables"]) -> Values:
-        """Return the values of all variables at a point of the unit cube."""
+        """Return the values of all variables, by name, at a point of the unit cube."""
         return {v.name: v.at(float(x)) for v, x in zip(self.variables, place, strict=True)}
 
     def place(self, values: Mapping[str, Any]) -> Float[np.ndarray, " variables"]:
-        """Return a point of the unit cube at which the variables have these values."""
+        """Return a point of the unit cube at which the variables have these values; inverse of ``values``."""
         return np.array([v.share(values[v.name]) for v in self.variables])
 
     def sweep(self, most: int) -> list[Values] | None:
-        """Return all combinations of the choices; None if there are more than ``most``, or a variable has no choices."""
+        """Return all combinations of choices; None if there are more than ``most``, or if a variable is continuous."""
         if not all(v.choices for v in self.variables) or math.prod(len(v.choices) for v in self.variables) > most:
             return None
         names = [v.name for v in self.variables]
         return [dict(zip(names, one, strict=True)) for one in product(*(v.choices for v in self.variables))]
 
     def shortfall(self, measures: Mapping[str, float]) -> float:
-        """Return the sum of the shares by which the goals are missed."""
+        """Return the sum of the shortfalls from all goals, see ``Goal.shortfall``."""
         return sum(goal.shortfall(measures) for goal in self.goals)
 
 
 def parse_variable(name: str, given: Any, settings: Settings) -> Variable:
-    """Return a variable from its name and range.
+    """Make a variable from its name and range.
 
     Parameters
     ----------
     name : one of ``SIZES``, or "section.setting"
-    given : "LOW:HIGH", "A,B,C", a pair of numbers, or a list of choices, in shown units
-    settings : of the piece
+    given : "LOW:HIGH", "A,B,C", a tuple of two numbers, or a list of choices, in the units shown to users
+    settings : settings of the piece
 
     Raises
     ------
@@ -171,7 +175,7 @@ def parse_variable(name: str, given: Any, settings: Settings) -> Variable:
 
 
 def parse_goal(text: str) -> Goal:
-    """Return a goal from "measure<=number" or "measure>=number"; raise FlexMapsError for any other text."""
+    """Parse a goal of the form "measure<=number" or "measure>=number"; raise FlexMapsError for any other text."""
     for sign in ("<=", ">="):
         measure, found, limit = text.partition(sign)
         if found:
@@ -183,13 +187,13 @@ def parse_goal(text: str) -> Goal:
 def make_space(
     vary: Mapping[str, Any], settings: Settings, goals: Sequence[str] = GOALS, minimised: Sequence[str] = MINIMISED
 ) -> Space:
-    """Return the question with these variables, goals and measures.
+    """Make the search space from variables, goals and measures.
 
     Parameters
     ----------
     vary : ranges by the names of variables, as in ``parse_variable``
-    settings : of the piece
-    goals : as in ``parse_goal``
+    settings : settings of the piece
+    goals : goals as in ``parse_goal``
     minimised : two names of ``MEASURES``
 
     Raises
@@ -202,7 +206,7 @@ def make_space(
     return Space(variables, tuple(parse_goal(text) for text in goals), (minimised[0], minimised[1]))
 
 
-# variable of every switch in ``ExploreParams``
+# variable that each switch of ``ExploreParams`` turns on
 SWITCH_VARIABLES = {
     "vary_thickness": "spiral.thickness",
     "vary_widths": "spiral.width_max",
@@ -214,12 +218,12 @@ SWITCH_VARIABLES = {
 
 
 def space_from_switches(params: ExploreParams, settings: Settings, edge: float) -> Space:
-    """Return the question of the sidebar's switches.
+    """Make the search space from the switches of the sidebar.
 
     Parameters
     ----------
     params : the switches, the factor between present and extreme values, and the goals
-    settings : of the piece
+    settings : settings of the piece
     edge : present median edge of the quads, millimetres
     """
     vary: dict[str, Any] = {"edge": (edge / params.ratio, edge * params.ratio)} if params.vary_size else {}
@@ -258,7 +262,12 @@ def _number(name: str, value: Any) -> float:
 
 
 def _refuse_wrong(name: str, f: Field[Any] | None, value: Any, settings: Settings) -> None:
-    """Raise FlexMapsError if a variable cannot have a value; conflicts with other settings become faults of candidates."""
+    """Raise FlexMapsError if a variable cannot have a value.
+
+    Conflicts with other settings are not found here; they become faults of candidates.
+
+    f : field of the setting; None for sizes
+    """
     if f is None:
         if not value > 0:
             raise FlexMapsError(f"{name}: {value:g} is not above 0")

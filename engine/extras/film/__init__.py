@@ -1,1 +1,1 @@
-"""Film of the assembly: unfinished pieces at rest, and panels that fly to their places and are joined seam by seam."""
+"""Film of the assembly: panels fly to their places and are joined seam by seam to an unfinished piece."""

@@ -1,9 +1,9 @@
 """Film of the assembly: panels fly from the table to their places and are joined seam by seam.
 
-The order is that of ``joining.steps``. After every few joints the joined part has its shape at rest (``unfinished_pieces``): an
-equilibrium of the panels present, floating and without weight. Between two stages hubs turn evenly, and joints closed
-in the first stay closed (``blend``). Arms are bent anew in every shape as in ``mechanics.arms.bent``; arms of a seam that is
-being closed gradually take up their final wrench, so that their tips meet as it closes.
+A step of the film adds one panel, in the order of ``joining.steps``. After every few joints the joined panels are in a
+stage (``unfinished_pieces``): their equilibrium, floating and without weight. Between two stages hubs turn evenly, and
+joints that are closed stay closed (``blend``). Arms are bent for each shape by ``mechanics.arms.bent``; arms at a seam
+that is being closed gradually take up their final wrench, so that their tips meet when it is closed.
 """
 
 from __future__ import annotations
@@ -29,28 +29,26 @@ from .blend import Blend, means
 from .flight import flight, lowest
 from .unfinished_pieces import Stages, UnfinishedPiece, find_stages, lying
 
-# durations of flight and of joining in steps, chosen by eye; the next panel flies during joining
+# durations of a panel's flight and of its joining, in steps of the film; the next panel flies during joining
 FLIGHT, CLOSING = 0.6, 0.9
-# distance outside its place at which a panel arrives, as a share of the piece's size; chosen by eye
+# distance from its place at which a panel's flight ends, as a share of the piece's size; larger: more visible joining
 HOVER = 0.15
-# shapes count as equal if no hub differs more, relative to its panel or across a joint, in quad edges or radians; not
-# measured
+# panels whose hubs move less than this keep their stored shape; quad edges or radians. Larger: fewer shapes
 SHAPE_TOLERANCE = 0.05
-# between stages a panel gets as many shapes, MOST at most, as keep its deviation from linear motion below this share of
-# an edge; by eye
+# largest deviation from linear motion between stored shapes, quad edges (smaller: smoother), and most shapes per stage
 STRAIGHT, MOST = 0.05, 8
-# maximum gap of tips between two stages, in quad edges, before the rest is distributed: smaller gaps are invisible
+# largest gap of joined tips between two stages, quad edges, before it is spread along the arms; smaller: slower
 TIP_GAP = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """Motion of one panel. Times are in steps.
+    """Motion of one panel: its shape and the position of its frame over time; times are in steps of the film.
 
-    vertices : its vertices in the film's mesh
-    shapes : in the panel's own frame, metres
-    shape_times, which : times, and the index of the shape at each
-    times, turns, places : times, and rotation and position (metres) of the panel's own frame
+    vertices : indices of its vertices in the film's mesh
+    shapes : vertex positions in the panel's own frame, metres
+    shape_times, which : times, and the index into ``shapes`` at each
+    times, turns, places : times, and the rotation and position (metres) of the panel's own frame at each
     """
 
     patch: int
@@ -75,12 +73,12 @@ class Actors(Protocol):
     def at_pose(
         self, pose: Pose, closed: np.ndarray, wrench: np.ndarray, only: np.ndarray, close: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the points (V, 3), metres, and the wrenches (A, 6) of the arms; arguments as for ``Bender.bend``."""
+        """Return points (V, 3), metres, and wrenches (A, 6) of the arms in a pose; arguments as for ``Bender.bend``."""
 
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """Panels with thickness and bending arms."""
+    """Objects of a film: panels with thickness and bending arms."""
 
     panels: PanelMesh
     bender: Bender
@@ -101,8 +99,8 @@ class Shots:
     """Tracks of all panels.
 
     tracks : one per panel, in the order of joining
-    length : in steps
-    stages, stage_times : shapes at rest of unfinished pieces, and when each is reached
+    length : duration, in steps
+    stages, stage_times : the unfinished pieces, and the time at which each is reached, in steps
     """
 
     tracks: tuple[Track, ...]
@@ -128,14 +126,14 @@ def film(
     progress: Progress = SILENT,
     tips: Sequence[Tip] = (),
 ) -> Film:
-    """Return the film of an assembly that ends in a pose, with the elastic model and solver of a simulation.
+    """Return the film of an assembly that ends in a given pose.
 
     Parameters
     ----------
     design, pose : spirals and panels, and the pose of all hubs at the end
-    table : initial position of the origin of every patch, parallel to the xy plane, metres
-    detail, tips : of the drawn panels, and the ends of arms with connectors
-    material, params : of the simulation
+    table : initial position of every patch's origin, metres; panels lie parallel to the xy plane
+    detail, tips : detail of the drawn panels, and arm ends with connectors
+    material, params : material, and elastic model and solver as in the simulation
     progress : called with the fraction done; may cancel
 
     Raises
@@ -156,7 +154,7 @@ def shoot(
     actors: Actors,
     progress: Progress = SILENT,
 ) -> Shots:
-    """Return the tracks of ``actors`` on the way through known stages.
+    """Return the tracks of ``actors`` from the table through all stages.
 
     Parameters
     ----------
@@ -164,6 +162,7 @@ def shoot(
     table : initial position of the origin of every patch, metres
     found : the stages
     actors : points to move
+    progress : called with the fraction done; may cancel
     """
     order = steps(design.flat.layout)
     shot = _Shooting(design, actors, table, float(np.linalg.norm(np.ptp(pose.centres, axis=0))))
@@ -181,7 +180,7 @@ Moment = tuple[float, np.ndarray, np.ndarray]
 
 @dataclass(eq=False)
 class _Reel:
-    """A track under construction."""
+    """A ``Track`` under construction."""
 
     patch: int
     vertices: np.ndarray
@@ -193,7 +192,7 @@ class _Reel:
     places: list[np.ndarray] = field(default_factory=list)
 
     def bend(self, before: float, time: float, shape: np.ndarray) -> None:
-        """Add a shape at a time; until ``before`` the last shape is kept."""
+        """Add a shape at ``time``; the panel keeps its last shape until ``before`` and then changes linearly."""
         if self.shapes and self.shape_times[-1] < before - 1e-9:
             self.shape_times.append(before)
             self.which.append(self.which[-1])
@@ -208,7 +207,7 @@ class _Reel:
         self.places.append(place)
 
     def shape(self, time: float) -> np.ndarray:
-        """Return the shape (n, 3), metres, at a time by linear interpolation."""
+        """Return the linearly interpolated shape (n, 3), metres, at a time."""
         after = int(np.searchsorted(self.shape_times, time))
         if after in (0, len(self.shape_times)):
             return self.shapes[self.which[min(after, len(self.which) - 1)]]
@@ -223,7 +222,7 @@ class _Reel:
 
 
 class _Shooting:
-    """State of the film while it is made: poses of all hubs, and the last recorded shape of every panel."""
+    """State of the film while it is made: the present pose of all hubs, and the last recorded shape of every panel."""
 
     def __init__(self, design: SpiralDesign, actors: Actors, table: np.ndarray, size: float):
         self.design, self.actors, self.size = design, actors, size
@@ -235,7 +234,7 @@ class _Shooting:
         self.middle = means(flat, self.patch)
         self.table, self.ground = table + self.middle, float(table[:, 2].min()) - 0.5 * design.params.thickness
         self.pose = Pose(flat - self.middle[self.patch], np.broadcast_to(np.eye(3), (count, 3, 3)).copy())
-        # flat panels: joints inside a panel are closed, and nothing is bent
+        # in the beginning all panels are flat: only joints inside a panel are closed, and no arm is bent
         self.inside = self.patch[self.pairs[:, 0]] == self.patch[self.pairs[:, 1]]
         self.inside &= ~design.flat.layout.cut[inner]
         self.closed = np.zeros(len(self.pairs), bool)
@@ -244,7 +243,7 @@ class _Shooting:
         owner = self.patch[actors.vertex_quad]
         self.reels = [_Reel(p, np.flatnonzero(owner == p)) for p in range(len(table))]
         self.flat_shapes = [flat_shape[reel.vertices] for reel in self.reels]
-        # hubs relative to their panels, as last recorded
+        # last recorded pose of every hub in the frame of its panel
         self.seen = Pose(self.pose.centres.copy(), self.pose.rotations.copy())
         # motion across joints when the panel on either side was last recorded
         self.over = np.zeros((len(self.pairs), 2, 6))
@@ -252,7 +251,7 @@ class _Shooting:
         self.lift = 0.0
 
     def fly(self, number: int, panel: int, first: UnfinishedPiece) -> None:
-        """Move a flat panel from the table to just outside its place in its first stage."""
+        """Record the flight of a flat panel from the table to just outside its place in the stage ``first``."""
         hubs = np.flatnonzero(self.patch == panel)
         there = self._with_stage(first)
         dock = lying(self.design, hubs, there)
@@ -271,19 +270,19 @@ class _Shooting:
         self.pose.centres[hubs], self.pose.rotations[hubs] = dock.centres + off, dock.rotations
         self.closed |= self.inside & (self.patch[self.pairs[:, 0]] == panel)
         for p in np.unique(self.patch[first.hubs]).tolist():
-            if p != panel:  # panels already there do not move until now
+            if p != panel:  # panels that are already joined stand still during the flight
                 held = self.reels[p]
                 held.move(number + FLIGHT, held.turns[-1], held.places[-1])
 
     def join(self, start: float, stages: list[UnfinishedPiece], progress: Progress) -> None:
-        """Go through the stages of a step at even intervals."""
+        """Move through the stages of a step, from the time ``start``, at even intervals."""
         long = CLOSING / len(stages)
         for k, stage in enumerate(stages):
             self._go_to_stage(start + k * long, long, stage, progress.part(k / len(stages), (k + 1) / len(stages)))
             self.stage_times.append(start + (k + 1) * long)
 
     def _go_to_stage(self, begin: float, long: float, stage: UnfinishedPiece, progress: Progress) -> None:
-        """Move from the present shape to that of a stage."""
+        """Record the motion from the present pose to a stage, which begins at ``begin`` and takes ``long`` steps."""
         end = self._with_stage(stage)
         blend = Blend.between(self.pose, end, self.pairs[self.closed], self.lever[self.closed])
         bending = self._bent_panels(end, stage)
@@ -311,15 +310,15 @@ class _Shooting:
         self.pose, self.closed, self.wrench = end, self.closed | stage.closed, wrench
 
     def _with_stage(self, stage: UnfinishedPiece) -> Pose:
-        """Return the pose of all hubs with those of a stage replaced."""
+        """Return the present pose of all hubs, with the hubs of a stage moved to the stage's pose."""
         out = Pose(self.pose.centres.copy(), self.pose.rotations.copy())
         out.centres[stage.hubs], out.rotations[stage.hubs] = stage.pose.centres, stage.pose.rotations
         return out
 
     def _pieces(self, blend: Blend) -> tuple[np.ndarray, np.ndarray]:
-        """Return two arrays (N,), powers of two: how many linear pieces approximate every panel's bending and motion.
+        """Return how many linear pieces approximate every panel's bending, and its motion: (N,) powers of two.
 
-        The path of a point is evenly curved: divided into n pieces, its deviation from straight lines falls to 1 / n^2.
+        Points move on evenly curved paths: with n pieces, the deviation from straight lines is 1 / n^2 as large.
         """
         poses = (blend.start, blend.at(0.5), blend.end)
         bending = np.zeros(len(self.reels))
@@ -332,7 +331,7 @@ class _Shooting:
         return np.minimum(shapes, MOST), np.minimum(ways, 2 * MOST)
 
     def _points(self, pose: Pose) -> np.ndarray:
-        """Return (F, 2, 3) two joints of every hub in its panel's frame, metres."""
+        """Return (F, 2, 3) two points of every hub, about where joints are, in its panel's frame, metres."""
         seen = self._relative_to_panels(pose)
         return seen.centres[:, None] + 0.5 * self.edge * np.swapaxes(seen.rotations[:, :, :2], 1, 2)
 
@@ -351,9 +350,9 @@ class _Shooting:
         return np.intersect1d(there, np.concatenate([other, self.patch[self.pairs][moved]]))
 
     def _move(self, moments: list[Moment], panels: list[int], stands: bool) -> None:
-        """Record the positions of panels over time, lifted above the table as needed.
+        """Record the positions of panels at several moments, lifted so that none goes below the table.
 
-        With ``stands`` the piece stands on the table in the end.
+        stands : whether the piece stands on the table at the last moment, unlifted
         """
         for time, turns, places in moments:
             low = min(float(places[p, 2] + lowest(self.reels[p].shape(time), turns[p])) for p in panels)
@@ -365,16 +364,16 @@ class _Shooting:
                 self.reels[p].move(time, turns[p], places[p] + [0.0, 0.0, self.lift])
 
     def _remember(self, end: Pose, bending: np.ndarray) -> None:
-        """Store a pose as last recorded for these panels."""
+        """Store a pose as the last recorded one of the panels ``bending``."""
         quads = np.isin(self.patch, bending)
         seen, over = self._relative_to_panels(end), self._across_joints(end)
         self.seen.centres[quads], self.seen.rotations[quads] = seen.centres[quads], seen.rotations[quads]
         self.over = np.where(quads[self.pairs][..., None], over[:, None], self.over)
 
     def _frames(self, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rotations (N, 3, 3) and positions (N, 3), metres, that fit the last recorded panels to a pose.
+        """Return the rotations (N, 3, 3) and positions (N, 3), metres, that fit the recorded panels to a pose.
 
-        Hubs are compared with their axes, because even hubs in a row define an orientation then.
+        Axes of hubs are fitted as well as centres, so that hubs in a row define an orientation too.
         """
         places = means(pose.centres, self.patch)
         spread = self.seen.centres[:, :, None] * (pose.centres - places[self.patch])[:, None]
@@ -382,18 +381,18 @@ class _Shooting:
         return nearest_rotation(means(spread.reshape(-1, 9), self.patch).reshape(-1, 3, 3)), places
 
     def _relative_to_panels(self, pose: Pose) -> Pose:
-        """Return the pose relative to the panels' frames."""
+        """Return the pose of every hub in the frame of its panel."""
         turns, places = self._frames(pose)
         back = np.swapaxes(turns, 1, 2)[self.patch]
         return Pose(matvec(back, pose.centres - places[self.patch]), back @ pose.rotations)
 
     def _across_joints(self, pose: Pose) -> np.ndarray:
-        """Return (m, 6) translation in quad edges and rotation across every joint."""
+        """Return (m, 6) the relative motion at every joint: translation, quad edges, and rotation, radians."""
         first, second = pose.rotations[self.pairs[:, 0]], pose.rotations[self.pairs[:, 1]]
         back, centres = np.swapaxes(first, 1, 2), pose.centres[self.pairs]
         return np.hstack([matvec(back, centres[:, 1] - centres[:, 0]) / self.edge, rotation_vector(back @ second)])
 
 
 def _deviation_from_line(start: np.ndarray, half: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return the distance (...) of the point half-way from the middle of the straight line, metres."""
+    """Return the distances, metres, of points ``half`` from the midpoints of ``start`` and ``end``."""
     return np.linalg.norm(half - 0.5 * (start + end), axis=-1)

@@ -1,4 +1,4 @@
-"""Poses between two poses that keep joints closed."""
+"""Interpolation between two poses that keeps joints closed."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from ...mechanics.vectors import matvec, rotation_matrix, rotation_vector
 class Blend:
     """Path from one pose (0) to another (1): hubs turn about fixed axes, and joined hubs move so that they stay joined.
 
-    part : connected part of every hub
-    pairs : hubs of the joints
-    lever : metres from both hubs to the joint
-    turns : rotation vectors in space from the first to the second pose
+    part : connected component of every hub
+    pairs : the two hubs of every joint
+    lever : vectors from both hubs to the joint, in the frames of the hubs, metres
+    turns : rotation vectors, in space, from the first to the second pose
     gaps : gap vectors of the joints in both poses, in the frame half-way between their hubs, metres
-    solve : returns shifts (n, 3) of the hubs that change the gaps by given vectors (m, 3), in the least squares sense
+    solve : least-squares solver: shifts (n, 3) of the hubs that change the gaps by given vectors (m, 3)
     """
 
     start: Pose
@@ -38,7 +38,13 @@ class Blend:
 
     @classmethod
     def between(cls, start: Pose, end: Pose, pairs: np.ndarray, lever: np.ndarray) -> Blend:
-        """Return the path between two poses of hubs with joints ``pairs`` that stay closed."""
+        """Return the path between two poses of the same hubs.
+
+        Parameters
+        ----------
+        start, end : the poses
+        pairs, lever : joints that stay closed: their two hubs, and vectors (m, 2, 3) from these to the joint, metres
+        """
         count, ones, rows = len(start.centres), np.ones(len(pairs)), np.arange(len(pairs))
         graph = sparse.coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), (count, count)).tocsr()
         part = csgraph.connected_components(graph, directed=False)[1]
@@ -50,7 +56,7 @@ class Blend:
                 for pose in (start, end)
             ]
         )
-        # joints connect the hubs, and a weak spring holds each in place
+        # least squares over the joints' gaps; a weak spring on every hub makes the matrix regular
         ends = sparse.coo_matrix(
             (np.concatenate([ones, -ones]), (np.tile(rows, 2), np.concatenate([pairs[:, 1], pairs[:, 0]]))),
             (len(pairs), count),
@@ -59,7 +65,7 @@ class Blend:
         return cls(start, end, part, pairs, lever, turns, gaps, lambda wanted: solver.solve(ends.T @ wanted))
 
     def at(self, share: float) -> Pose:
-        """Return the pose at a share of the path."""
+        """Return the pose at a fraction of the path, from 0 to 1."""
         centres = (1.0 - share) * self.start.centres + share * self.end.centres
         here = Pose(centres, rotation_matrix(share * self.turns) @ self.start.rotations)
         left = (1.0 - share) * self.gaps[0] + share * self.gaps[1]
@@ -70,25 +76,25 @@ class Blend:
 
 
 def means(points: Float[np.ndarray, "hubs k"], part: Int[np.ndarray, " hubs"]) -> Float[np.ndarray, "parts k"]:
-    """Return the mean of the points of every part."""
+    """Return the mean of the points in every part, (parts, k)."""
     count = np.bincount(part)
     return np.stack([np.bincount(part, x) for x in points.T], axis=1) / np.maximum(count, 1)[:, None]
 
 
 def _gap(pose: Pose, pairs: np.ndarray, lever: np.ndarray) -> np.ndarray:
-    """Return (m, 3) the vectors from a joint as the first hub carries it to the joint as the second carries it, metres."""
+    """Return (m, 3) the gap vector of every joint, metres: from the first hub's end to the second hub's."""
     ends = pose.centres[pairs] + (pose.rotations[pairs] @ lever[..., None])[..., 0]
     return ends[:, 1] - ends[:, 0]
 
 
 def _half_way_frames(pose: Pose, pairs: np.ndarray) -> np.ndarray:
-    """Return (m, 3, 3) the frames half-way between two hubs."""
+    """Return (m, 3, 3) the rotation half-way between the two hubs of every joint."""
     first, second = pose.rotations[pairs[:, 0]], pose.rotations[pairs[:, 1]]
     return first @ rotation_matrix(0.5 * rotation_vector(np.swapaxes(first, 1, 2) @ second))
 
 
 def _unwind(turns: np.ndarray, graph: sparse.csr_matrix, part: np.ndarray) -> np.ndarray:
-    """Return equivalent rotation vectors (n, 3) that change little between neighbours, so that rolled panels unroll."""
+    """Add whole turns to rotation vectors (n, 3) so that neighbours differ little, and rolled panels unroll."""
     out = turns.copy()
     size = np.linalg.norm(turns, axis=1)
     if size.max(initial=0.0) < 0.5 * np.pi:  # no rotation vector is ambiguous

@@ -1,4 +1,4 @@
-"""Flight of a loose panel: from the table in an arc, turning, to the place where it is joined."""
+"""Flight of a loose panel in an arc from the table to the place where it is joined."""
 
 from __future__ import annotations
 
@@ -7,19 +7,21 @@ import numpy as np
 from ...arrays import Float
 from ...mechanics.vectors import rotation_matrix, rotation_vector
 
-WAYPOINTS = 9  # points of the arc, joined by straight motion; chosen by eye
+WAYPOINTS = 9  # points of the arc, joined by straight motion; more: smoother
 
 
 def flight(
     table: Float[np.ndarray, " 3"], place: Float[np.ndarray, " 3"], turn: Float[np.ndarray, "3 3"],
     size: float, shape: Float[np.ndarray, "vertices 3"], ground: float,
 ) -> tuple[Float[np.ndarray, " times"], Float[np.ndarray, "times 3 3"], Float[np.ndarray, "times 3"]]:  # fmt: skip
-    """Return shares of the time from 0 to 1, and turns and positions (metres) of a panel's frame.
+    """Return a panel's flight: fractions of the time, 0 to 1, and rotation and position (metres) of its frame at each.
 
-    table : initial position; its frame is parallel to the world's
-    place, turn : destination
-    size : of the whole piece, metres
-    shape : panel in its own frame, metres
+    Parameters
+    ----------
+    table : initial position, metres; the frame is parallel to the world's there
+    place, turn : final position, metres, and rotation
+    size : size of the whole piece, metres
+    shape : vertices of the panel in its own frame, metres
     ground : height above which the panel stays, metres
     """
     share = np.linspace(0.0, 1.0, WAYPOINTS)
@@ -32,5 +34,5 @@ def flight(
 
 
 def lowest(shape: Float[np.ndarray, "vertices 3"], turns: Float[np.ndarray, "... 3 3"]) -> np.ndarray:
-    """Return the height of a shape's lowest point above its origin after each turn, metres; negative below."""
+    """Return the height, metres, of a shape's lowest point above its origin after each rotation; negative if below."""
     return (turns[..., 2, :] @ shape.T).min(axis=-1)

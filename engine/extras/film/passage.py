@@ -1,4 +1,4 @@
-"""Film of the hubs alone: how panels come together, for renderers that bend the arms themselves (``skin``)."""
+"""Film of the hubs alone: their motion during the assembly, for renderers that bend the arms themselves (``skin``)."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from .unfinished_pieces import at_once, find_stages
 
 @dataclass(frozen=True, eq=False)
 class Hubs:
-    """Actors of a film with three points per hub: its centre, and a point ``reach`` metres along each in-plane axis."""
+    """Hubs as objects of a film, by three points each: the centre, and one ``reach`` along each in-plane axis."""
 
     design: SpiralDesign
 
     @property
     def reach(self) -> float:
-        """Metres from the centre to the axis points, about as far as the joints.
+        """Distance from the centre to the axis points, metres: about as far as the joints.
 
-        So the points stand for a whole panel, none of which may go below the table.
+        So the points cover the whole panel, which must not go below the table.
         """
         return 0.5 * self.design.flat.layout.mesh.median_edge
 
@@ -61,16 +61,16 @@ def shots(
     *,
     resting: bool,
 ) -> Shots:
-    """Return the film of hubs.
+    """Return the film of the hubs.
 
     Parameters
     ----------
-    hubs : actors
+    hubs : the hubs of a design
     pose : their final pose
-    table : positions of the panels at the beginning, metres
-    material, params : for unfinished pieces at rest
-    progress : reports and cancels
-    resting : whether unfinished pieces are brought to rest; otherwise every panel has its final shape on arrival
+    table : initial position of every patch's origin, metres
+    material, params : material, elastic model and solver for the equilibria of unfinished pieces
+    progress : called with the fraction done; may cancel
+    resting : whether to compute these equilibria; otherwise every panel has its final shape when it arrives
 
     Raises
     ------
@@ -82,7 +82,9 @@ def shots(
 
 
 def closings(design: SpiralDesign, shots: Shots) -> Float[np.ndarray, "joints 2"]:
-    """Return when every inner joint begins to close and is closed, in steps; joints inside a panel always are.
+    """Return (m, 2) the times, in steps, at which every inner joint begins to close and is closed.
+
+    Joints inside a panel are closed from the beginning: their times are negative.
 
     Parameters
     ----------

@@ -1,14 +1,13 @@
-"""Unfinished pieces: the shapes at rest of the panels joined so far.
+"""Unfinished pieces: equilibrium shapes of the panels joined so far.
 
-A stage is a static equilibrium of the elastic model of the whole piece without its open joints; every other joint is as
-in the finished piece. Pieces float freely, without weight, supports or forces, and each is placed to fit its position
-in the finished piece best. A loose panel is flat.
+A stage is a static equilibrium of the whole piece's elastic model without the joints that are still open. The piece
+floats freely, without weight, supports or forces, and is placed rigidly to fit its position in the finished piece best.
+A loose panel is flat.
 
 The stages are computed backwards. The finished piece is taken apart joint by joint in the reverse order of
 ``joining.steps``, and after some joints the rest relaxes from its last shape: nothing has to be pulled together, and
-energy only decreases. Where a part springs open too far for the solver, such as a ring, the opened joints are weakened
-gradually first. If an unfinished piece could rest in several shapes, this is the shape from which the finished piece is
-reached.
+energy only decreases. Where a part, such as a ring, springs open too far for the solver, the opened joints are first
+weakened gradually. If an unfinished piece has several equilibria, this finds the one that leads to the finished piece.
 """
 
 from __future__ import annotations
@@ -32,24 +31,24 @@ from ...simulation.simulate import build_model
 from ...spirals.design import SpiralDesign
 from ...surface.checking.finding import with_count
 
-# approximate number of stages in which a panel is joined, at least one per seam; by eye
+# approximate number of stages in which a panel is joined, at least one per seam; larger: smoother film, more time
 PARTS = 3
-# shares of stiffness for gradual opening; joints are far stiffer in translation than in rotation, hence many decades
+# factors on the stiffness of joints that open gradually: many decades, because translation is far stiffer than rotation
 WEAKER = 10.0 ** -np.arange(1.0, 13.0)
 
 
 @dataclass(frozen=True, eq=False)
 class UnfinishedPiece:
-    """Unfinished piece after some joints, at rest.
+    """Equilibrium of an unfinished piece.
 
     step : index of the step of ``joining.steps`` in which its last panel arrives
-    seam : name of its last seam, empty before the first
+    seam : name of the seam closed last, empty before the first
     hubs : spirals of its panels
-    closed : by inner edge, whether its joint is closed
-    share : of the step's joints that are closed
-    pose : of the hubs, fitted to their places in the finished piece
-    energy : of the elastic model, J
-    whole : whether it is a finished body, whose pose is given
+    closed : (m,) whether the joint at each inner edge is closed
+    share : share of the step's joints that are closed
+    pose : pose of the hubs, fitted to their positions in the finished piece
+    energy : elastic energy, J
+    whole : whether it is a finished body, in the final pose
     solved : whether it is an equilibrium; otherwise it has the shape of the next equilibrium
     """
 
@@ -68,8 +67,8 @@ class UnfinishedPiece:
 class Stages:
     """All stages of a piece.
 
-    all : in the order of assembly
-    skipped : names of panel and seam of stages without equilibrium
+    all : the stages in the order of assembly
+    skipped : names of panel and seam of the stages without an equilibrium
     """
 
     all: tuple[UnfinishedPiece, ...]
@@ -79,12 +78,13 @@ class Stages:
 def find_stages(
     design: SpiralDesign, pose: Pose, material: Material, params: SimulateParams, progress: Progress = SILENT
 ) -> Stages:
-    """Compute all stages of a piece; the given pose of its hubs is the last stage of every body.
+    """Compute all stages of a piece; the final pose of the hubs is the last stage of every body.
 
     Parameters
     ----------
-    design, pose : spirals, and the pose of their hubs at rest
-    material, params : elastic model and solver; weight and other shapes are ignored
+    design, pose : spirals, and the final pose of their hubs
+    material, params : material, elastic model and solver; weight and restarts are ignored
+    progress : called with the fraction done; may cancel
 
     Raises
     ------
@@ -110,7 +110,7 @@ def find_stages(
 
 
 def at_once(design: SpiralDesign, pose: Pose) -> Stages:
-    """Return stages without equilibria: every panel has its final shape on arrival, with all seams closed.
+    """Return stages without equilibria: every panel arrives in its final shape, and all its seams are closed at once.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def at_once(design: SpiralDesign, pose: Pose) -> Stages:
 
 
 class _Disassembly:
-    """State of the piece while it is taken apart."""
+    """State of the piece while it is taken apart, from the last stage to the first."""
 
     def __init__(self, design: SpiralDesign, pose: Pose, model: ElasticModel, params: SimulateParams):
         self.design, self.layout, self.end, self.model, self.params = design, design.flat.layout, pose, model, params
@@ -144,7 +144,14 @@ class _Disassembly:
         self.skipped: list[tuple[str, str]] = []
 
     def stage(self, number: int, k: int, progress: Progress) -> UnfinishedPiece | None:
-        """Return the stage after the batches up to ``k`` of a step, or None; then open batch ``k``."""
+        """Return the stage after batches 0 to ``k`` of a step, or None if it has no equilibrium; then open batch ``k``.
+
+        Parameters
+        ----------
+        number : index of the step
+        k : index of the batch of joints within the step
+        progress : called with the fraction done; may cancel
+        """
         step, batches_ = self.order[number], self.batches[number]
         body, last = self.bodies[step.panel], k >= len(batches_) - 1
         patches = [p for p in step.there if self.bodies[p] == body]
@@ -163,7 +170,7 @@ class _Disassembly:
             made = self._relax(here, step.panel, progress)
             if made is None:
                 self.skipped.append((panel_name(number + 1), seam))
-                # the panel needs something to be joined to
+                # the next panel needs a shape to be joined to, so the last stage of a step is never left out
                 made = self._with_energy(replace(here, solved=False)) if last else None
         if made is not None:
             self.now.centres[hubs], self.now.rotations[hubs] = made.pose.centres, made.pose.rotations
@@ -173,16 +180,19 @@ class _Disassembly:
         return made
 
     def _with_energy(self, here: UnfinishedPiece) -> UnfinishedPiece:
-        """Return the stage with the energy of its pose."""
+        """Return the stage with the elastic energy of its pose filled in."""
         part = self._model(here)
         return replace(here, energy=part.energy(part.start(here.pose)))
 
     def _model(self, here: UnfinishedPiece) -> ElasticModel:
-        """Return the elastic model of a stage."""
+        """Return the elastic model of a stage: its hubs and closed joints."""
         return self.model.part(here.hubs, np.flatnonzero(here.closed))
 
     def _relax(self, here: UnfinishedPiece, panel: int, progress: Progress) -> UnfinishedPiece | None:
-        """Return the stage at rest; None without equilibrium."""
+        """Return the stage at equilibrium; None if the solver does not converge.
+
+        panel : the panel that is being joined
+        """
         loads, quiet = Loads.for_spirals(len(here.hubs)), progress.quiet()
         found = solve(self._model(here), here.pose, loads, self.params, quiet)
         if not found.converged:
@@ -195,24 +205,30 @@ class _Disassembly:
             found = solve(self._model(here), pose, loads, self.params, quiet)
         if not found.converged:
             return None
-        # a panel held by few joints counts little for the position of the piece
+        # a panel that few joints hold counts little when the piece is fitted to its final position
         weight = np.where(self.layout.patch_of[here.hubs] == panel, here.share, 1.0)
         pose = _fit_rigidly(found.pose, self.end.part(here.hubs), weight, 0.5 * self.layout.mesh.median_edge)
         return replace(here, pose=pose, energy=found.energy)
 
 
 def lying(design: SpiralDesign, hubs: Int[np.ndarray, " hubs"], there: Pose) -> Pose:
-    """Return hubs of one panel, flat, fitted to their places in a pose of all hubs."""
+    """Return the pose of one panel's hubs if the panel is flat, fitted rigidly to a pose of all hubs.
+
+    Parameters
+    ----------
+    design : the spirals
+    hubs : hubs of the panel
+    there : pose of all hubs
+    """
     centres = np.c_[design.arms.centre[hubs], np.zeros(len(hubs))]
     flat = Pose(centres, np.broadcast_to(np.eye(3), (len(hubs), 3, 3)))
     return _fit_rigidly(flat, there.part(hubs), np.ones(len(hubs)), 0.5 * design.flat.layout.mesh.median_edge)
 
 
 def _fit_rigidly(pose: Pose, there: Pose, weight: np.ndarray, reach: float) -> Pose:
-    """Move a pose rigidly so that hubs with weights (n,) come closest to those of another pose.
+    """Move a pose rigidly to fit another pose best, with weights (n,) of the hubs.
 
-    The ends of the hubs' axes, ``reach`` metres long, are compared, because even hubs in a row define an orientation
-    then.
+    Axes of the hubs, ``reach`` metres long, are fitted as well, so that hubs in a row define an orientation too.
     """
     share = weight / weight.sum()
     own, aim = share @ pose.centres, share @ there.centres
@@ -223,7 +239,7 @@ def _fit_rigidly(pose: Pose, there: Pose, weight: np.ndarray, reach: float) -> P
 
 
 def _bodies(layout: PatchLayout) -> np.ndarray:
-    """Return (N,) the body of every patch."""
+    """Return (N,) the connected body of every patch: an index that patches joined by seams have in common."""
     body = np.arange(len(layout.patches))
     for edges in layout.seams:
         one, two = body[layout.patch_of[layout.mesh.edge_quads[edges[0]]]]
@@ -231,14 +247,20 @@ def _bodies(layout: PatchLayout) -> np.ndarray:
     return body
 
 
-# -- joints in the order in which they are closed --------------------------------------------------------------------------
+# -- joints in the order in which they are closed
+# --------------------------------------------------------------------------
 
 
 def batches(layout: PatchLayout, step: Step) -> list[tuple[str, Int[np.ndarray, " _"]]]:
-    """Return the joints (indices of inner edges) that a step closes in turn, with the names of their seams.
+    """Return the batches of joints that a step closes one after another: name of the seam, and indices of inner edges.
 
     Seams within the panel come last, because nothing holds the panel before the others; along a seam, joints are closed
     from the end where the panel is already joined.
+
+    Parameters
+    ----------
+    layout : mesh and cuts
+    step : the step
     """
     mesh = layout.mesh
     joint = np.cumsum(~mesh.border) - 1

@@ -1,1 +1,1 @@
-"""Live pieces: after every change, the equilibrium is solved again, step by step, from the last one."""
+"""Live pieces: after every change the equilibrium is solved again in small steps, from the present pose."""

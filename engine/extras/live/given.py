@@ -1,4 +1,4 @@
-"""Input of a live piece: all that its shape depends on, as plain arrays and settings that can be sent between processes."""
+"""Input of a live piece: all data on which its shape depends, as arrays and settings that processes can exchange."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from ...params import LayoutParams, SimulateParams, SpiralParams
 class LiveInput:
     """Input of a live piece.
 
-    vertices, corners, sizes : as in ``PolygonMesh``, metres
-    seams : whether each edge is to be cut, in the engine's order of edges
+    vertices, corners, sizes : the target mesh as in ``PolygonMesh``, metres
+    seams : whether each edge should be cut, in the order of the edges in ``QuadMesh``
     cut : whether each edge was cut when the stored flat patches were made
-    flat : flat corners of these patches, each in its patch's frame, metres
-    energy : distortion of every quad when they were made; a difference shows where vertices have moved since
-    width, twist : of the spirals, metres and radians
+    flat : corners of the stored flat quads, in the frame of their patch, metres
+    energy : distortion of every quad when they were made; where it differs now, vertices have moved since
+    width, twist : widths of the arms, metres, and twists of the spirals, radians
     spiral, layout, material, simulate : settings and material
-    supports : quads that are held at their places in the target, or None
+    supports : indices of quads that are held at their places in the target, or None
     force : forces on the quads, newtons, or None
     """
 
@@ -52,7 +52,7 @@ class LiveInput:
 
     @property
     def mark(self) -> bytes:
-        """Hash of all fields."""
+        """Hash of all fields, which identifies the input."""
         digest = hashlib.blake2b(digest_size=16)
         for one in fields(self):
             value = getattr(self, one.name)
@@ -62,7 +62,7 @@ class LiveInput:
 
 
 def equal_inputs(one: Any, two: Any) -> bool:
-    """Return whether two values are equal, arrays included."""
+    """Return whether two values are equal; arrays are compared by shape and elements."""
     if isinstance(one, np.ndarray) and isinstance(two, np.ndarray):
         return one.shape == two.shape and bool((one == two).all())
     if isinstance(one, np.ndarray) or isinstance(two, np.ndarray):

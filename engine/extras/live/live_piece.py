@@ -1,4 +1,4 @@
-"""A piece that is solved again after every change, from its present pose; the next change can interrupt at any step."""
+"""A piece whose equilibrium is solved again after every change, from its present pose; a new change can interrupt."""
 
 from __future__ import annotations
 
@@ -19,16 +19,14 @@ from ...threads import one_thread
 from .given import LiveInput
 from .rig import LiveState
 
-# residual at which a live piece counts as at rest; larger values save steps and are less exact: brush strokes on domes of 400
-# to 2,400 spirals end within 1e-4 mm, one step earlier than with a tolerance of 1e-10
+# relative residual at which a live piece counts as at rest; larger: fewer steps, less exact (1e-4 mm on domes)
 TOLERANCE = 1e-5
-SLICE = 0.015  # computing time before ``advance`` returns a shape, seconds; a frame at 60 Hz has 16 ms
-# a motion beyond JUMP is a suspected snap; it is confirmed if the shape stays farther than AWAY from the earlier one after the
-# change is undone. Unit: mean distance of neighbours; AWAY is as in ``equilibrium.other_minima``
+SLICE = 0.015  # computing time before ``advance`` returns a shape, seconds; larger: fewer frames per second
+# A motion beyond JUMP may be a snap; it is a snap if the shape stays farther than AWAY from the earlier shape when the
+# change is undone. Unit: mean distance of neighbouring hubs; larger: fewer snaps are reported
 JUMP, AWAY = 1.0, 0.1
-RETURN_STEPS = 60  # most Newton steps for the return to the earlier shape; pieces that return need 5 to 60
-# number of stored poses at rest, so that undo and redo are immediate; each takes a quarter of a megabyte for 2,400 spirals
-STORED_POSES = 24
+RETURN_STEPS = 60  # largest number of Newton steps for the return to the earlier shape; pieces that return need 5 to 60
+STORED_POSES = 24  # number of stored equilibria for immediate undo and redo; larger: more memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +34,12 @@ class LiveEquilibrium:
     """Present shape of a live piece.
 
     vertices : vertices of the target, moved with the hubs, metres; None before the first shape
-    centres : of the hubs, metres; None before the first shape
-    quads : vertex indices
-    distance : of every hub from its quad's centre in the target, metres
-    resting : whether all work is done
-    converged : whether the piece rests in a minimum
-    problem : why the last change has no shape; "" if it has one
+    centres : centres of the hubs, metres; None before the first shape
+    quads : vertex indices of the quads
+    distance : distance of every hub from its quad's centre in the target, metres
+    resting : whether no work is left
+    converged : whether the piece is at an equilibrium
+    problem : why there is no equilibrium after the last change, else ""
     snapped : largest motion of a spiral if the piece snapped, millimetres, else 0
     """
 
@@ -62,45 +60,45 @@ class LiveEquilibrium:
 
 @dataclass(frozen=True, eq=False)
 class RigPose:
-    """A rig and a pose of its hubs."""
+    """State of a live piece (``LiveState``) with a pose of its hubs."""
 
     rig: LiveState
     pose: Pose
 
     @property
     def aligned_pose(self) -> Pose:
-        """The pose, aligned with the target as far as supports allow."""
+        """The pose, aligned with the target by a rigid motion as far as supports allow."""
         return self.rig.align(self.pose)
 
     def settling(self) -> Generator[Any, None, Equilibrium]:
-        """Return a generator that steps to the equilibrium and returns it."""
+        """Return a generator that makes one solver step at a time and finally returns the equilibrium."""
         rig, physics = self.rig, self.rig.given.simulate
         coarse = replace(physics, tolerance=max(physics.tolerance, TOLERANCE))
         return solve_stepwise(rig.model, self.pose, rig.loads, coarse, system=rig.system)
 
 
 class LivePiece:
-    """Piece that follows changes: call ``change`` at any time, and ``advance`` until the shape rests."""
+    """Piece whose shape follows changes: call ``change`` at any time, and ``advance`` until ``resting`` is True."""
 
     def __init__(self) -> None:
         self._given: LiveInput | None = None
         self._now: RigPose | None = None
-        self._rest: RigPose | None = None  # last equilibrium
+        self._rest: RigPose | None = None  # last equilibrium, before the present change
         self._work: Generator[None, None, None] | None = None  # remaining work
-        # poses at rest by ``LiveInput.mark``, the latest last
+        # equilibrium poses by ``LiveInput.mark``, the latest last
         self._rest_poses: OrderedDict[bytes, Pose] = OrderedDict()
-        self._refusal = ""  # why the last change makes no valid piece
+        self._refusal = ""  # why no valid piece results from the last change
         self._problem = ""  # why no equilibrium was found
         self._snapped = 0.0
 
     @one_thread
     def change(self, changes: dict[str, Any], start: Pose | None = None) -> None:
-        """Apply changes of the input; if they make no valid piece, keep the present one and report why in ``advance``.
+        """Apply changes of the input; if no valid piece results, keep the present one, and ``advance`` reports why.
 
         Parameters
         ----------
-        changes : changed fields of ``LiveInput``
-        start : pose at rest of a new piece
+        changes : changed fields of ``LiveInput``; all fields the first time
+        start : equilibrium pose of a new piece, if known
         """
         self._given = LiveInput(**changes) if self._given is None else replace(self._given, **changes)
         stored, old = self._rest_poses.get(self._given.mark), self._now
@@ -113,14 +111,14 @@ class LivePiece:
             return
         if old is not None and old.rig.mesh.quads is not rig.mesh.quads:
             self._rest_poses, self._rest = OrderedDict(), None
-        # a stored pose needs no transformation: equal input has equal flat frames
+        # a stored pose needs no transformation, because equal inputs have equal flat frames
         self._now = RigPose(rig, pose if stored is None else stored)
         self._refusal, self._problem, self._snapped = "", "", 0.0
         self._work = self._solve(stored is not None)
 
     @one_thread
     def advance(self) -> LiveEquilibrium:
-        """Compute some steps towards rest and return the shape after them."""
+        """Compute steps towards the equilibrium for about ``SLICE`` seconds and return the shape after them."""
         began = time.perf_counter()
         try:
             while self._work is not None and time.perf_counter() - began < SLICE:
@@ -131,7 +129,10 @@ class LivePiece:
         return self._shape()
 
     def _solve(self, known: bool) -> Generator[None, None, None]:
-        """Do all work after a change, in small parts; ``known`` : the piece rested like this before, so that no snap is reported."""
+        """Do all work after a change in small parts.
+
+        known : whether this input had an equilibrium before, so that no snap is reported
+        """
         assert self._now is not None
         while True:
             equilibrium = yield from self._settle()
@@ -140,7 +141,7 @@ class LivePiece:
                 return
             if not self._now.rig.refinable:
                 break
-            # refine last, so that the first shapes appear soon
+            # refine only now, so that the first shapes appear soon
             self._now = RigPose((yield from self._now.rig.refine()), equilibrium.pose)
         self._snapped = 0.0 if known else (yield from self._measure_snap())
         self._rest = self._now
@@ -151,7 +152,7 @@ class LivePiece:
             self._rest_poses.popitem(last=False)
 
     def _settle(self) -> Generator[None, None, Equilibrium]:
-        """Step to the equilibrium of the present rig, and update the present pose at every step."""
+        """Solve the equilibrium in steps, and update the present pose after every step."""
         assert self._now is not None
         rig, steps = self._now.rig, self._now.settling()
         while True:
@@ -163,13 +164,13 @@ class LivePiece:
             yield
 
     def _fall_back(self, why: str) -> None:
-        """Stop working, and return to the last equilibrium."""
+        """Stop working and return to the last equilibrium; ``why`` is the problem to report."""
         self._problem, self._work = why, None
         if self._rest is not None:
             self._now = self._rest
 
     def _measure_snap(self) -> Generator[None, None, float]:
-        """Return the largest motion of a spiral in millimetres if the piece snapped, else 0.
+        """Return the largest motion of a spiral, millimetres, if the piece snapped, else 0.
 
         A piece has snapped if a spiral moved far and does not return when the change is undone.
         """
@@ -196,7 +197,7 @@ class LivePiece:
         return 1e3 * moved if away > AWAY * now.rig.unit else 0.0
 
     def _shape(self) -> LiveEquilibrium:
-        """Return the present shape."""
+        """Return the present shape for the display."""
         problem = self._refusal or self._problem
         if self._now is None:
             return LiveEquilibrium(None, None, resting=True, problem=problem)

@@ -1,8 +1,8 @@
 """Model, loads and mesh of a live piece, built from its input; parts that a change does not affect are reused.
 
-A change rebuilds the patches with changed seams or vertices, and the joints with changed spirals or rest geometry. If there
-are many changed joints, two slow and less important parts stay approximate at first: the second order of the strains and the
-weights of the spirals. ``LiveState.refine`` computes them when the piece has come to rest.
+A change rebuilds the patches whose seams or vertices changed, and the joints whose spirals or rest geometry changed. If
+many joints changed, two slow and less important parts are approximate at first: the second-order strains and the
+weights of the spirals. ``LiveState.refine`` computes them when the piece is at equilibrium.
 """
 
 from __future__ import annotations
@@ -30,21 +30,21 @@ from ...surface.checking import check
 from ...surface.mesh import PolygonMesh, QuadMesh
 from .given import LiveInput, equal_inputs
 
-# joints whose second order of strains is computed in one step: 15 ms of a usual core; larger values make live shapes jerky
+# number of joints whose second-order strains are computed in one step (15 ms); larger: the live shape is jerky
 BATCH = 500
-# tolerance for stored distortions, absolute and relative, because .blend files store single precision
+# absolute and relative tolerance of stored distortions, which .blend files keep in single precision
 ROUNDING = (1e-4, 0.02)
 
 
 @dataclass(frozen=True, eq=False)
 class LiveState:
-    """All data that solving for the equilibrium of a piece needs.
+    """All data that are needed to solve for the equilibrium of a live piece.
 
     given : the input
-    mesh, flat, assembly, model : target, flat patches, spirals and joints, elastic model
+    mesh, flat, assembly, model : target, flat patches, spirals with joints, and elastic model
     aim : pose of the hubs on the target
     loads, system : supports and forces, and the linear system of Newton's method
-    rough : joints whose second order of strains comes from an earlier design
+    rough : whether the second-order strains of a joint are those of an earlier design
     area : area of every spiral's material, square metres; None without gravity
     guessed : whether ``area`` is an estimate
     """
@@ -65,17 +65,18 @@ class LiveState:
     def from_input(
         cls, given: LiveInput, old: LiveState | None = None, start: Pose | None = None
     ) -> tuple[LiveState, Pose]:
-        """Build the rig and a pose to start from.
+        """Build the state of a piece, and a pose to start from.
 
         Parameters
         ----------
         given : the input
-        old : earlier rig, whose unaffected parts are reused
-        start : present pose of the old rig's hubs; None to start on the target. Held hubs go to their places in the target
+        old : earlier state, whose unaffected parts are reused
+        start : present pose of the hubs of ``old``; supported hubs are moved to their places in the target. Default is
+            the pose of all hubs on the target
 
         Raises
         ------
-        FlexMapsError if no such piece can be made, or no support holds it against its loads.
+        FlexMapsError : no such piece can be made, or no support holds it against its loads
         """
         mesh = _mesh(given, old)
         old = old if old is not None and mesh.quads is old.mesh.quads else None
@@ -89,7 +90,7 @@ class LiveState:
         aim = stance.aim
         pose = aim if start is None else stance.place_supports(_adapt_pose(start, flat, old))
         if assembly.rim is None or old is None or old.flat is not flat or old.assembly.rim is None:
-            pose = replace(pose, nodes=None)  # nodes of another rim do not fit
+            pose = replace(pose, nodes=None)  # poses of rim nodes are only valid for the rim that they belong to
         held = loads.held_increments(assembly.pairs, pose.centres)
         if (
             old is not None
@@ -103,11 +104,11 @@ class LiveState:
 
     @property
     def refinable(self) -> bool:
-        """Whether some parts are approximate."""
+        """Whether some parts are still approximate, see ``refine``."""
         return self.guessed or bool(self.rough.any())
 
     def refine(self) -> Generator[None, None, LiveState]:
-        """Compute all approximate parts in small steps; return the exact rig."""
+        """Compute all approximate parts in small steps; finally return the exact state."""
         given, model, arms = self.given, self.model, with_arms(self.model)
         if arms is not None:
             joints = np.flatnonzero(self.rough)
@@ -122,22 +123,22 @@ class LiveState:
 
     @property
     def design(self) -> SpiralDesign:
-        """The design of the piece."""
+        """The design of the piece, made from its input and flat patches."""
         return SpiralDesign(self.flat, self.given.spiral, self.given.width, self.given.twist)
 
     @property
     def unit(self) -> float:
-        """Mean distance of joined spirals in the target, metres."""
+        """Mean distance between the hubs of a joint in the target, metres."""
         a, b = self.assembly.pairs.T
         return float(np.linalg.norm(self.aim.centres[b] - self.aim.centres[a], axis=1).mean())
 
     def align(self, pose: Pose) -> Pose:
-        """Align a pose with the target, as far as supports allow."""
+        """Align a pose with the target by a rigid motion, as far as supports allow."""
         return self.loads.align(pose, self.assembly.pairs, self.aim)
 
 
 def _mesh(given: LiveInput, old: LiveState | None) -> QuadMesh:
-    """Return the checked mesh; it shares the old mesh's topology if faces are unchanged."""
+    """Return the target mesh after checks; it shares the topology of the old mesh if faces are unchanged."""
     alike = (
         old is not None
         and equal_inputs(given.corners, old.given.corners)
@@ -152,7 +153,7 @@ def _mesh(given: LiveInput, old: LiveState | None) -> QuadMesh:
 
 
 def _flat(given: LiveInput, mesh: QuadMesh, old: LiveState | None) -> FlatPatches:
-    """Return the stored flat patches; flatten those again whose seams or vertices have changed since."""
+    """Return the flat patches: stored ones where possible, flattened again where seams or vertices have changed."""
     names = ("vertices", "seams", "cut", "flat", "energy", "layout")
     if old is not None and all(equal_inputs(getattr(given, name), getattr(old.given, name)) for name in names):
         return old.flat
@@ -170,7 +171,7 @@ def _flat(given: LiveInput, mesh: QuadMesh, old: LiveState | None) -> FlatPatche
 def _model(
     assembly: Assembly, given: LiveInput, old: LiveState | None
 ) -> tuple[ElasticModel, Bool[np.ndarray, " joints"]]:
-    """Return the elastic model, and a mask of the joints whose second order of strains comes from an earlier design."""
+    """Return the elastic model, and a mask of the joints whose second-order strains are those of an earlier design."""
     material, name = given.material, given.simulate.model
     rimmed = assembly.rim is not None or (old is not None and old.assembly.rim is not None)
     arms = None if old is None or rimmed else with_arms(old.model)
@@ -192,7 +193,7 @@ def _model(
 
 
 def _changed_joints(assembly: Assembly, material: Any, old: Assembly, given: LiveInput) -> Bool[np.ndarray, " joints"]:
-    """Return a mask of the joints whose elastic behaviour has changed."""
+    """Return a mask of the joints whose elastic properties differ from those of an earlier assembly and input."""
     for name in ("thickness", "clockwise", "cut", "grain"):
         if getattr(assembly, name) != getattr(old, name):
             return np.ones(len(assembly.pairs), bool)
@@ -206,14 +207,18 @@ def _changed_joints(assembly: Assembly, material: Any, old: Assembly, given: Liv
 def _replace_joints(
     model: ArmModel, part: ArmModel, assembly: Assembly, joints: Int[np.ndarray, " j"], material: Any
 ) -> ArmModel:
-    """Replace some joints of a model by the joints of a part."""
+    """Replace some joints of a model.
+
+    model : the whole model; part : a model of the new joints only
+    assembly, material : assembly and material of the result; joints : indices of the replaced joints
+    """
 
     def put(whole: np.ndarray, some: np.ndarray) -> np.ndarray:
         out = whole.copy()
         out[joints] = some
         return out
 
-    # a live piece needs no derivatives with respect to the design
+    # drop derivatives with respect to the design, which a live piece does not need
     compliance = replace(model.compliance, by=None).each(lambda name, whole: put(whole, getattr(part.compliance, name)))
     names = ("at_joint", "lever", "rest", "stiffness", "offset", "curving_at_joint")
     arrays: dict[str, Any] = {name: put(getattr(model, name), getattr(part, name)) for name in names}
@@ -223,9 +228,9 @@ def _replace_joints(
 def _area(
     design: SpiralDesign, given: LiveInput, old: LiveState | None
 ) -> tuple[Float[np.ndarray, " quads"] | None, bool]:
-    """Return the areas of the spirals and whether they are estimates from the arms' lengths, because measuring is slow.
+    """Return the areas of the spirals' material, square metres, and whether they are estimates.
 
-    The areas are None without gravity.
+    Exact areas are slow, so new ones are first estimated from the lengths of the arms. None without gravity.
     """
     if not given.simulate.gravity:
         return None, False
@@ -240,29 +245,29 @@ def _area(
     corners = design.flat.corners
     middles = 0.5 * (corners + np.roll(corners, -1, axis=1)) - corners.mean(axis=1, keepdims=True)
     wind = np.maximum(given.twist, 1e-9)
-    # length of the spiral r = (1 - t) R, angle = twist t, per R
+    # length of the spiral r = (1 - t) R, angle = twist t, divided by R
     stretch = 0.5 * (np.sqrt(1.0 + wind**2) + np.arcsinh(wind) / wind)
     return stretch * (np.linalg.norm(middles, axis=2) * given.width).sum(axis=1), True
 
 
 def _loads(given: LiveInput, area: Float[np.ndarray, " quads"] | None) -> Loads:
-    """Return supports and forces, weight included."""
+    """Return supports and forces, including weight if ``area`` (square metres) is not None."""
     mass = None if area is None else area * given.spiral.thickness * given.material.density
     clamped = given.simulate.clamped
     return Loads.for_spirals(len(given.sizes), supports=given.supports, clamped=clamped, force=given.force, mass=mass)
 
 
 def _adapt_pose(pose: Pose, flat: FlatPatches, old: LiveState | None) -> Pose:
-    """Adapt a pose of the old rig's hubs to the new flat frames, which may have turned."""
+    """Adapt a pose to new flat patches: rotations of hubs refer to flat quads, which may have turned."""
     if old is None or old.flat is flat or len(pose.centres) != len(flat.corners):
         return pose
     before, now = (
         (c - c.mean(axis=1, keepdims=True)) @ np.array([1.0, 1.0j]) for c in (old.flat.corners, flat.corners)
     )
-    turn = (before * now.conj()).sum(axis=1)  # from the new frame to the old one
+    turn = (before * now.conj()).sum(axis=1)  # rotation from the new flat frame to the old one, as a complex number
     turn /= np.maximum(np.abs(turn), 1e-300)
     back = np.zeros((len(turn), 3, 3))
     back[:, 0, 0] = back[:, 1, 1] = turn.real
     back[:, 1, 0], back[:, 0, 1] = turn.imag, -turn.imag
     back[:, 2, 2] = 1.0
-    return Pose(pose.centres, pose.rotations @ back)  # without nodes, because the rim has changed
+    return Pose(pose.centres, pose.rotations @ back)  # without rim nodes, because the rim has changed

@@ -1,4 +1,4 @@
-"""Live pieces in a worker process, by name; keeping them between calls makes each call fast."""
+"""Live piece of a worker process; the process keeps it between calls, so that each call is fast."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from typing import Any
 from ...mechanics.assembly import Pose
 from .live_piece import LiveEquilibrium, LivePiece
 
-_pieces: dict[str, LivePiece] = {}  # the pieces of this process
+_pieces: dict[str, LivePiece] = {}  # the live piece of this process, by name; at most one
 
 
 @dataclass(frozen=True, eq=False)
 class LiveRequest:
     """Request to a live piece.
 
-    name : of the piece
-    changes : changed fields of ``LiveInput`` since the last call, or None
-    whole : whether ``changes`` holds all fields and starts a new piece
-    start : pose at rest of a new piece, if known
+    name : name of the piece
+    changes : fields of ``LiveInput`` that changed since the last call, or None
+    whole : whether ``changes`` has all fields and starts a new piece
+    start : equilibrium pose of a new piece, if known
     """
 
     name: str
@@ -28,7 +28,10 @@ class LiveRequest:
 
 
 def step_piece(call: LiveRequest) -> LiveEquilibrium | None:
-    """Apply the changes and compute some steps; None if this process does not have the piece, so that ``whole`` is needed."""
+    """Apply the changes and compute some steps.
+
+    Return None if this process does not have the piece; the request must then be repeated with ``whole``.
+    """
     if call.whole:
         _pieces.clear()  # keep one piece only, to save memory
         _pieces[call.name] = LivePiece()
@@ -41,5 +44,5 @@ def step_piece(call: LiveRequest) -> LiveEquilibrium | None:
 
 
 def forget_pieces() -> None:
-    """Delete all pieces."""
+    """Delete the live pieces of this process."""
     _pieces.clear()

@@ -1,4 +1,4 @@
-"""Comparison of the built, scanned piece with its predicted shape."""
+"""Compare a scan of the built piece with its predicted shape."""
 
 from ...runs.stage import Stage
 

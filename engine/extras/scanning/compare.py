@@ -1,4 +1,4 @@
-"""Distance of the scanned piece from its predicted shape (Malomo et al. 2018, section 8)."""
+"""Measure the distance of a scanned piece from its predicted shape (Malomo et al. 2018, section 8)."""
 
 from __future__ import annotations
 
@@ -15,19 +15,20 @@ from .reading import FEWEST, MOST, UNITS, Scan
 from .register import Registration, register
 from .scan_target import TriangleSurface
 
-# maximum distance of points that belong to the piece as a share of its size; the largest error in the paper is 0.041
+# largest distance of scan points that belong to the piece, as a share of its size; larger: more of other objects counts
 MAX_DISTANCE = 0.1
-MIN_COSINE = 0.85  # cosine of 32 degrees: a point further from a quad's normal lies beyond a border, not over the quad
-MEDIAN = 15  # points whose median locates a spiral: scatters a third as much as a single point, and stays local
-SPARSE = 0.15  # minimum share of the usual number of points over a spiral: fewer are outliers where the scan has a gap
-LEAST = 3  # minimum points over a spiral; fewer may all be outliers
-COVERED = 0.3  # minimum share of the spirals covered by a scan of the piece
-# maximum RMS distance as a share of the size: 17 pieces bent by up to 4 % have 0.85 % at most, scans of 7 other objects
-# at least 3.1 %
+# smallest cosine between a quad's normal and the direction to a point over it (32 degrees); at larger angles the point
+# lies beyond a border
+MIN_COSINE = 0.85
+MEDIAN = 15  # number of points whose median is a spiral's distance; larger: less scatter, less local
+# smallest number of points over a spiral, as a share of the usual number; fewer are outliers in a gap of the scan
+SPARSE = 0.15
+LEAST = 3  # smallest number of points over a spiral; fewer may all be outliers
+COVERED = 0.3  # smallest share of the spirals that a scan must cover; larger: more partial scans are rejected
+# largest RMS distance from the piece, as a share of its size; larger: scans of other objects pass (7 had over 0.031)
 MAX_RMS = 0.025
-CLUTTER = 0.5  # points with a smaller weight are taken to show a table or wall, not the piece
-# maximum ratio of sizes of scan and piece where the unit is guessed; metres and millimetres differ by 1000
-MAX_SIZE_RATIO = 10.0
+CLUTTER = 0.5  # points with a smaller weight count as a table or wall; larger: more points of the piece are lost
+MAX_SIZE_RATIO = 10.0  # largest ratio of the sizes of scan and piece, either way, if the unit must be guessed
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,12 +38,12 @@ class Comparison:
     turn, shift : ``scale * scan @ turn.T + shift`` is the registered scan, metres
     scale : metres per unit of the scan
     points, used : registered points, metres, and whether each belongs to the piece
-    distances : from every spiral's centre to the scan along its normal, metres; NaN without points
+    distances : distance from every spiral's centre to the scan along its normal, metres; NaN without points
     size : the piece's diagonal, metres
     noise : standard deviation of the scan about the piece's shape, metres
-    name : of the scan
-    simulated : whether it is compared with the simulated shape, not the target
-    remarks : sentences for the reader
+    name : name of the scan
+    simulated : True if it is compared with the simulated shape, False if with the target
+    remarks : sentences for the reader of the report
     """
 
     turn: Float[np.ndarray, "3 3"]
@@ -59,7 +60,7 @@ class Comparison:
 
     @property
     def is_covered(self) -> Bool[np.ndarray, " quads"]:
-        """Whether the scan has points over a spiral."""
+        """Whether the scan has enough points over each spiral."""
         return np.isfinite(self.distances)
 
     @property
@@ -69,16 +70,16 @@ class Comparison:
 
     @property
     def highest(self) -> float:
-        """Largest distance of a covered spiral, metres."""
+        """Largest absolute distance of a covered spiral, metres."""
         return float(np.nanmax(np.abs(self.distances)))
 
     @property
     def shown_mm(self) -> Float[np.ndarray, " quads"]:
-        """Distances in mm for maps and attributes; -1 without points."""
+        """Absolute distances in mm for maps and attributes; -1 for spirals that are not covered."""
         return np.where(self.is_covered, 1e3 * np.abs(np.nan_to_num(self.distances)), -1.0)
 
     def report(self) -> dict[str, Any]:
-        """Return the block "scan" of report.json; percentages of the piece's diagonal, as in the paper."""
+        """Return the ``scan`` block of report.json; percentages are of the piece's diagonal, as in the paper."""
         mean, of_size = float(np.nanmean(self.distances)), 100 / self.size
         return {
             "file": self.name,
@@ -104,8 +105,8 @@ def compare(mesh: QuadMesh, scan: Scan, simulated: bool = False, progress: Progr
     ----------
     mesh : predicted shape, metres
     scan : the scan
-    simulated : whether the shape was simulated
-    progress : receives the share done
+    simulated : True if the shape was simulated, False if it is the target
+    progress : called with the fraction done; may cancel
 
     Raises
     ------
@@ -121,7 +122,7 @@ def compare(mesh: QuadMesh, scan: Scan, simulated: bool = False, progress: Progr
     middle, size = (used.min(axis=0) + used.max(axis=0)) / 2, float(np.linalg.norm(np.ptp(used, axis=0)))
     kept = points[np.random.default_rng(0).permutation(len(points))[:MOST]].astype(float)
     scale, remarks = _scale(kept, size, scan.unit)
-    # centre first: in a surveyor's frame coordinates are kilometres, and digits would be lost
+    # centre the scan first: surveyors' coordinates may be kilometres, and digits would be lost
     centre = np.median(kept, axis=0)
     surface = TriangleSurface.from_mesh(mesh, middle, size)
     local = scale / size * (kept - centre)
@@ -157,7 +158,10 @@ def compare(mesh: QuadMesh, scan: Scan, simulated: bool = False, progress: Progr
 
 
 def _scale(points: np.ndarray, size: float, unit: str) -> tuple[float, tuple[str, ...]]:
-    """Return the metres per unit of the scan, and remarks about a guess."""
+    """Return the metres per unit of the scan, and a remark if the unit was guessed.
+
+    size : size of the piece, metres; unit : key of ``UNITS``, or "" to guess metres or millimetres
+    """
     if unit:
         return UNITS[unit], ()
     low, high = np.quantile(points, (0.02, 0.98), axis=0)
@@ -177,10 +181,10 @@ def _scale(points: np.ndarray, size: float, unit: str) -> tuple[float, tuple[str
 def _distances(
     mesh: QuadMesh, surface: TriangleSurface, laid: np.ndarray, found: Registration
 ) -> tuple[np.ndarray, Bool[np.ndarray, " points"]]:
-    """Return the distance of every spiral to the scan in shares of the size, and which points belong to the piece.
+    """Return the distance of every spiral to the scan, as a share of the size, and which points belong to the piece.
 
-    The distance is the median over points whose closest points on the piece are nearest to the spiral's centre, within
-    half an edge of its quad, so that a few outliers do not matter.
+    The distance is the median over the points whose closest points on the piece are nearest to the spiral's centre,
+    within half a quad edge, so that a few outliers do not matter.
     """
     from scipy.spatial import cKDTree
 

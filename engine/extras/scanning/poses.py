@@ -1,9 +1,10 @@
-"""Fit many poses of a scan to a surface at once by weighted least squares.
+"""Fit many poses of a scan to a surface at once by robust, iteratively reweighted least squares.
 
-Points far from the surface count little (Geman and McClure 1985: weight 1 / (1 + (r / reach)^2)^2), so other objects in
-the scan are ignored at any distance; a decreasing reach leads there from far away (Zhou, Park and Koltun 2016, "Fast
-global registration"; Yang et al. 2020, "Graduated non-convexity"). Distances are measured from scan points to the
-surface, not the reverse, so missing parts of the scan do not count either. Lengths are shares of the piece's size.
+Points far from the surface count little (Geman and McClure 1985: weight 1 / (1 + (r / reach)^2)^2), so that other
+objects in the scan are ignored. The scale ``reach`` of the weights decreases from fit to fit, so that poses that are
+far off converge too (Zhou, Park and Koltun 2016, "Fast global registration"; Yang et al. 2020, "Graduated
+non-convexity"). Distances are measured from scan points to the surface, not the reverse, so that missing parts of the
+scan do not count. Lengths are shares of the piece's size.
 """
 
 from __future__ import annotations
@@ -16,10 +17,10 @@ import numpy as np
 from ...arrays import Float, Int
 from .scan_target import Distances
 
-# poses per array: 256 poses of 400 points and six columns are 5 MB, about the size of a processor's cache
-AT_ONCE = 256
-DAMPING = 1e-3  # damping as a share of the mean stiffness: keeps steps short where the surface can slide in itself
-MAX_STEP = 0.3  # longest step in radians and shares of the size, for a pose that nothing constrains
+AT_ONCE = 256  # number of poses that are fitted in one array; larger: arrays exceed the processor's cache
+# damping, as a share of the normal matrix' mean diagonal; larger: shorter steps where the surface can slide in itself
+DAMPING = 1e-3
+MAX_STEP = 0.3  # longest Gauss-Newton step, radians and shares of the size; limits poses that nothing constrains
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +42,7 @@ class Poses:
         return Poses(np.concatenate([one.turns for one in parts]), np.concatenate([one.shifts for one in parts]))
 
     def repeat(self, count: int) -> Poses:
-        """Return every pose ``count`` times."""
+        """Return every pose ``count`` times in a row."""
         return Poses(np.repeat(self.turns, count, axis=0), np.repeat(self.shifts, count, axis=0))
 
     def apply(self, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, "poses points 3"]:
@@ -49,10 +50,15 @@ class Poses:
         return points @ self.turns.transpose(0, 2, 1).astype(points.dtype) + self.shifts[:, None].astype(points.dtype)
 
     def screw(self, about: Float[np.ndarray, "poses 3"], twists: Float[np.ndarray, "poses 6"]) -> Poses:
-        """Return each pose followed by a screw motion about its own point.
+        """Return each pose followed by a screw motion.
 
-        twists : rotation vector, and velocity of that point; the motion is their exponential (Murray, Li and Sastry
-            1994, eq. 2.36), so that a rotation about a distant axis stays on its circle
+        The motion is the exponential of a twist (Murray, Li and Sastry 1994, eq. 2.36), so that a rotation about a
+        distant axis stays on its circle.
+
+        Parameters
+        ----------
+        about : reference point of each twist
+        twists : rotation vector, radians, and velocity of the reference point
         """
         from scipy.spatial.transform import Rotation
 
@@ -69,26 +75,41 @@ class Poses:
 
 @dataclass(frozen=True, eq=False)
 class ScanFit:
-    """Objective of the fit: distances from a surface, points of a scan and their weights."""
+    """Objective of the fit: distance function of a surface, points of a scan and their weights."""
 
     distances: Distances
     points: Float[np.ndarray, "points 3"]
     weights: Float[np.ndarray, " points"]
 
     def cost(self, poses: Poses, reach: float) -> Float[np.ndarray, " poses"]:
-        """Return the mean cost of each pose (Geman and McClure): 0 with all points on the surface, 1 with all far away."""
+        """Return the mean Geman-McClure cost of each pose: 0 with all points on the surface, 1 with all far away."""
         return np.concatenate([self._cost(poses[k : k + AT_ONCE], reach) for k in range(0, len(poses), AT_ONCE)])
 
     def fit(self, poses: Poses, reach: float, rounds: int, damped: float = DAMPING) -> Poses:
-        """Return the poses after some Gauss-Newton iterations."""
+        """Return the poses after at most ``rounds`` Gauss-Newton iterations.
+
+        Parameters
+        ----------
+        poses : initial poses
+        reach : scale of the robust weights, share of the size
+        rounds : number of iterations
+        damped : damping, see ``DAMPING``
+        """
         parts = [poses[k : k + AT_ONCE] for k in range(0, len(poses), AT_ONCE)]
         return Poses.concatenate([self._fitted(part, reach, rounds, damped) for part in parts])
 
     def spread(self, poses: Poses, reach: float, steps: Sequence[float], ways: int = 2) -> Poses:
-        """Return the poses and poses some steps away along the ``ways`` directions that the surface constrains least.
+        """Return the poses, and others at given steps from them along the directions that the surface constrains least.
 
         A dome rotated about its pole, or a vault shifted along its ridge, keeps the points on the surface until some
         cross a border: only trying shows where along such a direction the scan belongs.
+
+        Parameters
+        ----------
+        poses : initial poses
+        reach : scale of the robust weights, share of the size
+        steps : lengths of the steps, taken to both sides; radians or shares of the size
+        ways : number of directions
         """
         square, _, about = self._normal(poses, reach)
         weak = np.linalg.eigh(square)[1][:, :, :ways]
@@ -100,12 +121,12 @@ class ScanFit:
         return Poses.concatenate(found)
 
     def _cost(self, poses: Poses, reach: float) -> np.ndarray:
-        """Return the mean cost of poses in one array."""
+        """Return the mean cost of each pose; all poses are evaluated in one array."""
         squared = self.distances(poses.apply(self.points))[1] ** 2
         return (self.weights * squared / (squared + reach**2)).mean(axis=1)
 
     def _normal(self, poses: Poses, reach: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return normal matrices (poses, 6, 6), right sides (poses, 6) and centres of rotation (poses, 3)."""
+        """Return the normal matrices (poses, 6, 6), right-hand sides (poses, 6) and centres of rotation (poses, 3)."""
         laid = poses.apply(self.points)
         direction, distance = self.distances(laid)
         weight = self.weights / (1 + (distance / reach) ** 2) ** 2
@@ -115,7 +136,7 @@ class ScanFit:
         return square, -np.einsum("bni,bn->bi", rows, weight * distance), about
 
     def _fitted(self, poses: Poses, reach: float, rounds: int, damped: float) -> Poses:
-        """Return poses in one array after some Gauss-Newton iterations."""
+        """Return the poses after at most ``rounds`` Gauss-Newton iterations; all are computed in one array."""
         for _ in range(rounds):
             square, right, about = self._normal(poses, reach)
             mean = np.trace(square, axis1=1, axis2=2)[:, None, None] / 6
@@ -128,7 +149,15 @@ class ScanFit:
 
 
 def distinct(poses: Poses, cost: np.ndarray, probes: Float[np.ndarray, "probes 3"], most: int, apart: float) -> Poses:
-    """Return the best poses, at most ``most``, that move some probe more than ``apart`` from each other."""
+    """Return the best poses that differ from each other.
+
+    Parameters
+    ----------
+    poses, cost : the poses and their costs
+    probes : points by which poses are compared
+    most : largest number of poses to return
+    apart : two poses differ if a coordinate of a probe differs by more than this, share of the size
+    """
     order = np.argsort(cost)
     laid = poses[order].apply(probes).reshape(len(order), -1)
     kept: list[int] = []

@@ -1,4 +1,4 @@
-"""Read a scan from a file: points, or a mesh that is sampled evenly."""
+"""Read a scan from a file of points, or of a mesh, which is sampled evenly."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from ...errors import FlexMapsError
 from ...surface.formats.meshio import PARSERS, SUFFIXES
 from ...surface.formats.text import RawMesh
 
-MOST = 60_000  # maximum number of points: 30 per spiral for a piece of 2,000, which resolves the waviness of a spiral
-FEWEST = 100  # minimum number of points
+MOST = 60_000  # largest number of points to use (30 per spiral with 2,000 spirals); larger: more exact, slower
+FEWEST = 100  # smallest number of points of a scan
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}  # metres per unit
 
 
@@ -22,10 +22,10 @@ UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}  # metres per unit
 class Scan:
     """A scan of a built piece.
 
-    points : in the scan's own unit and frame
-    name : for messages and reports
+    points : points in the scan's own unit and frame
+    name : name for messages and reports
     unit : key of ``UNITS``; "" for metres or millimetres, whichever is closer to the piece's size
-    anywhere : whether its orientation is arbitrary, not only approximately that of the piece
+    anywhere : whether the orientation is arbitrary; False if it roughly agrees with the piece's
     """
 
     points: Float[np.ndarray, "points 3"]
@@ -35,11 +35,11 @@ class Scan:
 
 
 def read(path: str | Path, unit: str = "", anywhere: bool = True) -> Scan:
-    """Read a scan: of a mesh, points sampled evenly from its faces; else its points; at most ``MOST``.
+    """Read a scan: points sampled evenly from the faces of a mesh, or the points themselves; at most ``MOST``.
 
     Parameters
     ----------
-    path : of the file
+    path : path of the file
     unit, anywhere : see ``Scan``
 
     Raises
@@ -60,14 +60,17 @@ def read(path: str | Path, unit: str = "", anywhere: bool = True) -> Scan:
     if not data.strip():
         raise FlexMapsError(f"{path.name} is empty; export the scan again")
     head = data[: data.find(b"end_header")]
-    if suffix == ".ply" and b"element face" not in head:  # the reader of meshes requires an element for faces
+    if suffix == ".ply" and b"element face" not in head:  # the mesh reader requires an element for faces
         data = data.replace(b"end_header", b"element face 0\nproperty list uchar int vertex_indices\nend_header", 1)
     points = _points(PARSERS[suffix](data, path.name), path.name)
     return Scan(points, path.name, unit, anywhere)
 
 
 def _points(raw: RawMesh, name: str) -> Float[np.ndarray, "points 3"]:
-    """Return points of the mesh in a file."""
+    """Return points sampled from a mesh, or its vertices if it has no faces; at most ``MOST``.
+
+    name : file name for messages
+    """
     random = np.random.default_rng(0)
     fans = [
         (start, k)
@@ -84,7 +87,7 @@ def _points(raw: RawMesh, name: str) -> Float[np.ndarray, "points 3"]:
     with np.errstate(invalid="ignore", over="ignore"):
         areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     if not np.isfinite(areas).all() or not areas.sum() > 0:
-        # ``compare`` reports points that are not numbers
+        # return the vertices as they are: ``compare`` reports those that are not finite
         return raw.vertices[random.permutation(len(raw.vertices))[:MOST]]
     of = random.choice(len(corners), MOST, p=areas / areas.sum())
     return np.einsum("nk,nki->ni", random.dirichlet(np.ones(3), MOST), corners[of])

@@ -1,9 +1,9 @@
 """Find the rigid motion that registers a scan to a surface, without markers.
 
 Thousands of initial poses are fitted at once to a table of closest points (``scan_target``, ``poses``), then fewer and
-fewer of them with more points and a shorter reach. Each round also searches along directions in which the surface can
-slide in itself. The final choice uses all points with a reach that matches the scan's noise, and with reduced weights
-for the table on which the piece stood.
+fewer of them with more points and a shorter reach (scale of the robust weights). Each round also searches along the
+directions in which the surface can slide in itself. The final choice uses all points, a reach that matches the scan's
+noise, and reduced weights for the table on which the piece stood. Lengths are shares of the piece's size.
 """
 
 from __future__ import annotations
@@ -18,46 +18,40 @@ from ...progress import SILENT, Progress
 from .poses import Poses, ScanFit, distinct
 from .scan_target import ClosestPoints, TriangleSurface
 
-# Measured on 26 surfaces of the zoo, 20 scans each: with 3 offsets instead of 5 and reaches from 0.12, a coil was
-# registered between its own turns; without the search along weakly constrained directions a third of all gables and a
-# tenth of all barrels were wrong
+# Initial rotations: angle in degrees and number of axes for each; more: safer, slower
 TILTS = (0.0, 1), (12.0, 6), (25.0, 14)
-WIDEST = 45.0  # degrees: poses rotated further are discarded, because a symmetric piece fits several orientations
-ANYWHERE = 600  # rotations tried for arbitrary orientation: the median distance to the nearest is 15 degrees
-OFFSETS = (-0.25, -0.125, 0.0, 0.125, 0.25)  # offsets of the scan's centre from the surface's, in shares of its extents
-FEW_OFFSETS = (-0.2, 0.0, 0.2)  # offsets for arbitrary orientation
-FIRST = (0.04, 0.02)  # reaches for initial poses
-SIEVED = 120  # initial poses that are kept
-# Reach of each round, and its steps along weakly constrained directions: a scan of three fifths of the piece is
-# initially up to 0.3 off along a ridge
+# Largest rotation, degrees, unless the orientation is arbitrary; larger: symmetric pieces fit in wrong orientations
+WIDEST = 45.0
+ANYWHERE = 600  # number of initial rotations if the orientation is arbitrary (15 degrees apart); more: safer, slower
+# Initial offsets of the scan's centre from the surface's along each axis, as shares of its extent; more: safer, slower
+OFFSETS = (-0.25, -0.125, 0.0, 0.125, 0.25)
+FEW_OFFSETS = (-0.2, 0.0, 0.2)  # initial offsets if the orientation is arbitrary
+FIRST = (0.04, 0.02)  # reaches for the fits of the initial poses; larger: coils may be fitted between their own turns
+SIEVED = 120  # number of initial poses that are kept; more: safer, slower
+# Reach of each round, and its steps along weakly constrained directions; longer steps: scans of a part of the piece are
+# found too (0.3 for three fifths of it)
 LOOKS = ((0.03, (0.04, 0.08, 0.16, 0.3)), (0.015, (0.02, 0.04, 0.08, 0.16)), (0.007, (0.02, 0.04, 0.08, 0.16)))
-# steps along weakly constrained directions at the final reach
+# steps along weakly constrained directions in the rounds at the final reach
 LAST_LOOKS = ((0.03, 0.06, 0.12), (0.005, 0.01, 0.02), (0.0015, 0.003, 0.006))
-POINTS = (120, 400, 1500, 3000)  # points of the scan used with many, few and very few poses, and at the end
-NOISES = 3.0  # final reach in standard deviations of the scan's noise: 95 % of a normal distribution weigh over 0.47
-SHARPEST, BLUNTEST = 0.0005, 0.03  # limits of the final reach as shares of the size
-# share of the size beyond which points do not belong to the piece; a badly built piece, bent by 4 %, still belongs
-BACKGROUND = 0.05
-# A plane is removed as a table or wall if it holds at least these shares of the background points and of all points;
-# 200 outliers in a cube around the piece never form such a plane
+POINTS = (120, 400, 1500, 3000)  # numbers of points used with many, few and very few poses, and in the end
+NOISES = 3.0  # final reach in standard deviations of the scan's noise; larger: outliers count more
+SHARPEST, BLUNTEST = 0.0005, 0.03  # limits of the final reach
+BACKGROUND = 0.05  # distance beyond which points may belong to a table or wall; larger: less of these is found
+# A plane counts as a table or wall if it has at least these shares of the background points and of all points; larger:
+# fewer planes are found
 FLAT, WORTH = 0.2, 0.005
-# Maximum distance of a plane's points from it as a share of the size. With 0.03 much of a dome was removed as planes
-# and the rest was fitted to a torus; with 0.01 scans of 7 other objects are rejected. None of 8 surfaces lost points to
-# planes without a table, at a noise of 0.005
-PLANE_TOLERANCE = 0.01
-PLANES = 3  # maximum number of planes: a table and two walls
-# random planes through three points: a plane with a tenth of the points is hit by 26 % of such searches, with a fifth
-# by 91 %
-TRIES = 300
+PLANE_TOLERANCE = 0.01  # largest distance of a plane's points from it; larger: parts of a curved piece count as planes
+PLANES = 3  # largest number of planes: a table and two walls
+TRIES = 300  # number of random planes through three points that are tried; more: small planes are found more surely
 
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """Pose of a scan.
+    """Pose of a scan on a surface.
 
     turn, shift : ``scan @ turn.T + shift`` lies on the surface
-    weights : of the points; for a plane's points, the share of them that the piece explains
-    reach : three standard deviations of the scan's noise, in shares of the size
+    weights : weight of every point; for points of a table or wall, the share of its points that lie on the piece
+    reach : three standard deviations of the scan's noise, as a share of the size
     """
 
     turn: Float[np.ndarray, "3 3"]
@@ -69,9 +63,14 @@ class Registration:
 def register(
     surface: TriangleSurface, scan: Float[np.ndarray, "points 3"], anywhere: bool = False, progress: Progress = SILENT
 ) -> Registration:
-    """Register a scan's points, in any order, to a surface around the origin; lengths in shares of its size.
+    """Register the points of a scan to a surface around the origin.
 
-    Without ``anywhere`` the scan is assumed to be rotated by at most 30 degrees.
+    Parameters
+    ----------
+    surface : the surface, in shares of its size
+    scan : points in any order, in shares of the surface's size
+    anywhere : whether the orientation is arbitrary; if False, rotations of up to about 30 degrees are found
+    progress : called with the fraction done; may cancel
     """
     table = ClosestPoints(surface)
     points = scan[np.random.default_rng(0).permutation(len(scan))]
@@ -96,7 +95,7 @@ def register(
 
 
 def _guesses(surface: TriangleSurface, points: np.ndarray, anywhere: bool) -> Poses:
-    """Return all initial rotations combined with all initial offsets."""
+    """Return the initial poses: all initial rotations combined with all initial offsets."""
     from scipy.spatial.transform import Rotation
 
     if anywhere:
@@ -115,7 +114,7 @@ def _guesses(surface: TriangleSurface, points: np.ndarray, anywhere: bool) -> Po
 
 
 def _upright(poses: Poses) -> Poses:
-    """Return the poses rotated by at most ``WIDEST``, or all if there are none."""
+    """Return the poses rotated by at most ``WIDEST`` degrees, or all if there are none."""
     cosine = (np.trace(poses.turns, axis1=1, axis2=2) - 1) / 2
     near = np.flatnonzero(cosine >= np.cos(np.radians(WIDEST)))
     return poses[near] if len(near) else poses
@@ -130,7 +129,7 @@ def _ball(count: int) -> np.ndarray:
 
 
 def _best_guesses(fit: ScanFit, poses: Poses, anywhere: bool, progress: Progress) -> Poses:
-    """Return the best initial poses, fitted in parts so that the search can be cancelled."""
+    """Fit the initial poses and return the best; they are fitted in parts so that the search can be cancelled."""
     parts = []
     for k in range(0, len(poses), 1024):
         progress(k / len(poses), "Scan: looking for its pose")
@@ -145,13 +144,21 @@ def _best_guesses(fit: ScanFit, poses: Poses, anywhere: bool, progress: Progress
 def _search_nearby(
     fit: ScanFit, poses: Poses, reach: float, steps: tuple[float, ...], judged: float, most: int, apart: float
 ) -> Poses:
-    """Return the best of the poses and of poses near them along weakly constrained directions, all fitted again."""
+    """Return the best among the poses and others along weakly constrained directions, all of which are fitted first.
+
+    Parameters
+    ----------
+    fit : the objective
+    poses, reach, steps : as in ``ScanFit.spread``
+    judged : reach at which costs are compared
+    most, apart : as in ``distinct``
+    """
     poses = fit.fit(fit.spread(poses, reach, steps), reach, 3)
     return distinct(poses, fit.cost(poses, judged), fit.points[:4], most, apart)
 
 
 def _noise(fit: ScanFit, pose: Poses) -> float:
-    """Return ``NOISES`` standard deviations of points within that distance of the surface, estimated by the median."""
+    """Return the final reach: ``NOISES`` standard deviations of the scan's noise, by the median of distances."""
     off = np.abs(fit.distances(pose.apply(fit.points))[1][0])
     deviation = _deviation(off, BLUNTEST)
     for _ in range(5):
@@ -160,15 +167,15 @@ def _noise(fit: ScanFit, pose: Poses) -> float:
 
 
 def _deviation(off: np.ndarray, within: float) -> float:
-    """Return the standard deviation estimated from the median of distances below ``within``."""
+    """Return a robust standard deviation: 1.4826 times the median of the distances below ``within``."""
     near = off[off < within]
     return 1.4826 * float(np.median(near)) if len(near) else within
 
 
 def _weights(surface: TriangleSurface, points: np.ndarray, pose: Poses, reach: float) -> np.ndarray:
-    """Return weights of 1, or for points of planes beyond the piece, the share of the plane that lies on the piece.
+    """Return the weights of the points: 1, or for points of a table or wall, the share of its points on the piece.
 
-    Otherwise points of a table that meet the surface by chance would pull the piece along a weakly constrained
+    With full weights, points of a table that meet the surface by chance would pull the piece along a weakly constrained
     direction, and points under a missing part of the scan would count as the piece. A face of the piece that stands on
     the table keeps some weight.
     """
@@ -190,9 +197,9 @@ def _weights(surface: TriangleSurface, points: np.ndarray, pose: Poses, reach: f
 
 
 def _plane(points: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return unit normal and a point of the plane with most points ``near`` it, fitted to these points.
+    """Return unit normal and a point of the plane that has the most points within the distance ``near``.
 
-    RANSAC (Fischler and Bolles 1981).
+    The plane is found by RANSAC (Fischler and Bolles 1981) and fitted to its points.
     """
     three = points[np.random.default_rng(0).integers(0, len(points), (TRIES, 3))]
     normals = np.cross(three[:, 1] - three[:, 0], three[:, 2] - three[:, 0])
@@ -221,7 +228,16 @@ def _final_pose(
     reach: float,
     progress: Progress,
 ) -> Poses:
-    """Return the pose that fits all points best with a reach that matches their noise."""
+    """Return the pose that fits all points best.
+
+    Parameters
+    ----------
+    surface, table : exact and tabulated distances
+    points, weights : all points of the scan and their weights
+    poses : the best poses so far
+    reach : scale of the robust weights, which matches the noise
+    progress : called with the fraction done; may cancel
+    """
     some, most = POINTS[2:]
     quick = ScanFit(table, points[:some].astype(np.float32), weights[:some])
     exact = ScanFit(surface, points[:most], weights[:most])

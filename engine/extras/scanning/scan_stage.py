@@ -1,4 +1,4 @@
-"""The stage that compares with a scan: its function, its output and its plot."""
+"""Stage that compares the piece with a scan: its run function, output and plot."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ PLOTS = ("scan",)
 
 @dataclass(frozen=True, eq=False)
 class ScanComparison(StageOutput):
-    """Comparison of the scan with the simulated shape, or with the target if there is no simulation."""
+    """Output of the stage: comparison of the scan with the simulated shape, or with the target if there is none."""
 
     name = "scan"
     scan: Comparison
 
     def map_values(self) -> dict[str, np.ndarray]:
-        """Return mm from the scan to every spiral's centre, negative where the scan does not show it."""
+        """Return the values per quad to plot: distance of the scan, mm, negative where it does not cover the spiral."""
         return {"scan": self.scan.shown_mm}
 
 
 def run(result: Result, settings: Settings, progress: Progress) -> Result:
-    """Compare the scan that the user brought with the simulated shape, or with the target if there is none.
+    """Compare the user's scan with the simulated shape, or with the target if there is none.
 
     Parameters
     ----------
-    result : the piece; its ``user.scanned`` is the scan
-    settings : of all stages
-    progress : reports and cancels
+    result : results of the piece so far; ``user.scanned`` is the scan
+    settings : settings of all stages
+    progress : called with the fraction done; may cancel
 
     Raises
     ------
@@ -65,12 +65,12 @@ def run(result: Result, settings: Settings, progress: Progress) -> Result:
 
 
 def drawings(shown: MapValues, described: Mapping[str, Any]) -> dict[str, Drawing]:
-    """Return the map of the scan's distance, grey where the scan does not show the piece.
+    """Return the map of the scan's distance, grey where the scan does not cover the piece; empty without a scan.
 
     Parameters
     ----------
     shown : values per quad
-    described : the report
+    described : the whole report
     """
     mm = shown.more.get("scan")
     if mm is None or not (mm >= 0).any():
@@ -85,6 +85,6 @@ def drawings(shown: MapValues, described: Mapping[str, Any]) -> dict[str, Drawin
 
 
 def notes(described: Mapping[str, Any]) -> list[tuple[bool, str]]:
-    """Return the notes for the top of the report's page as (is a warning, text)."""
+    """Return the notes for the top of the report as (is a warning, text)."""
     scan = described["scan"]
     return [(False, f"Scan {scan['file']}: {text}") for text in scan["remarks"]]

@@ -1,4 +1,4 @@
-"""Surface to which a scan is registered, with closest points, exact or from a table."""
+"""Surface to which a scan is registered, with distances to it, exact or from a table."""
 
 from __future__ import annotations
 
@@ -10,16 +10,15 @@ import numpy as np
 from ...surface.mesh import QuadMesh
 from ...surface.triangle_tree import TriangleTree
 
-# grid spacing of the table as a share of the size: exact to 0.03 % on a surface whose radius is a quarter of the size
-STEP = 1 / 40
-MARGIN = 0.3  # margin of the table around the surface as a share of the size: more than the error of initial poses
+STEP = 1 / 40  # grid spacing of the table, as a share of the size; larger: less exact, less memory
+MARGIN = 0.3  # margin of the table around the surface, as a share of the size; more than the error of initial poses
 
 
 class Distances(Protocol):
     """Function that returns distances of points from a surface, and their gradients."""
 
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return unit directions (..., 3) and distances along them (...) for points (..., 3)."""
+        """Return unit directions away from the surface (..., 3), and distances along them (...), at points (..., 3)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +27,18 @@ class TriangleSurface(TriangleTree):
 
     @classmethod
     def from_mesh(cls, mesh: QuadMesh, middle: np.ndarray, size: float) -> TriangleSurface:
-        """Return a quad mesh centred on ``middle``, in shares of its ``size``."""
+        """Make the surface from a quad mesh.
+
+        Parameters
+        ----------
+        mesh : quad mesh, metres
+        middle, size : point that becomes the origin, and length that becomes 1, metres
+        """
         halves = np.stack([mesh.quads[:, [0, 1, 2]], mesh.quads[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
         return cls(np.ascontiguousarray((mesh.vertices - middle) / size, float), np.ascontiguousarray(halves, np.int64))
 
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return exact directions and distances; on the surface itself the direction is its normal."""
+        """Return exact directions and distances, see ``Distances``; on the surface the direction is its normal."""
         flat = np.ascontiguousarray(points.reshape(-1, 3), float)
         _, triangle, foot = self.closest(flat)
         away = flat - foot
@@ -44,7 +49,7 @@ class TriangleSurface(TriangleTree):
 
 
 class ClosestPoints:
-    """Closest points of the nodes of a grid; other points use the tangent plane at the nearest node.
+    """Table of closest points for the nodes of a grid; other points use the tangent plane of the nearest node.
 
     As in Fitzgibbon 2003, "Robust registration of 2D and 3D point sets". A hundred times faster than the tree, with an
     error of about 0.1 % of the size close to the surface.
@@ -61,7 +66,7 @@ class ClosestPoints:
         self._direction, self._height = direction.astype(np.float32), height.astype(np.float32)
 
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return directions and signed distances from the tangent planes of the nearest nodes."""
+        """Return directions and signed distances from the nearest nodes' tangent planes, see ``Distances``."""
         at = np.clip(np.rint((points - self._low) / STEP), 0, self._counts - 1).astype(np.int32)
         node = (at[..., 0] * self._counts[1] + at[..., 1]) * self._counts[2] + at[..., 2]
         direction = self._direction[node]

@@ -1,4 +1,4 @@
-"""Load analysis: load cases, deflection and use of arms and joints, and the load at which a piece snaps."""
+"""Load analysis: load cases, deflection, utilisation of arms and joints, and the load at which a piece snaps."""
 
 from ...runs.stage import PHYSICS, Stage
 

@@ -1,6 +1,6 @@
-"""Effects of loads on the spirals: forces at the hubs, pressures that follow them, and movements of supports.
+"""Loads as actions on the hubs: forces of fixed direction, follower pressures, and movements of supports.
 
-Exposed areas and lengths of lines are measured on the shape at rest without loads. Forces, wind and snow keep their
+Exposed areas and lengths of lines are measured on the equilibrium without loads. Forces, wind and snow keep their
 direction as the piece deforms; a pressure stays normal to every hub.
 """
 
@@ -18,17 +18,17 @@ from ...mechanics.loads import GRAVITY
 from .cases import Case, Combination, Load, LoadPlan
 
 Where = Callable[[str], np.ndarray]
-HIDDEN = 1e-3  # minimum distance in edges at which one quad hides another; absorbs rounding
-RAYS = 2_000_000  # pairs of quad and triangle tested at once: 100 MB
+HIDDEN = 1e-3  # smallest distance, in quad edges, at which one quad hides another; absorbs rounding
+RAYS = 2_000_000  # pairs of quad and triangle tested at once; larger: more memory (100 MB)
 
 
 @dataclass(frozen=True, eq=False)
 class Action:
     """Loads on n spirals.
 
-    force : N, of fixed direction
-    pressure : N along the outer normals of the hubs, which rotate with the hubs
-    shift : movement of held hubs, metres
+    force : forces of fixed direction, N
+    pressure : forces along the outer normals of the hubs, N; they rotate with the hubs
+    shift : movements of supported hubs, metres
     """
 
     force: Float[np.ndarray, "spirals 3"]
@@ -37,7 +37,7 @@ class Action:
 
     @classmethod
     def none(cls, size: int) -> Action:
-        """Return the action without loads."""
+        """Return an action of zero on ``size`` spirals."""
         return cls(np.zeros((size, 3)), np.zeros(size), np.zeros((size, 3)))
 
     def __add__(self, other: Action) -> Action:
@@ -64,15 +64,15 @@ class Action:
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """The shape at rest to which loads are applied.
+    """The equilibrium without loads, to which loads are applied.
 
-    pose : of the hubs
-    corners : of their quads, metres
-    flat : corners of their quads before bending, metres
-    pairs, sides : hubs of every joint, and their sides
-    mass : kg
-    held : whether the position of a hub is held
-    where : returns the quads named by a text
+    pose : pose of the hubs
+    corners : corners of the quads in this shape, metres
+    flat : corners of the quads in the flat panels, metres
+    pairs, sides : the two hubs of every joint, and the sides of their quads
+    mass : mass of every spiral, kg
+    held : whether the position of a hub is fixed by a support
+    where : function that returns the quads that a text names
     """
 
     pose: Pose
@@ -91,25 +91,25 @@ class Ground:
 
     @property
     def area(self) -> Float[np.ndarray, " spirals"]:
-        """Area of the flat quads with their slots, m2."""
+        """Area of the flat quads including their slots, m2."""
         x, y = self.flat[..., 0], self.flat[..., 1]
         return 0.5 * np.abs((x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1))
 
 
 def actions(plan: LoadPlan, ground: Ground) -> dict[str, Action]:
-    """Return the action of every case and combination by name."""
+    """Return the action of every load case and combination by name."""
     found = {case.name: _of_case(case, ground, lasting=False) for case in plan.cases}
     return found | {one.name: _combine(one, found, ground.size) for one in plan.combinations}
 
 
 def lasting(plan: LoadPlan, ground: Ground) -> Action:
-    """Return the sum of all loads that stay for years."""
+    """Return the sum of all loads, over all cases, that act for years."""
     parts = [_of_case(case, ground, lasting=True) for case in plan.cases]
     return sum(parts[1:], parts[0])
 
 
 def _combine(one: Combination, found: dict[str, Action], size: int) -> Action:
-    """Return the action of a combination of cases."""
+    """Return the action of a combination; ``found`` has the actions of all cases."""
     total = Action.none(size)
     for factor, name in one.parts:
         total += found[name].times(factor)
@@ -117,7 +117,7 @@ def _combine(one: Combination, found: dict[str, Action], size: int) -> Action:
 
 
 def _of_case(case: Case, ground: Ground, *, lasting: bool) -> Action:
-    """Return the action of a case, with ``lasting`` only of its loads that stay for years."""
+    """Return the action of a case; with ``lasting``, of its lasting loads only."""
     total = Action.none(ground.size)
     for load in case.loads:
         if load.lasting or not lasting:
@@ -129,7 +129,7 @@ def _of_case(case: Case, ground: Ground, *, lasting: bool) -> Action:
 
 
 def _of_load(load: Load, ground: Ground) -> Action:
-    """Return the action of a load, without its factor."""
+    """Return the action of a load, not multiplied by its factor."""
     acts = Action.none(ground.size)
     quads = ground.where(load.where) if load.where else np.arange(ground.size)
     value = np.array(load.value)
@@ -140,7 +140,7 @@ def _of_load(load: Load, ground: Ground) -> Action:
     elif load.kind == "line":
         acts.force[quads] += value * _lengths(quads, ground)[:, None]
     elif load.kind == "pressure":
-        # a positive pressure acts from outside
+        # a positive pressure pushes from outside, against the outer normals
         acts.pressure[quads] -= value * ground.area[quads]
     elif load.kind == "move":
         moved = quads if load.where else np.flatnonzero(ground.held)
@@ -154,7 +154,7 @@ def _of_load(load: Load, ground: Ground) -> Action:
 
 
 def _lengths(quads: np.ndarray, ground: Ground) -> Float[np.ndarray, " some"]:
-    """Return (k,) the length in metres of a line on each of its quads: from side to side where it continues."""
+    """Return (k,) the length, metres, of a line load on each of its k quads, between the middles of two sides."""
     inside = np.zeros(ground.size, dtype=bool)
     inside[quads] = True
     joined = inside[ground.pairs].all(axis=1)
@@ -173,14 +173,17 @@ def _lengths(quads: np.ndarray, ground: Ground) -> Float[np.ndarray, " some"]:
 
 
 def _on_exposed_areas(value: np.ndarray, quads: np.ndarray, ground: Ground) -> Float[np.ndarray, "some 3"]:
-    """Return (k, 3) N of a pressure along an axis on the projected areas of quads that are not hidden."""
+    """Return (k, 3) the forces, N, of a pressure along an axis on quads that are not hidden, by their projected areas.
+
+    value : (3,) pressure times direction, N/m2
+    """
     axis = value / max(np.linalg.norm(value), 1e-300)
     share = np.abs(ground.pose.rotations[quads, :, 2] @ axis) * ~are_hidden(ground.corners, axis)[quads]
     return value * (share * ground.area[quads])[:, None]
 
 
 def are_hidden(corners: Float[np.ndarray, "quads 4 3"], axis: Float[np.ndarray, " 3"]) -> Bool[np.ndarray, " quads"]:
-    """Return whether the middle of a quad lies behind another quad, seen along an axis."""
+    """Return (F,) whether another quad hides the middle of a quad from a viewer who looks along ``axis``."""
     helper = np.eye(3)[np.abs(axis).argmin()]
     right = np.cross(axis, helper) / np.linalg.norm(np.cross(axis, helper))
     frame = np.stack([right, np.cross(axis, right), axis], axis=1)

@@ -1,9 +1,9 @@
-"""A piece under its load cases: deflection, use of arms and joints relative to their limits, and snapping.
+"""Response of a piece to its load cases: deflection, utilisation of arms and joints, and snapping.
 
-All figures of a case come from its own load path (``load_path``), which begins at the shape without loads. The state after a
-year is computed under the lasting loads with the share of Young's modulus left by then (effective modulus, EN 1995-1-1,
-2.3.2.2): as all stiffnesses are proportional to the modulus, it is the equilibrium under these loads divided by the
-share.
+Utilisation is strain or stress as a share of its limit. All figures of a case come from its load path (``load_path``),
+which begins at the equilibrium without loads. The state after a year is computed under the lasting loads with the share
+of Young's modulus that is left by then (effective modulus, EN 1995-1-1, 2.3.2.2): as all stiffnesses are proportional
+to the modulus, it equals the equilibrium under these loads divided by that share.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ from .load_path import Path, PathFollower, follow
 from .structure_params import StructureParams
 
 YEAR = "after a year"  # name and kind of the outcome under lasting loads
-POINTS = 60  # maximum points of a curve in the report
+POINTS = 60  # largest number of points of a load-deflection curve in the report
 
 
 @dataclass(frozen=True, eq=False)
 class Borne:
-    """Use of arms and joints in a state as shares of their limits; None for the rod model.
+    """Utilisation of arms and joints in one pose; all None for the rod model.
 
-    arms : maximum over the arms of every spiral
-    joints : at the narrowest place of every joint
-    forces, moments : in every joint, N and N m
+    arms : largest strain in the arms of every spiral, as a share of the limit
+    joints : stress at the narrowest place of every joint, as a share of the limit
+    forces, moments : force and moment in every joint, N and N m
     """
 
     arms: Float[np.ndarray, " spirals"] | None = None
@@ -56,14 +56,15 @@ class Borne:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A case, a combination or the state after a year.
+    """Response to a load case, to a combination, or to the lasting loads after a year.
 
+    name, kind : name, and "case", "combination" or ``YEAR``
     action : loads at the factor 1
-    rest, pose : of the hubs without and under these loads; pose is None if the piece snaps before
-    borne : use of arms and joints under these loads
-    path : the load path
-    linear : critical factor by linear buckling
-    share : of Young's modulus that is left
+    rest, pose : poses of the hubs without and under these loads; ``pose`` is None if the piece snaps before
+    borne : utilisation of arms and joints under these loads
+    path : the load path; its factors must be multiplied by ``share``
+    linear : critical factor of ``path`` by linear buckling, or None
+    share : share of Young's modulus that is left
     """
 
     name: str
@@ -78,22 +79,22 @@ class Outcome:
 
     @property
     def critical(self) -> float | None:
-        """The factor of the load at which the piece gives way, or None if unknown."""
+        """Load factor at which the piece snaps, or None if the path did not reach such a point."""
         return None if self.path.critical is None else self.share * self.path.critical
 
     @property
     def shift(self) -> Float[np.ndarray, "spirals 3"]:
-        """Movement of the hubs from rest in metres, at the factor 1 or at the last equilibrium before snapping."""
+        """Displacement of the hubs from ``rest``, metres, at the factor 1, or just before snapping."""
         return (self.path.last.pose if self.pose is None else self.pose).centres - self.rest.centres
 
     @property
     def deflection(self) -> Float[np.ndarray, " spirals"]:
-        """Distance moved by every hub in metres."""
+        """Length of every hub's displacement, metres."""
         return np.linalg.norm(self.shift, axis=1)
 
     @property
     def curve(self) -> Float[np.ndarray, "points 2"]:
-        """Load factor and deflection in metres of the hub that moves most, along its direction."""
+        """Load factor, and deflection (metres) of the hub that moves most, along its final displacement."""
         most = int(self.deflection.argmax())
         way = self.shift[most] / max(float(self.deflection[most]), 1e-300)
         return np.array([
@@ -102,7 +103,10 @@ class Outcome:
         ])  # fmt: skip
 
     def report(self, seams: Bool[np.ndarray, " joints"]) -> dict[str, Any]:
-        """Return one row of the block; joints are included only where they are ``seams``."""
+        """Return this outcome's row in the ``structure`` block of report.json.
+
+        seams : whether a joint lies on a seam; only these joints are reported
+        """
         row: dict[str, Any] = {
             "name": self.name,
             "kind": self.kind,
@@ -129,9 +133,9 @@ class Outcome:
 class Structure:
     """Result of the load analysis of a piece.
 
-    at_rest : use of arms and joints without loads
-    outcomes : of the cases, the combinations and the state after a year, in this order
-    seams : whether a joint is assembled by hand
+    at_rest : utilisation of arms and joints without loads
+    outcomes : outcomes of the cases, the combinations and the state after a year, in this order
+    seams : whether a joint lies on a seam, and so is assembled by hand
     """
 
     simulation: Simulation
@@ -141,7 +145,7 @@ class Structure:
 
     @property
     def utilisation(self) -> Float[np.ndarray, " quads"] | None:
-        """Maximum use of every spiral's arms over all outcomes as a share of the limit; None for the rod model."""
+        """Largest utilisation of every spiral's arms over all outcomes; None for the rod model."""
         found = [one.borne.arms for one in self.outcomes if one.borne.arms is not None]
         return np.max(found, axis=0) if found else self.at_rest.arms
 
@@ -173,7 +177,7 @@ def _rounded(value: float | None) -> float | None:
 
 
 def _use_figures(found: Borne, seams: Bool[np.ndarray, " joints"]) -> dict[str, Any]:
-    """Return the figures about arms and joints; empty for the rod model."""
+    """Return the largest utilisation of arms and of joints on seams for report.json; empty for the rod model."""
     if found.arms is None or found.joints is None or found.forces is None or found.moments is None:
         return {}
     told: dict[str, Any] = {"arms": _rounded(float(found.arms.max())), "arms_quad": int(found.arms.argmax())}
@@ -187,7 +191,7 @@ def _use_figures(found: Borne, seams: Bool[np.ndarray, " joints"]) -> dict[str, 
 
 
 def _findings(one: Outcome, structure: Structure) -> list[Finding]:
-    """Return the findings about one outcome."""
+    """Return the findings about one outcome: snapping, overstrained arms and overloaded connectors."""
     found, what = [], f"Under '{one.name}'" if one.kind != YEAR else "After a year under the loads that stay"
     if one.pose is None:
         reached = one.critical or one.share * one.path.last.factor
@@ -212,22 +216,23 @@ def _findings(one: Outcome, structure: Structure) -> list[Finding]:
     return found
 
 
-# -- analysis ------------------------------------------------------------------------------------------------------------------
+# -- analysis
+# ------------------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class _Strength:
-    """Limits of a piece: those of its material, and the widths of its necks.
+    """Data that limit the load on a piece: its model and material, and the widths of its joints.
 
-    simulation : with the material
-    necks : width of the joints, metres
+    simulation : the simulated piece
+    necks : narrowest width of every joint, metres
     """
 
     simulation: Simulation
     necks: Float[np.ndarray, " joints"]
 
     def borne(self, pose: Pose, strain: float) -> Borne:
-        """Return the use of arms and joints in a pose for a strain limit."""
+        """Return the utilisation of arms and joints in a pose for a strain limit."""
         model, material = self.simulation.model, self.simulation.material
         state = model.start(pose)
         strains, wrenches = model.strains(state, material), model.wrenches(state)
@@ -244,8 +249,9 @@ def without_loads(simulation: Simulation, params: SimulateParams, progress: Prog
 
     Parameters
     ----------
-    simulation : with model and supports
-    params : of the solver
+    simulation : the simulated piece, with model and supports
+    params : settings of the solver
+    progress : called with the fraction done; may cancel
 
     Raises
     ------
@@ -259,7 +265,14 @@ def without_loads(simulation: Simulation, params: SimulateParams, progress: Prog
 
 
 def ground_of(simulation: Simulation, rest: Pose, groups: dict[str, Int[np.ndarray, " some"]]) -> Ground:
-    """Return the shape at rest for loads; ``groups`` are quads by the names that loads may use besides numbers."""
+    """Return the shape to which loads are applied.
+
+    Parameters
+    ----------
+    simulation : the simulated piece
+    rest : pose of the hubs at the equilibrium without loads
+    groups : quads by name, for loads that name their place instead of giving numbers
+    """
     design, mesh = simulation.design, simulation.target
 
     def where(text: str) -> np.ndarray:
@@ -301,9 +314,10 @@ def analyse(
     Parameters
     ----------
     simulation : the simulated piece
-    plan, params, how : loads, and settings of the analysis and of the solver
-    connections : without connectors, joints are as wide as the arms
-    groups : quads by name
+    plan, params, how : loads, settings of the analysis, and settings of the solver
+    connections : connectors, whose necks limit the joints; without, joints are as wide as the arms
+    groups : quads by name, see ``ground_of``
+    progress : called with the fraction done; may cancel
 
     Raises
     ------
@@ -316,7 +330,8 @@ def analyse(
     strength = _Strength(simulation, joints.necks(simulation.design, connections)[~mesh.border])
     material, out = simulation.material, []
     if material.lasting is not None:
-        # loads are scaled up instead of reducing the stiffness; movements of supports are not
+        # the path is followed to the load factor 1 / share instead of reducing the stiffness; the movements of
+        # supports, which this factor multiplies too, must keep their amount
         stays = replace(stays, shift=material.lasting.share * stays.shift)
     names = [*found, *([YEAR] if material.lasting is not None and stays.acts else [])]
     combined = {one.name for one in plan.combinations}
@@ -346,7 +361,7 @@ def _outcome(
     how: SimulateParams,
     progress: Progress,
 ) -> Outcome:
-    """Follow the load path of one case and return its outcome."""
+    """Follow the load path of one case, combination or state after a year, and return its outcome."""
     model, material = strength.simulation.model, strength.simulation.material
     share, strain = _limits(material, kind)
     follower = PathFollower(model, NewtonSystem(model.pairs, held), action, how.tolerance)
@@ -355,14 +370,14 @@ def _outcome(
     pose = None if there is None else there.pose
     borne = Borne() if pose is None else strength.borne(pose, strain)
     if share != 1.0 and borne.forces is not None and borne.moments is not None:
-        # the model has its initial stiffness, so forces are scaled back
+        # the model has its full stiffness and scaled-up loads, so its forces are scaled back
         borne = Borne(borne.arms, borne.joints, share * borne.forces, share * borne.moments)
     linear = linear_buckling(follower, path.points[0])
     return Outcome(name, kind, action, base.pose, pose, borne, path, linear, share)
 
 
 def _limits(material: Material, kind: str) -> tuple[float, float]:
-    """Return the share of Young's modulus that is left, and the strain limit."""
+    """Return the share of Young's modulus that is left, and the strain limit, for a kind of outcome."""
     if kind == YEAR and material.lasting is not None:
         return material.lasting.share, material.lasting.strain
     return 1.0, material.strain_limit

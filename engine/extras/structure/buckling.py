@@ -1,4 +1,4 @@
-"""Linear buckling: a quick estimate of how far a load may rise.
+"""Linear buckling: a quick estimate of the load factor at which a piece snaps.
 
 Given the tangent stiffness at rest K0, including the stresses at rest, and its first-order change with the load factor
 K1 (Brendel and Ramm 1980; Bathe and Dvorkin 1983), the estimate is the lowest factor for which K0 + factor K1 is
@@ -15,12 +15,13 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 from ...mechanics.newton_system import MAX_DENSE_SIZE
 from .load_path import PathFollower, PathPoint, following
 
-STEP = 1e-4  # step in radians or edges for the change of the tangent: errors of 1e-4, and of 1e-9 by rounding
-EIGENVALUE_TOL = 1e-6  # relative tolerance of the lowest factor
+# step of the finite difference of the tangent, radians or quad edges; larger: less exact, smaller: more rounding
+STEP = 1e-4
+EIGENVALUE_TOL = 1e-6  # relative tolerance of the eigenvalue solver; larger: faster, less exact critical factor
 
 
 def linear_buckling(follower: PathFollower, rest: PathPoint) -> float | None:
-    """Return the lowest positive critical factor to first order; None without one.
+    """Return the lowest positive critical load factor by linear buckling; None if there is none.
 
     Parameters
     ----------
@@ -42,7 +43,7 @@ def linear_buckling(follower: PathFollower, rest: PathPoint) -> float | None:
 
 
 def _lowest(follower: PathFollower, base: np.ndarray, slope: csc_array) -> float | None:
-    """Return the lowest positive factor f for which base + f slope is singular; None without one."""
+    """Return the lowest positive factor f for which base + f slope is singular; None if there is none."""
     system = follower.system
     whole = system.pattern.matrix(base)
     if not system.factor(base):

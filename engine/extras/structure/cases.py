@@ -21,7 +21,7 @@ import numpy as np
 
 from ...errors import FlexMapsError
 
-# name of the value, its unit and the default axis of every kind
+# every kind of load: name of its value, unit and default axis, "" if it has none
 KINDS: dict[str, tuple[str, str, str]] = {
     "weight": ("", "", "-z"),
     "point": ("force", "N", ""),
@@ -32,7 +32,7 @@ KINDS: dict[str, tuple[str, str, str]] = {
     "move": ("movement", "mm", ""),
 }
 AXES = {sign + axis: k for k, axis in enumerate("xyz") for sign in ("", "+", "-")}
-LASTING = "lasting"  # word for a load that stays for years
+LASTING = "lasting"  # word in a line for a load that acts for years
 NAME = r"[^\W\d][\w-]*"  # name of a case: a letter, then letters, digits, _ and -
 LINE = re.compile(
     rf"(?P<name>{NAME})\s*:\s*(?P<kind>\w+)(?P<given>(?:\s+\S+?)*?)(?:\s+on\s+(?P<where>.+?))?"
@@ -41,18 +41,18 @@ LINE = re.compile(
 SUM = re.compile(
     rf"\s*(?P<sign>[+-]?)\s*(?P<factor>[0-9.]+(?:e[+-]?[0-9]+)?)?\s*\*?\s*(?P<name>{NAME})\s*", re.IGNORECASE
 )
-LONGEST = 60  # maximum letters of a line quoted in an error
+LONGEST = 60  # largest number of characters of a line that an error quotes
 
 
 @dataclass(frozen=True)
 class Load:
-    """One load.
+    """One load of a load case.
 
     kind : key of ``KINDS``
-    value : total along an axis, in N, N/m, N/m2 or m: three numbers, or one for a pressure along the normal, or none
+    value : vector (3,) in N, N/m, N/m2 or m; one number for a pressure along the normals; empty for weight
     where : vertex group, numbers of quads, or "lowest"; "" for all quads, or for all supports in case of a movement
     factor : multiplies the value
-    lasting : whether it stays for years
+    lasting : whether it acts for years
     """
 
     kind: str
@@ -72,7 +72,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Combination:
-    """A sum of cases: factor and name of each."""
+    """A weighted sum of load cases; ``parts`` has the factor and the name of each case."""
 
     name: str
     parts: tuple[tuple[float, str], ...]
@@ -80,7 +80,7 @@ class Combination:
 
 @dataclass(frozen=True)
 class LoadPlan:
-    """All cases and combinations of a piece, with different names."""
+    """All load cases and combinations of a piece; all names differ."""
 
     cases: tuple[Case, ...]
     combinations: tuple[Combination, ...] = ()
@@ -102,24 +102,25 @@ class LoadPlan:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Texts that name the places of loads."""
+        """The distinct texts that say where loads act, see ``Load.where``."""
         return tuple(dict.fromkeys(load.where for case in self.cases for load in case.loads if load.where))
 
 
 def line_of(
     name: str, kind: str, value: float, axis: str, where: str = "", factor: float = 1.0, lasting: bool = False
 ) -> str:
-    """Return the line of text for a load; values that its kind does not need are left out.
+    """Return the line of text that describes a load; values that its kind does not use are left out.
 
     Parameters
     ----------
-    name, kind : of the case, and key of ``KINDS``
-    value : in the unit of ``KINDS``
-    axis, where, factor, lasting : see ``Load``
+    name, kind : name of the case, and key of ``KINDS``
+    value : amount, in the unit of ``KINDS``
+    axis : key of ``AXES``
+    where, factor, lasting : see ``Load``
 
     Raises
     ------
-    FlexMapsError : ``where`` could not be read back
+    FlexMapsError : ``where`` would not be read back from the line unchanged
     """
     called = KINDS[kind][0]
     words = [f"{name.strip()}: {kind}"]
@@ -142,7 +143,7 @@ def line_of(
 
 
 def lines(text: str) -> list[str]:
-    """Return the lines of a text; semicolons separate lines too."""
+    """Split a text into its non-empty lines; semicolons separate lines too."""
     return [line.strip() for line in re.split(r"[;\n]", text) if line.strip()]
 
 
@@ -155,7 +156,7 @@ def plan(cases: str | Iterable[str], combinations: str | Iterable[str] = "") -> 
 
     Raises
     ------
-    FlexMapsError : with the line that cannot be read
+    FlexMapsError : a line cannot be read, or the names do not fit; the message quotes it
     """
     found: dict[str, list[Load]] = {}
     for line in lines(cases) if isinstance(cases, str) else cases:
@@ -171,7 +172,7 @@ def _line_error(line: str, why: str) -> FlexMapsError:
 
 
 def _load(line: str) -> tuple[str, Load]:
-    """Return the name of the case and the load in a line."""
+    """Parse a line of text: return the name of its load case, and the load."""
     found = LINE.fullmatch(line.strip())
     if found is None:
         raise _line_error(
@@ -182,13 +183,13 @@ def _load(line: str) -> tuple[str, Load]:
         raise _line_error(line, f"'{kind}' is not a kind of load; choose one of {', '.join(KINDS)}")
     words = found["given"].split()
     factor = 1.0 if found["factor"] is None else _number(line, found["factor"])
-    # a piece's own weight stays for years
+    # a piece's own weight acts for years
     lasting = found["lasting"] is not None or kind == "weight"
     return found["name"], Load(kind, _value(line, kind, words), (found["where"] or "").strip(), factor, lasting)
 
 
 def _value(line: str, kind: str, words: list[str]) -> tuple[float, ...]:
-    """Return the vector or number in a load's words, in SI units."""
+    """Return the value of a load from its words, in SI units: a vector, one number or nothing, see ``Load.value``."""
     called, unit, usual = KINDS[kind]
     if not called:
         if words:
@@ -217,7 +218,7 @@ def _value(line: str, kind: str, words: list[str]) -> tuple[float, ...]:
 
 
 def _number(line: str, word: str) -> float:
-    """Return a finite number written in the digits 0 to 9."""
+    """Parse a finite decimal number in ASCII; raise an error that quotes the line if the word is not a number."""
     try:
         value = float(word) if word.isascii() and "_" not in word else np.nan
     except ValueError:
@@ -228,7 +229,7 @@ def _number(line: str, word: str) -> float:
 
 
 def _combination(text: str) -> Combination:
-    """Return the combination in a line."""
+    """Parse a combination from a line such as "all = 1.35 weight + 1.5 snow"."""
     name, equals, right = text.partition("=")
     name = name.strip()
     parts = [SUM.fullmatch(one) for one in re.split(r"(?<![eE])(?=[+-])", right) if one.strip()]

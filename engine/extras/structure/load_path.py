@@ -1,9 +1,9 @@
-"""Load path: the equilibria of a piece as a load rises from zero, past the point where it snaps.
+"""Load path: the equilibria of a piece as its load rises from zero, past the point where it snaps.
 
-The equilibria of elastic forces and factor x load are followed by arc length (Riks 1979; Crisfield 1991, chapter 9): a
-step along the tangent, then Newton steps in the plane perpendicular to it, which solve a bordered system by block
-elimination with the stresses predicted by the last step (Magisano, Leonetti and Garcea 2017). The load is critical
-where the tangent stiffness stops being positive definite: at a limit point, where the load can rise no further, or at a
+The equilibria under factor x load are followed by arc-length continuation (Riks 1979; Crisfield 1991, chapter 9): a
+step along the tangent, then Newton steps in the plane perpendicular to it. These solve a bordered system by block
+elimination, with the stresses predicted by the last step (Magisano, Leonetti and Garcea 2017). The load is critical
+where the tangent stiffness stops being positive definite: at a limit point, where the load has its maximum, or at a
 branch point.
 """
 
@@ -28,27 +28,28 @@ from ...progress import SILENT, Progress
 from .actions import Action
 
 LIMIT, BRANCH = "limit", "branch"  # kind of the critical point that ends the stable path
-FIRST = 0.05  # first step, in radians or edges that a hub moves; any converges
-LONGEST = 0.5 * TURN_CAP  # longest step in these units: half of a Newton step's limit; any converges
-SHORTEST = 1e-6  # shortest step, in these units and as a share of the largest factor, before following is given up
-# maximum increase of the factor per step as a share of the largest factor, so that curves have enough points
-SHARE = 0.125
-USUAL, MOST = 5, 14  # Newton steps at which the step length is kept, and at which it is halved
-BRACKET_TOL = 1e-3  # relative width to which the critical factor is bracketed
-HALVINGS = 24  # maximum bisections for that
-BEYOND = 12  # steps followed after the critical load
-STEPS = 400  # maximum number of steps; a dome that snaps takes about 40
+# Step lengths are the largest motion of a hub, in radians or quad edges; longer: fewer steps, more of them repeated
+FIRST = 0.05  # first step length; any value converges
+LONGEST = 0.5 * TURN_CAP  # longest step length: half of the largest rotation in a Newton step; any value converges
+SHORTEST = 1e-6  # step length, and share of the largest factor, below which the path is given up
+SHARE = 0.125  # largest change of the factor per step, as a share of the largest factor; smaller: smoother curves
+# number of Newton steps with which the step length stays as it is, and largest number, after which the step is halved
+USUAL, MOST = 5, 14
+BRACKET_TOL = 1e-3  # relative width of the bracket around the critical factor
+HALVINGS = 24  # largest number of bisections of that bracket
+BEYOND = 12  # number of steps followed after the critical load
+STEPS = 400  # largest number of steps; a dome that snaps takes about 40
 
 
 @dataclass(frozen=True, eq=False)
 class PathPoint:
-    """An equilibrium on the path.
+    """An equilibrium on the load path.
 
-    factor : of the load
-    state : of the elastic model
-    unstable : number of unstable directions
-    way, rises : tangent of the path in hub motion (n, 6) and factor, scaled so that no hub moves more than one radian
-        or edge
+    factor : load factor
+    state : state of the elastic model
+    unstable : number of unstable directions: negative pivots of the tangent stiffness
+    way, rises : tangent of the path: motion of the hubs (n, 6) and change of the factor, scaled so that the largest
+        motion of a hub is one radian or one quad edge
     """
 
     factor: float
@@ -66,13 +67,13 @@ class PathPoint:
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """The equilibria in order.
+    """The load path.
 
-    points : the first is without load
-    marks : equilibria at the requested factors that were reached in a stable state
-    critical : factor at which the piece gives way, or None
-    kind : ``LIMIT`` or ``BRANCH``, or "" without critical factor
-    ended : reason why following stopped early, else ""
+    points : the equilibria in order, the first without load
+    marks : equilibria at those requested factors that were reached before the critical point
+    critical : critical load factor, at which the piece snaps, or None
+    kind : ``LIMIT`` or ``BRANCH``, or "" without a critical factor
+    ended : reason why the path was given up early, else ""
     """
 
     points: tuple[PathPoint, ...]
@@ -83,7 +84,7 @@ class Path:
 
     @property
     def last(self) -> PathPoint:
-        """The last equilibrium before the piece gives way."""
+        """The last equilibrium before the first unstable one."""
         first = next((k for k, one in enumerate(self.points) if one.unstable), len(self.points))
         return self.points[max(first - 1, 0)]
 
@@ -92,8 +93,9 @@ class Path:
 class PathFollower:
     """Follows the equilibria of a model under factor x action.
 
-    system : linear system of the joints with supports eliminated
-    tolerance : residual force relative to internal forces and load
+    system : linear system of the model with supported unknowns eliminated
+    tolerance : largest residual force, as a share of the internal forces and the load
+    edge : mean width of a quad, metres; scale : norm of the load, N
     """
 
     model: ElasticModel
@@ -104,7 +106,7 @@ class PathFollower:
     scale: float = field(init=False, default=0.0)
 
     def __post_init__(self) -> None:
-        # constraints of a floating piece are not supports: they carry nothing
+        # the constraints of a floating piece are not supports: they carry no force
         assembly = self.model.assembly
         self.edge = float(assembly.radius.mean() * 2.0)
         self.scale = float(np.linalg.norm(self.action.force) + np.linalg.norm(self.action.pressure))
@@ -116,19 +118,19 @@ class PathFollower:
 
         Parameters
         ----------
-        here : elastic gradient at the pose
-        pose, factor : of the hubs, and of the load
+        here : expansion of the elastic energy at the pose
+        pose, factor : pose of the hubs, and load factor
         """
         out = here.gradient.copy()
         out[: len(self.action.force), :3] -= factor * self.action.at(pose)
         return out
 
     def pull(self, here: Expansion, pose: Pose) -> Float[np.ndarray, "spirals 6"]:
-        """Return the negative derivative of the residual by the factor, including moving supports.
+        """Return the negative derivative of the residual with respect to the factor, including moving supports.
 
         Parameters
         ----------
-        here, pose : expansion of the elastic energy, and the pose
+        here, pose : expansion of the elastic energy at the pose, and the pose
         """
         out, hubs = np.zeros_like(here.gradient), len(self.action.force)
         out[:hubs, :3] = self.action.at(pose)
@@ -141,29 +143,29 @@ class PathFollower:
         return out
 
     def follows(self, pose: Pose, factor: float) -> csc_array:
-        """Return the derivative of the residual by rotations of the hubs due to following pressures.
+        """Return the load stiffness: derivative of the residual by hub rotations due to follower pressures.
 
-        Only rows and columns of free unknowns.
+        It has the rows and columns of the free unknowns only.
 
         Parameters
         ----------
-        pose, factor : of the hubs, and of the load
+        pose, factor : pose of the hubs, and load factor
         """
         return following(self.system, self.action, pose, factor)
 
     def factor_tangent(
         self, here: Expansion, pose: Pose, factor: float
     ) -> tuple[Callable[[np.ndarray], np.ndarray], int]:
-        """Factor the tangent stiffness.
+        """Factorise the tangent stiffness.
 
         Parameters
         ----------
-        here : expansion of the elastic energy
-        pose, factor : of the hubs, and of the load
+        here : expansion of the elastic energy at the pose
+        pose, factor : pose of the hubs, and load factor
 
         Returns
         -------
-        function that solves with the tangent, and the number of negative pivots
+        function that solves with the tangent stiffness, and the number of negative pivots
         """
         values = self.system.values(here.hessian)
         if not self.action.follows and self.system.factor(values):
@@ -175,29 +177,29 @@ class PathFollower:
         return lambda field: self.system.full(lu.solve(self.system.free_entries(field))), lu.negative
 
     def with_support_motion(self, way: Float[np.ndarray, "spirals 6"], factor: float) -> Float[np.ndarray, "spirals 6"]:
-        """Return increments (n, 6) with the movement of supports for a change of the factor added.
+        """Add the movements of supports to increments (n, 6) of the hubs.
 
         Parameters
         ----------
         way : increments of the free hubs
-        factor : change of the factor
+        factor : change of the load factor that comes with them
         """
         out = way.copy()
         out[: len(self.action.shift), :3] += factor * self.action.shift
         return out
 
     def size(self, way: np.ndarray) -> float:
-        """Return the largest motion of a hub in radians or edges."""
+        """Return the largest motion of a hub, in radians or quad edges."""
         return float((np.abs(way) * np.repeat([1.0 / self.edge, 1.0], 3)).max(initial=0.0))
 
     # -- points --------------------------------------------------------------------------------------------------------
 
     def point(self, state: Any, factor: float, before: PathPoint | None) -> PathPoint:
-        """Return an equilibrium with the tangent of the path, oriented as the path was followed so far.
+        """Return an equilibrium with the tangent of the path, which points on in the direction followed so far.
 
         Parameters
         ----------
-        state, factor : of the equilibrium
+        state, factor : state of the elastic model and load factor at the equilibrium
         before : the previous equilibrium, or None
         """
         here = self.model.expand(state)
@@ -213,13 +215,13 @@ class PathFollower:
         return PathPoint(factor, state, unstable, sign * way / length, sign / length)
 
     def step(self, point: PathPoint, length: float, fixed: float | None = None) -> tuple[PathPoint, int] | None:
-        """Return the next equilibrium and its number of Newton steps; None without convergence.
+        """Return the next equilibrium and its number of Newton steps; None if these do not converge.
 
         Parameters
         ----------
         point : the present equilibrium
-        length : of the step, radians or edges
-        fixed : factor of the next equilibrium, instead of the plane perpendicular to the tangent
+        length : step length, radians or quad edges
+        fixed : factor at which to find the next equilibrium; default is in the plane perpendicular to the tangent
         """
         factor = point.factor + length * point.rises
         state = self.model.moved(point.state, length * point.way)
@@ -247,7 +249,7 @@ class PathFollower:
                 change = fixed - factor
             way = free + change * along
             if count and np.abs(way).max(initial=0.0) <= NEGLIGIBLE_STEP:
-                # the residual is rounding error
+                # steps are negligible, so the residual is rounding error
                 return self.point(state, factor, point), count
             cap = min(1.0, TURN_CAP / max(float(np.abs(way[:, 3:]).max(initial=0.0)), 1e-300))
             state, factor = self.model.moved(state, cap * way), factor + cap * change
@@ -255,7 +257,18 @@ class PathFollower:
 
 
 def following(system: NewtonSystem, action: Action, pose: Pose, factor: float) -> csc_array:
-    """Return the derivative of -factor x pressure x normal by rotations of the hubs, (free, free), not symmetric."""
+    """Return the load stiffness: derivative of -factor x pressure x normal with respect to rotations of the hubs.
+
+    Parameters
+    ----------
+    system : gives the free unknowns
+    action : gives the pressures
+    pose, factor : pose of the hubs, and load factor
+
+    Returns
+    -------
+    sparse matrix (free, free), not symmetric
+    """
     blocks = factor * action.pressure[:, None, None] * skew(pose.rotations[:, :, 2])
     hub, size = 6 * np.arange(len(action.pressure))[:, None, None], len(system.held)
     rows = np.broadcast_to(hub + np.arange(3)[:, None], blocks.shape).ravel()
@@ -273,15 +286,16 @@ def follow(
     beyond: int = BEYOND,
     progress: Progress = SILENT,
 ) -> Path:
-    """Follow the path from an equilibrium without load.
+    """Follow the load path from the equilibrium without load.
 
     Parameters
     ----------
     follower : model and load
     rest : pose without load
-    marks : factors at which equilibria are computed exactly
+    marks : factors at which the path must have an equilibrium
     most : largest factor
-    beyond : steps after the critical point
+    beyond : number of steps after the critical point
+    progress : called with the fraction done; may cancel
     """
     point = follower.point(follower.model.start(rest), 0.0, None)
     points, found, left, length = [point], dict[float, PathPoint](), sorted(marks), FIRST
@@ -324,7 +338,7 @@ def follow(
 
 
 def _limit_step(point: PathPoint, length: float, aim: float | None, most: float) -> float:
-    """Return the step length limited so that the factor neither rises too much nor passes its target."""
+    """Limit the step length so that the factor neither changes too much nor passes ``aim``, the next requested one."""
     rises = abs(point.rises)
     if aim is not None and point.rises > 0.0:
         length = min(length, (aim - point.factor) / rises)
@@ -332,7 +346,7 @@ def _limit_step(point: PathPoint, length: float, aim: float | None, most: float)
 
 
 def _leaps(follower: PathFollower, point: PathPoint, new: PathPoint, step: float) -> bool:
-    """Return whether a step moved a hub far beyond its length, as onto another part of the path."""
+    """Return whether a step moved a hub much farther than the step length, probably onto another part of the path."""
     shift = new.pose.centres - point.pose.centres
     far = float(np.abs(shift).max()) / follower.edge
     return far > 4.0 * step + 1e-9
@@ -357,10 +371,10 @@ def bracket_critical(
 
 
 def _critical(follower: PathFollower, stable: PathPoint, unstable: PathPoint) -> tuple[float, str]:
-    """Return the critical factor between two points, and its kind."""
+    """Return the critical factor between a stable and an unstable point, and its kind, ``LIMIT`` or ``BRANCH``."""
     if unstable.rises > 0.0:
         return 0.5 * (stable.factor + unstable.factor), BRANCH
-    # maximum of the parabola through the first point whose slope decreases to that of the second
+    # maximum of a parabola that begins at the stable point and whose slope falls to the slope at the unstable point
     gap = unstable.pose.centres - stable.pose.centres
     length = float(np.abs(gap).max()) / follower.edge
     rise = stable.rises**2 * length / (2.0 * max(stable.rises - unstable.rises, 1e-300))

@@ -1,4 +1,4 @@
-"""Plot how a piece deflects as its loads rise."""
+"""Plot of load factor against deflection."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from ... import colours
 from ...display.drawing import INK, Dots, Drawing, Line, Text, hexes, ticks
 from ...display.plots import ACCENT, CURVE, Axes
 
-WIDTH, HEIGHT = 520, 340  # of the plot, pixels
-ROOM = 1.06  # length of an axis over its largest value; by eye
-LEFT = 118.0  # pixels for the names beside the curves; by eye
-SHOWN = 3.0  # load factor where the axes end at most, unless the piece gives way above it; more would flatten the rest
+WIDTH, HEIGHT = 520, 340  # size of the plot, pixels
+ROOM = 1.06  # ratio of an axis' length to its largest value; larger: more margin
+LEFT = 118.0  # space for the names beside the curves, pixels
+SHOWN = 3.0  # largest load factor on the axis, unless the piece snaps above it; larger: the curves look flatter
 
 
 def load_paths(block: Mapping[str, Any]) -> Drawing:
-    """Plot the factor of every load against the deflection of the hub that moves most; a dot marks where the piece gives way.
+    """Plot the load factor against the deflection of the hub that moves most, a curve per load; dots mark snapping.
 
     Parameters
     ----------
-    block : ``structure`` of report.json
+    block : the ``structure`` block of report.json
     """
     outcomes = [one for one in block["outcomes"] if len(one["curve"]) > 1]
     drawing = Drawing("How far the piece gives way as its loads rise", WIDTH, HEIGHT)
@@ -51,7 +51,10 @@ def load_paths(block: Mapping[str, Any]) -> Drawing:
 
 
 def _axis_ends(outcomes: Sequence[Mapping[str, Any]], curves: Sequence[np.ndarray]) -> tuple[float, float]:
-    """Return where the axes end: beyond the load and the critical factors, but not far beyond a snap."""
+    """Return the ends of the axes: largest deflection, mm, and factor.
+
+    The factors include 1 and the critical factors, up to ``SHOWN`` or the lowest critical factor, if that is larger.
+    """
     highest = [one["critical"] for one in outcomes if one["critical"] is not None]
     tall = min(
         max([1.2, *(1.1 * value for value in highest)]), SHOWN * 1.0 if not highest else max(SHOWN, min(highest))
@@ -61,13 +64,13 @@ def _axis_ends(outcomes: Sequence[Mapping[str, Any]], curves: Sequence[np.ndarra
 
 
 def _up_to_peak(curve: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Factors and deflections up to the largest factor."""
+    """Return the factors and deflections of a curve up to its largest factor."""
     part = curve[: 1 + int(curve[:, 0].argmax())]
     return part[:, 0], part[:, 1]
 
 
 def _clip(curve: np.ndarray, wide: float, tall: float) -> np.ndarray:
-    """Return the curve up to where it leaves the plot, cut off at the edge."""
+    """Return the curve up to the point where it leaves the plot."""
     out = [curve[0]]
     for before, after in pairwise(curve):
         share = 1.0

@@ -1,4 +1,4 @@
-"""The stage that checks loads: its function, its output and its plots."""
+"""Stage that checks loads: its run function, output and plots."""
 
 from __future__ import annotations
 
@@ -29,26 +29,26 @@ PLOTS = ("loads", "utilisation")
 
 @dataclass(frozen=True, eq=False)
 class LoadAnalysis(StageOutput):
-    """Response of the piece to its loads."""
+    """Output of the stage: the response of the piece to its loads."""
 
     name = "structure"
     structure: Structure
 
     def map_values(self) -> dict[str, np.ndarray]:
-        """Return the largest share of the arms' strength used, over all loads."""
+        """Return the values per quad to plot: the largest utilisation of its arms over all loads, by name."""
         used = self.structure.utilisation
         return {} if used is None else {"utilisation": used}
 
 
 def run(result: Result, shape: SimulatedShape, settings: Settings, progress: Progress) -> Result:
-    """Examine the simulated shape under the load cases.
+    """Analyse the simulated shape under the load cases.
 
     Parameters
     ----------
-    result : the piece; its ``user.groups`` are the quads that loads act on, by name
+    result : results of the piece so far; ``user.groups`` has quads by name, for loads that name their place
     shape : the simulated shape
-    settings : of all stages
-    progress : reports and cancels
+    settings : settings of all stages
+    progress : called with the fraction done; may cancel
 
     Raises
     ------
@@ -77,12 +77,12 @@ def _connected(made: SpiralDesign, settings: Settings, progress: Progress) -> Co
 
 
 def drawings(shown: MapValues, described: Mapping[str, Any]) -> dict[str, Drawing]:
-    """Return the plots of the loads.
+    """Return the plots of the load analysis by name; empty if there was none.
 
     Parameters
     ----------
     shown : values per quad
-    described : the report
+    described : the whole report
     """
     block, used = described.get("structure"), shown.more.get("utilisation")
     if not block:
@@ -97,5 +97,5 @@ def drawings(shown: MapValues, described: Mapping[str, Any]) -> dict[str, Drawin
 
 
 def notes(described: Mapping[str, Any]) -> list[tuple[bool, str]]:
-    """Return the notes for the top of the report's page as (is a warning, text)."""
+    """Return the notes for the top of the report as (is a warning, text)."""
     return [(True, finding["message"]) for finding in described["structure"].get("findings", ())]

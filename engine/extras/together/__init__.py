@@ -1,1 +1,1 @@
-"""Several pieces cut together: their panels on common sheets."""
+"""Nesting of several pieces' panels on common sheets, to cut them together."""

@@ -1,4 +1,4 @@
-"""Several pieces, or several copies of a piece, on common sheets.
+"""Lay several pieces, or several copies of a piece, on common sheets.
 
 Each copy has a letter, which precedes every label engraved on that copy. Pieces share sheets only if their material,
 thickness and cutter are equal.
@@ -26,16 +26,16 @@ from ...progress import SILENT, Progress
 from ...spirals.contours import Outline
 from ...spirals.design import SpiralDesign
 
-MOST = 2000  # maximum number of panels on common sheets: the quick packing of so many takes a minute
+MOST = 2000  # largest number of panels on common sheets; larger: more time (the quick packing of 2,000 takes a minute)
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
     """A piece to cut ``copies`` times.
 
-    name : shown to the user
+    name : name for the user
     design : its spirals
-    sheets : the sheets of a single copy by itself
+    sheets : the sheets of a single copy alone
     figures : mass, time and cost of a single copy
     assembly : ``AssemblyCheck`` of its seams, or None
     """
@@ -45,7 +45,7 @@ class Part:
     sheets: CutSheets
     material: Material
     figures: Estimates
-    assembly: Any = None  # an ``fabrication.assembly_check.AssemblyCheck``
+    assembly: Any = None  # ``fabrication.assembly_check.AssemblyCheck``
     copies: int = 1
 
 
@@ -54,8 +54,8 @@ class Batch:
     """Pieces on common sheets.
 
     parts : the pieces
-    sheets : the panels of all copies; ``Panel.piece`` is the number of the copy
-    of : by copy, the index of its part
+    sheets : the sheets with the panels of all copies; ``Panel.piece`` is the index of the copy
+    of : for each copy the index of its piece in ``parts``
     """
 
     parts: tuple[Part, ...]
@@ -64,17 +64,19 @@ class Batch:
 
     @property
     def designs(self) -> list[SpiralDesign]:
-        """The design of every copy."""
+        """Designs of all copies, in order."""
         return [self.parts[k].design for k in self.of]
 
     def letters_of(self, part: int) -> list[str]:
-        """Return the letters of a part's copies."""
+        """Return the letters of the copies of the piece with this index."""
         return [seam_name(copy) for copy, k in enumerate(self.of) if k == part]
 
     def seen_by(self, part: int) -> CutSheets:
-        """Return the common sheets as the assembly sheet of one part needs them.
+        """Return the common sheets from the viewpoint of one piece, for its assembly sheet.
 
-        Only panels of this part keep their patch number; connectors and narrowest widths are taken from the part.
+        Panels of other pieces get the patch number -1; connectors and narrowest widths are those of this piece.
+
+        part : index of the piece
         """
         panels = tuple(p if self.of[p.piece] == part else replace(p, patch=-1) for p in self.sheets.panels)
         own = self.parts[part].sheets
@@ -84,17 +86,17 @@ class Batch:
 
 
 def batch(parts: Sequence[Part], params: SheetParams, progress: Progress = SILENT) -> Batch:
-    """Lay all copies of some pieces on common sheets.
+    """Lay all copies of several pieces on common sheets.
 
     Parameters
     ----------
     parts : pieces with their numbers of copies
     params : size of the sheets, margin, spacing and labels
-    progress : receives the share done
+    progress : called with the fraction done; may cancel
 
     Raises
     ------
-    FlexMapsError : no part, too many panels, or parts of different material, thickness or cutter
+    FlexMapsError : no pieces, too many panels, or pieces of different material, thickness or cutter
     """
     _refuse_unlike(parts)
     of = tuple(k for k, part in enumerate(parts) for _ in range(part.copies))
@@ -131,7 +133,7 @@ def batch(parts: Sequence[Part], params: SheetParams, progress: Progress = SILEN
 
 
 def _refuse_unlike(parts: Sequence[Part]) -> None:
-    """Raise ``FlexMapsError`` without parts, with too many panels, or if the parts cannot share sheets."""
+    """Raise ``FlexMapsError`` if there are no pieces or too many panels, or if the pieces cannot share sheets."""
     if not parts:
         raise FlexMapsError("There is nothing to lay on sheets; name at least one piece")
     count = sum(part.copies * len(part.design.flat.layout.patches) for part in parts)
@@ -153,7 +155,19 @@ def _refuse_unlike(parts: Sequence[Part]) -> None:
 
 
 def _engraved_copy(part: Part, copy: int, mark: str, params: SheetParams) -> tuple[list[Panel], Labels]:
-    """Return the panels, plates and loose keys of one copy with its letter in their labels, and the labels."""
+    """Engrave one copy's labels with its letter.
+
+    Parameters
+    ----------
+    part : the piece
+    copy : index of the copy
+    mark : its letter; "" if there is only one copy
+    params : settings of the labels
+
+    Returns
+    -------
+    panels, plates and loose keys of the copy; its labels
+    """
     made = part.sheets
     design = part.design if made.base is None else made.base.design
     known = [p for p in made.panels if p.kind != "key"]
@@ -170,7 +184,7 @@ def _engraved_copy(part: Part, copy: int, mark: str, params: SheetParams) -> tup
 
 
 def _all_connections(some: Sequence[Connections]) -> Connections:
-    """Join the connectors of all copies for the figures of the report."""
+    """Concatenate the connectors of all copies for the figures in the report."""
     return Connections(
         tuple(o for c in some for o in c.outlines),
         tuple(one for c in some for one in c.connectors),

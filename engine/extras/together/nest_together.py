@@ -1,4 +1,4 @@
-"""Several pieces cut together: the panels of each, made with its own settings, on common sheets."""
+"""Make the panels of several pieces, each with its own settings, and lay them on common sheets."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def nest_together(
 
     Parameters
     ----------
-    names : of the pieces, for messages and labels
-    results : their products, with spirals
-    settings : of each piece; the sheet is taken from the first one, the number of copies from each
-    progress : reports and cancels
+    names : names of the pieces, for messages and labels
+    results : their results, with spirals
+    settings : settings of each piece; those of the sheet are taken from the first piece
+    progress : called with the fraction done; may cancel
 
     Raises
     ------
-    FlexMapsError : no pieces, or one that cannot be cut; the message begins with its name
+    FlexMapsError : there are no pieces, or a piece cannot be cut; the message begins with its name
     """
     parts = []
     for k, (name, result, own) in enumerate(zip(names, results, settings, strict=True)):

@@ -1,1 +1,1 @@
-"""Connectors between panels: dovetails, keys and tabs, their positions, and a check of their fit."""
+"""Connectors between panels: shapes of dovetails, keys and tabs, and the search for positions with room."""

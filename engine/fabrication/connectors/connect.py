@@ -20,20 +20,22 @@ from .free_space import SCALES, FreeSpace
 from .shape import key, least_radius, size
 from .tips import Attempt, Tip
 
-CHUNK = 180  # attempts evaluated together, a tenth of a second of work
-_TIPS_AT_ONCE = 2000  # tips compared with all others at once
-FEW, MANY = 4, 16  # attempts per joint evaluated together: after the first, and at most
+CHUNK = 180  # attempts evaluated together, about 0.1 s of work between reports of progress
+_TIPS_AT_ONCE = 2000  # tips compared with all others at once; more take more memory
+# Candidates per joint evaluated together: in the second round, and at most in later rounds. Larger batches are faster
+# per candidate, but all candidates after the first that fits are wasted
+FEW, MANY = 4, 16
 
 
 @dataclass(frozen=True, eq=False)
 class Connector:
     """One connector between two arms.
 
-    name : label of the joint, seam letter and number
-    seam : its index
+    name : label of the joint: letter of the seam and number of the joint along it
+    seam : index of the seam
     made : kind and size, the arm with the head, and the position
-    faces, sides : quads and sides of both arms, the lower panel's first
-    shrunk, swapped : whether it is smaller, or has its head on the other arm, for lack of room
+    faces, sides : quads and sides of both arms; the arm of the patch with the lower index comes first
+    shrunk, swapped : whether it is smaller than requested, or has its head on the other arm, for lack of room
     """
 
     name: str
@@ -54,10 +56,10 @@ class Connector:
 class Connections:
     """The outlines of all panels with connectors, and the connectors.
 
-    unsolved : (name, quad, quad) of joints without room for any connector, which keep plain ends
-    clearance : metres
-    taken : metres of every arm, from its joint, that a connector occupies
-    tips : ends of all arms with a connector
+    unsolved : (name, quad, quad) of joints without room for any connector, whose arms keep plain ends
+    clearance : gap between the finished parts, metres
+    taken : length in metres of every arm, from its joint, that a connector occupies
+    tips : ends of all arms that have a connector
     """
 
     outlines: tuple[Outline, ...]
@@ -86,7 +88,7 @@ class Connections:
 
     @property
     def _least_radius(self) -> float:
-        """Smallest radius in metres of a corner of heads, sockets and shoulders."""
+        """Smallest corner radius in metres of all heads, sockets and shoulders."""
         sizes = {c.made.size for c in self.connectors if c.kind != "tab"}
         return min([*map(least_radius, sizes), *(radius for tip in self.tips for radius in tip.shoulder_radii)])
 
@@ -120,14 +122,16 @@ def connect(
     progress: Progress = SILENT,
     mill: float = 0.0,
 ) -> Connections:
-    """Give every joint the largest connector that has room, and draw the panels with them.
+    """Give every joint the largest connector that has room, and draw the panels with these connectors.
 
     Joints without room keep plain ends and are listed as unsolved.
 
     Parameters
     ----------
-    design, params : spirals on flat patches; kind, dimensions and clearance of connectors
+    design : spirals on flat patches
+    params : kind, dimensions and clearance of connectors
     tolerance : of the outlines, metres
+    progress : called with the fraction done; may cancel
     mill : diameter of the mill, metres; 0 for a beam
 
     Raises
@@ -177,7 +181,7 @@ def connect(
 
 @dataclass(frozen=True, eq=False)
 class _Choice:
-    """An attempt at a joint that has room, with its tips.
+    """A candidate connector that has room, with its two tips.
 
     placed : (2, 2) polygons of the tips, see ``FreeSpace.judge``
     """
@@ -188,7 +192,7 @@ class _Choice:
 
 
 class _Attempts:
-    """Iterator over the attempts to place connectors: in order at each joint, for many joints at once."""
+    """Candidate connectors of all joints, tried in order of preference, for many joints at once."""
 
     def __init__(self, space: FreeSpace):
         self.space = space
@@ -196,15 +200,19 @@ class _Attempts:
         self.ready: list[deque[_Choice]] = [deque() for _ in self.attempts]
 
     def next(self, joints: list[int], progress: Progress, first: bool = False) -> dict[int, _Choice | None]:
-        """Return for each of these joints the next attempt that has room; None without further attempts.
+        """Return for each of these joints its next candidate that has room; None if there are no more.
 
-        first : whether these are the first attempts of the joints, made without measuring the free space
+        Parameters
+        ----------
+        joints : indices of the joints
+        progress : called with the fraction done; may cancel
+        first : whether to begin with a single candidate per joint, for which the free space is not measured
         """
         found: dict[int, _Choice | None] = {j: self.ready[j].popleft() for j in joints if self.ready[j]}
         waiting, few = [j for j in joints if j not in found], FEW
         while waiting:
             tries = []
-            # limit the attempts per joint: those after the first with room are wasted
+            # limit the attempts per joint, because attempts after the first that has room are wasted
             each = 1 if first else max(1, min(few, CHUNK // len(waiting)))
             for place, joint in enumerate(waiting):
                 if not first and place % CHUNK == 0:
@@ -225,7 +233,7 @@ class _Attempts:
         return found
 
     def _judge(self, tries: list[tuple[int, Attempt]]) -> None:
-        """Evaluate attempts and store those that have room."""
+        """Evaluate attempts (joint, candidate) and store those that have room in ``ready``."""
         made = self.space.judge([joint for joint, _ in tries], [attempt for _, attempt in tries])
         for (joint, attempt), tips in zip(tries, made, strict=True):
             if tips is not None:
@@ -233,12 +241,12 @@ class _Attempts:
 
 
 def _choose(space: FreeSpace, progress: Progress) -> list[_Choice | None]:
-    """Return for every joint the first attempt with room, or None."""
+    """Return for every joint its first candidate that has room beside the other joints' choices, or None."""
     search = _Attempts(space)
     every = list(range(len(space.joints.edge)))
     found = search.next(every, progress.part(0.0, 0.9), first=True)
     chosen = [found[joint] for joint in every]
-    # while tips are too close to each other, the larger of the two is replaced
+    # while two tips are too close to each other, replace the connector of the larger tip by its next candidate
     changed = set(every)
     for turn in range(50):
         progress(0.9 + 0.002 * turn, "connectors that are too near to each other")
@@ -254,9 +262,9 @@ def _choose(space: FreeSpace, progress: Progress) -> list[_Choice | None]:
 def _joints_too_close(
     space: FreeSpace, chosen: list[_Choice | None], changed: set[int], progress: Progress
 ) -> list[int]:
-    """Return the joints whose connector must be replaced because two tips are closer than the smallest slot.
+    """Return the joints whose connector must be replaced because a tip is closer to another than the smallest slot.
 
-    Only tips near those of the ``changed`` joints are tested.
+    The larger tip of each pair is replaced. Only pairs with a tip of the ``changed`` joints are tested.
     """
     import shapely
 
@@ -269,7 +277,7 @@ def _joints_too_close(
     tree, slot = shapely.STRtree(flat), 0.999 * space.slot
     area = shapely.area(flat)
     giving: set[int] = set()
-    # test within a panel, and between two panels side by side along their joint
+    # test tips within each flat panel, and tips of two panels that are joined
     for shapes in (flat, mated):
         around = shapely.box(*(shapely.bounds(shapes[fresh]) + slot * np.array([-1.0, -1.0, 1.0, 1.0])).T)
         for part in progress.batches(len(fresh), _TIPS_AT_ONCE, "connectors that are too near to each other"):

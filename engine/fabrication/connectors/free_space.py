@@ -1,9 +1,9 @@
 """Positions of connectors: the joints at all cuts, and the free space around every joint.
 
-Free space is measured with polygons. A tip must keep the smallest slot from every other arm and hub of its own flat
-panel, and from those of the panel across the joint once both lie side by side. Where arms run close beside a joint, as
-in strongly wound spirals, there is more room a short way along the arm and to one side, so the parting line moves
-there.
+Free space is measured with polygons. A tip must keep the width of the smallest slot as distance from every other arm
+and hub, both in its own flat panel and in the panel across the joint once the two are joined. Where arms run close
+beside a joint, as in strongly wound spirals, there is more room a little farther along the arm and to one side, so the
+parting line is moved there.
 """
 
 from __future__ import annotations
@@ -26,30 +26,30 @@ from .path import Halves, Throughs, complexes, pairs
 from .shape import Size, sizes, tabs
 from .tips import Attempt, Tip, ends_of, make_tips
 
-# kinds to try in turn for a requested kind
+# kinds of connectors to try, in this order, by the requested kind
 KINDS = {"dovetail": ("dovetail", "key", "tab"), "key": ("key", "tab"), "tab": ("tab",)}
-# sizes to try in turn, as shares of the requested size; half and twice the steps give the same on five surfaces
+# sizes to try, in this order, as shares of the requested size; finer steps find larger connectors and take longer
 SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
 STEP = 1e-5  # metres; widths of arms are rounded down to multiples of this
 BACKS = (0.0, 3e-4, 6e-4, 1e-3, 1.5e-3)  # metres by which the faces of keys and tabs may be set back
-_SHIFTS = 12  # shifts to try to either side
-_STEP = 0.55  # length of a shift in necks
-_SHIFTS_TRIED = 4  # shifts to try for every size before necks may lie beside their arms
+_SHIFTS = 12  # number of shifts of the parting line to try in either direction
+_STEP = 0.55  # distance between shifts, in neck widths of the smallest connector
+_SHIFTS_TRIED = 4  # number of shifts with room to try for every size, as long as the neck has to lie on its arm
 _SIGHT_STEP = 2e-4  # metres along the arm between measurements of the free space
 _BUNDLE = 8  # adjacent rays that share one search for nearby pieces
-_RAYS = 2500  # bundles of rays traced together
-_PIECES = 8  # pieces per arm, so that few lie near any place
-_QUADS_AT_ONCE = 500  # quads whose arms are sampled together
+_RAYS = 2500  # bundles of rays traced together; more take more memory
+_PIECES = 8  # pieces into which an arm is split; more make tighter bounding boxes and a larger search tree
+_QUADS_AT_ONCE = 500  # quads whose arms are sampled together; more take more memory
 
 
 @dataclass(frozen=True, eq=False)
 class Joints:
-    """All places where two arms meet across a cut, seam by seam along the seams.
+    """All joints at cuts, in the order of the seams and along each seam.
 
-    edge : of the mesh
-    seam, place : index of the seam, and of the joint along it
-    quad, side : both arms; the panel with the lower number first
-    inside : whether both arms belong to one panel
+    edge : index of the mesh edge
+    seam, place : index of the seam, and of the joint along the seam
+    quad, side : the two arms; the arm of the patch with the lower index comes first
+    inside : whether both arms belong to the same panel
     """
 
     edge: Int[np.ndarray, " joints"]
@@ -61,7 +61,7 @@ class Joints:
 
 
 def joints(design: SpiralDesign) -> Joints:
-    """Return the joints of a design."""
+    """Return all joints of a design that lie at cuts."""
     layout = design.flat.layout
     none = [np.empty(0, dtype=np.int64)]
     edges = np.concatenate([*layout.seams, *none])
@@ -76,10 +76,10 @@ def joints(design: SpiralDesign) -> Joints:
 
 @dataclass(frozen=True, eq=False)
 class Openings:
-    """Free space beside the arm through a joint.
+    """Free space on both sides of the two arms of a joint, at places along them.
 
-    x : metres along the arm from the joint, towards the second half
-    left, right : metres by which the edges could move outwards there
+    x : metres along the arms from the joint, positive on the second arm
+    left, right : metres by which the edges could move outwards at each place
     width : of the arm, metres
     """
 
@@ -89,9 +89,10 @@ class Openings:
     width: Float[np.ndarray, " places"]
 
     def asides(self, s: Size, shifts: Float[np.ndarray, " shifts"], overhanging: bool) -> list[tuple[float, float]]:
-        """Return where a connector of this size has room: pairs of a shift and the distance to the left of the arm.
+        """Return the positions at which a connector of size ``s`` has room, as pairs (shift, aside) in metres.
 
-        Its neck stays on the arm unless ``overhanging``; then only the widened end holds it.
+        ``shift`` is one of the given shifts along the arm, ``aside`` the offset to the left of the arm's centre line.
+        The neck stays on the arm unless ``overhanging``; then it may lie beside the arm, on the arm's widened end.
         """
         reach = s.length + s.clearance + 0.4 * s.wall
         shifts = shifts[(shifts - reach >= self.x[0]) & (shifts + reach <= self.x[-1])]
@@ -110,13 +111,13 @@ class Openings:
 
 
 class FreeSpace:
-    """Geometry of a design needed before connectors are made."""
+    """Finder of room for connectors: the joints of a design and everything near them that tips must avoid."""
 
     def __init__(self, design: SpiralDesign, params: ConnectorParams, mill: float = 0.0, progress: Progress = SILENT):
         self.design, self.params, self.mill = design, params, mill
         self.joints = joints(design)
         self.slot = min_slot_width(design.params)
-        # rounded more finely than any cutter can cut, so that many joints share few shapes
+        # round the widths, more finely than any cutter can cut, so that many joints share few cached shapes
         width = design.arms.joint_width[self.joints.quad[:, 0], self.joints.side[:, 0]]
         self.width = np.floor(width / STEP + 1e-6) * STEP
         self._openings: dict[int, Openings] = {}
@@ -124,7 +125,7 @@ class FreeSpace:
 
     @cached_property
     def through(self) -> Throughs:
-        """The arms through all joints, seen from their first halves."""
+        """The pairs of arms of all joints, seen from the first arm of each."""
         quad, side = self.joints.quad, self.joints.side
         return Throughs(*(Halves.from_arms(self.design, quad[:, k], side[:, k]) for k in range(2)))
 
@@ -137,16 +138,16 @@ class FreeSpace:
 
     def attempts(self, joint: int) -> Iterator[Attempt]:
         """Yield candidate connectors for a joint, best first."""
-        # heads and sockets alternate along a seam, so that panels inserted one joint off do not fit
+        # heads and sockets alternate along a seam, so that panels joined with an offset of one joint do not fit
         first = int(self.joints.place[joint]) % 2
         # a key needs no room beyond the cut, so it suits cuts inside a panel whose sides lie close together
         inside = bool(self.joints.inside[joint])
         kinds = [k for k in KINDS[self.params.connector] if k in (self.params.connector, "tab") or inside]
-        # in a single panel a head must not extend across the cut to its own socket
+        # at a cut inside a panel, a head longer than the flat gap would overlap its own socket
         gap = abs(self.through.own.origin[joint] - self.through.other.origin[joint]) if inside else np.inf
         best = Attempt(self.params.connector, self.sizes(joint, self.params.connector)[0], first)
         if best.kind != "dovetail" or best.size.length <= gap:
-            yield best  # this usually fits without measuring the free space
+            yield best  # this usually fits, so the free space need not be measured
         self.look([joint])
         openings, steps = self._openings[joint], np.array(self._shifts(joint))
         for kind in kinds:
@@ -167,10 +168,16 @@ class FreeSpace:
     def judge(
         self, which: Sequence[int], attempts: Sequence[Attempt]
     ) -> list[tuple[tuple[Tip, Tip], np.ndarray] | None]:
-        """Return both tips of every attempt at the joints ``which``, and their polygons (2, 2); None without room.
+        """Return for every attempt its two tips and their polygons (2, 2); None where they have no room.
 
-        Both tips must keep the smallest slot from everything near, in their own panels and in the panels across once
-        both lie side by side. The second tip is made only where the first has room. Polygons are those of ``_apart``.
+        Both tips must keep the width of the smallest slot from everything near, in their own panels and, once joined,
+        in the panels across. The second tip is made only where the first has room. The rows of the polygons are the two
+        placements of ``_apart``, the columns the two tips.
+
+        Parameters
+        ----------
+        which : index of the joint of every attempt
+        attempts : candidate connectors
         """
         rows, left = np.array(which, dtype=int), np.arange(len(which))
         shift, aside = (np.array([getattr(a, n) for a in attempts]) for n in ("shift", "aside"))
@@ -195,7 +202,7 @@ class FreeSpace:
     # -- what is near --------------------------------------------------------------------------------------------------
 
     def _bodies(self, progress: Progress) -> _Bodies:
-        """Return all arms and hubs as pieces."""
+        """Return all hubs, and all arms in pieces, in a common plane where panels do not overlap."""
         patch_of, found = self.design.flat.layout.patch_of, []
         for part in progress.batches(len(patch_of), _QUADS_AT_ONCE, "what is near the joints"):
             found.append(self._pieces(np.arange(part.start, part.stop)))
@@ -203,9 +210,9 @@ class FreeSpace:
         return _Bodies(rings + self.pitch * patch_of[quad][:, None], arm)
 
     def _pieces(self, quads: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the arms of some quads in pieces, and their hubs, as rings in the patches' frames.
+        """Return the arms of some quads in pieces, and their hubs, as complex rings (P, K) in the patches' frames.
 
-        Also return the arm and quad of each ring.
+        Also return the arm (4 quad + side, -1 for hubs) and the quad of each ring.
         """
         arms, roots, count = self.design.arms.subset(quads), self.design.roots, len(quads)
         t_left, t_right = roots.left[quads], np.roll(roots.right[quads], 1, axis=1)
@@ -226,13 +233,13 @@ class FreeSpace:
 
     @cached_property
     def pitch(self) -> float:
-        """Metres between the origins of consecutive patches, so that no two overlap."""
+        """Distance in metres between the origins of consecutive patches in the common plane; none overlap."""
         return 2.0 * float(np.ptp(self.design.flat.corners.reshape(-1, 2), axis=0).max())
 
     def _apart(self, through: Throughs, tips: np.ndarray) -> np.ndarray:
-        """Return (2, n) polygons of tips (n,), in their own panels and mated in the panels across.
+        """Place polygons of tips (n,) in the common plane where panels do not overlap; return polygons (2, n).
 
-        Panels do not overlap.
+        The first row lies in the tips' own panels, the second in the panels across, as when the joints are assembled.
         """
         import shapely
 
@@ -247,7 +254,7 @@ class FreeSpace:
         return np.stack([shapely.set_coordinates(polygons.copy(), pairs(p)) for p in placed])
 
     def look(self, which: Sequence[int]) -> None:
-        """Measure the free space to either side of the arms through some joints."""
+        """Measure and store the free space on both sides of the arms of joints ``which``."""
         rows = np.array([j for j in which if j not in self._openings], dtype=int)
         if not len(rows):
             return
@@ -259,7 +266,7 @@ class FreeSpace:
         there = (x >= -back[:, None]) & (x <= ahead[:, None])
         edges, ways = through.edges(through.tau(np.repeat(-x[None], len(rows), axis=0)))
         ways = ways * (1j * np.array([LEFT, RIGHT]))[:, None, None]
-        # as far as the widest end could extend
+        # look as far as the widest tip could extend, plus a slot
         view = 1.02 * self.slot + np.array([self.sizes(j)[0].pad for j in rows.tolist()])
         view = np.repeat(np.tile(view, 2), len(x) // _BUNDLE)
         free = np.full(edges.shape, np.inf)
@@ -276,19 +283,19 @@ class FreeSpace:
             self._openings[joint] = Openings(x[at], free[0, k, at], free[1, k, at], width[k, at])
 
     def _free(self, through: Throughs, rows: np.ndarray, shapes: np.ndarray) -> np.ndarray:
-        """Return (n,) whether shapes keep the smallest slot from all arms but those through the joints ``rows``."""
+        """Return (n,) whether shapes keep a slot's width from all hubs and arms, except the arms of their joints."""
         own = np.stack([through.own.arm[rows], through.other.arm[rows]], axis=1)
         return ~self.bodies.near(shapes, own, 0.999 * self.slot)
 
     def _touching(self, one: Tip, two: Tip) -> bool:
-        """Return whether the tips at a cut inside a panel come closer to each other's arms than the smallest slot."""
+        """Return whether two tips of one panel come closer to each other or their arms than the smallest slot."""
         import shapely
 
         near = ((one.polygon, two.rest), (two.polygon, one.rest), (one.polygon, two.polygon))
         return any(bool(shapely.dwithin(a, b, 0.999 * self.slot)) for a, b in near)
 
     def tips_as_arcs(self, tips: list[Tip], plain: np.ndarray, tolerance: float) -> Tips:
-        """Return all tips together as arcs; ``plain`` (F, 4) is where the other arms begin."""
+        """Return all tips together as arcs; ``plain`` (F, 4) is the parameter t at which the other arms begin."""
         blank = np.zeros(plain.shape)
         made = Tips(np.zeros((2, *plain.shape)), blank, blank + 1e-3, plain.copy(), {})
         for tip, end in zip(tips, ends_of(tips, tolerance), strict=True):
@@ -301,9 +308,9 @@ class FreeSpace:
 
 
 class _Bodies:
-    """Pieces of arms, and hubs, in a plane where panels do not overlap.
+    """Hubs and pieces of arms in a common plane where panels do not overlap, with a search tree.
 
-    rings : (P, K) complex, metres
+    rings : (P, K) complex points of the pieces, metres
     arm : (P,) arm of each piece, 4 quad + side; -1 for hubs
     low, high : (P, 2) corners of their bounding boxes
     """
@@ -329,7 +336,7 @@ class _Bodies:
         return self._shapes[pieces]
 
     def near(self, shapes: np.ndarray, without: np.ndarray, distance: float) -> np.ndarray:
-        """Return (N,) whether a piece lies within ``distance`` metres of a shape, except arms ``without`` (N, 2)."""
+        """Return (N,) whether a piece is within ``distance`` metres of a shape; arms ``without`` (N, 2) are ignored."""
         import shapely
 
         bounds = shapely.bounds(shapes) + distance * np.array([-1.0, -1.0, 1.0, 1.0])
@@ -342,11 +349,10 @@ class _Bodies:
         return found
 
     def sight(self, origin: np.ndarray, way: np.ndarray, view: np.ndarray, without: np.ndarray) -> np.ndarray:
-        """Return (N, K) the metres from points along unit directions to the first piece, at most ``view`` (N,).
+        """Cast rays and return (N, K) the distances in metres to the first piece, 0 inside a piece, at most ``view``.
 
-        The distance is 0 inside a piece.
-
-        origin, way : (N, K) complex; the points of a row are close together
+        origin, way : (N, K) complex points and unit directions; the points of a row are close together
+        view : (N,) metres
         without : (N, 2) arms to ignore
         """
         import shapely
@@ -376,7 +382,7 @@ class _Bodies:
                 far, share = (to.conj() * along).imag / cross, (to.conj() * ahead).imag / cross
             hit = (far >= 0.0) & (share >= 0.0) & (share < 1.0)
             nearest = np.where(hit, far, np.inf).min(axis=1)
-            # an odd number of edges ahead: the point lies inside
+            # the ray crosses an odd number of edges: its origin lies inside
             nearest[hit.sum(axis=1) % 2 == 1] = 0.0
             np.minimum.at(seen, (first + row, ray), nearest)
         return seen

@@ -1,8 +1,9 @@
-"""The arms through joints, from one panel into the other, many joints at once, one per row.
+"""Pairs of arms that meet at joints, as one continuous strip; many joints at once, one per row.
 
-Every arm has its own frame of complex numbers: the joint is 0 and the arm extends along the positive real axis. The
-frame of the other arm is turned by half a turn. Places are given by the parameter tau: the arm's own t where tau >= 0;
-below 0, beyond the joint, the other arm's t, scaled to the same length.
+Every arm has its own frame of complex numbers: the joint is 0, and the positive real axis points outwards, from the arm
+across the joint. The frame of the other arm is turned by half a turn. Places along the strip have the parameter tau: on
+this arm (tau >= 0) it is the arm's t; beyond the joint (tau < 0) it is minus the other arm's t, scaled such that equal
+steps are equally long on both sides of the joint.
 """
 
 from __future__ import annotations
@@ -17,25 +18,24 @@ from ...spirals.curves.arcs import Curve, fit_biarcs
 from ...spirals.curves.spiral import LEFT, RIGHT, Arms, centre_line, edge_points, widening, width_at
 from ...spirals.design import SpiralDesign
 
-# minimum speed along an edge of a tip as a share of the speed along the other edge; at 0 the edge folds
+# minimum length of a step along an edge of a tip, as a share of the same step along the other edge; at 0 the edge folds
 UNFOLDED = 0.15
 ARM_SHARE = 0.85  # share of an arm, from its tip towards its hub, that a connector may occupy
-# Samples along an arm or the edge of a tip. Over five surfaces 81 change the length of connectors by 0.02 %, 21 make two tabs smaller
-SAMPLES = 41
+SAMPLES = 41  # samples along an arm or the edge of a tip; more are slower and hardly more exact
 
 
 def complexes(points: Float[np.ndarray, "... 2"]) -> np.ndarray:
-    """Return points as complex numbers."""
+    """Convert points to complex numbers."""
     return points[..., 0] + 1j * points[..., 1]
 
 
 def pairs(numbers: np.ndarray) -> Float[np.ndarray, "... 2"]:
-    """Return complex numbers as points."""
+    """Convert complex numbers to points."""
     return np.stack([numbers.real, numbers.imag], axis=-1)
 
 
 def _interpolate_rows(x: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Interpolate ``values`` (n, K), known at ascending ``known`` (n, K), at x (n, M), row by row like np.interp."""
+    """Interpolate rows at x (n, M) like np.interp; ``values`` (n, K) belong to ascending ``known`` (n, K)."""
     rows = np.arange(len(known))[:, None]
     x = np.clip(x, known[:, :1], known[:, -1:])
     step = 1.01 * float(known.max(initial=0.0)) + 1e-12
@@ -50,8 +50,8 @@ def _interpolate_rows(x: np.ndarray, known: np.ndarray, values: np.ndarray) -> n
 class Widening(Columns):
     """Added width of arms at their tips.
 
-    left, right : metres added to each edge up to tau ``full``
-    full, over : the addition falls from tau ``full`` to nothing at ``over``
+    left, right : metres by which each edge is moved outwards, from the tip up to tau ``full``
+    full, over : the addition falls from its full value at tau ``full`` to 0 at tau ``over``
     """
 
     left: Float[np.ndarray, " arms"]
@@ -60,9 +60,9 @@ class Widening(Columns):
     over: Float[np.ndarray, " arms"]
 
     def at(self, tau: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the addition to the widths at tau (n, M) of edges ``side``, and its derivative.
+        """Return the addition to the arms' widths at tau (n, M) that moves edges ``side``, and its derivative by tau.
 
-        Each edge moves by half of the addition.
+        An edge moves by half of the addition.
         """
         extra = 2.0 * np.where(side == LEFT, self.left[:, None], self.right[:, None])
         return widening(extra, self.full[:, None], self.over[:, None], tau)
@@ -73,10 +73,10 @@ class Halves(Columns):
     """One arm at each of n joints.
 
     arm : 4 quad + side
-    patch : of the arm
-    origin, out : complex origin and direction of the arm's frame in the patch's frame
-    t, length : table of the metres along the centre line from the joint
-    speed : metres per t at the joint
+    patch : patch of the arm
+    origin, out : complex origin and outward unit direction of the arm's frame in the patch's frame
+    t, length : table of t and the length in metres of the centre line from the joint to t
+    speed : metres per unit of t at the joint
     end : largest t that a connector may occupy
     """
 
@@ -114,7 +114,7 @@ class Halves(Columns):
         return self.origin.reshape(shape) + self.out.reshape(shape) * points
 
     def along(self, t: Float[np.ndarray, " arms"]) -> Float[np.ndarray, " arms"]:
-        """Return the metres along the centre lines from the joints to t."""
+        """Return the length in metres of the centre lines from the joints to t."""
         return _interpolate_rows(t[:, None], self.t, self.length)[:, 0]
 
     def edge(
@@ -122,8 +122,8 @@ class Halves(Columns):
     ) -> np.ndarray:
         """Return points of edges at t (n, M) and their derivatives by t, (2, ..., n, M), in the arms' frames.
 
-        side : a number, or (..., n, 1)
-        wider : addition to the widths and its derivative
+        side : LEFT or RIGHT, as a number or (..., n, 1)
+        wider : addition to the widths and its derivative by t
         """
         added = None if wider is None else (wider[0][..., None, :], wider[1][..., None, :])
         p, d = edge_points(self.arms, t[:, None], np.asarray(side, dtype=float)[..., None], wider=added)
@@ -133,23 +133,23 @@ class Halves(Columns):
 
 @dataclass(frozen=True, eq=False)
 class Throughs(Columns):
-    """The whole arms through n joints, seen from one of their two halves."""
+    """Both arms at each of n joints, seen from the arm ``own``; ``other`` is the arm across the cut."""
 
     own: Halves
     other: Halves
 
     @cached_property
     def from_other_side(self) -> Throughs:
-        """The same arms with ``own`` and ``other`` exchanged."""
+        """These joints with ``own`` and ``other`` exchanged."""
         return Throughs(self.other, self.own)
 
     @property
     def scale(self) -> Float[np.ndarray, " arms"]:
-        """Ratio of the other arm's t to this arm's t for equal lengths."""
+        """Step in t of the other arm that is as long, at the joint, as a unit step in t of this arm."""
         return self.own.speed / self.other.speed
 
     def folds(self, begin: np.ndarray, full: np.ndarray, wide: Widening) -> Bool[np.ndarray, " arms"]:
-        """Return whether an edge would intersect itself between two tau (n,) when widened, for parallel curves."""
+        """Return whether an edge folds between tau ``begin`` and ``full`` when offset by its widening."""
         low = np.maximum(begin, -self.other.end / self.scale)
         tau = low[:, None] + (np.minimum(full, self.own.end) - low)[:, None] * np.linspace(0.0, 1.0, SAMPLES)
         edges = self.edges(tau)[0]
@@ -160,7 +160,7 @@ class Throughs(Columns):
         return (np.minimum(one, two) < UNFOLDED * np.maximum(one, two)).any(axis=1)
 
     def tau(self, distance: Float[np.ndarray, "arms m"]) -> Float[np.ndarray, "arms m"]:
-        """Return the parameters at distances in metres along the arms from the joints; negative beyond the joint."""
+        """Return the parameters tau at distances in metres from the joints, negative on the other arm."""
         ahead = _interpolate_rows(distance, self.own.length, self.own.t)
         beyond = _interpolate_rows(-distance, self.other.length, self.other.t)
         return np.where(distance >= 0.0, ahead, -beyond / self.scale[:, None])
@@ -174,13 +174,13 @@ class Throughs(Columns):
             found.append((half.local(p)[:, 0], -d[:, 0] / half.out, width_at(half.arms, at)[0][:, 0, 0]))
         (point, way, width), (far, away, beyond) = found
         inside = tau >= 0.0
-        # the other frame is turned by half a turn and its outward direction is inward here, so directions need no
-        # change of sign
+        # the other arm's frame is turned by half a turn, and its outward direction points inwards here: both changes of
+        # sign cancel for directions
         way = np.where(inside, way, away)
         return np.where(inside, point, -far), way / np.abs(way), np.where(inside, width, beyond)
 
     def edges(self, tau: Float[np.ndarray, "arms m"], wide: Widening | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return points (2, n, M) of the widened arms' left and right edges at tau, and unit directions outwards."""
+        """Return points (2, n, M) of the widened left and right edges at tau, and their outward unit directions."""
         side = np.array([LEFT, RIGHT])[:, None, None]
         wider = None if wide is None else wide.at(tau, side)
         made = self.own.edge(np.maximum(tau, 0.0), side, wider)
@@ -195,7 +195,7 @@ class Throughs(Columns):
         return made[0], -made[1] / np.abs(made[1])
 
     def beyond(self, tau: np.ndarray, side: np.ndarray, wide: Widening, tolerance: float) -> list[Curve]:
-        """Return the edges ``side`` (n,) beyond the joints, from tau 0 to ``tau`` (n,) < 0, as curves of arcs."""
+        """Return the edges ``side`` (n,) beyond the joints, from tau 0 to ``tau`` (n,) < 0, fitted by arcs."""
         scale = self.scale
 
         def evaluate(which: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,13 +1,13 @@
 """Shapes of connectors: heads, sockets, keys and plain faces as curves of arcs, in the frame of a joint.
 
-Both arms of a joint are collinear there: x points out of the arm that has the curve, y to the left, and the cut is at x
-= 0. Head and socket are offsets of one curve by half of the clearance to either side, so the gap is equal everywhere.
+In this frame x points out of the arm that has the curve, y to its left, and the cut is at x = 0. Head and socket are
+offsets of the same curve by half of the clearance to either side, so the gap is equally wide everywhere.
 
 The joint has to carry the load of the arms: tension, bending and torsion. A neck as wide as the arm is as strong as the
-arm in tension. Two walls of 0.6 necks are stronger than the head in tension, because they also bend. Flanks at 25
-degrees turn 0.05 mm of clearance into 0.12 mm of play along the arm; steeper flanks would open the socket, flatter ones
-would thin the root of the neck. Shoulders of full width rest against the lips of the socket and carry bending instead
-of the neck.
+arm in tension. Two walls of 0.6 neck widths beside the socket are stronger than the head in tension, and have to be,
+because they also bend. Flanks at 25 degrees turn 0.05 mm of clearance into 0.12 mm of play along the arm; steeper
+flanks would open the socket, flatter ones would thin the root of the neck. Shoulders of full width rest against the
+lips of the socket and carry bending instead of the neck.
 
 A mill cannot cut an inside corner sharper than its own radius. The root of a head and the lips of the socket are
 rounded accordingly; corners at the bottom of a socket are opened by dogbones, so that the head keeps sharp corners.
@@ -26,27 +26,27 @@ from ...spirals.curves.arcs import Curve
 from ..panels.kerf import offset, open_inside_corners
 
 FLANK = math.tan(math.radians(25.0))  # outward slope of the flanks of a dovetail; chosen by eye
-LENGTH = 0.85  # length of a head in necks
-WALL = 0.6  # wall of a socket in necks
-_SLACK = 2e-5  # metres by which inside corners are wider than a mill, so that its path can turn
-_DOGBONE = 1.9  # extent of a dogbone along either side of its corner, in radii
-_BITE = 0.5  # depth of a dogbone into the sides, in radii
-_TABS = (2.0, 1.6, 1.3)  # widths of tabs in widths of their arms, where nothing else has room
-_TANGENT = math.tan(math.radians(0.5 * 115.0))  # length of the tangents at the corners of a flank, in radii
+LENGTH = 0.85  # length of a head in neck widths
+WALL = 0.6  # thickness of the walls beside a socket, in neck widths
+_SLACK = 2e-5  # metres added to the radius of inside corners beyond the mill's, so that its path can turn
+_DOGBONE = 1.9  # extent of a dogbone along either side of its corner, in mill radii
+_BITE = 0.5  # depth to which a dogbone cuts into a wall, in mill radii
+_TABS = (2.0, 1.6, 1.3)  # widths of tabs to try besides those of dovetails and keys, in widths of their arms
+_TANGENT = math.tan(math.radians(0.5 * 115.0))  # tangent length of the rounded corners of a flank, in corner radii
 
 
 @dataclass(frozen=True)
 class Size:
     """Dimensions of one connector in metres.
 
-    neck, head : width at the narrow and at the wide end
-    length : from neck to head
-    wall : material beside the socket of a straight arm
-    thinnest : minimum material beside the socket of any arm
+    neck, head : width of the head at its narrow and at its wide end
+    length : of the head, from neck to wide end
+    wall : thickness of the material beside the socket in a straight arm
+    thinnest : minimum thickness of this material in any arm
     pad : width of the arm's widened end
     clearance : gap between the finished parts
     rounding : radius of the corners
-    inside : minimum radius of inside corners; 0 for any
+    inside : minimum radius of inside corners that the mill can cut; 0 for a beam
     """
 
     neck: float
@@ -67,7 +67,7 @@ def size(width: float, params: ConnectorParams, scale: float = 1.0, mill: float 
     ----------
     width : of the arms, metres
     params : relative dimensions, clearance, and the thinnest part permitted
-    scale : factor on the neck, which never gets narrower than the thinnest part
+    scale : factor on the width of the neck, which stays at least as wide as the thinnest part permitted
     mill : diameter of the mill, metres; 0 for a beam
     """
     c, inside = params.clearance, 0.51 * mill + _SLACK if mill else 0.0
@@ -76,7 +76,7 @@ def size(width: float, params: ConnectorParams, scale: float = 1.0, mill: float 
     asked = max(params.rounding, 0.75 * c)
     corners = max(2.1 * _TANGENT * asked, (1.05 * _TANGENT + _DOGBONE) * inside)
     length = max(LENGTH * neck, corners * flank)
-    # The offset reduces the radius of some corners by half of the clearance; add that where the flank is long enough
+    # offsetting reduces some corner radii by half of the clearance; compensate for it where the flank is long enough
     rounding = max(asked, min(params.rounding + 0.5 * c, length / (2.1 * _TANGENT * flank)))
     head = neck + 2.0 * length * FLANK
     wall = max(WALL * neck, params.thinnest)
@@ -86,13 +86,13 @@ def size(width: float, params: ConnectorParams, scale: float = 1.0, mill: float 
 
 @lru_cache(maxsize=4096)
 def sizes(width: float, params: ConnectorParams, scales: tuple[float, ...], mill: float = 0.0) -> tuple[Size, ...]:
-    """Return the different dimensions for these scales, in their order."""
+    """Return the dimensions of connectors for these scales, in their order, without duplicates."""
     return tuple(dict.fromkeys(size(width, params, scale, mill) for scale in scales))
 
 
 @lru_cache(maxsize=4096)
 def tabs(width: float, params: ConnectorParams, scales: tuple[float, ...], mill: float = 0.0) -> tuple[Size, ...]:
-    """Return plain ends for glue, widest first: as wide as connectors of these scales, then little wider than the arm."""
+    """Return tabs (flat ends for glue), widest first: as wide as connectors of these scales, or as ``_TABS`` says."""
     whole = size(width, params)
     pads = [*(size(width, params, scale, mill).pad for scale in scales), *(share * width for share in _TABS)]
     short = 0.5 * width
@@ -141,7 +141,7 @@ def round_polyline(points: list[tuple[float, float]], radius: float | list[float
 
 
 def _middle(s: Size) -> Curve:
-    """Return the curve halfway between head and socket, from the right to the left end of the shoulder."""
+    """Return the curve in the middle of the gap between head and socket, from right to left end of the shoulder."""
     n, h, p = 0.5 * s.neck, 0.5 * s.head, 0.5 * s.pad
     root = max(s.rounding, s.inside)
     points = [(0.0, -p), (0.0, -n), (s.length, -h), (s.length, h), (0.0, n), (0.0, p)]
@@ -149,13 +149,13 @@ def _middle(s: Size) -> Curve:
 
 
 def _in_mate_frame(curve: Curve, shift: float) -> Curve:
-    """Return the curve in the frame of the other arm, moved along x by ``shift`` metres."""
+    """Transform a curve to the frame of the other arm, and move it along x there by ``shift`` metres."""
     return Curve(-curve.points + [shift, 0.0], curve.bulge, curve.closed).reversed()
 
 
 @lru_cache(maxsize=512)
 def head(s: Size) -> Curve:
-    """Return the end of an arm with a head, from right to left."""
+    """Return the end curve of an arm with a head, from right to left."""
     return offset(_middle(s), -0.5 * s.clearance)
 
 
@@ -173,7 +173,7 @@ def least_radius(s: Size) -> float:
 
 @lru_cache(maxsize=512)
 def socket(s: Size, back: float = 0.0) -> Curve:
-    """Return the end of an arm with a socket, from right to left; its face lies ``back`` metres behind the cut.
+    """Return the end curve of an arm with a socket, from right to left; its face lies ``back`` metres behind the cut.
 
     Parameters
     ----------
@@ -184,20 +184,18 @@ def socket(s: Size, back: float = 0.0) -> Curve:
 
 
 def face(s: Size, back: float = 0.0) -> Curve:
-    """Return a plain widened end, from right to left."""
+    """Return the flat end of a tab, from right to left, ``back`` metres plus half the clearance behind the cut."""
     x, p = -0.5 * s.clearance - back, 0.5 * s.pad
     return Curve(np.array([[x, -p], [x, p]]), np.zeros(2), closed=False)
 
 
 def key(s: Size, back: float = 0.0) -> Curve:
-    """Return the loose key for two sockets ``back`` metres behind the cut: two heads, neck to neck.
-
-    Counter-clockwise about 0.
+    """Return the outline of a loose key, counter-clockwise about 0: two heads, neck to neck, for two sockets.
 
     Parameters
     ----------
     s : size of the connector
-    back : distance from the cut to each socket's face, metres
+    back : distance from the cut to the face of each socket, metres
     """
     n, h, x = 0.5 * s.neck, 0.5 * s.head, back + s.length
     root = max(s.rounding, s.inside)

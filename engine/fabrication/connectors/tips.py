@@ -1,6 +1,6 @@
-"""The ends of arms at cuts, shaped for connectors where the arm has room.
+"""Tips: the ends of arms at cuts, shaped for connectors where the arm has room.
 
-Many joints are processed at once, one per row, in the frames of ``path``.
+Many joints are processed at once, one per row; frames and the parameter tau are those of module ``path``.
 """
 
 from __future__ import annotations
@@ -18,14 +18,12 @@ from ...spirals.curves.spiral import LEFT, RIGHT
 from .path import ARM_SHARE, SAMPLES, UNFOLDED, Throughs, Widening, complexes, pairs
 from .shape import Size, face, head, socket
 
-# length over which a tip narrows to its arm, as a share of its added width: preferred and minimum
+# length over which a widened tip narrows to its arm, as a share of its added width: preferred and minimum
 _FLARE = (1.3, 0.5)
-_BEHIND_HEAD = 0.3  # necks; length behind the shoulder over which an arm with a head keeps its full width
-# roundings; minimum length behind the shoulder at full width. 0 and 0.2 change the length of connectors by 0.3 %, and no other figure
-_FULL = 0.1
-# iterations that move the ends of edges inwards until shoulders are round enough; a fourth changes less than 1 um
-_ROUNDER = 3
-_TURNS = np.array([[-1j], [1j]])  # from the direction of the left and of the right edge towards the other edge
+_BEHIND_HEAD = 0.3  # length behind the shoulder over which an arm with a head keeps its full width, in neck widths
+_FULL = 0.1  # minimum length of full width behind a shoulder's arc, in corner radii; hardly changes connectors
+_ROUNDER = 3  # iterations that move the ends of edges inwards until shoulders are as round as required
+_TURNS = np.array([[-1j], [1j]])  # quarter turns from an edge's direction towards the other edge: left and right edge
 _TOLERANCE = 5e-6  # maximum distance in metres between the arcs of a tip and its polygon
 _WIDENING = ("left", "right", "full", "over")
 
@@ -61,11 +59,11 @@ class Attempt:
 class Tip:
     """End of one arm with its half of a connector.
 
-    through, row : the arm, as a row of many
-    wide : its widening, a single row
+    through, row : the arm is row ``row`` of ``through.own``
+    wide : widening of this arm, a single row
     begin : tau at which the edges end
     across : nodes and bulges from the right edge at ``begin`` to the left edge, in the arm's frame
-    polygon : shapely polygon from ``over`` outwards, in the patch's frame
+    polygon : shapely polygon of the tip from tau ``over`` outwards, in the patch's frame
     """
 
     through: Throughs
@@ -77,7 +75,7 @@ class Tip:
 
     @property
     def shoulder_radii(self) -> tuple[float, ...]:
-        """Radii in metres of the arcs between the edges and the straight end."""
+        """Radii in metres of the arcs between the arm's edges and the straight end of the tip."""
         nodes, bulge = self.across
         chords = (abs(nodes[1] - nodes[0]), bulge[0]), (abs(nodes[-1] - nodes[-2]), bulge[-2])
         return tuple(float(chord * (1.0 + b**2) / (4.0 * abs(b))) for chord, b in chords if b)
@@ -94,7 +92,7 @@ class Tip:
 
     @property
     def over(self) -> float:
-        """Parameter t beyond which the arm is not widened."""
+        """Parameter t from which on, towards the hub, the arm is not widened."""
         return float(self.wide.over[0])
 
     @property
@@ -109,9 +107,9 @@ class Tip:
 
 
 def ends_of(tips: Sequence[Tip], tolerance: float) -> list[Curve]:
-    """Return for every tip the curve from its arm's right to its left edge, in the patch's frame.
+    """Return for every tip the curve from its arm's right edge to its left edge, in the patch's frame.
 
-    The curve includes the parts of the edges beyond the joint.
+    Where a tip extends beyond the joint, the curve includes the parts of its edges beyond the joint.
     """
     made = [tip.across for tip in tips]
     long = [k for k, tip in enumerate(tips) if tip.begin < 0.0]
@@ -134,12 +132,12 @@ def ends_of(tips: Sequence[Tip], tolerance: float) -> list[Curve]:
 
 @dataclass(frozen=True, eq=False)
 class _End:
-    """The curve of a connector's end in the joint's frame, without the ends of its shoulder.
+    """The end curve of a tip in the joint's frame, without the first and last point of its shoulder.
 
-    x : position of the shoulder
-    nodes, bulge : of the curve, complex
-    low, high : smallest and largest y of its nodes
-    sampled : (M,) complex points on it
+    x : position of the shoulder, metres
+    nodes, bulge : complex nodes of the curve, and bulges of its segments
+    low, high : smallest and largest y of the nodes
+    sampled : (M,) complex points on the curve
     """
 
     x: float
@@ -152,7 +150,7 @@ class _End:
 
 @lru_cache(maxsize=4096)
 def _end(role: str, s: Size, back: float) -> _End:
-    """Return the end of an arm with this role."""
+    """Return the end curve for a role: "head", "socket" or "face"."""
     curve = head(s) if role == "head" else socket(s, back) if role == "socket" else face(s, back)
     nodes = complexes(curve.points[1:-1])
     inner = Curve(curve.points[1:-1], curve.bulge[1:-1], closed=False)
@@ -169,9 +167,15 @@ def make_tips(
     shift: Float[np.ndarray, " arms"],
     aside: Float[np.ndarray, " arms"],
 ) -> list[Tip | None]:
-    """Return the ends of arms, one per row of ``base``; None where an arm has no room for it.
+    """Return the tips of the arms ``rows`` of ``base``; None where an arm has no room for its tip.
 
-    ``shift`` and ``aside`` in metres, seen from these arms.
+    Parameters
+    ----------
+    base : both arms of all joints
+    rows : (n,) joints
+    roles : "head", "socket" or "face" of every tip
+    tries : candidate connector of every tip
+    shift, aside : position of the connector as in ``Attempt``, metres, but seen from these arms
     """
     found: list[Tip | None] = [None] * len(rows)
     through = base.subset(rows)
@@ -184,7 +188,7 @@ def make_tips(
     deep, edge_ends = back + _full_width_length(role, size, shoulder), back + shoulder
     flared = [deep + share * extra for share in (0.0, *_FLARE[::-1])]
     full, least, over, begin = through.tau(np.stack([*flared, edge_ends], axis=1) - shift[:, None]).T
-    # a tip beyond the joint ends at the joint here: this side of it is drawn as an ordinary arm
+    # where the whole tip lies beyond the joint (tau < 0), this arm is not widened up to the joint
     over = np.maximum(np.minimum(over, through.own.end), 0.0)
     wide = Widening(0.5 * extra + aside, 0.5 * extra - aside, full, over)
     good = ~((over < least) | (begin >= full) | (-begin * through.scale > through.other.end))
@@ -201,7 +205,7 @@ def make_tips(
     shoulders, fits = _shoulders(shapes, aside, (right[:, 0] - point) / way, right_way[:, 0] / way,
                                  (left[:, 0] - point) / way, left_way[:, 0] / way)  # fmt: skip
     keep = np.flatnonzero(straight & fits)
-    # measure the walls of sockets, because the arm may be curved
+    # measure the walls beside sockets: where the arm is curved, they differ from the nominal wall
     tubes = keep[role[k[keep]] == "socket"]
     inner = [point[i] + way[i] * (shapes[i].sampled + 1j * aside[i]) for i in tubes.tolist()]
     thin = _walls(inner, left[tubes], right[tubes]) < 0.999 * size["thinnest"][k[tubes]]
@@ -224,9 +228,9 @@ def make_tips(
 def _full_width_length(
     role: np.ndarray, size: dict[str, np.ndarray], shoulder: np.ndarray
 ) -> Float[np.ndarray, " arms"]:
-    """Return the metres behind the ends of arms over which they keep their full width.
+    """Return the length in metres behind the ends of arms over which they keep their full width.
 
-    ``shoulder`` is where shoulders end.
+    shoulder : distance in metres from the ends of the arms to the inner ends of their rounded shoulders
     """
     head = np.maximum(_BEHIND_HEAD * size["neck"], shoulder + _FULL * size["rounding"])
     socket = size["length"] + size["clearance"] + 0.5 * size["inside"]
@@ -234,7 +238,7 @@ def _full_width_length(
 
 
 def _runs_straight(left: np.ndarray, right: np.ndarray, left_way: np.ndarray, right_way: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: whether both edges (n, samples) of a tip run in the same direction without a fold."""
+    """Return (n,) whether both edges (n, samples) of a tip run in the same direction and do not fold."""
     steps = np.abs(np.diff(left, axis=1)), np.abs(np.diff(right, axis=1))
     same = ((left_way * right_way.conj()).real > 0.0).all(axis=1)
     return same & (np.minimum(*steps) >= UNFOLDED * np.maximum(*steps)).all(axis=1)
@@ -244,12 +248,14 @@ def _round_shoulders(
     shapes: Sequence[_End], through: Throughs, wide: Widening, distance: np.ndarray, rounding: np.ndarray,
     point: np.ndarray, way: np.ndarray,
 ) -> tuple[np.ndarray, Widening]:  # fmt: skip
-    """Return tau (n,) where the edges end so that both shoulders are as round as required, and the widening.
+    """Return the tau (n,) at which edges end such that both shoulders are as round as required, and the new widening.
 
-    Where an arm lacks room for that, the edges end at the initial distance. The arms keep their full width up to the
-    ends.
+    Where an arm has too little room, its edges end at the initial distance. The arms keep their full width up to the
+    ends of their edges.
 
-    distance : metres from the joints where the edges of straight arms would end
+    distance : metres from the joints at which the edges of straight arms would end
+    rounding : required radius of the shoulders, metres
+    point, way : end of the centre line and its outward direction, complex
     """
     x, first = np.array([s.x for s in shapes]), through.tau(distance[:, None])[:, 0]
     begin = first
@@ -265,7 +271,7 @@ def _round_shoulders(
 
 
 def _shoulder_radii(x: np.ndarray, points: np.ndarray, ways: np.ndarray) -> np.ndarray:
-    """Return radii (2, n) of the arcs that join left and right edges (2, n) to shoulders at x."""
+    """Return the radii (2, n) of the arcs that join left and right edges (2, n) to straight shoulders at x (n,)."""
     return np.asarray((x - points.real) / (1.0 + (_TURNS * ways).real))
 
 
@@ -278,8 +284,9 @@ def _shoulders(
 ) -> tuple[_Shoulders, np.ndarray]:  # fmt: skip
     """Return the arcs between edges and shoulders, and whether there is room for them (n,).
 
-    Each arc touches an edge, given by end point and outward direction in the joint's frame, and the straight end of the
-    curve. For the right and the left shoulder: y (n,) where the arc ends, and its bulge.
+    Each arc is tangent to an edge, given by its end point and outward direction in the joint's frame, and to the
+    straight shoulder. An arc is returned as the y (n,) at which it ends and its bulge (n,), first for the right and
+    then for the left shoulder.
     """
     x = np.array([s.x for s in shapes])
     made, fits = [], np.ones(len(x), dtype=bool)
@@ -301,9 +308,9 @@ def _across(
     shapes: Sequence[_End], rows: np.ndarray, shoulders: _Shoulders, aside: np.ndarray, left: np.ndarray,
     right: np.ndarray, point: np.ndarray, way: np.ndarray,
 ) -> tuple[list[_Nodes], list[np.ndarray], list[np.ndarray]]:  # fmt: skip
-    """Return the ends of some arms, from the right to the left edge in the arms' frames: nodes and bulges.
+    """Return nodes and bulges of the end curves of arms ``rows``, from right to left edge, in the arms' frames.
 
-    Also return complex points on the arcs at both shoulders, without their last points.
+    Also return complex points on the arcs at the right and at the left shoulder, without the last point of each.
     """
     x = np.array([shapes[i].x for i in rows.tolist()])
     (right_y, right_bulge), (left_y, left_bulge) = ((y[rows], bulge[rows]) for y, bulge in shoulders)
@@ -319,7 +326,7 @@ def _across(
 
 
 def _sample_arcs(a: np.ndarray, b: np.ndarray, bulge: np.ndarray) -> list[np.ndarray]:
-    """Return complex points on every arc from ``a`` to ``b`` (n, 2), without its end."""
+    """Return complex points on every arc from ``a`` to ``b`` (n, 2), without ``b``."""
     points, count = along_arcs(a, b, bulge, _TOLERANCE)
     return np.split(complexes(points), np.cumsum(count)[:-1])
 
@@ -336,7 +343,7 @@ def _walls(inner: Sequence[np.ndarray], left: np.ndarray, right: np.ndarray) -> 
 
 
 def _polygons(rings: Sequence[np.ndarray]) -> list[Any]:
-    """Return polygons of complex rings; None for rings that touch themselves."""
+    """Return shapely polygons of complex rings; None for rings that touch themselves."""
     import shapely
 
     if not len(rings):

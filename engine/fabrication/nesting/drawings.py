@@ -1,4 +1,4 @@
-"""The lines of DXF and SVG drawings, in millimetres, read by ezdxf and svgelements."""
+"""Read DXF and SVG drawings with ezdxf and svgelements as polylines in millimetres."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from ...errors import FlexMapsError
 if TYPE_CHECKING:
     from ezdxf.entities import DXFEntity
 
-FLAT = 4e-3  # maximum distance in mm of chords from curves; a size is wrong by at most twice as much
-MAX_BYTES = 50_000_000  # largest file that is read
-MAX_DEPTH = 32  # nesting depth of blocks; a block that contains itself is damaged
+FLAT = 4e-3  # maximum distance in mm between a curve and its chords; dimensions are off by at most twice as much
+MAX_BYTES = 50_000_000  # maximum size in bytes of a file to read
+MAX_DEPTH = 32  # maximum nesting depth of blocks, in case a damaged block contains itself
 # mm per unit by the code in $INSUNITS: inch, foot, mile, mm, cm, m, km, microinch, mil, yard, angstrom, nm, micrometre,
 # decimetre, decametre, hectometre, and the foot, inch and yard of the US survey
 DXF_UNITS = {
@@ -41,7 +41,7 @@ DXF_UNITS = {
 DXF_UNITS |= {12: 1e-6, 13: 1e-3, 14: 1e2, 15: 1e4, 16: 1e5, 21: 304.800609601, 22: 25.4000508001, 23: 914.401828804}
 PIXEL = 25.4 / 96  # mm per pixel of CSS
 _LENGTH = re.compile(r"([-+\d.e]+?)\s*(mm|cm|in|pt|pc|px|)")  # a number and its unit
-# style sheets whose rules are for all elements, types, classes or names, which svgelements reads
+# matches style sheets that svgelements can read: every selector is ``*``, an element type, a class or an id
 _SIMPLE_RULES = re.compile(
     r"(?:\s|/\*.*?\*/|{0}(?:\s*,\s*{0})*\s*\{{[^{{}}!]*\}})*".format(r"(?:\*|[\w-]*[.#]?[\w-]+)"), re.DOTALL
 )
@@ -54,7 +54,7 @@ class LineDrawing:
 
     lines : points (N, 2) in mm, y upwards, and whether the line is closed
     unitless : whether the file names no unit of length
-    outside : names of elements that are not read
+    outside : names of elements in the file that this reader does not support
     """
 
     lines: list[tuple[np.ndarray, bool]] = field(default_factory=list)
@@ -82,14 +82,14 @@ def read_dxf(path: Path, unit: float) -> LineDrawing:
                 made.outside.add(kind)
             else:
                 (filled if kind in FILLED else made.lines).append((factor * points, closed))
-        made.lines = made.lines or filled  # next to lines a hatch only fills what they enclose
+        made.lines = made.lines or filled  # a hatch beside lines only fills the area that they enclose
     except (ezdxf.DXFError, UnicodeError, ValueError, KeyError, IndexError, AttributeError, TypeError, RecursionError):
         raise FlexMapsError(f"{path.name} cannot be read as DXF; save it again, as R2010") from None
     return made
 
 
 def _document(path: Path) -> Any:
-    """Read a drawing with ezdxf, repairing damage."""
+    """Read a DXF document with ezdxf, repairing damage."""
     import ezdxf
     from ezdxf import recover
 
@@ -105,7 +105,7 @@ def _document(path: Path) -> Any:
 
 
 def _with_classes(data: bytes) -> bytes:
-    """Add subclass markers to light polylines, and a version to the header; ezdxf requires both."""
+    """Add subclass markers to LWPOLYLINE entities, and a version to the header; ezdxf requires both."""
     lines = [line.strip() for line in data.splitlines()]
     records: list[list[bytes]] = [[]]
     for code, value in zip(lines[::2], lines[1::2]):
@@ -124,11 +124,11 @@ def _with_classes(data: bytes) -> bytes:
 
 @dataclass(frozen=True)
 class _DrawingContext:
-    """Context in which entities are drawn.
+    """State passed down while nested blocks are expanded.
 
-    blocks : of the document
+    blocks : block definitions of the document
     frozen, off : names of hidden layers
-    distance : maximum distance of chords from curves, in the drawing's unit
+    distance : maximum distance between curves and their chords, in the units of the current block
     layer, depth : layer and nesting depth of the enclosing block
     """
 
@@ -141,10 +141,10 @@ class _DrawingContext:
 
 
 def _visible(entities: Iterable[Any], place: _DrawingContext) -> Iterator[tuple[str, np.ndarray, bool]]:
-    """Yield the kind of every visible entity, its points (N, 2) in the unit of the drawing, and whether it is closed.
+    """Yield the type of every visible entity, its points (N, 2) in drawing units, and whether it is closed.
 
-    Blocks are expanded by their transforms here: entities on layer 0 belong to the layer of the block, and a circle in
-    blocks that are rotated and scaled unevenly has no equivalent entity in DXF.
+    Blocks are expanded here and not by ezdxf: entities on layer 0 take the layer of their block, and DXF has no entity
+    for a circle in nested blocks that are rotated and scaled unevenly.
     """
     from ezdxf.disassemble import recursive_decompose
 
@@ -167,7 +167,7 @@ def _visible(entities: Iterable[Any], place: _DrawingContext) -> Iterator[tuple[
 
 
 def _flattened(entity: DXFEntity, distance: float) -> Iterator[tuple[np.ndarray, bool]]:
-    """Yield the lines of one entity in its own unit; a line without points if the entity has none."""
+    """Yield the polylines of one entity, in its own units, and whether each is closed; one without points for text."""
     from ezdxf import path
 
     if entity.dxftype() == "SPLINE":
@@ -184,10 +184,10 @@ def _flattened(entity: DXFEntity, distance: float) -> Iterator[tuple[np.ndarray,
 
 
 def _spline(spline: Any, distance: float) -> np.ndarray:
-    """Return points on a B-spline of ezdxf between the knots where its basis is complete."""
+    """Return points on a B-spline of ezdxf whose chords are within ``distance``, over the valid range of its knots."""
     knots, degree = np.array(spline.knots()), spline.degree
     inner = np.unique(knots[degree : len(knots) - degree])
-    for steps in 8, 32, 128, 512:  # segments between knots, doubled until chords are close enough
+    for steps in 8, 32, 128, 512:  # segments between knots, refined until chords are close enough
         parts = [np.linspace(a, b, steps, endpoint=False) for a, b in pairwise(inner.tolist())]
         points = np.array([(v.x, v.y) for v in spline.points([*np.concatenate(parts).tolist(), float(inner[-1])])])
         if np.linalg.norm(np.diff(points, 2, axis=0), axis=1).max() <= 4.0 * distance:
@@ -210,7 +210,7 @@ def read_svg(path: Path, unit: float) -> LineDrawing:
         for shape in SVG.parse(source, ppi=25.4 / scale, reify=False, on_error="raise").elements():
             shown = isinstance(shape, Shape) and shape.values.get("visibility", "visible") == "visible"
             if shown and float(shape.values.get("opacity", 1.0)) > 0.0:
-                m = shape.transform  # applied to points, because svgelements distorts sheared arcs
+                m = shape.transform  # apply it to points, because svgelements distorts sheared arcs
                 moves = scale * np.array([[m.a, -m.b], [m.c, -m.d]])
                 distance = FLAT / max(float(np.linalg.norm(moves, 2)), 1e-12)
                 for part in Curve(shape.d(transformed=False)).as_subpaths():
@@ -231,7 +231,10 @@ def read_svg(path: Path, unit: float) -> LineDrawing:
 
 
 def _set_size(document: ElementTree.Element) -> bool:
-    """Set the size of an SVG document as attributes, a missing side by the viewBox; return whether it names no unit."""
+    """Write width and height of an SVG document as attributes; return whether the document names no unit.
+
+    They are taken from its style or attributes; one that is missing follows from the other and the viewBox.
+    """
     style = dict(part.split(":", 1) for part in document.get("style", "").split(";") if ":" in part)
     box = [float(x) for x in document.get("viewBox", "").replace(",", " ").split()]
     size = {name: str(style.get(name) or document.get(name, "")).strip().lower() for name in ("width", "height")}
@@ -245,7 +248,7 @@ def _set_size(document: ElementTree.Element) -> bool:
 
 
 def _without_unread(document: ElementTree.Element) -> set[str]:
-    """Remove the elements of an SVG document that are not drawn where they stand; return the names of what is not read."""
+    """Remove markers, masks and symbols from an SVG document; return its unsupported elements and attributes."""
     outside: set[str] = set()
     for parent in list(document.iter()):
         for child in list(parent):
@@ -263,7 +266,7 @@ def _without_unread(document: ElementTree.Element) -> set[str]:
 
 
 def _chords(curve: Any, distance: float) -> np.ndarray:
-    """Return points on a path whose chords are within ``distance`` of it."""
+    """Return points (N, 2) on a path of svgelements whose chords are within ``distance`` of it."""
     from svgelements import Arc, CubicBezier, QuadraticBezier
 
     points: list[np.ndarray] = []
@@ -271,7 +274,7 @@ def _chords(curve: Any, distance: float) -> np.ndarray:
         if isinstance(part, Arc):  # a chord is within r (1 - cos(step / 2)) of the arc
             radius = max(part.rx, part.ry, distance)
             steps = math.ceil(abs(part.sweep) / (2.0 * math.acos(max(1.0 - distance / radius, 0.0))))
-        elif isinstance(part, (CubicBezier, QuadraticBezier)):  # a chord is within an eighth of the second difference
+        elif isinstance(part, (CubicBezier, QuadraticBezier)):  # a chord is within an eighth of the second derivative
             corners = np.array([complex(*p) for p in part])
             bend = len(corners) * (len(corners) - 1) * np.abs(np.diff(corners, 2)).max()
             steps = math.ceil(math.sqrt(bend / (8.0 * distance)))

@@ -1,4 +1,4 @@
-"""Refuse sheets far too small for their panels before nesting, and name a sufficient size."""
+"""Before nesting, refuse sheets that are far too small for their panels, and name a sufficient size."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ from ...arrays import Float
 from ...errors import FlexMapsError
 from ...params import SheetParams
 
-WASTE = 3.0  # maximum ratio of sheets to the sheets needed by area: panels leave at most half of a suitable sheet empty
-FEW = 10  # number of sheets that is always accepted
-STEP = 1.05  # ratio between sizes of sheets tried
-ROUND = 0.01  # metres to which a suggested size is rounded up
+# Maximum ratio of the estimated number of sheets to the number needed by area alone; on suitable sheets it is at most 2
+WASTE = 3.0
+FEW = 10  # up to so many sheets are always accepted
+STEP = 1.05  # factor between consecutive sheet sizes tried for the suggestion
+ROUND = 0.01  # metres; a suggested size is rounded up to a multiple of this
 
 
 def refuse_many(shapes: Sequence[Float[np.ndarray, "_ 2"]], params: SheetParams) -> None:
-    """Raise ``FlexMapsError`` if sheets of this size would be many and almost empty.
+    """Raise ``FlexMapsError`` if the panels would need many almost empty sheets.
 
     Parameters
     ----------
@@ -51,17 +52,17 @@ def _area(points: Float[np.ndarray, "points 2"]) -> float:
 
 
 def _needed(area: float, size: Float[np.ndarray, " 2"]) -> int:
-    """Return the number of sheets needed by area alone."""
+    """Return the number of sheets of ``size`` whose total area is at least ``area``, at least 1."""
     return max(1, int(np.ceil(area / size.prod())))
 
 
 def _sheets(boxes: Float[np.ndarray, "panels 2"], size: Float[np.ndarray, " 2"], params: SheetParams) -> int:
-    """Estimate the number of sheets for boxes laid on shelves, highest first, each lengthwise if possible."""
+    """Estimate the number of sheets for boxes packed in rows, highest first, each lengthwise if possible."""
     width, height = size - 2 * params.margin + params.spacing
     long, short = boxes.max(axis=1), boxes.min(axis=1)
     lies = long <= width
     across, up = np.where(lies, long, short), np.where(lies, short, long)
-    shelves: list[list[float]] = []  # index of the sheet, height of the shelf, remaining width
+    shelves: list[list[float]] = []  # of every row: index of the sheet, height, remaining width
     left: list[float] = []  # remaining height of every sheet
     for k in np.argsort(-up, kind="stable").tolist():
         shelf = next((one for one in shelves if one[1] >= up[k] and one[2] >= across[k]), None)

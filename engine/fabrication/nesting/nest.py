@@ -1,8 +1,8 @@
 """Nesting: lay the true shapes of the panels on equal sheets as tightly as a time limit permits, with spyrrow.
 
 spyrrow (the sparrow algorithm of Gardeyn, Vanden Berghe and Wauters 2025) packs a strip of fixed height as short as it
-can. ``sheet_search`` looks for sets of panels whose strip is no longer than a sheet. The quick packing is computed first and
-returned if the search finds nothing better in time.
+can. ``sheet_search`` looks for sets of panels whose strip is no longer than a sheet. The quick packing (``packing``) is
+computed first and returned if the search finds nothing better in time.
 """
 
 from __future__ import annotations
@@ -21,22 +21,21 @@ from .packing import Packing, pack
 from .remnants import read
 from .sheet_search import SheetSearch
 
-# maximum number of panels for the search; with more, the quick packing fills sheets as well in the usual time
+# maximum number of panels for the search; above it, the search gains nothing over the quick packing in the usual time
 MANY = 400
-AT_ONCE = 8  # maximum number of sets tried in parallel; it bounds the memory
+AT_ONCE = 8  # maximum number of worker processes; more are faster and take more memory
 
 
 def nest(shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: Progress = SILENT) -> Packing:
-    """Lay closed outlines (M, 2), in metres, on as few sheets as found within ``params.nesting_seconds``.
+    """Lay closed outlines on as few sheets as a search of ``params.nesting_seconds`` finds.
 
-    Remnants come first and are filled by ``odd``.
-
-    The result is never worse than that of ``packing.pack``, which is returned where spyrrow is missing or finds nothing
-    better. The seed makes the search repeatable as far as a limit in seconds can be.
+    Remnants are filled first (module ``odd``). The result is never worse than the quick packing of ``packing.pack``,
+    which is returned where spyrrow is missing or finds nothing better. With equal seeds results repeat as far as the
+    time limit allows.
 
     Parameters
     ----------
-    shapes : closed outlines, metres; with their grain along x where they must lie along the sheet's
+    shapes : closed outlines (M, 2), metres; their grain along x if panels must follow the sheet's grain
     params : size of the sheets, margin, spacing, remnants and time limit
     progress : called with the fraction done; may cancel
     """
@@ -56,7 +55,7 @@ def nest(shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: 
 
 
 def _append_sheets(odd: Packing, rest: list[int], whole: Packing | None) -> Packing:
-    """Join a packing on remnants with whole sheets for the panels ``rest``."""
+    """Join a packing on remnants (``odd``) with the packing of the panels ``rest`` on whole sheets (``whole``)."""
     if whole is None:
         return odd
     sheet, rotation, shift = odd.sheet.copy(), odd.rotation.copy(), odd.shift.copy()
@@ -65,5 +64,5 @@ def _append_sheets(odd: Packing, rest: list[int], whole: Packing | None) -> Pack
 
 
 def available() -> bool:
-    """Return whether spyrrow is installed, and a Python to run it in."""
+    """Return whether spyrrow is installed, and a Python interpreter for its processes exists."""
     return importlib.util.find_spec("spyrrow") is not None and python() is not None

@@ -1,4 +1,4 @@
-"""Lay panels on remnants by raster: large panels first, each on the smallest remnant with room for it."""
+"""Lay panels on irregular remnants with a raster: large panels first, each on the smallest remnant with room."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ...progress import SILENT, Progress
 from .packing import CELLS, Packing, Sheet, Stamp, lying_box
 from .remnants import Remnant
 
-SLANTS = 3  # angles tried within a quarter turn, each also with quarter turns added; more angles placed no more panels
+SLANTS = 3  # rotations tried within a quarter turn, each plus 0 to 3 quarter turns; more placed no more panels
 
 
 class _Odd:
-    """A remnant that is being filled, with angle and shift of each panel on it."""
+    """A remnant that is being filled, with rotation (radians) and shift of each panel on it."""
 
     def __init__(self, remnant: Remnant, params: SheetParams):
         self.remnant, self.params = remnant, params
@@ -30,7 +30,7 @@ class _Odd:
         self.sheet = Sheet((width, height), params.margin, self.half, self.cell, remnant) if roomy else None
 
     def place(self, number: int, shape: np.ndarray, area: float) -> bool:
-        """Place a panel of this area (m2); return False without room."""
+        """Place a panel of this area (m2) if there is room, and return whether it was placed."""
         if self.sheet is None or area > self.area:
             return False
         grain = self.params.rotation == "GRAIN"
@@ -51,9 +51,20 @@ def on_remnants(
     params: SheetParams,
     progress: Progress = SILENT,
 ) -> tuple[Packing, list[int]]:
-    """Lay panels on remnants, each of which exists once; return the packing and the numbers of the panels left over.
+    """Lay panels on remnants, each of which exists once; return the packing and the indices of the panels left over.
 
-    Sheet -1 marks panels left over. Raises ``FlexMapsError`` for a remnant smaller than every panel.
+    Panels left over have sheet -1 in the packing.
+
+    Parameters
+    ----------
+    shapes : closed outlines (M, 2), metres
+    remnants : pieces of sheet to fill
+    params : margin, spacing and allowed rotations
+    progress : called with the fraction done; may cancel
+
+    Raises
+    ------
+    FlexMapsError : a remnant is smaller than every panel
     """
     from shapely import Polygon
 

@@ -1,4 +1,4 @@
-"""Quick packing of panels on sheets: true shapes, quarter turns, without overlap, with the required spacing."""
+"""Pack panels on sheets quickly: a greedy search for places on a raster, with true outlines and quarter turns."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from ...arrays import Float, Int
 from ...progress import SILENT, Progress
 from .remnants import Remnant
 
-CELLS = 512  # cells of the raster along the longer side of a sheet
-# Maximum number of raster searches, 10 ms each; layouts of up to 60 panels on up to 8 sheets never need as many
+CELLS = 512  # raster cells along the longer side of a sheet; more cells pack tighter and take longer
+# Maximum number of raster searches (10 ms each); the panels left then are packed in rows, faster but looser
 TRIES = 500
-ROUNDING_GAP = 1e-8  # distance in metres from the margin that absorbs rounding where a panel only just fits
+ROUNDING_GAP = 1e-8  # metres added to the margin, so that rounding errors never rule out a panel that just fits
 
 
 @dataclass(frozen=True, eq=False)
 class Packing:
-    """Places of N shapes: turned by ``rotation`` (radians) about the origin, then shifted (metres), on sheet ``sheet``.
+    """Positions of N shapes: index of the sheet, rotation about the origin in radians, then shift in metres.
 
     sizes : width and height of every sheet, metres
-    remnants : the first sheets, if these are irregular pieces; ``sizes`` then holds their bounding boxes
+    remnants : irregular pieces used as the first sheets; their ``sizes`` are their bounding boxes
     """
 
     sheet: Int[np.ndarray, " panels"]
@@ -33,14 +33,14 @@ class Packing:
 
     @property
     def areas(self) -> Float[np.ndarray, " sheets"]:
-        """Area of every sheet in m2; of remnants without their holes."""
+        """Area of every sheet in m2; the holes of remnants are not counted."""
         found = self.sizes.prod(axis=1)
         found[: len(self.remnants)] = [remnant.polygon.area for remnant in self.remnants]
         return found
 
 
 def least_box(points: Float[np.ndarray, "points 2"]) -> tuple[float, Float[np.ndarray, " 2"]]:
-    """Return the angle (radians) that gives points their smallest bounding box, longer side along x, and its sides."""
+    """Return the rotation (radians) with the smallest bounding box, longer side along x, and the sides of this box."""
     from scipy.spatial import ConvexHull
 
     hull = points[ConvexHull(points).vertices]
@@ -67,14 +67,15 @@ def pack(
     rotation: str = "FREE",
     cells: int = CELLS,
 ) -> Packing:
-    """Lay closed outlines on as few sheets as a greedy search needs; after ``TRIES`` searches in rows.
+    """Lay closed outlines on few sheets, largest box first, greedily; after ``TRIES`` searches continue in rows.
 
     Parameters
     ----------
     shapes : closed outlines (M, 2), metres
     sheet : width and height, metres; a larger shape gets a sheet of the size that it needs
     margin, spacing : metres kept free along the border of a sheet, and between shapes
-    rotation, cells : see ``turn_that_fits``; cells of the raster along the longer side, of which up to two are lost
+    rotation : allowed rotations, see ``turn_that_fits``
+    cells : raster cells along the longer side of a sheet; a shape may occupy up to two more than it needs
     """
     boxes = []
     for done, shape in enumerate(shapes):
@@ -128,7 +129,7 @@ def _slanted(
     cell: float,
     rotation: str,
 ) -> tuple[float, np.ndarray]:
-    """Return angle and box of a shape: its smallest box, or another angle if the shape fits on the sheet only so."""
+    """Return the rotation (radians) and box of a shape: its smallest box, or another if only that fits the sheet."""
     if fits(size + 4.0 * cell, sheet, margin, rotation):
         return turn, size
     slanted = turn_that_fits(shape, sheet, margin + 2.0 * cell, rotation)
@@ -144,9 +145,9 @@ def _in_rows(
     progress: Progress,
     rotation: str,
 ) -> Packing:
-    """Lay shapes in rows by their smallest boxes, highest first, each in the first row with room (Coffman et al. 1980).
+    """Lay bounding boxes of shapes in rows, highest first, each in the first row with room (Coffman et al. 1980).
 
-    boxed : every shape with the angle and the sides of its smallest box
+    boxed : every shape with the rotation and the sides of its smallest bounding box
     """
     free = np.array(sheet) - 2.0 * margin
     laid: list[tuple[float, np.ndarray]] = []
@@ -158,7 +159,7 @@ def _in_rows(
         laid.append((turn, size) if slanted is None else (slanted, _extent(shape, slanted)))
     count = len(boxed)
     where, shift, sizes = np.zeros(count, dtype=np.int64), np.zeros((count, 2)), []
-    rows: list[list[float]] = []  # index of the sheet, height, lower edge, used length
+    rows: list[list[float]] = []  # of every row: index of the sheet, height, lower edge, used length
     used: list[float] = []  # used height of every sheet
     for done, i in enumerate(sorted(range(count), key=lambda i: -float(laid[i][1][1]))):
         progress(0.5 + 0.5 * done / count, "packing in rows")
@@ -188,9 +189,9 @@ def _in_rows(
 
 
 def lying_box(points: Float[np.ndarray, "points 2"], rotation: str) -> tuple[float, Float[np.ndarray, " 2"]]:
-    """Return the first angle to try for points on a sheet, and the sides of their bounding box at that angle.
+    """Return the preferred rotation of a shape on a sheet, and the sides of its bounding box when rotated.
 
-    The angle is 0 with rotation "GRAIN"; otherwise it gives the smallest box (see ``least_box``).
+    The preferred rotation is 0 for "GRAIN"; otherwise the bounding box is the smallest (see ``least_box``).
 
     Parameters
     ----------
@@ -205,16 +206,14 @@ def lying_box(points: Float[np.ndarray, "points 2"], rotation: str) -> tuple[flo
 
 
 def turn_that_fits(points: np.ndarray, sheet: tuple[float, float], margin: float, rotation: str) -> float | None:
-    """Return an angle (radians) at which points fit on a sheet within its margin; None without one.
+    """Return a rotation (radians) with which points fit on a sheet within its margin; None if there is none.
 
     Parameters
     ----------
     points : (M, 2), metres
     sheet : width and height, metres
     margin : metres
-    rotation : "FREE" any angle; "QUARTER" longer side of the smallest box along or across; "GRAIN" as they lie, or half
-        a turn from
-        there
+    rotation : "FREE" any angle; "QUARTER" longer side of the smallest box along x or y; "GRAIN" no turn or half a turn
     """
     turn = lying_box(points, rotation)[0]
     quarters = np.array([0.0]) if rotation == "GRAIN" else np.array([0.0, 0.5 * np.pi])
@@ -237,12 +236,12 @@ def _turn(angle: float) -> np.ndarray:
 
 
 def used_length(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], index: int) -> float:
-    """Return the metres from the left border of sheet ``index`` to the right end of its shapes (M, 2), in metres.
+    """Return the distance in metres from the left border of a sheet to the right end of the shapes on it.
 
     Parameters
     ----------
-    packing : places of all shapes
-    shapes : closed outlines, metres, in the order of ``packing``
+    packing : positions of all shapes
+    shapes : closed outlines (M, 2), metres, in the order of ``packing``
     index : number of the sheet, from 0
     """
     ends = [0.0]
@@ -253,14 +252,14 @@ def used_length(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], index:
 
 
 def fill(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], area: float, margin: float) -> float:
-    """Return the share of the sheets that shapes cover; only the used end of the emptiest sheet is counted.
+    """Return the share of the sheets' area that shapes cover, not counting the largest unused end of a sheet.
 
     Parameters
     ----------
-    packing : where the shapes lie
+    packing : positions of the shapes
     shapes : closed outlines (M, 2), metres
-    area : of all shapes, m2
-    margin : metres
+    area : total area of the shapes, m2
+    margin : of the sheets, metres
     """
     whole = range(len(packing.remnants), len(packing.sizes))
     used = {k: used_length(packing, shapes, k) + margin for k in whole}
@@ -269,7 +268,7 @@ def fill(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], area: float, 
 
 
 def fits(size: Float[np.ndarray, " 2"], sheet: tuple[float, float], margin: float, rotation: str = "FREE") -> bool:
-    """Return whether a box (metres, longer side first) fits on the sheet, along or across; with "GRAIN" as it lies."""
+    """Return whether a box (metres, longer side first) fits on the sheet, turned if needed unless "GRAIN"."""
     free = [x - 2.0 * margin + 1e-9 for x in sheet]
     if rotation == "GRAIN":
         return bool(size[0] <= free[0] and size[1] <= free[1])
@@ -279,11 +278,11 @@ def fits(size: Float[np.ndarray, " 2"], sheet: tuple[float, float], margin: floa
 def _large_enough(
     size: np.ndarray, sheet: tuple[float, float], margin: float, cell: float, rotation: str
 ) -> tuple[float, float]:
-    """Return the size of a sheet on which a box fits, at least that of the given sheet, metres."""
+    """Return the size (metres) of a sheet on which a box fits: ``sheet``, enlarged if necessary."""
     slack = 2.0 * margin + 4.0 * cell
     if fits(size + 4.0 * cell, sheet, margin, rotation):
         return sheet
-    # round up to whole centimetres; the panel lies lengthwise, and the sheet is never smaller than requested
+    # round up to whole centimetres; the longer side of the box lies along the sheet, which is never made smaller
     wide, high = (np.ceil((x + slack) * 100.0 - 1e-9) / 100.0 for x in size)
     if rotation == "GRAIN":
         return max(wide, sheet[0]), max(high, sheet[1])
@@ -291,7 +290,7 @@ def _large_enough(
 
 
 class Stamp:
-    """Rasters of a shape in its quarter turns, each grown by ``grow`` metres and by the raster's own error."""
+    """Raster masks of a shape at each quarter turn; the shape is grown by ``grow`` metres and the raster's error."""
 
     def __init__(self, shape: np.ndarray, turn: float, cell: float, grow: float, quarters: tuple[int, ...]):
         from shapely import Polygon
@@ -300,7 +299,7 @@ class Stamp:
         cos, sin = np.cos(turn), np.sin(turn)
         outline = Polygon(shape @ np.array([[cos, sin], [-sin, cos]])).buffer(0.0)
         coarse = 0.1 * cell
-        # a cell is occupied if its centre is within half of its diagonal of the shape
+        # mark every cell that the shape touches: those whose centre is within half a cell diagonal of the shape
         grown = outline.simplify(coarse).buffer(grow + coarse + 0.7072 * cell, quad_segs=8)
         x0, y0, x1, y1 = grown.bounds
         self.origin = np.array([x0, y0])
@@ -313,9 +312,8 @@ class Stamp:
         self.box = cell * np.array([columns, rows])
 
     def shift(self, quarter: int, corner: np.ndarray) -> tuple[float, np.ndarray]:
-        """Return angle and shift that bring the lower left corner of the turned raster to ``corner`` (2,)."""
-        # turning the corners of the box is enough: a raster turned by quarters has the same lower left corner as its
-        # box
+        """Return rotation (radians) and shift that bring the lower left corner of the turned raster to ``corner``."""
+        # it is enough to turn the raster's box: at quarter turns both have the same lower left corner
         points = np.array([[0.0, 0.0], self.box]) + self.origin
         cos, sin = [(1, 0), (0, 1), (-1, 0), (0, -1)][quarter]
         turned = points @ np.array([[cos, sin], [-sin, cos]], dtype=float)
@@ -329,11 +327,11 @@ class Sheet:
         self, size: tuple[float, float], margin: float, half: float, cell: float, remnant: Remnant | None = None
     ):
         self.size, self.cell = size, cell
-        # shapes are grown by half of the spacing, which may extend into the margin
+        # shapes are grown by half of the spacing; this added strip may extend into the margin
         self.corner = np.array([margin - half, margin - half])
         columns, rows = (int(np.floor((x - 2.0 * (margin - half)) / cell + 1e-9)) for x in size)
         self.taken = np.zeros((max(rows, 1), max(columns, 1)), dtype=bool)
-        # a cell is free if all of it lies inside; without margin, half of the spacing stays inside too
+        # a cell is free if it lies wholly inside the remnant; grown shapes must stay inside even without a margin
         if remnant is not None:
             within = remnant.polygon.buffer(min(half - margin, 0.0) - 0.7072 * cell)
             rings = [r for p in getattr(within, "geoms", [within]) if p for r in (p.exterior, *p.interiors)]
@@ -343,14 +341,14 @@ class Sheet:
         self._refused: list[tuple[np.ndarray, int]] = []  # boxes and cell counts of shapes that found no place
 
     def may_hold(self, stamp: Stamp) -> bool:
-        """Return False for a shape at least as large in every way as one that found no place."""
+        """Return False if a shape that is no larger, by box and cell count, has already found no place."""
         box = np.sort(stamp.box)
         return not any((box >= other).all() and stamp.taken >= cells for other, cells in self._refused)
 
     def place(self, stamp: Stamp, always: bool = False) -> tuple[float, np.ndarray] | None:
-        """Occupy the free place nearest to the left, then to the bottom; None without one.
+        """Occupy the place with the leftmost right end, then the lowest; return rotation and shift, None without room.
 
-        always : try half turns on an empty sheet too; on a rectangle they gain nothing
+        always : also try half turns on an empty sheet; on an empty rectangle they gain nothing
         """
         best: tuple[int, int, int, int] | None = None
         for quarter, mask in stamp.masks.items():
@@ -374,7 +372,7 @@ class Sheet:
         return stamp.shift(quarter, self.corner + self.cell * np.array([column_, row_]))
 
     def _hits(self, mask: np.ndarray) -> np.ndarray:
-        """Return how many occupied cells the mask meets at every offset, by correlation."""
+        """Return how many occupied cells the mask overlaps at every offset, by FFT correlation."""
         shape = tuple(next_fast_len(n, real=True) for n in self.taken.shape)
         if self._spectrum is None:
             self._spectrum = rfft2(self.taken.astype(np.float32), shape)
@@ -382,7 +380,7 @@ class Sheet:
 
 
 def _rasterise(rings: list[np.ndarray], columns: int, rows: int) -> np.ndarray:
-    """Return a (rows, columns) mask of cells whose centres lie inside the rings (M, 2), in cells; even-odd rule."""
+    """Return a (rows, columns) mask of cells whose centres lie inside rings (M, 2) in cell units, by even-odd rule."""
     flips = np.zeros((rows, columns + 1), dtype=np.int32)
     for ring in rings:
         a, b = ring, np.roll(ring, -1, axis=0)

@@ -1,7 +1,7 @@
 """Remnants: irregular pieces of sheet left from other work, drawn as closed curves with holes in a DXF or SVG file.
 
-Of nested curves the outermost are pieces, curves inside them holes, curves inside holes material again; a hole across
-an outline makes a notch. Colours, open lines and hidden layers or elements are ignored.
+Outermost curves are pieces, curves inside them holes, and curves inside holes material again. A hole that crosses an
+outline makes a notch. Colours, open lines, and hidden layers or elements are ignored.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from ...errors import FlexMapsError
 from .drawings import MAX_BYTES, LineDrawing, read_dxf, read_svg
 from .rings import areas
 
-SEPARATOR = ";"  # separates the files in a setting; names of drawings do not contain it
-LEAST = 1e-4  # minimum useful area of a piece, m2
-LARGEST = 20.0  # metres; a larger drawing is in a wrong unit
-# mm per unit that may be chosen for files without a unit
+SEPARATOR = ";"  # separates file names in a setting
+LEAST = 1e-4  # minimum useful area of a piece, m2; smaller closed curves are ignored
+LARGEST = 20.0  # maximum extent of a drawing in metres; a larger drawing is refused, as its unit must be wrong
+# millimetres per unit, for the units that the user may choose for files without a unit
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "pt": 25.4 / 72.0, "px": 25.4 / 96.0}
 _READERS = {".dxf": read_dxf, ".svg": read_svg}
 
@@ -29,9 +29,9 @@ _READERS = {".dxf": read_dxf, ".svg": read_svg}
 class Remnant:
     """A piece of sheet, moved so that its bounding box begins at the origin; metres.
 
-    name : of its file
+    name : file name without suffix
     outline : counter-clockwise
-    holes : without material
+    holes : closed curves without material inside
     remarks : sentences for the user about how the file was read
     """
 
@@ -42,7 +42,7 @@ class Remnant:
 
     @property
     def size(self) -> Float[np.ndarray, " 2"]:
-        """Width and height of its bounding box."""
+        """Width and height of the bounding box, metres."""
         return np.ptp(self.outline, axis=0)
 
     @property
@@ -54,7 +54,17 @@ class Remnant:
 
 
 def read(files: str, unit: str = "mm") -> list[Remnant]:
-    """Read the remnants of some files, whose names are separated by ``;``; raises ``FlexMapsError``."""
+    """Read the remnants in files whose names are separated by ``;``.
+
+    Parameters
+    ----------
+    files : names of DXF or SVG files
+    unit : key of ``UNITS``, for files without a unit
+
+    Raises
+    ------
+    FlexMapsError : a file cannot be read, is too large, or has no closed outline
+    """
     found: list[Remnant] = []
     for name in filter(None, map(str.strip, files.split(SEPARATOR))):
         found += read_file(Path(name), unit)
@@ -88,7 +98,7 @@ def read_file(path: Path, unit: str = "mm") -> list[Remnant]:
 
 
 def _pieces(path: Path, drawing: LineDrawing, unit: str) -> list[Remnant]:
-    """Return the areas enclosed by the lines of a drawing, with a remark for every guess."""
+    """Return the areas enclosed by the lines of a drawing, with remarks about an assumed unit and unread elements."""
     import shapely
 
     if not all(np.isfinite(points).all() for points, _ in drawing.lines):

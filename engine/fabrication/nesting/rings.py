@@ -1,4 +1,4 @@
-"""Areas from drawn lines: nearby ends are joined, coinciding rings count once, rings inside rings are holes.
+"""Find the areas that drawn lines enclose: nearby ends are joined, duplicate rings dropped, inner rings are holes.
 
 Lengths in metres.
 """
@@ -17,12 +17,12 @@ from ...tolerances import DOUBLE_TOL
 if TYPE_CHECKING:
     from shapely import Polygon
 
-SNAP_DISTANCE = 2e-4  # snap distance in metres for ends and coinciding lines; a larger one joins separate lines
+SNAP_DISTANCE = 2e-4  # metres within which ends are joined and lines count as equal; if larger, separate lines merge
 
 
 @dataclass(eq=False)
 class _Ring:
-    """A ring, the number of rings around it, and the index of the outermost of these."""
+    """A closed ring, its nesting depth, and the index of the outermost ring around it."""
 
     polygon: Polygon
     depth: int
@@ -30,9 +30,9 @@ class _Ring:
 
 
 def areas(lines: Iterable[tuple[np.ndarray, bool]]) -> list[Polygon]:
-    """Return the area within every outermost ring, without its holes, largest first.
+    """Return the areas of material (outermost rings without their holes), largest first.
 
-    lines : points (N, 2), and whether they are closed
+    lines : points (N, 2) and whether the line is closed
     """
     import shapely
 
@@ -46,7 +46,7 @@ def areas(lines: Iterable[tuple[np.ndarray, bool]]) -> list[Polygon]:
     found: list[_Ring] = []
     made: dict[int, Polygon] = {}
     for polygon in _without_duplicates(sorted(rings, key=lambda r: -r.area)):
-        # a ring across an outline is a notch, so it counts as inside the outline
+        # a ring that crosses an outline makes a notch, so it counts as inside the outline
         inner = polygon.buffer(-SNAP_DISTANCE)
         around = [
             r for r in found if r.polygon.intersects(inner) and (r.depth % 2 == 0 or _contains(r.polygon, polygon))
@@ -65,12 +65,12 @@ def areas(lines: Iterable[tuple[np.ndarray, bool]]) -> list[Polygon]:
 
 
 def _contains(outer: Polygon, inner: Polygon) -> bool:
-    """Return whether a ring lies inside another one within the snap distance."""
+    """Return whether ``inner`` lies inside ``outer``, with the snap distance as tolerance."""
     return bool(outer.buffer(SNAP_DISTANCE).contains(inner))
 
 
 def _simple(points: np.ndarray) -> list[Polygon]:
-    """Return a closed line as rings that do not cross themselves, ignoring loops inside them."""
+    """Return the outer rings of a closed line that may cross itself; loops inside them are ignored."""
     import shapely
 
     ring = shapely.Polygon(points)
@@ -81,7 +81,7 @@ def _simple(points: np.ndarray) -> list[Polygon]:
 
 
 def _enclosed(lines: list[np.ndarray]) -> list[Polygon]:
-    """Return the areas that open lines enclose together."""
+    """Return the areas enclosed by open lines whose ends meet within the snap distance."""
     import shapely
     from scipy.spatial import cKDTree
 

@@ -1,7 +1,7 @@
-"""Search for full sheets: sets of panels about as large as a sheet can hold, each tried by spyrrow (see ``strip``).
+"""Search for sets of panels that fill a sheet; spyrrow finds out whether a set fits (see ``strip``).
 
-Sheets are filled in turn: the first panel is the largest that is left, and among the sets with this panel those that
-probably fit and cover most are tried first, as many at once as there are cores.
+Sheets are filled one after the other. Each begins with the largest panel that is left. Random sets with this panel are
+tried, first those that probably fit and cover the largest area, as many at once as there are cores.
 """
 
 from __future__ import annotations
@@ -23,28 +23,33 @@ from .packing import Packing, least_box, lying_box, pack, turn_that_fits, used_l
 from .strip import PackedStrip, StripTask, pack_strip
 
 STEP = 5.0  # degrees between the orientations tried for a panel
-BAY = 0.012  # metres; bays narrower than twice this, or than half of the narrowest panel, are closed
+# Half the width in metres of concave bays that are closed before nesting, at most a quarter of the narrowest panel's
+# width. Larger: fewer points and a faster search, but small panels no longer lie in bays
+BAY = 0.012
 ROUNDING = 2e-5  # metres added to the spacing because spyrrow calculates in single precision
-TURN = 1  # seconds for one set of panels at first
-LAST = 0.25  # minimum share of the time limit for compacting the emptiest sheet
-# starts per core for the shortest strip of a set: starts differ by 4 %, and three seconds gain 0.3 % over one
+TURN = 1  # initial search time per set of panels in seconds; it is doubled when no more sets fit
+LAST = 0.25  # minimum share of the time limit reserved for compacting the emptiest sheet
+# Random starts per core when the emptiest sheet is compacted; more starts leave less time for each, but several short
+# searches beat a long one
 STARTS = 4
-SHORTER = 0.999  # a further start continues the search if its strip is at most this many times as long
-RANDOM_SETS = 400  # random sets generated per sheet, of which a few are tried; 10 ms
-HULL_STEP = 0.985  # hulls of the next set to try cover at most this share of the last one's
+SHORTER = 0.999  # end the restarts once a strip is longer than this share of the shortest so far
+RANDOM_SETS = 400  # random sets generated per sheet (10 ms), of which a few are tried
+# Maximum hull area of the next set to try, as a share of the previous set's; nearer to 1 the sets tried differ less
+HULL_STEP = 0.985
 TRIES = 8  # maximum number of sets tried for one sheet
-# Successive orders without an improvement before the time per set is doubled, and minimum number of sets in the time limit
+# Rounds without improvement before the time per set is doubled; the search ends when the time limit would allow fewer
+# than FEWEST sets
 PATIENCE, FEWEST = 4, 12
 
-Places = dict[int, tuple[float, np.ndarray]]  # angle (radians) and shift (2,), metres, by panel
+Places = dict[int, tuple[float, np.ndarray]]  # rotation (radians) and shift (2,) in metres, by index of the panel
 
 
 class SheetSearch:
-    """The sets of panels tried so far, and the remaining time.
+    """Search state: the sets of panels tried so far, and the time limit.
 
-    outlines : simplified shapes grown by half of the separation, so that they may touch
-    turns : for each shape the angles in degrees in which it fits on a sheet, the narrowest first; none if it is too large
-    tried : places of the panels on a sheet by set, None for sets that did not fit
+    outlines : simplified shapes grown by half of the required separation, so that they may touch
+    turns : rotations in degrees at which each shape fits on a sheet, in order of its width; empty if it is too large
+    tried : by set of panels, their positions on a sheet, or None if the set did not fit
     """
 
     def __init__(
@@ -66,14 +71,14 @@ class SheetSearch:
         self.turn = TURN
 
     def best(self, rough: Packing) -> Packing:
-        """Return the best packing found in time, or the rough one."""
+        """Return the best packing found within the time limit; ``rough`` if no better one is found."""
         best, idle, rng = rough, 0, np.random.default_rng(self.params.seed)
         while len(best.sizes) > 1 and self._going:
             made = self._filled(rng, rough)
             idle += 1
             if self._rank(made) < self._rank(best) and self._keeps_distances(made):
                 best, idle = made, 0
-            elif idle == PATIENCE:  # give sets that did not fit more time
+            elif idle == PATIENCE:  # try sets that did not fit again, with more time
                 idle, self.turn = 0, 2 * self.turn
                 self.tried = {members: places for members, places in self.tried.items() if places}
                 if self.turn * FEWEST > self._seconds:
@@ -83,7 +88,7 @@ class SheetSearch:
 
     @property
     def _seconds(self) -> float:
-        """The time limit."""
+        """The time limit in seconds."""
         return max(self.params.nesting_seconds, 1e-9)
 
     @property
@@ -97,11 +102,11 @@ class SheetSearch:
         return self.share_of_time < 1.0 - max(LAST, 0.5 * TURN / self._seconds)
 
     def _rank(self, packing: Packing) -> tuple[int, float]:
-        """Return the number of sheets, and the area in m2 of the hulls on the emptiest, which decides its length."""
+        """Return the rank of a packing, lower is better: number of sheets, then hull area (m2) on the emptiest."""
         return len(packing.sizes), float(np.bincount(packing.sheet, self.hull, len(packing.sizes)).min())
 
     def _turns(self, shape: np.ndarray) -> list[float]:
-        """Return the angles in degrees in which a grown shape fits on a sheet."""
+        """Return the rotations in degrees at which a grown shape fits on a sheet, in order of its width."""
         room = self.free + self.separation
         base = np.degrees(lying_box(shape, self.params.rotation)[0])
         step = {"FREE": STEP, "QUARTER": 90.0, "GRAIN": 180.0}[self.params.rotation]
@@ -116,7 +121,7 @@ class SheetSearch:
         return angles[order][(wide <= room[0])[order] & (high <= room[1])[order]].tolist()
 
     def _keeps_distances(self, packing: Packing) -> bool:
-        """Return whether the true shapes keep the required distances exactly."""
+        """Return whether the true shapes keep margin and spacing."""
         import shapely
         from shapely import affinity
 
@@ -136,9 +141,9 @@ class SheetSearch:
     # -- filling sheets ------------------------------------------------------------------------------------------------
 
     def _filled(self, rng: np.random.Generator, rough: Packing) -> Packing:
-        """Fill sheets one by one, large panels first, in a slightly shuffled order once sets have been tried.
+        """Pack all panels: fill sheets one by one, large panels first, slightly shuffled except in the first round.
 
-        Panels left when the time has elapsed, and those larger than a sheet, are packed the quick way.
+        Panels left when the time has elapsed, and panels larger than a sheet, are packed by ``pack``.
         """
         order = self.area * np.exp(0.25 * rng.standard_normal(len(self.area)) * bool(self.tried))
         rest = [i for i in np.argsort(-order, kind="stable").tolist() if self.turns[i]]
@@ -160,9 +165,9 @@ class SheetSearch:
         return Packing(sheet, rotation, shift, np.array(sizes))
 
     def _fullest(self, rest: list[int], least: float, rng: np.random.Generator) -> Places:
-        """Return the fullest sheet found with the first of some panels that covers more than ``least`` m2.
+        """Fill a sheet as well as possible with panels of ``rest``, including ``rest[0]``, and return their positions.
 
-        If none is found, return the sheet of the quick packing that has the first panel.
+        If no set that fits covers more than ``least`` m2, return the sheet with ``rest[0]`` of a quick packing.
         """
         at_once, limit = max(self.workers.count, 2), np.inf
         for _ in range(max(TRIES // at_once, 1)):
@@ -184,13 +189,14 @@ class SheetSearch:
         return next(places for places in _places(self._pack(rest), rest) if rest[0] in places)
 
     def _cover(self, members: frozenset[int]) -> float:
-        """Return the area in m2 that panels cover."""
+        """Return the total area of panels in m2."""
         return float(self.area[list(members)].sum())
 
     def _random_sets(self, rest: list[int], least: float, rng: np.random.Generator) -> list[frozenset[int]]:
-        """Return new random sets with the first of some panels that cover more than ``least`` m2, most promising first.
+        """Return new random sets with panel ``rest[0]`` that cover more than ``least`` m2, most promising first.
 
-        The probability that a set fits is a logistic distribution with the mean and standard deviation of ``HULLS``.
+        Sets are ordered by their gain in area times the probability that they fit: a logistic function of their hulls'
+        share of the sheet, with mean ``HULLS`` and standard deviation ``SPREAD``.
         """
         first, others, sheet = rest[0], np.array(rest[1:], dtype=np.int64), float(self.free.prod())
         failed = [members for members, places in self.tried.items() if places is None]
@@ -209,13 +215,13 @@ class SheetSearch:
         return sorted(found, key=lambda members: -found[members])
 
     def _try(self, sets: Sequence[frozenset[int]]) -> None:
-        """Determine whether sets of panels fit on a sheet each."""
+        """Try to pack every set of panels on a sheet of its own, and store the results in ``tried``."""
         found = self._strips([self._task(members, self.turn, 0, float(self.free[0])) for members in sets])
         for members, strip in zip(sets, found, strict=True):
             self.tried[members] = self._on_sheet(strip)
 
     def _pack(self, some: list[int]) -> Packing:
-        """Return the quick packing of some panels."""
+        """Pack the panels ``some`` quickly with ``packing.pack``."""
         p = self.params
         size = p.sheet_width, p.sheet_height
         return pack([self.shapes[i] for i in some], size, p.margin, p.spacing, rotation=p.rotation)
@@ -223,9 +229,9 @@ class SheetSearch:
     # -- strips --------------------------------------------------------------------------------------------------------
 
     def shortest(self, members: frozenset[int], seconds: float) -> PackedStrip | None:
-        """Return the shortest strip of some panels that all cores find in some seconds, in metres.
+        """Return the shortest strip of panels ``members``, in metres, that all cores find; None if they find none.
 
-        Every core starts repeatedly, because starts differ by more than a longer search gains.
+        Every core restarts with new seeds, because results differ more by seed than by duration.
         """
         end, turn, start = time.monotonic() + seconds, max(TURN, int(seconds / STARTS)), 0
         best: PackedStrip | None = None
@@ -254,13 +260,16 @@ class SheetSearch:
         return min(packing, made, key=lambda one: used_length(one, self.shapes, k))
 
     def _alone(self, i: int) -> Places:
-        """Return a panel by itself, turned to take the least of its sheet's length."""
+        """Place a single panel in the corner of its sheet, turned so that it takes the least of the sheet's length."""
         turn = math.radians(self.turns[i][0])
         cos, sin = math.cos(turn), math.sin(turn)
         return {i: (turn, self.params.margin - (self.shapes[i] @ np.array([[cos, sin], [-sin, cos]])).min(axis=0))}
 
     def _task(self, members: frozenset[int], seconds: int, start: int, enough: float = 0.0) -> StripTask:
-        """Return the task of packing panels into a strip as high as a sheet; ``enough`` metres are short enough."""
+        """Return the task (in millimetres) of packing panels into a strip as high as a sheet.
+
+        The search ends early at a length of ``enough`` metres; 0 searches for the whole time.
+        """
         items = [(i, [(x, y) for x, y in (1e3 * self.outlines[i]).tolist()], self.turns[i]) for i in sorted(members)]
         high = 1e3 * float(self.free[1] + self.separation)
         return StripTask(
@@ -268,7 +277,7 @@ class SheetSearch:
         )
 
     def _strips(self, tasks: Sequence[StripTask]) -> list[PackedStrip | None]:
-        """Return the strips of some tasks, packed at once, in metres within the margins of a sheet."""
+        """Pack strips in parallel; return them in metres from the margins of a sheet, None for tasks that failed."""
         most = max((len(task.items) for task in tasks), default=0)
         progress = self.progress.at(min(self.share_of_time, 1.0), f"nesting {with_count(most, 'panel', 'panels')}")
         found: list[PackedStrip | None] = [None] * len(tasks)
@@ -278,13 +287,13 @@ class SheetSearch:
         return [strip and self._in_metres(strip) for strip in found]
 
     def _in_metres(self, strip: PackedStrip) -> PackedStrip:
-        """Convert a strip of grown shapes in millimetres to one of shapes in metres."""
+        """Convert a strip of grown shapes in millimetres to a strip of the shapes themselves in metres."""
         half = 0.5 * self.separation
         places = {i: (turn, (1e-3 * x - half, 1e-3 * y - half)) for i, (turn, (x, y)) in strip.places.items()}
         return PackedStrip(1e-3 * strip.length - self.separation, places)
 
     def _on_sheet(self, strip: PackedStrip | None) -> Places | None:
-        """Return the places of a strip's panels on a sheet; None if the strip is longer."""
+        """Return the positions of a strip's panels on a sheet; None if the strip is longer than the sheet."""
         if strip is None or strip.length > self.free[0]:
             return None
         margin = self.params.margin
@@ -292,7 +301,7 @@ class SheetSearch:
 
 
 def _places(packing: Packing, some: Sequence[int]) -> list[Places]:
-    """Return the places of panels ``some`` in their packing, by sheet."""
+    """Return the positions of panels ``some`` in their packing, one dictionary per sheet."""
     sheets: list[Places] = [{} for _ in packing.sizes]
     for k, i in enumerate(some):
         sheets[packing.sheet[k]][i] = float(packing.rotation[k]), packing.shift[k]

@@ -1,7 +1,7 @@
-"""Pack shapes into a strip of fixed height, as short as possible, with spyrrow; made for a process of ``engine.workers``.
+"""Pack shapes into a strip of fixed height, as short as possible, with spyrrow, in a process of ``engine.workers``.
 
-spyrrow cannot be stopped from within, but its process can be killed. Only the standard library is imported, so that the
-process starts quickly.
+A search of spyrrow cannot be cancelled, but its process can be killed. Only the standard library is imported at the
+top, so that the process starts quickly.
 """
 
 from __future__ import annotations
@@ -11,18 +11,18 @@ import time
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-GRACE = 0.3  # seconds that spyrrow may exceed its limit before its best strip so far is taken
-WAIT = 0.02  # seconds between looks for a shorter strip
+GRACE = 0.3  # seconds by which spyrrow may exceed its time limit before its best strip so far is returned
+WAIT = 0.02  # seconds between polls for a shorter strip
 
 
 class StripTask(NamedTuple):
-    """Input of ``pack_strip``, lengths in one unit.
+    """Input of ``pack_strip``; all lengths in the same unit.
 
-    items : key of every shape, its points counter-clockwise, and the degrees by which it may be turned
+    items : key of every shape, its points counter-clockwise, and the allowed rotations in degrees
     height : of the strip
     seconds : time limit
     seed : of the search
-    enough : length that is short enough to stop at
+    enough : length at which the search stops early
     """
 
     items: list[tuple[int, list[tuple[float, float]], list[float]]]
@@ -33,14 +33,14 @@ class StripTask(NamedTuple):
 
 
 class PackedStrip(NamedTuple):
-    """A packed strip: its length, and by key of a shape its angle in degrees and then its shift."""
+    """A packed strip: its length, and by key of every shape its rotation in degrees and the shift after it."""
 
     length: float
     places: dict[int, tuple[float, tuple[float, float]]]
 
 
 def pack_strip(task: StripTask) -> PackedStrip | None:
-    """Return the shortest strip that spyrrow finds; None without one."""
+    """Return the shortest strip that spyrrow finds within the time limit; None if it finds none."""
     import spyrrow
 
     items = [spyrrow.Item(str(key), points, 1, turns) for key, points, turns in task.items]
@@ -62,7 +62,7 @@ def pack_strip(task: StripTask) -> PackedStrip | None:
 
 
 def _solve(strip: Any, config: Any, reports: Any, done: threading.Event) -> None:
-    """Search in a thread."""
+    """Run the search and set ``done`` at its end; target of a thread."""
     with suppress(BaseException):  # a panic in the Rust code raises a BaseException; there is no solution then
         strip.solve(config, reports)
     done.set()

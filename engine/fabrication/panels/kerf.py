@@ -1,4 +1,4 @@
-"""Paths of the cutter for parts with the drawn size: offsets of arcs as arcs, and relief of inside corners.
+"""Paths of the cutter that leave parts in their drawn size: curves offset by half of the kerf, and dogbones.
 
 A beam or a mill removes half of its width on either side of its path, so the path runs at that distance from the
 material. The offset of an arc is an arc about the same centre, so curves keep their nodes. Points are complex numbers
@@ -14,8 +14,8 @@ from ...spirals.contours import Outline
 from ...spirals.curves.arcs import Curve
 from ...tolerances import DOUBLE_TOL
 
-SMOOTH = 2e-3  # radians; a smaller change of direction between segments counts as smooth
-SHORT = 2e-5  # metres; controllers stutter on shorter segments, while removing longer ones would be visible
+SMOOTH = 2e-3  # radians; segments that change direction by less count as tangent
+SHORT = 2e-5  # metres; shorter segments are removed: controllers stutter on them, while longer ones would be visible
 
 Arc = tuple[complex, complex, float]  # start, end, bulge
 
@@ -61,17 +61,17 @@ def without_short(curve: Curve) -> Curve:
 def offset(curve: Curve, distance: float) -> Curve:
     """Return the offset of a curve by ``distance`` metres to the right, to the left if negative; arcs stay arcs.
 
-    Where the curve turns away from the offset, an arc about the corner fills the gap; where it turns towards the
-    offset, the neighbours are cut off at their intersection, and arcs too small for the offset vanish.
-
-    Raises
-    ------
-    FlexMapsError : neighbours that should meet do not
+    Where the curve turns away from the offset, an arc about the corner fills the gap. Where it turns towards the
+    offset, the adjacent segments are trimmed at their intersection, and arcs too small for the offset vanish.
 
     Parameters
     ----------
     curve : lines and arcs, metres
     distance : metres to the right of the curve's direction
+
+    Raises
+    ------
+    FlexMapsError : the curve is too small, or adjacent segments do not meet after the offset
     """
     if distance == 0.0:
         return curve
@@ -108,7 +108,7 @@ def offset(curve: Curve, distance: float) -> Curve:
 
 
 def _segments(curve: Curve) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return start and end (N,), complex, and bulge of every segment."""
+    """Return the complex start and end (N,) and the bulge (N,) of every segment."""
     points = np.ascontiguousarray(curve.points).view(np.complex128)[:, 0]
     if curve.closed:
         return points, np.roll(points, -1), curve.bulge
@@ -130,7 +130,7 @@ def _centre(start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> np.ndarray
 def _shortened(
     start: np.ndarray, end: np.ndarray, bulge: np.ndarray, first: np.ndarray, last: np.ndarray
 ) -> np.ndarray:
-    """Return the bulges (N,) of arcs after moving their ends (N,) along their circles."""
+    """Return the bulges (N,) of arcs after moving their ends along their circles to ``first`` and ``last`` (N,)."""
     round_ = np.abs(bulge) > 1e-9
     centre = _centre(start, end, np.where(round_, bulge, 1.0))
     tiny = np.abs(start - centre) < DOUBLE_TOL
@@ -140,7 +140,7 @@ def _shortened(
 
 
 def _intersection(one: Arc, two: Arc) -> complex:
-    """Return the intersection of two segments, extended to lines and circles, nearest to where they should meet."""
+    """Return the intersection of two segments, extended to lines and circles, that is nearest to their common end."""
     near = 0.5 * (one[1] + two[0])
     if abs(one[1] - two[0]) < DOUBLE_TOL:
         return near
@@ -181,19 +181,19 @@ def _crossings(one: Arc, two: Arc) -> list[complex]:
 
 
 def open_inside_corners(curve: Curve, radius: float) -> Curve:
-    """Open the inside corners between straight lines of an open curve to ``radius`` metres; material on its left.
+    """Cut dogbones into the inside corners of an open curve that are too sharp for a mill.
 
-    A dogbone contains all of the original corner: its circle passes through the middle of the corner's arc. In an acute
-    corner it stands at the end of a corridor wide enough for the mill.
+    A dogbone contains the whole original corner: its circle passes through the middle of the corner's arc. In an acute
+    corner it lies at the end of a corridor wide enough for the mill.
+
+    Parameters
+    ----------
+    curve : open curve with material on its left, metres; inside corners are arcs between straight lines
+    radius : of the mill, metres
 
     Raises
     ------
     FlexMapsError : the lines are too short for a dogbone
-
-    Parameters
-    ----------
-    curve : open curve with material on its left, metres
-    radius : of the mill, metres
     """
     start, end, bulge = _segments(curve)
     tight = (bulge < 0.0) & (np.abs(end - start) * (1.0 + bulge**2) < 4.0 * radius * np.abs(bulge))
@@ -212,9 +212,11 @@ def open_inside_corners(curve: Curve, radius: float) -> Curve:
 
 
 def _dogbone(start: np.ndarray, end: np.ndarray, bulge: float, radius: float) -> tuple[list[complex], list[float]]:
-    """Return nodes and bulges that replace an arc between two straight lines.
+    """Return nodes and bulges of the dogbone that replaces an arc between two straight lines.
 
-    Complex starts and ends (3,) of line, arc and line.
+    start, end : (3,) complex ends of the line before, the arc, and the line after
+    bulge : of the arc
+    radius : of the mill, metres
     """
     half = 0.5 * np.pi + 2.0 * np.arctan(bulge)  # half of the angle between the lines
     middle = 0.5 * (start[1] + end[1]) - 0.5j * (end[1] - start[1]) * bulge
@@ -226,7 +228,7 @@ def _dogbone(start: np.ndarray, end: np.ndarray, bulge: float, radius: float) ->
     if radius / np.tan(half) > abs(centre - corner):
         reach = radius / np.sin(half)
         enter, leave = (corner + reach * line / abs(line) for line in lines)
-        # the free side is on the right of the way in, so the path enters to the left of the way to the corner
+        # the material is on the left of the path, so the path enters left of the line that leads to the corner
         made = [enter, centre - 1j * inwards * radius, centre + 1j * inwards * radius, leave]
         curved = [0.0, -1.0, 0.0]
     else:
@@ -241,7 +243,7 @@ def _dogbone(start: np.ndarray, end: np.ndarray, bulge: float, radius: float) ->
 
 
 def cut_paths(outline: Outline, outer: float, holes: float) -> Outline:
-    """Return paths for a kerf of ``outer`` metres along the outline and ``holes`` metres in the holes.
+    """Return the paths of the cutter around a panel and in its holes, offset by half of the kerf.
 
     Parameters
     ----------

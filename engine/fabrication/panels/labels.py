@@ -18,22 +18,22 @@ from ...spirals.curves.spiral import Arms, centre_line, width_at
 from ...spirals.roots import SlotRoots
 from .lettering import FILL_SHARE, along, length, straight
 
-_SAMPLES = 97  # samples along an arm; the line of a label is straight between them; 25 and 193 place the same labels on five surfaces
-LEGIBLE = 0.002  # metres; height of letters legible without a lens
-_TICK = 8  # length of a tick in samples of its arm, from the hub
-_PLACES = 8  # ends of arms to which the tick of a panel's number may point
-_TOGETHER = 1000  # quads whose arms are sampled together
-_SEAM_LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ"
+_SAMPLES = 97  # samples along an arm, joined by straight lines along which labels run; more follow curves more exactly
+LEGIBLE = 0.002  # minimum height in metres of letters that can be read without a lens
+_TICK = 8  # length of a tick along its arm from the hub, in samples
+_PLACES = 8  # maximum number of arm ends to which the tick of a panel's number may point
+_TOGETHER = 1000  # quads whose arms are sampled together; more take more memory
+_SEAM_LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ"  # without I and O, which look like digits
 _UPSIDE_DOWN = str.maketrans("69", "96")
 
 
 @dataclass(frozen=True, eq=False)
 class SmallLabel:
-    """A label with letters too small to read, or without room.
+    """A label whose letters are too small to read, or that has no room on the material at all.
 
-    patch : of the label
-    places : points (metres, patch frame) to which a tick may point
-    placed : whether it is engraved on the material nevertheless
+    patch : index of the patch to which it belongs
+    places : points (metres, patch frame) to which a tick from beside the panel may point
+    placed : whether it is engraved on the material, in small letters
     """
 
     text: str
@@ -47,7 +47,7 @@ class Labels:
     """The strokes of the labels of every patch in its frame.
 
     strokes : a tuple of open curves per patch
-    placed, left_out : numbers of labels engraved, and without room
+    placed, left_out : number of labels that are engraved, and of labels without room
     on_hubs : legible labels on hubs, contained in ``strokes``
     small : labels that may also be written beside their panels
     """
@@ -60,7 +60,7 @@ class Labels:
 
 
 def seam_name(number: int) -> str:
-    """Return A, B, ... Z, AA, AB, ... without I and O, which look like digits."""
+    """Return the letters of a seam by its index: A, B, ... Z, AA, AB, ... without I and O, which look like digits."""
     name = ""
     number += 1
     while number:
@@ -70,23 +70,23 @@ def seam_name(number: int) -> str:
 
 
 def with_mark(name: str, mark: str) -> str:
-    """Return the name preceded by the letter of its piece, which makes it unique on common sheets.
+    """Return the name with the letter of its piece in front, which makes it unique on sheets shared by pieces.
 
     Parameters
     ----------
     name : of a panel or joint
-    mark : letter of the piece; empty if it is alone
+    mark : letter of the piece; empty if the sheets hold a single piece
     """
     return f"{mark}-{name}" if mark else name
 
 
 def panel_name(number: int, mark: str = "") -> str:
-    """Return the text engraved for a panel's number, with a dot if it reads as another number upside down.
+    """Return the engraved text of a panel's number, with a dot if it reads as another number upside down.
 
     Parameters
     ----------
     number : of the panel
-    mark : letter of its piece on common sheets, which makes the dot unnecessary
+    mark : letter of its piece if several share sheets; it makes the dot unnecessary
     """
     name = str(number)
     if mark:
@@ -95,7 +95,7 @@ def panel_name(number: int, mark: str = "") -> str:
 
 
 def seam_labels(layout: PatchLayout) -> dict[tuple[int, int], str]:
-    """Return the name of every joint on a seam by (quad, side): seam letter and joint number, equal on both sides."""
+    """Return the names of all joints at seams by (quad, side): letter of the seam and number, equal on both sides."""
     mesh, names = layout.mesh, {}
     for number, edges in enumerate(layout.seams):
         for place, edge in enumerate(edges.tolist()):
@@ -114,17 +114,18 @@ def make_labels(
     mark: str = "",
     pierced: Sequence[int] = (),
 ) -> Labels:
-    """Make all labels: every panel's number on its roomiest hub or arm, and every joint's name on its arm.
+    """Make all labels: the number of every panel on its hub or arm with most room, and the name of every joint.
 
-    Where an arm is too narrow for legible letters and its hub has room for larger ones, the name is placed on the hub,
-    with a tick on the arm. Labels that are still too small are listed in ``small``.
+    Names of joints are written on both arms of the joint. Where an arm is too narrow for legible letters and its hub
+    has room for larger ones, the name is on the hub, with a tick on the arm. Labels that are still too small are listed
+    in ``small``.
 
     Parameters
     ----------
     layout : panels and seams
-    arms, hubs : arms of all quads, and the ends of their slots
+    arms, hubs : arms of all quads, and the inner ends of their slots
     params : heights of labels
-    taken : metres of every arm, from its joint, that a connector occupies
+    taken : length in metres of every arm, from its joint, that a connector occupies
     progress : called with the fraction done; may cancel
     mark : letter of the piece, see ``panel_name``
     pierced : quads whose hubs have a hole
@@ -160,23 +161,23 @@ def make_labels(
 
 
 def hub_circles(arms: Arms, roots: SlotRoots) -> Float[np.ndarray, " quads"]:
-    """Return the radius in metres of the circle about every hub's centre that its four fillets leave free.
+    """Return for every hub the radius in metres of the largest circle about its centre that no slot cuts into.
 
     Parameters
     ----------
     arms : of all quads
-    roots : ends of their slots, with fillets
+    roots : rounded inner ends of their slots
     """
     return (np.linalg.norm(roots.centre - arms.centre[:, None], axis=-1) - roots.fillet).min(axis=1)
 
 
 def _curves(strokes: Iterable[np.ndarray]) -> Iterator[Curve]:
-    """Return strokes as open curves."""
+    """Convert strokes (polylines) to open curves."""
     return (Curve(s, np.zeros(len(s)), closed=False) for s in strokes)
 
 
 def key_label(name: str, neck: float, long: float, params: SheetParams) -> tuple[Curve, ...]:
-    """Return the name of a loose key's joint across its middle; empty if too small.
+    """Return the strokes of a joint's name across the middle of its loose key; empty if the key is too small.
 
     Parameters
     ----------
@@ -192,7 +193,7 @@ def key_label(name: str, neck: float, long: float, params: SheetParams) -> tuple
 
 
 class _Lines:
-    """Free part of every arm for letters, from its joint to its hub."""
+    """Lines and room for letters: the centre line of every arm from joint to hub, and the circle on every hub."""
 
     def __init__(self, arms: Arms, hubs: SlotRoots, taken: np.ndarray, progress: Progress):
         self.taken = taken
@@ -209,25 +210,25 @@ class _Lines:
         self.length = np.linalg.norm(np.diff(self.points, axis=2), axis=-1).sum(axis=-1)
         self.narrowest = self.width.min(axis=-1)
         self.centre = arms.centre
-        # the hub contains the circle inside its four fillets
+        # radius of the free circle on each hub
         self.hub = hub_circles(arms, hubs)
 
     def height(self, quad: int, side: int, text: str, largest: float) -> float:
-        """Return the maximum height in metres of the letters of a text along this arm."""
+        """Return the maximum height in metres of letters along this arm, at most ``largest``."""
         room = 0.9 * (self.length[quad, side] - self.taken[quad, side] - 0.4 * self.width[quad, side, 0])
         return float(min(largest, FILL_SHARE * self.narrowest[quad, side], room / length(text)))
 
     def on_hub(self, quad: int, text: str, largest: float) -> float:
-        """Return the maximum height in metres of the letters of a text on this hub; 0 if it is occupied."""
+        """Return the maximum height in metres of letters on this hub, at most ``largest``; 0 if it is occupied."""
         return min(largest, 1.8 * float(self.hub[quad]) / float(np.hypot(length(text), 1.0)))
 
 
 class _PlacedLabel(NamedTuple):
-    """A label on the material; without letters if there is no room.
+    """A label on the material; it has no letters if there is no room.
 
     height : of the letters, metres
-    hub : whether it is on a hub
-    tick : stroke that points to the arm
+    hub : whether the label is on a hub
+    tick : stroke on the arm to which a label on a hub belongs
     """
 
     letters: tuple[Curve, ...] = ()
@@ -237,11 +238,11 @@ class _PlacedLabel(NamedTuple):
 
 
 def _joint_label(text: str, quad: int, side: int, lines: _Lines, params: SheetParams) -> _PlacedLabel:
-    """Return the name of a joint on its arm, or on its hub if that allows larger letters and the arm's are not legible."""
+    """Write the name of a joint on its arm, or on its hub if letters on the arm are illegible and smaller."""
     height = lines.height(quad, side, text, params.label_height)
     on_hub = lines.on_hub(quad, text, params.label_height)
     if height < min(LEGIBLE, params.label_height) and max(height, params.label_min) < on_hub:
-        lines.hub[quad] = 0.0  # occupied
+        lines.hub[quad] = 0.0  # no further label fits on this hub
         tick = lines.points[quad, side, -_TICK:]
         letters = straight(text, on_hub, lines.centre[quad], np.array([1.0, 0.0]))
         return _PlacedLabel(tuple(_curves(letters)), on_hub, True, tuple(_curves([tick])))
@@ -255,10 +256,7 @@ def _joint_label(text: str, quad: int, side: int, lines: _Lines, params: SheetPa
 def _panel_label(
     text: str, quads: np.ndarray, lines: _Lines, taken: dict[tuple[int, int], str], largest: float
 ) -> _PlacedLabel:
-    """Return a panel's number as large as possible.
-
-    It stands on the roomiest hub, or along the roomiest arm without a seam label.
-    """
+    """Write a panel's number as large as possible, on the hub with most room or along an arm without a joint's name."""
     roomiest = int(quads[np.argmax(lines.hub[quads])])
     on_hub = lines.on_hub(roomiest, text, largest)
     free = [(q, k) for q in quads[np.argsort(-lines.narrowest[quads].min(axis=1))[:8]].tolist() for k in range(4)]
@@ -266,7 +264,7 @@ def _panel_label(
     quad, side = max(free, key=lambda a: lines.height(a[0], a[1], text, largest))
     on_arm = lines.height(quad, side, text, largest)
     if on_hub >= on_arm:
-        lines.hub[roomiest] = 0.0  # occupied
+        lines.hub[roomiest] = 0.0  # no further label fits on this hub
         letters = straight(text, on_hub, lines.centre[roomiest], np.array([1.0, 0.0]))
         return _PlacedLabel(tuple(_curves(letters)), on_hub, True)
     line, middle = lines.points[quad, side], 0.5 * float(lines.length[quad, side])

@@ -7,10 +7,10 @@ import numpy as np
 from ...arrays import Float
 
 FILL_SHARE = 0.62  # height of letters along an arm or on a foot, as a share of its width
-ADVANCE = 0.85  # distance between letters as a share of their height
+ADVANCE = 0.85  # distance from letter to letter as a share of their height
 _SQUEEZE = 0.6  # width of a letter as a share of its height
 
-# strokes of each letter on a 5 x 7 grid: column a-e, row 0-6 from the baseline up
+# strokes of each letter as points on a 5 x 7 grid: column a to e from the left, row 0 to 6 from the baseline up
 _STROKES = {
     "A": "a0c6e0 b2d2", "B": "a0a6d6e5e4d3a3 d3e2e1d0a0", "C": "e5d6b6a5a1b0d0e1", "D": "a0a6c6e4e2c0a0",
     "E": "e0a0a6e6 a3d3", "F": "a0a6e6 a3d3", "G": "e5d6b6a5a1b0d0e1e3c3", "H": "a0a6 e0e6 a3e3",
@@ -62,9 +62,18 @@ def straight(text: str, height: float, centre: np.ndarray, direction: np.ndarray
 
 
 def along(text: str, height: float, line: Float[np.ndarray, "points 2"], middle: float) -> list[np.ndarray]:
-    """Return the strokes of a text that follows a curve: ``line`` (metres) runs through the middle of the letters.
+    """Return the strokes of a text that follows a polyline through the middle of its letters.
 
-    ``middle`` is the position of the text's middle in metres along the line.
+    Parameters
+    ----------
+    text : one line
+    height : of the letters, metres
+    line : points of the polyline, metres
+    middle : position of the text's middle, metres along the line
+
+    Returns
+    -------
+    One open polyline per stroke, metres
     """
     step = np.diff(line, axis=0)
     size = np.linalg.norm(step, axis=1)

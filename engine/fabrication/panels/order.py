@@ -1,4 +1,4 @@
-"""Order the cuts of one pass in a short tour by nearest neighbours."""
+"""Order cuts such that the cutter travels little between them, by the nearest-neighbour heuristic."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from ...progress import SILENT, Progress
 from ...spirals.curves.arcs import Curve
 
 ORDER = "the order of the cuts"
-_FIRST = 32  # nodes searched first around the end of a cut; more only if all of them belong to finished cuts
+_FIRST = 32  # nearest nodes queried at the end of a cut; four times as many if all of them belong to finished cuts
 
 
 @dataclass(frozen=True, eq=False)
 class CutGroup:
-    """Curves that are cut one after the other.
+    """Curves that are cut one after the other, such as the parts of an outline between holding tabs.
 
-    group : cuts of one group are consecutive
-    turns : whether a single open curve may be cut from its other end
+    group : number of the group; all cuts of a group are consecutive
+    turns : whether a single open curve may also be cut from its other end
     """
 
     curves: tuple[Curve, ...]
@@ -29,14 +29,14 @@ class CutGroup:
 
     @property
     def nodes(self) -> Float[np.ndarray, "nodes 2"]:
-        """Points at which the cut may begin."""
+        """Points (n, 2), metres, at which the cut may begin."""
         first, last = self.curves[0], self.curves[-1]
         if first.closed:
             return first.points
         return np.stack([first.points[0], last.points[-1]]) if self.turns else first.points[:1]
 
     def starting_at(self, node: int) -> tuple[Curve, ...]:
-        """Return the curves, beginning at one of the nodes."""
+        """Return the curves such that cutting begins at node ``node`` of ``nodes``."""
         first = self.curves[0]
         if first.closed:
             return (Curve(np.roll(first.points, -node, axis=0), np.roll(first.bulge, -node)),)
@@ -44,25 +44,25 @@ class CutGroup:
 
 
 class _Tour:
-    """Cuts in an order, each with its start node."""
+    """Tour of the cutter: the order of the cuts, and the node at which each begins."""
 
     def __init__(self, cuts: Sequence[CutGroup], begin: complex, progress: Progress):
         self.cuts, self.begin = cuts, begin
         self.nodes = [c.nodes @ np.array([1.0, 1.0j]) for c in progress.each(cuts, ORDER)]
-        # a closed cut ends where it begins, an open cut at its other end
+        # a closed cut ends at the node where it begins, an open cut at its last point
         self.far = [complex(*c.curves[-1].points[-1]) for c in cuts]
         self.closed = np.array([c.curves[0].closed for c in cuts])
         self.order: Int[np.ndarray, " cuts"] = np.arange(len(cuts))
         self.node = np.zeros(len(cuts), dtype=int)
 
     def ends(self, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the complex start and end points of some cuts."""
+        """Return the complex start and end points of cuts ``which``."""
         start = np.array([self.nodes[i][self.node[i]] for i in which.tolist()])
         far = [self.nodes[i][1 - self.node[i]] if self.cuts[i].turns else self.far[i] for i in which.tolist()]
         return start, np.where(self.closed[which], start, far)
 
     def nearest(self, progress: Progress) -> None:
-        """Order the cuts: always the nearest remaining cut, of the same group while there are any."""
+        """Order the cuts: go to the nearest remaining cut, first within the current group."""
         from scipy.spatial import cKDTree
 
         points = np.concatenate(self.nodes)
@@ -96,7 +96,7 @@ class _Tour:
         self.order = np.array(order)
 
     def begin_well(self, progress: Progress) -> None:
-        """Begin every closed cut at the node with the shortest ways from the previous and to the next cut."""
+        """Begin every closed cut at the node with the least travel from the previous cut and to the next."""
         start, end = self.ends(self.order)
         for k in progress.each(range(len(self.order)), ORDER):
             i = int(self.order[k])
@@ -113,9 +113,15 @@ class _Tour:
 def in_order(
     cuts: Sequence[CutGroup], begin: complex = 0.0, progress: Progress = SILENT
 ) -> tuple[tuple[Curve, ...], complex]:
-    """Return the curves of some cuts in an order with short travel, and where the last one ends (x + iy, metres).
+    """Return the curves of some cuts in an order with little travel, and the point at which the last curve ends.
 
-    begin : where the cutter starts, x + iy, metres
+    Points are x + iy in metres.
+
+    Parameters
+    ----------
+    cuts : the cuts
+    begin : point at which the cutter starts
+    progress : called with the fraction done; may cancel
     """
     if not cuts:
         return (), begin

@@ -14,16 +14,16 @@ from ...spirals.curves.arcs import Curve
 class Panel:
     """One flat panel in its patch's frame or, from ``CutSheets.on_sheet``, in its sheet's frame.
 
-    number : engraved number, from 1 in the order of joining; 0 for other parts
-    patch : index in the layout; -1 for other parts
-    outline, holes : counter-clockwise; clockwise
-    labels : open strokes
+    number : engraved number, from 1 in the order of assembly; 0 for plates and keys
+    patch : index in the layout; -1 for plates and keys
+    outline, holes : closed curves, the outline counter-clockwise and the holes clockwise
+    labels : open strokes to engrave
     area : of the material, m2
-    kind : panel, key (loose key of a joint) or base (plate that the piece stands on)
-    holds : places for holding tabs: x and y in metres, and how undesirable a tab is there (1 or more)
-    on_hubs : legible labels on hubs
-    beside : strokes of labels in the waste around the panel
-    piece, mark : index and letter of the piece, if several lie on common sheets
+    kind : "panel", "key" (loose key of a joint) or "base" (plate that the piece stands on)
+    holds : places for holding tabs: x and y in metres, and a penalty factor of at least 1
+    on_hubs : strokes of the legible labels on hubs
+    beside : strokes of labels in the waste beside the panel
+    piece, mark : index and letter of the piece, if several pieces share sheets
     """
 
     number: int

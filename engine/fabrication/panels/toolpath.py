@@ -1,6 +1,6 @@
-"""Toolpaths: where the cutter enters a path, and where it leaves a tab that holds the part in its sheet.
+"""Toolpaths: lead-ins, by which the cutter enters a path, and holding tabs, which keep the part in its sheet.
 
-Paths are closed curves with the material on their left. A lead-in begins in the waste, on their right.
+Paths are closed curves with the material on their left. A lead-in begins in the waste, on the right of its path.
 """
 
 from __future__ import annotations
@@ -18,19 +18,20 @@ from .kerf import without_short
 from .order import CutGroup, in_order
 
 WAY = "the way of the cutter"
-_STARTS, _SHARES = 24, (1.0, 0.5)  # start points tried for a lead-in, and shares of its length
-WIDEST = 0.95  # maximum length of either half of a tab along the outline, in gaps, around a tip narrower than the tab
-WIDE = 2.5  # the maximum in bays, which open outwards; tabs are at least twice as far apart
-_NARROW_PENALTY = 1e6  # penalty on places where a tab is narrower than requested: other places are taken first
-_HALVINGS = 20  # bisections of the length of a tab: to a millionth of its width
-_ANGLES = np.radians([25.0, 45.0, 65.0, 90.0])  # angles between a lead-in and its path
+_STARTS, _SHARES = 24, (1.0, 0.5)  # number of start points tried for a lead-in, and shares of its full length tried
+# Maximum length of either half of a tab along the outline, as a multiple of the gap in the cut
+WIDEST = 0.95  # where the outline turns back within the gap, as around narrow tips
+WIDE = 2.5  # elsewhere, as in bays that open outwards; tabs are more than twice this length apart
+_NARROW_PENALTY = 1e6  # penalty factor of places where the tab would be narrower than requested, so they come last
+_HALVINGS = 20  # bisections for the length of a tab: exact to a millionth of its width
+_ANGLES = np.radians([25.0, 45.0, 65.0, 90.0])  # angles in radians between a lead-in and its path, tried in order
 
 
 @dataclass(frozen=True, eq=False)
 class SheetCuts:
-    """The cuts of one sheet, in this order.
+    """The cuts of one sheet, in the order of cutting.
 
-    engraved, inner, outer : open and closed curves; outlines with holding tabs are in parts
+    engraved, inner, outer : open and closed curves; outlines are split into open parts at holding tabs
     without_lead : number of cuts that begin on their path because a lead-in has no room
     tabs : number of holding tabs
     """
@@ -51,16 +52,16 @@ def plan(
     cut: CutParams,
     progress: Progress = SILENT,
 ) -> SheetCuts:
-    """Plan the cuts of one sheet along closed paths beside the material, with the requested tabs and lead-ins.
+    """Plan the cuts of one sheet, with the requested holding tabs and lead-ins, in an order with little travel.
 
-    The holes of a panel are cut consecutively, and all holes before the first outline, in a short tour.
+    Labels are engraved first, then all holes are cut, panel by panel, and then the outlines.
 
     Parameters
     ----------
     labels : strokes to engrave
-    holes : closed paths of every panel's holes
-    outlines : closed path of every panel
-    places : by outline, x and y in metres for tabs, and how undesirable each is (1 or more)
+    holes : closed paths of the cutter in every panel's holes
+    outlines : closed path of the cutter around every panel
+    places : for every outline the places for tabs: x and y in metres, and a penalty factor of at least 1
     size : width and height of the sheet, metres
     cut : tabs and lead-ins
     progress : called with the fraction done; may cancel
@@ -92,9 +93,13 @@ def plan(
 
 
 def with_lead(curve: Curve, length: float, free: Any) -> Curve | None:
-    """Return the curve as an open cut that begins ``length`` metres beside it, or half of that; None without room.
+    """Return the curve as an open cut with a lead-in; None if there is no room for a lead-in.
 
-    A closed curve may begin at any node. ``free`` tells which straight lines of shapely lie in the waste.
+    Parameters
+    ----------
+    curve : path of the cutter; a closed path may begin at any of its nodes
+    length : of the lead-in, metres; half of it where the whole has no room
+    free : function from shapely linestrings to whether each lies in the waste
     """
     import shapely
 
@@ -106,14 +111,14 @@ def with_lead(curve: Curve, length: float, free: Any) -> Curve | None:
     way = (following - points[starts]) * np.exp(-2j * np.arctan(curve.bulge[starts]))
     way = way / np.abs(way)
     for share in _SHARES:
-        # backwards from the start of the path, and to its right
+        # lead-ins extend backwards from the start of the path, and to its right
         offset = share * length * -way[:, None] * np.exp(1j * angles)
         begin, end = points[starts][:, None] + offset, points[starts][:, None] + 0.02 * offset
         lines = np.stack([begin, end], axis=-1).reshape(-1, 2)
         found = np.flatnonzero(free(shapely.linestrings(np.stack([lines.real, lines.imag], axis=-1))))
         if not len(found):
             continue
-        # the smallest angle that fits, at the first place
+        # take the smallest angle that fits, at the first node where it fits
         best = int(found[np.argmin(found % len(angles))])
         start, lead = int(starts[best // len(angles)]), lines[best, 0]
         order = (np.arange(len(points) + curve.closed) + start) % len(points)
@@ -124,7 +129,7 @@ def with_lead(curve: Curve, length: float, free: Any) -> Curve | None:
 
 
 def _inside(hole: Curve) -> Any:
-    """Return the test for lines that lie inside a hole."""
+    """Return a function that tests which lines lie inside a hole."""
     import shapely
 
     waste = shapely.Polygon(hole.sampled(5e-6))
@@ -133,7 +138,7 @@ def _inside(hole: Curve) -> Any:
 
 
 def _outside(outlines: list[Curve], size: tuple[float, float], progress: Progress) -> Any:
-    """Return the test for lines that lie on the sheet outside of all outlines."""
+    """Return a function that tests which lines lie on the sheet and outside all outlines."""
     import shapely
 
     parts = shapely.STRtree([shapely.Polygon(o.sampled(5e-6)) for o in progress.each(outlines, WAY)])
@@ -151,9 +156,10 @@ def _outside(outlines: list[Curve], size: tuple[float, float], progress: Progres
 
 
 def _with_tabs(outline: Curve, places: np.ndarray, cut: CutParams) -> list[Curve]:
-    """Return the outline in parts with gaps at the best places for tabs; whole without any.
+    """Return the outline in open parts, with gaps at the best places for tabs; undivided if there are no places.
 
-    Places where the outline turns back before the gap is as wide as requested, as around thin tips, are used last.
+    Places with a small penalty and far from other tabs are best. Places where the outline turns back before the gap is
+    as wide as requested, as around narrow tips, are used last.
     """
     gap, length = cut.tab_width + cut.kerf_outline, outline.length
     if not len(places):
@@ -183,7 +189,7 @@ def _with_tabs(outline: Curve, places: np.ndarray, cut: CutParams) -> list[Curve
 
 
 def _chord_across(outline: Curve, middle: np.ndarray, half: float) -> np.ndarray:
-    """Return (K,) metres between the points ``half`` metres before and after places (K,) on a closed curve."""
+    """Return the distances (K,) between the points ``half`` metres before and after places (K,) on a closed curve."""
     line = outline.sampled(1e-6)
     line = np.concatenate([line, line[:1]])
     run = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
@@ -193,7 +199,10 @@ def _chord_across(outline: Curve, middle: np.ndarray, half: float) -> np.ndarray
 
 
 def _half_gap(outline: Curve, middle: float, gap: float, widest: float) -> float:
-    """Return the metres along the outline to either side of a place so that the ends are ``gap`` metres apart."""
+    """Return the length in metres, along the outline from a place to each side, at which a gap is ``gap`` wide.
+
+    The width of the gap is the straight distance between its ends. The length is at most ``widest`` gaps.
+    """
     low, high = 0.5 * gap, widest * gap
     for _ in range(_HALVINGS):
         half = 0.5 * (low + high)
@@ -203,7 +212,7 @@ def _half_gap(outline: Curve, middle: float, gap: float, widest: float) -> float
 
 
 def _nearest_along(curve: Curve, points: np.ndarray) -> np.ndarray:
-    """Return (K,) the metres along a closed curve to its points nearest to points (K, 2)."""
+    """Return the positions (K,) in metres along a closed curve that are nearest to points (K, 2)."""
     from scipy.spatial import cKDTree
 
     line = curve.sampled(1e-6)
@@ -214,13 +223,19 @@ def _nearest_along(curve: Curve, points: np.ndarray) -> np.ndarray:
     share = (np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)) / count[which]
     dense = line[which] + share[:, None] * np.diff(line, axis=0)[which]
     found = cKDTree(dense).query(points)[1]
-    # lengths of chords differ from the curve's by a millionth
+    # chords are shorter than the curve by about a millionth, so scale to the length of the curve
     run = np.concatenate([[0.0], np.cumsum(step)])
     return (run[which[found]] + share[found] * step[which[found]]) * curve.length / run[-1]
 
 
 def piece(curve: Curve, begin: float, end: float) -> Curve:
-    """Return the open part of a closed curve from ``begin`` to ``end`` metres; ``end`` may lie beyond its last point."""
+    """Return the open part of a closed curve between two positions in metres along it.
+
+    Parameters
+    ----------
+    curve : closed curve
+    begin, end : positions, begin < end; negative positions and positions beyond the curve's length wrap around
+    """
     lengths = _lengths(curve)
     run = np.concatenate([[0.0], np.cumsum(np.tile(lengths, 3))]) - lengths.sum()
     first, last = np.searchsorted(run, begin, side="right") - 1, np.searchsorted(run, end, side="left") - 1
@@ -244,5 +259,5 @@ def _lengths(curve: Curve) -> np.ndarray:
 
 
 def _point(a: np.ndarray, b: np.ndarray, quarter: float, share: float) -> np.ndarray:
-    """Return the point at a share of the arc from ``a`` to ``b``."""
+    """Return the point at a share of the arc from ``a`` to ``b``; ``quarter`` is a quarter of the arc's angle."""
     return arc_points(a[None], b[None], np.tan(np.array([quarter])), np.array([[share]]))[0, 0]

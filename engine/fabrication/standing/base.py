@@ -26,10 +26,11 @@ BESIDE = 0.001  # metres between a slot and its number
 
 @dataclass(frozen=True, eq=False)
 class Plate:
-    """One plate, seen from above in its place, metres.
+    """One plate in its place on the ground, seen from above, metres.
 
-    feet : feet whose tongues enter it
-    slots : their corners, counter-clockwise
+    feet : feet whose tongues enter its slots
+    slots : corners of the slots, counter-clockwise, in the order of ``feet``
+    labels : strokes to engrave
     """
 
     outline: Curve
@@ -47,11 +48,11 @@ class Plate:
 class Base:
     """Base that a piece stands on or hangs from.
 
-    design : the design with its feet
+    design : the design, with feet instead of the arms that they replace
     ground : height of the upper side of the plates, metres
-    thickness : of plates and sheet, metres
+    thickness : of the plates and of the sheet, metres
     eyelets : holes to hang the piece by, instead of feet
-    framed : whether the plates are planks of a frame
+    framed : whether the plates are the planks of a frame
     """
 
     design: SpiralDesign
@@ -63,7 +64,7 @@ class Base:
     framed: bool = False
 
     def holes(self, patch: int) -> tuple[Curve, ...]:
-        """Return the eyelets of a panel."""
+        """Return the eyelets of a patch as holes in its panel."""
         return tuple(one.hole for one in self.eyelets if one.patch == patch)
 
     @property
@@ -82,17 +83,17 @@ class Base:
         }
 
     def plate_labels(self, params: SheetParams, mark: str) -> list[tuple[Curve, ...]]:
-        """Return the strokes engraved on every plate; ``mark`` is the letter of the piece.
+        """Return the strokes engraved on every plate: the numbers of the feet beside their slots.
 
         Parameters
         ----------
         params : height of the letters, and whether there are labels
-        mark : letter of the piece on common sheets
+        mark : letter of the piece, if several pieces share sheets
         """
         return [_numbers(p.feet, p.slots, p.outline, params, mark) for p in self.plates]
 
     def foot_labels(self, params: SheetParams, mark: str = "") -> dict[int, list[Curve]]:
-        """Return the number of every foot as strokes along it, by patch.
+        """Return by patch the strokes of the numbers engraved along its feet.
 
         Parameters
         ----------
@@ -114,7 +115,7 @@ def foot_name(foot: Foot, mark: str = "") -> str:
     Parameters
     ----------
     foot : the foot
-    mark : letter of the piece on common sheets
+    mark : letter of the piece, if several pieces share sheets
     """
     return f"-{mark}{foot.number}-"
 
@@ -134,13 +135,17 @@ def make_base(
     lowest: float,
     clearance: float,
 ) -> Base:
-    """Make feet for all supports of a design whose hubs are in a pose, and the plates under them.
+    """Make feet for all supports of a design, and the plates under them.
 
     Parameters
     ----------
+    design : the spirals
+    pose : simulated positions of the hubs
     supports : supported quads
+    params : kind of base, its height, margins, and width of the feet
+    sheet : size of the sheets, and settings of labels
     lowest : height of the piece's lowest point, metres
-    clearance : metres all around a tongue in its slot
+    clearance : gap around a tongue in its slot, metres
 
     Raises
     ------
@@ -168,7 +173,7 @@ def make_base(
 
 
 def refuse_rim(params: SpiralParams) -> None:
-    """Raise ``FlexMapsError`` if a rim joins the arms at the border, so that they cannot become feet."""
+    """Raise ``FlexMapsError`` if a rim joins the arms at the border, because feet must replace these arms."""
     if params.border == "rim":
         raise FlexMapsError(
             "Feet replace arms at the border, but a rim joins these arms; choose Stubs or Left out for the border, or no base: a rim can "
@@ -179,7 +184,7 @@ def refuse_rim(params: SpiralParams) -> None:
 def _plate_with_slots(
     feet: Sequence[Foot], slots: np.ndarray, rows: np.ndarray, outline: Curve, sheet: SheetParams
 ) -> Plate:
-    """Return a plate of this outline with the slots ``rows``."""
+    """Return a plate with this outline and the slots of the feet ``rows``."""
     some = tuple(feet[k] for k in rows.tolist())
     return Plate(outline, some, slots[rows], _numbers(some, slots[rows], outline, sheet))
 
@@ -223,7 +228,7 @@ def _feet_per_plate(design: SpiralDesign, feet: Sequence[Foot], slots: np.ndarra
 def _plate(
     feet: Sequence[Foot], slots: np.ndarray, rows: np.ndarray, margin: float, sheet: SheetParams, thickness: float
 ) -> list[Plate]:
-    """Return a plate around some slots, or several if it would be larger than the sheet."""
+    """Return a plate around the slots ``rows``, or several plates if a single one would be larger than the sheet."""
     import shapely
 
     outline = hull(slots[rows].reshape(-1, 2), margin)
@@ -251,7 +256,7 @@ def _plate(
 def _numbers(
     feet: Sequence[Foot], slots: np.ndarray, outline: Curve, sheet: SheetParams, mark: str = ""
 ) -> tuple[Curve, ...]:
-    """Return the numbers of the feet beside their slots, on a side with room."""
+    """Return the strokes of the feet's numbers beside their slots, left out where neither side has room."""
     import shapely
 
     if not sheet.labels:

@@ -14,9 +14,15 @@ CORNER = 0.0006  # metres, radius of the outer corners of feet and planks
 def round_corners(
     points: Float[np.ndarray, "n 2"], radius: Float[np.ndarray, " n"] | float, *, closed: bool = True
 ) -> Curve:
-    """Return a polyline (metres) whose corners are rounded by arcs of these radii (metres).
+    """Return a polyline with corners rounded by arcs.
 
-    A radius of 0 keeps its corner; both ends of an open line stay. An arc takes at most half of a side.
+    An arc replaces at most half of a side; its radius is reduced if necessary.
+
+    Parameters
+    ----------
+    points : metres
+    radius : of the arcs, metres, for all corners or for each; 0 keeps a corner sharp
+    closed : whether the last point is joined to the first; the ends of an open line stay
     """
     points, radius = np.asarray(points, dtype=float), np.broadcast_to(radius, len(points))
     nodes: list[np.ndarray] = []

@@ -1,4 +1,4 @@
-"""Refuse an impossible base before simulation: its supports as seen on the target surface."""
+"""Refuse an impossible base before the simulation, by checking its supports on the target surface."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from ...surface.mesh import QuadMesh
 from .base import refuse_rim
 from .feet import FLATTEST, SIDEWAYS, quads_for_feet, refuse_flat, refuse_inside, refuse_sideways
 
-# Radians by which the simulated piece may deviate from its target: supports closer to a limit are judged after
-# simulation. By eye, several times the deviation of optimised pieces
+# Angle in radians by which supports may violate a limit on the target without being refused here, because the simulated
+# shape deviates from the target; chosen by eye as several times the deviation of optimised pieces
 SLACK = np.radians(10.0)
 
 
 def check_hold(base: BaseParams, simulate: SimulateParams) -> None:
-    """Raise ``FlexMapsError`` if supports are simulated differently from how the base holds them.
+    """Raise ``FlexMapsError`` if the base clamps the supports but the simulation hinges them, or the reverse.
 
     Parameters
     ----------
@@ -38,13 +38,13 @@ def check_hold(base: BaseParams, simulate: SimulateParams) -> None:
 def check_early(
     mesh: QuadMesh, supports: np.ndarray | None, base: BaseParams, simulate: SimulateParams, spiral: SpiralParams
 ) -> None:
-    """Raise ``FlexMapsError`` if no shape close to the mesh could stand or hang by these supports.
+    """Raise ``FlexMapsError`` if no shape close to the target could stand on or hang by these supports.
 
     Parameters
     ----------
     mesh : target, metres
     supports : supported quads
-    base, simulate, spiral : settings of the base, the supports and the border
+    base, simulate, spiral : settings of the base, of the supports and of the border
     """
     if base.base == "none":
         return
@@ -62,14 +62,14 @@ def check_early(
 
 
 def _check_feet(mesh: QuadMesh, supports: np.ndarray) -> None:
-    """Apply the checks of ``feet`` to the target surface, with tolerance ``SLACK`` on the angles."""
+    """Apply the checks of module ``feet`` to the target surface, with tolerance ``SLACK`` on the angles."""
     refuse_inside(np.setdiff1d(supports, quads_for_feet(mesh, supports)))
     corners = mesh.vertices[mesh.quads[supports]]
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
     slope = np.linalg.norm(normal[:, :2], axis=1)
     refuse_flat(supports[slope < np.sin(FLATTEST - SLACK)])
-    # directions down the slope and to the middles of the sides, in the plane of the quad
+    # in the plane of every quad: direction of steepest descent, and directions to the middles of its sides
     down = normal[:, 2:] * normal - np.array([0.0, 0.0, 1.0])
     down /= np.linalg.norm(down, axis=1)[:, None]
     sides = 0.5 * (corners + np.roll(corners, -1, axis=1)) - corners.mean(axis=1)[:, None]

@@ -1,8 +1,8 @@
 """Eyelets: a hole in the hub of every supported spiral, by which the piece hangs.
 
-The simulation holds a hinged hub at its centre, and the hole is there: a cord or hook holds the piece where it is
-simulated. Between the hole and the edge of the hub there is at least one diameter of material, as usual for pins in
-sheets.
+The hole is at the centre of the hub, where the simulation holds a hinged hub, so a cord or hook holds the piece exactly
+where the simulation does. Between the hole and the edge of the hub there is at least one diameter of material, as usual
+for pins in sheets.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from ...spirals.design import SpiralDesign
 from ...surface.checking.finding import with_count
 from ..panels.labels import hub_circles
 
-EDGE = 1.0  # minimum material around a hole in diameters, as handbooks require between a pin and the edge of a plate
-ROUNDED = 1e-3  # tolerance on the room in a hub as a share of the hole, because the room is found by iteration
+EDGE = 1.0  # minimum material around a hole, in diameters; handbooks require so much between a pin and an edge
+ROUNDED = 1e-3  # relative tolerance on the radius required in a hub, because hubs are sized iteratively
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +31,11 @@ class Eyelet:
     """One hole.
 
     number : from 1, as on the assembly sheet
-    quad, patch : where it is
-    centre : metres, in the flat frame of its patch
-    diameter, edge : of the hole, and minimum material around it, metres
+    quad, patch : indices of the quad and the patch in which it lies
+    centre : in the patch's frame, metres
+    diameter, edge : diameter of the hole, and minimum width of the material around it, metres
     place : centre in the simulated shape, metres
-    pull : force in N that holds the piece there; None if unknown
+    pull : force vector in N that holds the piece there; None if unknown
     """
 
     number: int
@@ -49,12 +49,12 @@ class Eyelet:
 
     @property
     def name(self) -> str:
-        """Name in texts, different from names of panels, seams and feet."""
+        """Name of the eyelet in texts, different from all names of panels, seams and feet."""
         return f"o{self.number}"
 
     @property
     def hole(self) -> Curve:
-        """Circle of two arcs, clockwise."""
+        """The hole in the patch's frame: a circle of two arcs, clockwise."""
         beside = np.array([0.5 * self.diameter, 0.0])
         return Curve(np.stack([self.centre - beside, self.centre + beside]), np.array([-1.0, -1.0]))
 
@@ -64,7 +64,7 @@ class Eyelet:
         return None if self.pull is None else float(np.linalg.norm(self.pull))
 
     def stress(self, thickness: float) -> float | None:
-        """Return the larger of bearing stress and shear stress of tear-out behind the pin, Pa; None if unknown."""
+        """Return the larger of the bearing stress and the tear-out shear stress at the pin, Pa; None if unknown."""
         if self.force is None:
             return None
         return self.force / thickness * max(1.0 / self.diameter, 1.0 / (2.0 * self.edge))
@@ -78,18 +78,20 @@ def make_eyelets(
     cut: CutParams,
     pull: Float[np.ndarray, "quads 3"] | None = None,
 ) -> tuple[Eyelet, ...]:
-    """Make a hole in the hub of every supported spiral of a design whose hubs are in a pose.
+    """Make a hole in the hub of every supported spiral of a design.
 
     Parameters
     ----------
+    design : the spirals
+    pose : simulated positions of the hubs
     supports : supported quads
-    diameter : metres
-    cut : kerf and mill, which bound the diameter
-    pull : N, force that holds every hub
+    diameter : of the holes, metres
+    cut : kerf and mill, which bound the diameter from below
+    pull : force in N that holds every hub
 
     Raises
     ------
-    FlexMapsError : nothing is supported, or with the faces whose hubs are too small
+    FlexMapsError : nothing is supported, the holes are narrower than the cutter, or hubs are too small (with faces)
     """
     if supports is None or not len(supports):
         raise FlexMapsError(
@@ -121,7 +123,7 @@ def make_eyelets(
 
 
 def eyelets_report(eyelets: tuple[Eyelet, ...]) -> dict[str, Any]:
-    """Return the figures of report.json: places in the simulated shape, and the force on every eyelet."""
+    """Return the eyelets' figures for report.json: places in the simulated shape, and forces if they are known."""
     found: dict[str, Any] = {
         "eyelets": len(eyelets),
         "eyelet_mm": round(1e3 * eyelets[0].diameter, 3),
@@ -135,13 +137,13 @@ def eyelets_report(eyelets: tuple[Eyelet, ...]) -> dict[str, Any]:
 
 
 def warn_of_overload(eyelets: tuple[Eyelet, ...], thickness: float, material: Material) -> list[str]:
-    """Return a warning if eyelets bear more than the strength of their material.
+    """Return a warning if the stress at eyelets exceeds the strength of their material.
 
     Parameters
     ----------
-    eyelets : with their forces
+    eyelets : the eyelets; those without a force are ignored
     thickness : of the sheet, metres
-    material : with its strength
+    material : of the sheet
     """
     found = [(one.stress(thickness) or 0.0) / material.strength for one in eyelets]
     worst = int(np.argmax(found)) if found else 0

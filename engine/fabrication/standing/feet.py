@@ -1,8 +1,8 @@
-"""Feet: at a supported spiral the sheet continues from the hub straight down the slope, ending in a tongue for a slot.
+"""Feet: at a supported spiral a straight strip runs from the hub down to the ground and ends in a tongue for a slot.
 
-A foot replaces the arm at the open border. It runs down the steepest direction in the plane of its hub, so its cross
-direction is level: perpendicular shoulders rest on the ground with their whole edge, and the slot for its tongue is a
-rectangle. Wound arms around a hub would cross any straight way out, so supported spirals are not wound.
+A foot replaces the arm at the open border. It runs down the direction of steepest descent in the plane of its hub, so
+the direction across it is level: its shoulders rest on the ground with their whole edge, and the slot for its tongue is
+a rectangle. Wound arms would cross the straight strip, so supported spirals have no twist.
 """
 
 from __future__ import annotations
@@ -24,32 +24,32 @@ from ...surface.checking.finding import with_count
 from ...surface.mesh import QuadMesh
 from .corners import CORNER, round_corners
 
-# Minimum slope in radians. Flatter sheets would lie on the base instead of standing, with slots wider than three
-# thicknesses
+# Minimum slope in radians of a sheet at a foot. Flatter sheets would lie on the base rather than stand, with slots
+# wider than three thicknesses
 FLATTEST = np.radians(25.0)
-# Maximum angle in radians between a foot and the direction to the middle of its side: at a corner of the border both
-# sides are at 45 degrees
+# Maximum angle in radians between a foot and the direction from the hub to the middle of the side by which it leaves;
+# at a corner of the border it is 45 degrees for both sides
 SIDEWAYS = np.radians(60.0)
-UNWOUND = 0.02  # maximum twist in radians of a spiral that counts as not wound
-TONGUE = 0.6  # width of the tongue as a share of the foot's, leaving shoulders of a fifth on both sides; by eye
+UNWOUND = 0.02  # maximum twist in radians of a spiral that counts as straight
+TONGUE = 0.6  # width of the tongue as a share of the foot's; the rest are two equal shoulders; by eye
 FLARE = 0.8  # length over which a foot widens from its hub, as a share of the widening on one side; by eye
-BEYOND = 1.0  # length of the tongue beyond the slot in thicknesses
+BEYOND = 1.0  # length by which the tongue extends below the slot, in thicknesses of the sheet
 
 
 @dataclass(frozen=True, eq=False)
 class Foot:
     """One foot.
 
-    number : engraved, from 1
-    quad, side : of the arm that it replaces
-    cap : its outline in its panel
-    shoulder, aside : metres from the hub's centre to the shoulders along the tongue, and to the left to the tongue's
-        middle
+    number : engraved number, from 1
+    quad, side : the arm that it replaces
+    cap : its outline in the patch's frame
+    shoulder, aside : distance from the hub's centre to the shoulders along the foot, and offset of the tongue's middle
+        to the left, metres
     width, tongue : widths of the foot and of its tongue, metres
-    way : unit vector along the foot in its patch
+    way : unit vector along the foot in the patch's frame
     down, across : unit vectors in space along the foot and along its level shoulders
-    place : intersection of its middle line with the ground, metres
-    lean : angle between sheet and ground, radians
+    place : intersection of its centre line with the ground, metres
+    lean : angle between the sheet and the ground, radians
     """
 
     number: int
@@ -67,9 +67,15 @@ class Foot:
     lean: float
 
     def slot(self, thickness: float, clearance: float) -> Float[np.ndarray, "4 2"]:
-        """Return the corners of the slot, counter-clockwise, metres: the area swept by the leaning tongue.
+        """Return the corners of the foot's slot, counter-clockwise, metres.
 
-        The base is as thick as the sheet, and the slot is vertical.
+        The slot has vertical walls and contains the leaning tongue over the whole thickness of the base, which equals
+        the sheet's.
+
+        Parameters
+        ----------
+        thickness : of the sheet and the base, metres
+        clearance : gap around the tongue, metres
         """
         ahead = np.array([self.across[1], -self.across[0]])
         ahead *= np.sign(ahead @ self.down[:2]) or 1.0
@@ -83,7 +89,7 @@ class Foot:
 
 
 def quads_for_feet(mesh: QuadMesh, supports: Int[np.ndarray, " held"]) -> Int[np.ndarray, " feet"]:
-    """Return the supported quads at an open border, where a foot can leave the piece.
+    """Return the supported quads that have a side on the open border, through which a foot can leave the piece.
 
     Parameters
     ----------
@@ -96,10 +102,19 @@ def quads_for_feet(mesh: QuadMesh, supports: Int[np.ndarray, " held"]) -> Int[np
 def make_feet(
     design: SpiralDesign, pose: Pose, supports: Int[np.ndarray, " held"], lowest: float, params: BaseParams
 ) -> tuple[Foot, ...]:
-    """Make a foot for every supported spiral of a design whose hubs are in a pose.
+    """Make a foot for every supported spiral of a design.
 
-    ``lowest`` is the height of the piece's lowest point in metres. Raises ``FlexMapsError`` with the faces where a foot
-    is impossible.
+    Parameters
+    ----------
+    design : the spirals
+    pose : simulated positions of the hubs
+    supports : supported quads
+    lowest : height of the piece's lowest point, metres
+    params : height of the base, and width of the feet
+
+    Raises
+    ------
+    FlexMapsError : a foot is impossible; the error names the faces
     """
     side, way = _sides(design, pose, supports)
     wound = supports[design.twist[supports] > UNWOUND]
@@ -128,7 +143,7 @@ def make_feet(
 
 
 def _sides(design: SpiralDesign, pose: Pose, supports: Int[np.ndarray, " held"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the side (n,) at which every foot leaves its quad, and its direction (n, 2) in its patch, down the slope."""
+    """Return the side (n,) by which every foot leaves its quad, and its direction (n, 2) in the patch's frame."""
     mesh, rotations = design.flat.layout.mesh, pose.rotations[supports]
     refuse_inside(np.setdiff1d(supports, quads_for_feet(mesh, supports)))
     way = -rotations[:, 2, :2]  # project -z onto the plane of the hub
@@ -143,7 +158,7 @@ def _sides(design: SpiralDesign, pose: Pose, supports: Int[np.ndarray, " held"])
 
 
 def refuse_inside(faces: Int[np.ndarray, " some"]) -> None:
-    """Raise ``FlexMapsError`` if there are supports away from the open border."""
+    """Raise ``FlexMapsError`` if there are ``faces``: supports away from the open border."""
     if len(faces):
         raise FlexMapsError(
             f"{with_count(len(faces), 'support lies', 'supports lie')} away from the open border, where no foot can leave the piece; "
@@ -153,7 +168,7 @@ def refuse_inside(faces: Int[np.ndarray, " some"]) -> None:
 
 
 def refuse_flat(faces: Int[np.ndarray, " some"]) -> None:
-    """Raise ``FlexMapsError`` if there are supports that are too flat."""
+    """Raise ``FlexMapsError`` if there are ``faces``: supports that are too flat for a foot."""
     if len(faces):
         raise FlexMapsError(
             f"{with_count(len(faces), 'supported spiral lies', 'supported spirals lie')} too flat for a foot to reach the ground: "
@@ -163,7 +178,7 @@ def refuse_flat(faces: Int[np.ndarray, " some"]) -> None:
 
 
 def refuse_sideways(faces: Int[np.ndarray, " some"]) -> None:
-    """Raise ``FlexMapsError`` if there are supports whose open border is not below them."""
+    """Raise ``FlexMapsError`` if there are ``faces``: supports whose open border is not below them."""
     if len(faces):
         raise FlexMapsError(
             f"The open border of {len(faces)} supported spirals does not lie below them, so that their feet cannot reach the "
@@ -175,10 +190,15 @@ def refuse_sideways(faces: Int[np.ndarray, " some"]) -> None:
 def _cap(
     design: SpiralDesign, quad: int, side: int, way: np.ndarray, shoulder: float, slope: float, width: float
 ) -> tuple[Cap, float]:
-    """Return the outline of a foot from the right to the left edge of the arm that it replaces, and its offset.
+    """Return the outline of a foot, from right to left edge of the arm that it replaces, and the tongue's offset.
 
-    The offset is the distance in metres of the tongue to the left of the hub: a foot leaves its quad through the middle
-    of the side and turns down the slope there.
+    The offset is the distance in metres by which the tongue lies to the left of the hub: a foot leaves its quad through
+    the middle of the side and bends there into the direction of steepest descent.
+
+    way : direction of steepest descent in the patch's frame
+    shoulder : distance from the hub's centre to the shoulders, metres
+    slope : sine of the angle between the sheet and the ground
+    width : of the foot, metres
     """
     begin = stump_starts(design.roots)[quad, side]
     arm = design.arms.one_by_one(np.array([quad]), np.array([side]))
@@ -190,7 +210,7 @@ def _cap(
     normal, knee = np.array([-out[1], out[0]]), out * arm.radius[0, 0]
     starts = [frame @ (p - arm.centre[0]) for p in (right, left)]
     wide = max(float(p @ out) for p in starts) + FLARE * (half - min(abs(float(p @ normal)) for p in starts))
-    turn = half * abs(out[1]) / (1.0 + out[0])  # length by which the inner side of the bend shortens both of its sides
+    turn = half * abs(out[1]) / (1.0 + out[0])  # length by which the bend shortens the foot's inner edge on both sides
     short = max(knee[0] + turn + 2.0 * CORNER - shoulder, wide + turn - arm.radius[0, 0])
     if short > 0.0:
         raise FlexMapsError(
@@ -198,7 +218,7 @@ def _cap(
             "feet narrower, or the height of the base's feet larger",
             faces=[quad],
         )
-    # through the base; the far face of a leaning tongue reaches its lower side later
+    # the tongue passes through the base; as it leans, one of its faces reaches the lower side later than the other
     thickness, level = design.params.thickness, np.sqrt(max(1.0 - slope**2, 0.0))
     end, bend = shoulder + thickness * (1.0 + level + BEYOND) / slope, (normal + np.array([0.0, 1.0])) / (1.0 + out[0])
     aside = knee[1]
@@ -223,13 +243,13 @@ def _cap(
 
 
 def _flare(start: np.ndarray, first: np.ndarray, end: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return nodes and bulges of two arcs from one point and direction to another, without the last point."""
+    """Return nodes and bulges of a biarc from a point and direction to another, without the last point."""
     nodes, bulge = biarcs(np.stack([start, end])[None], np.stack([first, last])[None])
     return nodes[0], bulge[0]
 
 
 def _refuse_crowded(design: SpiralDesign, feet: list[Foot]) -> None:
-    """Raise ``FlexMapsError`` if a foot is closer to another foot or an arm of its panel than the smallest slot."""
+    """Raise ``FlexMapsError`` if a foot is closer than the smallest slot's width to other feet or arms of its panel."""
     import shapely
 
     slot, layout = 0.999 * min_slot_width(design.params), design.flat.layout
@@ -240,7 +260,7 @@ def _refuse_crowded(design: SpiralDesign, feet: list[Foot]) -> None:
     bodies = np.array([shapely.Polygon(o.outer.sampled(1e-5), [h.sampled(1e-5) for h in o.holes]) for o in drawn])
     patch = np.array([foot.cap.patch for foot in feet])
     shapes = np.array([foot.cap.polygon for foot in feet])
-    # ignore the surroundings of its own hub, where a foot begins and neighbouring arms lead away
+    # ignore a disc around the foot's own hub, where the foot and the other arms begin
     quads = np.array([foot.quad for foot in feet])
     root = np.linalg.norm(design.roots.centre[quads] - design.arms.centre[quads][:, None], axis=2).max(axis=1)
     discs = shapely.buffer(shapely.points(design.arms.centre[quads]), root + 2.0 * design.width[quads].max(axis=1))

@@ -1,7 +1,8 @@
 """The frame: a closed ring of planks under the feet instead of a whole plate, joined by dovetails.
 
-The ring visits the slots in the shortest order, which never crosses itself. It is the union of the convex hulls of
-consecutive slots, with a margin, and is cut between slots where it has turned far enough or the sheet ends.
+The ring visits the slots along a short closed path that does not cross itself. It is the union of the convex hulls of
+consecutive slots, with a margin, and is cut between slots where it has turned far enough or a plank would be larger
+than the sheet.
 """
 
 from __future__ import annotations
@@ -19,30 +20,31 @@ from ...tolerances import DOUBLE_TOL
 from ..nesting.packing import turn_that_fits
 from .corners import CORNER, round_corners
 
-TURN = np.radians(75.0)  # maximum turn of a plank, so that it stays slender; by eye
-# narrowest and widest width and depth of a dovetail, as shares of the plank's width; by eye
+TURN = np.radians(75.0)  # maximum change of direction along a plank in radians, so that it stays slender; by eye
+# width of a dovetail at its neck and at its head, and its depth, as shares of the plank's width; by eye
 NECK, HEAD, DEEP = 0.3, 0.42, 0.25
-# maximum width of the ring at a cut relative to a straight part: a wider place is a corner, where a cut would run along
-# the ring
+# maximum width of the ring at a cut, as a multiple of its width in straight parts; a wider place is a corner, where a
+# cut would run along the ring
 WIDER = 1.4
-SMALLEST = 0.4  # minimum size of a dovetail as a share of its usual size, where feet are close together; by eye
-# chords per quarter circle around a slot's corner before corners are rounded again, and their tolerance in metres
+SMALLEST = 0.4  # minimum size of a dovetail as a share of the full size, where feet are close together; by eye
+# chords per quarter circle in the buffer around slots, whose corners are rounded with arcs later, and tolerance of its
+# simplification in metres
 CHORDS, STRAY = 12, 1e-5
-BEHIND = 1e-7  # metres by which cutting shapes extend beyond an edge, so that no slivers are left
+BEHIND = 1e-7  # metres by which shapes to be subtracted extend beyond an edge, so that no slivers are left
 LEAST = 3  # minimum number of slots for a ring
 
 
 def planks(
     slots: Float[np.ndarray, "slots 4 2"], margin: float, clearance: float, wall: float, sheet: SheetParams
 ) -> list[tuple[Curve, np.ndarray]]:
-    """Return the outlines of the planks, counter-clockwise, metres, and the rows of the slots in each.
+    """Return for every plank its outline, counter-clockwise in metres, and the indices of the slots in it.
 
     Parameters
     ----------
     slots : corners of every slot, metres
     margin : material around the slots, metres
     clearance : gap around a dovetail, metres
-    wall : least distance between a slot and a dovetail, metres
+    wall : minimum distance between a slot and a dovetail, metres
     sheet : size of the sheets
 
     Raises
@@ -64,7 +66,7 @@ def planks(
         raise FlexMapsError(
             "The feet stand so near to each other that a frame under them has no hole; choose a plate, or a narrower edge"
         )
-    # keep only the hole of the ring; slivers between links are filled
+    # keep only the largest hole, and fill slivers between the hulls
     ring = shapely.Polygon(ring.exterior, [max(inner, key=lambda one: one.area).exterior])
     parts = _cuts(slots, ring, margin, wall, sheet)
     if len(parts) < 2:
@@ -75,9 +77,9 @@ def planks(
 
 
 def shortest_round(points: Float[np.ndarray, "n 2"]) -> np.ndarray:
-    """Order points on a short closed path that does not cross itself.
+    """Return the order of points on a short closed path, counter-clockwise, that does not cross itself.
 
-    2-opt (Croes 1958), starting with their order around the middle.
+    Found by 2-opt (Croes 1958), starting from the order of their directions from the mean.
     """
     seen = points - points.mean(axis=0)
     order = np.argsort(np.arctan2(seen[:, 1], seen[:, 0]))
@@ -99,11 +101,12 @@ def shortest_round(points: Float[np.ndarray, "n 2"]) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Cut:
-    """A place where the ring may be cut, after a slot.
+    """A place where the ring may be cut.
 
-    middle, way : point, and direction of the ring there
-    width : of the ring, metres
-    size : of the dovetail, metres
+    after : index of the slot after which the cut lies
+    middle, way : centre of the cut, and direction of the ring there
+    width : of the ring at the cut, metres
+    size : width of the plank for which the dovetail is dimensioned, metres
     """
 
     after: int
@@ -114,11 +117,11 @@ class _Cut:
 
     @property
     def aside(self) -> Float[np.ndarray, " 2"]:
-        """Direction to the left of the way."""
+        """Unit vector to the left of the ring's direction."""
         return np.array([-self.way[1], self.way[0]])
 
     def dovetail(self, behind: float) -> Any:
-        """Return the shapely polygon of a tongue from ``behind`` metres behind the cut."""
+        """Return the shapely polygon of the dovetail's tongue, which begins ``behind`` metres behind the cut."""
         import shapely
 
         neck, head, deep = 0.5 * NECK * self.size, 0.5 * HEAD * self.size, DEEP * self.size
@@ -127,7 +130,7 @@ class _Cut:
 
 
 def _cut_between(slots: np.ndarray, k: int, ring: Any, margin: float, wall: float) -> _Cut | None:
-    """Return the cut of the ring between slot k and the next; None without room."""
+    """Return the cut of the ring between slot k and the next slot; None if there is no room for a dovetail."""
     import shapely
 
     pair = shapely.polygons(slots[[k, (k + 1) % len(slots)]])
@@ -147,11 +150,11 @@ def _cut_between(slots: np.ndarray, k: int, ring: Any, margin: float, wall: floa
 
     width, room = float(np.linalg.norm(np.ptp(across(middle), axis=0))), gap - 2.0 * wall
     size = min(width, room / DEEP)
-    # width of a straight part of the ring
+    # width of the ring here if it ran straight
     usual = 2.0 * margin + float(np.ptp(slots[[k, (k + 1) % len(slots)]] @ aside, axis=1).max())
     if not 0.0 < width < WIDER * usual or size < SMALLEST * width:
         return None
-    # the dovetail extends only ahead, so the cut lies closer to the slot behind
+    # the dovetail extends only ahead of the cut, so the cut is moved towards the slot behind it
     ends = across(middle - 0.5 * DEEP * size * way)
     there = float(np.linalg.norm(np.ptp(ends, axis=0)))
     if not 0.0 < there < WIDER * usual:
@@ -161,7 +164,7 @@ def _cut_between(slots: np.ndarray, k: int, ring: Any, margin: float, wall: floa
 
 
 def _cuts(slots: np.ndarray, ring: Any, margin: float, wall: float, sheet: SheetParams) -> list[_Cut]:
-    """Return the cuts of the ring: as few as possible while planks are slender and fit the sheet."""
+    """Return as few cuts of the ring as possible such that planks are slender and fit on the sheet."""
     import shapely
 
     count, size = len(slots), (sheet.sheet_width, sheet.sheet_height)
@@ -172,7 +175,7 @@ def _cuts(slots: np.ndarray, ring: Any, margin: float, wall: float, sheet: Sheet
     angle = np.arctan2(way[:, 1], way[:, 0])
     turns = np.abs((np.roll(angle, -1) - angle + np.pi) % (2.0 * np.pi) - np.pi)
     places = sorted(open_)
-    # begin where the ring turns most, so that its corners become ends of planks
+    # begin where the ring turns most, so that the corners of the ring become ends of planks
     start = max(places, key=lambda k: turns[k] + turns[k - 1])
     places = [k for k in places if k > start] + [k + count for k in places if k <= start]
     parts: list[_Cut] = []
@@ -225,7 +228,7 @@ def _cut_into_planks(
 
 
 def _gate(cut: _Cut, ring: Any, clearance: float) -> Any:
-    """Return the gap between two planks: a strip across the ring that ends at its edges."""
+    """Return the gap between two planks: a strip across the ring, as wide as the clearance."""
     import shapely
 
     reach = 4.0 * cut.width * cut.aside
@@ -235,7 +238,7 @@ def _gate(cut: _Cut, ring: Any, clearance: float) -> Any:
 
 
 def _radii(corners: np.ndarray, sharp: np.ndarray, margin: float) -> np.ndarray:
-    """Return the radius of every corner: ``CORNER`` where planks meet, else as large as fits, up to the margin."""
+    """Return the radius of every corner in metres: ``CORNER`` where planks meet, else up to the margin if it fits."""
     ahead = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     sides, turn = np.minimum(ahead, np.roll(ahead, 1)), np.roll(corners, -1, axis=0) - corners
     angle = np.arctan2(turn[:, 1], turn[:, 0])

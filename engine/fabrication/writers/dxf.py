@@ -16,11 +16,13 @@ from ...progress import SILENT, Progress
 from ...spirals.curves.arcs import Curve
 from .operations import FRAME, OPERATIONS, DrawableSheets, Operation, frame, on_sheet
 
-FLAT = 1e-4  # minimum bulge; FreeCAD loses polylines with flatter arcs, and a chord of 20 mm is then 1 um off
+# Minimum bulge of an arc; flatter arcs become straight lines, because FreeCAD loses polylines with them. The error is
+# 1 um on a chord of 20 mm
+FLAT = 1e-4
 
 
 def write(sheets: DrawableSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
-    """Write one sheet as R2010, which stores its units.
+    """Write one sheet as DXF R2010, which stores its units.
 
     Parameters
     ----------
@@ -44,7 +46,7 @@ def write(sheets: DrawableSheets, index: int, path: Path, progress: Progress = S
 
 
 def write_r12(sheets: DrawableSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
-    """Write one sheet as R12, which programs of all cutters read, with one entity per node.
+    """Write one sheet as DXF R12, which the programs of all cutters read; every node is an entity.
 
     Parameters
     ----------
@@ -56,18 +58,18 @@ def write_r12(sheets: DrawableSheets, index: int, path: Path, progress: Progress
         head = f"  0\nVERTEX\n  8\n{name}\n 10\n"
         parts.extend(f"{head}{x:.10g}\n 20\n{y:.10g}\n 30\n0.0\n{_bulge(bulge, 12)}" for x, y, bulge in _rows(curve))
         parts.append(f"  0\nSEQEND\n  8\n{name}\n")
-    # R12 has no field for the program's name, so it is a comment
+    # R12 has no field for the program's name, so write it as a comment (group code 999)
     text = f"999\n{MARK}\n{_framed(_document(sheets, index, 'R12'), parts)}"
     path.write_text(text, encoding="ascii", newline="\r\n")
 
 
 def _bulge(bulge: float, digits: int) -> str:
-    """Return the tag of a bulge; empty for a straight segment, because some programs lose polylines with a bulge of 0."""
+    """Return the DXF tag of a bulge; empty if it is 0, because some programs lose polylines with a bulge of 0."""
     return f" 42\n{bulge:.{digits}g}\n" if bulge else ""
 
 
 def _framed(document: Any, entities: Sequence[str]) -> str:
-    """Return the text of a document with these entities as text; ezdxf takes ten times as long to write them."""
+    """Return the text of a document with these entities inserted; ezdxf would write them ten times as slowly."""
     stream = io.StringIO()
     document.write(stream)
     before, mark, after = stream.getvalue().partition("  2\nENTITIES\n")
@@ -80,7 +82,7 @@ def _document(sheets: DrawableSheets, index: int, version: str) -> Any:
     import ezdxf
     from ezdxf import units
 
-    with _quiet():  # R12 has no units, millimetres are customary, and ezdxf warns about that every time
+    with _quiet():  # ezdxf warns that R12 stores no units; millimetres are customary there
         document = ezdxf.new(version, units=units.MM)
     if version != "R12":
         document.header["$MEASUREMENT"] = 1
@@ -124,6 +126,6 @@ def _layer(operation: Operation) -> str:
 
 
 def _rows(curve: Curve) -> list[list[float]]:
-    """Return x and y in mm and the bulge of every node; 0 for arcs flatter than FreeCAD reads."""
+    """Return x and y in mm and the bulge of every node; a bulge below ``FLAT`` becomes 0."""
     bulge = np.where(np.abs(curve.bulge) < FLAT, 0.0, curve.bulge)
     return np.column_stack([np.round(curve.points * 1e3, 6), bulge]).tolist()

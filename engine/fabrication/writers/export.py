@@ -1,4 +1,4 @@
-"""Write sheets to files: the table of formats, and writing of all requested files together, all or none."""
+"""Write sheets to files in the requested formats: either all files are written, or none."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from . import dxf, panel_solids, pdf, series, svg
 
 
 class Format(NamedTuple):
-    """A kind of file, one per sheet.
+    """A file format, written as one file per sheet.
 
-    ending : of the file's name after the base; the number of the sheet precedes its last dot
-    setting, values : setting of ``ExportParams`` that selects the format, and its values that do
+    ending : text after the base of the file's name; the number of the sheet is inserted before its last dot
+    setting, values : setting of ``ExportParams`` that selects the format, and the values with which it does
     write : function that writes a sheet
-    usual : whether scripts and the command line write it unless other formats are requested
+    usual : whether scripts and the command line write this format by default
     """
 
     ending: str
@@ -32,7 +32,7 @@ class Format(NamedTuple):
     usual: bool = False
 
 
-# every program reads DXF R12; R2010 stores its units
+# DXF is offered twice: every program reads R12, but only R2010 stores its units
 TABLE = {
     "svg": Format(".svg", "svg", {True}, svg.write, usual=True),
     "dxf": Format(".dxf", "dxf", {"R2010", "BOTH"}, dxf.write, usual=True),
@@ -67,14 +67,18 @@ def write(
     Parameters
     ----------
     sheets : the sheets
-    base : path without ending
+    base : path of the files without number and ending
     formats : keys of ``TABLE``
-    new : from ``files.write_all_atomically``, if the files must appear together with others
-    progress : receives the share done
+    new : function from ``files.write_all_atomically``, if the files must appear together with other files
+    progress : called with the fraction done; may cancel
+
+    Returns
+    -------
+    Paths of the written files
 
     Raises
     ------
-    FlexMapsError : an unknown format, none, or files that cannot be written
+    FlexMapsError : a format is unknown, no format is given, or a file cannot be written
     """
     unknown = set(formats) - set(FORMATS)
     if unknown or not formats:
@@ -95,7 +99,7 @@ def write(
 
 
 def stale(base: Path, count: int) -> list[Path]:
-    """Return the files of an earlier run with more sheets than ``count``.
+    """Return the surplus files of an earlier run that had more sheets than ``count``, in all formats.
 
     Parameters
     ----------
@@ -106,7 +110,7 @@ def stale(base: Path, count: int) -> list[Path]:
 
 
 def present(base: Path, formats: Collection[str]) -> list[Path]:
-    """Return existing files that sheets in these formats may replace, whatever their number.
+    """Return existing files that a run with these formats may replace, for any number of sheets.
 
     Parameters
     ----------
@@ -134,5 +138,5 @@ def present(base: Path, formats: Collection[str]) -> list[Path]:
 
 
 def _named(base: Path, key: str) -> Path:
-    """Return the path of a format before numbering."""
+    """Return the path of the files of a format, without the number of the sheet."""
     return base.with_name(base.name + TABLE[key].ending)

@@ -1,8 +1,8 @@
 """Outlines of letters that the standard fonts of PDF readers lack.
 
-Helvetica needs no embedding and has the letters of western Europe. Other letters are drawn from outlines registered in
-``known`` beforehand (Blender has a font for most scripts, see ``bridge/hosts/letters.py``); without outlines they
-become question marks.
+Helvetica need not be embedded and has the letters of western Europe. Other letters are drawn from outlines that are
+registered in ``known`` beforehand (``bridge/hosts/letters.py`` takes them from Blender's font); letters without
+outlines become question marks.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from ...arrays import Float
 
 @dataclass(frozen=True, eq=False)
 class Outlines:
-    """The outlines of a run of letters of size 1, from x = 0 along y = 0.
+    """The outlines of a run of letters at font size 1, which begins at x = 0 on the baseline y = 0.
 
     width : length of the run
-    splines : closed cubic splines: for every node the handle before, the node and the handle after; filled by the
-        non-zero rule
+    splines : closed cubic Bezier splines, for every node the handle before, the node and the handle after; to be filled
+        by the non-zero rule
     """
 
     width: float
     splines: tuple[Float[np.ndarray, "nodes 3 2"], ...]
 
 
-known: dict[str, Outlines] = {}  # by run; filled on the main thread before a job begins, read-only afterwards
+known: dict[str, Outlines] = {}  # outlines by run; filled on the main thread before a job begins, read-only after
 
 
 @cache  # called for every letter of every page
@@ -43,7 +43,7 @@ def plain(text: str) -> bool:
 
 
 def runs(text: str) -> Iterator[str]:
-    """Split a text into runs of letters that Helvetica has or lacks."""
+    """Split a text into runs of letters that Helvetica has and runs of letters that it lacks."""
     run = ""
     for letter in text:
         if run and plain(letter) != plain(run[-1]):
@@ -55,7 +55,7 @@ def runs(text: str) -> Iterator[str]:
 
 
 def path(run: Outlines, x: float, y: float, size: float) -> str:
-    """Return the PDF operators that draw the outlines at (x, y), in units of the page."""
+    """Return the PDF operators of the outlines as a path at (x, y) and of this font size, in units of the page."""
     parts = []
     for spline in run.splines:
         nodes = spline * size + [x, y]

@@ -1,4 +1,4 @@
-"""The operations on a sheet, and how flat files distinguish them."""
+"""The operations on a sheet, and the colours and layer names by which files distinguish them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..panels.toolpath import SheetCuts
 
 
 class DrawableSheets(Protocol):
-    """Input of the flat files: ``CutSheets``, or other sheets with known cuts."""
+    """Input of the writers of SVG, DXF and PDF: ``CutSheets``, or any other sheets with cuts."""
 
     @property
     def packing(self) -> Packing: ...
@@ -36,20 +36,21 @@ class Operation(NamedTuple):
     aci: int
 
 
-# In the order of the work: engrave before anything can move, and release panels last. ACI 7 is black on white
+# In the order of cutting: engraving comes before parts can move, and outlines, which release the panels, come last. ACI
+# 7 is shown black on white
 OPERATIONS = (
     Operation("engrave", "#000000", 7),
     Operation("cut inner", "#0000ff", 5),
     Operation("cut outer", "#ff0000", 1),
 )
-# LightBurn's first tool layer, which is shown and never cut; in DXF a layer that is not plotted
+# edge of the sheet, shown but not cut: the colour of LightBurn's first tool layer, and in DXF a layer without plotting
 FRAME = Operation("sheet", "#f36926", 30)
 ORIGIN = 0.005  # extent in x and y of the mark at the origin of a sheet, metres; twice the usual height of letters
 WRITING = "writing the sheets"  # text of the progress
 
 
 def frame(sheets: DrawableSheets, index: int) -> list[Curve]:
-    """Return the edge of one sheet and a stroke from its lower left corner inwards; empty if not requested."""
+    """Return the edges of one sheet and a stroke that marks its origin; empty if the frame is not requested."""
     if not sheets.params.frame:
         return []
     width, height = sheets.packing.sizes[index].tolist()
@@ -65,7 +66,7 @@ def frame(sheets: DrawableSheets, index: int) -> list[Curve]:
 def on_sheet(
     sheets: DrawableSheets, index: int, progress: Progress = SILENT
 ) -> Iterator[tuple[Operation, Iterator[Curve]]]:
-    """Yield every operation with its curves on one sheet; ``progress`` advances as the curves are consumed."""
+    """Yield every operation with its curves on one sheet; ``progress`` advances while the curves are consumed."""
     runs = sheets.runs(index, progress.part(0.0, 0.5))
     curves = [runs.engraved, runs.inner, runs.outer]
     total = max(sum(map(len, curves)), 1)

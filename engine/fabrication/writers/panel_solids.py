@@ -21,13 +21,13 @@ from ..panels.panel import Panel
 from ..sheets import CutSheets
 from .operations import WRITING
 
-ROWS = 10_000  # vertices or triangles formatted at once, some hundredths of a second
-# metres between arcs and edges of the solid: printers resolve nothing finer, and half of it doubles file size and time
-# for slicing
+ROWS = 10_000  # vertices or triangles formatted between reports of progress, some hundredths of a second of work
+# maximum distance in metres between arcs and edges of the solid; printers resolve nothing finer, and smaller values
+# make files larger and slicing slower
 TOLERANCE = 2e-5
 
-GROOVE = 4e-4  # width in metres of engraved letters without a given nozzle: that of most printers
-DEPTH = 0.2  # depth of letters as a share of the thickness: the hub keeps half of its bending stiffness there
+GROOVE = 4e-4  # stroke width in metres of engraved letters if no nozzle is given: the nozzle of most printers
+DEPTH = 0.2  # depth of letters as a share of the thickness; deeper letters are clearer and weaken hubs in bending
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,14 +45,14 @@ class TriangleSolid:
 def extrude_panel(panel: Panel, thickness: float, tolerance: float = TOLERANCE, nozzle: float = 0.0) -> TriangleSolid:
     """Extrude a panel from z = 0 to ``thickness`` metres, with the labels on its hubs as grooves.
 
-    Every edge has exactly two triangles.
+    The mesh is closed: every edge belongs to exactly two triangles.
 
     Parameters
     ----------
     panel : the panel
     thickness : metres
-    tolerance : metres between arcs and edges of the solid
-    nozzle : width of the grooves in metres; 0 for the usual one
+    tolerance : maximum distance between arcs and edges of the solid, metres
+    nozzle : width of the grooves in metres; 0 for ``GROOVE``
 
     Raises
     ------
@@ -65,13 +65,13 @@ def extrude_panel(panel: Panel, thickness: float, tolerance: float = TOLERANCE, 
     if not polygon.is_valid:
         raise FlexMapsError(f"Panel {panel.number} cannot be made a solid: its outline touches itself")
     grooves = _grooves(panel, polygon, nozzle or GROOVE)
-    # rings of grooves have the material on their left, like those of the panel
+    # rings of grooves have the material on their left, like the rings of the panel
     edges = [_ring(r, way) for g in grooves for way, some in ((-1, [g.exterior]), (1, g.interiors)) for r in some]
     left = shapely.difference(polygon, shapely.MultiPolygon(grooves))
     top = list(getattr(left, "geoms", [left]))
     outer, flat = np.concatenate(rings), np.concatenate([*rings, *edges])
     floor = np.concatenate(edges) if edges else np.zeros((0, 2))
-    # points at the bottom, at the top, and on the floors of grooves
+    # points at the bottom, at the top, and on the bottoms of the grooves
     layers = [(outer, 0.0), (flat, thickness), (floor, (1.0 - DEPTH) * thickness)]
     first = np.cumsum([0, *(len(points) for points, _ in layers)])
     faces = [triangulate([polygon], outer)[:, ::-1], triangulate(top, flat) + first[1]]
@@ -87,7 +87,7 @@ def extrude_panel(panel: Panel, thickness: float, tolerance: float = TOLERANCE, 
 
 
 def _grooves(panel: Panel, polygon: Any, width: float) -> list[Any]:
-    """Return shapely polygons of the letters on hubs with this stroke width, except letters too close to an edge."""
+    """Return the strokes of letters on hubs as shapely polygons of this stroke width, except any near an edge."""
     import shapely
 
     lines = [shapely.LineString(c.points).buffer(0.5 * width, quad_segs=2) for c in panel.on_hubs]
@@ -103,7 +103,11 @@ def _ring(ring: Any, way: int) -> Float[np.ndarray, "points 2"]:
 
 
 def _walls(counts: list[int], low: int, high: int) -> Int[np.ndarray, "triangles 3"]:
-    """Return triangles along rings with these numbers of points, between bottom and top, with the material on the left."""
+    """Return the triangles of vertical walls along rings that have the material on their left.
+
+    counts : number of points of every ring
+    low, high : index of the first point of the rings at their lower and at their upper height
+    """
     start = np.cumsum([0, *counts])
     own = np.arange(start[-1])
     along = np.concatenate([own[:0], *(np.roll(own[a:b], -1) for a, b in pairwise(start.tolist()))])
@@ -188,7 +192,7 @@ def _object(number: int, solid: TriangleSolid, progress: Progress) -> Iterator[s
     """Yield the XML of one object."""
     yield f'<object id="{number}" type="model" name="{solid.name}"><mesh><vertices>'
     for part in progress.part(0.0, 0.4).batches(len(solid.vertices), ROWS, WRITING):
-        # nine digits resolve a tenth of a micrometre and keep vertices distinct
+        # nine significant digits resolve a tenth of a micrometre and keep vertices distinct
         points = (solid.vertices[part] * 1e3).tolist()
         yield "".join(f'<vertex x="{x:.9g}" y="{y:.9g}" z="{z:.9g}"/>' for x, y, z in points)
     yield "</vertices><triangles>"

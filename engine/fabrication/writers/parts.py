@@ -1,4 +1,4 @@
-"""Parts list: a row for every panel, plate and loose key, for spreadsheets, orders and checks."""
+"""Parts list as CSV: a row for every panel, plate and loose key, for spreadsheets, orders and checks."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ COLUMNS = (
 
 
 def write(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material, path: Path) -> Path:
-    """Write the list as CSV (RFC 4180), with the sums in its last row.
+    """Write the parts list as CSV (RFC 4180), with sums in its last row, and return its path.
 
-    Width and height are those of the bounding box of a part as it lies on its sheet; the area is that of the material.
+    Width and height describe the bounding box of a part as it lies on its sheet; holes do not count as area.
 
     Parameters
     ----------
     sheets : the sheets
-    designs : of the pieces on them, by ``Panel.piece``
+    designs : designs of the pieces on the sheets, indexed by ``Panel.piece``
     material : of the sheets
-    path : to write to
+    path : file to write
     """
     rows = _rows(sheets, designs, material)
     numbers = range(COLUMNS.index("spirals"), COLUMNS.index("note"))
@@ -56,7 +56,7 @@ def write(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material
 
 
 def _rows(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material) -> list[list[float]]:
-    """Return the values of every part in the order of the columns, without the note."""
+    """Return one row of values per part, in the order of ``COLUMNS``, without the note."""
     where, found, of_kind = sheets.packing, [], Counter[tuple[int, str]]()
     for number, panel in enumerate(sheets.panels):
         layout = designs[panel.piece].flat.layout
@@ -77,5 +77,5 @@ def _rows(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material
 
 
 def _format(value: float) -> str:
-    """Return a number with two decimals, integers unchanged."""
+    """Format a number with two decimals, or an integer without."""
     return str(value) if isinstance(value, int) else f"{value:.2f}"

@@ -1,7 +1,7 @@
-"""PDF at true size: a small writer of pages with lines, areas and text, and the sheets as pages.
+"""PDF at true size: a small writer for pages with lines, areas and text, and the sheets as pages.
 
-It covers only the part of ISO 32000-1 needed here: cubic curves for arcs, a standard font, outlines of letters that the
-font lacks, and optional content groups as layers.
+It covers only the part of ISO 32000-1 that is needed here: cubic curves for arcs, a standard font, outlines of letters
+that the font lacks, and optional content groups as layers.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from ...spirals.curves.arcs import Curve
 from . import glyphs
 from .operations import DrawableSheets, on_sheet
 
-POINT = 0.0254 / 72.0  # metres
-LARGEST = 14400.0  # points; larger pages need a larger unit
-LEVEL = 4  # compression level; with 6, sheets are 2 % smaller and take three times as long
+POINT = 0.0254 / 72.0  # metres per point
+LARGEST = 14400.0  # maximum size of a page in its units; larger pages need a unit larger than a point
+LEVEL = 4  # zlib compression level; higher levels make slightly smaller files and take much longer
 # widths of Helvetica's characters, starting at the space, in thousandths of the font size (Adobe Font Metrics)
 _WIDTHS = (
     "278 278 355 556 556 889 667 191 333 333 389 584 278 333 278 278 556 556 556 556 556 556 556 556 556 556 278 278 584 "
@@ -34,9 +34,11 @@ WIDTHS = tuple(int(w) for w in _WIDTHS.split())
 
 @dataclass
 class Page:
-    """One page in metres, origin lower left; later drawing covers earlier drawing.
+    """One page; lengths in metres, origin at its lower left. Later drawing covers earlier drawing.
 
     width, height : metres
+    commands : PDF operators drawn so far
+    layers : names of its layers
     """
 
     width: float
@@ -60,7 +62,7 @@ class Page:
         self.commands.append("EMC")
 
     def stroke(self, curve: Curve, colour: str = "#000000", width: float = 2e-4) -> None:
-        """Draw a curve in a colour "#rrggbb".
+        """Draw a curve as a line.
 
         Parameters
         ----------
@@ -74,13 +76,13 @@ class Page:
         )
 
     def fill(self, points: np.ndarray, colour: str, line: str | None = None, width: float = 2e-4) -> None:
-        """Fill a polygon (M, 2), metres, and draw its outline in the colour ``line``.
+        """Fill a polygon, and draw its outline if ``line`` gives a colour for it.
 
         Parameters
         ----------
         points : (M, 2) metres
-        colour, line : "#rrggbb", of the area and of its outline; no outline by default
-        width : of the outline, metres
+        colour, line : "#rrggbb" of the area and of its outline; without an outline by default
+        width : line width of the outline, metres
         """
         command = f"{_colour(colour)} rg {path(Curve(points, np.zeros(len(points))), self.unit)} "
         if line is not None:
@@ -90,15 +92,15 @@ class Page:
     def text(
         self, text: str, at: tuple[float, float], size: float, colour: str = "#000000", middle: bool = False
     ) -> None:
-        """Write a line starting at ``at`` or, with ``middle``, centred there; ``size`` of the font; in metres.
+        """Write a line of text.
 
         Parameters
         ----------
         text : one line, in any script
-        at : metres
+        at : x and y of the start of its baseline, metres
         size : of the font, metres
         colour : "#rrggbb"
-        middle : centre the line there instead of starting it
+        middle : whether ``at`` is the middle of the baseline and not its start
         """
         x = at[0] - (0.5 * text_width(text, size) if middle else 0.0)
         for run in glyphs.runs(text):
@@ -132,14 +134,14 @@ def text_width(text: str, size: float) -> float:
 
 @lru_cache(maxsize=4096)
 def _colour(text: str) -> str:
-    """Return the components of a colour "#rrggbb"."""
+    """Return the red, green and blue components (0 to 1) of a colour "#rrggbb" as PDF operands."""
     return " ".join(f"{int(text[i : i + 2], 16) / 255:.4g}" for i in (1, 3, 5))
 
 
 def path(curve: Curve, unit: float) -> str:
-    """Return the path of a curve in units of ``unit`` metres.
+    """Return the PDF path operators of a curve, in units of ``unit`` metres.
 
-    Arcs become cubics of up to an eighth of a turn, within 1e-6 of the radius.
+    Arcs become cubic Bezier curves of at most an eighth of a turn, which deviate by less than 1e-6 of the radius.
     """
     count = len(curve.points) if curve.closed else len(curve.points) - 1
     (x, y), *following = nodes = (curve.points / unit).tolist()
@@ -152,7 +154,7 @@ def path(curve: Curve, unit: float) -> str:
 
 
 def _segments(start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> list[str]:
-    """Return lines and cubics from ``start`` to ``end`` (N,), complex, in order."""
+    """Return the PDF operators of lines and cubics from ``start`` to ``end`` (N,), complex, in order."""
     straight = np.abs(bulge) < 1e-9
     angle = 4.0 * np.arctan(np.where(straight, 1.0, bulge))
     centre = start + 0.5 * (end - start) * (1.0 + 1.0j / np.tan(0.5 * angle))
@@ -183,7 +185,7 @@ def document(pages: list[Page], title: str, progress: Progress = SILENT) -> byte
     progress : called with the fraction done; may cancel
     """
     names = list(dict.fromkeys(name for page in pages for name in page.layers))
-    first = 4 + len(names)  # 1 catalogue, 2 pages, 3 font, then the layers, then page and content in turns
+    first = 4 + len(names)  # objects: 1 catalogue, 2 pages, 3 font, then layers, then page and content alternately
     bodies = [
         b"<</Type/Catalog/Pages 2 0 R" + (_layer_list(len(names)) if names else b"") + b">>",
         f"<</Type/Pages/Count {len(pages)}/Kids[{' '.join(f'{first + 2 * i} 0 R' for i in range(len(pages)))}]>>".encode(),
@@ -201,14 +203,14 @@ def document(pages: list[Page], title: str, progress: Progress = SILENT) -> byte
             f"/Resources<</Font<</F 3 0 R>>/Properties<<{used}>>>>/Contents {first + 2 * i + 1} 0 R>>".encode()
         )
         bodies.append(b"<</Filter/FlateDecode/Length %d>>stream\n" % len(content) + content + b"\nendstream")
-    # UTF-16 with byte order mark, in hexadecimal digits: readers show it in the window's title, in any script
+    # UTF-16 with byte order mark, in hexadecimal digits, can hold any script; readers show it in the window's title
     info = (b"\xfe\xff" + title.encode("utf-16-be", "replace")).hex().upper().encode()
     bodies.append(b"<</Title<" + info + b">/Producer(" + MARK.encode() + b")>>")
     return _assemble(bodies)
 
 
 def _layer_list(count: int) -> bytes:
-    """Return the catalogue's entry for the layers."""
+    """Return the entry of the PDF catalogue that lists the layers."""
     listed = " ".join(f"{4 + i} 0 R" for i in range(count)).encode()
     return b"/OCProperties<</OCGs[" + listed + b"]/D<</Order[" + listed + b"]/ON[" + listed + b"]>>>>"
 
@@ -235,7 +237,7 @@ def _assemble(bodies: list[bytes]) -> bytes:
 
 
 def write(sheets: DrawableSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
-    """Write one sheet as a page of true size, a layer and a colour per operation.
+    """Write one sheet as a page of true size, with one layer and colour per operation.
 
     Parameters
     ----------

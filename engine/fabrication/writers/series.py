@@ -1,4 +1,4 @@
-"""Numbered files, one per sheet, and the files of an earlier run that may be removed."""
+"""Names of numbered files, one per sheet, and surplus files of an earlier run that may be removed."""
 
 from __future__ import annotations
 
@@ -8,17 +8,23 @@ from pathlib import Path
 
 from ... import PROGRAM
 
-_LOOK = 1 << 16  # bytes at either end of a file that are searched for the program's name
+_LOOK = 1 << 16  # number of bytes at each end of a file that are searched for this program's name
 
 
 def numbered_paths(path: str | os.PathLike[str], count: int) -> list[Path]:
-    """Return out/sheet-01.svg, out/sheet-02.svg, ... for out/sheet.svg."""
+    """Return ``count`` paths out/sheet-01.svg, out/sheet-02.svg, ... for the path out/sheet.svg."""
     path = Path(path)
     return [path.with_name(f"{path.stem}-{i + 1:02d}{path.suffix}") for i in range(count)]
 
 
 def numbered_before(path: str | os.PathLike[str], count: int) -> list[Path]:
-    """Return consecutive files of an earlier run with more sheets than ``count``, only those written by this program."""
+    """Return the files numbered ``count`` + 1 and on that an earlier run of this program left.
+
+    Parameters
+    ----------
+    path : path of the files without number
+    count : number of sheets of this run
+    """
     found: list[Path] = []
     path = Path(path)
     while os.path.isfile(old := path.with_name(f"{path.stem}-{count + len(found) + 1:02d}{path.suffix}")):

@@ -1,4 +1,4 @@
-"""SVG files of the sheets: true millimetres, one layer and colour per operation, arcs as arcs."""
+"""SVG files of the sheets: true size in millimetres or inches, one layer and colour per operation, arcs as arcs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ...spirals.curves.arcs import Curve
 from .operations import FRAME, DrawableSheets, frame, on_sheet
 
 UNITS = {"mm": 1e-3, "in": 0.0254}  # metres per unit
-DIGITS = {1e-3: 4, 0.0254: 6}  # decimals by unit: a tenth of a micrometre or finer
+DIGITS = {1e-3: 4, 0.0254: 6}  # decimals of coordinates by metres per unit: steps of 0.1 um or finer
 
 
 def write(sheets: DrawableSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
@@ -44,7 +44,7 @@ def text(sheets: DrawableSheets, index: int, progress: Progress = SILENT) -> str
         f"<metadata>{MARK}</metadata>",
     ]
     edge = frame(sheets, index)
-    # the frame comes last: it covers no cuts, and layers selected by their order keep their numbers
+    # the frame is the last layer, so that layers which programs select by their order keep their numbers
     layers = chain(on_sheet(sheets, index, progress), [(FRAME, iter(edge))] if edge else [])
     for (name, colour, _), curves in layers:
         lines.append(
@@ -58,7 +58,14 @@ def text(sheets: DrawableSheets, index: int, progress: Progress = SILENT) -> str
 
 
 def path_data(curve: Curve, height: float, unit: float = UNITS["mm"]) -> str:
-    """Return the path of a curve on a sheet of this height (metres), in units of ``unit`` metres, y downwards."""
+    """Return the SVG path data of a curve on a sheet, with y downwards.
+
+    Parameters
+    ----------
+    curve : lines and arcs, metres, y upwards
+    height : of the sheet, in units of ``unit``
+    unit : metres per unit of the drawing
+    """
     digits = DIGITS[unit]
     points = np.round(curve.points / unit, digits)
     x, y = points[:, 0], np.round(height - points[:, 1], digits)
@@ -67,9 +74,9 @@ def path_data(curve: Curve, height: float, unit: float = UNITS["mm"]) -> str:
     chord = np.linalg.norm(after - points, axis=1)
     size = np.abs(bulge)
     radius = chord * (1.0 + size * size) / (4.0 * np.maximum(size, 1e-12))
-    # sagitta below a thousandth of the rounding: a straight line
+    # an arc whose sagitta is smaller than the rounding of coordinates is drawn as a straight line
     straight = size * chord < 1e-6
-    # Z draws the last side of a closed curve if that is straight
+    # the Z command draws the last side of a closed curve if that side is straight
     count = len(points) if curve.closed and not straight[-1] else len(points) - 1
     parts = [f"M{x[0]:.10g} {y[0]:.10g}"]
     ends = zip(np.roll(x, -1)[:count].tolist(), np.roll(y, -1)[:count].tolist(), strict=True)

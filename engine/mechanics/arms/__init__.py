@@ -1,1 +1,1 @@
-"""The 6 x 6 arm model: the stiffness table, how joints move, and the arms' shape between hub and tip."""
+"""The 6 x 6 arm model: stiffness table, motion and strains of the joints, and the arms' shape between hub and tip."""

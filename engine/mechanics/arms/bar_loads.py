@@ -1,14 +1,15 @@
 """Forces and moments in the sections of arms that bend under their loads, with exact derivatives.
 
-An arm carries the wrench W at its tip, in the frame half way between both hubs of its joint. There its hub is turned
-back by half of the joint's turn, so that a section between hub and tip is turned by
+An arm carries the wrench W at its tip, in the frame half way between both hubs of its joint. Relative to this frame its
+hub is turned by minus half of the joint's turn, so a section between hub and tip is turned by
 
     rotation vector = -turn / 2 + bends of all pieces from the hub to the section.
 
-The bends are those of a beam (Castigliano) under the first-order wrench at the tip, which is the joint's stiffness times
-its motion: together both arms' bends explain the turn, whereas W may include a second order. The sections' rotations,
-integrated from the tip, give the bent arm, along which the moments of W are taken. The rotations are Cayley transforms:
-orthogonal however large they are, and 0.02 rad from Rodrigues' formula at 0.6 rad.
+A piece bends like a beam (Castigliano) under the first-order wrench at the tip, which is the joint's stiffness times
+its motion. With this wrench the bends of both arms add up to the joint's turn; W may include a second-order term.
+Positions are integrated from the tip with the rotated sections, and the moments of W are computed on this bent arm.
+Rotations are Cayley transforms, which are orthogonal at any angle and differ from Rodrigues' formula by 0.02 rad at 0.6
+rad.
 
 Vectors are split into their part in the plane of the flat arm and their part along the normal, as in ``tip_beams``.
 """
@@ -23,26 +24,26 @@ from ...arrays import Float
 from .bars import BarPull, Bars
 from .tip_beams import SplitVector, sum_beyond
 
-# Columns of the loads of an arm, in its own axes: the wrench at its tip, N and N m; the first-order wrench, which bends
-# the arm; and the turn of the other hub of its joint relative to its own, radians. The second arm of a joint feels the
-# opposite of what the first one does.
+# columns of the loads of an arm, in its own axes: wrench at the tip, N and N m; first-order wrench, which bends the
+# arm; turn of the joint's other hub relative to the arm's hub, radians. The loads of a joint's two arms are opposite.
 WRENCH, FIRST_ORDER, TURN = slice(0, 6), slice(6, 12), slice(12, 15)
 LOADS = 15  # number of these columns
-# Length that bends between the last piece and the hub, in arm widths, under the moments of the last piece. It is the
-# distance to the roots of ``cut``; solids of 40 designs agree with 0.6 to 1.3 alike, and less well with 0.
+# length between the last piece and the hub, in arm widths, that bends under the moments of the last piece: the distance
+# to the roots of ``cut``; larger turns the sections farther; without much effect from 0.6 to 1.3
 BEYOND = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class BarLoads:
-    """Loads in the middles of the pieces of n bars: normal force, torque, bending moments out of the sheet and in it.
+    """Loads in the sections at the middles of the pieces of n bent bars.
 
     bars, loads : n arms, and their loads in the columns above
-    compliance : turn of the pieces per N m and metre: along the arm, across it, about the normal
-    flat : torque and bending moments of the first-order wrench along the flat arm
+    compliance : turn of the pieces per N m and metre, about the arm, about the direction across it, about the normal
+    flat : torque and bending moments of the first-order wrench on the flat arm
     bends : turns of the pieces, radians; beyond : turn between the last piece and the hub over that of the last piece
-    half : half of the rotation vectors of the sections; tangent : turned by them
-    lever, moment : from the sections to the tip, and the moments about them; in the half-way frame
+    half : half of the rotation vectors of the sections; tangent : tangents of the bent arm
+    lever, moment : vectors from the sections to the tip, and moments about the sections, in the half-way frame
+    normal, torque, lift, turn : normal force, torque, bending moment out of the sheet and in it, N and N m
     """
 
     bars: Bars
@@ -64,7 +65,7 @@ class BarLoads:
     def from_bars(
         cls, bars: Bars, loads: Float[np.ndarray, "n 15"], compliance: Float[np.ndarray, "3 n pieces"]
     ) -> BarLoads:
-        """Bend the bars and take the moments along them; arguments as the attributes."""
+        """Bend the bars and compute the loads in their sections; arguments as the attributes."""
         flat = _FlatLoads.from_wrench(bars, loads[:, FIRST_ORDER])
         twist, lift, turn = compliance * bars.length * flat.moments
         bends, hub = SplitVector((twist + 1j * lift) * bars.tangent, turn), _pair(loads[:, TURN])
@@ -88,11 +89,11 @@ class BarLoads:
     def vjp(
         self, normal: np.ndarray, torque: np.ndarray, lift: np.ndarray, turn: np.ndarray
     ) -> tuple[Float[np.ndarray, "n 15"], BarPull, Float[np.ndarray, "3 n pieces"]]:
-        """Vector-Jacobian product: derivatives by the loads, by the bars, and by the compliances of their pieces.
+        """Return the vector-Jacobian product by the loads, by the bars, and by the compliances of their pieces.
 
         Parameters
         ----------
-        normal, torque, lift, turn : (n, pieces) derivatives of one number per arm by the loads in the sections
+        normal, torque, lift, turn : (n, pieces) derivatives of one scalar per arm by the loads in the sections
         """
         bars, along = self.bars, SplitVector(self.bars.tangent, np.zeros_like(self.normal))
         force = _pair(self.loads[:, 0:3])
@@ -121,7 +122,7 @@ class BarLoads:
     def _bends_pulled(
         self, by_half: SplitVector
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "3 n pieces"], BarPull]:
-        """Derivatives by the first-order wrenches, the compliances and the bars from those by ``half``."""
+        """Convert derivatives by ``half`` to derivatives by first-order wrenches, compliances and bars."""
         bars, moments, all_turned = self.bars, self.flat.moments, 0.5 * _vectors(by_half)
         by_bends = SplitVector(0.5 * _from_tip(by_half.flat), 0.5 * _from_tip(by_half.off))
         by_bends.flat[:, -1:] += self.beyond * (all_turned[:, :1] + 1j * all_turned[:, 1:2])
@@ -142,9 +143,9 @@ class BarLoads:
 
 @dataclass(frozen=True, eq=False)
 class _FlatLoads:
-    """Loads of wrenches at the tips along flat bars.
+    """Loads in the sections of flat bars under wrenches at their tips.
 
-    moment : in the plane; moments : torque and bending moments out of the sheet and in it
+    moment : part of the moment in the plane, complex; moments : torque, bending moments out of the sheet and in it
     """
 
     bars: Bars
@@ -161,7 +162,7 @@ class _FlatLoads:
         return cls(bars, force, plane, np.stack([turned.real, turned.imag, turn]))
 
     def vjp(self, by: Float[np.ndarray, "3 n pieces"]) -> tuple[Float[np.ndarray, "n 6"], np.ndarray, np.ndarray]:
-        """Derivatives by the wrenches, the levers and the tangents from those by the moments."""
+        """Convert derivatives by ``moments`` to derivatives by the wrenches, the levers and the tangents."""
         bars, turn = self.bars, by[2]
         moment = (by[0] + 1j * by[1]) * bars.tangent
         by_tangent = (by[0] - 1j * by[1]) * self.moment
@@ -171,12 +172,12 @@ class _FlatLoads:
 
 
 def _pair(vectors: Float[np.ndarray, "n 3"]) -> SplitVector:
-    """Vectors of n arms, to be combined with (n, pieces)."""
+    """Split vectors of n arms, in the shape (n, 1), to combine them with arrays (n, pieces)."""
     return SplitVector.from_vectors(vectors[:, None])
 
 
 def _vectors(pairs: SplitVector) -> Float[np.ndarray, "n 3"]:
-    """Sums of pairs (n, pieces) over the pieces, as vectors."""
+    """Sum split vectors (n, pieces) over the pieces, and return them as vectors."""
     flat = pairs.flat.sum(1)
     return np.stack([flat.real, flat.imag, pairs.off.sum(1)], axis=1)
 
@@ -198,19 +199,19 @@ def _cross(a: SplitVector, b: SplitVector) -> SplitVector:
 
 
 def _size(half: SplitVector) -> np.ndarray:
-    """Factor of the Cayley transform of half a rotation vector q: it moves v by this factor times q x v + q x (q x v)."""
+    """Return the factor f of the Cayley transform v -> v + f (q x v + q x (q x v)), q half of a rotation vector."""
     return 2.0 / (1.0 + _dot(half, half))
 
 
 def _turned(half: SplitVector, vector: SplitVector) -> SplitVector:
-    """Change of vectors when they are turned by Cayley transforms."""
+    """Return the change of vectors when Cayley transforms rotate them."""
     once, size = _cross(half, vector), _size(half)
     twice = _cross(half, once)
     return SplitVector(size * (once.flat + twice.flat), size * (once.off + twice.off))
 
 
 def _turned_vjp(half: SplitVector, vector: SplitVector, by: SplitVector) -> tuple[SplitVector, SplitVector]:
-    """Vector-Jacobian product of ``_turned``: derivatives by the vectors and by ``half``."""
+    """Return the vector-Jacobian product of ``_turned`` by the vectors and by ``half``."""
     once, size = _cross(half, vector), _size(half)
     both = _sum(once, _cross(half, once))
     scaled = SplitVector(size * by.flat, size * by.off)
@@ -221,5 +222,5 @@ def _turned_vjp(half: SplitVector, vector: SplitVector, by: SplitVector) -> tupl
 
 
 def _from_tip(x: np.ndarray) -> np.ndarray:
-    """Sums over the pieces from the tip to the middle of each."""
+    """Return the sums over the pieces from the tip to the middle of every piece."""
     return np.cumsum(x, axis=1) - 0.5 * x

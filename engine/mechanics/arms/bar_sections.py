@@ -1,5 +1,6 @@
-"""Stresses in rectangular sections of curved bars, with derivatives: bending by Winkler and Bach, torsion by St.
-Venant.
+"""Stresses in rectangular sections of curved bars, with derivatives.
+
+Bending by the theory of Winkler and Bach, torsion by St. Venant's.
 
 In a section, y points to the left of the outward tangent and z along the sheet's normal. The curvature is positive to
 the left.
@@ -15,26 +16,26 @@ import numpy as np
 
 from ...arrays import Float
 
-# Curvature times width at which the curvature counts less and less, because the material beside a short kink supports
-# it. Larger values raise the strains inside kinks, from 2 without bound; solids of 40 designs (see ``peak_strain``) agree
-# best with 1.8 to 2.
+# limit of the product of curvature and width, which saturates, because the material beside a short kink supports it;
+# larger raises the strains inside kinks, from 2 on without bound
 SATURATION = 1.8
 _SERIES_BELOW = 0.1  # curvature times width below which a series replaces logarithms that cancel
-_SERIES_TERMS = 6  # of that series: within 1e-15
-_TERMS = 60  # of the series for the rectangle's torsion, odd numbers: within 1e-9 between the spline's ends
-# width over height at the spline's ends, and number of its nodes: within 1e-7
+_SERIES_TERMS = 6  # number of terms of this series; more are slower and more exact (error 1e-15)
+_TERMS = 60  # number of terms of the series for the torsion of a rectangle; more are more exact (error 1e-9)
+# width over height at the ends of the spline through these series, and number of its nodes; more are more exact
 _THINNEST, _WIDEST, _NODES = 0.01, 100.0, 600
-# Share of the squared height over which warping fades out where a section is wider than high: solids show no warping
-# there.
+# share of the squared height over which warping fades out where sections become wider than high, because solids show
+# no warping there; larger is smoother
 _WARP_SOFT = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
 class Curvature:
-    """Functions of the sections' curvature times width, each with its derivative by this product.
+    """Functions of the product of the sections' curvature and width (Winkler and Bach), and their derivatives by it.
 
-    bend : k, the saturated product; log : ln((1 + k/2) / (1 - k/2)) / k, the mean radius over the neutral radius
-    off : (1 - 1 / log) / k^2, distance of the neutral axis from the middle, over k and the width (Winkler and Bach)
+    bend : k, the product, saturated at ``SATURATION``
+    log : ln((1 + k/2) / (1 - k/2)) / k, radius of the centre line over the radius of the neutral axis
+    off : (1 - 1 / log) / k^2, distance of the neutral axis from the middle, divided by k and by the width
     """
 
     bend: Float[np.ndarray, "*n"]
@@ -46,7 +47,7 @@ class Curvature:
 
     @classmethod
     def evaluate(cls, product: Float[np.ndarray, "*n"]) -> Curvature:
-        """Evaluate the functions at products of curvature and width, which is positive to the left."""
+        """Evaluate the functions at products of curvature (positive to the left) and width."""
         square = (product / SATURATION) ** 2
         fourth = 1.0 + square * square
         root = 1.0 / np.sqrt(np.sqrt(fourth))
@@ -60,7 +61,7 @@ class Curvature:
 
 
 def _log_rest(k: Float[np.ndarray, "*n"]) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
-    """(ln((1 + k/2) / (1 - k/2)) / k - 1) / k^2, and its derivative."""
+    """Return (ln((1 + k/2) / (1 - k/2)) / k - 1) / k^2, and its derivative."""
     square = k * k
     small = square < _SERIES_BELOW**2
     near = np.where(small, 0.25 * square, 0.0)
@@ -79,11 +80,12 @@ def _log_rest(k: Float[np.ndarray, "*n"]) -> tuple[Float[np.ndarray, "*n"], Floa
 
 @dataclass(frozen=True, eq=False)
 class Torsion:
-    """St. Venant's torsion of w x h sections (Timoshenko and Goodier, Theory of Elasticity, section 109), SI.
+    """St. Venant's torsion of sections of width w and height h (Timoshenko and Goodier, Theory of Elasticity, 109), SI.
 
-    values, slopes : (4, ...) and their derivatives by the width; in this order: twist rate per torque times the shear
-        modulus (1/J); shear stress per torque in the middles of the sides y = +-w/2; in those of the faces z = +-h/2;
-        warping of a corner per twist rate, which counts only where w < h
+    values : (4, ...) four functions: twist rate per torque, times the shear modulus (1 / J); shear stress per torque in
+        the middles of the sides y = +-w/2; in the middles of the faces z = +-h/2; warping of a corner per twist rate,
+        which is faded out where w > h
+    slopes : (4, ...) their derivatives by the width
     """
 
     values: Float[np.ndarray, "4 ..."]
@@ -91,7 +93,7 @@ class Torsion:
 
     @classmethod
     def evaluate(cls, width: Float[np.ndarray, "*n"], height: float) -> Torsion:
-        """Evaluate torsion functions and their slopes; width, height : metres."""
+        """Evaluate the four functions and their derivatives; width, height : metres."""
         spline, at = _torsion_spline(), np.log(width / height)
         scale = height ** np.array([-4.0, -3.0, -3.0, 2.0])
         values, by_log = (np.moveaxis(spline(at, order) * scale, -1, 0) for order in (0, 1))
@@ -100,7 +102,7 @@ class Torsion:
 
 @lru_cache(maxsize=1)
 def _torsion_spline() -> Any:
-    """The four functions for a section of height 1, over the logarithm of its width."""
+    """Return a spline of the four functions over the logarithm of the width, for sections of height 1."""
     from scipy.interpolate import CubicSpline
 
     log = np.linspace(np.log(_THINNEST), np.log(_WIDEST), _NODES)
@@ -111,7 +113,7 @@ def _torsion_spline() -> Any:
     th, sech = np.tanh(x), 1.0 / np.cosh(np.minimum(x, 300.0))
     constant = w**3 * (1.0 / 3.0 - 64.0 / np.pi**5 * w * (th / n**5).sum(1))
     side = w * (1.0 - 8.0 / np.pi**2 * (sech / n**2).sum(1)) / constant
-    # the alternating sum converges slowly, so half of its last term is subtracted
+    # half of the last term is subtracted, because the alternating sum converges slowly
     face = w * 8.0 / np.pi**2 * ((sign * th / n**2).sum(1) - 0.5 * (sign * th / n**2)[:, -1]) / constant
     warp = 0.25 * w - 8.0 * w * w / np.pi**3 * (th / n**3).sum(1)
     warp = 0.5 * (warp + np.sqrt(warp * warp + _WARP_SOFT**2))

@@ -1,4 +1,4 @@
-"""Arms as bars in pieces, from their tips to a little before their first fillets, with exact derivatives."""
+"""Arms as curved bars, divided into pieces from the tip to a little before the first fillet, with exact derivatives."""
 
 from __future__ import annotations
 
@@ -23,27 +23,28 @@ from ...spirals.curves.blends import N_BLEND_PARAMETERS as BLEND_NUMBERS
 from ...spirals.curves.lines import ArmCurves
 from .tip_beams import HUB_SHARE, hub_ends
 
-# Parameter after those of ``blends``: metres, width of the spiral's next arm on the side of the inner edge
+# index of the parameter after the parameters of ``blends``: width (metres) of the arm across the slot at the inner edge
 BESIDE = BLEND_NUMBERS
 NUMBERS = BLEND_NUMBERS + 1  # number of parameters of a bar
-# Pieces from the tip to the end of the bar; more are slower. 9 miss the kinks of short blends; 32 change strains by
-# less than 2 %.
+# pieces from the tip to the end of the bar; more are slower, fewer miss the kinks of short blends
 PIECES = 16
-# Distance before the first fillet, in arm widths, at which the last piece ends, because the hub supports the inner edge
-# there; smaller overestimates strains, by 10 to 30 % at zero.
+# distance before the first fillet, in arm widths, at which the last piece ends, because the hub supports the inner edge
+# from there on; smaller overestimates strains
 BEFORE_FILLET = 0.35
-# Length in t of the last piece over that of the first one. Larger resolves short kinks near the tip, and blurs the root.
-# From 1.6 to 3 it differs from solids of 40 designs by 5.0 to 5.1 % (standard deviation), with 1 by 5.3 %.
+# length in t of the last piece over that of the first; larger resolves short kinks near the tip and blurs the root
 GROWTH = 1.8
-LEAST_END, END_SOFT = 0.3, 0.1  # share of t that is always evaluated, and the width in t of the smooth transition to it
+# least t up to which strains are evaluated, and width in t of the smooth transition to it; larger overestimates strains
+# of tightly wound arms
+LEAST_END, END_SOFT = 0.3, 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Bars:
-    """n arms in pieces, from their tips inwards: piece ends at even stations, middles at odd ones.
+    """n arms in pieces, from their tips inwards. Even stations are the ends of pieces, odd stations their middles.
 
     end : (n,) t at the end of the last piece; end_by : its derivatives by the parameters
-    t, point, velocity : at all stations, velocity per t; width : metres, at the middles
+    t, point, velocity : t, position (metres) and its derivative by t at all stations
+    width : at the middles of the pieces, metres
     """
 
     lines: ArmCurves
@@ -56,7 +57,7 @@ class Bars:
 
     @classmethod
     def from_numbers(cls, numbers: Float[np.ndarray, "n _"], shortest: float, fillet: float) -> Bars:
-        """Divide arms with these parameters; shortest, fillet : as in ``StrainedArms``."""
+        """Divide arms with these parameters into pieces; shortest, fillet : as in ``StrainedArms``."""
         pairs = ((OWN_WIDTH, MATE_WIDTH), (OWN_WIND, MATE_WIND), (OWN_LEAN, MATE_LEAN))
         width, wind, lean = (numbers[:, list(both)] for both in pairs)
         lines = ArmCurves.from_arms(
@@ -73,7 +74,7 @@ class Bars:
 
     @cached_property
     def pace(self) -> Float[np.ndarray, "n pieces"]:
-        """Length of the velocity at the middles, metres per t."""
+        """Absolute value of ``velocity`` at the pieces' middles, metres per t."""
         return np.abs(self.velocity[:, 1::2])
 
     @cached_property
@@ -83,12 +84,12 @@ class Bars:
 
     @cached_property
     def tangent(self) -> Complex[np.ndarray, "n pieces"]:
-        """Unit tangents at the middles, outwards."""
+        """Unit tangents at the pieces' middles, towards the tip."""
         return -self.velocity[:, 1::2] / self.pace
 
     @cached_property
     def lever(self) -> Complex[np.ndarray, "n pieces"]:
-        """Vectors from the middles to the tip, metres."""
+        """Vectors from the pieces' middles to the arm's tip, metres."""
         return self.point[:, :1] - self.point[:, 1::2]
 
     @cached_property
@@ -98,7 +99,7 @@ class Bars:
         return -np.angle(ends[:, 1:] * np.conj(ends[:, :-1])) / self.length * self.width
 
     def vjp(self, pull: BarPull) -> Float[np.ndarray, "n numbers"]:
-        """Vector-Jacobian product: turn derivatives by the bars (``pull``) into derivatives by the parameters."""
+        """Convert derivatives by the bars (``pull``) to derivatives by the parameters (vector-Jacobian product)."""
         ends, middles = self.velocity[:, ::2], self.velocity[:, 1::2]
         by_turn = -pull.bend * self.width / self.length
         by_length = pull.length - pull.bend * self.bend / self.length
@@ -118,7 +119,7 @@ class Bars:
 
 
 def _stations() -> Float[np.ndarray, " places"]:
-    """Shares of ``end`` at the ends and middles of the pieces, whose lengths grow evenly from the tip inwards."""
+    """Return t over ``end`` at the ends and middles of the pieces, whose lengths grow linearly from the tip inwards."""
     lengths = np.linspace(1.0, GROWTH, PIECES)
     ends = np.concatenate([[0.0], np.cumsum(lengths) / lengths.sum()])
     out = np.empty(2 * PIECES + 1)
@@ -132,7 +133,7 @@ _STEPS = np.diff(_STATIONS[::2])
 
 @dataclass(frozen=True, eq=False)
 class BarPull:
-    """Derivatives of one number per arm by its bar: by lever, length, width, bend and tangent angle, (n, pieces) each."""
+    """Derivatives of one scalar per arm by lever, length, width, bend and tangent angle of its bar's pieces."""
 
     lever: Complex[np.ndarray, "n pieces"]
     length: Float[np.ndarray, "n pieces"]
@@ -144,7 +145,7 @@ class BarPull:
 def _bar_ends(
     lines: ArmCurves, beside: Float[np.ndarray, " n"], fillet: float
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n numbers"]]:
-    """t a little before the first fillets, and its derivatives by the parameters."""
+    """Return t at the ends of the bars, a little before the first fillets, and its derivatives by the parameters."""
     radius, wind, width = lines.radius, lines.wind, lines.width
     root, root_by = _first_fillets(lines, beside, fillet)
     left = 1.0 - root
@@ -162,10 +163,11 @@ def _bar_ends(
 def _first_fillets(
     lines: ArmCurves, beside: Float[np.ndarray, " n"], fillet: float
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n numbers"]]:
-    """t beside the fillets at the inner edges of arms, and its derivatives by the parameters.
+    """Return t beside the fillets at the inner edges of arms, and its derivatives by the parameters.
 
-    The middle between both arms beside a fillet lies at the t of ``hub_ends``. Where the arms cross the radius at the
-    angle a, half their distance times the sine of a brings one of them farther out and the other farther in.
+    The point half way between the two arms beside a fillet has the t of ``hub_ends``. The arms cross the radius there
+    at an angle a, so one of them is farther out than this point and the other farther in, each by half the arms'
+    distance times sin a.
     """
     radius, wind, away = lines.radius, lines.wind, 0.25 * (lines.width + beside) + fillet
     hub, slopes = hub_ends(radius, wind, away)

@@ -1,4 +1,4 @@
-"""A spiral's arm as a curved beam: the baseline that the stiffness table corrects.
+"""A spiral's arm as a curved beam, to whose compliance the stiffness table is relative.
 
 Castigliano's theorem on the centre line c(u) = (s/2) u exp(i phi (1 - u)), u from 0 at the spiral's centre to 1 at the
 tip, with bending, torsion, shear and stretch of the rectangular section. Dimensionless: lengths in arm widths, Young's
@@ -16,19 +16,19 @@ from numpy.polynomial import chebyshev as cheb
 
 from ...arrays import Float
 
-LARGEST_TWIST = math.radians(620.0)  # end of the series, a little beyond the largest twist of a spiral
+LARGEST_TWIST = math.radians(620.0)  # radians, end of the series: a little above the largest twist of a spiral
 SHEAR_FACTOR = 1.2  # Timoshenko shear factor of a rectangular section (Timoshenko and Goodier)
-_DEGREE = 44  # of the Chebyshev series: within 3e-10 of the integrals at 300 twists
-_TERMS = 12  # of the series for the torsion constant: within 6e-7 at heights of 0.05 to 20
-_CURVED = 6  # number of its terms that still change with the height: 1 - tanh(13 pi / 2) is 3e-18
+_DEGREE = 44  # degree of the Chebyshev series; larger is slower and more exact (error 3e-10)
+_TERMS = 12  # number of terms of the series for the torsion constant; more are slower and more exact (error 6e-7)
+_CURVED = 6  # number of these terms that depend on the height in double precision: 1 - tanh(13 pi / 2) is 3e-18
 
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """The two symmetric 3 x 3 blocks of a tip compliance, with derivatives.
+    """The two symmetric 3 x 3 blocks of tip compliances of n arms, with derivatives.
 
-    values : (2, 6, n): block 0 for (Fx, Fy, Mz), block 1 for (Fz, Mx, My); entries 00, 10, 11, 20, 21, 22
-    slopes : (3, 2, 6, n): derivatives by ln(s/w), ln(w/h) and twist; a grain adds a fourth, by its direction
+    values : (2, 6, n) block 0 for (Fx, Fy, Mz), block 1 for (Fz, Mx, My); entries 00, 10, 11, 20, 21, 22
+    slopes : (3, 2, 6, n) derivatives by ln(s/w), ln(w/h) and twist; a grain adds a fourth row, by its direction
     """
 
     values: Float[np.ndarray, "2 6 spirals"]
@@ -37,17 +37,24 @@ class Blocks:
 
 @lru_cache
 def gauss(points: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights of the Gauss quadrature on [0, 1]."""
+    """Return nodes and weights of the Gauss quadrature on [0, 1]."""
     x, w = np.polynomial.legendre.leggauss(points)
     return 0.5 * (x + 1.0), 0.5 * w
 
 
 def path_integrals(twist: float, start: float = 0.0, points: int = 240) -> Float[np.ndarray, " 24"]:
-    """(24,) integrals along the arm of radius 1 from u = start to the tip, by Gauss quadrature.
+    """Integrate 24 products of unit loads along an arm of radius 1 from u = start to the tip, by Gauss quadrature.
 
-    (X, Y) is the vector from the point to the tip, t the tangent and n the normal. The integrands are the products of
-    the in-plane bending moments (-Y, X, 1), six; of t, three; of n, three; of the torques (Y tx - X ty, tx, ty), six;
-    of the out-of-plane bending moments (-Y ty - X tx, -ty, tx), six. Products in the order 00, 10, 11, 20, 21, 22.
+    Let (X, Y) be the vector from a point of the arm to the tip, t the tangent and n = (-ty, tx) the normal in the
+    plane. The integrands are all products of two components, in the order 00, 10, 11, 20, 21, 22, of five vectors:
+    in-plane bending moments (-Y, X, 1); t; n; torques (Y tx - X ty, tx, ty); out-of-plane bending moments (-Y ty - X
+    tx, -ty, tx).
+
+    Parameters
+    ----------
+    twist : radians
+    start : u of the inner end
+    points : number of Gauss points
     """
     x, w = gauss(points)
     u, w = start + (1.0 - start) * x, (1.0 - start) * w
@@ -73,7 +80,7 @@ def path_integrals(twist: float, start: float = 0.0, points: int = 240) -> Float
 
 @lru_cache(maxsize=1)
 def integral_series() -> tuple[np.ndarray, np.ndarray]:
-    """Chebyshev coefficients (degree + 1, 24) over the twist of the path integrals, and of their derivatives."""
+    """Return Chebyshev coefficients (degree + 1, 24) of ``path_integrals`` over the twist, and of its derivative."""
     nodes = np.cos(np.pi * (np.arange(_DEGREE + 1) + 0.5) / (_DEGREE + 1))
     samples = np.array([path_integrals(0.5 * (x + 1.0) * LARGEST_TWIST) for x in nodes])
     series = cheb.chebfit(nodes, samples, _DEGREE)
@@ -81,14 +88,14 @@ def integral_series() -> tuple[np.ndarray, np.ndarray]:
 
 
 def torsion_constant(height: np.ndarray, terms: int = _TERMS) -> tuple[np.ndarray, np.ndarray]:
-    """Saint-Venant torsion constant J of a 1 x height rectangle, and dJ/dheight, both of the shape of ``height``.
+    """Return Saint-Venant's torsion constants J of 1 x height rectangles, and dJ/dheight, in the shape of ``height``.
 
     J = height^3 (1/3 - (64 height / pi^5) sum over odd k of tanh(k pi / (2 height)) / k^5), Timoshenko and Goodier. For
-    heights above 1 the sides are swapped, so that the series converges quickly. Two terms are within 3e-4.
+    heights above 1 the sides are swapped, so that the series converges quickly. Two ``terms`` are exact to 3e-4.
     """
     height = np.asarray(height, dtype=float)
     flip = height > 1.0
-    # for height > 1 the width is the shorter side: J(1, height) = height J'(ratio 1 / height), else height^4 J'(height)
+    # J is height^3 core(height); for height > 1 the sides are swapped, and J is height core(1 / height)
     ratio = np.where(flip, 1.0 / height, height)
     # tanh(k x) from powers of one exponential; it is 1 in double precision from the seventh term on, as x >= pi / 2
     power = np.exp(-np.pi / ratio)
@@ -114,16 +121,20 @@ def beam_tip_compliance(
     twist: Float[np.ndarray, " arms"],
     poisson: float,
 ) -> Blocks:
-    """Compliance of the tips of arms that are fixed at the centre.
+    """Return the dimensionless tip compliances of arms that are fixed at the spiral's centre.
 
-    scale : (n,) s / w; height : (n,) h / w; twist : (n,) radians
+    Parameters
+    ----------
+    scale, height : (n,) scale and sheet thickness over arm width
+    twist : (n,) radians
+    poisson : Poisson's ratio
     """
     series, slopes = integral_series()
     x = 2.0 * np.asarray(twist) / LARGEST_TWIST - 1.0
     powers = cheb.chebvander(x, _DEGREE)
-    p, dp = series.T @ powers.T, slopes.T @ powers[:, :_DEGREE].T  # (24, n)
+    p, dp = series.T @ powers.T, slopes.T @ powers[:, :_DEGREE].T  # 24 integrals of n arms, and their derivatives
     radius = 0.5 * np.asarray(scale)
-    # power of the radius with which the integral of each entry of both blocks scales
+    # power of the radius that scales the bending integral of every entry of both blocks
     in_degree, out_degree = np.array([[3, 3, 3, 2, 2, 1], [3, 2, 1, 2, 1, 1]])[..., None]
     torsion, torsion_slope = torsion_constant(height)
     shear_modulus = 0.5 / (1.0 + poisson)
@@ -155,7 +166,7 @@ def beam_tip_compliance(
     in_value, in_radius = inside(p)
     out_value, out_radius, out_height = outside(p)
     values = np.stack([in_value, out_value])
-    # ln(w/h) is -ln(height); at fixed s/w every flexibility in the plane is proportional to 1 / height
+    # ln(w/h) is -ln(height), as lengths are in widths; at fixed s/w flexibilities in the plane scale with 1 / height
     by_scale = np.stack([in_radius, out_radius])
     by_ratio = np.stack([in_value, -out_height])
     by_twist = np.stack([inside(dp)[0], outside(dp)[0]])

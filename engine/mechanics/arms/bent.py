@@ -1,10 +1,10 @@
-"""The shape of every arm in an assembled piece: position and rotation of its sections.
+"""The shape of every arm in an assembled piece: position and rotation of its cross-sections.
 
-The hubs are rigid and stand where a pose puts them. Both arms of a joint form one elastic beam from hub to hub: they
-carry the same wrench, and their tips meet in one frame. The sections bend, twist, stretch and shear under the wrench
-(Castigliano's beam, as in ``beams``), whose moments are taken along the flat arm; the kinematics are those of finite
-rotations. So a wound arm turns all along its length, and only the small stretch of the beam changes that length.
-Young's modulus has no influence: the poses alone determine the shape.
+The hubs are rigid, at the positions and rotations of a pose. Both arms of a joint form one elastic beam from hub to
+hub: they carry equal and opposite wrenches, and their tips coincide. The sections bend, twist, stretch and shear under
+the wrench (Castigliano's beam, as in ``beams``). Moments are computed on the flat arm, positions with finite rotations,
+so that the length of an arm changes only by the small stretch of the beam. Young's modulus has no influence: the pose
+alone determines the shape.
 """
 
 from __future__ import annotations
@@ -24,26 +24,26 @@ from .bent_rim import RimPieces, rim_pieces
 from .pieces import POISSON, STATIONS, Grain, piece_flexibilities
 from .stacked import BATCH
 
-ROUNDS = 12  # Newton iterations at most; the remaining error is spread along the arms
-# Error, relative to the size of a spiral, at which Newton's method takes its last step; the remaining error is spread
-# along the arms. Larger is faster and less exact: arms of 150 and 986 spirals are within 0.3 nanometres of exact ones.
+ROUNDS = 12  # largest number of Newton iterations; more are slower; the remaining gap is spread along the arms
+# Gap between two tips, relative to the size of a spiral, below which the next Newton step is the last. The gap that
+# then remains is spread along the arms. Larger is faster and less exact (error 0.3 nanometres).
 TIP_TOLERANCE = 1e-4
 BENDING = "Bending the arms"  # text of the progress
-_MAX_TURN = 0.5  # radians by which a joint turns at most in one iteration
+_MAX_TURN = 0.5  # radians, largest turn of a joint in one iteration; larger needs fewer iterations or diverges
 
 
 @dataclass(frozen=True, eq=False)
 class BentArms(Columns):
-    """The deformation of A = 4 F arms; arm 4 f + k is arm k of quad f. Stations run from the hub, 0, to the tip, S.
+    """The deformation of A = 4 F arms; arm 4 f + k is arm k of quad f. Stations run from 0 at the hub to S at the tip.
 
-    The arms of the rim's nodes follow, four per node, see ``mechanics.rim_bodies``. A point P of the flat arm, in the frame of
-    its patch, that lies beside the centre line point c(t), moves to x(t) + D(t) (P - c(t)).
+    The arms of the rim's nodes follow, four per node (see ``mechanics.rim_bodies``). A point P of the flat arm beside
+    the point c(t) of its centre line, both in the frame of its patch, moves to x(t) + D(t) (P - c(t)).
 
     hub : (A,) t where the arm leaves its rigid hub; t is 0 at the tip
     flat : (A, S + 1, 3) metres, the flat centre line c, relative to the hub's centre
-    place : (A, S + 1, 3) metres, x in space; turn : (A, S + 1, 3, 3), D
-    bend : (A, S, 3) radians, turn of D over every piece, in the flat frame
-    stretch : (A, S, 3) metres, chord of x minus chord of c over every piece, in the flat frame turned half way
+    place : (A, S + 1, 3) metres, positions x in space; turn : (A, S + 1, 3, 3), rotations D
+    bend : (A, S, 3) radians, rotation vector of D from station to station, in the flat frame
+    stretch : (A, S, 3) metres, chord of x minus chord of c from station to station, in the flat frame turned half way
     wrench : (A, 6) force and moment at the tip in the joint's axes, for a Young's modulus of 1 Pa
     """
 
@@ -58,7 +58,7 @@ class BentArms(Columns):
     def at(
         self, arm: np.ndarray, t: Float[np.ndarray, " nodes"], flat: Float[np.ndarray, "nodes 3"]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Evaluate the deformation at single points.
+        """Return position and rotation of sections of single arms.
 
         Parameters
         ----------
@@ -70,7 +70,7 @@ class BentArms(Columns):
         (N, 3) metres and (N, 3, 3) : x and D, as in ``BentArms``
         """
         count = self.bend.shape[1]
-        hub = np.maximum(self.hub[arm], 1e-9)  # spirals too wound for their settings are rigid up to the tip
+        hub = np.maximum(self.hub[arm], 1e-9)  # arms wound too much to be cut are hub up to the tip
         way = np.clip(1.0 - t / hub, 0.0, 1.0) * count
         piece = np.minimum(way.astype(int), count - 1)
         share = way - piece
@@ -89,9 +89,9 @@ class BentArms(Columns):
 
 @dataclass(frozen=True, eq=False)
 class _ArmPieces:
-    """The arms divided into pieces: ``hub`` and ``flat`` as in ``BentArms``.
+    """The flat arms divided into pieces: ``hub`` and ``flat`` as in ``BentArms``.
 
-    answer : (A, S, 6, 6) bend and stretch of every piece per wrench at the tip, in the joint's axes
+    answer : (A, S, 6, 6) bend and stretch of every piece per wrench at the tip; the wrench is in the joint's axes
     """
 
     hub: np.ndarray
@@ -102,7 +102,7 @@ class _ArmPieces:
 def flat_centre(
     design: SpiralDesign, quad: np.ndarray, side: np.ndarray, t: Float[np.ndarray, "nodes _"]
 ) -> Float[np.ndarray, "nodes _ 3"]:
-    """Centre lines of single arms, flat, relative to their hubs' centres.
+    """Return points of the centre lines of flat arms, relative to their hubs' centres.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def flat_centre(
 
 
 def hub_edge_of_design(design: SpiralDesign) -> Float[np.ndarray, "quads 4"]:
-    """(F, 4) t where every arm leaves its hub, before either slot beside it ends, so that the hub counts as rigid."""
+    """Return t (F, 4) where every arm leaves its rigid hub: a little before either slot beside it ends."""
     root = design.roots
     return 0.985 * np.minimum(root.left, np.roll(root.right, 1, axis=1))
 
@@ -140,8 +140,8 @@ def bend_arms(
     Parameters
     ----------
     design, pose : the spirals, and where their hubs are
-    closed : (m,) joints, in the order of the inner edges, whose tips meet; by default all
-    wrench : (A, 6) as in ``BentArms``: fixed at the tips of the other arms, start of the search at the closed joints;
+    closed : (m,) mask of the joints, in the order of the edges between two quads, whose tips must meet; default all
+    wrench : (A, 6) as in ``BentArms``: start of the search at these joints, constant loads at the tips of other arms;
         default 0
     material : gives Poisson's ratio and the grain; by default ``POISSON`` and no grain
     progress : is updated and can cancel
@@ -154,9 +154,9 @@ def bend_arms(
 class Bender:
     """Bending of the arms of one design, prepared for many poses.
 
-    arm : (m, 2) int, the arms of every joint; axes : (A, 3, 3) axes of the arms' joints in the flat frames of their
-        patches
-    size : metres, of a spiral; rim : the joints of the rim, if there is one
+    arm : (m, 2) int, both arms of every joint; axes : (A, 3, 3) axes of every arm's joint in the flat frame of its
+        patch
+    size : metres, median scale of the spirals; rim : the joints of the rim, if there is one
     """
 
     pieces: _ArmPieces
@@ -175,7 +175,7 @@ class Bender:
         ----------
         design : the spirals
         material : as in the function ``bend_arms``
-        only : (F,) quads that may be bent, as in ``bend``; default is all
+        only : (F,) mask of the quads whose arms ``bend`` may be asked for; default all
         """
         mesh = design.flat.layout.mesh
         inner = np.flatnonzero(~mesh.border)
@@ -207,8 +207,8 @@ class Bender:
         Parameters
         ----------
         pose, closed, wrench, progress : as in the function ``bend_arms``
-        only : (F,) quads whose arms are needed; the deformation of the other arms is zero
-        close : largest gap between the tips, relative to the size of a spiral, before the rest is spread along the arms
+        only : (F,) mask of the quads whose arms are needed; the deformation of other arms is zero
+        close : gap between tips that ends the search, as ``TIP_TOLERANCE``
         """
         load = np.zeros((len(self.axes), 6))
         if wrench is not None:
@@ -251,9 +251,9 @@ def _divide(
     material: Material | None,
     only: Bool[np.ndarray, " quads"] | None = None,
 ) -> _ArmPieces:
-    """Divide arms into pieces of equal length in t; arms that none of the quads ``only`` needs stay zero.
+    """Divide arms into pieces of equal length in t; arms that the quads ``only`` do not need stay zero.
 
-    axes : (A, 3, 3) of the arms' joints in the flat frames of their patches
+    axes : (A, 3, 3) as in ``Bender``
     """
     mates = opposite_sides(design.flat.layout.mesh)[0]
     quads = np.arange(len(mates)) if only is None else np.flatnonzero(only | only[mates].any(axis=1))
@@ -288,7 +288,7 @@ def _divide(
 
 
 def _block_axes(axes: Float[np.ndarray, "arms 3 3"]) -> Float[np.ndarray, "arms 6 6"]:
-    """(A, 6, 6) block matrices that rotate forces and moments by ``axes``."""
+    """Return block matrices (A, 6, 6) that rotate forces and moments by ``axes``."""
     turned = np.zeros((len(axes), 6, 6))
     turned[:, :3, :3] = turned[:, 3:, 3:] = axes
     return turned
@@ -297,8 +297,9 @@ def _block_axes(axes: Float[np.ndarray, "arms 3 3"]) -> Float[np.ndarray, "arms 
 def _integrate(
     flat: np.ndarray, rotations: np.ndarray, centres: np.ndarray, bend: np.ndarray, stretch: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Integrate the pieces from hub to tip: positions (n, S + 1, 3) and rotations (n, S + 1, 3, 3) of the stations, and
-    rotations half way between them (n, S, 3, 3)."""
+    """Integrate the pieces from hub to tip.
+
+    Returns positions (n, S + 1, 3) and rotations (n, S + 1, 3, 3) of the stations, and half-way rotations."""
     half = rotation_matrix(0.5 * bend)
     whole = half @ half
     turn = np.empty((len(flat), STATIONS + 1, 3, 3))
@@ -315,7 +316,7 @@ def _integrate(
 def _tip_states(
     pieces: _ArmPieces, arm: np.ndarray, pose: Pose, load: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions (n, 3), rotations (n, 3, 3) and compliances (n, 6, 6), in space, of the tips of arms (n,)."""
+    """Return positions (n, 3), rotations (n, 3, 3) and compliances (n, 6, 6) in space of the tips of arms (n,)."""
     answer, flat = pieces.answer[arm], pieces.flat[arm]
     strain = (answer @ load[:, None, :, None])[..., 0]
     place, turn, middle = _integrate(
@@ -329,8 +330,9 @@ def _tip_states(
 
 
 def _newton_step(tip: np.ndarray, frame: np.ndarray, yielding: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Newton step for the wrench (m, 6) of the first arms of tips (2 m, ...) in pairs, and the remaining gap (m,) in
-    metres, to which a turn adds 1 mm per radian."""
+    """Return the Newton step of the wrenches (m, 6) of the first arms of joints, and the gaps (m,) between their tips.
+
+    The tips (2 m, ...) are in pairs. A gap is in metres; the turn between two tips adds 1 mm per radian."""
     apart = rotation_vector(np.swapaxes(frame[::2], 1, 2) @ frame[1::2])
     middle = frame[::2] @ rotation_matrix(0.5 * apart)
     miss = np.concatenate([tip[1::2] - tip[::2], matvec(middle, apart)], axis=1)
@@ -339,7 +341,7 @@ def _newton_step(tip: np.ndarray, frame: np.ndarray, yielding: np.ndarray) -> tu
     # scaled by the diagonal, because the arms' stiffnesses span decades
     both = yielding[::2] + yielding[1::2]
     unit = np.sqrt(np.abs(np.einsum("mii->mi", both)))
-    rigid = unit == 0.0  # arms that are hub up to the tip: no wrench moves them
+    rigid = unit == 0.0  # both arms are hub up to the tip: no wrench moves their tips
     unit = np.where(rigid, 1.0, unit)
     both = both / (unit[:, :, None] * unit[:, None]) + rigid[:, None] * np.eye(6)
     step = np.where(rigid, 0.0, np.linalg.solve(both, (miss / unit)[..., None])[..., 0] / unit)
@@ -347,7 +349,7 @@ def _newton_step(tip: np.ndarray, frame: np.ndarray, yielding: np.ndarray) -> tu
 
 
 def _bend(pieces: _ArmPieces, pose: Pose, load: np.ndarray, some: Int[np.ndarray, " arms"]) -> BentArms:
-    """Bend the arms ``some`` (n,) under loads (A, 6); the others stay zero."""
+    """Bend the arms ``some`` (n,) under loads (A, 6); the result is zero for other arms."""
     strain = (pieces.answer[some] @ load[some, None, :, None])[..., 0]
     bend, stretch = np.ascontiguousarray(strain[..., :3]), np.ascontiguousarray(strain[..., 3:])
     place, turn, _ = _integrate(pieces.flat[some], pose.rotations[some // 4], pose.centres[some // 4], bend, stretch)
@@ -365,9 +367,9 @@ def _scatter(values: np.ndarray, some: np.ndarray, count: int) -> np.ndarray:
 
 
 def _join_tips(arms: BentArms, joint: np.ndarray, axes: np.ndarray, some: np.ndarray) -> BentArms:
-    """Make the tips of joints (m, 2) meet exactly: spread the remaining gap evenly along both arms.
+    """Make the tips at joints (m, 2) meet exactly: spread the remaining gap evenly along both arms.
 
-    This also closes joints that no beam can close, in poses that are torn apart.
+    This also closes joints whose hubs are too far apart for the beams to meet.
     """
     place, turn = arms.place.copy(), arms.turn.copy()
     tip, frame = place[:, -1], turn[:, -1] @ axes

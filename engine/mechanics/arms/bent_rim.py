@@ -1,4 +1,4 @@
-"""The rim of an assembled piece for ``bent``: necks and halves of the strip as arms of its nodes, and the nodes' pose."""
+"""The rim of an assembled piece for ``bent``: necks and half strips as arms of rim nodes, and the nodes' poses."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ from .pieces import POISSON, STATIONS, Grain, piece_flexibilities
 
 @dataclass(frozen=True, eq=False)
 class RimPieces:
-    """The rim's joints, and its 4 B arms in pieces as in ``bent``; every fourth arm is unused.
+    """The rim's joints, and the arms of its B nodes in pieces as in ``bent``: four per node, the last unused.
 
-    hub : (B,) int, of every node; arm : (k, 2) int, both arms of every joint; axes : of the joints, in the flat frame
+    hub : (B,) int, hub of every node; arm : (k, 2) int, both arms of every joint
+    axes : of the joints, in the flat frame; flat, answer : as in ``bent``
     """
 
     design: SpiralDesign
@@ -44,7 +45,7 @@ class RimPieces:
         ).of_rim
 
     def with_nodes(self, pose: Pose) -> Pose:
-        """Add the nodes to a pose without them, in equilibrium between the hubs."""
+        """Add the nodes to a pose, in equilibrium between the hubs; a pose with nodes is returned unchanged."""
         return pose if pose.nodes is not None else self._model.start(pose).pose
 
 
@@ -76,8 +77,9 @@ def rim_pieces(design: SpiralDesign, material: Material | None) -> RimPieces:
 
 
 def _line(rim: Rim, arm: int, share: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions (B, k) relative to the nodes' centres and outward directions at shares (k,) of an arm, and its lengths
-    (B,)."""
+    """Return positions and unit directions (B, k) at shares (k,) of one arm of every node, and the arms' lengths (B,).
+
+    Positions are relative to the nodes' centres, directions outwards, both complex."""
     count = len(rim.quad)
     if arm == NECK:
         long = np.full(count, rim.depth + 0.5 * rim.width)

@@ -1,4 +1,4 @@
-"""Compliances of the arms as they are cut: the table's compliances plus the cut's correction (see ``cut``)."""
+"""Compliances of the arms as they are cut: those of the stiffness table plus a correction (see ``cut``)."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from .stiffness import table_tip_compliance
 class ArmCompliances(Columns):
     """Compliances of both arms of m joints as they are cut, in the arms' own axes, SI.
 
-    values : (m, 2, 6, 6) table's compliance plus the cut's correction; table : without the correction
+    values : (m, 2, 6, 6) compliance of the stiffness table plus the cut's correction; table : without the correction
     table_by_scale : derivative of ``table`` by twice the radius, per metre
     table_by_grain : derivative of ``table`` by the angle to the grain; 0 without a grain
-    by : (m, 2, 5, 6, 6) derivatives of the values by the parameters of ``cut``, per metre and per radian; None if not
-        computed
+    by : (m, 2, 5, 6, 6) derivatives of ``values`` by the five design parameters of ``cut``, per metre and per radian;
+        None if not computed
     """
 
     values: Float[np.ndarray, "joints 2 6 6"]
@@ -42,20 +42,20 @@ class ArmCompliances(Columns):
 
         Parameters
         ----------
-        change : (n, k) of the ``rest_shapes``, see ``cut``
+        change : (n, k) change of the ``rest_shapes`` of ``cut``
         by_shapes : (n, k, 6, 6) derivatives of the cut's correction
         """
         shape = self.table.shape
         table = self.table + 2.0 * change[:, 0].reshape(shape[:2])[..., None, None] * self.table_by_scale
         if change.shape[1] > 3:
-            # half a turn leaves the grain as it is
+            # a grain turned by half a turn is unchanged
             change[:, 3] = (change[:, 3] + 0.5 * np.pi) % np.pi - 0.5 * np.pi
             table = table + change[:, 3].reshape(shape[:2])[..., None, None] * self.table_by_grain
         added = np.einsum("nkij,nk->nij", by_shapes, change).reshape(shape)
         return replace(self, table=table, values=self.values + (table - self.table) + added)
 
     def each(self, made: Callable[[str, np.ndarray], np.ndarray]) -> ArmCompliances:
-        """Apply a function of name and value to every member that is not None."""
+        """Replace every attribute that is not None by a function of its name and value."""
         known: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self)}
         changed: dict[str, Any] = {k: None if value is None else made(k, value) for k, value in known.items()}
         return ArmCompliances(**changed)
@@ -67,7 +67,7 @@ def arm_compliances(assembly: Assembly, material: Material, slopes: bool = True)
     Parameters
     ----------
     assembly, material : m joints at rest, and the sheet
-    slopes : compute the derivatives by the design
+    slopes : also compute the derivatives by the design
 
     Raises
     ------

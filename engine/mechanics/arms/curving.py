@@ -1,19 +1,19 @@
-"""Second-order term of the joints' strains in the arm model, from the curving of their arms.
+"""Second-order term D of the joints' strains in the arm model, from the curving of their arms.
 
-Two joined arms form one inextensible elastic curve x(s) from hub to hub (Kirchhoff). Its sections turn by a field of
-rotation vectors phi(s), in the frame half way between the hubs, with phi = -turn/2 and +turn/2 at the ends. To second
-order,
+Two joined arms form one inextensible elastic curve x(s) from hub to hub (Kirchhoff). Its sections turn by rotation
+vectors phi(s), in the frame half way between the hubs, with phi = -turn/2 and +turn/2 at the ends. To second order, the
+change of curvature of the curve and the change of the gap between the hubs are
 
     curvature = phi' - phi x phi' / 2,     gap = integral of phi x dx + integral of phi x (phi x dx) / 2.
 
-The energy's third order needs the fields' first order only (Wigner's 2n + 1 theorem). So the energy of a joint is e'.K
-e' / 2 with the corrected strains e' = e + e.D.e,
+To third order in the strains e, the energy depends on phi to first order only (Wigner's 2n + 1 theorem). So the energy
+of a joint is e'.K e' / 2 with the corrected strains e' = e + e.D.e,
 
     shift' = shift - integral of phi x (phi x dx) / 2 - integral of (phi x phi') x l ds / 2
     turn'  = turn - integral of phi x phi' ds / 2
 
-where l is the vector from x to the midpoint of the hubs, and phi' = c (moment + l x force), with the compliance c of
-the arm's section and the linear wrench K e.
+where l is the vector from x to the midpoint of the hubs, and phi' = c (moment + l x force), with the flexibility c of
+the arm's section per length and the linear wrench K e.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ from .cut import CutArms
 from .grain import SectionFlexibility
 from .stacked import BATCH
 
-POINTS = 10  # of the Gauss quadrature, within 2e-8 of 20 points on a dome, a saddle and a torus; more are slower
+POINTS = 10  # Gauss points along an arm; more are slower and more exact (error 2e-8)
 _EYE = np.eye(3)  # unit matrix
 _X, _W = np.polynomial.legendre.leggauss(POINTS)
 _NODES, _WEIGHTS = 0.5 * (_X + 1.0), 0.5 * _W  # Gauss quadrature on [0, 1]
 
 
 def _integration_matrix() -> Float[np.ndarray, "points points"]:
-    """(POINTS, POINTS) integrals from 0 to node i of the polynomial that is 1 at node j and 0 at the other nodes."""
+    """Return integrals (POINTS, POINTS) from 0 to node i of the polynomial that is 1 at node j, 0 at other nodes."""
     legendre = np.polynomial.legendre
     series = [legendre.legint(one, lbnd=-1) for one in np.eye(POINTS)]
     integrals = 0.5 * np.stack([legendre.legval(_X, one) for one in series], axis=1)
@@ -52,13 +52,15 @@ _INTEGRATION = _integration_matrix() / _WEIGHTS
 
 @dataclass(frozen=True, eq=False)
 class CurvedArms(Columns):
-    """Both arms of m joints, each array (m, 2, ...): radius, width (m); twist (rad); compliance (6, 6) of the tip.
+    """Both arms of m joints: arrays (m, 2, ...), except ``to_joint`` and the last three attributes.
 
-    begin : share of the radius at which the arm begins to bend; slope, joint, share : of its blended end, as in
-        ``CutArms``
-    radial : (3, 3) columns: along the radius outwards, to its left, normal; in the joint's axes
-    centre : (3,) m, the hub's centre relative to the midpoint of the hubs, in the joint's axes
-    to_joint : (m, 6, 6) from strains between the hubs' centres to strains at the joint, in the joint's axes
+    radius, width, twist : metres and radians
+    begin : distance from the hub's centre to where the arm begins to bend, as a share of the radius
+    slope, joint, share : of the blended end, as in ``CutArms``
+    compliance : (6, 6) of the tip, in the joint's axes; radial : (3, 3) columns: along the radius outwards, to its
+        left, normal; in the joint's axes
+    centre : (3,) metres, from the midpoint of both hubs to the hub's centre, in the joint's axes
+    to_joint : (m, 6, 6) matrices from strains at the midpoint of both hubs to strains at the joint, in the joint's axes
     grain : radians from the radius to the grain, as in ``CutArms``
     thickness : metres; side : 1, or -1 for clockwise arms
     """
@@ -81,7 +83,7 @@ class CurvedArms(Columns):
 
     @classmethod
     def from_assembly(cls, assembly: Assembly, material: Material, compliance: np.ndarray) -> CurvedArms:
-        """Collect the arms of an assembly; compliance : (m, 2, 6, 6) in the arms' own axes."""
+        """Collect the arms of an assembly whose tips have these compliances (m, 2, 6, 6), in the arms' own axes."""
         lever = np.einsum("ekji,ekj->eki", assembly.axes, assembly.lever)
         middle = 0.5 * (lever[:, 0] + lever[:, 1])
         to_joint = np.broadcast_to(np.eye(6), (len(lever), 6, 6)).copy()
@@ -98,12 +100,14 @@ class CurvedArms(Columns):
 
 @dataclass(frozen=True, eq=False)
 class Stations:
-    """Points along both arms of m joints, from the edge of the hub outwards; S = POINTS + 1.
+    """S = POINTS + 1 stations along both arms of m joints, from the edge of the hub outwards.
 
-    fields : (m, 2, 2, S, 3, 9) for each arm: rotation of the section in the half-way frame, then its change over the
-        station; both per wrench about the midpoint of the hubs (6) and per turn of the joint (3)
-    step : (m, 2, S, 3) m, along the arm; arm : (m, 2, S, 3) m, from the station to the midpoint of the hubs
-    Steps and changes run from the first hub to the second.
+    fields : (m, 2, 2, S, 3, 9) axes: arm; rotation vector of the section in half-way axes, or its change over the
+        station; station; component; derivative by the wrench about the midpoint of the hubs (6) and the joint's turn
+        (3)
+    step : (m, 2, S, 3) metres, along the arm over the station
+    arm : (m, 2, S, 3) metres, from the station to the midpoint of the hubs
+    Steps and changes are directed from the first hub to the second.
     """
 
     fields: Float[np.ndarray, "joints 2 2 stations 3 9"]
@@ -112,16 +116,16 @@ class Stations:
 
     @classmethod
     def from_arms(cls, arms: CurvedArms) -> Stations:
-        """Place the stations and compute the fields."""
+        """Place the stations on the arms and compute ``fields``."""
         place, step, length, bend = _stations_along(arms)
         arm = -(arms.centre[:, :, None] + place)
-        # bend (moment + arm x force): each row of bend times skew(arm) is a cross product
+        # curve maps force and moment to bend (moment + arm x force); a row of bend times skew(arm) is a cross product
         curve = np.empty((*bend.shape[:-1], 6))
         for k in range(3):
             after, last = (k + 1) % 3, (k + 2) % 3
             curve[..., k] = bend[..., after] * arm[..., last, None] - bend[..., last] * arm[..., after, None]
         curve[..., 3:] = bend
-        # the difference between the tip turns of the solid and of the beam is spread along the arm
+        # spread the difference between the tip turns of the arm model and of this beam along the arm
         back = np.swapaxes(np.linalg.inv(arms.to_joint), 1, 2)[:, None]
         left = arms.compliance[:, :, 3:] @ back - curve.sum(axis=2)
         curve += (length / length.sum(axis=2, keepdims=True))[..., None, None] * left[:, :, None]
@@ -134,14 +138,16 @@ class Stations:
         return cls(fields, sign * step, arm)
 
     def bilinear(self, both: Float[np.ndarray, "joints 9 6"]) -> Float[np.ndarray, "joints 6 6 6"]:
-        """(m, 6, 6, 6) D of both arms together, symmetric in its last two indices.
+        """Return D (m, 6, 6, 6) of both arms together, symmetric in its last two indices.
 
-        ``both`` (m, 9, 6) : wrench and turn per strain. With turns a, their changes k over a station, the station's
-        step d and the vector l from it, D is the sum over the stations of half of the symmetric part of -(a (d.a') - d
-        (a.a') + k (l.a') - a (l.k')) for the shift, and of -(a x k') for the turn.
+        Let a be a station's rotation vector per strain, k its change over the station, d the station's step and l the
+        vector ``arm``; a' and k' belong to the second strain. D is the sum over the stations of half of the symmetric
+        part of -(a (d.a') - d (a.a') + k (l.a') - a (l.k')) for the shift, and of -(a x k') for the turn.
+
+        both : (m, 9, 6) derivatives of wrench and turn by the strains
         """
         m = len(both)
-        # each (m, stations of both arms, 3, 6)
+        # arrays (m, stations of both arms, 3, 6)
         turns, changes = ((self.fields[:, :, i].reshape(m, -1, 9) @ both).reshape(m, -1, 3, 6) for i in range(2))
         step, lever = (x.reshape(m, -1, 3) for x in (self.step, self.arm))
         by_step, by_lever, changed = (
@@ -166,11 +172,13 @@ def second_order_strains(
     lever: Float[np.ndarray, "joints 2 3"],
     progress: Progress = SILENT,
 ) -> Float[np.ndarray, "joints 6 6 6"]:
-    """(m, 6, 6, 6) D, symmetric in its last two indices, of the joints' motion: e' = e + e.D.e, strains as in
-    ``ArmModel``.
+    """Return D (m, 6, 6, 6), symmetric in its last two indices, for the motions at the joints: e' = e + e.D.e.
 
-    at_joint : (m, 6, 6) stiffness at the joint
-    lever : (m, 2, 3) m from the hubs to the points between which the shift is measured, in the joint's axes
+    Parameters
+    ----------
+    arms, at_joint : both arms of m joints, and stiffness (m, 6, 6) of these at the joint
+    lever : (m, 2, 3) metres, from the hubs to the points between which the shift is measured, in the joint's axes
+    progress : is updated and can cancel
     """
     out = np.empty((len(at_joint), 6, 6, 6))
     for start in range(0, len(out), BATCH):
@@ -185,21 +193,21 @@ def second_order_strains(
 
 
 def _wrench_and_turn(arms: CurvedArms, at_joint: np.ndarray) -> Float[np.ndarray, "joints 9 6"]:
-    """(m, 9, 6) derivatives of the wrench about the midpoint of the hubs (6), and of the turn (3), by the joint's strains."""
+    """Return derivatives (m, 9, 6) of the wrench about the hubs' midpoint (6) and of the turn (3) by the strains."""
     turn = np.broadcast_to(np.eye(6)[3:], (len(at_joint), 3, 6))
     return np.concatenate([np.swapaxes(arms.to_joint, 1, 2) @ at_joint, turn], axis=1)
 
 
 def _double_cross(turn: np.ndarray, way: np.ndarray) -> Float[np.ndarray, "joints 3 3"]:
-    """(m, 3, 3) matrix that maps ``other`` to turn x (other x way) / 2 + other x (turn x way) / 2."""
+    """Return the matrices (m, 3, 3) that map v to turn x (v x way) / 2 + v x (turn x way) / 2."""
     return 0.5 * ((turn * way).sum(axis=-1)[..., None, None] * _EYE + outer(turn, way)) - outer(way, turn)
 
 
 def _stations_along(arms: CurvedArms) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Stations of both arms of every joint, in the joint's axes, from the edge of the hub outwards.
+    """Place the stations of both arms of every joint, from the edge of the hub outwards, in the joint's axes.
 
-    Positions (m, 2, S, 3) m relative to the hub's centre, steps (m, 2, S, 3) m outwards, lengths (m, 2, S) m of the
-    elastic part, and flexibilities (m, 2, S, 3, 3) rad/(N m) over them.
+    Returns positions (m, 2, S, 3) relative to the hub's centre and steps (m, 2, S, 3) outwards, both in metres; lengths
+    (m, 2, S) that bend, metres; and their flexibilities (m, 2, S, 3, 3), rad/(N m).
     """
     radius, axes, begin = arms.radius[..., None], arms.radial[:, :, None], arms.begin[..., None]
     t = np.concatenate([1.0 - begin, (1.0 - begin) * (1.0 - _NODES)], axis=2)
@@ -242,7 +250,7 @@ def _stations_along(arms: CurvedArms) -> tuple[np.ndarray, np.ndarray, np.ndarra
 def _isotropic_turns(
     arms: CurvedArms, width: np.ndarray, length: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Flexibilities of pieces in rad/(N m): turn per moment along the arm, out of the sheet and in the sheet."""
+    """Return the turns of the pieces per moment in torsion, bending out of the sheet and in the sheet, rad/(N m)."""
     height, youngs = arms.thickness, arms.material.youngs
     torsion = torsion_constant(height / width)[0] * width**4 * 0.5 / (1.0 + arms.material.poisson)
     level, upright = width * height**3 / 12.0, height * width**3 / 12.0
@@ -250,18 +258,24 @@ def _isotropic_turns(
 
 
 def add_second_order(strains: np.ndarray, curving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Add the second-order term: strains e + e.D.e (m, 6), and their derivative (m, 6, 6) by e; ``curving`` is D."""
+    """Return strains with second-order term, e + e.D.e (m, 6), and derivatives (m, 6, 6) by e; ``curving`` is D."""
     half = (curving.reshape(-1, 36, 6) @ strains[..., None]).reshape(-1, 6, 6)
     return strains + (half @ strains[..., None])[..., 0], np.eye(6) + 2.0 * half
 
 
 def contract_with_wrench(wrench: Float[np.ndarray, "joints 6"], curving: np.ndarray) -> Float[np.ndarray, "joints 6 6"]:
-    """(m, 6, 6): D contracted over its first index with a wrench (m, 6)."""
+    """Contract D (``curving``, (m, 6, 6, 6)) over its first index with wrenches (m, 6); returns (m, 6, 6)."""
     return (wrench[:, None] @ curving.reshape(-1, 6, 36)).reshape(-1, 6, 6)
 
 
 def transfer_second_order(curving: np.ndarray, offset: Float[np.ndarray, "joints 3"]) -> np.ndarray:
-    """D (m, 6, 6, 6) for the motion of another point of the same frame; the old point minus it is ``offset`` (m, 3) m."""
+    """Convert D for the motion of one point to D for the motion of another point of the same frame.
+
+    Parameters
+    ----------
+    curving : (m, 6, 6, 6) D for the old point
+    offset : (m, 3) metres, vector from the new point to the old
+    """
     out, across = curving.copy(), skew(offset)[:, None]
     # turns about another point cause shifts, both in the motion and in the resulting strains
     out[..., 3:] -= out[..., :3] @ across

@@ -1,6 +1,7 @@
-"""Derivatives of the joints' second-order strains by design and rest geometry, at the joints where these strains matter.
+"""Derivatives of the second-order term of the strains by design and rest geometry, at joints where the term matters.
 
-Without them the predicted motion of a soft piece under a change of its design can be wrong by half or more (docs/tuning.md).
+Without these derivatives, the predicted motion of a soft piece under a change of its design can be wrong by half or
+more (docs/tuning.md).
 """
 
 from __future__ import annotations
@@ -19,17 +20,17 @@ from .cut import BESIDE, TWIST, WIDTH, rest_shapes
 from .model import ArmModel, ArmState
 from .sensitivity import PARAMETERS, JointDerivatives
 
-# Second-order energy of a joint, as a share of the mean of y . K y over all joints, above which it is differentiated: a larger share
-# leaves out more joints, which is faster and less exact
+# Joints count whose energy from the second-order term exceeds this share of the mean of y . K y over all joints, with y
+# a joint's motion and K its stiffness. Larger leaves out more joints, which is faster and less exact.
 MIN_SHARE = 0.01
-STEP = 1e-7  # of forward differences: share of a width or a radius, and radians
+STEP = 1e-7  # step of forward differences: share of a width or a radius, or radians; smaller: more rounding errors
 
 
 @dataclass(frozen=True, eq=False)
 class CurvingChanges:
-    """Derivatives of the second-order term D (see ``curving``) of some joints by three numbers of either side.
+    """Derivatives of the second-order term D (see ``curving``) of k joints by three parameters on either side.
 
-    model : of all joints, with D; joints : (k,) those differentiated; by : (k, 2, 3, 6, 6, 6) derivatives
+    model : of all joints, with D; joints : (k,) indices of the joints; by : (k, 2, 3, 6, 6, 6) derivatives
     """
 
     model: ArmModel
@@ -38,7 +39,7 @@ class CurvingChanges:
 
     @classmethod
     def by_design(cls, model: ArmModel, state: ArmState) -> CurvingChanges:
-        """Differentiate by the ``PARAMETERS`` of ``sensitivity``.
+        """Differentiate D by the ``PARAMETERS`` of ``sensitivity``: width, twist, and width beside.
 
         Parameters
         ----------
@@ -49,7 +50,7 @@ class CurvingChanges:
 
     @classmethod
     def by_rest_geometry(cls, model: ArmModel, state: ArmState) -> CurvingChanges:
-        """Differentiate by the numbers of ``rest_geometry``.
+        """Differentiate D by the three parameters of the rest geometry on either side (see ``rest_geometry``).
 
         Parameters
         ----------
@@ -71,7 +72,7 @@ class CurvingChanges:
         if not len(joints):
             return cls(model, joints, np.zeros(shape))
         assert model.curving_at_joint is not None
-        # a copy of every joint for each number, as one large evaluation is faster than several small ones
+        # a copy of every joint per parameter, because one large evaluation is faster than several small ones
         every = np.repeat(joints, each)
         there = alone = _with_own_spirals(model.assembly, every)
         steps = np.zeros((each, len(every)))
@@ -82,24 +83,24 @@ class CurvingChanges:
         return cls(model, joints, (change / steps.sum(axis=0)[:, None, None, None]).reshape(shape))
 
     def wrenches(self, state: ArmState) -> Float[np.ndarray, "k 2 3 6"]:
-        """Changes of the joints' wrenches at a fixed pose, in the half-way axes."""
+        """Return the derivatives of the joints' wrenches at a fixed pose, in the half-way axes."""
         motion, half, inner, slope = self._at(state)
         across = np.swapaxes(slope, 1, 2) @ self.model.at_joint[self.joints]
         second = (half @ motion[:, None, None, :, None])[..., 0]
         return second @ np.swapaxes(across, 1, 2)[:, None] + 2.0 * (inner[:, None, None, None] @ half)[..., 0, :]
 
     def energies(self, state: ArmState) -> Float[np.ndarray, "k 2 3"]:
-        """Changes of the joints' energies at a fixed pose."""
+        """Return the derivatives of the joints' energies at a fixed pose."""
         motion, half, inner, _ = self._at(state)
         return (inner[:, None, None, None] @ half @ motion[:, None, None, :, None])[..., 0, 0]
 
     def convex(self, state: ArmState, rates: Float[np.ndarray, "joints 6"]) -> Float[np.ndarray, "k 2 3"]:
-        """Changes of the joints' convex energies, see ``convex_by_design``.
+        """Return the derivatives of the joints' convex energies (see ``sensitivity.convex_by_design``).
 
         Parameters
         ----------
         state : at which the energies are expanded
-        rates : of all joints' motions
+        rates : (m, 6) rates of all joints' motions
         """
         _, half, _, slope = self._at(state)
         rate = rates[self.joints]
@@ -107,7 +108,7 @@ class CurvingChanges:
         return 4.0 * (force[:, None, None, None] @ half @ rate[:, None, None, :, None])[..., 0, 0]
 
     def _at(self, state: ArmState) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return y, dD y for every number, K (y + y.D.y) and S = 1 + 2 y.D, see ``sensitivity``."""
+        """Return y, dD y for every parameter, K (y + y.D.y) and S = 1 + 2 y.D, in the notation of ``sensitivity``."""
         assert self.model.curving_at_joint is not None
         motion = self.model.motion_at_joint(state)[self.joints]
         strains, slope = add_second_order(motion, self.model.curving_at_joint[self.joints])
@@ -117,7 +118,7 @@ class CurvingChanges:
 
 @dataclass(frozen=True, eq=False)
 class DesignChanges:
-    """Derivatives of the joints of a model by pose and design in one state."""
+    """Derivatives of the joints of a model by pose and design, in one state; computed when first used."""
 
     model: ArmModel
     state: ArmState
@@ -134,7 +135,7 @@ class DesignChanges:
 
     @cached_property
     def complete(self) -> JointDerivatives:
-        """Derivatives with those of D."""
+        """Derivatives that include the derivatives of D."""
         if not len(self.curving.joints):
             return self.constant_curving
         wrenches = self.constant_curving.wrench_by_design.copy()
@@ -143,7 +144,15 @@ class DesignChanges:
 
 
 def with_design_change(assembly: Assembly, side: int, number: int, step: np.ndarray) -> Assembly:
-    """Change one of the ``PARAMETERS`` on one side of all joints by ``step`` (m,); every joint has spirals of its own."""
+    """Change one of the ``PARAMETERS`` on one side of all joints.
+
+    Parameters
+    ----------
+    assembly : of these joints, which must not share spirals
+    side : 0 or 1
+    number : ``WIDTH``, ``TWIST`` or ``BESIDE`` of ``cut``
+    step : (m,) changes, metres or radians
+    """
     width, twist = assembly.width.copy(), assembly.twist.copy()
     spiral, arm = assembly.pairs[:, side], assembly.sides[:, side]
     if number == TWIST:
@@ -154,7 +163,7 @@ def with_design_change(assembly: Assembly, side: int, number: int, step: np.ndar
 
 
 def with_rest_change(assembly: Assembly, side: int, number: int, step: np.ndarray) -> Assembly:
-    """Change one number of the rest geometry on one side of all joints.
+    """Change one parameter of the rest geometry on one side of all joints.
 
     Parameters
     ----------
@@ -174,17 +183,17 @@ def with_rest_change(assembly: Assembly, side: int, number: int, step: np.ndarra
 
 
 def _design_scale(assembly: Assembly, side: int, number: int) -> Float[np.ndarray, " joints"]:
-    """Return the scale (m,) of steps of one of the ``PARAMETERS`` on one side: 1 for twists, else the arm's width in metres."""
+    """Return the scales (m,) of difference steps by one of the ``PARAMETERS``: 1 for twists, else the arms' widths."""
     return np.ones(len(assembly.pairs)) if number == TWIST else assembly.arm_width[:, side]
 
 
 def _rest_scale(assembly: Assembly, side: int, number: int) -> Float[np.ndarray, " joints"]:
-    """Return the scale (m,) of steps of one number of the rest geometry on one side: the radius in metres, 1 for the direction."""
+    """Return the scales (m,) of difference steps by the rest geometry: 1 for directions, else the radii, metres."""
     return np.ones(len(assembly.pairs)) if number == 2 else assembly.radius[:, side]
 
 
 def _joints_that_matter(model: ArmModel, state: ArmState) -> Int[np.ndarray, " k"]:
-    """Return the joints, except those of a rim, whose second-order energy exceeds ``MIN_SHARE``."""
+    """Return the joints outside a rim whose energy from the second-order term exceeds ``MIN_SHARE``."""
     if model.curving_at_joint is None:
         return np.zeros(0, dtype=int)
     motion = model.motion_at_joint(state)
@@ -197,7 +206,10 @@ def _joints_that_matter(model: ArmModel, state: ArmState) -> Int[np.ndarray, " k
 def _curving_nearby(
     model: ArmModel, joints: np.ndarray, alone: Assembly, there: Assembly
 ) -> Float[np.ndarray, "k 6 6 6"]:
-    """Return D of some joints after a small change of their assembly from ``alone`` to ``there``; compliances follow to first order."""
+    """Return D of joints whose assembly changes slightly from ``alone`` to ``there``.
+
+    Their compliances are updated to first order.
+    """
     compliance, values = model.compliance.subset(joints), 0.0
     if there.lever is alone.lever and there.axes is alone.axes:
         numbers = _cut_numbers(there) - _cut_numbers(alone)
@@ -213,14 +225,14 @@ def _curving_nearby(
 
 
 def _cut_numbers(assembly: Assembly) -> Float[np.ndarray, "joints 2 5"]:
-    """Return the parameters of ``cut`` of both arms of every joint, in the order of their indices there."""
+    """Return the five design parameters of ``cut`` of both arms of every joint, in the order of that module."""
     width, twist = assembly.arm_width, assembly.twist[assembly.pairs]
     beside = 0.5 * sum(assembly.width[assembly.pairs, (assembly.sides + turn) % 4] for turn in (1, -1))
     return np.stack([width, twist, beside, width[:, ::-1], twist[:, ::-1]], axis=2)
 
 
 def _with_own_spirals(assembly: Assembly, joints: Int[np.ndarray, " k"]) -> Assembly:
-    """Return some joints, each between two copies of its spirals, so that a change of a spiral changes one joint only."""
+    """Return joints, each between own copies of its two spirals, so that changing a spiral changes one joint only."""
     parts = {name: getattr(assembly, name)[joints] for name in ("sides", "lever", "axes")}
     spirals = assembly.pairs[joints].ravel()
     width, twist = assembly.width[spirals], assembly.twist[spirals]

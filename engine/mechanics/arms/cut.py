@@ -1,13 +1,13 @@
-"""Compliance of a cut arm minus the compliance of the stiffness table's arm, with exact derivatives.
+"""Difference in compliance between a cut arm and the stiffness table's arm, with exact derivatives.
 
 The table holds pure spirals with fillets of a standard size, in spirals of four equal arms. A cut arm differs in two
-ways: its end is blended with the arm beyond its joint (see ``spirals.curves.blends``), and its root lies where its neighbours'
-widths and the fillets of the settings put it. Both differences are integrals along beams, as in ``beams``:
+ways: its end is blended with the arm beyond its joint (see ``spirals.curves.blends``), and its root lies where its
+neighbours' widths and the fillets of the settings put it. Both differences are integrals along beams, as in ``beams``:
 
-    blended arm - pure spiral, over the blended part of t,
+    + blended arm - pure spiral, over the blended part of t,
     - pure spiral, from the root that its own width would give to its true root.
 
-The levers reach from every station to the tip, which does not move.
+Levers reach from every station to the tip. The tip is where the stiffness table has it.
 """
 
 from __future__ import annotations
@@ -31,47 +31,44 @@ from .stacked import BATCH
 from .stations import product, spiral_stations, sum_products
 from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE, SHORTEST
 
-# Parameters, besides its geometry, on which the compliance of an arm depends: its own width and twist, the mean width
-# of its two neighbours in the spiral, and width and twist of the arm beyond the joint.
+# Design parameters on which the compliance of an arm depends: its own width and twist, the mean width of its two
+# neighbours in the spiral, and width and twist of its mate, the arm beyond the joint.
 WIDTH, TWIST, BESIDE, MATE_WIDTH, MATE_TWIST = range(5)
 N_CUT_PARAMETERS = 5  # number of these parameters
-# rows in derivative arrays: the value and the parameters of a blended end
+# rows in derivative arrays: the value, then the parameters on which a blended end depends
 _BLEND_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + MATE_WIDTH, 1 + MATE_TWIST]
-_ROOT_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + BESIDE]  # rows of the value and of the parameters of a root
-# parameters of ``blend_joints`` in the columns of ``slope_by``: first the design's, then the shape's
+_ROOT_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + BESIDE]  # rows of the value, then of the parameters on which a root depends
+# parameters of ``blend_joints`` in the columns of ``CutArms.slope_by``: first the design, then the rest shape
 _END_COLUMNS = [OWN_WIDTH, OWN_WIND, BY_MATE_WIDTH, MATE_WIND, RADIUS, OWN_LEAN, MATE_LEAN]
-_BY_DESIGN, _BY_SHAPE = slice(4), slice(4, 7)  # columns of the design and of the shape
+_BY_DESIGN, _BY_SHAPE = slice(4), slice(4, 7)  # columns of the design and of the rest shape
 SHAPE_RADIUS, SHAPE_LEAN, SHAPE_MATE_LEAN, SHAPE_GRAIN = range(4)  # columns of ``rest_shapes``
 
 # rows and columns of the nonzero entries in the lower triangle of a compliance
 _NONZERO = [(rows[i], rows[j]) for rows in (IN_PLANE, OUT_OF_PLANE) for i, j in ENTRIES]
 
-# Distance from hub centre to where an arm begins to bend, in its neighbours' widths; larger makes arms stiffer. A
-# change by 0.1 changes energies by at most 1.4e-4, on a dome, a saddle and a torus.
+# distance from hub centre to root, where an arm begins to bend, in its neighbours' widths; larger makes arms stiffer,
+# with little effect
 ROOT_DISTANCE = 0.55
-# Largest distance of a root from the hub's centre, as a share of the radius: a blend longer than the rest is ignored.
-# Arms so short, or between neighbours so wide, cannot be cut.
+# largest distance of a root from the hub's centre, as a share of the radius; larger would let roots overlap blends,
+# which cover up to 0.7 of an arm; only arms that cannot be cut reach it
 MAX_ROOT_SHARE = 0.3
-# Largest share of the table's compliance that may be subtracted from an arm, and largest s/w at which this is checked.
-# Of 90,000 random arms, most of which cannot be cut, 2 in 100 exceed the share, all of them below s/w 8.1.
+# Largest share of the table's compliance that may be subtracted from an arm, and largest scale over width at which this
+# is checked. A larger share may leave very stiff arms; a larger ratio is slower. Arms that can be cut stay below both.
 MAX_REDUCTION, STUB_RATIO = 0.9, 10.0
 TABLE_FILLET = 0.04  # arm widths: fillet radius of the table's spirals
-# Length by which a fillet shortens an arm, in fillet radii: 0.57 in solids of straight arms, fillets 0.06 to 0.4 mm.
+# length by which a fillet shortens an arm, in fillet radii; larger makes arms stiffer; solids of straight arms: 0.57
 FILLET_REACH = 0.55
-# Gauss points over the blend; more are slower and more exact. 8 are within 4e-6 of 32 points in half of 4000 random
-# arms, which include very unequal ones and some that cannot be cut.
-POINTS = 8
-ROOT_POINTS = 3  # Gauss points between the two roots: within 4e-6 of 8 points in all of these arms
+POINTS = 8  # Gauss points over the blend; more are slower and more exact (error 4e-6)
+ROOT_POINTS = 3  # Gauss points between the two roots; more are slower and more exact (error 4e-6)
 
 
 @dataclass(frozen=True, eq=False)
 class CutArms(Columns):
-    """N arms as they are cut, in their own axes: along the radius to the tip, and to the side to which they wind
-    inwards.
+    """N arms as they are cut, in their own axes: along the radius to the tip, and to the side to which they wind in.
 
     radius, width, twist : metres and radians; beside : metres, mean width of both neighbours in the spiral
     fillet : metres, fillet radius minus the table's fillet radius; fillet_by : its derivative with respect to the width
-    slope, joint, share : as in ``Blends``, in these axes
+    slope, joint, share : ``slope``, ``width`` and ``share`` of ``spirals.curves.blends.Blends``, in these axes
     grain : radians from the radius to the grain, 0 for sheets without a grain
     slope_by, joint_by, share_by : (N, 7) derivatives with respect to own width and twist, mate's width and twist,
         radius, own lean and mate's lean
@@ -93,7 +90,7 @@ class CutArms(Columns):
 
     @classmethod
     def from_assembly(cls, assembly: Assembly, shape: Float[np.ndarray, "n _"] | None = None) -> CutArms:
-        """Both arms of every joint, joint by joint; ``shape`` replaces the shapes of the assembly (see ``rest_shapes``)."""
+        """Collect both arms of every joint in turn; ``shape`` replaces the assembly's ``rest_shapes``."""
         pairs, sides = assembly.pairs, assembly.sides
         width, twist = assembly.arm_width, assembly.twist[pairs]
         beside = 0.5 * (assembly.width[pairs, (sides + 1) % 4] + assembly.width[pairs, (sides - 1) % 4])
@@ -116,15 +113,18 @@ class CutArms(Columns):
 
     @property
     def roots(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Roots of the table's arms and of these arms, as shares of the radius."""
+        """Distances from hub centre to root of the table's arms and of these arms, as shares of the radius."""
         own = ROOT_DISTANCE * self.width / self.radius
         moved = ROOT_DISTANCE * self.beside + FILLET_REACH * self.fillet
         return np.minimum(own, MAX_ROOT_SHARE), np.minimum(moved / self.radius, MAX_ROOT_SHARE)
 
 
 def rest_shapes(assembly: Assembly, material: Material | None = None) -> Float[np.ndarray, "n _"]:
-    """(2 m, 3) rest shape of both arms of every joint: radius (metres), own and mate's lean (radians, positive in the
-    sense of the spirals, see ``spirals.curves.blends``). Sheets with a grain add a column: the angle from radius to grain."""
+    """Return the rest shapes (2 m, 3) of both arms of every joint: radius (metres), own and mate's lean (radians).
+
+    Leans (see ``spirals.curves.blends``) are positive in the sense in which the arms wind. Sheets with a grain add a
+    column: the angle from radius to grain, radians.
+    """
     out = assembly.radial[..., 0] * np.array([1.0, -1.0])[:, None]
     lean = np.arctan2(out[..., 1], out[..., 0]) * (-1.0 if assembly.clockwise else 1.0)
     if assembly.nodes:
@@ -137,16 +137,25 @@ def rest_shapes(assembly: Assembly, material: Material | None = None) -> Float[n
 
 
 def _with_mates(values: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, "n 2"]:
-    """(2 m, 2) values of both arms of every joint, each followed by the value of the arm beyond the joint."""
+    """Return the values (2 m, 2) of both arms of every joint, each followed by the value of its mate."""
     return np.stack([values, values[:, ::-1]], axis=-1).reshape(-1, 2)
 
 
 def added_compliance_by_shape(
     assembly: Assembly, table: Float[np.ndarray, "n 6 6"], material: Material
 ) -> Float[np.ndarray, "n _ 6 6"]:
-    """(2 m, k, 6, 6) derivatives of the compliance added to the table's, with respect to the k ``rest_shapes`` of every arm.
+    """Differentiate the compliance that the cut adds to the table's by the ``rest_shapes`` of every arm.
 
     The factor of ``reduction_factors`` counts as constant.
+
+    Parameters
+    ----------
+    assembly, material : m joints, and the sheet
+    table : (2 m, 6, 6) the table's compliances
+
+    Returns
+    -------
+    (2 m, k, 6, 6) : by the k columns of ``rest_shapes``
     """
     shape = rest_shapes(assembly, material)
     n, count = len(shape), shape.shape[1]
@@ -173,11 +182,19 @@ def added_compliance_by_shape(
 def added_compliance(
     arms: CutArms, thickness: float, material: Material, slopes: bool = True
 ) -> tuple[Float[np.ndarray, "n 6 6"], Float[np.ndarray, "n numbers 6 6"]]:
-    """Compliance of N cut arms minus the table's compliance, SI, and its derivatives.
+    """Return the compliance of N cut arms minus the table's compliance, SI, and its derivatives.
 
-    Rows and columns as in ``ArmCompliance``; derivatives with respect to the ``N_CUT_PARAMETERS`` parameters above, per metre
-    and per radian. It fades to zero for arms hardly longer than wide. Without ``slopes`` the derivatives are zero,
-    which is faster.
+    The difference fades to zero for arms hardly longer than wide.
+
+    Parameters
+    ----------
+    arms, thickness, material : the arms, and their sheet (metres)
+    slopes : compute the derivatives; otherwise they are zero
+
+    Returns
+    -------
+    (N, 6, 6) and (N, 5, 6, 6) : rows and columns as in ``ArmCompliance``; derivatives by the ``N_CUT_PARAMETERS``
+        parameters above, per metre and per radian
     """
     n, kept = len(arms.radius), slice(None if slopes else 1)
     value, by = np.zeros((n, 6, 6)), np.zeros((n, N_CUT_PARAMETERS, 6, 6))
@@ -201,15 +218,17 @@ def added_compliance(
 
 
 def _any_blend(arms: CutArms) -> bool:
-    """Return whether any arm has a blended end that differs from a pure spiral's."""
+    """Return whether the blended end of any arm differs from a pure spiral."""
     return bool(arms.slope.any() or (arms.joint != arms.width).any())
 
 
 def _sum_lines(
     arms: CutArms, lines: list[tuple[float, list[int], _Line]], count: int, thickness: float, material: Material
 ) -> Float[np.ndarray, "12 count n"]:
-    """(12, count, N) sum of the compliances of lines at ``_NONZERO``, each with its sign and the rows of its
-    derivatives."""
+    """Add up the compliances of lines, each with its sign and the rows of its derivatives.
+
+    Returns an array (12, count, N): entries in the order of ``_NONZERO``, value and derivatives, arms.
+    """
     out = np.zeros((len(_NONZERO), count, len(arms.radius)))
     for sign, rows, line in lines:
         place, pace, width, weight = (part[: len(rows)] for part in line)
@@ -226,10 +245,15 @@ def _sum_lines(
 def reduction_factors(
     arms: CutArms, table: Float[np.ndarray, "n 6 6"], more: Float[np.ndarray, "n 6 6"]
 ) -> Float[np.ndarray, " n"]:
-    """(N,) factors on ``more`` that keep its reduction within ``MAX_REDUCTION`` of the table's compliance; 1 for arms that can
-    be cut.
+    """Return the factors (N,) on the added compliance ``more`` that keep the sum positive; 1 for arms that can be cut.
 
-    Tightly wound stubs are far stiffer than beams, so a difference of beams may exceed their whole compliance.
+    At most ``MAX_REDUCTION`` of the table's compliance is subtracted. The compliance of tightly wound stubs in the
+    table is far smaller than a beam's, so a difference of beams may exceed it.
+
+    Parameters
+    ----------
+    arms : N arms
+    table, more : (N, 6, 6) the table's compliances, and the compliances to add
     """
     out = np.ones(len(table))
     short = np.flatnonzero(2.0 * arms.radius < STUB_RATIO * arms.width)
@@ -239,13 +263,13 @@ def reduction_factors(
     return out
 
 
-# Stations on N arms: position seen from the tip (complex), its derivative by t (complex), width, weight in t; each (1 +
-# P, S, N), a value and its derivatives by P parameters. A width equal at all stations may be (1 + P, 1, N).
+# S stations on N arms: position relative to the tip (complex), its derivative by t (complex), width, quadrature weight
+# in t. Each is (1 + P, S, N): a value and its derivatives by P parameters. A constant width may be (1 + P, 1, N).
 _Line = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 def _dual(value: np.ndarray, by: Mapping[int, np.ndarray | float], count: int) -> np.ndarray:
-    """Stack a value and its derivatives by ``count`` parameters; those not in ``by`` are zero."""
+    """Stack a value and its derivatives by ``count`` parameters: the derivatives in ``by``, zero for all others."""
     out = np.zeros((1 + count, *value.shape), dtype=value.dtype)
     out[0] = value
     for k, change in by.items():
@@ -254,10 +278,10 @@ def _dual(value: np.ndarray, by: Mapping[int, np.ndarray | float], count: int) -
 
 
 def _blend_lines(arms: CutArms, by: slice = _BY_DESIGN) -> tuple[_Line, _Line]:
-    """The blended ends, and the pure spirals that they replace, with derivatives by the design or by shape and grain."""
+    """Return lines over the blended ends, blended and as pure spirals, differentiated by design or by rest shape."""
     x, w = gauss(POINTS)
     of_design, n = by == _BY_DESIGN, len(arms.radius)
-    behind = np.zeros((0 if of_design else 1, n))  # no end depends on the grain
+    behind = np.zeros((0 if of_design else 1, n))  # the shape of a blended end does not depend on the grain
     share, joint, slope = (
         np.concatenate([v[None], change[:, by].T, behind])[:, None]
         for v, change in ((arms.share, arms.share_by), (arms.joint, arms.joint_by), (arms.slope, arms.slope_by))
@@ -270,7 +294,7 @@ def _blend_lines(arms: CutArms, by: slice = _BY_DESIGN) -> tuple[_Line, _Line]:
 
 
 def _root_line(arms: CutArms, of_design: bool = True) -> _Line:
-    """Pure spirals from the table's roots to the true roots, with derivatives by the design or by radius and grain."""
+    """Return lines on pure spirals from the table's to the true roots, differentiated by design or radius and grain."""
     x, w = gauss(ROOT_POINTS)
     radius = arms.radius
     first, last = arms.roots
@@ -290,7 +314,7 @@ def _root_line(arms: CutArms, of_design: bool = True) -> _Line:
 
 
 def _pure_spirals(arms: CutArms, t: np.ndarray, of_design: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions at t on spirals without blends, their derivatives by t, and widths, each with derivatives as ``t`` has them."""
+    """Return positions on spirals without blends, their derivatives by t, and widths, each differentiated like t."""
     place, pace = spiral_stations(
         arms.radius, arms.twist, t, **({"by_twist": 1 + TWIST} if of_design else {"by_radius": 1})
     )
@@ -298,7 +322,7 @@ def _pure_spirals(arms: CutArms, t: np.ndarray, of_design: bool) -> tuple[np.nda
 
 
 def _fade_factor(arms: CutArms) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(N,) smoothstep of s/w, 1 within the table's range and 0 for stubs, and its derivatives by width and radius."""
+    """Return a factor (N,), 1 within the table's range and 0 for stubs, and its derivatives by width and radius."""
     ratio, span = 2.0 * arms.radius / arms.width, SCALE_RANGE[0] - SHORTEST
     s = np.clip((ratio - SHORTEST) / span, 0.0, 1.0)
     slope = 6.0 * s * (1.0 - s) / span * ratio
@@ -308,10 +332,10 @@ def _fade_factor(arms: CutArms) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _line_compliance(
     place: np.ndarray, pace: np.ndarray, width: np.ndarray, weight: np.ndarray, height: float, material: Material
 ) -> Float[np.ndarray, "12 numbers n"]:
-    """Tip compliance from the stations of a line, and its derivatives, at ``_NONZERO``; see ``beams.path_integrals``."""
+    """Return the tip compliance of a line, entries ``_NONZERO``, with derivatives; see ``beams.path_integrals``."""
     x, y = -place.real, -place.imag
     speed = np.abs(pace[0])
-    # derivatives of the velocity: along it (real part) and across it (imaginary part)
+    # velocity and its derivatives, split into parts along the velocity (real) and across it (imaginary)
     along = pace * (np.conj(pace[0]) / speed)
     unit = 1j * along.imag * (pace[0] / speed**2)
     unit[0] = pace[0] / speed
@@ -349,8 +373,8 @@ def _line_compliance(
 def _flexibilities(
     width: np.ndarray, length: np.ndarray, height: float, material: Material
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Flexibilities of pieces, (1 + P, S, N) each: stretch per force; turn in the sheet, out of it, along the arm per
-    moment."""
+    """Return flexibilities (1 + P, S, N) of pieces: stretch per force; then turn per moment in the sheet, out of it and
+    along the arm."""
 
     def flex(value: np.ndarray, by_width: np.ndarray) -> np.ndarray:
         out = by_width * width

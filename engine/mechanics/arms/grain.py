@@ -1,20 +1,20 @@
-"""Arms of sheets with a grain: flexibility of their sections, and the curved beam that the stiffness table corrects.
+"""Arms of sheets with a grain: flexibility of their sections, and the curved beam that replaces the isotropic beam.
 
-A section at an angle to the grain is monoclinic: the plane of the sheet is a plane of symmetry, the section's own plane
-is not. Let S be the compliances of the sheet in the section's axes (1 along the arm, 2 across it in the sheet, 3 normal
-to it) and I = w h^3 / 12. By Saint-Venant's principle (Lekhnitskii, Theory of Elasticity of an Anisotropic Body,
-chapters 2 and 6) the flexibilities are
+The material of an arm at an angle to the grain is monoclinic: symmetric about the plane of the sheet, but not about the
+arm's cross-section. Let S be the sheet's elastic compliances in the section's axes (1 along the arm, 2 across it in the
+sheet, 3 normal to the sheet), w and h the section's width and height, A = w h and I = w h^3 / 12. By Saint-Venant's
+principle (Lekhnitskii, Theory of Elasticity of an Anisotropic Body, chapters 2 and 6) the flexibilities are
 
     stretch S11 / A, shear 6/5 S66 / A, both coupled by S16 / A; bending in the sheet S11 / (h w^3 / 12)
     bending out of it S11 / I, torsion 1 / D + S16^2 / (4 S11 I), both coupled by -S16 / (2 I)
 
-D is the torsional rigidity with the shear compliances S66 - S16^2 / S11 and S55: the rigidity of an isotropic section widened
-by the root of their ratio. Apart from the shear factors this is exact for forces and moments that are constant along
-the arm.
+D is the torsional rigidity with the shear compliances S66 - S16^2 / S11 and S55: the rigidity of an isotropic section
+widened by the root of their ratio. Apart from the shear factors this is exact for forces and moments that are constant
+along the arm.
 
-A hub keeps the sections near it from warping, which matters more the larger S16 is (``SectionFlexibility.of_held``), and it
-yields more the softer the sheet is in shear (``SectionFlexibility.of_hub``). The stiffness table contains the effect of isotropic
-hubs.
+A hub keeps the sections near it from warping; the effect grows with S16 (``SectionFlexibility.of_held``). A hub is also
+softer, the softer the sheet is in shear (``SectionFlexibility.of_hub``). Only the differences from an isotropic hub are
+added, because the stiffness table contains the effect of isotropic hubs.
 """
 
 from __future__ import annotations
@@ -32,28 +32,26 @@ from .stacked import BATCH
 from .stations import product, spiral_stations, sum_products
 from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE
 
-# Gauss points along an arm; more are slower. Compliances of 300 random arms with moduli in the ratio of 16 to 1 are
-# within 1e-6 of 96 points up to 150 degrees of twist, 3e-5 up to 300, 2e-4 up to 500.
-POINTS = 48
-# Extra flexibility of a hub in bending in the sheet and out of it: lengths of arm, in arm widths, per excess of the
-# ratio of Young's to shear modulus over the isotropic one. HUB_HOLDS is the distance from the centre, in arm widths,
-# over which a hub keeps sections from warping; 1.4 and 2 fit about as well. Fitted to 240 solids of random spirals and materials
+POINTS = 48  # Gauss points along an arm; more are slower and more exact (error 1e-6 up to 150 degrees of twist)
+# Extra flexibility of a hub in bending in the sheet and out of it: equivalent length of arm, in arm widths, per excess
+# of the ratio of Young's to shear modulus over the isotropic ratio. Larger makes arms with a grain softer. HUB_HOLDS:
+# distance from the centre, in arm widths, over which a hub keeps sections from warping; larger makes them stiffer.
 HUB_BEND, HUB_LIFT, HUB_HOLDS = 0.045, 0.025, 1.7
-HUB_TALL = 0.31  # fourth power of w/h at which HUB_LIFT changes from tall arms to wide ones, in solids of straight arms
-HUB_AT = 0.5  # arm widths from the centre to where a hub yields, which is where the arm leaves it
+HUB_TALL = 0.31  # fourth power of the w/h at which the effect of HUB_LIFT changes from tall arms to wide ones
+HUB_AT = 0.5  # distance, in arm widths, from the hub's centre to where its flexibility acts: where the arm begins
 _RADIUS, _WIDTH, _TWIST, _GRAIN = range(4)  # parameters by which the beam is differentiated
 
 
 @dataclass(frozen=True, eq=False)
 class SectionFlexibility:
-    """Flexibility of a piece of an arm per length, with derivatives by its width and by the angle from the arm to the
-    grain.
+    """Flexibilities of an arm's section, per length of arm.
 
-    Each array (3, ...): value, derivative by width, derivative by angle.
-    stretch, slide, mixed : stretch per force along the arm, shear per force across it in the sheet, and their coupling
+    Every array is (3, ...): value, derivative by the width, derivative by the angle from the arm to the grain.
+
+    stretch, slide : stretch per force along the arm, and shear per force across it in the sheet; mixed : their coupling
     rise : shear per force normal to the sheet
-    bend, lift, twist : turn per moment about the normal, about the direction across the arm, and along it
-    coupled : twist per moment about the direction across the arm
+    bend, lift, twist : turn per moment about the normal, about the direction across the arm, and about the arm itself
+    coupled : coupling of ``twist`` and ``lift``: twist per moment about the direction across the arm
     """
 
     stretch: np.ndarray
@@ -69,9 +67,13 @@ class SectionFlexibility:
     def evaluate(
         cls, known: Orthotropy, angle: np.ndarray, width: np.ndarray, height: float | np.ndarray
     ) -> SectionFlexibility:
-        """Evaluate free sections; all arguments broadcast.
+        """Return the flexibilities of sections that are free to warp; all arguments broadcast.
 
-        known : moduli; angle : radians from the arm to the grain, positive to its left; width, height : metres
+        Parameters
+        ----------
+        known : moduli
+        angle : radians from the arm to the grain, positive to the arm's left
+        width, height : metres
         """
         s11, s16, s66, s55 = _rotated_compliances(known, angle)
         area, inertia = 1.0 / (width * height), 12.0 / (width * height**3)
@@ -82,7 +84,7 @@ class SectionFlexibility:
         stretch, mixed = per_section(s11, area, 1), per_section(s16, area, 1)
         slide, rise = per_section(SHEAR_FACTOR * s66, area, 1), per_section(SHEAR_FACTOR * s55, area, 1)
         bend, lift = per_section(s11, 12.0 / (height * width**3), 3), per_section(s11, inertia, 1)
-        # S16^2 / S11, and S66 without it
+        # S16^2 / S11, with derivative; it is subtracted from S66
         shared = np.stack([s16[0] ** 2, 2.0 * s16[0] * s16[1]])
         shared = np.stack([shared[0] / s11[0], (shared[1] - shared[0] * s11[1] / s11[0]) / s11[0]])
         left = s66 - shared
@@ -93,11 +95,11 @@ class SectionFlexibility:
     def of_held(
         cls, known: Orthotropy, angle: np.ndarray, width: np.ndarray, height: float | np.ndarray
     ) -> SectionFlexibility:
-        """Flexibility of a section kept from warping minus the flexibility of a free section, without the isotropic part;
-        arguments as ``evaluate``.
+        """Return flexibilities of sections that are kept from warping minus those of free sections.
 
-        The section stays plane. With the stiffness Q, the inverse of S11, S16 and S66, it is Q11 h w^3 / 12 in the
-        sheet, and [Q11 I, -Q16 I; -Q16 I, Q66 I + h w^3 / (12 S55)] in bending out of it and torsion.
+        Leaves out the part of the difference that isotropic sections have too. Arguments as in ``evaluate``. The
+        section stays plane. With Q, the inverse of [S11, S16; S16, S66], its stiffness is Q11 h w^3 / 12 in bending in
+        the sheet, and [Q11 I, -Q16 I; -Q16 I, Q66 I + h w^3 / (12 S55)] in bending out of the sheet and torsion.
         """
         free = cls.evaluate(known, angle, width, height)
         s11, s16, s66, s55 = (np.stack([v[0], np.zeros_like(v[0]), v[1]]) for v in _rotated_compliances(known, angle))
@@ -120,9 +122,9 @@ class SectionFlexibility:
     def of_hub(
         cls, known: Orthotropy, angle: np.ndarray, width: np.ndarray, height: float | np.ndarray, poisson: float
     ) -> SectionFlexibility:
-        """Flexibility of the whole hub of an arm minus the flexibility of an isotropic hub with this Poisson's ratio.
+        """Return the flexibility of an arm's whole hub minus that of an isotropic hub with this Poisson's ratio.
 
-        Arguments as ``evaluate``, but the result is not per length.
+        Arguments as in ``evaluate``. The result is for the whole hub, not per length.
         """
         s11, _, s66, s55 = _rotated_compliances(known, angle)
         more_level, more_upright = s66 - 2.0 * (1.0 + poisson) * s11, s55 - 2.0 * (1.0 + poisson) * s11
@@ -138,7 +140,7 @@ class SectionFlexibility:
 
 
 def _rotated_compliances(known: Orthotropy, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """S11, S16, S66 and S55 at an angle to the grain, each (2, ...): value and derivative, 1/Pa.
+    """Return S11, S16, S66 and S55 at an angle to the grain, each (2, ...): value, and derivative by the angle, 1/Pa.
 
     Jones, Mechanics of Composite Materials, section 2.6.
     """
@@ -156,7 +158,10 @@ def _rotated_compliances(known: Orthotropy, angle: np.ndarray) -> tuple[np.ndarr
 
 
 def _torsion(level: np.ndarray, upright: np.ndarray, width: np.ndarray, height: float | np.ndarray) -> np.ndarray:
-    """(3, ...): 1 / D of sections with shear compliances (2, ...) in the sheet and normal to it; by width and angle."""
+    """Return 1 / D (3, ...) of sections, with derivatives by width and angle.
+
+    level, upright : (2, ...) shear compliances in the sheet and normal to it, with derivatives by the angle
+    """
     wider = np.sqrt(level[0] / upright[0])
     wider_by = 0.5 * wider * (level[1] / level[0] - upright[1] / upright[0])
     wide = width * wider
@@ -168,7 +173,7 @@ def _torsion(level: np.ndarray, upright: np.ndarray, width: np.ndarray, height: 
 
 
 def _inverse(a: np.ndarray) -> np.ndarray:
-    """Reciprocal of values with derivatives."""
+    """Return the reciprocals of values with derivatives."""
     out = -a / a[0] ** 2
     out[0] = 1.0 / a[0]
     return out
@@ -183,12 +188,18 @@ def line_compliance(
     height: float | np.ndarray,
     of: Callable[..., SectionFlexibility],
 ) -> Float[np.ndarray, "12 numbers n"]:
-    """(12, 1 + P, N) tip compliance from the stations of a line, with derivatives, in the order of ``ENTRIES`` of both
-    blocks.
+    """Integrate the flexibilities along lines to the tip compliances of their arms.
 
-    place, pace, width, weight : a line as in ``cut``; grain : (1 + P, 1 or S, N) angle from the arms' first axes to the
-        grain
-    of : function of angle, width and height that gives the flexibility of the stations
+    Parameters
+    ----------
+    place, pace, width, weight : a line as in ``cut``, with derivatives by P parameters
+    grain : (1 + P, 1 or S, N) angle from the arms' first axes to the grain, radians
+    height : thickness of the sheet, metres
+    of : function of angle, width and height that returns the flexibilities of the stations
+
+    Returns
+    -------
+    (12, 1 + P, N) : ``ENTRIES`` of the in-plane block, then of the out-of-plane block, with derivatives
     """
     x, y = -place.real, -place.imag
     speed = np.abs(pace[0])
@@ -238,10 +249,10 @@ def _sum_coupled(
 
 @dataclass(frozen=True, eq=False)
 class GrainBeams:
-    """``beams.beam_tip_compliance`` for n arms with a grain, as ``beam`` of ``stiffness.table_tip_compliance``.
+    """Function for ``beam`` of ``stiffness.table_tip_compliance``: beams of n arms in a sheet with a grain.
 
     grain : (n,) radians from the radius at the tip to the grain, positive to the side to which arms wind inwards
-    unit, poisson : Young's modulus (Pa) and Poisson's ratio that the table is used with
+    known : moduli; unit, poisson : Young's modulus (Pa) and Poisson's ratio with which the table is evaluated
     """
 
     known: Orthotropy
@@ -250,7 +261,7 @@ class GrainBeams:
     poisson: float
 
     def __call__(self, scale: np.ndarray, height: np.ndarray, twist: np.ndarray) -> Blocks:
-        """Compliance with the slopes of ``Blocks``, then by the angle to the grain."""
+        """Return compliances with the slopes of ``Blocks`` and a fourth slope, by the angle to the grain."""
         parts = [
             self._lines(*(values[start : start + BATCH] for values in (scale, height, twist, self.grain)))
             for start in range(0, len(scale), BATCH)
@@ -258,7 +269,7 @@ class GrainBeams:
         found = self.unit * np.concatenate(parts, axis=2).reshape(2, 6, 5, -1)
         value, by_radius, by_width, by_twist, by_grain = np.moveaxis(found, 2, 0)
         by_scale = 0.5 * scale * by_radius
-        # a compliance is homogeneous of degree -1 - k in all lengths
+        # compliances are homogeneous in all lengths, of degree -1 minus the number of turns and moments of the entry
         kind = np.array([[0 if r < 3 else 1 for r in rows] for rows in (IN_PLANE, OUT_OF_PLANE)])
         power = np.array([[-1 - kind[b, i] - kind[b, j] for i, j in ENTRIES] for b in (0, 1)])[..., None]
         by_height = power * value - by_scale - by_width
@@ -267,7 +278,7 @@ class GrainBeams:
     def _lines(
         self, scale: np.ndarray, height: np.ndarray, twist: np.ndarray, grain: np.ndarray
     ) -> Float[np.ndarray, "12 5 n"]:
-        """(12, 5, n) compliance of some arms and its derivatives by the parameters above; 1/Pa, lengths in arm widths."""
+        """Return compliances (12, 5, n), with derivatives by ``_RADIUS`` to ``_GRAIN``; lengths in arm widths."""
         x, w = gauss(POINTS)
         radius, n = 0.5 * scale, len(scale)
         width, angle, weight = np.zeros((5, 1, n)), np.zeros((5, 1, n)), np.zeros((5, POINTS, 1))
@@ -275,7 +286,7 @@ class GrainBeams:
         angle[0], angle[1 + _GRAIN] = grain, 1.0
         t = np.zeros((5, POINTS, 1))
         t[0] = x[:, None]
-        # share to which the hub holds the sections, by their distance from the centre in widths
+        # degree to which the hub keeps sections from warping, by their distance from its centre in arm widths
         away = radius * (1.0 - t[0])
         share = np.zeros((5, POINTS, n))
         share[0] = np.exp(-((away / HUB_HOLDS) ** 2))
@@ -291,7 +302,7 @@ class GrainBeams:
         t = np.zeros((5, 1, n))
         t[0], t[1 + _RADIUS], t[1 + _WIDTH] = 1.0 - HUB_AT / radius, HUB_AT / radius**2, -HUB_AT / radius
         places, paces = spiral_stations(radius, twist, t, **rows)
-        # one station whose length is 1 for all parameters
+        # a single station, weighted so that its length is 1 whatever the parameters
         speed = np.abs(paces[0])
         weight = -(paces * np.conj(paces[0])).real / speed**3
         weight[0] *= -1.0
@@ -302,10 +313,15 @@ class GrainBeams:
 def direction_share(
     strength: tuple[float, float, float], stress: float, angle: Float[np.ndarray, "*n"]
 ) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
-    """Stress (Pa) over the sheet's strength at an angle (radians) to its grain, and the derivative by the angle.
+    """Return a stress over the sheet's strength in its direction, and the derivative by the angle to the grain.
 
-    Norris, Strength of Orthotropic Materials Subjected to Combined Stresses, Forest Products Laboratory 1962. strength
-    : as in ``Orthotropy``
+    Norris, Strength of Orthotropic Materials Subjected to Combined Stresses, Forest Products Laboratory 1962.
+
+    Parameters
+    ----------
+    strength : as in ``Orthotropy``
+    stress : Pa
+    angle : radians from the grain to the stress
     """
     first, second, sheared = (stress / one for one in strength)
     c, s = np.cos(angle) ** 2, np.sin(angle) ** 2

@@ -1,7 +1,7 @@
 """Relative motion of two joined hubs, and its derivatives by their poses to second order.
 
-The relative turn is a rotation vector. The vector from a point fixed to the first hub to a point fixed to the second is
-measured in the frame half way between both (corotational).
+The relative turn is a rotation vector. The relative shift is the vector from a point fixed to the first hub to a point
+fixed to the second, in the frame half way between both hubs (corotational).
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ from .stacked import EYE, cross, dot, joints_first, joints_last, outer, skew
 class JointMotion(Columns):
     """Motion of m joints, and the frame in which it is measured.
 
-    middle : (m, 3, 3) the frame half way between both hubs; turn : (m, 3) rad in its axes
-    gap : (m, 3) m in its axes, the vector between both bend points; shift : (m, 3) m, gap minus gap at rest
-    first, second : (m, 3) m in space, from the centre of either hub to its bend point
+    middle : (m, 3, 3) the frame half way between both hubs (half-way axes)
+    turn : (m, 3) rad, of the second hub relative to the first, in half-way axes
+    gap : (m, 3) metres, from the first bend point to the second, in half-way axes; shift : gap minus gap at rest
+    first, second : (m, 3) metres, from the centre of either hub to its bend point, in space
     """
 
     middle: Float[np.ndarray, "joints 3 3"]
@@ -46,7 +47,13 @@ def joint_motion(
     axes: Float[np.ndarray, "joints 2 3 3"],
     rest: Float[np.ndarray, "joints 3"],
 ) -> JointMotion:
-    """Compute the motion of m joints in a pose; pairs, lever, axes and rest as in ``ArmModel``."""
+    """Compute the motion of m joints in a pose.
+
+    Parameters
+    ----------
+    pose : of the hubs, with the rim's nodes if there is a rim
+    pairs, lever, axes, rest : as in ``ArmModel`` and its assembly
+    """
     pose = pose.whole
     a, b = pairs.T
     first, second = pose.rotations[a] @ axes[:, 0], pose.rotations[b] @ axes[:, 1]
@@ -61,9 +68,9 @@ def joint_motion(
 class SpatialMotion:
     """Motion of m joints in the axes of space, with the joints as the last axis, as the derivatives need it.
 
-    gap, turn : (3, m); first, second : (3, m) from the centres to the bend points; angle : (m,) length of the turn
+    gap, turn, first, second : (3, m), as in ``JointMotion``, but all in space; angle : (m,) rad, length of ``turn``
     quarter : (3, m) along the turn, with the tangent of a quarter of its angle as length
-    across : (m,) derivative of the rotation vector at right angles to itself
+    across : (m,) change of the turn per relative rotation of the hubs about an axis at right angles to the turn
     """
 
     gap: Float[np.ndarray, "3 joints"]
@@ -86,10 +93,10 @@ class SpatialMotion:
 
 
 def first_order(at: SpatialMotion) -> Float[np.ndarray, "joints 6 12"]:
-    """(m, 6, 12) derivatives of gap and turn by both hubs' increments.
+    """Return the derivatives (m, 6, 12) of gap and turn by both hubs' increments.
 
-    With the turns a, b of the hubs, the half-way frame turns by (a + b)/2 - q x (b - a)/2 + ..., q = ``quarter`` (from
-    the sum of both sides' quaternions).
+    When the hubs turn by a and b, the half-way frame turns by (a + b)/2 - q x (b - a)/2 + ..., with q = ``quarter``
+    (from the sum of both hubs' quaternions).
     """
     out = np.zeros((6, 12, len(at.angle)))
     carried = skew(0.5 * at.gap)
@@ -105,9 +112,15 @@ def first_order(at: SpatialMotion) -> Float[np.ndarray, "joints 6 12"]:
 def second_order(
     at: SpatialMotion, force: np.ndarray, moment: Float[np.ndarray, "joints 3"]
 ) -> Float[np.ndarray, "joints 12 12"]:
-    """(m, 12, 12) second derivatives of gap and turn by both hubs' increments, weighted by force and moment (m, 3)."""
+    """Return second derivatives (m, 12, 12) of gap and turn by both hubs' increments, weighted by force and moment.
+
+    Parameters
+    ----------
+    at : motion of m joints
+    force, moment : (m, 3) weights of gap and turn, in space
+    """
     force, moment, quarter, turn = joints_last(force), joints_last(moment), at.quarter, at.turn
-    out = np.zeros((12, 12, len(at.angle)))  # half of the result: its transpose is added at the end
+    out = np.zeros((12, 12, len(at.angle)))  # half of the result; the transpose is added at the end
     # force . e^(-m) gap, where the half-way frame turns by m and the gap changes
     level = 0.5 * dot(force, at.gap)
     bend = 0.25 * (outer(force, at.gap) + outer(at.gap, force)) - level * EYE
@@ -141,14 +154,14 @@ def second_order(
 
 
 def tan_quarter(angle: np.ndarray) -> np.ndarray:
-    """tan(angle/4) / angle."""
+    """Return tan(angle/4) / angle."""
     small = angle < 1e-4
     safe = np.where(small, 1.0, angle)
     return np.where(small, 0.25 + angle**2 / 192.0, np.tan(0.25 * safe) / safe)
 
 
 def _turn_coefficients(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """alpha / angle and beta / angle of the second-order term of log(e^(turn/2) e^delta e^(turn/2)).
+    """Return alpha / angle and beta / angle of the second-order term of log(e^(turn/2) e^delta e^(turn/2)).
 
     alpha = -(angle - sin angle) / (8 sin^2(angle/2)), beta = (2 sin(angle/2) - angle cos(angle/2)) / (4 sin^2(angle/2))
     """

@@ -1,11 +1,10 @@
 """The 6 x 6 arm model: rigid hubs joined by two arms in series, each with the tip compliance of a cut arm.
 
-A cut arm's compliance is that of the stiffness table plus a correction (see ``cut``). The compliances of both arms of a
-joint add up, because both carry the same wrench. A joint's strains are the motion of one hub relative to the other: the
-relative turn as a rotation vector, and the vector from the bend point of the first arm to that of the second (see
-``arm_bend``) in the frame half way between both hubs (corotational). A second-order term from the curving of the arms
-(see ``curving``) stiffens spirals as they are pulled straight. It takes time and matters under strong forces only, so
-the search for a design leaves it out.
+The compliance of a cut arm is its compliance in the stiffness table plus a correction (see ``cut``). The compliances of
+both arms of a joint add up, because both carry the same wrench. The strains of a joint are the motion of one hub
+relative to the other: the relative turn as a rotation vector, and the vector from the first arm's bend point to the
+second arm's (see ``arm_bend``) in the frame half way between both hubs (corotational). A second-order term (see
+``curving``) stiffens spirals that are pulled straight. It is slow to compute and matters under strong forces only.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ from .strain_changes import arm_strains
 
 @dataclass(frozen=True, eq=False)
 class ArmState:
-    """A pose, the joints' motion in it, and the strains (m, 6) that the last step predicted to first order."""
+    """A pose, the joints' motion at it, and the strains (m, 6) that the last step predicted to first order."""
 
     pose: Pose
     motion: JointMotion
@@ -46,12 +45,13 @@ class ArmState:
 class ArmModel:
     """The elastic model of an assembly with one 6 x 6 stiffness per joint.
 
-    assembly : spirals and joints at rest; compliance : of both arms of every joint; material : of all arms
-    at_joint : (m, 6, 6) SI, stiffness against motions of the joint on the second hub relative to the joint on the
-        first, in the joint's axes
+    assembly : spirals and joints at rest, rim included; compliance : of both arms of every joint; material : of all
+        arms
+    at_joint : (m, 6, 6) SI, stiffness against motions of the joint as fixed to the second hub relative to the joint as
+        fixed to the first, in the joint's axes
     lever : (m, 2, 3) metres, from the hubs to the arms' bend points, in the flat frames of their patches
     rest : (m, 3) metres, from the first bend point to the second at rest, in the joint's axes
-    stiffness : (m, 6, 6) SI, against the vector between the bend points and the turn, in the joint's axes
+    stiffness : (m, 6, 6) SI, against motions of the second bend point relative to the first, in the joint's axes
     offset : (m, 3) metres, from the joint to the midpoint of both bend points at rest, in the joint's axes
     curving_at_joint : (m, 6, 6, 6) second-order term of the joints' motion; None leaves it out
     """
@@ -83,19 +83,18 @@ class ArmModel:
         ----------
         assembly : spirals and joints at rest, with or without a rim
         material : of all arms
-        curving : include the strains' second-order term
+        curving : include the second-order term of the strains
         slopes : compute the derivatives by the design now; otherwise they are computed when first used
-        progress : reports the second-order term
+        progress : is updated while the second-order term is computed
         """
         whole = assembly.whole
         found = arm_compliances(whole, material, slopes)
         return cls.assemble(whole, found, whole.bend[0], material, curving, progress)
 
     def with_rest_geometry(self, assembly: Assembly) -> ArmModel:
-        """Return the model of the same spirals on a slightly different rest geometry; compliances follow to first
-        order.
+        """Return the model of these spirals on a slightly different rest geometry.
 
-        The strains' second-order term is kept at the joints.
+        Compliances are updated to first order; the second-order term of the motions at the joints is kept.
         """
         change = rest_shapes(assembly, self.material) - rest_shapes(self.assembly, self.material)
         compliance = self.compliance.to_first_order(change, self.cut_by_shapes) if change.any() else self.compliance
@@ -104,11 +103,11 @@ class ArmModel:
 
     def rebuilt(self, assembly: Assembly, material: Material) -> ArmModel:
         made = ArmModel.from_assembly(assembly, material, curving=False, slopes=False)
-        return made.with_curving(self.curving_at_joint)  # which takes longest
+        return made.with_curving(self.curving_at_joint)  # the second-order term is kept: it is slowest to compute
 
     @cached_property
     def cut_by_shapes(self) -> Float[np.ndarray, "n _ 6 6"]:
-        """Derivatives of the compliance added by the cut, by the arms' shapes; see ``cut.added_compliance_by_shape``."""
+        """Derivatives of the cut's correction by the arms' rest shapes, see ``cut.added_compliance_by_shape``."""
         table, ties = self.compliance.table.reshape(-1, 6, 6), self.assembly.ties
         found = added_compliance_by_shape(self.assembly, table, self.material)
         if self.assembly.nodes:  # necks and strips have no table compliance
@@ -119,7 +118,7 @@ class ArmModel:
     def compliance_by(self) -> Float[np.ndarray, "joints 2 numbers 6 6"]:
         """(m, 2, 5, 6, 6) derivatives of both arms' compliances, as in ``ArmCompliances``.
 
-        Stored derivatives, which ``with_rest_geometry`` does not update, are returned first; otherwise they are computed.
+        Derivatives that are stored in the compliances are returned, even if ``with_rest_geometry`` left them unchanged.
         """
         known = self.compliance if self.compliance.by is not None else arm_compliances(self.assembly, self.material)
         assert known.by is not None
@@ -127,15 +126,15 @@ class ArmModel:
 
     @cached_property
     def curving(self) -> Float[np.ndarray, "joints 6 6 6"] | None:
-        """(m, 6, 6, 6) second-order term of the bend points' motion."""
+        """(m, 6, 6, 6) second-order term of the strains between the bend points; None if left out."""
         return None if self.curving_at_joint is None else transfer_second_order(self.curving_at_joint, -self.offset)
 
     def with_own_curving(self) -> ArmModel:
-        """Return the model with the second-order term of its own strains."""
+        """Return the model with its second-order term, computed anew."""
         return self.assemble(self.assembly, self.compliance, self.assembly.bend[0], self.material, True)
 
     def with_curving(self, at_joint: np.ndarray | None) -> ArmModel:
-        """Return the model with this second-order term of the joints' motion (m, 6, 6, 6)."""
+        """Return the model with this second-order term (m, 6, 6, 6) of the motions at the joints."""
         return replace(self, curving_at_joint=at_joint)
 
     @classmethod
@@ -222,7 +221,7 @@ class ArmModel:
         return ArmState(pose, motion, motion.vector)
 
     def _with_nodes(self, pose: Pose) -> Pose:
-        """Add the rim's nodes to a pose, in equilibrium with the hubs held."""
+        """Add the rim's nodes to a pose: in equilibrium while all hubs are held."""
         from ...params import SimulateParams
         from ..equilibrium import solve
         from ..loads import Loads
@@ -250,18 +249,18 @@ class ArmModel:
         return matvec(np.swapaxes(slope, -1, -2), matvec(self.at_joint, e))
 
     def motion_at_joint(self, state: ArmState) -> Float[np.ndarray, "joints 6"]:
-        """(m, 6) motion of the joint on the second hub relative to the joint on the first, in the half-way axes."""
+        """Return motions (m, 6) of the joints as fixed to the second hub, relative to the first hub; half-way axes."""
         motion = state.motion.vector
         motion[:, :3] += np.cross(self.offset, motion[:, 3:])
         return motion
 
     def arm_loads(self, state: ArmState) -> Float[np.ndarray, "joints 2 15"]:
-        """Loads of both arms of every joint in their own axes, see ``bar_loads``."""
+        """Return the loads of both arms of every joint in the arms' own axes, in the columns of ``bar_loads``."""
         linear = matvec(self.at_joint, self.motion_at_joint(state))
         return arm_loads(self.assembly, self.wrenches(state), linear, state.motion.turn)
 
     def joint_gradients(self, state: ArmState) -> Float[np.ndarray, "joints 12"]:
-        """(m, 12) contribution of every joint to the gradient of the energy, in the order of ``Expansion.hessian``."""
+        """Return every joint's contribution (m, 12) to the energy gradient, in the order of ``Expansion.hessian``."""
         inner = self.wrenches(state)
         inner[:, 3:] -= np.cross(self.offset, inner[:, :3])
         return matvec(
@@ -287,22 +286,22 @@ class ArmModel:
         return state.motion.turn[:, 0]
 
     def motion(self, pose: Pose) -> JointMotion:
-        """Motion of the joints in a pose."""
+        """Return the motion of the joints at a pose."""
         return joint_motion(pose, self.pairs, self.lever, self.assembly.axes, self.rest)
 
     def strain_rates(self, state: ArmState) -> Float[np.ndarray, "joints 6 12"]:
-        """(m, 6, 12) derivatives of the strains, second-order term included, by the increments of both hubs."""
+        """Return the derivatives (m, 6, 12) of the strains, second-order term included, by both hubs' increments."""
         slope, middle = _add_second_order(state.motion.vector, self.curving)[1], state.motion.middle
         rates = first_order(SpatialMotion.from_joints(state.motion)).reshape(-1, 2, 3, 12)
         return slope @ (np.swapaxes(middle, 1, 2)[:, None] @ rates).reshape(-1, 6, 12)
 
     def convex_by_design(self, state: ArmState, way: Float[np.ndarray, "joints 12"]) -> Float[np.ndarray, "joints 2 5"]:
-        """Differentiate every joint's convex part along a motion by widths and twists of both spirals, at a fixed pose.
+        """Differentiate every joint's convex energy in a motion by widths and twists of its spirals, at a fixed pose.
 
         Parameters
         ----------
-        state : where the convex part is taken
-        way : (m, 12) increments of both hubs, in the order of ``Expansion.hessian``
+        state : at which the energy is expanded
+        way : (m, 12) the motion: increments of both hubs, in the order of ``Expansion.hessian``
 
         Returns
         -------
@@ -312,7 +311,7 @@ class ArmModel:
         return convex_by_design(*known, state.motion, way, self.curving_at_joint)
 
     def changes(self, state: ArmState) -> JointDerivatives:
-        """Derivatives of the joints' wrenches by the pose and the design; the second-order term counts as constant."""
+        """Return derivatives of the joints' wrenches by pose and design, with a constant second-order term."""
         known = (self.assembly, self.compliance_by, self.at_joint, self.offset)
         return JointDerivatives.from_assembly(*known, state.motion, self.curving_at_joint)
 
@@ -342,16 +341,16 @@ class ArmModel:
 
 
 def _add_second_order(strains: np.ndarray, curving: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Strains (m, 6) with their second-order term, unless ``curving`` is None, and their derivatives (m or 1, 6, 6)."""
+    """Add the second-order term, unless it is None, to strains (m, 6); also return the derivatives (m or 1, 6, 6)."""
     return (strains, np.eye(6)[None]) if curving is None else add_second_order(strains, curving)
 
 
 def _expand_joints(
     motion: JointMotion, stiffness: np.ndarray, curving: np.ndarray | None, predicted: Float[np.ndarray, "joints 6"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Energy (m,), gradient (m, 12), Hessian (m, 12, 12) and its convex part of joints, in the axes of space.
+    """Return energy (m,), gradient (m, 12), Hessian (m, 12, 12) and its convex part of joints, in the axes of space.
 
-    predicted : (m, 6) strains whose stresses weight the curvature of the strains
+    predicted : (m, 6) strains whose stresses weight the second derivatives of the strains
     """
     base = motion.middle
     strains, slope = _add_second_order(motion.vector, curving)
@@ -387,7 +386,7 @@ OUT_OF_PLANE_MASK = np.array([False, False, True, True, True, False])
 
 
 def _bend_levers(assembly: Assembly, bend: np.ndarray) -> Float[np.ndarray, "joints 2 3"]:
-    """(m, 2, 3) vectors, metres, from the hubs to the arms' bend points ``bend`` (m, 2, 2)."""
+    """Return the vectors (m, 2, 3), metres, from the hubs to the arms' bend points ``bend`` (m, 2, 2)."""
     return bend[..., :1] * assembly.lever + bend[..., 1:] * assembly.left
 
 

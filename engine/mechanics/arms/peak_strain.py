@@ -1,9 +1,8 @@
-"""Largest principal strain on the surface of arms under wrenches at their tips, without fillets, with exact
-derivatives.
+"""Largest principal strain on the surface of arms, without fillets, with exact derivatives.
 
 An arm is a curved bar of rectangular section that carries the wrench from its tip to its hub, and bends under it (see
-``bar_loads``). It is divided into ``PIECES`` pieces from the tip to a little before its first fillet. In the middle of
-each piece, the section's forces and moments cause
+``bar_loads``). It is divided into ``PIECES`` pieces from the tip to a little before its first fillet. In the section at
+the middle of each piece, forces and moments cause
 
 - axial strain from the normal force, and from bending in the sheet as in a curved bar (Winkler and Bach);
 - axial strain from bending out of the sheet, larger on the inner side of a curved bar;
@@ -11,12 +10,11 @@ each piece, the section's forces and moments cause
 of the twist rate; Vlasov);
 - shear from torsion in the middles of sides and faces, larger on the inner side and smaller on the outer side.
 
-Strains are added with their signs, so that loads can cancel. Axial strain e and shear g, with no other stress, have the
-largest principal strain (1 - nu)/2 |e| + sqrt(((1 + nu) e/2)^2 + (g/2)^2). The maximum over all sections is a power
-mean of high degree divided by ``MEAN_OVER_MAX``.
+Strains are added with their signs, so that loads can cancel. For axial strain e, shear g, Poisson's ratio nu and no
+other stress, the largest principal strain is (1 - nu)/2 |e| + sqrt(((1 + nu) e/2)^2 + (g/2)^2). The maximum over all
+sections is estimated smoothly: a power mean of high degree, divided by ``MEAN_OVER_MAX``.
 
-Compared with solids of 40 designs (1,829 arms, cubic elements), it is within 15 % on 99 of 100 arms. So is the larger
-strain of the two arms of a joint.
+Compared with finite elements of solids, the result is within 15 % on 99 of 100 arms.
 """
 
 from __future__ import annotations
@@ -34,21 +32,21 @@ from .bars import PIECES, BarPull, Bars
 from .grain import direction_share
 from .stacked import BATCH
 
-GRAIN_INDEX = BAR_NUMBERS  # parameter after those of ``bars``: radians from the radius to the grain
+GRAIN_INDEX = BAR_NUMBERS  # index of the parameter after the parameters of ``bars``: radians from radius to grain
 NUMBERS = BAR_NUMBERS + 1  # number of parameters of an arm
-INNER_SHEAR = 0.25  # relative rise of the torsional shear on the inner side, per curvature times width
-# Pieces on either side over which the change of the twist rate is taken, about one sheet thickness; the derivative at
-# the section itself is too large in short kinks.
+INNER_SHEAR = 0.25  # rise of torsional shear on the inner side, per curvature times width; larger raises strains
+# number of pieces to either side over which the change of the twist rate is averaged, about one sheet thickness; fewer
+# overestimate warping in short kinks
 LAG = 2
 POWER = 32  # degree of the power mean, a power of two; larger is closer to the maximum and less smooth
-MEAN_OVER_MAX = 0.881  # power mean over maximum: the median of 1,978 arms, 90 of 100 of which lie at 0.86 to 0.91
-ROUNDING = 1e-5  # strain below which absolute values are rounded off
+MEAN_OVER_MAX = 0.881  # ratio of power mean to maximum, the median of many arms; larger lowers all strains
+ROUNDING = 1e-5  # strain below which absolute values are rounded off; larger is smoother and less exact
 _SIDES = np.array([-1.0, 1.0])[:, None, None]  # right and left edge of a section, in half widths
 
 
 @dataclass(frozen=True, eq=False)
 class PeakStrain:
-    """Largest strains of n arms and their derivatives.
+    """Largest strains of n arms, with derivatives.
 
     by_loads : (n, LOADS) by the loads; by_numbers : (n, NUMBERS) at constant loads
     """
@@ -62,8 +60,8 @@ class PeakStrain:
 class StrainedArms:
     """N arms in their own axes: along the radius to the tip, and to the side to which they wind inwards.
 
-    numbers : (N, NUMBERS) parameters of ``bars`` and the grain
-    shortest : share of t over which an arm that hardly turns is blended; fillet, thickness : metres
+    numbers : (N, NUMBERS) parameters of ``bars``, then the angle to the grain
+    shortest : length of the shortest blends, in t; fillet (radius), thickness : metres
     """
 
     numbers: Float[np.ndarray, "arms 10"]
@@ -73,9 +71,9 @@ class StrainedArms:
     material: Material
 
     def values(self, loads: Float[np.ndarray, "arms 15"]) -> Float[np.ndarray, " arms"]:
-        """(N,) largest strains under loads in the columns of ``bar_loads``.
+        """Return the largest strains (N,) under loads in the columns of ``bar_loads``.
 
-        With a grain, a strain is scaled to one of a sheet without a grain that is equally close to its limit.
+        With a grain, a strain is scaled so that its ratio to the strain limit is right where the sheet is weaker.
         """
         out = np.empty(len(loads))
         for start in range(0, len(out), BATCH):
@@ -84,7 +82,7 @@ class StrainedArms:
         return out
 
     def slopes(self, loads: Float[np.ndarray, "arms 15"], arms: np.ndarray) -> PeakStrain:
-        """Largest strains of the arms with indices ``arms`` (k,) under their loads (k, LOADS), with derivatives."""
+        """Return the largest strains of the arms ``arms`` (k,) under their loads (k, LOADS), with derivatives."""
         out = PeakStrain(np.empty(len(arms)), np.empty((len(arms), LOADS)), np.empty((len(arms), NUMBERS)))
         for start in range(0, len(arms), BATCH):
             some = slice(start, start + BATCH)
@@ -112,13 +110,13 @@ class _SectionStrains:
         self._principal_strains()
 
     def _strain_parts(self) -> None:
-        """Compute the strains of each cause: normal force, bending in the sheet and out of it, torsion and warping."""
+        """Compute the strains by cause: normal force, bending in the sheet and out of it, torsion and warping."""
         bars, loads, c = self.bars, self.loads, self.curvature
         height, width, youngs = self.arms.thickness, bars.width, self.arms.material.youngs
         self.inner = 1.0 - 0.5 * _SIDES * c.bend
         self.stretch = loads.normal / (youngs * width * height)
         self.in_plane = loads.turn / (youngs * width**2 * height)
-        # strain of the edges per in-plane bending
+        # axial strain of both edges per unit of ``in_plane``
         self.shape = -(0.5 * _SIDES - c.off * c.bend) / (c.off * self.inner)
         self.raised = 6.0 / (youngs * height**2) / width * loads.lift / c.log
         self.way = bars.length @ _LAG_LENGTH
@@ -152,24 +150,23 @@ class _SectionStrains:
         self.values = self.top / MEAN_OVER_MAX * (self.total / (len(self.weighted) * PIECES)) ** (1.0 / POWER)
 
     def _power(self, power: int) -> Float[np.ndarray, "8 n pieces"]:
-        """Strains, divided by the maximum of their arm, to a power of two, by repeated squaring."""
+        """Return the strains over the maximum of their arm, raised to a power of two by repeated squaring."""
         out = self.weighted / self.top[:, None]
         while power > 1:
             out, power = out * out, power // 2
         return out
 
     def _weakness(self) -> tuple[np.ndarray | float, np.ndarray | float]:
-        """Factor on a strain where the sheet is weaker in the section's direction, and its derivative by the angle to
-        the grain."""
+        """Return the factor on strains where the sheet is weaker along the arm, and its derivative by the angle."""
         known = self.arms.material
         if known.orthotropy is None or known.orthotropy.strength is None:
             return 1.0, 0.0
-        # stresses in arms hardly depend on the moduli, their strength depends on the grain
+        # stresses in arms hardly depend on the moduli, but the strength depends on the direction of the grain
         angle = self.grain[:, None] - np.angle(self.bars.tangent)
         return direction_share(known.orthotropy.strength, known.strength, angle)
 
     def slopes(self) -> tuple[Float[np.ndarray, "n 15"], Float[np.ndarray, "n 10"]]:
-        """Derivatives of the values by the loads and by the arms' parameters."""
+        """Return the derivatives of the values by the loads and by the arms' parameters."""
         by_axial, by_shear, by_weak = self._by_points()
         sections, by_rate, own = self._by_sections(by_axial, by_shear)
         by_loads, bent, by_compliance = self.loads.vjp(*sections)
@@ -181,8 +178,8 @@ class _SectionStrains:
         return by_loads, np.concatenate([self.bars.vjp(pull), by_weak.sum(1)[:, None]], axis=1)
 
     def _by_points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Derivatives of the values by the axial strains (8, n, pieces), by the shear of both sides and the faces (3,
-        n, pieces), and by the angle to the grain (n, pieces)."""
+        """Return the derivatives of the values by the axial strains (8, n, pieces), by the shear (3, n, pieces) of both
+        sides and of the faces, and by the angle to the grain (n, pieces)."""
         by = (self.values / np.maximum(self.total, 1e-300))[:, None] * self.high
         by_weak = (by / self.weak).sum(0) * self.weak_by
         by = by / np.maximum(self.principal, 1e-300)
@@ -195,7 +192,7 @@ class _SectionStrains:
     def _by_sections(
         self, by_axial: np.ndarray, by_shear: np.ndarray
     ) -> tuple[tuple[np.ndarray, ...], np.ndarray, BarPull]:
-        """Derivatives by the sections' loads (see ``BarLoads.vjp``), by the twist rate per torque, and by the bars."""
+        """Return derivatives by the sections' loads (see ``BarLoads.vjp``), twist rates per torque, and bars."""
         loads, c, t = self.loads, self.curvature, self.torsion
         youngs, height, width = self.arms.material.youngs, self.arms.thickness, self.bars.width
         flat, tilt = by_axial[0:2] + by_axial[2:4] + by_axial[4:6], by_axial[0:2] - by_axial[2:4]
@@ -227,9 +224,10 @@ class _SectionStrains:
 
 
 def _lag_matrices() -> tuple[Float[np.ndarray, "pieces pieces"], Float[np.ndarray, "pieces pieces"]]:
-    """Matrices (pieces, pieces) that give, for values in rows, differences along the arm and the lengths they span.
+    """Return two matrices (pieces, pieces) that map rows of values per piece to differences, and lengths to spans.
 
-    A difference is the value ``LAG`` pieces further out minus the value ``LAG`` pieces further in, fewer at the ends.
+    A difference is the value ``LAG`` pieces nearer to the tip minus the value ``LAG`` pieces nearer to the hub, or
+    fewer pieces at the ends. A span is the distance between the middles of both pieces.
     """
     ahead, far = np.zeros((PIECES, PIECES)), np.zeros((PIECES, PIECES))
     for i in range(PIECES):

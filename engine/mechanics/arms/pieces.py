@@ -1,4 +1,4 @@
-"""Flexibility of the pieces of arms, one constant strain each (Castigliano's beam, as in ``beams``)."""
+"""Flexibility of the pieces of arms, with constant strain in every piece (Castigliano's beam, as in ``beams``)."""
 
 from __future__ import annotations
 
@@ -12,18 +12,16 @@ from ..vectors import skew
 from .beams import SHEAR_FACTOR, torsion_constant
 from .grain import SectionFlexibility
 
-# Pieces of an arm, each with one constant strain; more are slower. On a dome, a saddle and a torus, positions differ by 3e-4
-# of an edge from the result of 64 pieces, with 8 pieces by 1e-3.
-STATIONS = 16
-POISSON = 0.35  # without a material; 0.25 and 0.45 move positions by 8e-4 of an edge, on a dome and a torus
+STATIONS = 16  # pieces of an arm, with constant strain in each; more are slower and more exact (error 3e-4 of an edge)
+POISSON = 0.35  # Poisson's ratio without a material; its effect on positions is small
 
 
 @dataclass(frozen=True)
 class Grain:
     """The grain of a sheet.
 
-    known : moduli, Pa; angle : radians from the x axes of the flat frames; unit : Pa, the result is for moduli divided
-        by it
+    known : moduli, Pa; angle : radians from the x axes of the flat frames to the grain
+    unit : Pa; flexibilities are for moduli divided by it
     """
 
     known: Orthotropy
@@ -33,8 +31,9 @@ class Grain:
     def yields(
         self, tangent: np.ndarray, width: np.ndarray, height: float
     ) -> tuple[Float[np.ndarray, "arms stations 3 3"], Float[np.ndarray, "arms stations 3 3"]]:
-        """Flexibilities (A, S, 3, 3) per length: turn per moment, and stretch and shear per force; axes along the arm,
-        across, normal."""
+        """Return flexibilities (A, S, 3, 3) per length of arm: turn per moment; stretch and shear per force.
+
+        Axes: along the arm, across it in the sheet, normal to the sheet."""
         found = SectionFlexibility.evaluate(
             self.known, self.angle - np.arctan2(tangent[..., 1], tangent[..., 0]), width, height
         )
@@ -58,11 +57,19 @@ def piece_flexibilities(
     poisson: float,
     grain: Grain | None = None,
 ) -> Float[np.ndarray, "arms stations 6 6"]:
-    """(A, S, 6, 6) bend and stretch of pieces per force and moment at the tip, all in the flat frame.
+    """Return bend and stretch of the pieces per wrench at the tip, for a Young's modulus of 1 Pa.
 
-    lever : (A, S, 3) metres, from the piece to the tip; tangent : (A, S, 3); length, width : (A, S) metres; height :
-        metres
-    grain : of sheets with a grain
+    Parameters
+    ----------
+    lever : (A, S, 3) metres, from the pieces to the tip
+    tangent : (A, S, 3) unit vectors, outwards
+    length, width : (A, S) metres
+    height, poisson : thickness of the sheet, metres, and Poisson's ratio
+    grain : None for sheets without a grain
+
+    Returns
+    -------
+    (A, S, 6, 6) : rows: bend (rad), stretch and shear (m); columns: force, moment; all in the flat frame
     """
     normal = np.broadcast_to([0.0, 0.0, 1.0], tangent.shape)
     aside = np.cross(normal, tangent)

@@ -1,10 +1,10 @@
 """Derivatives of the arm model's joints by their rest geometry, at a fixed pose.
 
-The rest geometry has three numbers on each side of a joint: x and y of the lever from the hub's centre to the joint, and the
-direction of the edge there. They determine radius and lean of the arms, which determine the compliances, and the points
-between which the joint's motion is measured. A turn of the edge about the sheet's normal equals a turn of the hub about its
-normal, after which the lever is turned back. So its derivatives are those by the hub's increments plus those by the lever.
-Twists and widths stay.
+The rest geometry has three parameters on each side of a joint: x and y of the lever from the hub's centre to the joint,
+and the direction of the edge there. They determine radius and lean of the arms, hence the compliances, and the points
+between which the joint's motion is measured. A turn of the edge about the sheet's normal has the effect of a turn of
+the hub about its normal, after which the lever is turned back. So derivatives by it are derivatives by the hub's
+increments plus derivatives by the lever. Twists and widths are constant.
 """
 
 from __future__ import annotations
@@ -24,15 +24,18 @@ from .joint_motion import SpatialMotion, second_order, tan_quarter
 from .model import ArmModel, ArmState
 from .sensitivity import SENSES, JointDerivatives, arm_loads
 
-# signs of the changes of the gap by the bend points of both sides, broadcast over the numbers of a side and the components
+# signs of the gap's derivatives by the bend points of both sides, in a shape for parameters and components
 _GAP = -SENSES[:, None, None]
 
 
 @dataclass(frozen=True, eq=False)
 class RestChanges:
-    """Changes of m joints by the numbers of either side: x and y of the lever (per metre), direction of the edge (per radian).
+    """Derivatives of m joints by three parameters on either side: x and y of the lever, direction of the edge.
 
-    state : of the joints; changes : by pose and design, in the same state
+    Derivatives are per metre and per radian. Arrays (m, 6, ...) hold the parameters of the first side, then of the
+    second.
+
+    model, state : of the joints; changes : derivatives by pose and design in this state
     """
 
     model: ArmModel
@@ -55,7 +58,10 @@ class RestChanges:
 
     @cached_property
     def _levers(self) -> tuple[Float[np.ndarray, "joints 2 3 3"], Float[np.ndarray, "joints 2 3 3"]]:
-        """Changes of the lever and of the vector from the hub to the bend point, in the joint's axes; side, number, component."""
+        """Derivatives of the lever and of the vector from hub to bend point, in the joint's axes.
+
+        Axes of the arrays: joint, side, parameter, component.
+        """
         known = self._assembly
         back, winding = np.swapaxes(known.axes, 2, 3), -1.0 if known.clockwise else 1.0
         lever, bend = (matvec(back, v) for v in (known.lever, self.model.lever))
@@ -69,7 +75,7 @@ class RestChanges:
 
     @cached_property
     def _shapes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(m, 2, 3) changes of the radius, of its angle to the edge's direction, and of its angle in the patch; side, number."""
+        """Derivatives (m, 2, 3) of the radius, its angle to the edge and its angle in the patch; side, parameter."""
         lever = self._assembly.lever[..., :2]
         radius = self._assembly.radius[..., None]
         by_radius, angle = np.zeros((*radius.shape[:2], 3)), np.zeros((*radius.shape[:2], 3))
@@ -79,14 +85,14 @@ class RestChanges:
 
     @cached_property
     def _gap(self) -> Float[np.ndarray, "joints 3"]:
-        """Motion of the joint on the second hub relative to the joint on the first, in the half-way axes."""
+        """Vector from the joint as fixed to the first hub to the joint as fixed to the second, in the half-way axes."""
         lever = np.swapaxes(self._assembly.axes, 2, 3)
         beyond = matvec(self._frames, matvec(lever, self._assembly.lever - self.model.lever))
         return self.state.motion.gap + beyond[:, 1] - beyond[:, 0]
 
     @property
     def _by_shapes(self) -> Float[np.ndarray, "joints 2 _ 6 6"]:
-        """Derivatives of the compliances of both arms by their shapes, see ``cut.rest_shapes``."""
+        """Derivatives of the compliances of both arms by their ``cut.rest_shapes``."""
         known = self.model.compliance
         by = self.model.cut_by_shapes.reshape(*known.values.shape[:2], -1, 6, 6).copy()
         by[:, :, SHAPE_RADIUS] += 2.0 * known.table_by_scale
@@ -102,14 +108,15 @@ class RestChanges:
 
     @cached_property
     def _tip_wrenches(self) -> Float[np.ndarray, "joints 6"]:
-        """Wrenches that move the tips, see ``tip_motion``."""
+        """Wrenches that cause the tip motions of ``tip_motion``."""
         return matvec(self.changes.at_joint, np.concatenate([self._gap, self.changes.turn], axis=1))
 
     @cached_property
     def _softened(self) -> Float[np.ndarray, "joints 2 2 3 3 6"]:
-        """Changes of the motions of the tips of both arms under constant wrenches: arm, side, number, wrench, motion.
+        """Derivatives of the motions of both arms' tips under three constant wrenches.
 
-        The wrenches are ``inner`` and ``linear`` of ``JointDerivatives``, and those that move the tips.
+        Axes: joint, arm, side, parameter, wrench, motion. The wrenches are ``inner`` and ``linear`` of
+        ``JointDerivatives``, and ``_tip_wrenches``.
         """
         known, by = self._assembly, self._by_shapes
         axes, sense = known.arm_axes, -1.0 if known.clockwise else 1.0
@@ -135,9 +142,9 @@ class RestChanges:
 
     @cached_property
     def _strains(self) -> tuple[np.ndarray, np.ndarray]:
-        """Changes (m, 2, 3, 6) of the joint's motion, and of the gap between the bend points (m, 2, 3, 3), in the half-way axes.
+        """Derivatives (m, 2, 3, 6) of the joint's motion, (m, 2, 3, 3) of the gap between bend points; half-way axes.
 
-        The changes of the gap leave out the turns of the hubs.
+        The derivatives of the gap leave out the turns of the hubs.
         """
         lever, bend = self._levers
         turn, beyond = self.changes.turn[:, None, None], lever - bend
@@ -150,12 +157,12 @@ class RestChanges:
 
     @cached_property
     def curving(self) -> CurvingChanges:
-        """Derivatives of the second-order strains; empty if the model has none."""
+        """Derivatives of the second-order term of the strains; without joints if the model has no such term."""
         return CurvingChanges.by_rest_geometry(self.model, self.state)
 
     @cached_property
     def _wrenches(self) -> tuple[np.ndarray, np.ndarray]:
-        """Changes (m, 2, 3, 6) of ``wrench`` and ``linear`` of ``JointDerivatives``."""
+        """Derivatives (m, 2, 3, 6) of ``wrench`` and ``linear`` of ``JointDerivatives``."""
         known, strains = self.changes, self._strains[0]
         softened = self._softened.sum(axis=1)
         wrench = strains @ known.tangent[:, None] - softened[..., 0, :] @ np.swapaxes(known.across, 1, 2)[:, None]
@@ -165,7 +172,7 @@ class RestChanges:
 
     @property
     def gradient(self) -> Float[np.ndarray, "joints 6 12"]:
-        """Changes of the joints' contributions to the gradient of the energy."""
+        """Derivatives of the joints' contributions to the gradient of the energy by the pose."""
         known, motion = self.changes, self.state.motion
         (lever, bend), gap = self._levers, self._strains[1]
         force, by_turn = known.wrench[:, None, None, :3], known.by_pose[:, 3:, 9:]
@@ -191,14 +198,14 @@ class RestChanges:
 
     @cached_property
     def loads(self) -> Float[np.ndarray, "joints 6 2 15"]:
-        """Changes of the loads of both arms, see ``bar_loads``."""
+        """Derivatives of the loads of both arms, in the columns of ``bar_loads``."""
         known, wrenches, turn = self.changes, self._wrenches, self._strains[0][..., 3:]
         out = np.empty((len(turn), 2, 3, 2, LOADS))
         for side in (0, 1):
             for k in range(3):
                 now = (*(part[:, side, k] for part in wrenches), turn[:, side, k])
                 out[:, side, k] = arm_loads(self._assembly, *now)
-        # the axes of the arms turn
+        # the own axes of an arm turn with its lever
         turned = arm_loads(self._assembly, *(_about_normal(v) for v in (known.wrench, known.linear, known.turn)))
         for side in (0, 1):
             out[:, side, :, side] -= self._shapes[1][:, side, :, None] * turned[:, side, None]
@@ -206,7 +213,7 @@ class RestChanges:
 
     @property
     def tips(self) -> Float[np.ndarray, "joints 6 12"]:
-        """Changes of the motions of both tips, see ``tip_motion``."""
+        """Derivatives of the motions of both tips (see ``tip_motion``), first tip first, six components each."""
         known, axes, frames, gap = self.changes, self._assembly.axes, self._frames, self._gap
         change = np.concatenate(
             [_GAP * (self._levers[0] @ np.swapaxes(frames, 2, 3)), self._strains[0][..., 3:]], axis=3
@@ -228,17 +235,17 @@ class RestChanges:
 
 
 def _quarter(turn: Float[np.ndarray, "joints 3"]) -> Float[np.ndarray, "joints 3"]:
-    """Vectors along the turns, with the tangents of a quarter of their angles as length."""
+    """Return vectors along the turns, whose lengths are the tangents of a quarter of their angles."""
     return tan_quarter(np.linalg.norm(turn, axis=1))[:, None] * turn
 
 
 def _rotation(side: int) -> slice:
-    """Slice of the rotation of the hub on a side in the increments of both hubs."""
+    """Return the slice of a joint's 12 increments that is the turn of the hub on this side."""
     return slice(3 + 6 * side, 6 + 6 * side)
 
 
 def _about_normal(v: np.ndarray) -> np.ndarray:
-    """Cross product of the normal, the third axis, with vectors (..., 3), or with both vectors of pairs (..., 6)."""
+    """Return the cross product of the third axis with vectors (..., 3), or with both halves of pairs (..., 6)."""
     out = np.zeros_like(v)
     out[..., ::3], out[..., 1::3] = -v[..., 1::3], v[..., ::3]
     return out

@@ -1,4 +1,4 @@
-"""Compliances of the rim's arms, which replace the stiffness table's compliances for necks and strips."""
+"""Compliances of a rim's necks and strips, which replace the stiffness table's compliances there."""
 
 from __future__ import annotations
 
@@ -19,11 +19,15 @@ def of_rim(
     added: Float[np.ndarray, "n 6 6"],
     by: Float[np.ndarray, "n numbers 6 6"] | None,
 ) -> None:
-    """Overwrite the compliances of necks and strips in the arrays of all arms, joint by joint.
+    """Overwrite the compliances of necks and strips in the arrays of all arms, in place.
 
-    table, added, by : table compliances, the cut's correction, and the derivatives of their sum
+    An arm at the rim is blended with its mirror image, so the derivatives by its mate's width and twist are added to
+    the derivatives by its own.
 
-    An arm at the rim is blended with its mirror image, so its own width and twist count as its mate's, too.
+    Parameters
+    ----------
+    assembly, material : joints with the rim's joints at the end, and the sheet
+    table, added, by : table compliances, the cut's corrections, and derivatives of their sums or None
     """
     rim, ties = assembly.rim, assembly.ties
     assert rim is not None
@@ -47,8 +51,9 @@ def of_rim(
 def _necks(
     assembly: Assembly, line: RimBeams, width: np.ndarray, material: Material, slopes: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compliances (B, 6, 6) of necks of widths (B,), in the flat frame, and derivatives by the widths, 0 without
-    ``slopes``."""
+    """Return the compliances (B, 6, 6) of necks of these widths (B,), in the flat frame, and derivatives by the widths.
+
+    Without ``slopes`` the derivatives are 0."""
 
     def at(share: float) -> np.ndarray:
         wide = np.broadcast_to((share * width)[:, None], line.length.shape)
@@ -61,10 +66,10 @@ def _necks(
 
 
 def _beams(assembly: Assembly, line: RimBeams, material: Material) -> Float[np.ndarray, "n 6 6"]:
-    """Compliances (N, 6, 6) of lines, SI, in the flat frame.
+    """Return the compliances (N, 6, 6) of necks or strips, SI, in the flat frame.
 
-    At a hole two bars remain, which bend together in the plane. A hole also softens the strip before and behind it,
-    where no stress reaches (see ``_hole_factors``).
+    Beside a hole two bars remain, which bend together in the plane. A hole also softens the strip before and behind it,
+    where the material carries no stress (see ``_hole_factors``).
     """
     known, height = material.orthotropy, assembly.thickness
     grain = None if known is None else Grain(known, assembly.grain, material.youngs)
@@ -75,7 +80,7 @@ def _beams(assembly: Assembly, line: RimBeams, material: Material) -> Float[np.n
         left = line.width - line.bore
         more = piece_flexibilities(*given, left, height, material.poisson, grain)
         more[:, :, 2, :] *= (left**3 / (line.width**3 - line.bore**3))[..., None]
-        # width of the strip minus width beside the hole is the hole's diameter
+        # the width of the strip minus the width beside the hole is the hole's diameter
         softer = _hole_factors(1.0 - assembly.rim.width / line.width, height / line.width)
         normal = np.broadcast_to([0.0, 0.0, 1.0], line.tangent.shape)
         frame = np.stack([line.tangent, np.cross(normal, line.tangent), normal], axis=-1)
@@ -90,15 +95,19 @@ def _beams(assembly: Assembly, line: RimBeams, material: Material) -> Float[np.n
 def _hole_factors(
     hole: Float[np.ndarray, "*lines"], height: Float[np.ndarray, "*lines"]
 ) -> tuple[Float[np.ndarray, "*lines 3"], Float[np.ndarray, "*lines 3"]]:
-    """Factors by which a hole softens a strip more than the missing material: turns and shifts along it, across it,
-    normal to it.
+    """Return the softening of a strip by a hole over the softening from its missing material alone.
 
-    hole, height : diameter of the hole and thickness of the sheet, as shares of the strip's width. Small holes soften a
-        stretched plate by three times their share of its area (Kachanov, Tsukrov and Shafiro 1994). The factors are
-        fits to quadratic hexahedra of strips with one hole, of diameters of 0.15 to 0.5 and thicknesses of 0.1 to 0.8
-        widths, at a Poisson's ratio of 0.3. They are within 4 % where a strip is stretched, or bent or sheared in the
-        sheet, and within 12 % where it is bent out of it. For twist of thin or thick sheets the error is up to a third
-        of the hole's effect.
+    Fits to finite elements of strips with one hole, within 4 % for stretch, shear and bending in the sheet, 12 % for
+    bending out of it. Small holes soften a stretched plate by three times their share of its area (Kachanov, Tsukrov
+    and Shafiro 1994).
+
+    Parameters
+    ----------
+    hole, height : diameter of the hole and thickness of the sheet, over the strip's width
+
+    Returns
+    -------
+    Factors for turns about, and for shifts along, three axes: along the strip, across it, normal to it
     """
     one = np.ones(np.shape(hole))
     lift = 2.5 - 1.8 * hole + 0.26 * np.log(np.maximum(height, 1e-3) / 0.4)
@@ -107,7 +116,7 @@ def _hole_factors(
 
 
 def _own_axes(assembly: Assembly, arms: np.ndarray) -> Float[np.ndarray, "n 6 6"]:
-    """(n, 6, 6) matrices that rotate shifts and turns from the flat frame to the axes of arms, 2 e + side of joint e."""
+    """Return matrices (n, 6, 6) that rotate shifts and turns from the flat frame to the axes of arms 2 e + side."""
     e, side = np.divmod(arms, 2)
     flat = np.zeros((len(arms), 6, 6))
     flat[:, :3, :3] = flat[:, 3:, 3:] = np.swapaxes(assembly.axes[e, side], 1, 2)

@@ -1,16 +1,17 @@
 """Derivatives of the arm model's forces by the widths and twists of the spirals, at a fixed pose.
 
-Let y be the motion of a joint and n = K y the wrench there, K = (C_a + C_b)^-1. The energy y.K.y / 2 changes with a
-parameter of one arm by -n.C' n / 2; C' includes both arms, because each is blended with the other. The bend points move
-with the twist, which adds n_force.Y', where
+Let y be the motion of a joint, C_a and C_b the compliances of its arms, K = (C_a + C_b)^-1 and n = K y the wrench. The
+derivative of the energy y.K.y / 2 by a parameter of one arm is -n.C' n / 2, with C' the derivative of C_a + C_b: both
+depend on it, because the arms are blended with each other. The bend points move with the twist, which adds
+n_force.Y', where
 
     Y' = A(-turn) beta' for the first arm, -A(turn) beta' for the second,  A(turn) = e^(turn/2) - 1 - turn x / 2,
 
-and beta is the vector from an arm's bend point to the joint in the joint's axes. Derivatives of the forces follow by
-differentiating by the pose.
+and beta is the vector from an arm's bend point to the joint in the joint's axes. Differentiating by the pose gives the
+derivatives of the forces.
 
-With the strains' second-order term, y + y.D.y replaces y (see ``curving``) and the wrench is S'K (y + y.D.y) with S = 1
-+ 2 y.D. D counts as constant here; ``curving_changes`` adds its changes with the design.
+With the second-order term D (see ``curving``), y + y.D.y replaces y, and the wrench is S^T K (y + y.D.y) with
+S = 1 + 2 y.D. D is constant here; ``curving_changes`` adds the effect of its changes.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ from .curving import add_second_order, contract_with_wrench
 from .cut import BESIDE, MATE_TWIST, MATE_WIDTH, TWIST, WIDTH
 from .joint_motion import JointMotion, SpatialMotion, first_order
 
-SENSES = np.array([1.0, -1.0])  # the second arm of a joint feels the opposite of what the first one does
+SENSES = np.array([1.0, -1.0])  # signs of the loads on the two arms of a joint, which are opposite
 
-# Parameters of a joint, for the spiral on either side: width of the arm that meets it, twist (indices ``WIDTH`` and
-# ``TWIST`` of ``cut``), and half the sum of the widths of the two arms beside that arm (``BESIDE``).
+# number of design parameters of a joint on either side: width of the arm at the joint, twist of its spiral, mean width
+# of the two arms beside it; their indices are ``WIDTH``, ``TWIST`` and ``BESIDE`` of ``cut``
 PARAMETERS = 3
 
 
@@ -37,19 +38,18 @@ PARAMETERS = 3
 class JointDerivatives:
     """Derivatives of m joints by the pose and the design, in the axes of their half-way frames.
 
-    sides : (m, 2) int, the arms that meet
-    wrench : (m, 6) N, N m at the joint
+    sides : (m, 2) int, which arms of both spirals meet
+    wrench : (m, 6) N, N m, at the joint
     by_pose : (m, 6, 12) derivatives of the joint's motion y by the increments of both hubs
-    wrench_by_design : (m, 2, 3, 6) at a fixed pose, per side of the joint and parameter
-    wrench_by_pose : (m, 6, 12) by the increments of both hubs
+    wrench_by_design : (m, 2, 3, 6) derivatives of the wrench at a fixed pose, by side of the joint and parameter
+    wrench_by_pose : (m, 6, 12) derivatives of the wrench by the increments of both hubs
     at_joint : (m, 6, 6) stiffness, as in ``ArmModel``
-    linear, linear_by_design : the wrench to first order in the joint's motion, K y, and its derivatives; without the
-        second-order term, the wrench itself
+    linear, linear_by_design : first-order wrench K y, and its derivatives; without the second-order term, equal to
+        the wrench
     turn : (m, 3) radians, of the second hub relative to the first
-    turned : (m, 2, 3) contribution of the moving bend points to the derivative by the twist of the gradient by the
-        turn, per side
-    inner : K times the joint's motion with its second-order term; across : (m, 6, 6) S'K; tangent : (m, 6, 6) derivative
-        of the wrench by the joint's motion
+    turned : (m, 2, 3) part of the mixed second derivative of the energy by twist and turn that comes from the moving
+        bend points, by side
+    inner : (m, 6) K (y + y.D.y); across : (m, 6, 6) S^T K; tangent : (m, 6, 6) derivative of the wrench by y
     """
 
     sides: Int[np.ndarray, "joints 2"]
@@ -76,14 +76,14 @@ class JointDerivatives:
         motion: JointMotion,
         curving: np.ndarray | None = None,
     ) -> JointDerivatives:
-        """Differentiate the joints in one motion.
+        """Differentiate the wrenches of joints in one state.
 
         Parameters
         ----------
         assembly, at_joint, offset : as in ``ArmModel``
         by : derivatives of the compliances, as in ``ArmCompliances``
-        motion : of the joints
-        curving : (m, 6, 6, 6) second-order term of the motion at the joint; None leaves it out
+        motion : of the joints, in this state
+        curving : (m, 6, 6, 6) second-order term D; None leaves it out
         """
         turn, base = motion.turn, motion.middle
         angle = np.linalg.norm(turn, axis=1)
@@ -114,7 +114,7 @@ class JointDerivatives:
         return cls(*known, at_joint, linear, first, turn, turned, inner, across, tangent)
 
     def force_by_design(self, way: Float[np.ndarray, "joints 12"]) -> Float[np.ndarray, "joints 2 5"]:
-        """(m, 2, 5): contract ``gradient_by_design`` with a motion ``way`` (m, 12) of both hubs."""
+        """Multiply ``gradient_by_design`` by increments ``way`` (m, 12) of both hubs; returns (m, 2, 5)."""
         along = matvec(self.by_pose, way)
         out = matvec(self.wrench_by_design, along[:, None])
         out[:, :, TWIST] += matvec(self.turned, along[:, 3:])
@@ -122,7 +122,7 @@ class JointDerivatives:
 
     @property
     def gradient_by_design(self) -> Float[np.ndarray, "joints 12 2 5"]:
-        """(m, 12, 2, 5) derivatives of every joint's gradient by the four widths and the twist of both spirals.
+        """(m, 12, 2, 5) derivatives of every joint's contribution to the gradient by widths and twists of both spirals.
 
         Axes: rows as in ``Expansion.hessian``; side of the joint; four widths, then the twist.
         """
@@ -135,8 +135,15 @@ class JointDerivatives:
 def motion_by_parameters(
     assembly: Assembly, by: Float[np.ndarray, "joints 2 numbers 6 6"], wrench: Float[np.ndarray, "joints 6"]
 ) -> Float[np.ndarray, "joints 2 parameters 6"]:
-    """(m, 2, 3, 6) derivatives of the motion under a constant wrench by the parameters of both sides: C' times the
-    wrench."""
+    """Return the derivatives (m, 2, 3, 6) of the joints' motions under constant wrenches by the ``PARAMETERS``.
+
+    They are the derivatives of the compliances times the wrench.
+
+    Parameters
+    ----------
+    assembly, by : as in ``JointDerivatives.from_assembly``
+    wrench : (m, 6)
+    """
     axes = assembly.arm_axes
     own = np.swapaxes(axes, 2, 3) @ wrench[:, None, :, None]
     softer = np.einsum("esij,eskjl->eski", axes, by @ own[:, :, None])
@@ -154,10 +161,18 @@ def convex_by_design(
     way: Float[np.ndarray, "joints 12"],
     curving: np.ndarray | None = None,
 ) -> Float[np.ndarray, "joints 2 5"]:
-    """(m, 2, 5) derivatives of each joint's convex energy r.K.r by the widths and the twist of both spirals.
+    """Differentiate every joint's convex energy r.K.r by the widths and twists of both spirals, at a fixed pose.
 
-    r is the rate of the joint's strains in a motion ``way`` (m, 12) of both hubs. Other arguments as in
-    ``JointDerivatives.from_assembly``.
+    r is the rate of the joint's strains in a motion of both hubs.
+
+    Parameters
+    ----------
+    assembly, by, at_joint, offset, motion, curving : as in ``JointDerivatives.from_assembly``
+    way : (m, 12) the motion: increments of both hubs
+
+    Returns
+    -------
+    (m, 2, 5) : side of the joint; four widths (per metre) and the twist (per radian)
     """
     turn, base = motion.turn, motion.middle
     angle = np.linalg.norm(turn, axis=1)
@@ -180,12 +195,12 @@ def convex_by_design(
 
 
 def spread_over_design(changes: np.ndarray, sides: Int[np.ndarray, "joints 2"]) -> np.ndarray:
-    """Convert derivatives by the joints' parameters to derivatives (m, 2, 5, ...) by the widths and the twist of both spirals.
+    """Convert derivatives by the joints' parameters to derivatives (m, 2, 5, ...) by widths and twists of both spirals.
 
     Parameters
     ----------
     changes : (m, 2, 3, ...) derivatives by ``PARAMETERS``
-    sides : side of either spiral at every joint
+    sides : (m, 2) int, arms of both spirals at every joint
     """
     out = np.zeros((*changes.shape[:2], 5, *changes.shape[3:]))
     every = np.arange(len(sides))[:, None], [0, 1]
@@ -199,7 +214,7 @@ def spread_over_design(changes: np.ndarray, sides: Int[np.ndarray, "joints 2"]) 
 def arm_loads(
     assembly: Assembly, wrench: Float[np.ndarray, "joints 6"], linear: Float[np.ndarray, "joints 6"], turn: np.ndarray
 ) -> Float[np.ndarray, "joints 2 15"]:
-    """Loads of both arms of m joints in their own axes, as each arm feels them (see ``bar_loads``).
+    """Return the loads of both arms of m joints in the arms' own axes, in the columns of ``bar_loads``.
 
     Parameters
     ----------
@@ -213,7 +228,7 @@ def arm_loads(
 
 
 def _way_by_twist(assembly: Assembly, side: int) -> Float[np.ndarray, "joints 3"]:
-    """(m, 3) metres per radian: derivative of the vector from the bend point to the joint, in the joint's axes."""
+    """Return the derivative (m, 3) by the twist of the vector from bend point to joint, in the joint's axes."""
     change = assembly.bend[1][:, side]
     way = change[:, :1] * assembly.lever[:, side] + change[:, 1:] * assembly.left[:, side]
     return -np.einsum("eji,ej->ei", assembly.axes[:, side], way)
@@ -222,7 +237,7 @@ def _way_by_twist(assembly: Assembly, side: int) -> Float[np.ndarray, "joints 3"
 def _bend_shift(
     turn: Float[np.ndarray, "joints 3"], angle: np.ndarray, way: np.ndarray, force: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A(turn) way, and the gradient of force.A(turn) way by the turn, both (m, 3)."""
+    """Return A(turn) way, and the gradient of force.A(turn) way by the turn, both (m, 3); angle is turn's length."""
     small = angle < 1e-2
     safe = np.where(small, 1.0, angle)
     near = angle**2

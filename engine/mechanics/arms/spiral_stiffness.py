@@ -1,4 +1,4 @@
-"""Stiffness of every spiral as one number, to be displayed."""
+"""Bending stiffness of every spiral as one number, for display."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ MM = 1e3  # newton millimetres per newton metre
 
 
 def spiral_stiffness(design: SpiralDesign, material: Material) -> Float[np.ndarray, " quads"] | None:
-    """Mean bending stiffness of the joined arms of every spiral, from the elastic model's tip compliances.
+    """Return the mean bending stiffness of the joined arms of every spiral, from the elastic model's tip compliances.
 
-    A spiral without a joint gets the smallest value of the others.
+    A spiral without a joint gets the smallest value of all other spirals.
 
     Parameters
     ----------
@@ -27,7 +27,8 @@ def spiral_stiffness(design: SpiralDesign, material: Material) -> Float[np.ndarr
 
     Returns
     -------
-    (F,) N mm per radian that an arm bends over its side; None for spirals outside the elastic model
+    (F,) moment about the quad's side per turn of the arm's tip about it, N mm per radian; None where the elastic model
+    cannot be evaluated
     """
     try:
         assembly = assembly_from_design(design)
@@ -41,14 +42,15 @@ def spiral_stiffness(design: SpiralDesign, material: Material) -> Float[np.ndarr
 def update_stiffness(
     known: Float[np.ndarray, " quads"], design: SpiralDesign, material: Material, quads: Bool[np.ndarray, " quads"]
 ) -> Float[np.ndarray, " quads"]:
-    """Update ``spiral_stiffness`` where some quads of a design have changed; their neighbours change too, through the joints'
-    blends.
+    """Update ``spiral_stiffness`` after a change of some quads.
+
+    Their neighbours are updated too, because the arms of a joint are blended with each other.
 
     Parameters
     ----------
-    known : (F,) the stiffness before; returned unchanged for spirals outside the elastic model
+    known : (F,) the stiffness before; returned unchanged where the elastic model cannot be evaluated
     design, material : the changed spirals, and the sheet
-    quads : (F,) which have changed
+    quads : (F,) mask of the changed quads
     """
     try:
         whole = assembly_from_design(design)
@@ -65,9 +67,9 @@ def update_stiffness(
 
 
 def _sum_by_spiral(assembly: Assembly, material: Material) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) sums over the joints of every spiral, and the number of its joints."""
+    """Return the sums (n,) of the stiffnesses at the joints of every spiral, and the numbers of its joints."""
     bend = arm_compliances(assembly, material, slopes=False).values
-    # moment about the side: across the arm's own radius, as far as quads are squares
+    # moment about the axis across the arm's radius, which is parallel to the quad's side in square quads
     own = MM / bend[..., 4, 4]
     count = np.bincount(assembly.pairs.ravel(), minlength=assembly.size)
     return np.bincount(assembly.pairs.ravel(), weights=own.ravel(), minlength=assembly.size), count

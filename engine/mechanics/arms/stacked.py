@@ -1,4 +1,4 @@
-"""Small vectors and matrices of many joints, with the joints as the last axis: contiguous, so several times faster.
+"""Small vectors and matrices of many joints with the joints as the last axis, which is several times faster.
 
 Vectors are (3, m), matrices (3, k, m).
 """
@@ -11,7 +11,7 @@ from ...arrays import Float
 from ..vectors import fill_skew
 
 EYE = np.eye(3)[:, :, None]  # unit matrix, broadcast over the joints
-BATCH = 256  # arms or joints at a time, few enough to stay in the processor's cache
+BATCH = 256  # arms or joints computed at a time; larger leaves the processor's cache, smaller adds overhead
 
 
 def joints_last(values: np.ndarray) -> Float[np.ndarray, "... joints"]:
@@ -25,22 +25,22 @@ def joints_first(values: np.ndarray) -> Float[np.ndarray, "joints ..."]:
 
 
 def outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Outer products (3, 3, m) of vectors (3, m)."""
+    """Return the outer products (3, 3, m) of vectors (3, m)."""
     return a[:, None] * b
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Dot products (m,) of vectors (3, m)."""
+    """Return the dot products (m,) of vectors (3, m)."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross products a x b; if b is a matrix, of a with each of its columns."""
+    """Return the cross products a x b of vectors (3, m); if b is a matrix (3, k, m), of a with each of its columns."""
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def skew(v: np.ndarray) -> Float[np.ndarray, "3 3 joints"]:
-    """(3, 3, m) matrices with skew(v) x = v cross x."""
+    """Return the cross-product matrices (3, 3, m) of vectors v (3, m): skew(v) @ x is v cross x."""
     out = np.zeros((3, *v.shape))
     fill_skew(out, v)
     return out

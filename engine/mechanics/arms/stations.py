@@ -1,4 +1,4 @@
-"""Stations on arms: arrays (1 + P, stations, N) of a value and its derivatives by P parameters, for N arms."""
+"""Values at stations of N arms with derivatives by P parameters: arrays (1 + P, stations, N), the value first."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from ...arrays import Float
 
 
 def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Multiply two arrays of values with derivatives (product rule)."""
+    """Return the product of two arrays of values with derivatives, by the product rule."""
     out = a * b[:1]
     out[1:] += a[:1] * b[1:]
     return out
 
 
 def sum_products(a: np.ndarray, b: np.ndarray) -> Float[np.ndarray, "numbers n"]:
-    """Sum over the stations of the product of two arrays of values with derivatives."""
+    """Return the product of two arrays of values with derivatives, summed over the stations."""
     out = np.einsum("psn,sn->pn", a, b[0])
     out[1:] += np.einsum("sn,psn->pn", a[0], b[1:])
     return out
@@ -29,13 +29,17 @@ def spiral_stations(
     by_radius: int | None = None,
     by_twist: int | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions on pure spirals at t, seen from the tips, and their derivatives by t, both with derivatives.
+    """Return positions on pure spirals at t, relative to the tips, and their derivatives by t.
 
     Parameters
     ----------
     radius, twist : metres and radians
-    t : (1 + P, stations, 1 or N)
-    by_radius, by_twist : rows of the derivatives by radius and twist, if there are any
+    t : (1 + P, stations, 1 or N) with derivatives by P parameters
+    by_radius, by_twist : rows of the derivatives by radius and twist, if these are among the parameters
+
+    Returns
+    -------
+    Two arrays (1 + P, stations, N), complex : metres, with derivatives by the P parameters
     """
     wind = twist * t
     if by_twist is not None:

@@ -1,17 +1,19 @@
-"""Stiffness of a spiral's arm: the fitted table and its exact derivatives.
+"""Tip compliance of a spiral's arm: the fitted stiffness table and its exact derivatives.
 
-The table is fitted to the linear limit of volumetric finite elements. It stores the compliance relative to a curved
-beam's, interpolated by Chebyshev polynomials over ln(s/w), ln(w/h), twist / limit(s/w) and Poisson's ratio: s is the
-scale of the spiral, w the width of the arm, h the thickness of the sheet. It interpolates the entries of the relative
-Cholesky factor, with the logarithm of the diagonal, so that every compliance is positive definite.
+The table is fitted to linear finite elements of solids. It stores the compliance relative to that of a curved beam,
+interpolated by Chebyshev polynomials over ln(s/w), ln(w/h), twist / limit(s/w) and Poisson's ratio: s is the scale of
+the spiral, w the width of the arm, h the thickness of the sheet, and limit the largest twist that can be cut. It
+interpolates the entries of the Cholesky factor of the relative compliance, those on the diagonal as logarithms, so that
+every compliance is positive definite.
 
 One table serves every thickness and Young's modulus, because energies are E h^3 times a function of s/h, w/h and the
 twist.
 
-Outside its nodes the table continues without a jump. A slender arm differs from the beam by its hub, about one width
-long, so beyond the largest s/w the corrections fade like w/s, as finite elements at s/w 50 to 400 confirm. Shorter arms
-scale with the powers of a beam's length. Where w/h or the twist lie outside, the correction of the nearest arm inside
-applies to the beam of the true arm. ``beyond`` lists the arms that no finite elements cover.
+Outside the range of its nodes the table is extended continuously. A slender arm differs from the beam by its hub, about
+one width long, so beyond the largest s/w the corrections fade like w/s, as finite elements at s/w 50 to 400 confirm.
+The compliance of arms shorter than the range scales with powers of their length, like a beam's. Where w/h or the twist
+is outside the range, the correction of the nearest arm inside is applied to the beam of the true arm. ``beyond`` lists
+the arms that no finite elements cover.
 """
 
 from __future__ import annotations
@@ -33,8 +35,8 @@ from ..beyond import Beyond
 from . import beams
 
 TABLE = Path(__file__).resolve().parents[3] / "data" / "stiffness.npz"
-SLENDEREST = 400.0  # largest s/w at which finite elements confirm the fading of the corrections
-SHORTEST = 2.0  # s/w at which an arm is nothing but hub; smaller ratios count as this one
+SLENDEREST = 400.0  # largest s/w at which finite elements confirm that the corrections fade
+SHORTEST = 2.0  # s/w at which an arm is nothing but hub; smaller ratios are replaced by this value
 WIDTH_RANGE = (0.3, 3.0)  # range of w/h of the table's nodes
 POISSON_RANGE = (0.0, 0.45)  # range of Poisson's ratio of the table's nodes
 IN_PLANE, OUT_OF_PLANE = (0, 1, 5), (2, 3, 4)  # indices of (Fx, Fy, Mz) and of (Fz, Mx, My) in a wrench
@@ -47,9 +49,9 @@ _DIAGONAL = (0, 2, 5)  # indices of the diagonal in ``ENTRIES``
 class ArmCompliance:
     """Tip compliances of n arms relative to their hubs, and their derivatives.
 
-    values : (n, 6, 6) SI: motion (m, rad) of the tip relative to the hub per wrench (N, N m) at the tip; axes: along
-        the radius from the hub to the tip, to the left of it in the sheet, normal to the sheet; shifts first, turns
-        last
+    values : (n, 6, 6) motion (m, rad) of the tip relative to the hub per wrench (N, N m) at the tip; shifts and forces
+        first, turns and moments last; axes: along the radius from the hub to the tip, to its left in the sheet, normal
+        to the sheet
     by_scale, by_width, by_twist : (n, 6, 6) derivatives, per metre, per metre, per radian
     by_grain : (n, 6, 6) per radian of the grain's direction; None for sheets without a grain
     """
@@ -65,8 +67,8 @@ class ArmCompliance:
 class StiffnessTable:
     """The interpolation table.
 
-    coefficients : (T, channels, N) Chebyshev coefficients: T pairs of degrees in w/h and twist, channels, degrees in
-        s/w
+    coefficients : (T, channels, N) Chebyshev coefficients: T pairs of degrees in w/h and twist; entries of the two
+        blocks; degrees in s/w
     pairs : (T, 2) int, degrees in w/h and in twist
     provenance : how the table was made, and its errors
     """
@@ -87,7 +89,7 @@ def load_table(poisson: float, path: Path = TABLE) -> StiffnessTable:
         provenance = json.loads(str(stored["provenance"]))
         if provenance.get("format") != FORMAT:
             raise FlexMapsError(f"The stiffness table {path.name} has another version; build the database again")
-        # earlier tables have channels of strains after those of the compliances
+        # older files have channels of strains after the channels of compliances
         full, pairs = stored["coefficients"][:, :CHANNELS].astype(float), stored["pairs"]
     low, high = POISSON_RANGE
     x = 2.0 * (poisson - low) / (high - low) - 1.0
@@ -95,15 +97,15 @@ def load_table(poisson: float, path: Path = TABLE) -> StiffnessTable:
     return StiffnessTable(np.ascontiguousarray(full @ basis), pairs, provenance)
 
 
-FORMAT = 1  # version of the file
-CHANNELS = 12  # channels of the compliances: six entries of each block
+FORMAT = 1  # version of the file that can be read
+CHANNELS = 12  # number of interpolated functions: six entries of each of the two blocks of a compliance
 
 
 @dataclass(frozen=True, eq=False)
 class _TablePoint:
     """Positions of n arms in the table: coordinates in [-1, 1] and their derivatives by ln(s/w), ln(w/h) and twist.
 
-    share : factor on the corrections, 1 up to the largest s/w of the nodes
+    share : factor on the corrections to the beam: 1 up to the largest s/w of the nodes, then falling
     """
 
     x: np.ndarray
@@ -117,7 +119,12 @@ class _TablePoint:
 
 
 def locate(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray) -> _TablePoint:
-    """Nearest positions in the table; a clipped coordinate has zero derivatives."""
+    """Return the nearest positions in the table; coordinates that are clipped to its range have zero derivatives.
+
+    Parameters
+    ----------
+    ratio, flatness, twist : (n,) s/w, w/h and radians
+    """
     within = np.clip(ratio, *SCALE_RANGE)
     limit, slope = table_limit_and_slope(within)
     part = twist / limit
@@ -137,7 +144,7 @@ def locate(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray) -> _Table
 
 
 def _to_unit_interval(value: np.ndarray, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
-    """Map values from [low, high] to [-1, 1], clipped there, with the slope."""
+    """Map values from [low, high] to [-1, 1], clip them to this range, and return them with the slope of the map."""
     place = 2.0 * (value - low) / (high - low) - 1.0
     # both ends count as inside, up to rounding
     inside = np.abs(place) <= 1.0 + 1e-9
@@ -151,10 +158,13 @@ def beyond(
     thickness: float,
     spiral: Int[np.ndarray, " arms"],
 ) -> list[Beyond]:
-    """List the spirals with arms that no finite elements cover; such arms count as their nearest neighbours in the
-    table.
+    """List the spirals with arms that no finite elements cover; the model extends the table to them.
 
-    scale, width : (n,) metres and twist : (n,) radians of arms; spiral : (n,) int, the spiral of each arm
+    Parameters
+    ----------
+    scale, width, twist : (n,) of the arms, metres and radians
+    thickness : of the sheet, metres
+    spiral : (n,) int, the spiral of every arm
     """
     ratio = scale / width
     share = twist / table_twist_limit(np.clip(ratio, *SCALE_RANGE))
@@ -166,7 +176,7 @@ def beyond(
 
 
 def _chebyshev(x: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """(count, n) Chebyshev polynomials and their derivatives, by recurrence."""
+    """Return the first ``count`` Chebyshev polynomials (count, n) and their derivatives, by recurrence."""
     value, slope = np.empty((count, len(x))), np.zeros((count, len(x)))
     value[0] = 1.0
     if count > 1:
@@ -178,7 +188,12 @@ def _chebyshev(x: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def interpolate(table: StiffnessTable, at: _TablePoint) -> tuple[np.ndarray, np.ndarray]:
-    """(12, n) values and (3, 12, n) derivatives by ln(s/w), ln(w/h) and twist."""
+    """Interpolate the table: values (12, n) and derivatives (3, 12, n) by ln(s/w), ln(w/h) and twist.
+
+    Parameters
+    ----------
+    table, at : the table, and n positions in it
+    """
     c = table.coefficients
     pairs, count, degree = c.shape
     tx, dx = _chebyshev(at.x, degree)
@@ -197,7 +212,10 @@ def interpolate(table: StiffnessTable, at: _TablePoint) -> tuple[np.ndarray, np.
 
 
 def _cholesky(a: np.ndarray, da: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cholesky factors (6, ...) of symmetric 3 x 3 matrices (6, ...), and their derivatives (k, 6, ...)."""
+    """Return the Cholesky factors (6, ...) of symmetric 3 x 3 matrices (6, ...), and their derivatives (k, 6, ...).
+
+    Matrices are stored as the entries of their lower triangles, in the order of ``ENTRIES``; ``da`` : derivatives of a.
+    """
     l, dl = np.empty_like(a), np.empty_like(da)
     l[0] = np.sqrt(a[0])
     dl[:, 0] = 0.5 * da[:, 0] / l[0]
@@ -214,7 +232,7 @@ def _cholesky(a: np.ndarray, da: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _lower_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Product of lower-triangular 3 x 3 matrices, both (..., 6, 2, n) in the order of ENTRIES."""
+    """Multiply lower-triangular 3 x 3 matrices, both (..., 6, 2, n) in the order of ``ENTRIES``."""
     a0, a1, a2, a3, a4, a5 = np.moveaxis(a, -3, 0)
     b0, b1, b2, b3, b4, b5 = np.moveaxis(b, -3, 0)
     return np.stack(
@@ -223,7 +241,7 @@ def _lower_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _gram(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Lower triangle of A B^T for lower-triangular A and B, both (..., 6, 2, n)."""
+    """Return the lower triangle of A B^T for lower-triangular A and B, both (..., 6, 2, n)."""
     a0, a1, a2, a3, a4, a5 = np.moveaxis(a, -3, 0)
     b0, b1, b2, b3, b4, b5 = np.moveaxis(b, -3, 0)
     return np.stack(
@@ -231,8 +249,8 @@ def _gram(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     )
 
 
-# Function of s/w, h/w and twist (n,) that returns the beam's compliance. With a grain, ``slopes`` has a fourth row, the
-# derivative by the grain's direction.
+# function of s/w, h/w and twist (n,) that returns the compliance of the beam to which the table is applied; with a
+# grain its ``slopes`` have a fourth row, the derivative by the grain's direction
 Beams = Callable[[np.ndarray, np.ndarray, np.ndarray], beams.Blocks]
 
 
@@ -244,9 +262,13 @@ def blocks(
     poisson: float,
     beam: Beams | None = None,
 ) -> beams.Blocks:
-    """Dimensionless compliance of arms at s/w = ``ratio``, w/h = ``flatness`` and ``twist``, all (n,).
+    """Return the dimensionless compliances of arms: lengths in arm widths, Young's modulus 1.
 
-    beam : the beam that the table is relative to; by default the isotropic one
+    Parameters
+    ----------
+    ratio, flatness, twist : (n,) s/w, w/h and radians
+    table, poisson : the table for this Poisson's ratio
+    beam : function for the beam to which the table is applied; default an isotropic beam
     """
     at = locate(ratio, flatness, twist)
     log, dlog = interpolate(table, at)
@@ -257,7 +279,7 @@ def blocks(
     for k in _DIAGONAL:
         factor[k] = np.exp(log[k])
         dfactor[:, k] *= factor[k]
-    # the beam's series ends here; no spiral with a larger twist can be cut
+    # the beam's series ends at this twist; no spiral with a larger twist can be cut
     wound = np.clip(twist, 0.0, beams.LARGEST_TWIST)
     if beam is None:
         base = beams.beam_tip_compliance(ratio, 1.0 / flatness, wound, poisson)
@@ -283,17 +305,17 @@ def table_tip_compliance(
     poisson: float,
     beam: Beams | None = None,
 ) -> ArmCompliance:
-    """Tip compliances of n arms with exact derivatives, for arms of any shape (see ``beyond``).
+    """Return the tip compliances of n arms with exact derivatives, also of arms outside the table (see ``beyond``).
 
-    Arms shorter than the table's shortest, s/w = 5, are hardly longer than wide: down to s/w = 2 they get the shortest
-    arm's compliance, scaled with the powers of a beam's length.
+    Arms shorter than the table's shortest, s/w = 5, are hardly longer than wide. Down to s/w = 2 they get the
+    compliance of the shortest arm, scaled with powers of the length like a beam's.
 
     Parameters
     ----------
     scale : (n,) metres, diameter of the circumscribed circle: twice the distance from the centre to the tip
     width, twist : (n,) metres and radians
     thickness, youngs, poisson : metres, Pa and Poisson's ratio
-    beam : as in ``blocks``, its compliance times ``youngs``
+    beam : as in ``blocks``; returns compliances for a Young's modulus of 1
 
     Raises
     ------
@@ -304,13 +326,13 @@ def table_tip_compliance(
     ratio, least = scale / width, SCALE_RANGE[0]
     table = load_table(float(poisson))
     found = blocks(np.maximum(ratio, least), width / thickness, twist, table, float(poisson), beam)
-    # units of a wrench (F, M): (E w^2, E w^3); units of a motion (u, turn): (w, 1)
+    # unit of a force: E w^2, of a moment: E w^3; of a shift: w, of a turn: 1
     power = np.zeros((2, 6), dtype=int)
     for b, rows in enumerate((IN_PLANE, OUT_OF_PLANE)):
         kind = [0 if r < 3 else 1 for r in rows]
         power[b] = [-1 - kind[i] - kind[j] for i, j in ENTRIES]
     power = power[..., None]
-    # a beam's compliance scales with length^(4 + power): cubed from force to shift, linear from moment to turn
+    # a beam's compliance scales with length^(4 + power): length^3 for shift per force, length for turn per moment
     short = np.minimum(np.maximum(ratio, SHORTEST) / least, 1.0)
     unit = width**power * short ** (4 + power) / youngs
     values = found.values * unit
@@ -324,7 +346,7 @@ def table_tip_compliance(
 def lengths_and_twists(
     scale: np.ndarray, width: np.ndarray, twist: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Scales, widths and twists as arrays (n,).
+    """Check scales, widths and twists and return them as arrays (n,).
 
     Parameters
     ----------
@@ -336,7 +358,7 @@ def lengths_and_twists(
 
     Raises
     ------
-    FlexMapsError : with the indices of invalid arms
+    FlexMapsError : a value is not a number, or a length is not positive; ``faces`` are the indices of these arms
     """
     scale, width, twist = (np.atleast_1d(np.asarray(v, dtype=float)) for v in (scale, width, twist))
     scale, width, twist = np.broadcast_arrays(scale, width, twist)
@@ -364,7 +386,7 @@ def refuse_material(thickness: float, youngs: float) -> None:
 
 
 def _full_matrices(entries: np.ndarray) -> Float[np.ndarray, "arms 6 6"]:
-    """Matrices (n, 6, 6) from the lower triangles (2, 6, n) of both blocks."""
+    """Build matrices (n, 6, 6) from the lower triangles (2, 6, n) of both blocks."""
     out = np.zeros((6, 6, entries.shape[-1]))
     for b, rows in enumerate((IN_PLANE, OUT_OF_PLANE)):
         for k, (i, j) in enumerate(ENTRIES):

@@ -1,4 +1,4 @@
-"""Largest strains of the arms of an assembly, with derivatives by the hubs, the spirals and the flat shapes.
+"""Largest strains of the arms of an assembly, with derivatives by the hubs' poses, the design and the rest shapes.
 
 The rim's strips and necks count as straight bars, as wide as they are beside their holes. The design changes only the
 width of a neck: a neck is as wide as the arm that it joins.
@@ -22,10 +22,10 @@ from .cut import TWIST, WIDTH, CutArms, rest_shapes
 from .peak_strain import GRAIN_INDEX, NUMBERS, PeakStrain, StrainedArms
 from .sensitivity import SENSES, JointDerivatives, arm_loads, spread_over_design
 
-# Kink (see ``kink_sharpness``) above which the estimated strain is less certain, and the largest ratio of true to estimated
-# strain there. Of 1,006 joints in 40 solids, those above reach 1.6 (99 of 100 at most 1.19), those below 1.21.
+# sharpness of a kink (see ``kink_sharpness``) above which computed strains are less certain, and the largest ratio of
+# true to computed strain at such kinks; a lower limit or a larger factor warns about more joints
 KINK_LIMIT, KINK_STRAIN_FACTOR = 0.9, 1.6
-_UNCUT = 0.3  # blended share of t, where every arm counts as blended with an equal arm and the value has no effect
+_UNCUT = 0.3  # length of blends in t for arms cut as pure spirals; without effect, as equal arms need no blend
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class StrainSlopes:
 
     by_pose : (K, 12) by the increments of both hubs of their joint
     by_design : (K, 2, 5) by the four widths and the twist of the spirals on both sides of the joint
-    arms : by their own loads and parameters
+    arms : values, and derivatives by the arms' own loads and parameters
     """
 
     by_pose: Float[np.ndarray, "k 12"]
@@ -46,8 +46,8 @@ class StrainSlopes:
 class Strains:
     """Largest strains (m, 2) of both arms of m joints; see ``peak_strain``.
 
-    assembly, changes, arms : the joints, their derivatives, and the parameters of their arms
-    loads : (2 m, LOADS) see ``bar_loads``
+    assembly, changes : the joints, and derivatives of their wrenches; arms : parameters of the 2 m arms
+    loads : (2 m, LOADS) loads of the arms, in the columns of ``bar_loads``; values : the strains
     """
 
     assembly: Assembly
@@ -58,7 +58,7 @@ class Strains:
 
     @classmethod
     def from_changes(cls, assembly: Assembly, changes: JointDerivatives, material: Material) -> Strains:
-        """Compute the strains under the loads of ``changes``.
+        """Compute the strains under the wrenches of ``changes``.
 
         Parameters
         ----------
@@ -70,7 +70,7 @@ class Strains:
         return cls(assembly, changes, arms, loads, arms.values(loads).reshape(-1, 2))
 
     def slopes(self, arms: Int[np.ndarray, " k"]) -> StrainSlopes:
-        """Derivatives of the strains of arms (k,); arm 2 e + side belongs to joint e."""
+        """Return the derivatives of the strains of arms (k,); arm 2 e + side belongs to joint e."""
         found, known, changes = self.arms.slopes(self.loads[arms], arms), self.assembly, self.changes
         e, side, rows = arms // 2, arms % 2, np.arange(len(arms))
         axes, by_loads = known.arm_axes[e, side], SENSES[side, None] * found.by_loads
@@ -81,7 +81,7 @@ class Strains:
         by_design = (changes.wrench_by_design[e] @ by_wrench[:, None, :, None])[..., 0]
         by_design += (changes.linear_by_design[e] @ by_linear[:, None, :, None])[..., 0]
         mate, sign = (of[arms] for of in _mates(known))
-        # a neck depends on the arm beyond its joint, a strip on nothing
+        # the width of a neck follows the arm that it joins; a strip does not depend on the design
         own = np.where((e >= known.inner) & (side == 1), 0, side)
         beyond = np.where(mate == arms, own, mate % 2)
         alive = e < known.ties.stop
@@ -90,7 +90,7 @@ class Strains:
             by_design[rows, at, WIDTH] += alive * found.by_numbers[:, numbers[0]]
             by_design[rows, at, TWIST] += turns * weight * found.by_numbers[:, numbers[1]]
         out = spread_over_design(by_design, known.sides[e])
-        cut = known.pairs[e, side] < known.spirals  # beside necks and strips there are only strips
+        cut = known.pairs[e, side] < known.spirals  # necks and strips have only strips beside them
         out[rows, side, _inner_side(known, known.sides[e, side])] += cut * found.by_numbers[:, BESIDE]
         return StrainSlopes(by_pose, out, found)
 
@@ -107,7 +107,7 @@ def strain_by_rest_shape(
 
     Returns
     -------
-    (k, 2, 3) : by x and y of the lever (per metre) and the direction of the edge (per radian)
+    (k, 2, 3) : side of the joint; x and y of the lever (per metre) and the direction of the edge (per radian)
     """
     e, side, rows, sense = arms // 2, arms % 2, np.arange(len(arms)), -1.0 if assembly.clockwise else 1.0
     out, ties = np.zeros((len(arms), 2, 3)), e >= assembly.inner
@@ -127,7 +127,7 @@ def strain_by_rest_shape(
 
 
 def strained_arms(assembly: Assembly, material: Material) -> StrainedArms:
-    """Return both arms of every joint, in the order of the joints."""
+    """Collect the parameters of both arms of every joint, in the order of the joints."""
     shape, cut = rest_shapes(assembly, material), assembly.cut
     mate, sign = _mates(assembly)
     numbers = np.zeros((len(mate), NUMBERS))
@@ -136,7 +136,7 @@ def strained_arms(assembly: Assembly, material: Material) -> StrainedArms:
     numbers[:, OWN_WIND], numbers[:, MATE_WIND] = twist, sign * twist[mate]
     numbers[:, RADIUS] = shape[:, 0]
     inner = _inner_side(assembly, assembly.sides)
-    # beside arms of a rim count strips alone, which the design does not change
+    # arms of rim nodes have only strips beside them, whose width the design does not change
     inner = np.where(assembly.pairs < assembly.spirals, inner, FORWARDS)
     numbers[:, BESIDE] = assembly.width[assembly.pairs, inner].ravel()
     if cut is not None:
@@ -154,12 +154,12 @@ def strained_arms(assembly: Assembly, material: Material) -> StrainedArms:
 def arm_strains(
     assembly: Assembly, loads: Float[np.ndarray, "joints 2 15"], material: Material
 ) -> Float[np.ndarray, "joints 2"]:
-    """(m, 2) largest strains of both arms of every joint under loads in the arms' own axes (see ``bar_loads``)."""
+    """Return the largest strains (m, 2) of both arms of every joint under loads in the columns of ``bar_loads``."""
     return strained_arms(assembly, material).values(loads.reshape(-1, LOADS)).reshape(-1, 2)
 
 
 def max_strain_per_spiral(assembly: Assembly, strains: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, " spirals"]:
-    """Largest strain at the joints of every spiral.
+    """Return the largest strain at the joints of every spiral.
 
     The larger strain at a joint counts for both of its spirals, because a kink in one arm begins in the other.
 
@@ -173,17 +173,21 @@ def max_strain_per_spiral(assembly: Assembly, strains: Float[np.ndarray, "joints
 
 
 def kink_sharpness(assembly: Assembly) -> Float[np.ndarray, " joints"]:
-    """(m,) sharpness of the kink at every joint: the angle (radians) of the more bent arm, times thickness over
-    the width of the narrower arm."""
+    """Return the sharpness (m,) of the kink at every joint.
+
+    It is the angle by which the blend bends the more bent arm (radians), times the sheet's thickness over the width of
+    the narrower arm.
+    """
     arms = CutArms.from_assembly(assembly)
     bend = np.abs(arms.slope) / arms.radius
     return bend.reshape(-1, 2).max(axis=1) * assembly.thickness / assembly.arm_width.min(axis=1)
 
 
 def _mates(assembly: Assembly) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """For both arms of every joint, the arm beyond the joint, and the sign of its twist and lean.
+    """Return the mate of both arms of every joint, and the sign of its twist and lean.
 
-    An arm at a rim is blended with its mirror image, an arm cut as a pure spiral with one like itself.
+    The mate is the arm beyond the joint. At a rim it is the mirror image of the arm, and for arms cut as pure spirals
+    an equal arm.
     """
     own = np.arange(2 * len(assembly.pairs))
     mate, sign = own ^ 1, np.ones(len(own))
@@ -196,5 +200,5 @@ def _mates(assembly: Assembly) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray,
 
 
 def _inner_side(assembly: Assembly, sides: Int[np.ndarray, "*n"]) -> Int[np.ndarray, "*n"]:
-    """Arms of the same spirals beside the inner edges of these arms."""
+    """Return the sides whose arms lie beside the inner edges of these arms, in the same spirals."""
     return (sides + (1 if assembly.clockwise else -1)) % 4

@@ -4,8 +4,8 @@ A flat arm is plane, so its beam problem splits into two: a force in the plane a
 within its plane; a moment in the plane and a force along the normal bend it out of its plane. Vectors are therefore
 pairs of a complex number, the part in the plane, and a real number, the part along the normal.
 
-About the elastic centre of each problem, where shifts and turns do not mix, the tip compliance is inverted in closed
-form. The inverse is symmetric. So derivatives by the tip motion are the wrench of a virtual motion (adjoint), and
+The tip compliance of either problem is inverted in closed form about its elastic centre, where shifts and turns do not
+couple. The inverse is symmetric, so derivatives by the tip motion are the wrench of a virtual tip motion (adjoint), and
 derivatives by the arm's own parameters follow from the real and the virtual wrench.
 """
 
@@ -25,9 +25,9 @@ from ...spirals.curves.lines import ArmCurves
 from .beams import SHEAR_FACTOR, torsion_constant
 from .pieces import POISSON
 
-HUB_SHARE = 0.985  # share of the distance from the tip to the first fillet at which an arm leaves its hub
-# Largest hub radius, as a share of the arm's radius; spirals that leave a slot over their outer third have smaller
-# hubs.
+HUB_SHARE = 0.985  # t at which an arm leaves its hub over t at its first fillet; larger makes arms softer
+# largest hub radius, as a share of the arm's radius; larger stiffens tightly wound arms; spirals with slots open over
+# their outer third have smaller hubs
 _MAX_HUB_SHARE = 0.6
 
 
@@ -45,24 +45,25 @@ class SplitVector:
 
     @property
     def space(self) -> Float[np.ndarray, "*n 3"]:
-        """Vectors in space, (..., 3)."""
+        """The vectors as arrays (..., 3)."""
         return np.stack([self.flat.real, self.flat.imag, self.off], axis=-1)
 
     def __getitem__(self, index: Any) -> SplitVector:
         return SplitVector(self.flat[index], self.off[index])
 
     def sums(self) -> SplitVector:
-        """Sums over the pieces from the hub to every station."""
+        """Return the sums over the pieces from the hub to every station."""
         return SplitVector(_cumulative(self.flat), _cumulative(self.off))
 
 
 @dataclass(frozen=True, eq=False)
 class PointGradient:
-    """Derivatives of K numbers, each depending on one place of an arm, by the state of the arm there.
+    """Derivatives of K scalars, each a function of one place on an arm, by the state of the arm there.
 
-    shift, turn : by the motion of the station before the place; bend, stretch : by bend and stretch of the piece there
+    shift, turn : by the motion of the station before the place; bend, stretch : by bend and stretch of the place's
+        piece
     station : by the position of that station on the flat arm; hub : by t where the arm leaves its hub
-    point, velocity, half : by position, velocity and half width of the flat arm at the place
+    point, velocity, half : by position, its derivative by t, and half width of the flat arm at the place
     """
 
     shift: SplitVector
@@ -81,7 +82,7 @@ class PointGradient:
 
         Parameters
         ----------
-        first, second : as many each; they alternate
+        first, second : derivatives of equally many scalars, which alternate in the result
         """
         return cls(*(_interleave(getattr(first, part.name), getattr(second, part.name)) for part in fields(cls)))
 
@@ -94,7 +95,7 @@ class Wrenches:
     moment: SplitVector
 
     def at(self, lever: Complex[np.ndarray, "n pieces"]) -> SplitVector:
-        """Moments (n, pieces) about the pieces; lever : i times the vector from a piece to the tip."""
+        """Return the moments (n, pieces) about the pieces; lever : i times the vector from a piece to the tip."""
         return SplitVector(
             self.moment.flat[:, None] - self.force.off[:, None] * lever,
             self.moment.off[:, None] + _dot(lever, self.force.flat[:, None]),
@@ -103,12 +104,12 @@ class Wrenches:
 
 @dataclass(frozen=True, eq=False)
 class TipBeams:
-    """N arms, each divided into pieces of equal length in t.
+    """N flat arms, each divided into pieces of equal length in t.
 
-    lines, fillet, thickness : the flat arms, metres; hub : t where they leave the hub
-    flat : metres, the stations of the flat arms from there to the tip
-    velocity, width : at the middles of the pieces; lever : i times the vector from there to the tip; curving : 1 /
-        metres
+    lines : centre lines; fillet (radius), thickness : metres; hub : t where the arms leave their hub
+    flat : positions of the stations from hub to tip, metres
+    velocity, width, curving : derivative by t, width and curvature (1 / metres) at the middles of the pieces
+    lever : i times the vector from these middles to the tip
     """
 
     lines: ArmCurves
@@ -156,15 +157,15 @@ class TipBeams:
 
     @cached_property
     def _direction_squared(self) -> Complex[np.ndarray, "n pieces"]:
-        """Squared direction along the arm. C x = p x + r conj(x) times it has the flexibility p + r along the arm and p
-        - r across it."""
+        """Squared direction a^2 of the arm. p x + r a^2 conj(x) is x with its part along the arm times p + r, and its
+        part across the arm times p - r."""
         return self.velocity**2 / np.abs(self.velocity) ** 2
 
     @cached_property
     def _flexibilities(self) -> tuple[np.ndarray, ...]:
-        """Flexibilities of every piece for a Young's modulus of 1 Pa: p and r of its turn in the plane, its turn about
-        the normal; p and r of its stretch in the plane, its shear along the normal; derivatives of torsion and bending
-        out of plane by the width."""
+        """Flexibilities of every piece for a Young's modulus of 1 Pa: p and r of its turn about axes in the plane, its
+        turn about the normal; p and r of its stretch in the plane, its shear along the normal; derivatives of torsion
+        and out-of-plane bending by the width."""
         height, width = self.thickness, self.width
         length = np.abs(self.velocity) * (self.hub[:, None] / self.velocity.shape[1])
         shear = 0.5 / (1.0 + POISSON)
@@ -180,18 +181,18 @@ class TipBeams:
         )  # fmt: skip
 
     def _turn_pieces(self, moment: SplitVector) -> SplitVector:
-        """Turns of the pieces under moments (n, pieces)."""
+        """Return the turns of the pieces under moments (n, pieces)."""
         p, r, off = self._flexibilities[:3]
         return SplitVector(p * moment.flat + r * self._direction_squared * np.conj(moment.flat), off * moment.off)
 
     def _stretch_pieces(self, force: SplitVector) -> SplitVector:
-        """Stretch and shear of the pieces under forces (n, pieces) or (n, 1)."""
+        """Return stretch and shear of the pieces under forces (n, pieces) or (n, 1)."""
         p, r, off = self._flexibilities[3:6]
         return SplitVector(p * force.flat + r * self._direction_squared * np.conj(force.flat), off * force.off)
 
     @cached_property
     def _elastic_centres(self) -> tuple[Any, ...]:
-        """Elastic centres of both beam problems and the tip compliances about them."""
+        """Elastic centres of the in-plane and the out-of-plane beam problem, and the tip compliances about them."""
         (p, r, off, pull, aside, slide), lever = self._flexibilities[:6], self.lever
         turn = off.sum(1)
         centre = (off * lever).sum(1) / turn
@@ -207,10 +208,10 @@ class TipBeams:
         return turn, centre, plane, roll, other, lift
 
     def wrenches(self, shift: SplitVector, turn: SplitVector) -> Wrenches:
-        """Wrenches at the tips that cause these tip motions.
+        """Return the wrenches at the tips that cause these tip motions.
 
-        As an adjoint: derivatives by the tip motion of numbers whose derivatives by the wrenches are ``shift`` and
-        ``turn``.
+        Used as an adjoint, it converts derivatives of scalars by the wrenches (``shift``, ``turn``) to derivatives by
+        the tip motions.
 
         Parameters
         ----------
@@ -237,8 +238,8 @@ class TipBeams:
 class BentBeams:
     """Arms whose tips have moved under wrenches.
 
-    bend, stretch : of every piece, radians and metres
-    turn, shift : of every station, radians and metres; middle : turns of the middles of the pieces
+    load : wrenches at the tips; bend, stretch : of every piece, radians and metres
+    turn, shift : of every station, radians and metres; middle : turns at the middles of the pieces
     """
 
     beams: TipBeams
@@ -250,18 +251,18 @@ class BentBeams:
     middle: SplitVector
 
     def rows(self, index: Int[np.ndarray, " k"]) -> BentBeams:
-        """Select arms by index, with repetitions, together with everything already computed for them."""
+        """Select arms by index, possibly repeated, with all that is already computed for them."""
         return _select_rows(self, index)
 
     def vjp(
         self, t: Float[np.ndarray, " n"], piece: Int[np.ndarray, " n"], pull: PointGradient
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n numbers"]]:
-        """Vector-Jacobian product with respect to tip motions and the arms' parameters (see ``blends``).
+        """Return the vector-Jacobian product by the tip motions and by the arms' parameters (see ``blends``).
 
         Parameters
         ----------
-        t, piece : place on every arm, and the piece that it lies on
-        pull : derivatives of one number for every arm by that place
+        t, piece : one place on every arm, and the piece that contains it
+        pull : derivatives of one scalar per arm by the state at that place
         """
         beams = self.beams
         count, rows = beams.velocity.shape[1], np.arange(len(t))
@@ -296,8 +297,8 @@ class BentBeams:
     def _vjp_of_pieces(
         self, bend: SplitVector, stretch: SplitVector
     ) -> tuple[Wrenches, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Virtual wrench, and derivatives by the hubs' t (through the pieces' lengths), velocities, widths and levers,
-        from derivatives by bend and stretch of the pieces."""
+        """Convert derivatives by bend and stretch of the pieces to the virtual wrench (derivatives by tip motion) and
+        to derivatives by t at the hubs (through the pieces' lengths), velocities, widths and levers."""
         beams, load = self.beams, self.load
         lever, along = beams.lever, beams._direction_squared
         _, r, off, _, aside, _, twist_by, level_by = beams._flexibilities
@@ -309,7 +310,7 @@ class BentBeams:
             SplitVector(turned.flat.sum(1), turned.off.sum(1)),
         )
         moment, force, other = load.at(lever), load.force[:, None], virtual.at(lever)
-        # subtract the part that tip motions explain: the rest are derivatives at fixed tips
+        # subtract the virtual wrench's part: the rest are derivatives at fixed tips
         bend = SplitVector(bend.flat - other.flat, bend.off - other.off)
         stretch = SplitVector(stretch.flat - virtual.force.flat[:, None], stretch.off - virtual.force.off[:, None])
         turned = beams._turn_pieces(bend)
@@ -351,9 +352,9 @@ def _select_rows(known: Any, index: Int[np.ndarray, " k"]) -> Any:
 def hub_ends(
     radius: Float[np.ndarray, " n"], wind: Float[np.ndarray, " n"], away: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
-    """t where arms of regular spirals leave their hub, where the slots are as wide as the fillet; and its derivatives.
+    """Return t where arms of regular spirals leave their hub, at slots as wide as a fillet, with its derivatives.
 
-    wind : radians; away : metres from the centre line of an arm to the centre of a fillet beside it
+    radius, wind, away : metres, radians, and metres from an arm's centre line to the centre of a fillet beside it
     """
     room = (0.25 * math.pi * radius / away) ** 2
     least = 1.0 / _MAX_HUB_SHARE**2
@@ -372,12 +373,12 @@ def _interleave(first: Any, second: Any) -> Any:
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Dot products of plane vectors given as complex numbers."""
+    """Return dot products of plane vectors, as complex numbers."""
     return a.real * b.real + a.imag * b.imag
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross products of plane vectors given as complex numbers."""
+    """Return cross products of plane vectors, as complex numbers."""
     return a.real * b.imag - a.imag * b.real
 
 
@@ -388,12 +389,12 @@ def _solve(both: tuple[np.ndarray, np.ndarray], x: np.ndarray) -> np.ndarray:
 
 
 def _cumulative(steps: np.ndarray) -> np.ndarray:
-    """Cumulative sums along the pieces, beginning with zero."""
+    """Return the cumulative sums along the pieces, beginning with zero."""
     out = np.zeros((len(steps), steps.shape[1] + 1), dtype=steps.dtype)
     np.cumsum(steps, axis=1, out=out[:, 1:])
     return out
 
 
 def sum_beyond(x: np.ndarray) -> np.ndarray:
-    """Sum over all pieces farther out than each piece, plus half of its own value."""
+    """Return for every column the sum of all later columns plus half of its own value."""
     return np.cumsum(x[:, ::-1], axis=1)[:, ::-1] - 0.5 * x

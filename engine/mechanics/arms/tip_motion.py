@@ -1,9 +1,9 @@
 """Motions of the tips of both arms of every joint relative to their hubs, with exact derivatives.
 
-The motion y of a joint is the position of the joint on the second hub relative to its position on the first, in the axes half
-way between both. Both arms carry the wrench K y, K = (C_a + C_b)^-1. So in these axes the tip of the first arm has
-moved by C_a K y and that of the second by -C_b K y, and they meet. The axes of either hub differ by half of the joint's
-turn, by which the shift is rotated.
+The motion y of a joint is the motion of the joint as fixed to the second hub relative to the joint as fixed to the
+first, in the axes half way between both hubs. Both arms, of compliances C_a and C_b, carry the wrench K y, with
+K = (C_a + C_b)^-1. So in these axes the tip of the first arm moves by C_a K y, the tip of the second by -C_b K y, and
+they coincide. The axes of either hub differ from these by half of the joint's turn, by which the shift is rotated.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from .sensitivity import PARAMETERS, spread_over_design
 class TipMotions:
     """Shifts (metres) and turns (radians) of both tips of m joints, each in the flat frame of its own hub's patch.
 
-    values : (m, 2, 6); by_pose : (m, 2, 6, 12) by the increments of both hubs
-    by_design : (m, 2, 6, 2, 5) by the four widths and the twist of the spirals on both sides
+    values : (m, 2, 6); by_pose : (m, 2, 6, 12) derivatives by the increments of both hubs
+    by_design : (m, 2, 6, 2, 5) derivatives by the four widths and the twist of the spirals on both sides
     """
 
     values: Float[np.ndarray, "joints 2 6"]
@@ -46,7 +46,7 @@ class TipMotions:
         Parameters
         ----------
         assembly, pose : m joints, and where their hubs are
-        compliance, by : of the arms, and derivatives, as in ``ArmCompliances``
+        compliance, by : of the arms, with derivatives, as ``values`` and ``by`` of ``ArmCompliances``
         stiffness : of the joints, ``ArmModel.at_joint``
         """
         motion, m, axes = _motion(assembly, pose), len(assembly.pairs), assembly.arm_axes
@@ -106,5 +106,5 @@ def tip_motions(
 
 
 def _motion(assembly: Assembly, pose: Pose) -> JointMotion:
-    """Motion of the joints themselves, which both hubs carry to the same point at rest."""
+    """Return the motion between the joints as fixed to either hub; these points coincide at rest."""
     return joint_motion(pose, assembly.pairs, assembly.lever, assembly.axes, np.zeros((len(assembly.pairs), 3)))

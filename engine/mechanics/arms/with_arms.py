@@ -1,4 +1,4 @@
-"""Access to the arms of an elastic model, if it knows those of its joints."""
+"""Access to elastic models that have separate arms."""
 
 from __future__ import annotations
 
@@ -7,5 +7,5 @@ from .model import ArmModel
 
 
 def with_arms(model: ElasticModel) -> ArmModel | None:
-    """Return the model if it knows the arms of every joint and their derivatives; else None."""
+    """Return the model if it has the arms of every joint, with derivatives; else None."""
     return model if isinstance(model, ArmModel) else None

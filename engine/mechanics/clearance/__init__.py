@@ -1,1 +1,1 @@
-"""Clearances of the assembled piece: slots between bent arms, estimated in searches and measured in results. Theory: docs/clearance.md."""
+"""Slots between the bent arms of an assembled piece: estimated in searches, measured in results (docs/clearance.md)."""

@@ -1,4 +1,4 @@
-"""Sections of arms bent by motions of their tips: their place in space, and derivatives by the bent arm."""
+"""Cross-sections of arms that are bent by motions of their tips: place in space, and derivatives by the bent arm."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..vectors import dot, matvec, right_jacobian, rotation_matrix, to_space
 
 @dataclass(eq=False)
 class SectionPull:
-    """Derivatives of one number per section by ``middle``, ``along``, ``across``, ``off`` and ``half`` of ``Section``."""
+    """Derivatives of one scalar per section by the attributes of ``Section`` with these names."""
 
     middle: Float[np.ndarray, "n places 3"]
     along: Float[np.ndarray, "n places 3"]
@@ -23,23 +23,27 @@ class SectionPull:
 
     @classmethod
     def none(cls, like: Float[np.ndarray, "n places 3"]) -> SectionPull:
-        """Zero derivatives for sections with these middles."""
+        """Return zero derivatives, in the shape of the middles ``like``."""
         zero = np.zeros_like(like)
         return cls(zero, zero, zero, zero, zero[..., 0])
 
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """Sections of arms at t.
+    """Cross-sections of bent arms at positions t, in the flat frames of the arms' hubs.
 
+    t : 0 at the tip; hub : t where the arm leaves its hub
     middle : metres; along, across, off : unit vectors along the arm (inwards), across it and normal to the sheet
-    half : metres, half of the width; widening : its derivative by t
-    velocity : derivative of the middle by t, metres; curving : derivative by t of the direction in the flat plane,
-        radians
-    piece, share : the piece of the arm, and the share of it up to the section; rate : derivative of the share by t, 0
-        in the hub
-    turn : radians; chord : metres, on the flat arm, from the station before; pace : velocity of the flat arm
-    bend, stretch : of the piece; halfway : mean of the turns of the station and of the section
+    half : half of the width, metres; widening : its derivative with respect to t
+    velocity : derivative of ``middle`` with respect to t, metres
+    curving : derivative with respect to t of the flat arm's direction, radians
+    piece, share : the arm's piece that contains the section, and the share of this piece from its inner station to the
+        section; rate : derivative of ``share`` with respect to t, 0 within the hub
+    turn : rotation vector of the section, radians
+    chord : on the flat arm, from the piece's inner station to the section, metres
+    pace : derivative of the flat arm's position with respect to t, metres, complex
+    bend, stretch : rotation vector (radians) and elongation (metres) over the whole piece
+    halfway : mean of the rotation vectors of the inner station and of the section, radians
     """
 
     t: Float[np.ndarray, "n places"]
@@ -64,7 +68,7 @@ class Section:
 
     @classmethod
     def from_arms(cls, field: BentBeams, arm: Int[np.ndarray, " n"], t: Float[np.ndarray, "n places"]) -> Section:
-        """Place the sections of bent arms at t."""
+        """Compute the sections of the bent arms ``arm`` at t."""
         beams, every = field.beams, arm[:, None]
         pieces, hub = beams.velocity.shape[1], beams.hub[arm, None]
         point, velocity, change, half, widening = beams.lines.at(every, t)[:5]
@@ -91,11 +95,11 @@ class Section:
 
     @property
     def turning(self) -> Float[np.ndarray, "n places 3"]:
-        """Derivative of the vector ``along`` by t, to first order in the bend."""
+        """Derivative of the vector ``along`` with respect to t, to first order in the bend."""
         return self.rate[..., None] * np.cross(self.bend, self.along) - self.curving[..., None] * self.across
 
     def by_place(self, pull: SectionPull) -> Float[np.ndarray, "n places"]:
-        """Derivatives by t of numbers with the derivatives ``pull`` by the sections."""
+        """Return derivatives with respect to t of scalars whose derivatives by the sections are ``pull``."""
         turn, aside = self._vjp_of_turns(pull)
         return (
             dot(pull.middle, self.velocity)
@@ -105,7 +109,7 @@ class Section:
         )
 
     def vjp(self, pull: SectionPull) -> tuple[PointGradient, Int[np.ndarray, " n"]]:
-        """Vector-Jacobian product with respect to the bent arms, one section per arm; and the pieces of the sections."""
+        """Return the vector-Jacobian product by the bent arms, one section per arm, and the pieces of the sections."""
         turn, aside = self._vjp_of_turns(pull)
         share, halfway = self.share[..., None], np.cross(self.chord, pull.middle)
         within = (self.rate < 0.0)[..., None]
@@ -121,7 +125,7 @@ class Section:
         ), self.piece[:, 0]
 
     def _vjp_of_turns(self, pull: SectionPull) -> tuple[Float[np.ndarray, "n places 3"], Float[np.ndarray, "n places"]]:
-        """Derivatives by the turns of the sections and by the direction of the flat arm."""
+        """Return derivatives with respect to the sections' rotation vectors and to the flat arm's direction."""
         torque = sum(
             np.cross(axis, by)
             for axis, by in ((self.along, pull.along), (self.across, pull.across), (self.off, pull.off))

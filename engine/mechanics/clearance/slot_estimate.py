@@ -1,10 +1,10 @@
 """Slot widths between the bent arms of a spiral as smooth functions of the tip motions and of the flat arms.
 
-The search for a design evaluates thousands of them with derivatives, many times over, so this is a quick version of
-``slots_in_space`` for narrow slots. The shape of an arm between hub and tip is that of the curved beam (Castigliano),
-to first order in the motion of its tip. The width is measured from edge to edge at a few points of the outer arm, at
-right angles to the centre line of the inner one. On three optimised pieces, 9 of 10 slots narrower than 0.3 mm are
-estimated between 0.19 mm too narrow and 0.02 mm too wide, none by more than 0.07 mm too wide.
+A fast approximation of ``slots_in_space`` for narrow slots, because the search for a design evaluates thousands of
+widths with derivatives at every step. An arm between hub and tip is bent like a curved beam (Castigliano), to first
+order in the motion of its tip. The outer arm of a slot is the one that lies farther from the spiral's centre beside it.
+The width is measured from edge to edge at a few points of the outer arm, at right angles to the inner arm's centre
+line. Estimates are at most 0.07 mm too wide where slots are narrower than 0.3 mm.
 """
 
 from __future__ import annotations
@@ -31,21 +31,19 @@ from ..arms.tip_beams import BentBeams, PointGradient, SplitVector, TipBeams
 from ..vectors import dot
 from .sections import Section, SectionPull
 
-# t on the outer arm where widths are measured; more are slower. In four optimised pieces all 98 slots that close do so
-# within the first sixth of their arm.
+# positions t on the outer arm (0 at its tip) where widths are measured; more are slower; slots close near the tip
 PLACES = np.array([0.0, 0.05, 0.1, 0.15, 0.22, 0.3])
-# Pieces of an arm; more are slower. On three optimised surfaces, two of them of 150 and 986 spirals, half of the narrow
-# points are within 0.004 mm of the result of 48 pieces, 99 of 100 within 0.04 mm, all within 0.06 mm.
+# pieces into which an arm is divided; more are slower and more exact (error 0.06 mm)
 STATIONS = 12
-# Newton iterations for the facing point: with 3, 95 of 100 derivatives are within 1e-6 of finite differences.
+# Newton iterations for the point of the inner arm that faces a point of the outer arm; more are slower and more exact
 ROUNDS = 3
-# Sine of the tilt between two sections below which the tilt is smoothed out: 0.02 mm for a sheet of 2 mm.
+# Sine of the angle of tilt between two sections below which its absolute value is rounded off. Larger is smoother and
+# less exact: 0.02 mm for a sheet of 2 mm.
 _TILT_ROUNDING = 0.02
-_AXIS_ROUNDING = 5e-5  # metres over which the smooth maximum of two separating distances blends
-END_TOLERANCE = 1e-4  # metres; where the inner arm ends this much before the point, no section faces it
-# Rough search for slots that may be too narrow: pieces of an arm, stations at its outer end, and assumed error in
-# metres; larger is safer and slower. With 0.3 mm it missed one narrow point of 250, with 6 and 3 up to five of 40;
-# these values missed none on those surfaces.
+_AXIS_ROUNDING = 5e-5  # metres over which the maximum of two distances is rounded off; larger is smoother, less exact
+END_TOLERANCE = 1e-4  # metres; a point this far beyond the end of the inner arm still faces it
+# Rough search for slots that may be too narrow: pieces of an arm, number of stations at its outer end that are looked
+# at, and assumed error in metres. Larger is slower; smaller misses narrow slots.
 ROUGH_PIECES, ROUGH_STATIONS, ROUGH_MARGIN = 8, 4, 4e-4
 
 
@@ -53,8 +51,9 @@ ROUGH_PIECES, ROUGH_STATIONS, ROUGH_MARGIN = 8, 4, 4e-4
 class SlotWidths:
     """Widths of slots at K points.
 
-    slots : to which they belong; arms : (K, 2) int, the outer and the inner arm; values : (K,) metres
-    t, s : (K,) positions of the point on outer and inner arm; field, rows : the bent arms, and (K, 2) int, their rows there
+    slots : of the design; arms : (K, 2) int, the outer and the inner arm; values : (K,) widths, metres
+    t, s : (K,) positions of the point on the outer arm, and of the facing point on the inner arm
+    field, rows : bent arms, and (K, 2) int, the rows of the outer and the inner arm among them
     """
 
     slots: Slots
@@ -67,7 +66,7 @@ class SlotWidths:
 
     @cached_property
     def slopes(self) -> tuple[Float[np.ndarray, "k 2 6"], Float[np.ndarray, "k 2 numbers"]]:
-        """Derivatives of the widths by tip motions (K, 2, 6) and parameters (K, 2, 8) of outer and inner arm."""
+        """Derivatives of the widths by tip motion (K, 2, 6) and parameters (K, 2, 8) of the outer and the inner arm."""
         return self.slots.slopes(self.field.rows(self.rows.ravel()), self.t, self.s)
 
 
@@ -75,7 +74,8 @@ class SlotWidths:
 class Slots:
     """The slots within spirals with A arms; arm 4 f + k is arm k of quad f.
 
-    shortest : share of t over which an arm that hardly turns is blended; fillet, thickness : metres
+    shortest : length of the shortest blends, in t; fillet (radius), thickness : metres
+    clockwise : True if the arms turn clockwise from the tips inwards
     """
 
     shortest: float
@@ -93,7 +93,7 @@ class Slots:
 
         Parameters
         ----------
-        width : (A,) metres, the limit of the slot with this outer arm
+        width : (A,) metres, the limit for the slot of which this arm is the outer arm
         numbers : (A, 8) parameters of every arm, in the order of ``blends``
         motion : (A, 6) metres and radians, motion of the arms' tips in the flat frame
         """
@@ -102,7 +102,7 @@ class Slots:
         pair = np.stack([first, second] if self.clockwise else [second, first], axis=1)
         rough = _rough_widths(self._beams(numbers, ROUGH_PIECES).bend(motion), pair, self._sign)
         pair = pair[rough < width[pair[:, 0]] + ROUGH_MARGIN]
-        # only arms that may be too close to each other
+        # keep only the arms that may be too close to each other
         own, index = np.unique(pair, return_inverse=True)
         t = np.tile(PLACES, (len(pair), 1))
         field, local = self._beams(numbers[own], STATIONS).bend(motion[own]), index.reshape(pair.shape)
@@ -119,7 +119,7 @@ class Slots:
 
         Parameters
         ----------
-        field : (2 k) bent arms, the outer and the inner arm of every point in turn
+        field : 2 k bent arms, the outer and the inner arm of every point in turn
         t, s : (k,) the point on the outer arm and the point that faces it on the inner one
 
         Returns
@@ -130,7 +130,7 @@ class Slots:
         here = Section.from_arms(field, np.arange(0, len(both), 2), both[::2])
         there = Section.from_arms(field, np.arange(1, len(both), 2), both[1::2])
         outer, inner = self._section_distance(here, there)[1]
-        # the facing point moves too: s keeps the distance at right angles to the inner arm
+        # the facing point moves too, so that the vector between both points stays at right angles to the inner arm
         way = here.middle - there.middle
         facing = SectionPull.none(way)
         facing.middle, facing.along = -there.along, way
@@ -167,8 +167,10 @@ class Slots:
         pair: Int[np.ndarray, "n 2"],
         t: Float[np.ndarray, "n places"],
     ) -> tuple[Float[np.ndarray, "n places"], Float[np.ndarray, "n places"]]:
-        """Widths in metres of slots at t on their outer arms, and the facing points; infinite where no section faces
-        them."""
+        """Return the widths (metres) of slots at t on their outer arms, and the facing positions s on their inner arms.
+
+        The width is infinite where no section of the inner arm faces the point.
+        """
         outer, inner = pair.T
         here = Section.from_arms(field, outer, t)
         # start at the nearest station
@@ -188,7 +190,7 @@ class Slots:
     def _section_distance(
         self, here: Section, there: Section
     ) -> tuple[Float[np.ndarray, "n places"], tuple[SectionPull, SectionPull]]:
-        """Distances between facing sections of outer and inner arms, and their derivatives by both."""
+        """Return distances between facing sections of outer and inner arms, and their derivatives by both sections."""
         way, sign, height = here.middle - there.middle, self._sign, 0.5 * self.thickness
         tilt = dot(here.across, there.across)
         level, turned = np.abs(tilt), np.sign(tilt)
@@ -204,7 +206,7 @@ class Slots:
         )
         # smooth maximum of the distances along the two separating axes
         value = 0.5 * (by_inner + by_outer + _soft_abs(by_inner - by_outer, _AXIS_ROUNDING))
-        # weight of the first axis, and derivatives by the directions of both
+        # weight of the first separating axis, and derivatives by the directions of both axes
         share = 0.5 * (1.0 + (by_inner - by_outer) / np.hypot(by_inner - by_outer, _AXIS_ROUNDING))
         inner, outer = share[..., None], 1.0 - share[..., None]
         steep = [-height * (roll / np.hypot(roll, _TILT_ROUNDING))[..., None] for roll in rolls]
@@ -228,9 +230,9 @@ class Slots:
 
 
 def _rough_widths(field: BentBeams, pair: Int[np.ndarray, "n 2"], sign: float) -> Float[np.ndarray, " n"]:
-    """(n,) metres, approximate slot widths near the outer ends of the outer arms, seen in the plane.
+    """Return approximate slot widths (n,), metres, near the tips of the outer arms, seen along the sheet's normal.
 
-    Measured from stations of the outer arms to the pieces of the inner arms, which count as arcs.
+    Measured from stations of the outer arms to pieces of the inner arms, which count as circular arcs.
     """
     beams, (outer, inner) = field.beams, pair.T
     count = beams.velocity.shape[1]
@@ -255,5 +257,5 @@ def _rough_widths(field: BentBeams, pair: Int[np.ndarray, "n 2"], sign: float) -
 
 
 def _soft_abs(x: np.ndarray, over: float) -> np.ndarray:
-    """Absolute value, rounded off within ``over`` around 0."""
+    """Return a smooth absolute value, rounded off within about ``over`` of 0."""
     return np.hypot(x, over) - over

@@ -1,10 +1,11 @@
-"""Widths of the slots between the arms in the assembled piece, where they may close.
+"""Widths of the slots between the arms in the assembled piece; slots may close when the arms bend.
 
 Every arm is a bent strip of rectangular sections at right angles to it, as wide as its flat arm and as thick as the
-sheet (``BentArms``): a point P on the edge of the flat arm lies at x(t) + D(t) (P - c(t)). The width of a slot is the
-smallest distance between sections of its two arms. Each section of the first arm is compared with the section of the
-second arm whose plane contains its middle. Arms whose heights differ by more than the sheet's thickness do not touch. A
-negative width is an overlap, which real arms cannot have: the elastic models ignore contact.
+sheet: a point P beside the point c(t) of the flat centre line moves to x(t) + D(t) (P - c(t)), where x and D are the
+position and rotation of the section (``BentArms``). The width of a slot is the smallest distance between sections of
+its two arms. Each section of the first arm is compared with the section of the second arm whose plane contains its
+middle. Arms whose heights differ by more than the sheet's thickness do not touch. A negative width is an overlap, which
+real arms cannot have: the elastic models ignore contact.
 """
 
 from __future__ import annotations
@@ -24,18 +25,16 @@ from ..arms.bent import BentArms
 from ..vectors import dot
 
 # Stations along every slot within a spiral, from its mouth inwards, and stations of the second look around the
-# narrowest one; more are slower. 80 and 25 find widths smaller by up to 0.08 and 0.03 mm where slots are narrower than
-# 1 mm, in 1,238 optimised spirals of 20 mm, but no other closed slots.
+# narrowest of them; more are slower and find narrower places, by up to 0.08 mm.
 STATIONS = 14
-CLOSER_STATIONS = 7  # see STATIONS
+CLOSER_STATIONS = 7  # stations of the second look, see STATIONS
 # Share of the slot, from its mouth towards its root, that is measured. Farther in the slot is as wide as its fillet,
 # and the beam, which bends right outside the hub, would close slots that the root keeps open.
 DEEPEST = 0.9
-# Newton iterations for the facing section; more are more exact. 2 are within 2e-4 mm of 12 iterations
+# Newton iterations for the section of the other arm that faces a section; more are slower, more exact (error 2e-4 mm)
 ROUNDS = 2
-REACH = 0.5  # arm widths: slots between arms of different spirals that may be narrower than this are measured
-# Stations on an arm around the point nearest to another spiral's arm; more are slower. 41 find widths smaller by up to
-# 0.02 mm.
+REACH = 0.5  # arm widths; slots between arms of different spirals are measured below this width; larger is slower
+# stations on an arm around the point nearest to another spiral's arm; more are slower and more exact (error 0.02 mm)
 PAIR_STATIONS = 9
 BATCH = 4000  # slots between two updates of the progress
 MEASURING = "Measuring the slots in space"  # text of the progress
@@ -43,7 +42,7 @@ MEASURING = "Measuring the slots in space"  # text of the progress
 
 @dataclass(frozen=True, eq=False)
 class SpaceSlots:
-    """The slots between n pairs of arms in space.
+    """The slots between n pairs of bent arms in space.
 
     arms : (n, 2) int, arm 4 f + k is arm k of quad f. The first 4 F slots lie within the spirals, slot 4 f + k between
         the arms k and k + 1; the others lie between arms of different spirals that come close to each other
@@ -67,7 +66,7 @@ class SpaceSlots:
         return least
 
     def with_quads_of(self, part: SpaceSlots, quads: Int[np.ndarray, " some"]) -> SpaceSlots:
-        """Return these slots with those of some quads replaced.
+        """Replace the slots of some quads by newly measured slots.
 
         Parameters
         ----------
@@ -85,11 +84,11 @@ class SpaceSlots:
 
 @dataclass(frozen=True, eq=False)
 class _Sections:
-    """Sections of n arms at M stations.
+    """Cross-sections of n bent arms at M stations each.
 
     middle : metres; along, across, off : unit vectors along the arm, across it and normal to the sheet
-    half : metres, half of the width; curvature : 1 / metres, of the flat arm; pace : metres of the centre line per unit
-        of t
+    half : metres, half of the width; curvature : 1 / metres, of the flat arm; pace : metres of the centre line per
+        unit of t
     """
 
     middle: Float[np.ndarray, "arms places 3"]
@@ -127,7 +126,7 @@ def slots_in_space(
 def _slots_within(
     design: SpiralDesign, quads: Int[np.ndarray, " n"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Outer and inner arm (4 n,) of every slot within these spirals, and facing stations t and s (4 n, M) on them."""
+    """Return outer and inner arm (4 n,) of every slot within spirals, and facing stations t and s (4 n, M) on them."""
     share, arms = np.linspace(0.0, DEEPEST, STATIONS), design.arms.subset(quads)
     t, s = slot_widths(arms, design.roots.left[quads], design.roots.right[quads], share)[2:]
     first = 4 * quads[:, None] + np.arange(4)
@@ -139,10 +138,10 @@ def _slots_within(
 def _slots_between(
     design: SpiralDesign, bent: BentArms, quads: Int[np.ndarray, " some"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs of arms (n,) of different spirals, out of these, that come close to each other, and stations t and s (n, M) around the
-    nearest points.
+    """Return pairs of arms of different spirals that come close to each other, and stations near their nearest points.
 
-    Excluded are arms that meet at a joint, and arms of different bodies, which are separate pieces.
+    The result is the first arms (n,), the second arms (n,), and positions t and s (n, M) on them. Left out are arms
+    that meet at a joint, and arms of different bodies, which are not connected.
     """
     count, some = design.arms.width.size, (4 * quads[:, None] + np.arange(4)).ravel()
     place = bent.place[some]
@@ -177,10 +176,10 @@ def _slots_between(
 def _near_stations(
     place: Float[np.ndarray, "arms stations 3"], reach: Float[np.ndarray, " arms"]
 ) -> Int[np.ndarray, "pairs 2"]:
-    """Pairs of stations closer to each other than the longer reach (metres) of their arms, and some farther pairs.
+    """Return all pairs of stations that are closer than the longer reach (metres) of their arms, and some other pairs.
 
-    Arms whose reach differs by less than a factor of two are searched together. With one reach for all, the small quads
-    at the tip of a cone would pair every arm with every other.
+    Arms are searched in groups whose reach differs by less than a factor of two. With one reach for all arms, nearly
+    all arms of small quads, as at the tip of a cone, would form pairs.
     """
     point, size = place.reshape(-1, 3), np.repeat(reach, place.shape[1])
     level = np.floor(np.log2(size / size.min()))
@@ -203,7 +202,7 @@ def _narrowest_widths(
     s: Float[np.ndarray, "slots places"],
     progress: Progress,
 ) -> Float[np.ndarray, " slots"]:
-    """(n,) metres, smallest distance of the arms ``one`` at t from the arms ``two``, near s."""
+    """Return the smallest distances (n,), metres, of the arms ``one`` at t from the arms ``two`` near s."""
     width = np.empty(len(one))
     for some in progress.batches(len(one), BATCH, MEASURING):
         pair, rows = (one[some], two[some]), np.arange(len(one[some]))
@@ -227,8 +226,10 @@ def _facing_distances(
     t: Float[np.ndarray, "slots places"],
     s: Float[np.ndarray, "slots places"],
 ) -> tuple[Float[np.ndarray, "slots places"], Float[np.ndarray, "slots places"]]:
-    """Distances in metres from the first arms' sections at t to the facing sections of the second arms, and the t of
-    these, near s."""
+    """Return distances (metres) from sections of the first arms at t to the facing sections of the second arms.
+
+    Also returns the positions of the facing sections, which are searched near s.
+    """
     mine, other = (design.arms.one_by_one(*np.divmod(arm, 4)) for arm in pair)
     here, end = _sections(bent, mine, pair[0], t), bent.hub[pair[1], None]
     for _ in range(ROUNDS):
@@ -241,7 +242,7 @@ def _facing_distances(
 
 
 def _sections(bent: BentArms, shape: Arms, arm: np.ndarray, t: Float[np.ndarray, "arms places"]) -> _Sections:
-    """Sections of single arms with these numbers (n,) at t."""
+    """Return the cross-sections at t of the arms ``arm`` (n,), whose flat shapes are ``shape``."""
     point, speed, change = (x[:, 0] for x in centre_line(shape, t[:, None]))
     flat = np.zeros((*t.shape, 3))
     flat[..., :2] = point - shape.centre[:, None]
@@ -255,8 +256,7 @@ def _sections(bent: BentArms, shape: Arms, arm: np.ndarray, t: Float[np.ndarray,
 
 
 def _section_distance(a: _Sections, b: _Sections, height: float) -> Float[np.ndarray, "arms places"]:
-    """Distances in metres between rectangles with these half widths and the half height ``height``; negative for an
-    overlap.
+    """Return the distances (metres) between rectangular sections of half height ``height``; negative for an overlap.
 
     The distance is taken along the axis that separates them best (separating axis theorem), or between corners where
     two axes separate them. Where the second arm ends before it faces the first, the distance beyond its end counts too.

@@ -1,1 +1,1 @@
-"""The rod model of FlexMaps section 6: one elastic edge from hub to hub."""
+"""The rod model of FlexMaps section 6: one elastic edge between every two joined hubs."""

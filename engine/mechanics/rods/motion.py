@@ -1,4 +1,4 @@
-"""Bends and rolls at the ends of the rod model's edges, and their derivatives by the hubs' poses to second order."""
+"""Curvatures and rolls at the ends of the rod model's edges, with first and second derivatives by the hubs' poses."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ class RodState:
     """A pose, and the state of the edges in it.
 
     length : (m,) metres; tangent : (m, 3) from the first hub to the second
-    frames : (m, 2, 3, 3) columns, moving with the hub of either end: the edge's rest direction, its left, the normal
-    bend : (m, 2, 2) the curvature binormal along that normal and along that left
-    torsion : (m,) rad of the second hub relative to the first about the edge, with whole turns
-    roll : (m,) rad of the edge relative to the first hub
+    frames : (m, 2, 3, 3) columns, in space, fixed to the hub at either end: the edge's direction at rest, its left, the
+        normal
+    bend : (m, 2, 2) components x, y of the curvature binormal along the normal and along the left of ``frames``
+    torsion : (m,) rad, turn of the second hub relative to the first about the edge, with whole turns
+    roll : (m,) rad, turn of the edge about itself relative to the first hub
     predicted : (m,) metres, the length that the last step predicted to first order
     """
 
@@ -38,11 +39,12 @@ class RodState:
         return np.stack([self.roll, self.roll - self.torsion], axis=1)
 
 
-# signs that turn derivatives by x, y and the edge's roll relative to a hub into those by x, y and the roll of the hub's
-# frame
+# signs that convert derivatives by x, y and the edge's roll relative to a hub to derivatives by x, y and the hub's roll
+# relative to the edge
 ROLL_SIGNS = np.array([1.0, 1.0, -1.0])
 
-# (2, 6, 12) increments (d, w) of either end from both hubs': first shift, first turn, second shift, second turn
+# (2, 6, 12) matrices that map the increments of both hubs (shift and turn of the first, then of the second) to the
+# increments (d, w) of either end: d is the second shift minus the first, w the turn of the hub at that end
 END_INCREMENTS = np.zeros((2, 6, 12))
 END_INCREMENTS[:, :3, :3] = -np.eye(3)  # the first hub's shift counts negative
 # the second hub's shift, and the turn of the hub at that end
@@ -51,12 +53,13 @@ END_INCREMENTS[:, :3, 6:9] = END_INCREMENTS[0, 3:, 3:6] = END_INCREMENTS[1, 3:, 
 
 @dataclass(frozen=True, eq=False)
 class EndMotion:
-    """First derivatives of the bends and rolls at both ends of m edges.
+    """First derivatives of curvatures and rolls at both ends of m edges.
 
-    jacobian : (m, 2, 3, 6) of x, y and the roll of the hub's frame on the edge, by (d, w)
-    by_tangent : (m, 2, 4, 3) of x, y, that roll and the tangent's component along the hub's rest direction, by the
-        tangent
-    pulled : (m, 2, 4, 6) of the same four by (d, w), without the roll w.t of the hub itself
+    jacobian : (m, 2, 3, 6) derivatives of x, y and the roll of the hub's frame about the edge, by (d, w)
+    by_tangent : (m, 2, 4, 3) derivatives of x, y, roll and the tangent's component along the edge's rest direction, by
+        the tangent
+    pulled : (m, 2, 4, 6) derivatives of these four by (d, w), without the direct effect w.t of the hub's turn on the
+        roll
     """
 
     jacobian: Float[np.ndarray, "joints 2 3 6"]
@@ -65,11 +68,11 @@ class EndMotion:
 
 
 def first_order(state: RodState) -> EndMotion:
-    """Differentiate bends and rolls by d, the shift of the second hub minus the first hub's shift, and w, the turn of an
-    end's hub.
+    """Differentiate curvatures and rolls by d and w.
 
-    Seen from an end, the edge's tangent moves by u = Pd/l + t x w + ..., and the hub's frame on the edge rolls by w.t -
-    (binormal . u)/2 + ... (P projects at right angles to the tangent t, l is the length).
+    d is the shift of the second hub minus the shift of the first, w the turn of the hub at an end. Let t be the edge's
+    tangent, l its length and P the projection at right angles to t. Relative to the hub the tangent moves by
+    u = P d / l + t x w + ..., and the hub's frame, carried onto the edge, rolls by w.t - (binormal . u) / 2 + ...
     """
     tangent, length = state.tangent, state.length[:, None, None, None]
     rest, left, normal = np.moveaxis(state.frames, 3, 0)
@@ -90,7 +93,13 @@ def first_order(state: RodState) -> EndMotion:
 def second_order(
     state: RodState, motion: EndMotion, slope: Float[np.ndarray, "joints 2 3"]
 ) -> Float[np.ndarray, "joints 2 6 6"]:
-    """(m, 2, 6, 6) second derivatives by (d, w) of x, y and the frame's roll, weighted by ``slope`` (m, 2, 3)."""
+    """Return second derivatives (m, 2, 6, 6) by (d, w) of x, y and roll, summed with weights.
+
+    Parameters
+    ----------
+    state, motion : m edges, and their first derivatives
+    slope : (m, 2, 3) weights of x, y and roll at both ends: derivatives of the energy
+    """
     tangent, length = state.tangent, state.length[:, None, None, None]
     eye, along = np.eye(3), outer(tangent, tangent)[:, None]
     force = np.einsum("mki,mkij->mkj", slope, motion.by_tangent[:, :, :3])
@@ -112,15 +121,17 @@ def second_order(
 def roll_coupling(
     ends: Float[np.ndarray, "joints 2 3 3"], jacobian: Float[np.ndarray, "joints 2 3 6"]
 ) -> Float[np.ndarray, "joints 12"]:
-    """(m, 12) mixed derivatives by the hubs' increments and by a roll of both hubs' frames relative to the edge.
+    """Return mixed derivatives (m, 12) of the energy by the hubs' increments and by a common roll of both ends.
 
-    ends : (m, 2, 3, 3) second derivatives by x, y and roll of both ends; jacobian : (m, 2, 3, 6) of x, y, roll by (d,
-        w)
+    Parameters
+    ----------
+    ends : (m, 2, 3, 3) second derivatives of the energy by x, y and roll of both ends
+    jacobian : (m, 2, 3, 6) derivatives of x, y and roll by (d, w)
     """
     coupled = np.einsum("mki,mkij->mkj", ends[..., 2], jacobian)
     return coupled[:, 0] @ END_INCREMENTS[0] + coupled[:, 1] @ END_INCREMENTS[1]
 
 
 def _one_plus_cosine(state: RodState) -> Float[np.ndarray, "joints 2"]:
-    """(m, 2): one plus the cosine of each end's bend."""
+    """Return one plus the cosine of the angle (m, 2) between the edge and its rest direction at either end."""
     return 1.0 + np.einsum("mki,mi->mk", state.frames[..., 0], state.tangent)

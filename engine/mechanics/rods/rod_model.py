@@ -1,10 +1,10 @@
 """The rod model: rigid hubs joined by straight edges from centre to centre, with stretch, two bendings and torsion.
 
 FlexMaps section 6.1, eq. 1-4 (Malomo et al. 2018); curvature binormal and torsion after Bergou et al. 2008 and 2010.
-The roll of an edge affects that edge only, so the energy is minimised over all rolls, which leaves six unknowns per
-spiral. The paper measures the roll from a frame transported in time; here it is measured from the first hub's frame,
-carried onto the edge along the shortest rotation. The two differ by the reference torsion, which eq. 4 subtracts, so
-the energy is the same, and a state stores only whole turns instead of a frame.
+The roll of an edge about itself affects the energy of that edge only, so the energy is minimised over all rolls, which
+leaves six unknowns per spiral. The paper measures the roll from a frame that is transported in time. Here it is
+measured from the first hub's frame, carried onto the edge by the shortest rotation. Both differ by the reference
+torsion, which eq. 4 subtracts, so both give equal energies, and a state needs to store whole turns only, not a frame.
 """
 
 from __future__ import annotations
@@ -29,12 +29,13 @@ class RodModel(JointsOnly):
     """The rod model of an assembly.
 
     assembly : spirals and joints at rest
-    springs : (m, 2, 3) N m: k_b0, k_b1 and k_t over the half length, for both ends
-    stretch : (m,) J: k_s times the half length, both ends together
-    rest : (m, 2, 3, 3) columns: along the edge, to its left, normal, in the flat frame of the hub of either end
+    springs : (m, 2, 3) N m: k_b0, k_b1 and k_t of either end's spiral, divided by the half length at that end
+    stretch : (m,) J: sum over both ends of k_s times the half length
+    rest : (m, 2, 3, 3) columns: along the edge, to its left, normal, at rest, in the flat frame of the hub at either
+        end
     length : (m,) metres, at rest
-    by_design : (n, 4, 2) derivatives of k_s, k_b0, k_b1, k_t by the mean width of the arms (per metre) and the twist
-        (per radian)
+    by_design : (n, 4, 2) derivatives of every spiral's k_s, k_b0, k_b1, k_t by the mean width of its arms (per metre)
+        and by its twist (per radian)
     """
 
     assembly: Assembly
@@ -66,9 +67,9 @@ class RodModel(JointsOnly):
     def with_parameters(
         cls, assembly: Assembly, parameters: np.ndarray, by_design: np.ndarray | None = None
     ) -> RodModel:
-        """Build the model from the parameters of its spirals.
+        """Build the model from the rod parameters of its spirals.
 
-        An edge at rest is straight from centre to centre in the plane of either hub.
+        At rest an edge is straight, from centre to centre in the flat plane of both hubs.
 
         Parameters
         ----------
@@ -124,17 +125,17 @@ class RodModel(JointsOnly):
         return gradient_by_design(self.assembly, self.springs, self.length, self.by_design, state)
 
     def _end_energies(self, state: RodState) -> Float[np.ndarray, "joints 2"]:
-        """(m, 2) joules of bending and torsion at both ends."""
+        """Return the energies (m, 2) of bending and torsion at both ends, joules."""
         with np.errstate(invalid="ignore", over="ignore"):
             return strains.energy(self.springs, state.bend, state.angles)
 
     def _stretch_energy(self, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(m,) joules of eq. 2 at lengths (m,), and their derivative by the length in newtons."""
+        """Return the stretch energies (m,) at these lengths by eq. 2, joules, and their derivatives, newtons."""
         strain = length / self.length - 1.0
         return 0.5 * self.stretch * strain**2, self.stretch * strain / self.length
 
     def _state(self, pose: Pose, before: RodState | None) -> RodState:
-        """State at a pose; whole turns of torsion and the minima of the rolls are the closest to the state ``before``."""
+        """Return the state at a pose; whole turns of torsion and rolls are those closest to the state ``before``."""
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             first, second = self.pairs.T
             edge = pose.centres[second] - pose.centres[first]
@@ -160,8 +161,8 @@ class RodModel(JointsOnly):
 
         Parameters
         ----------
-        state : pose with the rods' bends
-        ahead : affects the tension only
+        state : about which the energy is expanded
+        ahead : use the predicted tension in the Hessian, see ``ElasticModel.expand``; other stresses are the state's
         """
         joules, tension = self._stretch_energy(state.length)
         ends = strains.expand(self.springs, state.bend, state.angles)
@@ -193,10 +194,15 @@ def _eliminate_roll(
     shifts: Float[np.ndarray, "joints 3 3"],
     curved: Float[np.ndarray, "joints 2 6 6"] | None,
 ) -> Float[np.ndarray, "joints 12 12"]:
-    """(m, 12, 12) second derivatives by the hubs' increments, with the roll eliminated.
+    """Return second derivatives (m, 12, 12) of the energy by the hubs' increments, with the roll eliminated.
 
-    ends : (m, 2, 3, 3) by x, y and roll of both ends; jacobian : (m, 2, 3, 6) derivatives of x, y, roll by (d, w)
-    shifts : (m, 3, 3) by d, and curved : (m, 2, 6, 6) by (d, w), are added
+    d is the shift of the second hub minus the shift of the first, w the turn of the hub at an end.
+
+    Parameters
+    ----------
+    ends : (m, 2, 3, 3) second derivatives of the energy by the curvatures x, y and the roll of both ends
+    jacobian : (m, 2, 3, 6) derivatives of x, y and roll by (d, w)
+    shifts, curved : (m, 3, 3) by d, and (m, 2, 6, 6) by (d, w): further second derivatives, which are added
     """
     row = roll_coupling(ends, jacobian)
     out = outer(row / -ends[..., 2, 2].sum(axis=1)[:, None], row)
@@ -215,8 +221,10 @@ def _eliminate_roll(
 
 
 def _scale(assembly: Assembly) -> Float[np.ndarray, " spirals"]:
-    """(n,) metres, diameter of the spirals: twice the mean radius to their joints; arbitrary for spirals without a
-    joint."""
+    """Return the diameters (n,) of the spirals, metres: twice the mean distance to their joints.
+
+    The result is arbitrary for spirals without a joint.
+    """
     arms = np.bincount(assembly.pairs.ravel(), minlength=assembly.size)
     total = np.bincount(assembly.pairs.ravel(), weights=assembly.radius.ravel(), minlength=assembly.size)
     return np.where(arms > 0, 2.0 * total / np.maximum(arms, 1), 10.0 * assembly.thickness)

@@ -1,10 +1,10 @@
 """Derivatives of the rod model's forces by the widths and twists of the spirals, at a fixed pose.
 
-The energy is linear in the parameters k_s, k_b0, k_b1, k_t of every spiral, so its derivative by a parameter is the
-energy of an edge with that parameter alone. The rolls change too: with the energy minimised over a roll r, the gradient
-g by the pose changes by
+The energy E is linear in the parameters k_s, k_b0, k_b1, k_t of every spiral, so its derivative by one of them, p, is
+the energy with p = 1 and all others 0. The rolls change with p too: as the energy is minimal over a roll r, the
+gradient g by the pose q has the derivative
 
-    dg/dp = E_qp - E_qr E_rp / E_rr.
+    dg/dp = E_qp - E_qr E_rp / E_rr    (subscripts denote derivatives).
 """
 
 from __future__ import annotations
@@ -20,10 +20,17 @@ from .motion import END_INCREMENTS, ROLL_SIGNS, RodState, first_order, roll_coup
 def gradient_by_design(
     assembly: Assembly, springs: np.ndarray, length: np.ndarray, by_design: np.ndarray, state: RodState
 ) -> Float[np.ndarray, "joints 12 2 5"]:
-    """(m, 12, 2, 5) derivatives of every joint's gradient by widths (per metre) and twist (per radian) of both spirals.
+    """Differentiate every joint's contribution to the gradient by widths and twists of its spirals, at a fixed pose.
 
-    Axes: rows as in ``Expansion.hessian``; side of the joint; four widths, which act through their mean, then the
-    twist. Arguments as in ``RodModel``.
+    Parameters
+    ----------
+    assembly, springs, length, by_design : as in ``RodModel``
+    state : pose and state of the edges
+
+    Returns
+    -------
+    (m, 12, 2, 5) : rows as in ``Expansion.hessian``; side of the joint; four widths (per metre), which act through
+        their mean, then the twist (per radian)
     """
     half = assembly.radius
     change = by_design[assembly.pairs]

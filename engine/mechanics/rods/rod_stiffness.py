@@ -1,7 +1,7 @@
-"""The four parameters of the paper's rod model from its radial basis function network (FlexMaps sections 6.1 to 6.3).
+"""The four stiffnesses of the paper's rod model, from radial basis function networks (FlexMaps sections 6.1 to 6.3).
 
-Kept as a reference; the tip compliances of ``arms.stiffness`` replace them. "pair" parameters are fitted on edges from
-hub to hub, as the assembly uses them; "chord" parameters on edges from the hub to a free tip, as in the paper.
+Kept for comparison; the arm model uses the tip compliances of ``arms.stiffness``. The network "pair" is fitted to edges
+from hub to hub, as the rod model uses them; the network "chord" to edges from a hub to a free tip, as in the paper.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from ..arms.stiffness import lengths_and_twists, refuse_material
 from ..beyond import SLACK, Beyond
 
 PARAMETERS = Path(__file__).resolve().parents[3] / "data" / "rod_parameters.npz"
-FORMAT = 1  # version of the file
+FORMAT = 1  # version of the file that can be read
 MODELS = ("pair", "chord")
-FLATNESS_RANGE = (0.5, 1.0)  # w/h of the spirals that the networks were trained on
-SCALE_OVER_THICKNESS = (5.0, 15.0)  # s/h of these spirals
-SMALLEST_SLOT = 0.15  # smallest slot over thickness of these spirals
+FLATNESS_RANGE = (0.5, 1.0)  # width over thickness of the spirals that the networks were trained on
+SCALE_OVER_THICKNESS = (5.0, 15.0)  # scale over thickness of these spirals
+SMALLEST_SLOT = 0.15  # smallest slot of these spirals over the thickness
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class RodStiffnesses:
 
 @lru_cache(maxsize=4)
 def load_network(model: str, path: Path = PARAMETERS) -> dict[str, np.ndarray]:
-    """Load the arrays of one network; raises FlexMapsError if they are missing or have another version."""
+    """Load the arrays of the network "pair" or "chord"; raises FlexMapsError without them or in another version."""
     if model not in MODELS:
         raise FlexMapsError(f"'{model}' is not a rod model; choose one of {', '.join(MODELS)}")
     if not path.is_file():
@@ -69,11 +69,18 @@ def rod_parameters(
     youngs: float,
     model: str = "pair",
 ) -> RodStiffnesses:
-    """Rod parameters of n spirals with exact derivatives, at a Poisson's ratio of 0.3.
+    """Return the rod parameters of n spirals with exact derivatives, at a Poisson's ratio of 0.3.
 
-    scale, width : (n,) m; twist : (n,) rad; thickness in m, Young's modulus in Pa; model : "pair" or "chord". Spirals
-        outside the sampled region (scale 5 to 15 and width 0.5 to 1 sheet thicknesses, twist up to 360 degrees or to a
-        slot of 0.15 thicknesses) get the parameters of the nearest spiral inside.
+    Spirals outside the sampled region get the parameters of the nearest spiral inside. In the region, the scale is 5 to
+    15 and the width 0.5 to 1 sheet thicknesses, and the twist at most 360 degrees, with slots of at least 0.15
+    thicknesses.
+
+    Parameters
+    ----------
+    scale, width : (n,) metres
+    twist : (n,) radians
+    thickness, youngs : of the sheet, metres, and Young's modulus, Pa
+    model : "pair" or "chord"
     """
     refuse_material(thickness, youngs)
     near = _Nearest.from_spirals(*lengths_and_twists(scale, width, twist), thickness)
@@ -100,9 +107,9 @@ def rod_parameters(
 
 @dataclass(frozen=True, eq=False)
 class _Nearest:
-    """Spirals (n,) of the sampled region nearest to other spirals, and their derivatives by these.
+    """The spirals (n,) of the sampled region that are nearest to given spirals, with derivatives by the given spirals.
 
-    moves : (3, n) bool, False where scale, width or twist is clipped at the region's edge
+    moves : (3, n) bool, False where scale, width or twist is clipped to the region
     along : (2, n) rad/m, derivatives of a clipped twist by scale and width; 0 where it is not clipped
     """
 
@@ -126,7 +133,7 @@ class _Nearest:
         return cls(near, thin, np.clip(twist, 0.0, limit), moves, along)
 
     def with_own_derivatives(self, found: RodStiffnesses) -> RodStiffnesses:
-        """Apply the chain rule: parameters of the nearest spirals, with derivatives by the original spirals."""
+        """Convert derivatives by the nearest spirals to derivatives by the original spirals (chain rule)."""
         by_scale, by_width = (
             (slope + found.by_twist * along[:, None]) * moves[:, None]
             for slope, along, moves in zip((found.by_scale, found.by_width), self.along, self.moves[:2], strict=True)
@@ -135,7 +142,7 @@ class _Nearest:
 
 
 def _largest_twist(scale: np.ndarray, width: np.ndarray, thickness: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(n,) radians, largest twist in the sampled region, and its derivatives by scale and width."""
+    """Return the largest twist (n,) in the sampled region, radians, and its derivatives by scale and width."""
     spread = (0.25 * math.pi * scale / (width + SMALLEST_SLOT * thickness)) ** 2
     # positive: at the region's smallest s/w the spread is 11
     cut = np.sqrt(spread - 1.0)
@@ -149,7 +156,13 @@ def beyond(
     twist: Float[np.ndarray, " rad"],
     thickness: float,
 ) -> list[Beyond]:
-    """List the quantities outside the sampled region; scale, width (m) and twist (rad) : (n,)."""
+    """List the quantities that lie outside the sampled region.
+
+    Parameters
+    ----------
+    scale, width, twist : (n,) of the spirals, metres and radians
+    thickness : of the sheet, metres
+    """
     near, every = _Nearest.from_spirals(scale, width, twist, thickness), np.arange(len(scale))
     share = twist / _largest_twist(near.scale, near.width, thickness)[0]
     return [

@@ -1,11 +1,10 @@
 """Bending and torsion energy of one end of an edge from two curvatures and a roll (FlexMaps section 6.1).
 
-The frame of an edge at an end is the hub's frame, carried onto the edge along the shortest rotation and then rolled
-about it by the torsion. Let x, y be the curvature binormal along the hub's normal and along the left of its rest edge.
-Averaging both frames gives the curvatures of eq. 3
+The frame of an edge at an end is the hub's frame, carried onto the edge by the shortest rotation and then rolled about
+the edge by the torsion. Let x, y be the components of the curvature binormal along the hub's normal and along the left
+of the edge's rest direction. Averaging both frames gives the two curvatures of eq. 3,
 
-    across the plane's normal    c (x cos h - y sin h),    along it    c (y cos h + x sin h),    h = torsion / 2, c =
-    cos h.
+    x' = c (x cos h - y sin h)    and    y' = c (y cos h + x sin h),    h = torsion / 2,   c = cos h.
 """
 
 from __future__ import annotations
@@ -16,17 +15,17 @@ import numpy as np
 
 from ...arrays import Float
 
-TOLERANCE = 1e-9  # radians: Newton step that ends the iteration; its error is the square of the step
-ROUNDS = 60  # Newton steps or bisections at most: enough for double precision
-MAX_ROLL_STEP = 0.5  # radians, largest roll of an edge in one step; chosen by eye
+TOLERANCE = 1e-9  # radians; a Newton step below this ends the iteration; the error left is the square of the step
+ROUNDS = 60  # largest number of Newton steps or bisections: enough for double precision
+MAX_ROLL_STEP = 0.5  # radians, largest roll of an edge in one step; larger may skip a minimum; chosen by eye
 
 
 @dataclass(frozen=True, eq=False)
 class EndEnergy:
-    """Energies of ends and their derivatives by x, y and torsion; any number of leading axes.
+    """Energies of edge ends and their derivatives by x, y and torsion; any number of leading axes.
 
     energy : (...) J; gradient : (..., 3); hessian : (..., 3, 3)
-    convex : (..., 3, 3) the Hessian without the curvature of the strains
+    convex : (..., 3, 3) the Hessian without second derivatives of the strains (Gauss-Newton)
     """
 
     energy: Float[np.ndarray, " ..."]
@@ -36,7 +35,7 @@ class EndEnergy:
 
 
 def _strains(bend: np.ndarray, torsion: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Both curvatures, cos^2 h, cos h sin h and cos^2 h - 1/2."""
+    """Return both curvatures x' and y', cos^2 h, cos h sin h and cos^2 h - 1/2, with h half the torsion."""
     half_cosine, half_sine = 0.5 * np.cos(torsion), 0.5 * np.sin(torsion)
     squared = 0.5 + half_cosine
     x, y = bend[..., 0], bend[..., 1]
@@ -50,8 +49,8 @@ def energy(
 
     Parameters
     ----------
-    springs : (..., 3) k_b0 / D, k_b1 / D, k_t / D, N m
-    bend : (..., 2) bending angles, rad
+    springs : (..., 3) k_b0, k_b1 and k_t, divided by the half length of the edge, N m
+    bend : (..., 2) components x, y of the curvature binormal
     torsion : (...) rad
     """
     first, second = _strains(bend, torsion)[:2]
@@ -59,7 +58,7 @@ def energy(
 
 
 def slope(springs: np.ndarray, bend: np.ndarray, torsion: np.ndarray) -> Float[np.ndarray, "... 3"]:
-    """Return the first derivatives (..., 3) of ``energy`` by both bending angles and the torsion; arguments as for ``energy``."""
+    """Return the first derivatives (..., 3) of ``energy`` by x, y and torsion; arguments as for ``energy``."""
     strains, slopes = _slopes(bend, torsion)
     return np.einsum("...i,...ij->...j", springs * strains, slopes)
 
@@ -83,7 +82,7 @@ def expand(springs: np.ndarray, bend: np.ndarray, torsion: np.ndarray) -> EndEne
 
 
 def _slopes(bend: np.ndarray, torsion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The three strains (..., 3), and their derivatives by x, y and torsion in the columns of (..., 3, 3)."""
+    """Return the strains (..., 3): x', y' and torsion; and their derivatives by x, y and torsion, in columns."""
     first, second, squared, half_sine, half_cosine = _strains(bend, torsion)
     x, y = bend[..., 0], bend[..., 1]
     slopes = np.zeros((*torsion.shape, 3, 3))
@@ -101,11 +100,16 @@ def relaxed_roll(
     torsion: Float[np.ndarray, " joints"],
     guess: Float[np.ndarray, " joints"],
 ) -> Float[np.ndarray, " joints"]:
-    """(m,) rad, rolls of the edges relative to their first hubs at the energy minimum downhill of ``guess`` (m,).
+    """Return the rolls (m,) of the edges that minimise their energy, radians relative to their first hubs.
 
-    springs : (m, 2, 3), bend : (m, 2, 2) of both ends; torsion : (m,) rad of the second hub relative to the first.
-        Newton's method, bracketed by the signs of the slope. An edge whose slope is not finite is dropped from the
-        iteration.
+    Newton's method, bracketed by the signs of the slope, finds the minimum downhill of ``guess``. An edge whose slope
+    is not finite is dropped from the iteration.
+
+    Parameters
+    ----------
+    springs, bend : (m, 2, 3) and (m, 2, 2), as in ``energy``, of both ends
+    torsion : (m,) rad, turn of the second hub relative to the first
+    guess : (m,) rad
     """
     roll = np.array(guess, dtype=float)
     low, high = np.full_like(roll, -np.inf), np.full_like(roll, np.inf)
@@ -127,14 +131,14 @@ def relaxed_roll(
 
 
 def _offsets(torsion: np.ndarray) -> Float[np.ndarray, "joints 2"]:
-    """(m, 2) rad, turns of the hubs of both ends relative to the first."""
+    """Return the turns (m, 2) of the hubs at both ends relative to the first hub, radians."""
     return np.stack([np.zeros_like(torsion), torsion], axis=1)
 
 
 def _roll_slopes(
     springs: np.ndarray, bend: np.ndarray, angle: Float[np.ndarray, "joints 2"]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """First and second derivative (m,) of the energy of both ends by the roll; angle : (m, 2) rad."""
+    """Return first and second derivatives (m,) of the energy of both ends by a common roll; angle : (m, 2) rad."""
     first, second, _, half_sine, half_cosine = _strains(bend, angle)
     x, y = bend[..., 0], bend[..., 1]
     slope1, slope2 = -half_sine * x - half_cosine * y, -half_sine * y + half_cosine * x

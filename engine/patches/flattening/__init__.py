@@ -1,1 +1,1 @@
-"""Flatten patches as rigidly as possible, with equally long sides of every seam, and measure the distortion."""
+"""Flatten patches as rigidly as possible, with seam sides of equal lengths, and measure the distortion."""

@@ -1,6 +1,7 @@
 """As-rigid-as-possible flattening of a patch in complex numbers (Liu et al. 2008), without any SVD.
 
-Finding rotations and solving a linear system alternate; see ``triangles`` for the maps a and b of corner triangles.
+Local steps, which find the nearest rotation of every corner triangle, alternate with global steps, which solve a linear
+system for the points. ``triangles`` defines the coefficients a and b of a triangle's map to the plane.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ from ...surface.mesh import QuadMesh
 from ..loops import NEXT, PREVIOUS
 from .triangles import corner_triangles, quad_energy
 
-# added to the diagonal of a Laplacian without a Cholesky factor, as shares of its largest entry
+# added to the diagonal of a Laplacian that is not positive definite, as shares of its largest entry, tried in turn;
+# larger shifts are safer and less exact
 SHIFTS = (1e-12, 1e-9, 1e-6)
-# Further solves are assumed to lower a weighted mean by at most this factor times its decrease within the round. Larger
-# values lose fewer patches and save less time: of 2,334 flattenings within their limit on nine surfaces 0 loses 17, 1
-# and 4 none; with 4, patches beyond the limit take 44 % of the rounds.
+# Largest further decrease of the weighted mean energy that is assumed, as a factor on its decrease within a round, when
+# hopeless flattenings are given up. Larger values lose fewer patches that would succeed, and save less time.
 REST = 4.0
 
 
@@ -32,8 +33,8 @@ REST = 4.0
 class FlatPatch:
     """A flat patch.
 
-    points : metres, as complex numbers
-    rotation : unit complex numbers, the nearest rotation of every corner triangle; merged patches start from it
+    points : flat vertices, complex, metres
+    rotation : nearest rotation of every corner triangle, unit complex numbers; merged patches start from it
     energy : distortion E of every quad
     flips : number of corner triangles that are not positively oriented
     """
@@ -45,18 +46,18 @@ class FlatPatch:
 
     @property
     def worst(self) -> float:
-        """Largest energy."""
+        """Largest distortion E of any quad."""
         return float(self.energy.max())
 
 
 class PatchProblem:
-    """Flattening of a patch, or of several side by side: the sparsity is analysed once, then solved for changing weights.
+    """Linear systems for flattening one or several patches: analysed once, then solved for changing weights.
 
     mesh : the surface
     quads : (q,) int, quads of the patch
     corners : (q, 4) int, local flat vertex of every corner, 0..n-1
     tick : called at every solve; may raise to stop
-    sizes : number of quads of each patch, if there are several, one after another
+    sizes : number of quads of each patch, if ``quads`` lists several patches, one after another
     """
 
     def __init__(
@@ -77,10 +78,10 @@ class PatchProblem:
         self._analyse()
 
     def _analyse(self) -> None:
-        """Order the vertices for a small bandwidth, and prepare the layout of the matrix."""
+        """Order the vertices for a small bandwidth, and compute where every entry of the matrix is stored."""
         n, c = self.count, self.corners
         rows, cols = np.repeat(c, 4, axis=1).ravel(), np.tile(c, (1, 4)).ravel()
-        # compressed rows may have double entries, because the ordering only needs the adjacency
+        # rows of the matrix may have duplicate entries, because the ordering only needs the adjacency
         corner_order = np.argsort(c.ravel(), kind="stable")
         indices = c[corner_order // 4].ravel()
         starts = np.concatenate([[0], np.cumsum(4 * np.bincount(c.ravel(), minlength=n))])
@@ -102,11 +103,13 @@ class PatchProblem:
     def factor(
         self, weights: Float[np.ndarray, " quads"], springs: SideSprings | None = None
     ) -> Float[np.ndarray, "band vertices"]:
-        """Return the banded Cholesky factor of the weighted Laplacian; one vertex per patch is fixed, which only removes the shift.
+        """Return the banded Cholesky factor of the weighted Laplacian.
+
+        One vertex of every patch is held at the origin, which fixes the translation and nothing else.
 
         Parameters
         ----------
-        weights : of the quads' energies
+        weights : weights of the quads' energies
         springs : additional springs between flat vertices
 
         Returns
@@ -127,7 +130,7 @@ class PatchProblem:
         band = np.bincount(slots, weights=values, minlength=size)
         band[self._held * (self.band + 1)] *= 2.0
         band = band.reshape(self.band + 1, self.count, order="F")
-        # quads without area do not determine their corners: a tiny diagonal shift does
+        # quads without area do not determine their corners; a tiny diagonal shift makes the matrix definite
         for shift in (0.0, *SHIFTS):
             held = band.copy(order="F")
             if shift:
@@ -140,7 +143,7 @@ class PatchProblem:
     def maps(
         self, points: Complex[np.ndarray, " vertices"]
     ) -> tuple[Complex[np.ndarray, "quads 4"], Complex[np.ndarray, "quads 4"]]:
-        """Return a and b of every corner triangle."""
+        """Return the coefficients a and b of every corner triangle's map to the plane, u = a z + b conj(z)."""
         u, after, before = (points.take(corners) for corners in (self.corners, *self._around))
         d, before = after - u, u - before
         t = self.tri
@@ -157,10 +160,10 @@ class PatchProblem:
 
         Parameters
         ----------
-        factor : see ``factor``, with the same weights and springs
-        weights : of the quads
-        rotation : unit complex numbers
-        springs : wanted side vectors
+        factor : result of ``factor`` for these weights and springs
+        weights : weights of the quads' energies
+        rotation : rotations of the corner triangles, unit complex numbers
+        springs : springs with the desired side vectors
         """
         self.tick()
         along, against = self._towards
@@ -185,7 +188,7 @@ class PatchProblem:
 
     @cached_property
     def _turns(self) -> Complex[np.ndarray, " joints"]:
-        """Unit complex numbers: the rotation across every joint that makes its two flat sides parallel."""
+        """Rotation between both quads of every joint that makes their common sides parallel, unit complex numbers."""
         fa, ka, fb, kb = self.joints
         flat = self.tri.flat
         turn = (flat[fa, (ka + 1) % 4] - flat[fa, ka]) * (flat[fb, kb] - flat[fb, (kb + 1) % 4]).conj()
@@ -193,7 +196,7 @@ class PatchProblem:
         return np.where(size > 0, turn, 1.0) / np.where(size > 0, size, 1.0)
 
     def propagate_rotations(self) -> Complex[np.ndarray, "quads 4"]:
-        """Return start rotations, propagated over uncut sides from the middle quad of every patch."""
+        """Return initial rotations, propagated across uncut sides from the middle quad of every patch."""
         q = len(self.quads)
         if q == len(self.sizes):
             return np.ones((q, 4), dtype=complex)
@@ -213,7 +216,7 @@ class PatchProblem:
         return np.repeat(np.array(values[:q])[:, None], 4, axis=1)
 
     def _middle(self) -> Int[np.ndarray, " patches"]:
-        """Return for every patch the quad nearest to its centre."""
+        """Return the quad nearest to the centre of every patch."""
         centre = self.mesh.centroids[self.quads]
         first = np.cumsum(self.sizes) - self.sizes
         mean = np.add.reduceat(centre, first, axis=0) / self.sizes[:, None]
@@ -225,9 +228,9 @@ class PatchProblem:
         return np.maximum.reduceat(energy, np.cumsum(self.sizes) - self.sizes)
 
     def smoothest(self) -> Complex[np.ndarray, "quads 4"]:
-        """Return rotations that fit all uncut sides best, for patches where propagation along paths misleads.
+        """Return initial rotations that fit all uncut sides best; slower and better than ``propagate_rotations``.
 
-        It is the lowest eigenvector of the connection Laplacian (Singer & Wu 2012), by inverse iteration.
+        They are the lowest eigenvector of the connection Laplacian (Singer & Wu 2012), found by inverse iteration.
         """
         q = len(self.quads)
         fa, _, fb, _ = self.joints
@@ -245,7 +248,7 @@ class PatchProblem:
 
     @cached_property
     def joints(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Uncut sides inside the patch: quad, side, other quad, its side (local quad numbers)."""
+        """Uncut sides inside the patch: quad, side, quad across it, that quad's side (local quad numbers)."""
         c = self.corners
         key = np.minimum(c, c[:, NEXT]) * self.count + np.maximum(c, c[:, NEXT])
         flat_key = key.ravel()
@@ -255,7 +258,7 @@ class PatchProblem:
         return one // 4, one % 4, two // 4, two % 4
 
     def patch(self, points: Complex[np.ndarray, " vertices"]) -> FlatPatch:
-        """Return the flat patch with its vertices at ``points``; with infinite energy if a point is not finite."""
+        """Return the flat patch with its vertices at ``points``; its energies are infinite if a point is not finite."""
         if not np.isfinite(points).all():
             turns, energy = np.ones(self.corners.shape, dtype=complex), np.full(len(self.corners), np.inf)
             return FlatPatch(points, turns, energy, self.corners.size)
@@ -268,11 +271,11 @@ class PatchProblem:
 
 @dataclass(frozen=True, eq=False)
 class SideSprings:
-    """Soft constraints on side vectors along the outline.
+    """Springs (soft constraints) on the vectors of sides along the outline.
 
-    ends : flat vertices at start and end
-    vectors : wanted, metres
-    stiffness : weights
+    ends : flat vertices at the start and the end of each side
+    vectors : desired vectors from start to end, complex, metres
+    stiffness : weights of the springs, beside the weights of the quads' energies
     """
 
     ends: Int[np.ndarray, "springs 2"]
@@ -288,15 +291,15 @@ def settle(
     tolerance: float = 2e-4,
     hopeless: float = np.inf,
 ) -> FlatPatch:
-    """Alternate nearest rotations and linear solves until the points come to rest (Liu et al. 2008).
+    """Alternate nearest rotations and linear solves until the flat points converge (Liu et al. 2008).
 
     Parameters
     ----------
     problem : the patch
-    rotation : start, unit complex numbers for the four corners' triangles; by default propagated over the patch
-    rounds : most rounds
-    tolerance : stop when the worst energy changes by less than this share in a round
-    hopeless : give up early when the worst energy is bound to stay above this
+    rotation : initial rotations of the corner triangles, unit complex numbers; by default propagated over the patch
+    rounds : largest number of rounds
+    tolerance : stop when the largest energy changes by less than this share in a round
+    hopeless : give up early when the largest energy will clearly stay above this value
     """
     if rotation is None:
         rotation = problem.propagate_rotations()
@@ -309,7 +312,7 @@ def settle(
         change = before - worst
         if abs(change) < tolerance * worst:
             break
-        # the energy falls geometrically: further rounds gain at most this much
+        # the energy falls geometrically: all further rounds together gain at most 12 times the last change
         if turn >= 4 and worst - 12.0 * max(change, 0.0) > hopeless:
             break
         before = worst
@@ -326,16 +329,16 @@ def minimax(
     target: float = 0.0,
     hopeless: float = np.inf,
 ) -> FlatPatch:
-    """Lower the worst energy by weighting bad quads more, round by round; return the best patch seen.
+    """Lower the largest energy by giving quads with high energy more weight, round by round; return the best patch.
 
     Parameters
     ----------
     problem : the patch
     patch : flat patch to start from
-    rounds : most changes of the weights
-    inner : solves between two of them
-    target : stop when the worst energy is below this
-    hopeless : give up when the worst energy is estimated to stay above this
+    rounds : largest number of changes of the weights
+    inner : number of solves between two changes of the weights
+    target : stop when the largest energy is at most this and no triangle is flipped
+    hopeless : give up when the largest energy is estimated to stay above this value
     """
     weights = np.ones(len(problem.quads))
     best = patch
@@ -354,8 +357,8 @@ def minimax(
             means.append(float(shares @ patch.energy))
         if (patch.flips, patch.worst) < (best.flips, best.worst):
             best = patch
-        # the least weighted mean is a lower bound of the worst energy (weak duality); its last decrease estimates how
-        # far the bound may still fall
+        # the minimum of the weighted mean is a lower bound of the largest energy (weak duality); its decrease in this
+        # round estimates how far it may still fall
         if best.worst > hopeless and means[-1] - REST * (means[0] - means[-1]) > hopeless:
             break
     return best

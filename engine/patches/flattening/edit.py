@@ -1,4 +1,4 @@
-"""Hand edits of a layout: cut or join along a run of edges; only changed patches are flattened again."""
+"""Manual edits of a layout: cut or join along a run of edges; only changed patches are flattened again."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .flatten import FlatPatches, flatten
 def with_cuts(
     flat: FlatPatches, cut: Bool[np.ndarray, " edges"], params: LayoutParams, progress: Progress = SILENT
 ) -> FlatPatches:
-    """Flatten the same mesh with other cuts; unchanged patches are kept as they are.
+    """Flatten the mesh of flat patches with other cuts; unchanged patches are kept as they are.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def with_cuts(
 
     Raises
     ------
-    FlexMapsError : naming the quads of a patch that cannot be laid flat in one piece
+    FlexMapsError : with the quads and the outline of a patch that cannot be laid flat in one piece
     """
     mesh = flat.layout.mesh
     layout = PatchLayout(mesh, np.asarray(cut, dtype=bool) & ~mesh.border)

@@ -22,11 +22,11 @@ class FlatPatches:
     """Flat rest shapes of all patches.
 
     layout : mesh and cuts
-    points : metres, flat vertices, indexed by ``layout.flat_corners``; each patch in its own frame, area centroid at
-        the origin, counter-clockwise seen from outside, longest extent along x
-    energy : E of every quad: area-weighted mean over its 4 corner triangles of (s1-1)^2 + (s2-1)^2, with s1, s2 the
-        singular values of the map from the surface to the plane
-    square : the same measure relative to a perfect square of the same area: how regular a quad is
+    points : flat vertices, metres, indexed by ``layout.flat_corners``; each patch has its own frame, with the area
+        centroid at the origin and the longest extent along x; quads are counter-clockwise seen from outside
+    energy : distortion E of every quad: area-weighted mean over its 4 corner triangles of (s1-1)^2 + (s2-1)^2, with
+        s1, s2 the singular values of the map from the surface to the plane
+    square : irregularity of every flat quad: the energy of the map from a square of equal area to the quad
     """
 
     layout: PatchLayout
@@ -54,7 +54,7 @@ def flatten(
     start: Complex[np.ndarray, "quads 4"] | None = None,
     moved: Bool[np.ndarray, " quads"] | None = None,
 ) -> FlatPatches:
-    """Flatten every patch of a layout; seam sides become equally long as far as the distortion limit allows.
+    """Flatten every patch of a layout; both sides of seams become equally long as far as the distortion limit allows.
 
     Parameters
     ----------
@@ -62,8 +62,8 @@ def flatten(
     params : limits
     progress : called with the fraction done
     previous : flat patches whose unchanged patches are kept as they are
-    start : known rotations of the corner triangles, unit complex numbers
-    moved : quads whose shape changed since ``previous``; their patches are flattened again
+    start : initial rotations of the corner triangles, unit complex numbers
+    moved : mask of quads whose shape changed since ``previous``; their patches are flattened again
     """
     known = _reusable(previous, layout, moved)
     corners = np.zeros((len(layout.mesh.quads), 4), dtype=complex)
@@ -84,7 +84,7 @@ def flatten(
 
 
 def with_energies(layout: PatchLayout, points: Float[np.ndarray, "points 2"]) -> FlatPatches:
-    """Compute the energies of given flat points.
+    """Return flat patches with given flat points, and their energies.
 
     Parameters
     ----------
@@ -100,12 +100,12 @@ def with_energies(layout: PatchLayout, points: Float[np.ndarray, "points 2"]) ->
 
 
 def with_corners(layout: PatchLayout, corners: Float[np.ndarray, "quads 4 2"]) -> FlatPatches:
-    """Compute the energies of the flat patches with given corners.
+    """Return flat patches with given corners of the quads, and their energies.
 
     Parameters
     ----------
     layout : mesh and cuts
-    corners : of every quad, metres; those of neighbours within a patch agree
+    corners : flat corners of every quad, metres; neighbours within a patch must agree on common corners
     """
     points = np.empty((int(layout.flat_corners.max()) + 1, 2))
     points[layout.flat_corners] = corners
@@ -115,7 +115,13 @@ def with_corners(layout: PatchLayout, corners: Float[np.ndarray, "quads 4 2"]) -
 def in_frame(
     points: Complex[np.ndarray, " vertices"], corners: Int[np.ndarray, "quads 4"]
 ) -> Float[np.ndarray, "vertices 2"]:
-    """Move points to their patch's frame: area centroid at 0, longest extent along x; ``corners`` are the patch's quads."""
+    """Move points to their patch's frame: area centroid at 0, longest extent along x.
+
+    Parameters
+    ----------
+    points : flat vertices of the patch, complex, metres
+    corners : flat vertices of the patch's quads
+    """
     u = points[corners]
     area = 0.5 * ((u[:, 2] - u[:, 0]).conj() * (u[:, 3] - u[:, 1])).imag
     centre = u.mean(axis=1)
@@ -127,7 +133,7 @@ def in_frame(
 
 
 def _longest_direction(points: np.ndarray) -> complex:
-    """Return the rotation, as a unit complex number, that puts the bounding box of least area with its long side along x."""
+    """Return the rotation (unit complex number) that turns the long side of the smallest bounding box to the x axis."""
     angles = np.linspace(0.0, np.pi, 180, endpoint=False)
     spun = points[None, :] * np.exp(-1j * angles)[:, None]
     width, height = np.ptp(spun.real, axis=1), np.ptp(spun.imag, axis=1)
@@ -136,14 +142,14 @@ def _longest_direction(points: np.ndarray) -> complex:
 
 
 def _key(layout: PatchLayout, quads: np.ndarray) -> bytes:
-    """Return a key of a patch: its quads and outline."""
+    """Return a dictionary key for a patch, made of its quads and their sides on the outline."""
     return quads.tobytes() + np.packbits(layout.outline_sides[quads]).tobytes()
 
 
 def _reusable(
     previous: FlatPatches | None, layout: PatchLayout, moved: Bool[np.ndarray, " quads"] | None
 ) -> dict[bytes, int]:
-    """Return the keys of the previous patches that are still valid, with their numbers."""
+    """Return the previous patches on this mesh without moved quads, as a dictionary from their key to their number."""
     if previous is None or previous.layout.mesh is not layout.mesh:
         return {}
     kept = [(i, quads) for i, quads in enumerate(previous.layout.patches) if moved is None or not moved[quads].any()]
@@ -151,7 +157,7 @@ def _reusable(
 
 
 def outline(layout: PatchLayout, patch: int) -> Int[np.ndarray, " m"]:
-    """Return the flat vertices on the outer loop of a patch, counter-clockwise, the smallest index first."""
+    """Return the flat vertices on the outer outline of a patch, counter-clockwise, the smallest index first."""
     quads = layout.patches[patch]
     loop = layout.loop_of[quads]
     outer = np.flatnonzero(layout.loop_patch == patch)
@@ -166,7 +172,7 @@ def outline(layout: PatchLayout, patch: int) -> Int[np.ndarray, " m"]:
 
 
 def seam_mismatch(flat: FlatPatches) -> Float[np.ndarray, " cuts"]:
-    """Length difference of the two flat sides of every cut edge, as a share of its length on the surface."""
+    """Return the difference in length of both flat sides of every cut edge, as a share of its length on the surface."""
     mesh, cut = flat.layout.mesh, np.flatnonzero(flat.layout.cut)
     sides = np.linalg.norm(np.roll(flat.corners, -1, axis=1) - flat.corners, axis=2)
     pair, side = mesh.edge_quads[cut], mesh.edge_sides[cut]
@@ -175,7 +181,10 @@ def seam_mismatch(flat: FlatPatches) -> Float[np.ndarray, " cuts"]:
 
 
 def overlapping(flat: FlatPatches) -> list[int]:
-    """Return patches not proven injective: with a flip in either triangulation, a handle, or an outline that is not simple."""
+    """Return the patches that are not proven to be injective.
+
+    They have a flipped corner triangle, a topology that cannot be laid flat, or an outline that is not simple.
+    """
     layout = flat.layout
     points = flat.points[:, 0] + 1j * flat.points[:, 1]
     corners = flat.layout.flat_corners
@@ -193,6 +202,6 @@ def overlapping(flat: FlatPatches) -> list[int]:
 
 
 def flips(corners: Complex[np.ndarray, "quads 4"]) -> Int[np.ndarray, " quads"]:
-    """Return for flat quads how many of the four corner triangles are not positively oriented."""
+    """Return how many of the four corner triangles of each flat quad are not positively oriented."""
     d = np.roll(corners, -1, axis=1) - corners
     return ((np.roll(d, 1, axis=1).conj() * d).imag <= 0).sum(axis=1)

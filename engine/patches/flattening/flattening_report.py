@@ -1,4 +1,4 @@
-"""Report on a layout: its block of report.json, and sentences about limits and symmetries that could not be kept."""
+"""Report on a layout: its block in report.json, and sentences about limits and symmetries that could not be kept."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from ...surface.symmetry import Symmetry
 from ..joining import panel_numbers
 from .flatten import FlatPatches, flips, overlapping, seam_mismatch
 
-REMARKS = 3  # patches beyond a limit that are named one by one; chosen by eye
+REMARKS = 3  # largest number of patches beyond a limit that are described one by one; chosen by eye
 
 
 def layout_report(flat: FlatPatches) -> dict[str, Any]:
-    """Return the ``layout`` block of report.json; lengths are shares or metres, energies have no unit.
+    """Return the ``layout`` block of report.json; energies have no unit, mismatches are shares of edge lengths.
 
-    ``flips`` counts corner triangles, four per quad; ``overlaps`` counts patches; ``remarks`` are sentences for the
-    user.
+    ``flips`` counts corner triangles, four per quad; ``overlaps`` counts patches that are not proven injective;
+    ``remarks`` are sentences for the user.
     """
     layout = flat.layout
     mismatch = seam_mismatch(flat)
@@ -47,7 +47,7 @@ def layout_report(flat: FlatPatches) -> dict[str, Any]:
 
 
 def remarks(notes: Mapping[str, object]) -> dict[str, object]:
-    """Return the most important notes of a layout as ``remarks``, a few sentences; nothing if there are none."""
+    """Return the most important notes of a layout as a list of sentences, under the key ``remarks``; empty if none."""
     said = [str(notes["halved"])] if "halved" in notes else []
     forced = notes.get("forced")
     if isinstance(forced, list):
@@ -60,7 +60,7 @@ def remarks(notes: Mapping[str, object]) -> dict[str, object]:
 
 
 def forced_notes(flat: FlatPatches, params: LayoutParams) -> dict[str, object]:
-    """Describe panels beyond a limit, for which every change within the other limits was tried and refused.
+    """Describe the panels that exceed a limit, because every change of the layout would break another limit.
 
     Parameters
     ----------
@@ -91,11 +91,11 @@ def forced_notes(flat: FlatPatches, params: LayoutParams) -> dict[str, object]:
 
 
 def symmetry_kept(whole_group: list[Symmetry], kept: list[Symmetry]) -> tuple[dict[str, object], str]:
-    """Return how many of the surface's symmetries a layout keeps: numbers for the report, and the start of its sentence.
+    """Return how many of the surface's symmetries a layout keeps: entries of the report, and the start of a sentence.
 
     Parameters
     ----------
-    whole_group, kept : symmetries of the surface, and those of the layout; without the identity
+    whole_group, kept : symmetries of the surface, and symmetries of the layout, without the identity
     """
     names = sorted({s.name for s in kept})
     text = f"The layout keeps {1 + len(kept)} of {1 + len(whole_group)} symmetries"

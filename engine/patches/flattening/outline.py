@@ -1,4 +1,4 @@
-"""Prove that a flat patch is injective: no flip, no handle and a simple outline together suffice."""
+"""Prove that a flat patch is injective: no flipped triangle, no handle and a simple outline together suffice."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import numpy as np
 from ...arrays import Bool, Complex, Int
 from ..layout import loop_of_sides
 
-WIDE = 0.4  # relative width from which a narrowing is not an isthmus: that of a rectangle 1.5 times as long as wide
-ROUNDING = 8.0 * np.finfo(float).eps  # error bound of an orientation, relative to its terms (Shewchuk 1997)
+# relative width (see ``isthmus_width``) of the widest isthmus; a rectangle 1.5 times as long as wide has this value
+WIDE = 0.4
+ROUNDING = 8.0 * np.finfo(float).eps  # relative error bound of orientation tests (Shewchuk 1997); larger is safer
 
 
 def simple(
@@ -19,16 +20,16 @@ def simple(
 ) -> bool:
     """Return whether the outline of a patch neither crosses nor touches itself and exactly one loop is not a hole.
 
-    Without flips every point of the plane is covered as often as the loops wind round it; disjoint loops, one of them
-    counter-clockwise, leave only 0 and 1. Orientations within the rounding error count as touching, so True is a proof
-    (Shewchuk 1997, first filter).
+    Without flips, every point of the plane is covered as often as the loops wind round it. If the loops are disjoint
+    and one of them is counter-clockwise, that is 0 or 1 times. Orientations within the rounding error count as
+    touching, so that True is a proof (Shewchuk 1997, first filter).
 
     Parameters
     ----------
-    points : metres
+    points : flat vertices, complex, metres
     corners : flat vertices of the quads
     sides : mask of the sides on the outline
-    patch : patch of every quad, from 0, if there are several; each is checked by itself
+    patch : patch of every quad, from 0, if there are several patches; each patch is checked by itself
     """
     start = corners[sides]
     end = np.roll(corners, -1, axis=1)[sides]
@@ -59,11 +60,16 @@ def simple(
 
 
 def _one_outer(a: np.ndarray, b: np.ndarray, start: np.ndarray, end: np.ndarray, owner: np.ndarray) -> bool:
-    """Return whether exactly one loop of every owner is counter-clockwise; sides run from a to b."""
+    """Return whether exactly one outline loop of every patch is counter-clockwise.
+
+    a, b : points at the start and the end of every side on an outline
+    start, end : flat vertices of these points
+    owner : patch of every side
+    """
     loop = loop_of_sides(start, end)
     first = np.unique(loop, return_index=True)[1]
     if len(first) == owner.max(initial=0) + 1:
-        return True  # single loops round quads without a flip are counter-clockwise
+        return True  # the only loop of a patch without flips is counter-clockwise
     origin = a[first][loop]
     area = np.bincount(loop, weights=((a - origin).conj() * (b - origin)).imag)
     return bool((np.bincount(owner[first], weights=area > 0) == 1).all())
@@ -80,26 +86,26 @@ def _folds_back(
 
 
 def _side(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Orientation of triangles a, b, c: 1, -1, or 0 within the rounding error."""
+    """Return the orientation of triangles a, b, c: 1 counter-clockwise, -1 clockwise, 0 within the rounding error."""
     p, q = b - a, c - a
     one, two = p.real * q.imag, p.imag * q.real
     det = one - two
-    # the differences are rounded too, by a few units of the coordinates' last digit
+    # the differences p and q have rounding errors too, of a few units in the last digit of the coordinates
     scale = np.abs(a) + np.abs(b) + np.abs(c)
     slack = ROUNDING * (np.abs(one) + np.abs(two) + scale * (np.abs(p) + np.abs(q)))
     return np.where(det > slack, 1, np.where(det < -slack, -1, 0))
 
 
 def isthmus_width(outline: Complex[np.ndarray, " points"], rim: Bool[np.ndarray, " points"] | None = None) -> float:
-    """Relative width of the narrowest isthmus of a polygon: width over the shorter part of the outline behind it.
+    """Return the relative width of the narrowest isthmus of a polygon, at most 0.4.
 
-    Only pairs of points at least 0.08 of the outline apart count. A rectangle four times as long as wide has 0.2; the
-    result is at most 0.4.
+    An isthmus is a chord of the polygon; its relative width is its length over the shorter part of the outline between
+    its ends. Only ends at least 0.08 of the outline apart count. A rectangle four times as long as wide has 0.2.
 
     Parameters
     ----------
-    outline : points of the polygon
-    rim : mask of points on the border of the surface; isthmuses between two of them are due to the surface and left out
+    outline : points of the polygon, complex, counter-clockwise
+    rim : mask of points on the border of the surface; chords between two such points are due to the surface and ignored
     """
     count = len(outline)
     after = np.roll(outline, -1)
@@ -114,7 +120,7 @@ def isthmus_width(outline: Complex[np.ndarray, " points"], rim: Bool[np.ndarray,
     if rim is not None:
         ratio[rim[pick][:, None] & rim[pick]] = WIDE
     i, j = np.nonzero(np.triu(ratio < WIDE))
-    # the chord must run inside the polygon at both ends: between the adjacent sides there
+    # at both ends the chord must start into the polygon, between the adjacent sides
     forward, backward, chord = after[pick] - p, np.roll(outline, 1)[pick] - p, p[j] - p[i]
     inside = _between(forward[i], chord, backward[i]) & _between(forward[j], -chord, backward[j])
     return float(ratio[i, j][inside].min(initial=WIDE))
@@ -127,5 +133,5 @@ def _between(first: np.ndarray, middle: np.ndarray, last: np.ndarray) -> np.ndar
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross product of plane vectors."""
+    """Return the cross product of plane vectors, given as complex numbers."""
     return a.real * b.imag - a.imag * b.real

@@ -1,4 +1,4 @@
-"""Flatten all patches together so that the two sides of every seam become equally long."""
+"""Flatten all patches together so that both sides of every seam become equally long."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from ..loops import NEXT
 from .arap import FlatPatch, PatchProblem, SideSprings, minimax, settle
 from .outline import simple
 
-ROUNDS = 24  # rounds for a whole layout, of which the best state is kept; not measured
-QUICK = 10  # rounds for the few patches of a hand edit, which should take 0.1 s
-# Patches of fewer quads are solved side by side, since alone each takes as long as many together: 3,840 patches of one
-# quad take 3 s instead of 32 s.
+ROUNDS = 24  # number of rounds for a whole layout, of which the best state is kept; more take longer; not measured
+QUICK = 10  # number of rounds for the few patches of a manual edit; more make edits slower than 0.1 s
+# Number of quads below which patches share a linear system, because a system for one small patch takes as long as for
+# many: 3,840 patches of one quad take 3 s instead of 32 s. Larger patches gain less.
 SMALL = 8
-HEAP = 64  # largest number of quads solved side by side
-# Initial stiffness of a seam side relative to its quads; 1 and 10 leave a worst mismatch of 10 and 11 % instead of 9.
+HEAP = 64  # approximate number of quads in a shared system
+# Initial stiffness of seam sides, where quads have the weight 1; 1 and 10 match seams less well
 STIFFNESS = 3.0
-# Share of the distortion limit above which quads get more weight; on seven surfaces 0.5 leaves a worst seam mismatch of
-# 16 %, 0.8 of 7 %, this of 9 %.
+# Share of the distortion limit above which quads get more weight; larger values match seams better and leave more
+# distortion
 ENERGY_CAP = 0.65
-# Length difference of the two sides, as a share, above which a seam edge gets stiffer; on seven surfaces 0.04 leaves a
-# worst of 6 %, 0.12 of 13 %, this of 9 %.
+# Difference in length of both sides, as a share of the edge, above which a seam edge gets stiffer; smaller values match
+# seams better and leave more distortion
 MISMATCH_CAP = 0.07
-# Factor on the stiffness where a patch exceeds the limit, so that its seams yield: 0.35 to 1 change the largest distortion of 3 of 17 surfaces by
-# at most a tenth
+# Factor per round on the stiffness of seams where a patch exceeds the distortion limit; smaller values let seams yield
+# sooner
 YIELD = 0.7
 
 
 @dataclass(eq=False)
 class _Work:
-    """State of a patch, or of small ones side by side, while seams are fitted."""
+    """State of a patch, or of several small patches with a common linear system, while seams are fitted."""
 
     problem: PatchProblem
     flat: FlatPatch
@@ -63,15 +63,15 @@ def match_seams(
     ----------
     layout : mesh and cuts
     patches : quads of each patch to flatten
-    corners : flat corners of the patches that stay as they are, metres
+    corners : flat corners of all quads, complex, metres; used for the patches that stay as they are
     params : limits
     progress : called with the fraction done
-    start : initial rotations, unit complex numbers, up to a constant rotation of every patch
+    start : initial rotations of the corner triangles, unit complex numbers, up to a constant rotation of every patch
     rounds : number of rounds
 
     Returns
     -------
-    flat corners of all patches, metres
+    flat corners of all quads, complex, metres
     """
     mesh = layout.mesh
     limit = params.distortion_limit
@@ -93,7 +93,7 @@ def match_seams(
             _relax(work, layout, length, moving, stiffness, params)
         apart = np.abs(length[pair[:, 0], sides[:, 0]] - length[pair[:, 1], sides[:, 1]]) / mesh.edge_lengths[cut]
         change = apart / MISMATCH_CAP
-        # distortion comes first: seams of a patch beyond the limit yield
+        # distortion matters more: seams of a patch beyond the distortion limit become softer
         worst = np.zeros(len(mesh.quads))
         for work in works:
             worst[work.problem.quads] = work.problem.worst(work.flat.energy)[work.problem.patch_of]
@@ -113,7 +113,7 @@ def match_seams(
 def _start_all(
     layout: PatchLayout, patches: Sequence[np.ndarray], limit: float, progress: Progress, start: np.ndarray | None
 ) -> list[_Work]:
-    """Flatten the patches by themselves, except for small ones that lie flat at once side by side."""
+    """Flatten the patches without springs: small patches together if that suffices, all others one by one."""
     tick = partial(progress, 0.1, "Flattening")
     large = [quads for quads in patches if len(quads) >= SMALL]
     small = [quads for quads in patches if len(quads) < SMALL]
@@ -136,7 +136,7 @@ def _start_all(
 
 
 def _problem(layout: PatchLayout, patches: Sequence[np.ndarray], tick: Callable[[], None]) -> PatchProblem:
-    """Set up the flattening of patches side by side."""
+    """Set up a common linear system for flattening several patches."""
     quads = np.concatenate(patches)
     local = np.unique(layout.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
     return PatchProblem(layout.mesh, quads, local, tick, [len(patch) for patch in patches])
@@ -145,7 +145,7 @@ def _problem(layout: PatchLayout, patches: Sequence[np.ndarray], tick: Callable[
 def _sound_patches(
     layout: PatchLayout, problem: PatchProblem, flat: FlatPatch, limit: float
 ) -> Bool[np.ndarray, " patches"]:
-    """Mask the patches that are proven injective and within the distortion limit."""
+    """Return a mask of the patches that are proven injective and within the distortion limit."""
     u, first = flat.points[problem.corners], np.cumsum(problem.sizes) - problem.sizes
     d = u[:, NEXT] - u
     flipped = ~((np.roll(d, 1, axis=1).conj() * d).imag > 0.0).all(axis=1)
@@ -159,7 +159,7 @@ def _sound_patches(
 
 
 def _flatten_alone(layout: PatchLayout, problem: PatchProblem, limit: float, start: np.ndarray | None) -> _Work:
-    """Flatten a patch without springs, trying other start rotations if it exceeds the limit or overlaps."""
+    """Flatten a patch without springs; try other initial rotations if it exceeds the distortion limit or overlaps."""
     outline = layout.outline_sides[problem.quads]
     flat = settle(problem, None if start is None else start[problem.quads], tolerance=0.005)
     if flat.flips or flat.worst > limit:
@@ -173,7 +173,7 @@ def _flatten_alone(layout: PatchLayout, problem: PatchProblem, limit: float, sta
 
 
 def _work(layout: PatchLayout, problem: PatchProblem, flat: FlatPatch) -> _Work:
-    """Gather the state of a flattened problem and its sides on seams."""
+    """Make the state of flattened patches, with their sides on seams."""
     quad, side = np.nonzero(layout.cut[layout.mesh.quad_edges[problem.quads]])
     edge = layout.mesh.quad_edges[problem.quads[quad], side]
     outline = layout.outline_sides[problem.quads]
@@ -181,7 +181,7 @@ def _work(layout: PatchLayout, problem: PatchProblem, flat: FlatPatch) -> _Work:
 
 
 def _update_lengths(length: np.ndarray, work: _Work) -> None:
-    """Update the lengths of the flat sides of a patch."""
+    """Write the lengths of a patch's flat sides (metres) into ``length`` (F, 4)."""
     u = work.flat.points[work.problem.corners]
     length[work.problem.quads] = np.abs(u[:, NEXT] - u)
 
@@ -194,7 +194,7 @@ def _relax(
     stiffness: np.ndarray,
     params: LayoutParams,
 ) -> None:
-    """Do a round for a patch: more weight on bad quads, springs to the wanted lengths, two solves."""
+    """Do a round for a patch: update the weights of its quads, set springs to the desired lengths, solve twice."""
     mesh, problem = layout.mesh, work.problem
     cap = ENERGY_CAP * params.distortion_limit
     work.weights = np.clip(work.weights * np.clip(work.flat.energy / cap, 0.8, 2.0), 1.0, 1e3)
@@ -222,7 +222,7 @@ def _score(
     surface: np.ndarray,
     params: LayoutParams,
 ) -> tuple[float, float]:
-    """Rank states: no flips or overlaps first, then distortion beyond the limit, then seam mismatch."""
+    """Return the rank of a state (small is good): flips, overlaps and excess distortion first, then seam mismatch."""
     broken = float(sum(work.flat.flips + (not _simple(work)) for work in works))
     apart = np.abs(length[pair[:, 0], sides[:, 0]] - length[pair[:, 1], sides[:, 1]]) / surface
     worst = max((work.flat.worst for work in works), default=0.0) / params.distortion_limit
@@ -231,6 +231,6 @@ def _score(
 
 
 def _simple(work: _Work) -> bool:
-    """Return whether the outlines are simple."""
+    """Return whether the outlines of the patches neither cross nor touch themselves."""
     several = work.problem.patch_of if len(work.problem.sizes) > 1 else None
     return simple(work.flat.points, work.problem.corners, work.outline, several)

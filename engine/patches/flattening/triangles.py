@@ -1,8 +1,8 @@
 """Corner triangles of quads and the energy of laying them flat (Liu et al. 2008), in complex form.
 
-The map of a corner triangle to the plane is u = a z + b conj(z) with complex a and b; its singular values are |a| + |b|
-and |a| - |b|, its determinant |a|^2 - |b|^2, and the nearest rotation is a / |a|. The four corner triangles of a quad
-are those of both its triangulations.
+A corner triangle consists of a corner of a quad and both adjacent corners; the four corner triangles belong to both
+triangulations of the quad. The map of a triangle to the plane is u = a z + b conj(z) with complex coefficients a and b;
+its singular values are |a| + |b| and |a| - |b|, its determinant |a|^2 - |b|^2, and the nearest rotation is a / |a|.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from ..loops import NEXT, PREVIOUS
 class CornerTriangles(Columns):
     """The four corner triangles of every quad, each laid into the plane without distortion.
 
-    along, against : 1/m: a = along * d[k] + against * d[k-1] with d[k] the flat side k as a complex number
-    along_bar, against_bar : 1/m: b = along_bar * d[k] + against_bar * d[k-1]
-    area : square metres
-    flat : corners of every quad projected to its plane, metres
-    stiffness : no unit: quadratic form of sum(area (|a|^2 + |b|^2)) over a quad's corners
+    along, against : factors (1/m) of a = along * d[k] + against * d[k-1], with d[k] the flat side k, a complex number
+    along_bar, against_bar : factors (1/m) of b = along_bar * d[k] + against_bar * d[k-1]
+    area : area of every triangle, square metres
+    flat : corners of every quad projected to its plane, complex, metres
+    stiffness : matrix of sum(area (|a|^2 + |b|^2)) as a quadratic form of the quad's flat corners; no unit
     """
 
     along: Complex[np.ndarray, "quads 4"]
@@ -38,7 +38,7 @@ class CornerTriangles(Columns):
 
     @cached_property
     def whole(self) -> Float[np.ndarray, " quads"]:
-        """Sum of the four triangles' areas of every quad, square metres, never 0."""
+        """Sum of the areas of each quad's corner triangles, square metres; at least 1e-300, to avoid dividing by 0."""
         return np.maximum(self.area.sum(axis=1), 1e-300)
 
 
@@ -62,13 +62,13 @@ def _triangles(
     backward: Float[np.ndarray, "quads 4 3"],
     flat: Complex[np.ndarray, "quads 4"],
 ) -> CornerTriangles:
-    """Build the triangles from the two sides at every corner, metres, and the projected corners."""
+    """Build the triangles from the vectors to both adjacent corners (metres) and the corners projected to the plane."""
     length_f, _length_b = np.linalg.norm(forward, axis=2), np.linalg.norm(backward, axis=2)
     double_area = np.linalg.norm(np.cross(forward, backward), axis=2)
     inner = np.einsum("fki,fki->fk", forward, backward)
     z1 = length_f.astype(complex)
     z0 = (inner + 1j * double_area) / np.where(length_f > 0, length_f, 1.0)
-    # rotate each triangle to fit the projection of its quad best, so that one rotation suits all four
+    # rotate each triangle to fit the projection of its quad best, so that a common rotation suits all four triangles
     w1, w0 = flat[:, NEXT] - flat, flat[:, PREVIOUS] - flat
     turn = w1 * z1.conj() + w0 * z0.conj()
     size = np.abs(turn)
@@ -95,19 +95,19 @@ def _triangles(
 def quad_energy(
     tri: CornerTriangles, a: Float[np.ndarray, "quads 4"], b: Float[np.ndarray, "quads 4"]
 ) -> Float[np.ndarray, " quads"]:
-    """Return E of every quad: area-weighted mean of (s1-1)^2 + (s2-1)^2 over its corners.
+    """Return the distortion E of every quad: area-weighted mean of (s1-1)^2 + (s2-1)^2 over its corner triangles.
 
     Parameters
     ----------
     tri : corner triangles
-    a, b : absolute values of the complex coefficients of every corner
+    a, b : absolute values of the coefficients a and b of every corner triangle's map
     """
     energy = 2.0 * ((a - 1.0) ** 2 + b**2)
     return (tri.area * energy).sum(axis=1) / tri.whole
 
 
 def square_energy(corners: Complex[np.ndarray, "quads 4"]) -> Float[np.ndarray, " quads"]:
-    """Return ``quad_energy`` of flat quads relative to squares of the same area."""
+    """Return ``quad_energy`` of the maps from squares to flat quads of equal area: 0 for a square quad."""
     d = corners[:, NEXT] - corners
     diagonal_a, diagonal_b = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
     side = np.sqrt(np.maximum(0.5 * (diagonal_a.conj() * diagonal_b).imag, 1e-300))[:, None]

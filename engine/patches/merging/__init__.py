@@ -1,1 +1,1 @@
-"""Reduce the number of patches: open, straighten and redraw seams within all limits."""
+"""Reduce the number of patches: remove, straighten and redraw seams within all limits."""

@@ -1,4 +1,7 @@
-"""State of the layout during merging: current patches, their flattenings, and whether a change keeps every limit."""
+"""State of the layout during merging: current patches with their flat shapes, and tests of changes against all limits.
+
+To open an edge is to remove its cut, which joins both sides; to close an edge is to cut it.
+"""
 
 from __future__ import annotations
 
@@ -20,26 +23,25 @@ from ..layout import PatchLayout
 from ..tracing.regions import MERGING_SHARE
 from .sketch import ROOM, Sketch, SketchedPatch, Sketcher
 
-# The smallest relative width of an isthmus is this factor over the largest bottleneck. On seven surfaces 1.0 gives 45
-# patches instead of 44, 1.5 gives 48.
+# Smallest relative width of an isthmus in a flat patch, times the largest bottleneck; larger values keep necks wider
+# and leave more patches
 SLACK = 1.1
-# Number of quads up to which patches get more chances. On seven surfaces 40 gives 47 patches, 400 gives 38, in no more
-# time.
+# Number of quads above which a patch is given up sooner if its first flattening is far beyond the distortion limit;
+# larger values find more merges of large patches
 SMALL = 120
-# Compactness, as a factor on the limit, of a patch that absorbs a too small one; 1.05 to 1.6 give the same on seven
-# surfaces.
+# largest compactness of a patch that absorbs a too small patch, as a factor on the limit; larger allows longer patches
 LENIENT = 1.25
-ATTEMPT = 300.0  # work of an attempt before any flattening, in quads times solves; estimated from profiles
-SOLVES = 10.0  # mean number of solves of a flattening
-# Largest ratio of the outline behind an isthmus to its width; a rectangle four times as long as wide has 5. On seven
-# surfaces 3.5 gives 46 patches instead of 44, 8 gives as many as 5 with narrower necks.
+ATTEMPT = 300.0  # work charged for testing a change, without flattening, in quads times solves; from profiling
+SOLVES = 10.0  # work charged for a flattening, in solves: the mean number
+# Largest ratio of the shorter outline between an isthmus's ends to its width; a rectangle four times as long as wide
+# has 5. Smaller values keep necks wider and leave more patches
 BOTTLENECK = 5.0
 NOTHING = np.zeros(0, dtype=np.int64)  # empty array of edges
 
 
 @dataclass(frozen=True, eq=False)
 class SeamChange:
-    """Cut edges to open, joined edges to cut, and the resulting pieces."""
+    """A tested change: cut edges to join (``opens``), uncut edges to cut (``closes``), and the resulting patches."""
 
     opens: Int[np.ndarray, " opened"]
     closes: Int[np.ndarray, " closed"]
@@ -47,9 +49,9 @@ class SeamChange:
 
 
 class Effort:
-    """Budget for flattening, in machine-independent work, so that results repeat.
+    """Budget of work for flattening, counted independently of the machine's speed, so that results are reproducible.
 
-    left : quads times solves
+    left : remaining budget, quads times solves
     """
 
     def __init__(self, left: float = np.inf):
@@ -64,7 +66,9 @@ class Effort:
 class Shared:
     """Cache shared by boards of the same mesh and limits.
 
-    flattened : result and work of a flattening, by quads, outline, start and limit; held : number of quads in it
+    sketcher : measures patches
+    flattened : flat patch (None if it failed) and work of a flattening; key: quads, outline, initial rotations, limit
+    held : number of quads in all entries of ``flattened``
     """
 
     def __init__(self, mesh: QuadMesh, params: LayoutParams):
@@ -74,15 +78,19 @@ class Shared:
 
 
 class Board:
-    """State of merging: cuts, pieces, and the symmetries that every change must keep.
+    """State of merging: cuts, pieces (flattened patches), and the symmetries that every change must keep.
 
-    cut : (E,) bool; marked : set of edges that are cut or on the border; piece_of : (F,) serial of every quad's piece
-    bottleneck : largest allowed, see ``Sketch``; distortion_share : share of the distortion limit that may be used
-    lenient : whether changes may exceed the limits on isthmuses, sizes and compactness
-    tick : called at every attempt
+    cut : (E,) bool, edges that are cut
+    marked : set of edges that are cut or on the border
+    pieces, piece_of : pieces by serial number; (F,) serial number of every quad's piece
+    bottleneck : largest allowed bottleneck, see ``Sketch``
+    distortion_share : share of the distortion limit that may be used
+    lenient : whether changes may exceed the limits on isthmuses and compactness
+    tick : called at every attempt; may raise to cancel
     shared : cache shared with other boards of the same mesh and limits
-    swept, refused : slides already examined, and changes refused, under these symmetries and limits
-    solved : flattenings that succeeded; failed : those that did not, with their parents, since others may succeed
+    swept, refused : slides already examined, and refused changes, under the present symmetries and limits
+    solved : flat patches that were accepted; key: quads, outline, limit
+    failed : keys of rejected flattenings with the serials of the merged pieces; from other pieces they may succeed
     """
 
     def __init__(
@@ -121,11 +129,11 @@ class Board:
 
     @property
     def layout(self) -> PatchLayout:
-        """The current layout."""
+        """The current layout, a copy."""
         return PatchLayout(self.mesh, self.cut.copy())
 
     def is_first_image(self, edges: np.ndarray | Sequence[int]) -> bool:
-        """Return whether a run of edges is the first of its mirror images; changing another image has the same result."""
+        """Return whether a run of edges has the smallest edge of all its symmetric images; others can be skipped."""
         if not self.symmetries:
             return True
         lowest = min(int(s.edges[edges].min()) for s in self.symmetries)
@@ -139,7 +147,7 @@ class Board:
         return result
 
     def copy(self) -> Board:
-        """Return a copy for trials; pieces, which never change, and flattenings are shared."""
+        """Return a copy for trials, which shares flattenings and pieces; neither is modified in place."""
         other = copy(self)
         other.cut, other.piece_of, other.pieces = self.cut.copy(), self.piece_of.copy(), dict(self.pieces)
         other.marked, other.swept, other.refused = set(self.marked), set(), set()
@@ -154,9 +162,9 @@ class Board:
     def attempt(
         self, opens: Int[np.ndarray, " opened"], closes: Int[np.ndarray, " closed"] = NOTHING
     ) -> SeamChange | None:
-        """Return the change that opens and closes edges with their mirror images; None if a limit forbids it.
+        """Return the change that opens and closes edges and their symmetric images; None if it would break a limit.
 
-        Images that touch the same pieces are changed together; the others are left to ``apply``.
+        Only images that touch the same pieces are included; ``apply`` adds the others.
         """
         self.tick()
         if self.effort.over:
@@ -184,7 +192,7 @@ class Board:
         return self._attempt(_array(opened), _array(closed))
 
     def apply(self, change: SeamChange) -> bool:
-        """Make a change with all its mirror images; if an image fails, change nothing and return False."""
+        """Make a change with all its symmetric images; if an image breaks a limit, change nothing and return False."""
         if not self.symmetries:
             self._apply(change)
             return True
@@ -205,7 +213,7 @@ class Board:
         return True
 
     def _apply(self, change: SeamChange) -> None:
-        """Make a change without its images."""
+        """Make a change without its symmetric images."""
         self.cut[change.opens] = False
         self.cut[change.closes] = True
         self.marked.difference_update(change.opens.tolist())
@@ -214,14 +222,14 @@ class Board:
             self._put(piece)
 
     def _put(self, piece: SketchedPatch) -> None:
-        """Replace the pieces that share quads with this piece."""
+        """Add a piece, and remove the pieces that share quads with it."""
         for old in np.unique(self.piece_of[piece.quads]).tolist():
             self.pieces.pop(old, None)
         self.pieces[piece.serial] = piece
         self.piece_of[piece.quads] = piece.serial
 
     def _attempt(self, opens: Int[np.ndarray, " opened"], closes: Int[np.ndarray, " closed"]) -> SeamChange | None:
-        """Return the change of exactly these edges; None if a limit forbids it."""
+        """Return the change of exactly these edges, without symmetric images; None if it would break a limit."""
         names = np.unique(self.pieces_at(np.concatenate([opens, closes]))).tolist()
         old = [self.pieces[n] for n in names]
         cut = self.cut.copy()
@@ -236,7 +244,7 @@ class Board:
                 return None
             sketches.append((sketch, parents))
         pieces = []
-        # start with the smallest, where failure costs least
+        # start with the smallest patch, where a failed flattening costs least
         for sketch, parents in sorted(sketches, key=lambda s: len(s[0].quads)):
             piece = self._solve(sketch, parents, opens)
             if piece is None:
@@ -249,7 +257,10 @@ class Board:
     def _sketch_if_allowed(
         self, quads: Int[np.ndarray, " quads"], cut: Bool[np.ndarray, " edges"], parents: list[SketchedPatch]
     ) -> Sketch | None:
-        """Return the sketch of a patch if it passes all limits that can be checked before flattening."""
+        """Return the sketch of a patch, or None if it breaks a limit that can be checked before flattening.
+
+        A patch may break a limit as far as its parents, the present pieces of its quads, do.
+        """
         mesh, params = self.mesh, self.params
         if len(quads) < min(params.patch_min, *(len(p.quads) for p in parents)):
             return None
@@ -269,7 +280,7 @@ class Board:
         return None if sketch.bottleneck > max(self.bottleneck, *(p.sketch.bottleneck for p in parents)) else sketch
 
     def _solve(self, sketch: Sketch, parents: list[SketchedPatch], opens: np.ndarray) -> SketchedPatch | None:
-        """Return the flat piece if its distortion is allowed and it is injective."""
+        """Return the flattened piece; None if it is too distorted, not injective, or has too narrow an isthmus."""
         limit = max(self.distortion_share * self.params.distortion_limit, *(p.flat.worst for p in parents))
         key = (sketch.quads.tobytes(), np.packbits(sketch.sides).tobytes(), limit)
         start = tuple(p.serial for p in parents)
@@ -284,13 +295,13 @@ class Board:
         piece = self._with_serial(sketch, self.solved[key])
         if self.lenient:
             return piece
-        # an isthmus may not be narrower than the parents' isthmuses or the limit, whichever is less
+        # the narrowest isthmus may be as narrow as the limit, or as in one of the merged pieces
         return None if piece.isthmus < min(SLACK / self.bottleneck, *(p.isthmus for p in parents)) else piece
 
     def _cached_flat(
         self, sketch: Sketch, parents: list[SketchedPatch], opens: np.ndarray, limit: float
     ) -> FlatPatch | None:
-        """Return the flat patch, from the cache if possible, and charge its work."""
+        """Return the flat patch, from the cache if possible, and subtract its work from the budget."""
         start = self.sketcher.rotations(parents, sketch.quads, opens)
         digest = blake2b(start.tobytes(), digest_size=16).digest()
         key = (sketch.quads.tobytes(), np.packbits(sketch.sides).tobytes(), digest, limit)
@@ -304,10 +315,10 @@ class Board:
         return flat
 
     def _flatten(self, sketch: Sketch, start: np.ndarray, limit: float) -> tuple[FlatPatch | None, float]:
-        """Flatten a patch; return it if it is within the limit and injective, else None, and the work."""
+        """Flatten a patch; return it (None if it exceeds the limit or is not injective), and the work."""
         problem = PatchProblem(self.mesh, sketch.quads, sketch.corners, self.tick)
         work = SOLVES * len(sketch.quads)
-        # weighting bad quads halves the worst energy, and lowers it far more if few quads cause it
+        # reweighting quads (minimax) halves the largest energy, and lowers it far more if only few quads cause it
         bar = limit * (1.8 + 3.2 * min(1.0, SMALL / len(sketch.quads)) ** 2)
         flat = settle(problem, start, tolerance=0.01, hopeless=bar)
         if flat.worst > bar:
@@ -319,11 +330,11 @@ class Board:
         return flat if good else None, work
 
     def _with_serial(self, sketch: Sketch, flat: FlatPatch) -> SketchedPatch:
-        """Give a flat patch the next serial."""
+        """Return a flattened patch as a piece with the next serial number."""
         self.serial += 1
         return SketchedPatch(self.serial, sketch, flat)
 
 
 def _array(values: set[int]) -> np.ndarray:
-    """Sort a set into an array."""
+    """Return the elements of a set as a sorted array."""
     return np.array(sorted(values), dtype=np.int64)

@@ -1,7 +1,7 @@
-"""Last resort if no single step keeps the limits: dissolve a small patch at once, at the cost of another limit.
+"""Last resort of merging: dissolve a patch that is too small into its neighbours, even if that breaks another limit.
 
-Limits describe the result. A patch below the smallest size is worse than a neck; it may join a neighbour, be divided
-among several, or keep part of a cut as a dart, even if that makes a neck, as long as less is wrong in total.
+A patch below the smallest size is worse than a narrow neck. It may join a neighbour, be divided among several
+neighbours, or keep part of a seam as a cut inside the joined patch, as long as the total penalty (``badness``) falls.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from .board import NOTHING, Board, Effort, SeamChange
 from .sketch import SketchedPatch
 from .straighten import badness, widen
 
-# budget in quads times solves per quad, equal on every machine; layouts with many small patches take 180 to 230
+# budget of work per quad, in quads times solves, see ``Effort``; larger values dissolve more and take longer
 WORK = 500.0
 
 
 def without_crumbs(
     layout: PatchLayout, params: LayoutParams, symmetries: Sequence[Symmetry] = (), progress: Progress = SILENT
 ) -> PatchLayout:
-    """Join panels below the smallest size, and necks, to neighbours that can take them.
+    """Join panels below the smallest size to neighbours, and widen necks, where the limits allow it.
 
     Parameters
     ----------
-    layout : panels that are disks
-    params : limits that the joined panels keep
-    symmetries : of the mesh; those of the layout are kept
+    layout : layout whose patches can be laid flat
+    params : limits
+    symmetries : symmetries of the mesh; the result keeps the symmetries that the layout has
     progress : called with the fraction done
 
     Returns
     -------
-    the new layout, or ``layout`` itself if it has no such panel or neck, or no neighbour can take one
+    the new layout, or ``layout`` itself if nothing changed
     """
     small = min(len(quads) for quads in layout.patches) < params.patch_min
     if len(layout.patches) < 2 or not (small or (layout.isthmus_widths(own=False) < params.neck_min).any()):
@@ -51,13 +51,13 @@ def without_crumbs(
 def limited_board(
     layout: PatchLayout, params: LayoutParams, symmetries: Sequence[Symmetry] = (), progress: Progress = SILENT
 ) -> Board:
-    """Return a board with limited work whose panels may use the whole distortion limit; it keeps the layout's symmetries.
+    """Return a board with a budget of work, whose panels may use the whole distortion limit.
 
     Parameters
     ----------
     layout : mesh and cuts
     params : limits
-    symmetries : of the mesh
+    symmetries : symmetries of the mesh; the board keeps the symmetries that the layout has
     progress : called at every attempt
     """
     effort = Effort(WORK * len(layout.mesh.quads))
@@ -67,7 +67,7 @@ def limited_board(
 
 
 def dissolve(board: Board) -> bool:
-    """Dissolve patches that are too small, the smallest first; return whether any was."""
+    """Dissolve patches that are too small, the smallest first; return whether any patch was dissolved."""
     changed = False
     board.lenient = True
     refused: set[tuple[int, ...]] = set()
@@ -89,14 +89,14 @@ def dissolve(board: Board) -> bool:
 
 
 def _around(board: Board, piece: SketchedPatch) -> Int[np.ndarray, "quads 4"]:
-    """Serials of the patches across every side of a patch's quads; -1 inside the patch and at the border."""
+    """Return the serial of the piece across every side of a piece's quads; -1 inside the piece and at the border."""
     mesh = board.mesh
     other = np.where(mesh.neighbours[piece.quads] < 0, -1, board.piece_of[mesh.neighbours[piece.quads]])
     return np.where(other == piece.serial, -1, other)
 
 
 def _best_change(board: Board, piece: SketchedPatch) -> SeamChange | None:
-    """Return the change that improves the layout most by dissolving a piece; None if none does."""
+    """Return the change that dissolves a piece and lowers ``badness`` most; None if no change lowers it."""
     found: list[tuple[float, int, SeamChange]] = []
     for opens, closes in _ways(board, piece):
         change = board.attempt(opens, closes)
@@ -110,7 +110,11 @@ def _best_change(board: Board, piece: SketchedPatch) -> SeamChange | None:
 
 
 def _ways(board: Board, piece: SketchedPatch) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield edges to open and to close: each seam of a patch, all seams with a neighbour, division of its quads."""
+    """Yield the changes to try, as edges to join and edges to cut.
+
+    A change removes all seams with a neighbour, one of several such seams or an edge of a single seam, or divides the
+    quads among the neighbours.
+    """
     mesh, around = board.mesh, _around(board, piece)
     edges = mesh.quad_edges[piece.quads]
     others = np.unique(around[around >= 0]).tolist()
@@ -130,7 +134,10 @@ def _ways(board: Board, piece: SketchedPatch) -> Iterator[tuple[np.ndarray, np.n
 def _divide_among_neighbours(
     board: Board, piece: SketchedPatch, around: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield the change that gives every quad to the neighbour with most common sides, from the outside inwards."""
+    """Yield the change that gives every quad to the neighbour with most common sides, from the outside inwards.
+
+    around : neighbour across every side of the piece's quads, see ``_around``
+    """
     mesh = board.mesh
     owner = dict.fromkeys(piece.quads.tolist(), -1)
     sides = dict(zip(owner, around.tolist(), strict=True))

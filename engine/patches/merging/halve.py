@@ -1,9 +1,9 @@
-"""Cut a single panel in two: without a seam nothing makes it leave the plane.
+"""Cut a single panel in two, because a panel without a seam stays flat.
 
-A seam drives a piece out of the plane because its two equally long sides follow different curves in the plane. The less
-of the surface's curvature is absorbed by distortion of the panels, the more the seam drives it. Where a surface bends one way
-only its panels are not distorted, and the sides of a seam are alike; there an optimiser moves them apart, along a seam that is
-straight in space.
+A seam forces the piece out of the plane if its two sides, equally long, have different curves in the flat panels. The
+less of the surface's curvature is absorbed by distortion of the panels, the more these curves differ. On a surface that
+bends in one direction only, panels are not distorted and both sides have equal curves; there a search later makes the
+curves differ, which works along a seam that is straight in space.
 """
 
 from __future__ import annotations
@@ -24,16 +24,18 @@ from ..splitting.straight_runs import ends_and_unevenness, straight_runs
 from .board import Board
 from .straighten import badness
 
-ALIKE = (
-    6  # decimals of the mean distortion up to which cuts count as equally good, and the straightest in space is taken
-)
-RUNS = 12  # number of cuts tried: 6 and 24 move the cut on two and one of 12 surfaces, to as flat panels; 1 to less flat ones
-SMALLEST = 0.25  # smallest share of the panel on either side of a cut; chosen by eye
-APART = 0.03  # smallest distance between the ends of two cuts, as a share of the outline; chosen by eye
+# number of decimals to which ratings of cuts are compared; of equally rated cuts, the straightest in space is taken
+ALIKE = 6
+RUNS = 12  # number of cuts that are tried; with more, panels may be less distorted, and it takes longer
+SMALLEST = 0.25  # smallest share of the panel's area on either side of a cut; chosen by eye
+APART = 0.03  # smallest distance between the ends of two tried cuts, as a share of the outline; chosen by eye
 
 
 def leaves_plane(board: Board) -> bool:
-    """Return whether there is a cut or several panels, or the surface itself is nearly flat, or too small for two panels."""
+    """Return whether the layout need not be halved.
+
+    This is so if it has a cut or several panels, or if the surface is nearly flat or too small for two panels.
+    """
     mesh = board.layout.mesh
     if len(board.pieces) != 1 or board.cut.any() or len(mesh.quads) < 2 * board.params.patch_min:
         return True
@@ -41,7 +43,7 @@ def leaves_plane(board: Board) -> bool:
 
 
 def cut_in_half(board: Board, whole_group: list[Symmetry], progress: Progress) -> Board:
-    """Cut the single panel where that leaves least distortion, symmetrically if that is nearly as good."""
+    """Cut the single panel where that leaves the least distortion, symmetrically if that is almost as good."""
     layout = board.layout
     ranked: list[tuple[float, float, int, Board]] = []
     for number, cut in enumerate(_cuts(layout, board.params, progress)):
@@ -72,7 +74,7 @@ def _turning(mesh: QuadMesh, cut: Bool[np.ndarray, " edges"]) -> float:
 
 
 def _cuts(layout: PatchLayout, params: LayoutParams, progress: Progress) -> list[np.ndarray]:
-    """Return (E,) bool masks of straight runs through the panel, the straightest and most even first."""
+    """Return straight cuts through the panel as (E,) masks; straight cuts that divide it evenly come first."""
     mesh = layout.mesh
     flat = flatten(layout, params, progress)
     runs = straight_runs(flat, 0, partial(progress, 0.4, "Looking for the seam that drives the panel"))

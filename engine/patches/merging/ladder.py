@@ -1,4 +1,4 @@
-"""Layouts of many panels and of few, in one run of merging."""
+"""A series of layouts from many panels to few, in a single run of merging."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ def merge_in_steps(
 ) -> list[PatchLayout]:
     """Merge patches greedily under rising distortion limits, each layout starting from the previous layout.
 
-    It takes a small part of the time of ``merge``, which tries many strategies.
+    This is much faster than ``merge``, which tries many strategies.
 
     Parameters
     ----------
-    layout : start
+    layout : layout to start from
     params : limits
-    shares : of the distortion limit
-    symmetries : of the mesh; those of the layout are kept
+    shares : shares of the distortion limit to use
+    symmetries : symmetries of the mesh; the results keep the symmetries that ``layout`` has
     progress : called with the fraction done
     held : see ``merge``
 
     Returns
     -------
-    a layout for every share, the smallest share first, up to the first layout that would stay flat
+    a layout for every share, the smallest share first, up to the last layout before one that would stay flat
     """
     kept, effort, found = keeping(symmetries, layout.cut), effort_for(layout), list[PatchLayout]()
     for share in sorted(shares):

@@ -1,4 +1,4 @@
-"""Merge patches greedily by opening runs of cut edges (FlexMaps section 4)."""
+"""Merge patches greedily by removing cuts, run by run of edges (FlexMaps section 4)."""
 
 from __future__ import annotations
 
@@ -25,36 +25,33 @@ from .ranking import Ranking, split_long, worth
 from .reroute import reroute
 from .straighten import natural_stops, straighten, widen
 
-# Product of quads and seams above which one strategy is tried, with one symmetry group after another; a million tries
-# all everywhere, and on seven surfaces gives the same in 1.5 times the time.
+# Product of the numbers of quads and seams above which only the first strategy is tried, with a few symmetry groups in
+# turn; larger values take longer
 WORK = 70_000
-# Smallest budget, and budget per quad, see ``Effort``. Without the former one of 31 surfaces gets a panel more, half of it is enough; half of the
-# latter gives the same on 13 surfaces and not on a fourteenth
+# Smallest budget, and budget per quad, in quads times solves, see ``Effort``; more may remove more seams, in more time
 WORK_LEAST, WORK_EACH = 2e6, 2.5e3
-# Largest number of places where a part of a seam may begin or end: 6 gives the same on 24 surfaces, no limit one panel more on one
-# of 31
-STOPS = 12
-ROUNDS = 3  # largest number of times a merged layout is merged again; 1 and 6 give the same on seven surfaces
-# Largest number of symmetries of a surface for which first cuts that break one get mirror images: one mirror, or two
-# and their half turn. On a ring, with hundreds, images gave 60 panels instead of 4.
+STOPS = 12  # largest number of places where a removed part of a seam may begin or end; more take longer
+ROUNDS = 3  # largest number of times a merged layout is merged again; more take longer
+# Largest number of symmetries of a surface for which first cuts that break one are completed by their images: a mirror,
+# or two mirrors with their half turn. With hundreds, on a ring, the images gave 60 panels instead of 4.
 MIRRORS = 3
-TRIES = 5  # largest number of symmetry groups tried; 2 and 10 give the same on seven surfaces
+TRIES = 5  # largest number of symmetry groups that are tried; more take longer
 
 
 @one_thread
 def merge(layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT, *, held: bool = False) -> FlatPatches:
     """Merge patches greedily within all limits; merges with little distortion and a long common seam come first.
 
-    A symmetric layout stays symmetric unless that costs many patches; ``layout.notes`` of the result name the surface's
-    symmetries, those kept, and what broke the others. Bodies are laid out separately.
+    A symmetric layout stays symmetric unless that costs many patches; the ``layout.notes`` of the result tell how many
+    of the surface's symmetries are kept, and what broke the others. Bodies are laid out separately.
 
     Parameters
     ----------
     layout : mesh and first cuts
     params : limits
     progress : called with the fraction done
-    held : whether something holds the piece in its shape; if not, a curved surface never becomes one panel without a
-        cut, unless ``params.seamless``
+    held : whether something holds the piece in its shape; if not, a curved surface never becomes a single panel without
+        a cut, unless ``params.seamless``
     """
     seamless = held or params.seamless
     mesh, progress = layout.mesh, _monotonic(progress)
@@ -80,7 +77,7 @@ def merge(layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT
 
 
 def _monotonic(progress: Progress) -> Progress:
-    """Return the same progress, but never going back, because the number of rounds is not known beforehand."""
+    """Return a progress whose fraction never decreases, because the number of rounds is not known beforehand."""
     report, highest = progress.report, 0.0
     if report is None:
         return progress
@@ -94,7 +91,7 @@ def _monotonic(progress: Progress) -> Progress:
 
 
 def _finish(layout: PatchLayout, params: LayoutParams, progress: Progress, start: np.ndarray) -> FlatPatches:
-    """Cut up long patches, flatten, and note limits that could not be kept."""
+    """Halve patches that are too long, flatten, and add notes on limits that could not be kept."""
     layout = split_long(layout, params)
     flat = flatten(layout, params, progress, start=start)
     layout.notes.update(forced_notes(flat, params))
@@ -123,7 +120,7 @@ def _merge_body(
         if not ranking.better(board, other, progress):
             board, ranked, kept = other, more, whole_group
     if not layout.origin and not ranking.better(board, start, progress):
-        board = start  # it was already merged
+        board = start  # the layout was already merged
     if layout.origin and ranking.poor(board):
         parts = Halving(layout.mesh, params).layout(np.arange(len(layout.mesh.quads)), progress)
         other = Board(parts, params, effort=effort, tick=tick, shared=shared)
@@ -132,7 +129,7 @@ def _merge_body(
         if ranking.better(other, board, progress):
             board = other
     for turn in range(ROUNDS if len(board.pieces) > 1 and layout.origin else 0):
-        # merging a merged layout again must not change it
+        # repeat merging until the layout no longer changes
         again = Board(PatchLayout(layout.mesh, board.cut), params, effort=effort, tick=tick, shared=shared)
         part = progress.part(0.8 + 0.05 * turn, 0.85 + 0.05 * turn)
         more = _try_strategies(again, "", whole_group, bodies, part)
@@ -162,7 +159,7 @@ def effort_for(layout: PatchLayout) -> Effort:
 def _try_strategies(
     start: Board, origin: str, whole_group: list[Symmetry], bodies: int, progress: Progress
 ) -> list[tuple[float, int, Board]]:
-    """Merge a layout by several strategies; return each result's badness, a number and its board."""
+    """Merge a layout by several strategies; return the cost (``worth``), the number and the board of every result."""
     layout = start.layout
     kept = keeping(whole_group, layout.cut)
     if not origin:
@@ -178,7 +175,7 @@ def _try_strategies(
     strategies = STRATEGIES if not dear and len(start.pieces) > 1 else STRATEGIES[:1]
     for strategy in [replace(w, redraw=origin == "regions") for w in strategies]:
         for group in groups:
-            # on large surfaces, continue from the larger group's result
+            # on large surfaces, continue from the previous result, which keeps a larger symmetry group
             again = bool(ranked) and dear
             board = (ranked[-1][2] if again else start).copy()
             board.symmetries, board.bottleneck = group, strategy.bottleneck
@@ -188,7 +185,10 @@ def _try_strategies(
 
 
 def _best_board(ranked: list[tuple[float, int, Board]], ranking: Ranking, progress: Progress) -> Board:
-    """Return the best merged layout whose seams can be fitted, merged further under the whole distortion limit."""
+    """Return the best merged layout whose seams can be made equally long, merged further if the whole limit allows.
+
+    Merging before uses only ``MERGING_SHARE`` of the distortion limit.
+    """
     ordered = [r[2] for r in sorted(ranked, key=lambda r: r[:2])[:4]]
     board = next((b for b in ordered if ranking.fits(b, progress)), ordered[0])
     tighter = board.copy()
@@ -198,9 +198,9 @@ def _best_board(ranked: list[tuple[float, int, Board]], ranking: Ranking, progre
 
 
 def _useful_groups(groups: list[list[Symmetry]], most: int) -> list[list[Symmetry]]:
-    """Return the largest group, then single mirrors and half turns, then groups of four; others gain little."""
+    """Return the largest symmetry group, then single mirrors and half turns, then groups of four, at most ``most``."""
     twos, fours = [g for g in groups[1:] if len(g) == 1], [g for g in groups[1:] if len(g) == 3]
-    if not most:  # tried in turn, each starting from the previous result
+    if not most:  # for strategies that start from the result of the previous group: ever smaller groups
         return groups[:1] + fours[:1] + twos[:1]
     rest = [g for g in groups[1:] if len(g) in (1, 3)]
     return (groups[:1] + sorted(rest, key=len))[:most]
@@ -216,10 +216,11 @@ HALVED = (
 class Strategy:
     """A merging strategy.
 
-    shared : weight of a long common seam; bottleneck : see Board
-    short : open seams only from one irregular vertex to the next, and close darts last, which saves distortion
-    redraw : redraw seams from end to end, for layouts whose seams follow no lines
-    again : for layouts merged before: stop if no whole seam and no part of one can be opened
+    shared : weight of a seam's share of the outline in the order of merges; larger removes long seams first
+    bottleneck : largest allowed bottleneck, see ``Sketch``
+    short : remove seams only from one irregular vertex to the next, and cuts inside patches last; this saves distortion
+    redraw : redraw whole seams, for layouts whose seams do not follow lines of edges
+    again : for layouts merged before: stop if neither a seam nor a part of a seam can be removed
     """
 
     shared: float = 3.0
@@ -229,10 +230,10 @@ class Strategy:
     again: bool = False
 
 
-# all are tried on small surfaces, only the first on large ones
+# strategies: all are tried on small surfaces, only the first on large surfaces
 STRATEGIES = (Strategy(), Strategy(bottleneck=2 * BOTTLENECK, short=True))
 
-FACES = Strategy(redraw=True)  # for layouts of regions, whose seams follow no lines
+FACES = Strategy(redraw=True)  # for layouts of regions, whose seams do not follow lines of edges
 LAST = Strategy(again=True)  # for layouts that were merged before
 
 
@@ -253,7 +254,7 @@ def run(board: Board, strategy: Strategy, progress: Progress) -> None:
 
 
 def _in_turns(board: Board, strategy: Strategy, progress: Progress) -> None:
-    """Straighten, redraw and open parts of seams, merging after each, until nothing changes."""
+    """Straighten, redraw and partly remove seams, and merge after each round, until nothing changes."""
     for turn in range(4):
         part = progress.part(turn / 4, (turn + 1) / 4)
         changed = straighten(board, part, darts=not strategy.short or turn == 3)
@@ -266,7 +267,7 @@ def _in_turns(board: Board, strategy: Strategy, progress: Progress) -> None:
 
 
 def open_parts(board: Board, strategy: Strategy, progress: Progress) -> bool:
-    """Open parts of seams, then whole seams again, as long as possible; return whether anything changed."""
+    """Remove parts of seams, and whole seams after each, as long as possible; return whether anything changed."""
     changed = False
     while open_best_part(board, strategy, progress):
         changed = True
@@ -282,9 +283,9 @@ def symmetry_notes(
     Parameters
     ----------
     whole_group : symmetries of the surface
-    kept : those of the first cuts
-    ranked : results of all strategies
-    board : the result
+    kept : symmetries of the first cuts
+    ranked : results of all strategies, the result with the largest symmetry group first
+    board : the chosen result
     """
     if not whole_group:
         return {}
@@ -301,7 +302,7 @@ def symmetry_notes(
 
 
 def greedy(board: Board, strategy: Strategy, progress: Progress) -> bool:
-    """Open whole seams, the best first, until none can be opened; return whether any was."""
+    """Remove whole seams, the best first, until no more can be removed; return whether any seam was removed."""
     mesh = board.mesh
     tried: dict[tuple[int, ...], SeamChange | None] = {}
     heap: list[tuple[float, tuple[int, ...], bool]] = []
@@ -314,7 +315,7 @@ def greedy(board: Board, strategy: Strategy, progress: Progress) -> bool:
             a, b = sorted(board.pieces_at(edges[:1])[0].tolist())
             key: tuple[int, ...] = (a, b, int(edges.min()), len(edges))
             if a == b and (strategy.short or (layout.cut_degree[mesh.edges[edges]] > 1).all()):
-                continue  # opening an inner cut without a free end would make the patch a ring
+                continue  # removing a cut inside a patch that has no free end would make the patch a ring
             if not board.is_first_image(edges):
                 continue
             current[key] = edges
@@ -340,7 +341,7 @@ def greedy(board: Board, strategy: Strategy, progress: Progress) -> bool:
 
 
 def _score(board: Board, edges: np.ndarray, worst: float, strategy: Strategy) -> float:
-    """Priority of opening a seam, smallest first: distortion minus the share of the outline that disappears."""
+    """Return the rank of removing a seam, smallest first: distortion less the weighted share of outline removed."""
     sides = [board.pieces[n] for n in set(board.pieces_at(edges[:1])[0].tolist())]
     shared = float(board.mesh.edge_lengths[edges].sum())
     worst = max(worst, *(p.flat.worst for p in sides))
@@ -348,7 +349,7 @@ def _score(board: Board, edges: np.ndarray, worst: float, strategy: Strategy) ->
 
 
 def open_best_part(board: Board, strategy: Strategy, progress: Progress) -> bool:
-    """Open the best part of a seam between two patches that cannot be opened as a whole; the rest stays as a dart."""
+    """Remove the best part of a seam that cannot be removed as a whole; the rest stays as a cut inside the patch."""
     best: tuple[float, int, SeamChange] | None = None
     for number, edges in enumerate(board.layout.seams):
         a, b = board.pieces_at(edges[:1])[0].tolist()
@@ -365,7 +366,7 @@ def open_best_part(board: Board, strategy: Strategy, progress: Progress) -> bool
 
 
 def longest_part(board: Board, edges: np.ndarray) -> SeamChange | None:
-    """Return the change that opens the longest possible part of a seam between two natural stops; None if none can be."""
+    """Return the change that removes the longest possible part of a seam between natural stops; None if impossible."""
     few = min(len(board.pieces[n].quads) for n in board.pieces_at(edges[:1])[0]) < 2 * board.params.patch_min
     stops = list(range(len(edges) + 1)) if few and len(edges) <= 10 else natural_stops(board, edges)
     # limit the number of stops, because a seam without straight parts has one at every vertex

@@ -13,25 +13,27 @@ from ..tracing.trace import middle_line
 from .board import Board
 from .straighten import badness, drawing_cost
 
-# Largest seam mismatch that the last merges may leave, as a share of an edge; 0.05 and 0.2 give the same on seven
-# surfaces.
+# largest seam mismatch of a layout whose seams count as fitting, as a share of an edge; larger accepts more merges
 MISMATCH = 0.1
-# An asymmetric layout must have less than this share of a symmetric layout's patches to replace it. Without the factor 2 of 30
-# surfaces lose their symmetry for 20 > 12 and 14 > 12 patches
+# largest cost of an asymmetric layout that replaces a symmetric layout, as a share of that layout's cost; larger values
+# give up symmetry for fewer patches
 HALF = 0.5
 
 
 class Ranking:
-    """Compares layouts of a surface with given symmetries."""
+    """Compares layouts of a surface.
+
+    whole_group : symmetries of the surface
+    """
 
     def __init__(self, whole_group: list[Symmetry]):
         self.whole_group = whole_group
         self._fitting: dict[bytes, bool] = {}
 
     def better(self, one: Board, two: Board, progress: Progress) -> bool:
-        """Return whether layout ``one`` is clearly better than ``two``.
+        """Return whether layout ``one`` is clearly better than layout ``two``.
 
-        A symmetric layout yields only to less than half as many patches.
+        A layout with fewer symmetries is better only if its cost, mainly its number of patches, is less than half.
         """
         if (one.cut == two.cut).all():
             return False
@@ -42,13 +44,13 @@ class Ranking:
         return self.fits(one, progress) and not self.fits(two, progress)
 
     def poor(self, board: Board) -> bool:
-        """Return whether a merged layout is so poor that another way is worth trying."""
+        """Return whether a merged layout has necks or too small patches, so that other first cuts are worth trying."""
         sizes = np.array([len(quads) for quads in split_long(board.layout, board.params).patches])
         necks = sum(p.sketch.isthmuses for p in board.pieces.values())
         return len(sizes) > 1 and (necks > 0 or sizes.min() < board.params.patch_min)
 
     def fits(self, board: Board, progress: Progress) -> bool:
-        """Return whether the seams' sides can still be made equally long within the distortion limit."""
+        """Return whether both sides of all seams can be made equally long within the distortion limit."""
         key = np.packbits(board.cut).tobytes()
         if key not in self._fitting:
             self._fitting[key] = _fits(board, progress)
@@ -56,7 +58,7 @@ class Ranking:
 
 
 def _fits(board: Board, progress: Progress) -> bool:
-    """Flatten a layout and check seam mismatch, distortion and overlaps."""
+    """Flatten a layout and return whether seam mismatch, distortion and overlaps are within their limits."""
     if not board.cut.any():
         return all(p.flat.worst <= board.params.distortion_limit for p in board.pieces.values())
     flat = flatten(board.layout, board.params, progress, start=board.rotations())
@@ -70,20 +72,23 @@ def _fits(board: Board, progress: Progress) -> bool:
 
 
 def in_the_end(board: Board) -> float:
-    """Return the cost of a layout after its long patches are cut up: patches, faults, and drawing."""
+    """Return the cost of a layout after halving long patches: patches, penalties, and length and corners of cuts."""
     pieces = board.pieces.values()
     more = len(split_long(board.layout, board.params).patches) - len(pieces)
     return more + badness(board, pieces) + 1e-3 * drawing_cost(board)
 
 
 def worth(board: Board) -> float:
-    """Return the cost of a layout: patches and faults, reduced by up to 40 % for symmetry (a mirror: 20 %), plus the drawing of the cuts."""
+    """Return the cost of a layout: patches and penalties, reduced for symmetry, plus length and corners of the cuts.
+
+    The reduction is 20 % for a mirror symmetry and up to 40 % for larger groups.
+    """
     share = 0.6 + 0.4 / (1 + len(board.symmetries))
     return badness(board, board.pieces.values()) * share + 1e-3 * drawing_cost(board)
 
 
 def split_long(layout: PatchLayout, params: LayoutParams) -> PatchLayout:
-    """Halve patches less compact than allowed, as long as that helps: long strips that no merge absorbed."""
+    """Halve patches that are less compact than allowed (long strips), as long as their parts are more compact."""
     for _ in range(20):
         cut = layout.cut.copy()
         for patch in np.flatnonzero(layout.compactness > params.compactness_limit * (1 + 1e-9)).tolist():

@@ -1,7 +1,7 @@
-"""Redraw seams: between two patches, along the straightest path from one end of their seam to the other.
+"""Redraw seams along the straightest path between their ends, through both adjacent patches.
 
-Slides move a seam by rows of quads, which do not exist if irregular vertices are everywhere. Straightness is measured
-by the angles on both sides of the line (Polthier & Schmies 1998).
+This is for meshes with irregular vertices everywhere, which have no rows of quads by which a seam could slide (see
+``straighten``). Straightness is measured by the angles on both sides of the line (Polthier & Schmies 1998).
 """
 
 from __future__ import annotations
@@ -18,16 +18,17 @@ from ...surface.mesh import QuadMesh
 from .board import Board
 from .straighten import GAIN, gain_of, try_change
 
-# Numbers of edges that the ends of a seam may move along the outline of both patches. Over 17 surfaces 0 alone and 0, 1, 3 leave four edges
-# more of cut on one
+# numbers of edges that are tried as the largest shift of a seam's ends along the outline of both patches; more and
+# larger numbers straighten more and take longer
 SLIDES = (0, 2, 5)
 
 
 @lru_cache(maxsize=4)
 def bends(mesh: QuadMesh) -> csr_array:
-    """(2 E, 2 E) cost of continuing from a directed edge to the next, in median edges: its length and the bend.
+    """Return the (2 E, 2 E) costs of continuing from a directed edge to the next: its length plus a cost of the bend.
 
-    Directed edge e runs from the smaller to the larger vertex of edge e, directed edge E + e the other way.
+    Costs are in median edge lengths. Directed edge e runs from the smaller to the larger vertex of edge e, directed
+    edge E + e in the opposite direction.
     """
     count = len(mesh.edges)
     first = mesh.edges[:, 0].tolist()
@@ -52,7 +53,7 @@ def bends(mesh: QuadMesh) -> csr_array:
 
 
 def reroute(board: Board) -> bool:
-    """Redraw every seam between two patches if that makes the cuts shorter or straighter; return whether any changed."""
+    """Redraw seams between two patches where that makes the cuts shorter or straighter; return whether any changed."""
     changed = False
     for seam in board.layout.seams:
         names = board.pieces_at(seam[:1])[0]
@@ -77,7 +78,11 @@ def reroute(board: Board) -> bool:
 
 
 def _way(board: Board, seam: np.ndarray, names: np.ndarray, slide: int) -> Int[np.ndarray, " n"] | None:
-    """Return the edges of the straightest path through both patches between the ends of a seam, or near them."""
+    """Return the edges of the straightest path through both patches between the ends of a seam; None if there is none.
+
+    names : serials of both pieces
+    slide : largest number of edges by which the path's ends may differ from the seam's ends, along the outline
+    """
     mesh = board.mesh
     quads = np.concatenate([board.pieces[n].quads for n in names.tolist()])
     edges = np.unique(mesh.quad_edges[quads])

@@ -1,4 +1,4 @@
-"""Patches measured before flattening (sketches), and flattened ones (pieces), for the board of merging."""
+"""Patches measured before flattening (sketches), and flattened patches (pieces), for ``board``."""
 
 from __future__ import annotations
 
@@ -14,24 +14,27 @@ from ..flattening.outline import isthmus_width
 from ..layout import drawn_lengths, groups, straight_on
 from ..loops import NEXT, Loops, loops_of, perimeter
 
-# largest number of quads in cached sketches, or flat patches; bounds memory, at an estimated 80 to 100 bytes each
+# largest number of quads in all cached sketches (or flat patches), at about 100 bytes each; larger needs more memory
 ROOM = 1_000_000
-WIDEST = 8  # in edges: longer straight lines are not isthmuses; 5 and 12 give the same patches on seven surfaces
+WIDEST = 8  # length of the longest isthmus, in edges; longer straight lines are ignored; larger values take longer
 
 
 @dataclass(frozen=True, eq=False)
 class Sketch:
-    """Measures of a patch before flattening. An isthmus is a straight line of edges through it, from outline to outline.
+    """Measures of a patch before flattening.
 
-    corners : local flat vertices
-    sides : mask of the sides on the outline
+    An isthmus is a straight line of edges through the patch, from outline to outline. Lines from border to border of
+    the surface do not count, because there the surface itself is narrow.
+
+    quads : quads of the patch
+    corners : local flat vertices of the quads
+    sides : mask of the quads' sides on the outline
+    loops : loops of the outline
     rim : mask of flat vertices on the border of the surface
     perimeter : metres on the surface, see ``loops.perimeter``
     area : square metres on the surface
     isthmuses : number of isthmuses narrower than the smallest allowed neck
-    bottleneck : largest ratio of the outline behind an isthmus to its length, both in edges
-
-    Lines from border to border are not isthmuses: there the surface itself is narrow.
+    bottleneck : largest ratio of the shorter outline between an isthmus's ends to its length, both in edges
     """
 
     quads: Int[np.ndarray, " quads"]
@@ -46,12 +49,12 @@ class Sketch:
 
     @property
     def compactness(self) -> float:
-        """Perimeter / sqrt(area)."""
+        """Perimeter / sqrt(area): 4 for a square, more for long or ragged patches."""
         return self.perimeter / self.area**0.5
 
     @property
     def planar(self) -> bool:
-        """Whether the patch is a disk, apart from holes."""
+        """Whether the patch is a disk, possibly with holes."""
         inner = (self.sides.size - int(self.sides.sum())) // 2
         euler = int(self.corners.max()) + 1 - (4 * len(self.quads) - inner) + len(self.quads)
         return euler == 2 - len(self.loops)
@@ -59,7 +62,7 @@ class Sketch:
 
 @dataclass(frozen=True, eq=False)
 class SketchedPatch:
-    """A flattened patch; ``serial`` is unique."""
+    """A flattened patch (piece) with its sketch and a unique serial number."""
 
     serial: int
     sketch: Sketch
@@ -67,7 +70,7 @@ class SketchedPatch:
 
     @cached_property
     def isthmus(self) -> float:
-        """Width of the narrowest isthmus of the flat outline over the shorter outline behind it."""
+        """Relative width of the narrowest isthmus of the flat outline, see ``isthmus_width``."""
         loops = self.sketch.loops
         around = loops.vertices(int(np.argmax(loops.lengths)))
         return isthmus_width(self.flat.points[around], self.sketch.rim[around])
@@ -81,9 +84,11 @@ class SketchedPatch:
 class Sketcher:
     """Measures patches of a mesh under changing cuts.
 
+    neck_min : width of the smallest allowed neck, in quads
     place : (F,) int, scratch: local numbers of the current quads during a call, -1 between calls
     onward : (4 F,) int, the side 4 q + k that continues the line of side k of quad q, -1 where the line ends
-    known : sketches by quads and outline sides; held : number of quads in them
+    known : cached sketches; key: quads and sides on the outline
+    held : number of quads in all cached sketches
     """
 
     def __init__(self, mesh: QuadMesh, neck_min: int):
@@ -95,7 +100,7 @@ class Sketcher:
         self.held = 0
 
     def sketch(self, quads: Int[np.ndarray, " quads"], cut: Bool[np.ndarray, " edges"]) -> Sketch:
-        """Return the measures of the patch of some quads under some cuts."""
+        """Return the sketch of the patch that consists of some quads, under given cuts (cached)."""
         sides = (cut | self.mesh.border)[self.mesh.quad_edges[quads]]
         key = quads.tobytes(), sides.tobytes()
         if key not in self.known:
@@ -108,7 +113,7 @@ class Sketcher:
     def _measure(
         self, quads: Int[np.ndarray, " quads"], sides: Bool[np.ndarray, "quads 4"], cut: Bool[np.ndarray, " edges"]
     ) -> Sketch:
-        """Measure a patch."""
+        """Compute the sketch of a patch."""
         mesh = self.mesh
         qa, ka, qb, kb = self.joints(quads, cut)
         a = np.concatenate([4 * qa + ka, 4 * qa + NEXT[ka]])
@@ -128,7 +133,7 @@ class Sketcher:
     ) -> tuple[
         Int[np.ndarray, " joints"], Int[np.ndarray, " joints"], Int[np.ndarray, " joints"], Int[np.ndarray, " joints"]
     ]:
-        """Uncut sides among some quads: local quad, side, local other quad, its side; each pair once."""
+        """Return the uncut sides between some quads, each once: quad, side, quad across, its side (local numbers)."""
         mesh, place = self.mesh, self.place
         place[quads] = np.arange(len(quads))
         other = mesh.neighbours[quads]
@@ -142,7 +147,7 @@ class Sketcher:
         return qa, ka, qb, kb
 
     def components(self, quads: Int[np.ndarray, " quads"], cut: Bool[np.ndarray, " edges"]) -> list[np.ndarray]:
-        """Return the quads of every patch that some quads form under some cuts."""
+        """Return the quads of every patch (connected component) into which cuts divide some quads."""
         qa, _, qb, _ = self.joints(quads, cut)
         labels = groups(len(quads), qa, qb)
         return [quads[labels == n] for n in range(int(labels.max()) + 1)]
@@ -155,7 +160,7 @@ class Sketcher:
         loops: Loops,
         rim: Bool[np.ndarray, " vertices"],
     ) -> tuple[int, float]:
-        """Return ``Sketch.isthmuses`` and ``Sketch.bottleneck``; lines between two loops count no outline behind them."""
+        """Return ``Sketch.isthmuses`` and ``Sketch.bottleneck``; lines between different loops are not bottlenecks."""
         where = loops.where
         q, k = np.nonzero(~sides & (where[corners] >= 0))
         at, begin, ahead = 4 * quads[q] + k, corners[q, k], corners[:, NEXT].ravel()
@@ -183,7 +188,10 @@ class Sketcher:
     def rotations(
         self, parents: list[SketchedPatch], quads: Int[np.ndarray, " quads"], opens: Int[np.ndarray, " opened"]
     ) -> Complex[np.ndarray, "quads 4"]:
-        """Return rotations from which flattening a merged patch starts: the parents', turned to fit along the opened edges."""
+        """Return initial rotations for flattening a merged patch from the rotations of its parents.
+
+        Every parent is turned so that its flat sides fit the other parents' along the edges ``opens``.
+        """
         mesh, place = self.mesh, self.place
         place[quads] = np.arange(len(quads))
         rotation = np.empty((len(quads), 4), dtype=complex)
@@ -210,7 +218,7 @@ class Sketcher:
 
 
 def _propagate_turns(link: Complex[np.ndarray, "parents parents"]) -> Complex[np.ndarray, " parents"]:
-    """Return rotations of the parents such that turn[a] ~ turn[b] * conj(link[a, b]), the first being 1."""
+    """Return rotations of the parents; the first is 1, and turn[b] = turn[a] * link[a, b] / |link[a, b]|."""
     turn = np.zeros(len(link), dtype=complex)
     turn[0] = 1.0
     waiting = [0]

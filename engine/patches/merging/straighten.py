@@ -1,7 +1,7 @@
-"""Straighten outlines as a person would draw them: seams along parametric lines, few corners, no notches.
+"""Straighten outlines as a person would draw them: seams along lines of edges, few corners, no notches.
 
-Straight parts of seams slide sideways, by rows of quads, and inner cuts are closed, if that makes the cuts shorter or
-removes corners within all limits.
+Straight parts of seams slide sideways by rows of quads, and cuts inside patches are joined, where that makes the cuts
+shorter or removes corners within all limits.
 """
 
 from __future__ import annotations
@@ -18,22 +18,29 @@ from ..layout import PatchLayout
 from .board import BOTTLENECK, NOTHING, Board
 from .sketch import SketchedPatch
 
-# smallest gain, in edges, that justifies a change; on seven surfaces 0.1 gives the same patches, 1.0 two more of 44
+# smallest gain (see ``gain_of``) that justifies a change, in median edge lengths; larger values change less
 GAIN = 0.3
-# largest number of rows moved at once: 4 gives three panels less on one of 17 surfaces, no limit the same on 31
-DEPTH = 8
+DEPTH = 8  # largest number of rows of quads by which a seam slides at once; more take longer
 
 
 @dataclass(frozen=True, eq=False)
 class Slide:
-    """Quads that change to another patch, and for each the quad whose patch it joins."""
+    """Sideways move of a seam: quads that change to another patch, and for each quad a quad (host) of that patch."""
 
     quads: Int[np.ndarray, " quads"]
     hosts: Int[np.ndarray, " quads"]
 
 
 def straighten(board: Board, progress: Progress, *, darts: bool, sweeps: int = 8) -> bool:
-    """Slide seams while it gains, and with ``darts`` close inner cuts; return whether anything changed."""
+    """Slide seams as long as that improves the layout; return whether anything changed.
+
+    Parameters
+    ----------
+    board : the layout
+    progress : called with the fraction done
+    darts : also join cuts inside patches, from their free ends
+    sweeps : largest number of sweeps over all seams
+    """
     changed = False
     for sweep in range(sweeps):
         progress(sweep / sweeps, "Straightening seams")
@@ -46,7 +53,7 @@ def straighten(board: Board, progress: Progress, *, darts: bool, sweeps: int = 8
 
 
 def _slide_all(board: Board) -> bool:
-    """Do one sweep over all slides, the largest gain first."""
+    """Try every slide once, the largest gain first; return whether anything changed."""
     listed: list[tuple[float, int, Slide]] = []
     for slide in slides(board, fresh=True):
         flipped = flips_of(board, slide)
@@ -63,7 +70,7 @@ def _slide_all(board: Board) -> bool:
 
 
 def try_change(board: Board, opens: Int[np.ndarray, " opened"], closes: Int[np.ndarray, " closed"]) -> bool:
-    """Make a change unless it is or was refused; return whether it was made."""
+    """Make a change if all limits allow it; return whether it was made. Refused changes are not tested again."""
     names = np.unique(board.pieces_at(np.concatenate([opens, closes])))
     key = (opens.tobytes(), closes.tobytes(), names.tobytes())
     if key in board.refused:
@@ -76,7 +83,7 @@ def try_change(board: Board, opens: Int[np.ndarray, " opened"], closes: Int[np.n
 
 
 def gain_of(board: Board, opens: Int[np.ndarray, " opened"], closes: Int[np.ndarray, " closed"]) -> float:
-    """Return how much better drawn the layout is after flipping edges: shorter cuts, in edges, and cheaper corners."""
+    """Return the gain of a change: decrease of the cuts' length, in median edge lengths, and of their corner costs."""
     mesh = board.mesh
     ring = rings(mesh)
     vertices = set(mesh.edges[opens].ravel().tolist())
@@ -93,7 +100,10 @@ def gain_of(board: Board, opens: Int[np.ndarray, " opened"], closes: Int[np.ndar
 
 
 def widen(board: Board) -> bool:
-    """Remove too narrow isthmuses and too small patches, even if seams become longer; return whether anything changed."""
+    """Widen too narrow isthmuses and enlarge too small patches by slides, even if seams become longer.
+
+    Return whether anything changed.
+    """
     changed = False
     for _ in range(10):
         poor = {n for n, p in board.pieces.items() if p.sketch.isthmuses or len(p.quads) < board.params.patch_min}
@@ -104,7 +114,7 @@ def widen(board: Board) -> bool:
 
 
 def _widen_one(board: Board, poor: set[int]) -> bool:
-    """Make the slide with the best gain that reduces the poverty of its patches; return whether there was one."""
+    """Make the slide with the best gain that reduces the faults (``_poverty``) of its patches; return whether made."""
     listed: list[tuple[float, int, tuple[np.ndarray, np.ndarray]]] = []
     for slide in slides(board):
         if not poor & set(board.piece_of[np.concatenate([slide.quads, slide.hosts])].tolist()):
@@ -122,12 +132,12 @@ def _widen_one(board: Board, poor: set[int]) -> bool:
 
 
 def _poverty(board: Board, pieces: list[SketchedPatch]) -> int:
-    """Count too narrow isthmuses and missing quads."""
+    """Return the faults of pieces: the number of too narrow isthmuses plus the quads missing to the smallest size."""
     return sum(p.sketch.isthmuses + max(board.params.patch_min - len(p.quads), 0) for p in pieces)
 
 
 def badness(board: Board, pieces: Iterable[SketchedPatch]) -> float:
-    """Return the number of patches plus penalties, in patches, for their sizes, necks and bottlenecks."""
+    """Return the number of patches plus penalties for too small patches, narrow necks and bottlenecks, in patches."""
     params = board.params
     total = 0.0
     for p in pieces:
@@ -137,7 +147,7 @@ def badness(board: Board, pieces: Iterable[SketchedPatch]) -> float:
 
 
 def drawing_cost(board: Board) -> float:
-    """Return the cost of drawing all cuts: length in edges plus corners."""
+    """Return the length of all cuts, in median edge lengths, plus the costs of their corners (see ``corner_costs``)."""
     ring = rings(board.mesh)
     touched = np.unique(board.mesh.edges[board.cut]).tolist()
     length = float(board.mesh.edge_lengths[board.cut].sum() / board.mesh.median_edge)
@@ -145,7 +155,7 @@ def drawing_cost(board: Board) -> float:
 
 
 def flips_of(board: Board, slide: Slide) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the cut edges that a slide opens and the joined edges that it closes; None if it opens none."""
+    """Return the cut edges that a slide joins and the uncut edges that it cuts; None if it joins no edges."""
     mesh, owner = board.mesh, board.piece_of
     old = owner[slide.quads]
     new = owner[slide.hosts]
@@ -158,8 +168,8 @@ def flips_of(board: Board, slide: Slide) -> tuple[np.ndarray, np.ndarray] | None
     cut, (one, two) = board.cut[edges], mesh.edge_quads[edges].T
     after = owner.copy()
     if stays.any():
-        # at an inner cut, quads on one side change to the other side
-        after[slide.quads] = 0  # no piece has this serial
+        # at a cut inside a patch, the quads move from one side of the cut to the other side
+        after[slide.quads] = 0  # no piece has this serial number
         flip = (after[one] == 0) != (after[two] == 0)
         flip &= (owner[one] == old[0]) & (owner[two] == old[0])
         opens, closes = edges[flip & cut], edges[flip & ~cut]
@@ -173,7 +183,7 @@ def flips_of(board: Board, slide: Slide) -> tuple[np.ndarray, np.ndarray] | None
 def slides(board: Board, *, fresh: bool = False) -> Iterator[Slide]:
     """Yield every slide of a straight part of a seam, to both sides, by one or more rows of quads.
 
-    ``fresh`` skips seams already examined between the same patches.
+    fresh : skip seams that were already examined between the present patches
     """
     mesh = board.mesh
     border = mesh.border
@@ -199,7 +209,7 @@ def slides(board: Board, *, fresh: bool = False) -> Iterator[Slide]:
 
 
 def _rows(board: Board, border: np.ndarray, row: np.ndarray, at: np.ndarray, hosts: np.ndarray) -> Iterator[Slide]:
-    """Yield slides of a row of quads, then of two rows, and so on."""
+    """Yield slides of a row of quads, then of two rows, and so on; ``at`` are the sides of the quads on the seam."""
     mesh, owner = board.mesh, board.piece_of
     taken = np.zeros(0, dtype=np.int64)
     givers = set(owner[row].tolist())
@@ -226,7 +236,7 @@ def _side_across(edge_quads: np.ndarray, edge_sides: np.ndarray, edges: np.ndarr
 
 
 def straight_cut_runs(layout: PatchLayout) -> list[tuple[list[int], list[int], list[int]]]:
-    """Return maximal straight runs of cut edges: vertices, edges, and the positions where they end or meet another cut."""
+    """Return maximal straight runs of cut edges: vertices, edges, and positions where they end or meet another cut."""
     mesh = layout.mesh
     cut, ring = layout.cut, rings(mesh)
     degree = layout.cut_degree
@@ -263,7 +273,7 @@ def straight_cut_runs(layout: PatchLayout) -> list[tuple[list[int], list[int], l
 
 
 def _close_inner(board: Board) -> bool:
-    """Close cuts inside patches from their free ends back to a natural stop, where the distortion allows it."""
+    """Join cuts inside patches from their free ends back to a natural stop, where all limits allow it."""
     changed = False
     mesh = board.mesh
     layout = board.layout

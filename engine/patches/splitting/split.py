@@ -1,7 +1,7 @@
 """Cut patches larger than the sheet of material along straight runs of edges until every piece fits.
 
 This happens in the layout, between merging and the spirals, because a cut changes the seams. A run goes from outline to
-outline, as straight as the quads allow; the run that leads to the fewest, shortest and most compact pieces is taken.
+outline, as straight as the quads allow. The best run leads to few and compact pieces, and is short and straight.
 """
 
 from __future__ import annotations
@@ -25,33 +25,33 @@ from ..flattening.flattening_report import forced_notes, symmetry_kept
 from ..layout import PatchLayout, alone
 from .straight_runs import StraightRuns, ends_and_unevenness, straight_runs
 
-ANGLES = 60  # directions per half turn in which a piece is tried on the sheet: 3 degrees apart
-CHECKED = 40  # number of runs examined closely, best first: 20 and 80 give the same on four surfaces, 5 one panel more
-NEEDED = 2.0  # cost of one more piece, relative to a run across the patch; 1 and 4 give the same on four surfaces
-UNEVEN = 0.5  # cost of the most unequal pieces, relative to a run across the patch; 0.25 and 1 give two panels more or less on one of four surfaces
-CHANGE = 0.01  # share by which a piece may grow when it is flattened again; chosen with a margin
-ROUNDING = 1e-4  # share by which a patch may grow by being stored and read again
-SLACK = 0.005  # share of the sheet's longer side reserved for connectors and packing
+ANGLES = 60  # number of directions per half turn in which a piece is tried on the sheet; more fit more tightly
+CHECKED = 40  # number of runs examined closely for each number of sheets; more may save panels, and take longer
+NEEDED = 2.0  # cost of every sheet that the pieces need (a cut across the patch costs 0.5); more prefers fewer sheets
+UNEVEN = 0.5  # cost of the most uneven cut (a cut across the patch costs 0.5); more prefers pieces of equal area
+CHANGE = 0.01  # share by which a piece may grow when it is flattened again; larger is safer; chosen with a margin
+ROUNDING = 1e-4  # share by which a patch may grow by being stored and read again; larger lets larger patches pass
+SLACK = 0.005  # share of the sheet's longer side reserved for connectors and packing; larger makes panels smaller
 
-# notes of a layout that a further cut outdates: missed limits, and how to keep the surface whole, which the sheet does not allow
+# keys of a layout's notes that a further cut makes wrong: missed limits, and the advice how to avoid the seam
 OUTDATED = {"forced", "halved"}
 
 
 def split(flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress: Progress = SILENT) -> FlatPatches:
     """Cut every patch that does not fit the sheet, and flatten the pieces.
 
-    Does nothing unless ``sheet.oversize`` is "split". Patches that no run can divide are halved across their longest
+    Nothing is cut unless ``sheet.oversize`` is "split". Patches that no run can divide are halved across their longest
     extent. The notes of the layout say how many cuts were made.
 
     Parameters
     ----------
     flat : flat patches
-    params, sheet : limits; size and margins of the sheet
+    params, sheet : limits of the layout; size and margins of the sheet
     progress : called with the fraction done
 
     Raises
     ------
-    FlexMapsError : naming quads that alone are larger than the sheet
+    FlexMapsError : with single quads that are larger than the sheet
     """
     if sheet.oversize != "split":
         return flat
@@ -74,7 +74,7 @@ def split(flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress:
             tick = partial(part, number / len(large), "cutting panels to the sheet's size")
             tick()
             if patch in done:
-                continue  # done as the mirror image of another patch
+                continue  # already cut as the mirror image of another patch
             run = _best_run(flat, patch, params, (1.0 - CHANGE) * box, sheet, tick)
             if run is None:
                 run = _halves(flat, patch)
@@ -100,16 +100,16 @@ def split(flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress:
 
 
 def check_size(flat: FlatPatches, sheet: SheetParams) -> None:
-    """Check that ``split`` would not cut: the layout may be by hand or for a larger sheet.
+    """Check that all panels fit the sheet, as the layout may have been made by hand or for a larger sheet.
 
     Parameters
     ----------
     flat : flat patches
-    sheet : its size and margins
+    sheet : size and margins of the sheet
 
     Raises
     ------
-    FlexMapsError : a panel is larger than the sheet
+    FlexMapsError : a panel, or a single quad, is larger than the sheet
     """
     if sheet.oversize != "split":
         return
@@ -126,7 +126,7 @@ def check_size(flat: FlatPatches, sheet: SheetParams) -> None:
 
 
 def _halves(flat: FlatPatches, patch: int) -> Int[np.ndarray, " run"]:
-    """Return the mesh edges between the two halves of a patch's quads along its longest extent."""
+    """Return the mesh edges between the two halves of a patch's quads, divided across its longest extent."""
     mesh, quads = flat.layout.mesh, flat.layout.patches[patch]
     along = flat.corners[quads].mean(axis=1) @ _directions()[:, int(np.argmax(_widths(_points(flat, patch))))]
     order = np.argsort(along, kind="stable")
@@ -152,39 +152,49 @@ def _refuse_large_quads(flat: FlatPatches, box: np.ndarray, sheet: SheetParams) 
 
 
 def usable(sheet: SheetParams) -> Float[np.ndarray, " 2"]:
-    """Width and height of the largest box that fits the sheet, metres."""
+    """Return width and height of the part of the sheet that panels may use, metres."""
     size = np.array([sheet.sheet_width, sheet.sheet_height])
     return size - 2.0 * sheet.margin - SLACK * size.max()
 
 
 def excess(points: Float[np.ndarray, "samples 2"], box: Float[np.ndarray, " 2"], sheet: SheetParams) -> float:
-    """Return the factor by which points exceed a box in the best allowed direction; at most 1 fits."""
+    """Return the size of a set of points over the size of a box, in the best allowed direction; at most 1 fits.
+
+    Parameters
+    ----------
+    points : metres
+    box : width and height, metres
+    sheet : settings, with the allowed rotations
+    """
     return float(_ratios(_widths(points)[:, None], box, sheet.rotation).max(axis=1).min())
 
 
 def _points(flat: FlatPatches, patch: int) -> np.ndarray:
-    """Flat corners of a patch's quads."""
+    """Return the flat corners of a patch's quads, (n, 2), metres."""
     return flat.corners[flat.layout.patches[patch]].reshape(-1, 2)
 
 
 def _directions() -> np.ndarray:
-    """Unit vectors over half a turn, (2, ANGLES)."""
+    """Return unit vectors in evenly spaced directions over half a turn, (2, ANGLES)."""
     angle = np.pi * np.arange(ANGLES) / ANGLES
     return np.stack([np.cos(angle), np.sin(angle)])
 
 
 def _widths(points: Float[np.ndarray, "samples 2"]) -> np.ndarray:
-    """(ANGLES,) extent of points in every direction, metres."""
+    """Return the extent of points in every direction, (ANGLES,), metres."""
     return np.ptp(points @ _directions(), axis=0)
 
 
 def _ratios(width: np.ndarray, box: np.ndarray, rotation: str) -> Float[np.ndarray, "directions 2 patches"]:
-    """Extents (ANGLES, N) divided by the sheet's, across and along it, for the directions that ``rotation`` allows."""
+    """Return the extents of N shapes over the width and the height of a box, in all allowed directions.
+
+    width : extents of the shapes in all directions, (ANGLES, N), metres
+    """
     height = np.roll(width, -ANGLES // 2, axis=0)
     both = np.stack([width / box[0], height / box[1]], axis=1)
     if rotation == "FREE":
         return both
-    # a panel's own frame has its smallest bounding box along x
+    # in a panel's own frame, the longer side of its smallest bounding box lies along x
     best = np.argmin(np.where(width >= height - 1e-12, width * height, np.inf), axis=0)
     rows = np.arange(width.shape[1])
     lengthwise = both[best, :, rows].T[None]
@@ -195,7 +205,7 @@ def _ratios(width: np.ndarray, box: np.ndarray, rotation: str) -> Float[np.ndarr
 
 
 def _sheets_needed(width: np.ndarray, box: np.ndarray, rotation: str) -> Int[np.ndarray, " patches"]:
-    """Return the number of sheets in a grid that shapes of these widths (ANGLES, N) need."""
+    """Return the number of sheets, laid in a grid, that cover shapes of given extents (ANGLES, N)."""
     return np.ceil(_ratios(width, box, rotation) - 1e-9).prod(axis=1).min(axis=0).astype(np.int64)
 
 
@@ -215,14 +225,14 @@ def _best_run(
     needed = _sheets_of_sides(flat, runs, tails, heads, box, sheet, tick)
     size = np.sqrt(np.bincount(flat.layout.patch_of, weights=flat.layout.mesh.areas)[patch])
     score = NEEDED * needed + 0.5 * runs.cost / size + UNEVEN * uneven**2
-    # keep one direction of every run
+    # every run exists in both directions: keep one of them
     score[~np.isfinite(score) | (tails[:, None] >= heads)] = np.inf
     best, found = np.inf, None
     piece = SinglePatch.from_patch(flat, patch)
     for start, end in _candidates(score, needed):
         tick()
         if score[start, end] >= best:
-            continue  # its pieces need at least as many sheets as their outlines
+            continue  # the score is a lower bound of the cost, because pieces need at least the estimated sheets
         edges = runs.edges(start, end)
         judged = _cost_of_cut(piece, edges, params, box, sheet)
         if judged is not None:
@@ -233,7 +243,10 @@ def _best_run(
 
 
 def _candidates(score: np.ndarray, needed: np.ndarray) -> list[tuple[int, int]]:
-    """Return starts and ends of the best runs, some for every number of pieces, because the fewest may break another limit."""
+    """Return starts and ends of the best runs for each of the three smallest numbers of sheets.
+
+    Runs that need the fewest sheets may break another limit.
+    """
     found = []
     for pieces in np.unique(needed[np.isfinite(score)])[:3]:
         these = np.flatnonzero((needed == pieces) & np.isfinite(score))
@@ -251,7 +264,10 @@ def _sheets_of_sides(
     sheet: SheetParams,
     tick: Callable[[], None],
 ) -> Int[np.ndarray, "starts ends"]:
-    """Return the sheets that the two sides of every run need, by their outlines; ``tails``, ``heads``: positions of starts and ends."""
+    """Return the number of sheets that both sides of every run need together, estimated from their outlines.
+
+    tails, heads : positions of the starts and ends of runs on the outline
+    """
     count = len(runs.loop)
     spread = flat.points[runs.loop] @ _directions()
     needed = np.full((len(tails), len(heads)), 10**6)
@@ -267,12 +283,12 @@ def _sheets_of_sides(
 
 @dataclass(frozen=True, eq=False)
 class SinglePatch:
-    """A patch by itself.
+    """A patch as a mesh of its own.
 
-    layout : of its own mesh
-    edges : edge of the whole mesh for each of its edges
-    corners : flat corners, metres
-    isthmus : quads across its narrowest isthmus
+    layout : layout of this mesh
+    edges : edge of the whole mesh for each edge of this mesh
+    corners : flat corners of its quads, metres
+    isthmus : number of quads across its narrowest isthmus
     """
 
     layout: PatchLayout
@@ -282,12 +298,12 @@ class SinglePatch:
 
     @classmethod
     def from_patch(cls, flat: FlatPatches, patch: int) -> SinglePatch:
-        """Take a patch out of the flat patches.
+        """Copy a patch of a layout to a mesh of its own.
 
         Parameters
         ----------
         flat : flat patches
-        patch : its number
+        patch : number of the patch
         """
         quads = flat.layout.patches[patch]
         layout, edges = alone(flat.layout, quads)
@@ -297,7 +313,10 @@ class SinglePatch:
 def _cost_of_cut(
     piece: SinglePatch, run: np.ndarray, params: LayoutParams, box: np.ndarray, sheet: SheetParams
 ) -> float | None:
-    """Cost of the parts of a cut, without the cut's length; small is good; None if the cut is not allowed."""
+    """Return the cost of the pieces that a cut makes, without the cut's length; None if the cut is not allowed.
+
+    run : edges of the cut, in the whole mesh
+    """
     layout = piece.layout
     cut = layout.cut.copy()
     cut[np.searchsorted(piece.edges, run)] = True
@@ -316,7 +335,7 @@ def _cost_of_cut(
 
 
 def _cut_once(layout: PatchLayout, run: np.ndarray, cut: Bool[np.ndarray, " edges"], done: set[int]) -> set[int]:
-    """Mark a run in ``cut`` unless it leaves its patch or that patch is already cut; return the patches cut."""
+    """Mark a run in ``cut`` unless it leaves its patch or that patch is in ``done``; return the set of patches cut."""
     quads = layout.mesh.edge_quads[run]  # runs may follow the border of a hole, where there is no second quad
     patches = set(np.unique(layout.patch_of[quads[quads >= 0]]).tolist())
     if len(patches) != 1 or patches <= done:

@@ -13,21 +13,25 @@ from ...arrays import Float, Int
 from ...surface.corner_costs import REFLEX
 from ..flattening.flatten import FlatPatches
 
-# Largest product of starts and directed edges; beyond it only some starts are used, which bounds memory to some 200 MB.
+# largest product of the numbers of starts and directed edges, which bounds memory to about 200 MB; with more, only some
+# starts are used
 MOST = 10_000_000
-CHUNK = 500_000  # starts times directed edges processed between two reports of progress
+CHUNK = 500_000  # starts times directed edges between two progress reports; larger values delay a cancel
 
 
 @dataclass(frozen=True, eq=False)
 class StraightRuns:
-    """All straightest runs through a patch, from places all round its outline to every other place.
+    """Straightest runs of edges through a patch, from places all round its outline to all other places of the outline.
 
-    A run may follow the rim of a hole, where nothing has to be cut.
+    A run may follow the border of a hole, where nothing has to be cut. Directed edge i < m is inner edge i, directed
+    edge m + i is the same edge in the opposite direction.
 
-    loop : flat vertices of the outline; inner : mesh edges inside the patch, and round its holes
-    tail, head : (2 m,) flat vertices of every inner edge in both directions
-    starts : directed edges that begin on the outline; ends : those that end there
-    cost : metres, for length and bends; before : (s, 2 m) predecessor of every directed edge
+    loop : flat vertices of the outline, in order
+    inner : mesh edges inside the patch and round its holes
+    tail, head : (2 m,) flat vertices at the start and the end of every directed edge
+    starts, ends : directed edges that begin, or end, on the outline
+    cost : cost of every run, metres: its length plus costs of bends
+    before : (starts, 2 m) predecessor of every directed edge on the run from each start
     """
 
     loop: Int[np.ndarray, " points"]
@@ -40,7 +44,7 @@ class StraightRuns:
     before: np.ndarray
 
     def edges(self, start: int, end: int) -> np.ndarray:
-        """Return the mesh edges of a run."""
+        """Return the mesh edges of the run from ``starts[start]`` to ``ends[end]``, last edge first."""
         walk = [int(self.ends[end])]
         while walk[-1] != self.starts[start]:
             walk.append(int(self.before[start, walk[-1]]))
@@ -48,13 +52,13 @@ class StraightRuns:
 
 
 def straight_runs(flat: FlatPatches, patch: int, tick: Callable[[], None] = lambda: None) -> StraightRuns | None:
-    """Find the runs through a patch.
+    """Find the straightest runs through a patch, by Dijkstra's algorithm on its directed edges.
 
     Parameters
     ----------
     flat : flat patches
-    patch : its number
-    tick : called now and then; may raise to cancel
+    patch : number of the patch
+    tick : called at intervals; may raise to cancel
 
     Returns
     -------
@@ -79,7 +83,7 @@ def straight_runs(flat: FlatPatches, patch: int, tick: Callable[[], None] = lamb
     one, two = _following(tail, head, ~on_outline)
     cross = step[one, 0] * step[two, 1] - step[one, 1] * step[two, 0]
     bend = np.abs(np.arctan2(cross, (step[one] * step[two]).sum(axis=1)))
-    # small bends up to 22.5 degrees are not corners: lines of quads bend slightly all the time
+    # bends up to 22.5 degrees are not corners, because lines of edges bend slightly all the time
     corner = np.maximum(bend - np.pi / 8, 0.0) / (np.pi / 2 - np.pi / 8)
     weight = length[two] + REFLEX * length.mean() * (corner + 0.02 * bend)
     starts, ends = np.flatnonzero(on_outline[tail]), np.flatnonzero(on_outline[head])
@@ -94,7 +98,7 @@ def straight_runs(flat: FlatPatches, patch: int, tick: Callable[[], None] = lamb
 
 
 def _following(tail: np.ndarray, head: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return pairs of directed edges where the second continues the first at an inner vertex without going back."""
+    """Return pairs of directed edges: the second edge continues the first at an inner vertex, and does not go back."""
     order = np.argsort(tail, kind="stable")
     count = np.bincount(tail, minlength=len(inside))
     first = np.concatenate([[0], np.cumsum(count)])
@@ -107,14 +111,15 @@ def _following(tail: np.ndarray, head: np.ndarray, inside: np.ndarray) -> tuple[
 
 
 def ends_and_unevenness(flat: FlatPatches, runs: StraightRuns) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the positions of starts (s,) and ends (e,) on the outline, and the difference of both sides' areas as a share (s, e).
+    """Return where runs start (s,) and end (e,) on the outline, and how unevenly they divide the patch (s, e).
 
-    The area cut off by the chord approximates that of a nearly straight run.
+    Unevenness is the difference of both sides' areas over the whole area, from 0 to 1. Runs are almost straight, so the
+    area beside a run is approximated by the area beside the chord from its start to its end.
 
     Parameters
     ----------
     flat : flat patches
-    runs : through one of them
+    runs : runs through one of the patches
     """
     number = np.full(len(flat.points), -1)
     number[runs.loop] = np.arange(len(runs.loop))
@@ -125,7 +130,7 @@ def ends_and_unevenness(flat: FlatPatches, runs: StraightRuns) -> tuple[np.ndarr
 
 
 def chord_areas(points: np.ndarray) -> Float[np.ndarray, "points points"]:
-    """Area between the outline from point i to point j and the chord, square metres."""
+    """Return the signed area between the outline from point i to point j and the chord from j to i, square metres."""
     after = np.roll(points, -1, axis=0)
     parts = 0.5 * (points[:, 0] * after[:, 1] - points[:, 1] * after[:, 0])
     sums = np.concatenate([[0.0], np.cumsum(parts)])[:-1]

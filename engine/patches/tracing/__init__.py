@@ -1,1 +1,1 @@
-"""The first layout: cuts along lines of quads, or between regions."""
+"""The first layout, before merging: cuts along lines of edges, or between regions of quads."""

@@ -1,8 +1,8 @@
-"""First layout of surfaces where lines of quads lead nowhere: regions of quads, halved until they lie flat.
+"""First layout of surfaces without long lines of edges: regions of quads, halved until they can be laid flat.
 
-If irregular vertices are everywhere, parametric lines separate every quad. Here a region is divided between the two
-quads farthest from each other, along the cheapest cut that keeps away from both (Katz & Tal 2003), until every region
-is a disk under the distortion limit.
+If irregular vertices are everywhere, cuts along all lines of edges would separate every quad. Instead, a region is
+divided between two quads that are far apart, along the cheapest cut that keeps away from both (Katz & Tal 2003), until
+every region is a disk, possibly with holes, within the distortion limit.
 """
 
 from __future__ import annotations
@@ -24,17 +24,19 @@ from ..flattening.outline import simple
 from ..layout import PatchLayout, drawn_lengths, groups
 from ..loops import loops_of, perimeter
 
-# Share of the distortion limit that merging may use; the rest is for seams with equally long sides. On seven surfaces
-# 0.7 gives as many patches with 4 % less seam, 0.95 one more, and twice the seam mismatch.
+# Share of the distortion limit that merging may use; the rest is needed to make both sides of seams equally long.
+# Larger values leave more seam mismatch
 MERGING_SHARE = 0.85
-# Half-width of the band that contains the cut, as a share of the distance between the two quads; with 0.2 and 0.5 two
-# irregular surfaces of 240 and 726 quads get as many patches, or one more.
+# Width of the band that contains the cut, as a share of the distance between the two quads; larger values give shorter
+# cuts and more unequal halves
 CORE = 0.35
-CONE = 0.6  # largest reduction of the price of a cut through a vertex with curvature; 0.3 gives two more patches of 24
-# Total curvature of a region, radians, above which flattening is not tried: a hemisphere has 6.3, and E 0.1.
+# largest reduction of the price of an edge at vertices with curvature, as a share; larger draws cuts to such vertices
+CONE = 0.6
+# Integral curvature of a region, radians, above which flattening is not tried (a hemisphere has 6.3); larger values try
+# more regions in vain
 ROUND = 6.5
-# Curvature at a vertex, radians, above which flattening is not tried: four quads round a cube's corner, 1.57, have E
-# 0.06.
+# Curvature at a vertex (angle defect, radians) above which flattening is not tried (a corner of a cube has 1.57);
+# larger values try more regions in vain
 POINTED = 1.5
 
 
@@ -42,8 +44,8 @@ class Halving:
     """Divides regions of a mesh.
 
     dual : (D, 2) int, quads on both sides of every inner edge
-    across : (D,) distance between their centres, metres
-    price : (D,) length of the edge between them, reduced where curvature asks for a cut, metres
+    across : (D,) distance between the centres of both quads, metres
+    price : (D,) cost of cutting the edge, metres: its length, reduced near vertices with curvature
     """
 
     def __init__(self, mesh: QuadMesh, params: LayoutParams):
@@ -57,9 +59,9 @@ class Halving:
         self.place = np.full(len(mesh.quads), -1, dtype=np.int64)
 
     def layout(self, quads: Int[np.ndarray, " n"], progress: Progress = SILENT) -> PatchLayout:
-        """Cut between regions of some quads, whole bodies, so that each region lies flat.
+        """Divide bodies into regions that can be laid flat, and cut between them.
 
-        A quad whose own energy exceeds the limit stays alone.
+        A quad whose own energy exceeds the distortion limit becomes a region by itself.
 
         Parameters
         ----------
@@ -87,13 +89,13 @@ class Halving:
         return PatchLayout(mesh, cut)
 
     def lies_flat(self, quads: np.ndarray, share: float = 1.0, tick: Callable[[], None] = lambda: None) -> bool:
-        """Return whether a region can be laid flat in one piece, within ``share`` of the distortion limit and without overlap.
+        """Return whether a region can be laid flat in one piece, without overlap and within the limits.
 
         Parameters
         ----------
         quads : a connected region
-        share : of the distortion limit
-        tick : called before every factorisation; may cancel
+        share : share of the distortion limit that may be used
+        tick : called before every factorisation and solve; may raise to cancel
         """
         mesh, limit = self.mesh, share * self.params.distortion_limit
         own = np.zeros(len(mesh.quads), dtype=bool)
@@ -107,7 +109,7 @@ class Halving:
             return False
         corners = np.searchsorted(used, mesh.quads[quads])
         if len(np.unique(corners[sides])) != int(sides.sum()):
-            return False  # the outline touches itself in a vertex
+            return False  # the outline touches itself at a vertex
         loops = loops_of(corners, sides)
         inner = (sides.size - int(sides.sum())) // 2
         if len(used) - (4 * len(quads) - inner) + len(quads) != 2 - len(loops):
@@ -127,7 +129,7 @@ class Halving:
         return flat.worst <= limit and flat.flips == 0 and simple(flat.points, corners, sides)
 
     def halves(self, quads: np.ndarray) -> list[np.ndarray]:
-        """Return two connected parts of a region, or more if the cut leaves islands."""
+        """Divide a region in two; return its connected parts, more than two if the cut leaves islands."""
         place = self.place
         place[quads] = np.arange(len(quads))
         rows = np.flatnonzero((place[self.dual] >= 0).all(axis=1))
@@ -149,7 +151,11 @@ class Halving:
     def _cut(
         self, pair: np.ndarray, price: np.ndarray, from_one: np.ndarray, from_two: np.ndarray
     ) -> Bool[np.ndarray, " n"]:
-        """Return the side of every quad for the cheapest cut between the quads clearly nearer to either end."""
+        """Return a mask of the quads on the first side of the cheapest cut (minimum cut) in the middle of a region.
+
+        pair, price : quads on both sides of every inner edge, and its cost
+        from_one, from_two : distances of all quads from the two quads that the cut must separate, metres
+        """
         n = len(from_one)
         share = from_one / np.maximum(from_one + from_two, 1e-300)
         one, two = share <= 0.5 - 0.5 * CORE, share >= 0.5 + 0.5 * CORE

@@ -1,8 +1,8 @@
-"""First layout: a motorcycle graph along parametric lines, every patch a disk (FlexMaps section 4).
+"""First layout: cuts along a motorcycle graph, so that every patch can be laid flat (FlexMaps section 4).
 
-Lines start at irregular vertices and run straight on, all at the same pace, until they meet an existing line (Eppstein
-et al. 2008). Patches that are not disks are cut along their shortest straight parametric line. If lines lead nowhere,
-regions replace them.
+Motorcycles start at irregular vertices and run straight on along lines of edges (parametric lines), all at the same
+pace, until they meet an existing line (Eppstein et al. 2008). Patches that are not disks are cut along their shortest
+parametric line. If this leaves too small patches, cuts between regions (see ``regions``) replace the lines.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from .regions import MERGING_SHARE, Halving
 
 @one_thread
 def trace(mesh: QuadMesh, params: LayoutParams, progress: Progress = SILENT) -> PatchLayout:
-    """Make the first layout: every patch can be laid flat under the distortion limit.
+    """Make the first layout, in which every patch can be laid flat within the distortion limit.
 
-    A body that lies flat in one piece stays whole. Others are cut along their motorcycle graph, and further until every
-    patch is under the limit; if that leaves fewer than ``patch_min`` quads per patch, regions are used instead. A
-    single quad above the limit stays, because it cannot be cut.
+    A body that can be laid flat in one piece stays whole. Other bodies are cut along their motorcycle graph, and
+    further until every patch is within the limit. If a body's patches then have fewer than ``patch_min`` quads on
+    average, it is divided into regions instead. A single quad beyond the limit remains, because it cannot be cut.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def trace(mesh: QuadMesh, params: LayoutParams, progress: Progress = SILENT) -> 
 
 
 def _halve_to_limit(layout: PatchLayout, params: LayoutParams, progress: Progress, wanted: np.ndarray) -> PatchLayout:
-    """Halve patches of the ``wanted`` bodies until they are under the distortion limit and injective."""
+    """Halve patches of the bodies in the mask ``wanted`` until they are within the distortion limit and injective."""
     mesh = layout.mesh
     good: set[bytes] = set()
     for round_ in range(30):
@@ -87,7 +87,7 @@ def _halve_to_limit(layout: PatchLayout, params: LayoutParams, progress: Progres
 
 
 def _worst_energy(layout: PatchLayout, quads: np.ndarray, tick: Callable[[], None]) -> float:
-    """Return the worst energy of a patch after reweighting its quads; infinite if it overlaps itself."""
+    """Return the largest energy of a patch after minimax flattening; infinite if the flat patch overlaps itself."""
     corners = np.unique(layout.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
     problem = PatchProblem(layout.mesh, quads, corners, tick)
     flat = settle(problem, tolerance=0.01)
@@ -96,9 +96,9 @@ def _worst_energy(layout: PatchLayout, quads: np.ndarray, tick: Callable[[], Non
 
 
 def motorcycles(mesh: QuadMesh) -> Bool[np.ndarray, " edges"]:
-    """Mask the edges passed by motorcycles that start at every irregular vertex and run one edge per step.
+    """Return a mask of the edges that motorcycles pass, starting at every irregular vertex, one edge per step.
 
-    Two that meet head-on stop; two that cross in the same step both continue, which keeps symmetry.
+    Two motorcycles that meet head-on stop; two that reach a crossing in the same step both continue, to keep symmetry.
     """
     cut = np.zeros(len(mesh.edges), dtype=bool)
     edges = np.flatnonzero(~mesh.border)
@@ -112,7 +112,7 @@ def motorcycles(mesh: QuadMesh) -> Bool[np.ndarray, " edges"]:
         cut[mesh.quad_edges[quad, side]] = True
         end = mesh.quads[quad, (side + 1) % 4]
         go = ~reached[end]
-        # motorcycles that arrive from the opposite side stop here too
+        # motorcycles that meet head-on stop below, because the edge ahead of each is already cut
         quad, side, end = quad[go], side[go], end[go]
         quad2, side2, valid = straight_on(mesh, quad, side)
         reached[end] = True
@@ -122,12 +122,12 @@ def motorcycles(mesh: QuadMesh) -> Bool[np.ndarray, " edges"]:
 
 
 def make_disks(layout: PatchLayout, where: Bool[np.ndarray, " bodies"] | None = None) -> PatchLayout:
-    """Cut patches that cannot be laid flat along their shortest straight parametric lines until all can.
+    """Cut patches that cannot be laid flat along their shortest parametric lines, until all patches can be laid flat.
 
     Parameters
     ----------
     layout : mesh and cuts
-    where : mask of the bodies to cut; all by default
+    where : mask of the bodies to cut; default is all
 
     Raises
     ------
@@ -147,7 +147,7 @@ def make_disks(layout: PatchLayout, where: Bool[np.ndarray, " bodies"] | None = 
 
 
 def opening_line(layout: PatchLayout, patch: int) -> np.ndarray:
-    """Return the edges of the shortest line, from outline to outline or closed, that brings a patch nearer to a disk."""
+    """Return the edges of the shortest parametric line whose cut brings a patch nearer to a disk."""
     lines = parametric_lines(layout, patch)
     length = layout.mesh.edge_lengths
     keys = [(round(float(length[line].sum()), 12), i) for i, line in enumerate(lines)]
@@ -160,7 +160,7 @@ def opening_line(layout: PatchLayout, patch: int) -> np.ndarray:
 
 
 def _opens(layout: PatchLayout, patch: int, line: np.ndarray) -> bool:
-    """Return whether the patch stays in one piece after this cut, which then removes a handle or joins two outlines."""
+    """Return whether a patch stays connected after a cut, which then removes a handle or joins two outlines."""
     cut = layout.cut.copy()
     cut[line] = True
     after = PatchLayout(layout.mesh, cut)
@@ -168,12 +168,14 @@ def _opens(layout: PatchLayout, patch: int, line: np.ndarray) -> bool:
 
 
 def middle_line(layout: PatchLayout, patch: int) -> np.ndarray:
-    """Return the edges of the parametric line that halves a patch best, across its longer direction; empty for one quad.
+    """Return the edges of the parametric line that halves a patch best: evenly, and with a short cut.
+
+    The result is empty if the patch has no inner edges.
 
     Parameters
     ----------
     layout : mesh and cuts
-    patch : its number
+    patch : number of the patch
     """
     lines = parametric_lines(layout, patch)
     mesh = layout.mesh
@@ -193,9 +195,9 @@ def middle_line(layout: PatchLayout, patch: int) -> np.ndarray:
 
 
 def parametric_lines(layout: PatchLayout, patch: int) -> list[np.ndarray]:
-    """Return every maximal straight line of uncut edges inside a patch as an int array of edges.
+    """Return all parametric lines of a patch: maximal straight lines of uncut edges inside it, as arrays of edges.
 
-    A line ends at the outline or an irregular vertex, or closes on itself.
+    A line ends at a cut, a border or an irregular vertex, or closes on itself.
     """
     mesh = layout.mesh
     inside = np.zeros(len(mesh.edges), dtype=bool)

@@ -1,1 +1,1 @@
-"""Clearances of a flat design: slots and gaps between its arms, and the change that opens closed ones. Theory: docs/clearance.md."""
+"""Clearances of a flat design: slots, gaps between arms, and repair of closed gaps. Theory: docs/clearance.md."""

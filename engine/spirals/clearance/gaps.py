@@ -1,8 +1,9 @@
 """Narrow gaps between arms, and sharp inner edges of blends, with derivatives with respect to the arms' parameters.
 
-A gap is the distance of a point on one arm's centre line from the nearest point on another's, less half of both widths. The
-points lie at fixed t on the first arm; Newton's method finds the nearest point on the second arm. Because the distance is
-least there, its derivative needs no derivative of the nearest point (envelope theorem).
+A gap is the distance from a point on one arm's centre line to the nearest point on another arm's centre line, less half
+of both widths. The points lie at fixed arm parameters t (0 at the joint, 1 at the quad's centre) of the first arm;
+Newton's method finds the nearest point, at s, on the second arm. Because the distance is least there, its derivative
+needs no derivative of the nearest point (envelope theorem).
 """
 
 from __future__ import annotations
@@ -19,15 +20,15 @@ from ..curves.spiral import arm_widths
 from .pairs import DEPTHS, ROUND, SAME_QUAD, Pairs
 
 _PLACES = 13  # number of t on the first arm where gaps are measured; more find narrower gaps and take longer
-_COARSE = 25  # points of the second arm that start the search for the nearest point; more start nearer and take longer
-# most Newton steps to the nearest point: a first estimate, and convergence, which mostly takes 4
+_COARSE = 25  # number of points of the second arm, of which the nearest starts the search; more take longer
+# largest number of Newton steps to the nearest point: for a first estimate, and until convergence (mostly 4)
 _FIRST, _LAST = 2, 40
-# margin for gaps that are narrower between two places than at either, in widths of both arms: at most 0.01 was seen
+# margin for gaps that are narrowest between two places, as a share of both widths' sum; larger is safer and slower
 _BETWEEN = 0.05
-# most Newton steps for the places on both arms at once; mostly 5 suffice; afterwards a slower search takes over
+# largest number of Newton steps for t and s together (mostly 5 suffice); then a slower, safe search takes over
 _JOINT_STEPS = 12
-_CLOSE = 1e-10  # tolerance on the last step, in t
-_FARTHEST = 0.15  # longest step, in t; longer steps may overshoot
+_CLOSE = 1e-10  # convergence tolerance on a step in t; larger is faster and less exact
+_FARTHEST = 0.15  # longest Newton step, in t; longer steps may overshoot
 # places u = t / (length of the blend) where the inner edge is measured: around its sharpest turn, and near both ends
 _BLEND_PLACES = np.array([0.0, 0.1, 0.17, 0.24, 0.31, 0.4, 0.8])
 
@@ -37,9 +38,9 @@ class NarrowGaps(Columns):
     """Narrow gaps between pairs of arms.
 
     pair : index of the pair
-    t, s : places on the first and on the second arm
-    side : -1 where the first arm lies on the wrong side of the second, else 1
-    gap : metres, negative where arms overlap
+    t, s : arm parameters of the nearest points on the first and on the second arm
+    side : -1 where the arms have passed through each other, so that they lie in the wrong order, else 1
+    gap : width of the gap, metres; negative where arms overlap
     """
 
     pair: Int[np.ndarray, " k"]
@@ -49,16 +50,16 @@ class NarrowGaps(Columns):
     gap: Float[np.ndarray, " k"]
 
     def both(self, pairs: Pairs) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-        """Return (arms, t) of the first arms and (arms, s) of the second arms."""
+        """Return the first arms with their t, and the second arms with their s."""
         return (pairs.one[self.pair], self.t), (pairs.two[self.pair], self.s)
 
 
 def narrow(
     lines: ArmCurves, pairs: Pairs, below: Float[np.ndarray, " n"], clockwise: bool, *, least: bool = False
 ) -> NarrowGaps:
-    """Return the gaps narrower than ``below`` (n,), metres for every pair.
+    """Return the gaps that are narrower than ``below`` (n,), a limit in metres for every pair.
 
-    least : return only the narrowest place of every pair, which is faster; if any arms overlap, return all places
+    least : return only the narrowest place of every pair, which is faster; if any arms cross, return all places
     """
     which, t, s = _near(lines, pairs, below)
     beside = pairs.kind[which] == SAME_QUAD
@@ -70,7 +71,7 @@ def narrow(
     if least and not _passes_outside(lines, pairs, which, t, clockwise).any():
         smallest = np.full(len(below), np.inf)
         np.minimum.at(smallest, which, gap)
-        # places that may turn out to be the narrowest of their pair
+        # keep only places that may turn out to be the narrowest of their pair
         some = np.flatnonzero(gap - 2.0 * less <= smallest[which])
         gaps = _narrowest_of_pairs(lines, pairs, which[some], t[some], s[some])
         return gaps.subset(gaps.gap < below[gaps.pair])
@@ -85,13 +86,13 @@ def narrow(
     gaps = NarrowGaps(which, t, s, side, gap).subset(some)
     if not (gaps.side < 0.0).any():
         return gaps
-    # on the wrong side of the other arm, the distance between the centre lines counts as negative
+    # count the distance between centre lines as negative where arms have passed through each other
     half = [0.5 * arm_widths(lines.width[a], lines.end.width[a], lines.end.share[a], x)[0] for a, x in gaps.both(pairs)]
     return replace(gaps, gap=gaps.side * (gaps.gap + half[0] + half[1]) - half[0] - half[1])
 
 
 def _narrowest_of_pairs(lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray) -> NarrowGaps:
-    """Return the narrowest gap of every pair in ``which``, searched from the narrowest of its places."""
+    """Return the narrowest gap of every pair in ``which``, searching from the narrowest of the places t."""
     s, gap, _ = _nearest(lines, pairs, which, t, s, _LAST)
     lowest = _lowest(which, gap)
     which = which[lowest]
@@ -100,28 +101,28 @@ def _narrowest_of_pairs(lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np
 
 
 def _lowest(which: Int[np.ndarray, " n"], gap: Float[np.ndarray, " n"]) -> Int[np.ndarray, " k"]:
-    """Return the indices of the least gap of every pair."""
+    """Return the index of the least gap of every pair; ``which`` holds the pairs of the gaps."""
     order = np.lexsort((gap, which))
     return order[np.flatnonzero(np.diff(which[order], prepend=-1))]
 
 
 def _opening(lines: ArmCurves, one: np.ndarray, two: np.ndarray, clockwise: bool) -> np.ndarray:
-    """Return the angle from the second arm to the first, against the sense of rotation, radians."""
+    """Return the angle from the second arm's tip to the first arm's tip, as arms wind inwards, radians."""
     return ((-1.0 if clockwise else 1.0) * (lines.angle[one] - lines.angle[two])) % (2.0 * np.pi)
 
 
 def _estimate_beside(lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, clockwise: bool) -> np.ndarray:
-    """Estimate the nearest point of the facing arm of the same quad: the point at the same polar angle."""
+    """Estimate s of the nearest point on the facing arm of the same quad: the point at the same polar angle."""
     one, two = pairs.one[which], pairs.two[which]
     opening = _opening(lines, one, two, clockwise)
     level = t + opening / np.maximum(np.abs(lines.wind[one]), 1e-9)
-    # for straight arms, the foot of the perpendicular
+    # bound for arms with little twist: the foot of the perpendicular on a straight arm
     foot = lines.radius[one] / lines.radius[two] * np.maximum(np.cos(opening), 0.0)
     return np.clip(np.minimum(level, 1.0 - foot * (1.0 - t)), 0.0, 1.0)
 
 
 def _passes_outside(lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, clockwise: bool) -> np.ndarray:
-    """Return a mask of places where the facing arm of the same quad lies outside the first arm, so that arms overlap."""
+    """Return a mask of places where the facing arm of the same quad lies outside the first arm: both have crossed."""
     one, two = pairs.one[which], pairs.two[which]
     level = t + _opening(lines, one, two, clockwise) / np.maximum(np.abs(lines.wind[one]), 1e-9)
     beyond = lines.radius[two] * (1.0 - level) > lines.radius[one] * (1.0 - t)
@@ -129,18 +130,18 @@ def _passes_outside(lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.nda
 
 
 def _near(lines: ArmCurves, pairs: Pairs, below: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return pair, t and a coarse s of all places where gaps may be narrower than ``below`` (broad phase)."""
+    """Return pair, t and approximate s of all places where gaps may be narrower than ``below`` (broad phase)."""
     places: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for kind in np.unique(pairs.kind):
         here = np.flatnonzero(pairs.kind == kind)
         t, s = np.linspace(0.0, DEPTHS[kind, 0], _PLACES), np.linspace(0.0, DEPTHS[kind, 1], _COARSE)
-        # sample every arm once
+        # sample every arm only once, though it is in several pairs
         arms, back = np.unique([pairs.one[here], pairs.two[here]], return_inverse=True)
         one, two = back.reshape(2, -1)
         p, q = _sample(lines, arms, t), _sample(lines, arms, s)
         widest = np.maximum(lines.width[arms], lines.end.width[arms])
         enough = below[here] + 0.5 * (widest[one] + widest[two])
-        # between two samples the arm may be nearer than at either of them, by up to half of their distance
+        # between two samples the arm may be nearer than at the samples, by up to half of the distance between them
         enough = enough**2 + 0.3 * (np.abs(np.diff(q, axis=0)).max(axis=0) ** 2)[two]
         if kind == ROUND:  # both arms of these pairs lie in one frame, so that separating lines can rule pairs out
             kept = np.maximum(_separation(p, q, one, two), 0.0) ** 2 < enough
@@ -158,8 +159,8 @@ def _near(lines: ArmCurves, pairs: Pairs, below: np.ndarray) -> tuple[np.ndarray
     return tuple(np.concatenate(x) for x in zip(*places, strict=True))  # type: ignore[return-value]
 
 
-_NORMALS = np.exp(0.25j * np.pi * np.arange(4))  # normals of the separating lines that are tried
-_BATCH = 100  # pairs whose points are compared at once, few enough for the processor's cache
+_NORMALS = np.exp(0.25j * np.pi * np.arange(4))  # unit normals of the separating lines that are tried; complex
+_BATCH = 100  # number of pairs whose points are compared at once; more exceed the processor's cache
 
 
 def _squares(p: Complex[np.ndarray, "i n"], q: Complex[np.ndarray, "j n"]) -> Float[np.ndarray, "i j n"]:
@@ -172,7 +173,7 @@ def _squares(p: Complex[np.ndarray, "i n"], q: Complex[np.ndarray, "j n"]) -> Fl
 
 
 def _separation(p: np.ndarray, q: np.ndarray, one: np.ndarray, two: np.ndarray) -> Float[np.ndarray, " n"]:
-    """Return the width in metres of a strip that separates points p of arms ``one`` from q of arms ``two``; negative if none does."""
+    """Return the width of a strip that separates points p of arms ``one`` from q of arms ``two``; negative if none."""
     far = np.full(len(one), -np.inf)
     for normal in _NORMALS:
         first, second = ((x * np.conj(normal)).real for x in (p, q))
@@ -200,9 +201,9 @@ def _sample(lines: ArmCurves, arms: np.ndarray, t: Float[np.ndarray, " m"]) -> C
 def _nearest(
     lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray, steps: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Find the place on the second arm that is nearest to t on the first, by Newton's method.
+    """Find the s on the second arm nearest to t on the first arm by Newton's method, starting at ``s``.
 
-    Return s, the gap in metres, and an estimate of the gap's decrease in one more step.
+    Return s, the gap in metres, and an estimate of the gap's decrease in one more step, metres.
     """
     one, two, kind = pairs.one[which], pairs.two[which], pairs.kind[which]
     p, _, _, half = lines.at(one, t)[:4]
@@ -233,9 +234,9 @@ def _nearest(
 def _narrowest(
     lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Find the narrowest gap between the places before and after t on the first arm; return t, s and the gap in metres.
+    """Find the narrowest gap between the sampled places before and after t on the first arm.
 
-    Newton's method along the first arm, safeguarded by a bracket.
+    It uses Newton's method, safeguarded by a bracket, and returns t, s and the gap in metres.
     """
     depth = DEPTHS[pairs.kind[which], 0]
     step = depth / (_PLACES - 1)
@@ -260,9 +261,9 @@ def _narrowest(
 def _narrowest_jointly(
     lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray, bounds: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the results of ``_narrowest`` faster, by Newton's method for the places on both arms at once.
+    """Return the results of ``_narrowest`` faster, by Newton's method for t and s together.
 
-    bounds : gaps at t, upper bounds for the result
+    bounds : gaps at t, metres: upper bounds of the result
     """
     kind = pairs.kind[which]
     last, step = DEPTHS[kind, 1], DEPTHS[kind, 0] / (_PLACES - 1)
@@ -300,9 +301,9 @@ def _narrowest_jointly(
 def _along(
     lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the first and second derivative of gaps with respect to t; the nearest point on the second arm follows."""
+    """Return the first and second derivatives of gaps by t, while s stays at the nearest point on the second arm."""
     _, (by_t, _), (own, cross, other) = _bends(lines, pairs, which, t, s)
-    # a nearest point at an end of the second arm does not follow
+    # a nearest point at an end of the second arm does not move
     free = (s > 0.0) & (s < DEPTHS[pairs.kind[which], 1])
     return by_t, own - np.where(free, cross**2 / np.maximum(other, 1e-12), 0.0)
 
@@ -310,7 +311,7 @@ def _along(
 def _bends(
     lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Return gaps in metres, first derivatives (by t, by s) and second derivatives (by t twice, by both, by s twice).
+    """Return gaps in metres, their first derivatives (by t, by s) and their second derivatives (tt, ts, ss).
 
     The second derivative by s is kept above a quarter of its value for straight arms, so that Newton steps descend.
     """
@@ -331,10 +332,10 @@ def _bends(
 def gap_slopes(
     lines: ArmCurves, pairs: Pairs, gaps: NarrowGaps
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the derivatives of K gaps, and the nearest points on the second arms.
+    """Return derivatives of K gaps by both arms' parameters and by the nearest points, and these points.
 
-    The derivatives are by the first arm's parameters and by the second arm's parameters, each (K, lines.N_ARM_PARAMETERS), and by the
-    nearest points. Points are complex, in the first arm's frame.
+    Derivatives by an arm's parameters have the shape (K, lines.N_ARM_PARAMETERS); the first arm comes first. The
+    nearest points lie on the second arms; they are complex, in the first arm's frame, metres.
     """
     (one, t), (two, s) = gaps.both(pairs)
     turn = pairs.turn[gaps.pair]
@@ -351,8 +352,8 @@ def sharp(
 ) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Find the places in blends where the inner edge is sharp.
 
-    Sharp means that the ratio of the inner edge's radius of curvature to the centre line's is less than ``below`` (n,).
-    Return the arm, u and that ratio of every such place.
+    An edge is sharp if its radius of curvature is less than the centre line's radius of curvature times ``below`` (n,).
+    Return the arm, u = t / (length of the blend) and the ratio of both radii of every such place.
     """
     end = lines.end
     i = np.broadcast_to(arms[:, None], (len(arms), len(_BLEND_PLACES)))
@@ -366,7 +367,7 @@ def sharp(
 def sharp_slopes(
     lines: ArmCurves, i: Int[np.ndarray, " k"], u: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, "k numbers"]:
-    """Return the derivatives of the ratios of ``sharp`` with respect to the parameters of the arms' blends."""
+    """Return the derivatives of the ratios from ``sharp`` by the parameters of the arms' blends."""
     end = lines.end
     share, slope, wind = end.share[i], end.slope[i], lines.wind[i]
     t = share * u

@@ -9,11 +9,12 @@ from ...arrays import Bool
 from ...progress import SILENT, Progress
 from .room import ClearanceModel
 
-# most rounds that change spirals by the slopes of the closed gaps (random designs of 19 surfaces mostly need under 10), and
-# most rounds in total; the later ones change all spirals at closed gaps by a fixed share
+# largest number of rounds that change spirals by the derivatives of closed gaps (mostly under 10 are needed), and of
+# all rounds; the remaining rounds change all spirals at closed gaps by a fixed share
 SLOPE_ROUNDS, ROUNDS = 25, 90
 SPARE_ROOM = 0.02  # target clearance, as in ``Terms.value``; larger values need fewer rounds but unwind more
-# least slope of a clearance (``Terms.value``) by the twists, per radian, for which unwinding helps; below, arms become thinner
+# least derivative of a clearance (``Terms.value``) by the twists, 1/radian, for which spirals are unwound; for smaller
+# derivatives arms become thinner instead
 IDLE = 0.02
 # largest change in one round: twist in radians, width as a share; larger values need fewer rounds but overshoot
 MAX_UNWIND, MAX_THIN = 0.4, 0.1
@@ -29,16 +30,16 @@ def open_gaps(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return widths and twists near the input for which all gaps are open; the input if they are open already.
 
-    Every closed gap requests the smallest unwinding that opens it, or thinner arms if unwinding does not help. Every spiral
-    follows its largest request, all four arms by the same share. Gaps that remain closed after ``SLOPE_ROUNDS`` are opened
-    by unwinding and thinning all their spirals.
+    Every closed gap requests the smallest unwinding that opens it, or thinner arms if unwinding does not help. Every
+    spiral follows its largest request; its four arms become thinner by equal shares. Gaps that remain closed after
+    ``SLOPE_ROUNDS`` rounds are opened by unwinding and thinning all their spirals.
 
     Parameters
     ----------
     room : clearance model of the flat patches
     low : (F,) smallest widths, metres
     width, twist : (F, 4) metres and (F,) radians, the design to start from
-    free : spirals that may change
+    free : mask of the spirals that may change
     progress : called with the fraction done; may cancel
     """
     least, quads = np.minimum(low[:, None], width), np.ones(len(twist), dtype=bool)
@@ -72,14 +73,14 @@ def open_gaps(
 
 
 def _opening_slopes(slopes: csr_array, free: np.ndarray) -> csr_array:
-    """Keep only slopes where reducing a free parameter widens the gap."""
+    """Keep only the derivatives of gaps that widen when a free parameter is reduced; set the others to 0."""
     return csr_array(slopes.minimum(0.0).multiply(free))
 
 
 def _largest_request(slopes: csr_array, short: np.ndarray) -> np.ndarray:
-    """Return the largest reduction of every parameter that any gap requests; each gap needs to widen by ``short``.
+    """Return, for every parameter, the largest reduction that any gap requests, as a negative number.
 
-    A gap requests the least-norm change that widens it enough, to first order.
+    A gap requests the least-norm change that increases its clearance by ``short``, to first order.
     """
     size = slopes.power(2).sum(axis=1)
     return csr_array(slopes.multiply((short / np.maximum(size, 1e-12))[:, None])).min(axis=0).toarray().ravel()

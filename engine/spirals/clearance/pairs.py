@@ -1,4 +1,4 @@
-"""Broad phase of the gaps: pairs of arms that can come near each other in any design. Arm 4 f + k is arm k of quad f."""
+"""Broad phase for gaps: pairs of arms that can come near each other in any design. Arm 4 f + k is arm k of quad f."""
 
 from __future__ import annotations
 
@@ -14,21 +14,22 @@ from ..curves.blends import lean_angles
 from ..curves.lines import ArmCurves
 from ..curves.spiral import mate_signs, opposite_sides, spokes
 
-# Kinds of pairs: two arms of one quad; an arm and the arms beside its mate, across the joint; all other arms of quads that
-# share an edge or a vertex
+# Kinds of pairs: two consecutive arms of a quad; an arm and the two arms beside its mate (the arm across the joint);
+# all other arms of quads that share an edge or a vertex
 SAME_QUAD, ACROSS, ROUND = range(3)
-# Largest t that counts on the first and on the second arm, for each kind. The slot beside an arm must be open over the outer
-# third (``slots.OPEN_SHARE``). On nine optimised designs gaps below twice the smallest slot lay at t up to 0.51 and 0.69 across joints, in uneven
-# quads, and up to 0.38 and 0.40 round a vertex; with a limit of 0.4 across joints slots of 0.17 mm were taken for 0.3.
+# Largest arm parameter t (0 at the joint, 1 at the centre) of the first and of the second arm at which gaps count, for
+# each kind. The slot beside an arm must be open over the outer third (``slots.OPEN_SHARE``). Larger values miss fewer
+# narrow gaps and take longer; with 0.4 across joints, slots of 0.17 mm were taken for 0.3 mm.
 DEPTHS = np.array([[1.0 / 3.0, 1.0], [0.7, 0.9], [0.8, 0.8]])
-# Twists of an arm and of its mate, as shares of the largest twist, at which the reach of arms is sampled. Apart from blends,
-# arms with less twist lie within the region that arms with the largest twist surround.
+# Twists of an arm and of its mate, as shares of the largest twist, at which the reach of arms is sampled. Apart from
+# blends, arms with less twist lie within the region that arms with the largest twist surround.
 _OWN, _MATES = (0.0, 0.5, 1.0), (0.0, 1.0)
-_REACH_T = np.linspace(0.0, 0.9, 25)  # t at which the reach is sampled
-_DIRECTIONS = 32  # number of directions in which the reach is sampled
+_REACH_T = np.linspace(0.0, 0.9, 25)  # arm parameters t at which the reach is sampled
+_DIRECTIONS = 32  # number of directions in which the reach is sampled; more exclude more pairs and take longer
 # angles between the normals of the separating lines that are tried and the line between the quads' centres, radians
 _NORMAL_ANGLES = np.array([-0.7, -0.35, 0.0, 0.35, 0.7])
-# safety margin of the reach, in the arm's radius: for shapes between the samples, and for moves of the flat points
+# safety margin of the reach, as a share of the arm's radius: covers shapes between the samples and moved flat points;
+# larger is safer and keeps more pairs
 _MARGIN = 0.1
 
 
@@ -38,7 +39,7 @@ class Pairs(Columns):
 
     one, two : numbers of both arms
     kind : SAME_QUAD, ACROSS or ROUND
-    turn, shift : map from the second arm's frame to the first's: a point q (metres, complex) becomes turn q + shift
+    turn, shift : map from the second arm's frame to the first arm's frame: point q (complex, metres) to turn q + shift
     laid : whether the quads are placed side by side across a cut, so that turn and shift depend on the flat corners
     """
 
@@ -50,21 +51,21 @@ class Pairs(Columns):
     laid: Bool[np.ndarray, " n"]
 
     def with_flat(self, flat: FlatPatches) -> Pairs:
-        """Return the pairs with turn and shift updated to moved flat points."""
+        """Return the pairs with turn and shift recomputed for moved flat points."""
         mate, side = opposite_sides(flat.layout.mesh)
         turn, shift = _align_sides(flat, self.one, (4 * mate + side).ravel()[self.one])
         return replace(self, turn=np.where(self.laid, turn, 1.0), shift=np.where(self.laid, shift, 0.0))
 
 
 def pairs_of(flat: FlatPatches, params: SpiralParams, near: float) -> Pairs:
-    """Return all pairs of arms that some design may bring nearer than ``near`` metres."""
+    """Return all pairs of arms that may come nearer than ``near`` metres in some design on these flat patches."""
     layout = flat.layout
     mate, side = opposite_sides(layout.mesh)
     count = len(mate)
     arm = np.arange(4 * count).reshape(count, 4)
     beyond = 4 * mate + side
     facing = arm[:, (np.arange(4) + (1 if params.clockwise else -1)) % 4]
-    # across joints, and across cuts with the quads placed side by side
+    # pairs across joints, and across cuts as if both quads were placed side by side
     inner = beyond != arm
     own = np.repeat(arm[inner], 2)
     there = np.repeat(beyond[inner], 2)
@@ -72,7 +73,7 @@ def pairs_of(flat: FlatPatches, params: SpiralParams, near: float) -> Pairs:
     cut = np.repeat(layout.outline_sides[inner], 2)
     turn, shift = _align_sides(flat, own, there)
     turn, shift = np.where(cut, turn, 1.0), np.where(cut, shift, 0.0)
-    # across cuts inside a patch also at their true places
+    # across cuts inside a patch, measure gaps also where the quads really lie
     inside = cut & (layout.patch_of[own // 4] == layout.patch_of[other // 4])
     first, second = _arms_around(flat)
     identity = np.ones(4 * count, dtype=complex), np.zeros(4 * count, dtype=complex), np.zeros(4 * count, dtype=bool)
@@ -92,7 +93,7 @@ def pairs_of(flat: FlatPatches, params: SpiralParams, near: float) -> Pairs:
 
 
 def _align_sides(flat: FlatPatches, own: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return turn and shift that place the sides ``there`` on the sides ``own``, in opposite direction."""
+    """Return turn and shift, as in ``Pairs``, that place the sides ``there`` on the sides ``own``, reversed."""
     z = flat.corners @ [1.0, 1j]
     ends = [(z[a // 4, a % 4], z[a // 4, (a + 1) % 4]) for a in (own, there)]
     (a, b), (c, d) = ends
@@ -102,7 +103,7 @@ def _align_sides(flat: FlatPatches, own: np.ndarray, there: np.ndarray) -> tuple
 
 
 def _arms_around(flat: FlatPatches) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Return the pairs of kind ROUND: arms of quads that share an edge or a vertex without a cut between them, once each."""
+    """Return the pairs of kind ROUND, each once: arms of quads that share an edge or a vertex, with no cut between."""
     layout = flat.layout
     mate, side = opposite_sides(layout.mesh)
     joined, count = ~layout.outline_sides, len(mate)
@@ -126,7 +127,7 @@ def _arms_around(flat: FlatPatches) -> tuple[Int[np.ndarray, " n"], Int[np.ndarr
 
 
 def _can_meet(flat: FlatPatches, params: SpiralParams, pairs: Pairs, near: float) -> Bool[np.ndarray, " n"]:
-    """Return whether two arms can come within ``near`` of each other: no line separates their regions in all designs."""
+    """Return whether arms can come within ``near`` metres of each other: no line separates their regions."""
     centre, radius, _ = spokes(flat.corners)
     extents, c = _extents(flat, params), np.repeat(centre @ np.array([1.0, 1j]), 4)
     between = pairs.turn * c[pairs.two] + pairs.shift - c[pairs.one]
@@ -144,7 +145,7 @@ def _can_meet(flat: FlatPatches, params: SpiralParams, pairs: Pairs, near: float
 
 
 def _extents(flat: FlatPatches, params: SpiralParams) -> Float[np.ndarray, "arms ways"]:
-    """Return how far an arm's centre line can reach from its quad's centre in any design, in evenly spaced directions, metres."""
+    """Return how far arms can reach from their quad's centre in any design, in evenly spaced directions, metres."""
     _, radius, angle = spokes(flat.corners)
     mate, side = opposite_sides(flat.layout.mesh)
     lean, sign = lean_angles(flat.corners, angle), mate_signs(flat.layout.mesh, params)

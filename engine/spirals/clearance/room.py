@@ -1,12 +1,12 @@
 """Clearances of a design as smooth functions of widths and twists, with exact derivatives.
 
-A design has gaps between neighbouring arms of a quad over their outer part, between an arm and the arms beside its mate, and
-between arms of quads that share an edge or a vertex. The inner edge of every blend must not fold, and the twist of every arm must
-stay within the range of the stiffness table. Each condition has a clearance (called room): 0 at the limit, negative beyond it
-(closed). A gap has clearance 1 at about twice its least width; the clearance of a twist is its distance from the limit in
-radians.
+A design has gaps between neighbouring arms of a quad over their outer part, between an arm and the arms beside its mate
+(the arm across the joint), and between arms of quads that share an edge or a vertex. The inner edge of every blend must
+not fold, and the twist of every arm must stay within the range of the stiffness table. Each condition has a clearance
+(also called room): 0 at the limit, negative beyond it (closed). A gap has clearance 1 at about twice its least width;
+the clearance of a twist is its distance from the limit in radians.
 
-    room = ClearanceModel.from_flat(flat, params)                 # once per flat patches; ``with_flat`` when their points move
+    room = ClearanceModel.from_flat(flat, params)                 # once; ``with_flat`` when the flat points move
     terms = room.terms(width, twist)                              # clearances below SUPPORT with their Jacobian
     room.quads_with_closed_gaps(trial_width, trial_twist, quads)  # quads whose steps must be shorter
 """
@@ -31,33 +31,31 @@ from .pairs import ROUND, SAME_QUAD, Pairs, pairs_of
 from .slots import min_slot_width, width_range
 from .table_range import twist_margin
 
-# clearance below which terms are computed, by default; larger values let steps foresee limits from farther away
+# clearance below which terms are computed by default; larger values let steps foresee limits earlier and take longer
 SUPPORT = 0.5
-# safety factor on the smallest slot, because gaps are measured at some points of the arms only
+# safety factor on the smallest slot, because gaps are measured at some points of the arms only; larger is safer and
+# leaves less room for twist
 _SAFETY = 1.015
-# relaxed requirement where even the thinnest straight arms are too close, as a share of their gap
+# relaxed requirement where even the thinnest straight arms are too close, as a share of their gap; larger is stricter
 _THIN = 0.95
-# Arms with a radius below this many slots at seams are short: the wider slot is required only beside them. Larger values leave
-# more room for connectors and less twist. Of 2,586 joints in designs of twelve surfaces, 106 of the 231 with a radius below
-# 6 mm had no room for a dovetail, but only 18 of all others. Slots of 1.2 mm beside short arms reduced both to 24 in all when
-# required across their joints, and to 0 of 166 joints (35 before) when required in their own quads too.
-# Slots at seams beside all arms made the match of a surface with three holes a third worse without benefit.
+# Largest radius of a short arm, as a multiple of the slot at seams; only beside short arms at seams is that wider slot
+# required. Larger values leave more room for connectors and less twist.
 _SHORT = 6.0
-# largest slot at seams, as a share of the gap between the thinnest straight arms, so that small quads can still have twist:
-# at 12 mm, for which the usual connectors are too large, twists are 4 % smaller with it
+# largest slot at seams, as a share of the gap between the thinnest straight arms; smaller values leave small quads more
+# twist and less room for connectors
 _AT_SEAMS = 0.5
-# least ratio of the inner edge's radius of curvature in a blend to the centre line's; larger values keep edges rounder
+# least radius of curvature of a blend's inner edge, as a share of the centre line's radius; larger keeps edges rounder
 _SHARPEST = 0.25
 
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """Clearances of a design below a threshold, with derivatives.
+    """All clearances of a design that lie below a threshold, with derivatives.
 
     value : (K,) clearances
     by_design : (K, 5 F) derivatives by the widths (metres, four per quad) and then by the twists (radians)
     by_flat : (K, 2 V) derivatives by the flat points (metres, x and y in turn), if requested
-    arms : (K, 4) arms whose widths and twists determine the clearance: first arm, its mate, second arm, its mate
+    arms : (K, 4) arms whose widths and twists determine the clearance: both arms, each followed by its mate
     """
 
     value: Float[np.ndarray, " k"]
@@ -68,13 +66,14 @@ class Terms:
 
 @dataclass(frozen=True, eq=False)
 class ClearanceModel:
-    """Clearance model: required gaps of all designs on given flat patches with given settings.
+    """Clearance model: the required gaps, common to all designs on given flat patches with given settings.
 
+    params : settings of the spirals
     pairs : pairs of arms that some design brings near each other
     shapes : geometry of the flat quads
     need : required gap of each pair, metres
-    sharpest : least ratio of the inner edge's radius of curvature in the blend to the centre line's, for every arm
-    joined : arms whose twist must stay within the range of the stiffness table
+    sharpest : required radius of curvature of each arm's inner edge in the blend, as a share of the centre line's
+    joined : mask of the arms whose twist must stay within the range of the stiffness table
     """
 
     params: SpiralParams
@@ -89,14 +88,14 @@ class ClearanceModel:
     def from_flat(cls, flat: FlatPatches, params: SpiralParams) -> ClearanceModel:
         """Find the pairs of arms that can come near each other in any design, and the gaps that they need.
 
-        In quads that are too small or too thin, where the thinnest straight arms have smaller gaps than required, those gaps
-        become the requirement; where even those arms touch, there is none. Beside short arms that meet across a cut, the
-        slot at seams is required, but at most half of the gap between the thinnest straight arms.
+        Where even the thinnest straight arms have smaller gaps than required, because quads are small or thin, 95 % of
+        their gaps are required; where these arms touch, nothing is required. Beside short arms that meet across a cut,
+        the slot at seams is required, but at most half of the gap between the thinnest straight arms.
 
         Parameters
         ----------
         flat : flat patches
-        params : range of widths and slots
+        params : settings of the spirals: width range, smallest slots
 
         Raises
         ------
@@ -127,12 +126,12 @@ class ClearanceModel:
 
     @property
     def by_gaps(self) -> ClearanceModel:
-        """The model without the limit on twists from the stiffness table."""
+        """The clearance model without the limit on twists from the stiffness table."""
         return replace(self, joined=np.zeros_like(self.joined))
 
     @property
     def slot(self) -> float:
-        """Change of a gap that changes its clearance by 1, metres: the smallest slot, at least a tenth of the thinnest arm."""
+        """Unit of clearances of gaps, metres: the smallest slot, but at least a tenth of the smallest arm width."""
         return max(min_slot_width(self.params), 0.1 * self.params.width_min)
 
     def terms(
@@ -150,10 +149,10 @@ class ClearanceModel:
         Parameters
         ----------
         width, twist : metres, radians
-        below : threshold
-        flat : compute derivatives by the flat points too
-        quads : only clearances that depend on these quads; default is all
-        least : only the narrowest place of every gap, as in ``gaps.narrow``
+        below : threshold on the clearance
+        flat : whether to compute derivatives by the flat points too
+        quads : mask of quads; compute only clearances that depend on them; default is all
+        least : compute only the narrowest place between every two arms, as in ``gaps.narrow``
         """
         lines = self._lines(width, twist)
         pairs, need, arms = self._about(quads)
@@ -186,12 +185,12 @@ class ClearanceModel:
         twist: Float[np.ndarray, " quads"],
         quads: Bool[np.ndarray, " quads"] | None = None,
     ) -> Bool[np.ndarray, " quads"]:
-        """Return a mask of the quads on which a closed clearance depends.
+        """Return a mask of the quads on whose spirals any closed clearance depends.
 
         Parameters
         ----------
         width, twist : metres, radians
-        quads : check only clearances that depend on these quads; default is all
+        quads : mask of quads; check only clearances that depend on them; default is all
         """
         lines, mate = self._lines(width, twist), self.shapes.mate
         pairs, need, arms = self._about(quads)
@@ -212,7 +211,7 @@ class ClearanceModel:
         twist: Float[np.ndarray, " quads"],
         below: float,
     ) -> tuple[Int[np.ndarray, "k 2"], Float[np.ndarray, " k"]]:
-        """Return both arms and the width of all gaps below ``below`` between arms of different quads of a panel, metres.
+        """Measure the narrow gaps between arms of different quads of the same panel.
 
         Parameters
         ----------
@@ -223,7 +222,8 @@ class ClearanceModel:
 
         Returns
         -------
-        Both arms of every gap, and its width, metres; negative where arms overlap
+        arms : (k, 2) both arms of every gap
+        width : (k,) width of every gap, metres; negative where arms overlap
         """
         pairs, shapes = pairs_of(flat, params, below), ArmGeometry.from_flat(flat, params)
         pairs = pairs.subset((pairs.kind != SAME_QUAD) & ~pairs.laid)
@@ -235,7 +235,7 @@ class ClearanceModel:
     def _twist_terms(
         self, width: np.ndarray, twist: np.ndarray, arms: Int[np.ndarray, " n"], below: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the arms whose twist is less than ``below`` radians under its limit, the difference, and its derivatives."""
+        """Return the arms whose twist is within ``below`` of its limit, the margin (radians), and its derivatives."""
         arms = arms[self.joined[arms]]
         spare, by_radius, by_width = twist_margin(self.shapes.radius[arms], width.ravel()[arms], twist[arms // 4])
         some = spare < below
@@ -245,7 +245,7 @@ class ClearanceModel:
         return arms[some], spare[some], by
 
     def _about(self, quads: np.ndarray | None) -> tuple[Pairs, np.ndarray, np.ndarray]:
-        """Return the pairs, their required gaps, and the arms whose shape depends on some of the quads."""
+        """Return pairs, required gaps and arms that depend on the spirals of a mask of quads; all of them for None."""
         arms = np.arange(len(self.shapes.mate))
         if quads is None:
             return self.pairs, self.need, arms
@@ -254,14 +254,14 @@ class ClearanceModel:
         return self.pairs.subset(near), self.need[near], arms[some]
 
     def _lines(self, width: np.ndarray, twist: np.ndarray) -> ArmCurves:
-        """Make the arms of a design."""
+        """Return the centre lines of all arms of a design, with blends."""
         wind, s = np.repeat((-1.0 if self.params.clockwise else 1.0) * twist, 4), self.shapes
         widths = np.stack([width.ravel(), width.ravel()[s.mate]], axis=1)
         winds, leans = (np.stack([x, s.sign * x[s.mate]], axis=1) for x in (wind, s.lean))
         return ArmCurves.from_arms(s.centre, s.radius, s.angle, (widths, winds, leans), self.params.blend)
 
     def _by_design(self, four: np.ndarray, one: np.ndarray, two: np.ndarray) -> csr_array:
-        """Turn derivatives by the parameters of both arms into derivatives (K, 5 F) by the design; ``four`` as ``Terms.arms``."""
+        """Turn derivatives by both arms' parameters into derivatives by the design; ``four`` as ``Terms.arms``."""
         sign, arms = -1.0 if self.params.clockwise else 1.0, len(self.shapes.mate)
         columns = np.concatenate([four, arms + four // 4], axis=1)
         widths = [by[:, k] for by in (one, two) for k in (OWN_WIDTH, MATE_WIDTH)]

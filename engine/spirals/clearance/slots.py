@@ -1,8 +1,9 @@
 """Slots between the arms: their width, and the largest twist that leaves them open for the cutter.
 
-Width, twist and size of a spiral are coupled (FlexMaps section 5): at the radius r, the centre lines of consecutive arms of
-a regular spiral of diameter s have the perpendicular distance (pi / 4) s / sqrt(twist^2 + (s / 2r)^2). The gap must be at
-least the smallest slot over the outer third of every arm, so that a slot exists and has room for its root.
+Width, twist and size of a spiral are coupled (FlexMaps section 5): at the radius r, the centre lines of consecutive
+arms of a regular spiral of diameter s have the perpendicular distance (pi / 4) s / sqrt(twist^2 + (s / 2r)^2). The gap
+must be at least the smallest slot over the outer third of every arm, so that a slot exists and has room for its root,
+the fillet at its inner end.
 """
 
 from __future__ import annotations
@@ -30,18 +31,20 @@ from ..curves.spiral import (
     width_at,
 )
 
-# share of every arm, from its tip, over which the slot beside it must be open; with more twist, slots of thick spirals close
-# from the hub, and at about this share the free length of the arms is greatest
+# share of every arm, from its tip, over which the slot beside it must be open. With more twist, slots of thick spirals
+# close from the hub outwards; a larger share allows less twist; at about 1/3 the free length of the arms is greatest
 OPEN_SHARE = 1.0 / 3.0
-PARALLEL_COSINE = 0.3  # least cosine of the angle between two edges that bound a slot
-# least arm width in quads without room for the smallest width, as a share of it; quads with even less room get a solid hub
+# least cosine of the angle between two edges that bound a slot; a larger value ignores more of a slot's open end
+PARALLEL_COSINE = 0.3
+# least arm width in quads that have no room for the smallest width, as a share of that width; larger values give solid
+# hubs to more quads
 MIN_WIDTH_SHARE = 0.5
-# arm width at a solid hub, as a share of the smallest width; it differs from ``MIN_WIDTH_SHARE`` by more than single precision
+# stored arm width at a solid hub, as a share of the smallest width; below ``MIN_WIDTH_SHARE`` even in single precision
 SOLID_WIDTH_SHARE = 0.48
-# places on the outer part of an arm where its gap is measured for the largest twist, with a parabola between them; more are slower.
-# On five surfaces of 7,722 quads, with eight sets of widths, 18 places give the same twists as these 6
+# number of places on the outer part of an arm where gaps are measured for the largest twist; a parabola interpolates
+# between them, so that more places are only slower
 GAP_PLACES = 6
-NO_NEIGHBOUR = 1.0  # gap that stands for "no neighbour", metres
+NO_NEIGHBOUR = 1.0  # value that stands for the width of a slot without a neighbouring arm, metres; larger than any slot
 
 
 def twist_limit(scale: np.ndarray, width: np.ndarray, slot: float, depth: float = 0.0) -> np.ndarray:
@@ -49,13 +52,13 @@ def twist_limit(scale: np.ndarray, width: np.ndarray, slot: float, depth: float 
 
     Parameters
     ----------
-    scale, width : diameter of the spiral and width of its arms, metres, of any broadcasting shapes
-    slot : metres
+    scale, width : diameter of the spiral and width of its arms, metres; the shapes broadcast
+    slot : least width of the slots, metres
     depth : share of the arms, from the tip, over which slots must be that wide
 
     Returns
     -------
-    radians; 0 where even straight arms leave too little
+    largest twist, radians; 0 where even straight arms leave too little room
     """
     pitch = 0.25 * math.pi * np.asarray(scale, dtype=float) / (np.asarray(width, dtype=float) + slot)
     return np.sqrt(np.maximum(pitch**2 - 1.0 / (1.0 - depth) ** 2, 0.0))
@@ -71,7 +74,7 @@ def width_range(
 ) -> tuple[Float[np.ndarray, " quads"], Float[np.ndarray, " quads"]]:
     """Return the smallest and the largest arm width (F,) of every quad, metres.
 
-    In quads without room for a spiral both are the width of a solid hub.
+    In quads without room for a spiral, smallest and largest width are the width that marks a solid hub.
 
     Parameters
     ----------
@@ -106,11 +109,14 @@ def too_small(flat: FlatPatches, params: SpiralParams, quads: Int[np.ndarray, " 
 
 
 def _facing_gap(outer: Arms, inner: Arms, step: int) -> Float[np.ndarray, "quads k"]:
-    """Return the narrowest gap in metres between the outer parts of arms and the facing arms, ``step`` sides before them."""
+    """Return the narrowest gap between the outer parts of arms and the facing arms, metres.
+
+    step : 1 if the facing arm comes before the outer arm in counter-clockwise order, -1 if it comes after
+    """
     opening = (step * (outer.angle - inner.angle))[..., None] % (2.0 * math.pi)
     t = np.broadcast_to(np.linspace(0.0, OPEN_SHARE, GAP_PLACES), (*outer.radius.shape, GAP_PLACES))
     p = centre_line(outer, t)[0]
-    # the facing arm's parameter at the same angle; the nearest point is close to it
+    # parameter of the facing arm's point at the same polar angle, which is close to the nearest point
     level = t + opening / np.maximum(np.abs(outer.wind), 1e-9)[:, None, None]
     s = np.clip(level, 0.0, 1.0)
     for _ in range(4):
@@ -141,7 +147,7 @@ def twist_bound(
     progress: Progress = SILENT,
     most: Float[np.ndarray, " quads"] | None = None,
 ) -> Float[np.ndarray, " quads"]:
-    """Return the largest twist in radians that leaves slots in the real quads, by bisection.
+    """Return the largest twist (radians) that leaves slots open in the actual, irregular quads, by bisection.
 
     The spirals have no blends, so that the bound of a quad does not depend on its neighbours.
 
@@ -149,7 +155,7 @@ def twist_bound(
     ----------
     flat : flat patches
     params : slots, fillets and largest twist
-    width : metres
+    width : (F, 4) widths of the arms, metres
     progress : called with the fraction done; may cancel
     most : (F,) upper limit in radians; default is ``params.twist_max``
     """
@@ -207,23 +213,23 @@ def min_slot_and_bridge(
     fillet: float,
     absent: Bool[np.ndarray, "quads 4"] | None = None,
 ) -> tuple[float, float]:
-    """Return the widths of the narrowest slot and of the narrowest piece of material in metres, between the arms' true edges.
+    """Return the widths of the narrowest slot and of the narrowest piece of material between edges of arms, metres.
 
     Parameters
     ----------
-    arms : of all quads
-    left, right : t where the left edge of arm k and the right edge of arm k + 1 end, at the root of slot k
-    fillet : radius at the roots, metres; a slot is there as wide as the fillet's diameter
-    absent : arms that are not cut
+    arms : arms of all quads
+    left, right : arm parameters t where the left edge of arm k and the right edge of arm k + 1 end, at slot k's root
+    fillet : radius at the roots, metres; at its root a slot is as wide as the fillet's diameter
+    absent : mask of the arms that are not cut
     """
     absent = np.zeros(left.shape, dtype=bool) if absent is None else absent
-    # width of the arms themselves, up to the hub
+    # width of the arms, from their left to their right edge, up to the hub
     t = np.linspace(0.0, 0.9, 24) * np.minimum(left, np.roll(right, 1, axis=1))[..., None]
     bridge = _apart(arms, LEFT, t, arms, RIGHT, t, np.full((*left.shape, 1), 0.9999))[0]
     bridge = np.where(absent[..., None], NO_NEIGHBOUR, bridge).min()
     # a slot without fillet ends in a point: measure its outer half only
     apart, lean = slot_widths(arms, left, right, np.linspace(0.0, 0.97 if fillet > 0.0 else 0.5, 32))[:2]
-    # edges at a wide angle bound no slot
+    # edges that enclose a wide angle do not bound a slot
     slot = float(np.where((lean > PARALLEL_COSINE) & ~beside_absent(absent)[..., None], apart, NO_NEIGHBOUR).min())
     return (min(slot, 2.0 * fillet) if fillet > 0.0 else slot), float(bridge)
 
@@ -240,15 +246,15 @@ def slot_widths(
 
     Parameters
     ----------
-    arms : of all quads
-    left, right : t where the edges of slot k end, on arm k and on arm k + 1
+    arms : arms of all quads
+    left, right : arm parameters t where the edges of slot k end, on arm k and on arm k + 1
     share : (N,) places of the points, 0 at the slot's mouth, 1 at its root
 
     Returns
     -------
     width : (F, 4, N) diameter of the circle between the edges that touches the outer arm there, metres
     lean : (F, 4, N) cosine of the angle between both edges, negative in the open corner of two arms
-    outer, inner : (F, 4, N) t on the outer and on the inner arm
+    outer, inner : (F, 4, N) arm parameters t of the facing points on the outer and on the inner arm
     """
     step = 1 if is_clockwise(arms) else -1
     other = _roll(arms, -1)
@@ -267,9 +273,10 @@ def slot_widths(
 def _apart(
     one: Arms, side: float, t: np.ndarray, two: Arms, other: float, s: np.ndarray, end: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Find the points of the other edge, near s and up to ``end``, that are nearest to edge points at t.
+    """Find the points of another edge, near s and up to ``end``, that are nearest to the points of an edge at t.
 
-    Return the distance, the cosine of the angle between the inward directions of both edges, and the nearest points' parameter.
+    Return the distance (metres), the cosine of the angle between the inward directions of both edges, and the parameter
+    of the nearest points.
     """
     p, dp = edge_points(one, t, side)
     for _ in range(6):

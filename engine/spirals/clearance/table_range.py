@@ -1,4 +1,4 @@
-"""Range of the stiffness table: it bounds the twist of every design, as the slots do."""
+"""Range of the stiffness table, which limits the twist of every design, as open slots do."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ...arrays import Float
 SCALE_RANGE = (5.0, 50.0)  # range of s/w (spiral diameter over arm width) in the table
 SLOT_SHARE = 0.14  # slot width over arm width at the largest twist in the table
 TWIST_CAP = math.radians(600.0)  # largest twist in the table at any s/w, radians
-CAP_POWER = 8  # sharpness of the transition to the cap; larger is sharper; by eye
+CAP_POWER = 8  # sharpness of the transition from the slot's limit to ``TWIST_CAP``; larger is sharper; chosen by eye
 
 
 def table_twist_limit(ratio: np.ndarray | float) -> np.ndarray:
@@ -19,7 +19,7 @@ def table_twist_limit(ratio: np.ndarray | float) -> np.ndarray:
 
     At the limit the slot, (pi/4) s / sqrt(1 + twist^2) - w, is 0.14 arm widths wide.
     """
-    # at larger ratios only the cap matters
+    # at larger ratios only TWIST_CAP matters; the bound avoids overflow
     return table_limit_and_slope(np.minimum(np.asarray(ratio, dtype=float), 1e6))[0]
 
 

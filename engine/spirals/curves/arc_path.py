@@ -1,4 +1,4 @@
-"""Curves of arcs, built point by point."""
+"""Curves of straight segments and circular arcs, built point by point."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 class ArcPath:
-    """Builder of a curve of arcs; consecutive equal points are merged."""
+    """Builder of a curve of straight segments and arcs from complex points; consecutive equal points are merged."""
 
     def __init__(self, start: complex):
         self.points, self.bulges = [complex(start)], [0.0]
@@ -16,7 +16,7 @@ class ArcPath:
 
         Parameters
         ----------
-        place : end of the segment
+        place : end of the segment, as a complex number
         bulge : tangent of a quarter of the arc's angle, positive where it turns left; 0 for a straight segment
         """
         if abs(place - self.points[-1]) < 1e-9:

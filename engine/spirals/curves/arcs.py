@@ -1,7 +1,7 @@
 """Curves made of circular arcs: length, area and points of such curves, and fits of smooth curves by biarcs.
 
-A curve is a polyline with a bulge per segment, the tangent of a quarter of the arc's angle, positive when the arc turns
-left and 0 for a straight segment. DXF takes such curves as they are.
+A curve is a polyline with a bulge for every segment: the tangent of a quarter of the arc's angle, positive if the arc
+turns left and 0 for a straight segment, as in DXF files.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from ...progress import SILENT, Progress
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """One curve of arcs.
+    """A curve of straight segments and arcs.
 
     points : metres
-    bulge : of the segment from point i to point i + 1; the last bulge belongs to the closing segment, unused if open
+    bulge : bulge of the segment from point i to point i + 1; the last bulge closes the curve (unused if it is open)
     closed : whether the curve returns to its first point
     """
 
@@ -39,7 +39,7 @@ class Curve:
         """Length along the arcs, metres."""
         a, b, bulge = self._segments()
         chord, quarter = np.linalg.norm(b - a, axis=1), np.arctan(np.abs(bulge))
-        # arc = chord * half-angle / sin(half-angle)
+        # length of an arc = chord * half-angle / sin(half-angle)
         half = 2.0 * quarter
         return float((chord * np.where(half > 1e-9, half / np.maximum(np.sin(half), 1e-300), 1.0)).sum())
 
@@ -71,7 +71,7 @@ class Curve:
         return Curve(self.points[::-1], np.roll(bulge, -1), self.closed)
 
     def sampled(self, tolerance: float = 1e-5) -> Float[np.ndarray, "m 2"]:
-        """Return points on the curve whose chords deviate from the arcs by at most ``tolerance``; all in metres."""
+        """Return points on the curve (metres) whose chords deviate from the arcs by at most ``tolerance`` metres."""
         points = along_arcs(*self._segments(), tolerance)[0]
         return points if self.closed else np.concatenate([points, self.points[-1:]])
 
@@ -111,7 +111,7 @@ def arc_points(
     ----------
     a, b : (N, 2) start and end of every arc, metres
     bulge : (N,) as in ``Curve``
-    share : (N, M) 0 at the start, 1 at the end
+    share : (N, M) shares of the arc's angle, 0 at the start, 1 at the end
 
     Returns
     -------
@@ -130,9 +130,9 @@ def arc_points(
 
 
 def biarcs(points: np.ndarray, tangents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Interpolate points and tangents of C curves by two arcs per span; consecutive arcs share their tangent.
+    """Interpolate points and tangents of C curves by two arcs between successive points; arcs meet with equal tangents.
 
-    The two arcs of a span meet where both tangent lengths are equal (Bolton 1975).
+    The two arcs of such a span meet where both tangent lengths are equal (Bolton 1975).
 
     Parameters
     ----------
@@ -141,8 +141,8 @@ def biarcs(points: np.ndarray, tangents: np.ndarray) -> tuple[np.ndarray, np.nda
 
     Returns
     -------
-    nodes : (C, 2K, 2) ends of the arcs, without every curve's last point
-    bulges : (C, 2K)
+    nodes : (C, 2K, 2) starts of all arcs; the last point of every curve is left out
+    bulges : (C, 2K) bulges of the arcs, as in ``Curve``
     """
     tangents = tangents / np.sqrt(dot(tangents, tangents))[..., None]
     p0, p1, t0, t1 = points[:, :-1], points[:, 1:], tangents[:, :-1], tangents[:, 1:]
@@ -158,18 +158,18 @@ def biarcs(points: np.ndarray, tangents: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _bulge(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the bulge of an arc whose tangent and chord have the directions ``a`` and ``b``, or the other way round."""
+    """Return the bulge of an arc with start tangent ``a`` and chord ``b``, or chord ``a`` and end tangent ``b``."""
     angle = np.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], dot(a, b))
     return np.tan(0.5 * angle)
 
 
 @dataclass(frozen=True, eq=False)
 class FittedArcs:
-    """Many open curves of arcs in joint arrays; the last point of every curve is left out.
+    """Many open curves of arcs, concatenated; the last point of every curve is left out.
 
     points : metres
-    bulge : as in ``Curve``
-    start : index of every curve's first point, and the number of points
+    bulge : bulge of the arc that begins at each point, as in ``Curve``
+    start : index of every curve's first point; then the number of all points
     """
 
     points: Float[np.ndarray, "n 2"]
@@ -177,12 +177,12 @@ class FittedArcs:
     start: Int[np.ndarray, " starts"]
 
     def replace_curves(self, which: Int[np.ndarray, " k"], other: FittedArcs) -> FittedArcs:
-        """Replace some curves.
+        """Return the curves with some of them replaced.
 
         Parameters
         ----------
         which : indices of the curves to replace
-        other : as many curves
+        other : the new curves, in the order of ``which``
         """
         sizes = np.diff(self.start)
         rest = np.setdiff1d(np.arange(len(sizes)), which)
@@ -198,22 +198,22 @@ class FittedArcs:
 
 
 Evaluate = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-SPANS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 48, 64)  # numbers of biarcs to try for a curve
+SPANS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 48, 64)  # numbers of biarcs that are tried for a curve
 
 
-BATCH = 1500  # curves to fit at once, a quarter of a second of work; larger batches need more than 40 MB
+BATCH = 1500  # number of curves fitted at once (0.25 s, 40 MB); larger batches need more memory and delay a cancel
 
 
 def fit_biarcs(
     evaluate: Evaluate, ends: Float[np.ndarray, "curves 2"], tolerance: float, progress: Progress = SILENT
 ) -> FittedArcs:
-    """Fit C curves by as few biarcs as possible; spans are chosen so that all deviate equally.
+    """Fit C curves by as few biarcs as possible, each over a span of the curve; all spans deviate about equally.
 
     Parameters
     ----------
     evaluate : function of curve indices (C',) and parameters (C', M); returns points and derivatives, each (C', M, 2)
     ends : (C, 2) parameters of the first and last point of every curve
-    tolerance : largest distance of the arcs from the curves, metres; exceeded if the largest number of ``SPANS`` does not suffice
+    tolerance : largest distance of the arcs from the curves, metres; exceeded where the most ``SPANS`` do not suffice
     progress : called with the fraction done; may cancel
     """
     parts = []
@@ -232,7 +232,7 @@ def fit_biarcs(
 
 
 def _fit_batch(evaluate: Evaluate, ends: np.ndarray, tolerance: float) -> FittedArcs:
-    """Fit curves with rising numbers of spans, until every curve is within the tolerance."""
+    """Fit curves by increasing numbers of biarcs, until all are within the tolerance or ``SPANS`` are exhausted."""
     count = len(ends)
     even = np.linspace(0.0, 1.0, 49)
     sizes = np.zeros(count, dtype=np.int64)
@@ -246,7 +246,7 @@ def _fit_batch(evaluate: Evaluate, ends: np.ndarray, tolerance: float) -> Fitted
         now = open_ if spans == SPANS[-1] else open_[need[open_] <= spans]
         if not len(now):
             continue
-        # spans meet at every sixth point; at the points between, the arcs are compared with the curve
+        # spans meet at every sixth point; at the five points between, the arcs are compared with the curve
         marks = _inverse(weight[now], np.linspace(0.0, 1.0, 6 * spans + 1))
         p, d = evaluate(now, ends[now, :1] + marks * (ends[now, 1:] - ends[now, :1]))
         d = d[:, ::6] * np.sign(ends[now, 1] - ends[now, 0])[:, None, None]
@@ -255,7 +255,7 @@ def _fit_batch(evaluate: Evaluate, ends: np.ndarray, tolerance: float) -> Fitted
         good = (deviation <= tolerance) | (spans == SPANS[-1])
         fits.append((now[good], nodes[good], bulge[good]))
         sizes[now[good]] = 2 * spans
-        # the deviation falls with the third power of the spans; skip numbers that would leave ten times the tolerance
+        # deviations fall with the cube of the number of spans: skip numbers that would leave ten times the tolerance
         need[now[~good]] = spans * np.cbrt(deviation[~good] / (10.0 * tolerance))
         open_ = np.setdiff1d(open_, now[good], assume_unique=True)
     start = np.concatenate([[0], np.cumsum(sizes)])
@@ -267,10 +267,10 @@ def _fit_batch(evaluate: Evaluate, ends: np.ndarray, tolerance: float) -> Fitted
 
 
 def _fitting_effort(samples: np.ndarray, tangents: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the cumulative fitting effort up to every sample (C, M), from 0 to 1, and a guess (C,) of the spans needed.
+    """Return the cumulative fitting effort up to every sample (C, M), from 0 to 1, and the estimated spans needed (C,).
 
-    A biarc deviates from a curve by about |d curvature / ds| length^3 / 324, so the density of spans is the cube root of
-    |d curvature / ds|.
+    A biarc deviates from a curve by about |d curvature / ds| length^3 / 324 (s: arc length), so spans should be as
+    dense as the cube root of |d curvature / ds|.
     """
     move = np.diff(samples, axis=1)
     step = np.sqrt(dot(move, move))
@@ -281,7 +281,7 @@ def _fitting_effort(samples: np.ndarray, tangents: np.ndarray, tolerance: float)
     change = np.maximum(change, np.roll(change, 1, axis=1) * 0.5)
     effort = np.cbrt(change) * step
     whole = effort.sum(axis=1, keepdims=True)
-    # a small constant part keeps the places of the spans distinct on straight parts, which need no effort
+    # a small constant part keeps the ends of spans distinct on straight parts, which have no effort of their own
     effort = effort + (0.05 * whole + 1e-9) * step / np.maximum(step.sum(axis=1, keepdims=True), 1e-15)
     total = np.concatenate([np.zeros((len(step), 1)), np.cumsum(effort, axis=1)], axis=1)
     need = np.floor(0.8 * whole[:, 0] / np.cbrt(324.0 * tolerance))
@@ -291,9 +291,9 @@ def _fitting_effort(samples: np.ndarray, tangents: np.ndarray, tolerance: float)
 def _inverse(
     weight: Float[np.ndarray, "curves m"], levels: Float[np.ndarray, " loops"]
 ) -> Float[np.ndarray, "curves loops"]:
-    """Return where every ascending row of ``weight``, sampled evenly over [0, 1], reaches the ``levels``."""
+    """Return the places in [0, 1] where each row of ``weight``, ascending and evenly sampled, reaches ``levels``."""
     count, cells = len(weight), weight.shape[1] - 1
-    # offsets make all rows one ascending sequence, so that a single search suffices
+    # add an offset to every row, so that all rows form one ascending sequence and a single search suffices
     row = 2.0 * np.arange(count)[:, None]
     place = np.searchsorted((weight + row).ravel(), (levels + row).ravel()).reshape(count, -1)
     cell = np.clip(place - 1 - np.arange(count)[:, None] * weight.shape[1], 0, cells - 1)
@@ -304,10 +304,10 @@ def _inverse(
 def _largest_deviation(
     nodes: np.ndarray, last: np.ndarray, bulge: np.ndarray, true: np.ndarray, spans: int
 ) -> Float[np.ndarray, " curves"]:
-    """Return the largest distance (C,) of the true points (C, 6 spans + 1, 2) from the arcs, metres."""
+    """Return the largest distance (C,) of the curves' points ``true`` (C, 6 spans + 1, 2) from the arcs, metres."""
     ends = np.concatenate([nodes, last[:, None]], axis=1)
     shape = (len(nodes), spans, 2, 1)
-    # points of a span are compared with both of its arcs; the nearer one counts
+    # points of a span are compared with both of its arcs; the nearer arc counts
     within = [true[:, i : i + 6 * spans - 5 : 6] for i in range(1, 6)]
     px, py = (np.stack([p[..., i] for p in within], axis=-1)[:, :, None] for i in range(2))  # (C, spans, 1, 5)
     (ax, ay), (cx, cy) = ((x[..., 0].reshape(shape), x[..., 1].reshape(shape)) for x in (nodes, np.diff(ends, axis=1)))
@@ -319,7 +319,7 @@ def _largest_deviation(
 
 
 def _circle_distance(x: np.ndarray, y: np.ndarray, half: np.ndarray, sag: np.ndarray) -> np.ndarray:
-    """Return the distance of (x, y) from the circle through (-half, 0), (0, -sag), (half, 0); sag 0 is a straight line."""
+    """Return the distance of (x, y) from the circle through (-half, 0), (0, -sag), (half, 0); sag 0 means a line."""
     # |power of the point| / (r + distance to the centre), with both parts multiplied by 2 sag, so that sag may be 0
     double, rest = 2.0 * sag, half * half - sag * sag
     power = (x * x + y * y - half * half) * double - 2.0 * y * rest

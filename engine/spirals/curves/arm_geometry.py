@@ -23,9 +23,9 @@ class ArmGeometry:
     radius, angle : length (metres) and direction (radians) from the centre to the joint
     lean : angle from the side's outward normal to that direction, radians
     mate : arm across the joint; at the border the arm itself
-    sign : factor on the mate's wind and lean, see ``spiral.mate_signs``
-    corner : (A, 4) flat points of the quad, from the start of the arm's side on
-    corners : (A, 4) their positions, metres
+    sign : factor on the mate's wind (signed twist) and lean, see ``spiral.mate_signs``
+    corner : (A, 4) flat points of the quad, beginning at the start of the arm's side
+    corners : (A, 4) positions of these points, metres
     points : number of flat points
     """
 
@@ -69,14 +69,14 @@ class ArmGeometry:
 
         Parameters
         ----------
-        arm : (K,) arm of every row
-        by : (K, COUNT) derivatives of K quantities, in the columns of ``lines``
+        arm : (K,) arm on whose parameters each quantity depends
+        by : (K, N_ARM_PARAMETERS) derivatives of K quantities, in the columns defined in ``lines`` and ``blends``
 
         Returns
         -------
         (K, 2 V) derivatives, x and y of every flat point in turn
         """
-        # a change dz of the corners changes a quantity by the real part of conj(g) dz
+        # g, h: complex gradients by corners; moving a corner by dz changes the quantity by the real part of conj(g) dz
         spoke = np.exp(1j * self.angle[arm])
         weights = np.array([0.25, 0.25, -0.25, -0.25])
         radial, across = spoke[:, None] * weights, (1j * spoke / self.radius[arm])[:, None] * weights
@@ -93,20 +93,20 @@ class ArmGeometry:
     def by_sides(
         self, row: np.ndarray, count: int, own: np.ndarray, there: np.ndarray, way: np.ndarray, place: np.ndarray
     ) -> csr_array:
-        """Return derivatives by the flat points for gaps across cuts, where one quad is placed beside the other.
+        """Return the part of gaps' derivatives by flat points that comes from placing one quad beside another at a cut.
 
-        Moving a corner of the cut's two sides moves the second quad's arms in the frame of the first quad.
+        Moving an end of either side of the cut moves the second quad's arms in the frame of the first quad.
 
         Parameters
         ----------
         row, count : (K,) row of every gap in the result, and the number of rows
         own, there : (K,) arms on both sides of the cut; the side of ``there`` is placed on the side of ``own``
-        way : (K,) derivatives of the gaps by points on the second arm
-        place : (K,) these points, in the first quad's frame
+        way : (K,) derivatives of the gaps by points on the second arm, complex
+        place : (K,) these points, in the first quad's frame, complex, metres
 
         Returns
         -------
-        (count, 2 V) derivatives
+        (count, 2 V) derivatives, x and y of every flat point in turn
         """
         middle = 0.5 * (self.corners[own, 0] + self.corners[own, 1])
         # place = middle + turn (q - middle of ``there``); the rotation turn depends on the directions of both sides
@@ -125,7 +125,7 @@ class ArmGeometry:
         return np.stack([-across, across], axis=1)
 
     def _rows(self, row: np.ndarray, count: int, points: np.ndarray, g: np.ndarray) -> csr_array:
-        """Make a matrix (count, 2 V) from complex derivatives g by flat points."""
+        """Make a matrix (count, 2 V) from complex gradients ``g`` by the flat points ``points``."""
         columns = np.stack([2 * points, 2 * points + 1], axis=-1)
         data = np.stack([g.real, g.imag], axis=-1)
         rows = np.broadcast_to(row[:, None, None], columns.shape)

@@ -1,11 +1,11 @@
-"""Blends: near their joint, both arms turn to one direction and one width, in closed form.
+"""Blends: near a joint, both of its arms turn to a common direction and width, in closed form.
 
-In the complex plane an arm's centre line leaves its joint with the slope -R e^(iA) (1 - i phi), where R is its radius, A
-the angle of its spoke (the line from the quad's centre to the joint) and phi its signed twist. Seen from the shared edge,
-with the outward normal as the real axis, its outward tangent per unit of radius is z = (1 - i phi) e^(i beta), where beta,
-the lean, is the angle from the outward normal to the spoke. Both arms turn to the direction c of the sum of both z, each in
-the frame of its own side. So the mean of the twists counts, and the strongly wound arm hardly bends. To turn an arm to c,
-the blend adds to its slope
+In the complex plane an arm's centre line leaves its joint with the slope -R e^(iA) (1 - i phi), where R is its radius,
+A the angle of its spoke (the line from the quad's centre to the joint) and phi its signed twist (wind). In the frame of
+the shared edge, with the outward normal as the real axis, its outward tangent per unit of radius is
+z = (1 - i phi) e^(i beta), where beta, the lean, is the angle from the outward normal to the spoke. Both arms turn to
+the direction c of the sum of both z, each in the frame of its own side. So the mean of the twists counts, and a
+strongly wound arm hardly bends. To turn an arm to c, the blend adds to the slope of its centre line
 
     slope = R e^(iA) ((1 - i phi) - |1 - i phi| e^(-i beta) c).
 
@@ -23,18 +23,17 @@ from ...arrays import Complex, Float
 
 # Columns of the derivatives with respect to a joint's parameters. The mate's radius does not affect an arm's blend.
 OWN_WIDTH, MATE_WIDTH, OWN_WIND, MATE_WIND, RADIUS, ANGLE, OWN_LEAN, MATE_LEAN = range(8)
-N_BLEND_PARAMETERS = 8  # number of these columns
+N_BLEND_PARAMETERS = 8  # number of columns above
 
-# sine of the smallest angle between an arm and the edge that it crosses; larger values bend wound arms more
+# sine of the smallest angle between an arm and the edge that it crosses; larger values bend strongly wound arms more
 _CROSSING_MIN = 0.1
-# half width, as a sine, of the smooth transition to _CROSSING_MIN; at 0.1 + 0.05, equal squares have a twist of 6.6
+# half width, as a sine, of the smooth transition to ``_CROSSING_MIN``; larger is smoother and bends more arms
 _CROSSING_SOFT = 0.05
-# least ratio of the inner edge's radius of curvature to the centre line's, from the blend alone; larger values lengthen blends.
-# With the arm's own curvature, the ratio is above 0.6 in 9 of 10 random arms of 19 surfaces, and above 0.43 in 99 of 100, as
-# with blends that were lengthened step by step.
+# least radius of curvature of a blend's inner edge, as a share of the centre line's, from the blend alone; larger
+# values lengthen blends. With the arm's own curvature, 99 of 100 random arms have a share above 0.43.
 _INNER_RADIUS = 0.7
-_BLEND_MAX = 0.7  # longest blend, as a share of the arm; the rest stays a spiral
-# half width of the smooth transition from the shortest blend to longer ones, as a share of the shortest blend's length
+_BLEND_MAX = 0.7  # longest blend, as a share of the arm; larger values leave less of the arm a pure spiral
+# half width of the smooth transition from the shortest blend to longer blends, as a share of the shortest length
 _BLEND_SOFT = 0.3
 _TOP_SOFT = 0.1  # half width of the smooth transition to the longest blend, as a share of the arm
 # largest curvature of the blending quintic, times 1 - h, per square root of h, where h is the squared sine of half the
@@ -46,10 +45,10 @@ _BEND = 7.88
 class Blends:
     """Blends of N arms, with derivatives.
 
-    slope : added to the derivative of the centre line with respect to t at the joint, metres, complex
-    width : at the joint, metres
-    share : length of the blend, in t
-    slope_by, width_by, share_by : derivatives with respect to the joint's parameters, in the columns above
+    slope : vector added to the derivative of the centre line with respect to t at the joint, metres, complex
+    width : width at the joint, metres
+    share : length of the blend, in t (0 at the joint, 1 at the quad's centre)
+    slope_by, width_by, share_by : derivatives with respect to the joint's parameters (columns ``OWN_WIDTH`` and on)
     """
 
     slope: Complex[np.ndarray, "*n"]
@@ -106,7 +105,7 @@ def blend_joints(
     total_by = np.concatenate([-1j * turned, 1j * both], axis=-1)
     length_by = wind / length
     scale_by = np.concatenate([length_by, np.zeros_like(length_by)], axis=-1)
-    # keep the common direction away from the edge's own direction
+    # keep the common direction away from the direction of the shared edge
     mean = total / scale
     mean_by = (total_by - mean[..., None] * scale_by) / scale[..., None]
     over, slope = smooth_positive(mean.real - _CROSSING_MIN, _CROSSING_SOFT)
@@ -136,7 +135,7 @@ def _blend_shares(
     turn: np.ndarray, turn_by: np.ndarray, length: np.ndarray, length_by: np.ndarray, joint: np.ndarray,
     radius: np.ndarray, shortest: float,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return the lengths of the blends, in t, that keep the inner edges' radius of curvature, and their derivatives."""
+    """Return the lengths of the blends, in t, and their derivatives: long enough to keep inner edges round."""
     h = 0.25 * np.abs(turn) ** 2 / length**2
     h_by = 0.5 * (turn_by * np.conj(turn)[..., None]).real / (length**2)[..., None]
     h_by[..., 0] -= 2.0 * h * length_by / length

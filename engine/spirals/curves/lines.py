@@ -11,9 +11,9 @@ from . import law
 from .blends import ANGLE, N_BLEND_PARAMETERS, OWN_WIDTH, OWN_WIND, RADIUS, Blends, blend_joints
 from .spiral import arm_widths, curve_points
 
-# Columns of the derivatives with respect to an arm's parameters: the columns of ``blend_joints``, then the quad's centre.
+# Columns of the derivatives with respect to an arm's parameters: the columns of ``blends``, then the quad's centre.
 CENTRE_X, CENTRE_Y = N_BLEND_PARAMETERS, N_BLEND_PARAMETERS + 1
-N_ARM_PARAMETERS = N_BLEND_PARAMETERS + 2  # number of these columns
+N_ARM_PARAMETERS = N_BLEND_PARAMETERS + 2  # number of all columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,8 +22,8 @@ class ArmCurves:
 
     centre : centre of the quad, metres, complex
     radius, angle : length (metres) and direction (radians) from the centre to the joint
-    wind : radians, twist with the sign of the sense of rotation
-    width : metres, away from the joint
+    wind : twist with the sign of the sense of rotation, radians
+    width : width away from the joint, metres
     end : blends at the joints
     """
 
@@ -59,16 +59,16 @@ class ArmCurves:
     def at(
         self, i: Int[np.ndarray, "*arms"], t: Float[np.ndarray, "*m"]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Evaluate the arms i at t.
+        """Evaluate centre lines and half widths at t.
 
         Parameters
         ----------
-        i : arms, of a shape that broadcasts with that of ``t``
-        t : places along them, 0 at the tip
+        i : indices of arms; broadcasts with ``t``
+        t : places along these arms, 0 at the tip, 1 at the quad's centre
 
         Returns
         -------
-        Points (complex, metres) and their first and second derivatives by t, then half widths and their first and second derivatives
+        points (complex, metres) with their first and second derivatives by t, then half widths (metres) with theirs
         """
         end = self.end
         p, d1, d2 = curve_points(self.radius[i], self.angle[i], self.wind[i], end.slope[i], end.share[i], t)
@@ -76,16 +76,16 @@ class ArmCurves:
         return self.centre[i] + p, d1, d2, 0.5 * w, 0.5 * w1, 0.5 * w2
 
     def points(self, i: Int[np.ndarray, "*m"], t: Float[np.ndarray, "*m"]) -> Complex[np.ndarray, "*m"]:
-        """Return the points of the arms i at t.
+        """Return points of the centre lines.
 
         Parameters
         ----------
-        i : arms
-        t : places along them, 0 at the tip
+        i : indices of arms
+        t : places along these arms, 0 at the tip, 1 at the quad's centre
 
         Returns
         -------
-        Complex numbers, metres
+        complex points, metres
         """
         end = self.end
         pure = self.radius[i] * (1.0 - t) * law.turn(self.angle[i], self.wind[i], t)
@@ -94,17 +94,17 @@ class ArmCurves:
     def pull(
         self, i: Int[np.ndarray, " m"], t: Float[np.ndarray, " m"], along: Complex[np.ndarray, " m"]
     ) -> tuple[Float[np.ndarray, "m numbers"], Float[np.ndarray, "m numbers"]]:
-        """Return the derivatives of the points at t, each along a direction, and of the half widths, by the arms' parameters.
+        """Return the derivatives of points and half widths at t by the arms' parameters (vector-Jacobian products).
 
         Parameters
         ----------
-        i : arms
-        t : a place along each, 0 at the tip
-        along : direction in which each point's derivative is taken
+        i : indices of M arms
+        t : a place along each of these arms, 0 at the tip
+        along : vector with which each point's derivative is multiplied (scalar product)
 
         Returns
         -------
-        Derivatives of the points and of the half widths by the parameters of an arm
+        two arrays (M, N_ARM_PARAMETERS), for the points and for the half widths
         """
         end, share, slope = self.end, self.end.share[i], self.end.slope[i]
         u = np.minimum(t / share, 1.0)
@@ -145,11 +145,11 @@ class ArmCurves:
         Parameters
         ----------
         t : (N, M) places on the N arms
-        point, velocity, half : derivatives of the function by the points, by their derivatives by t, and by the half widths
+        point, velocity, half : derivatives of the function by the points, by their derivatives by t, by the half widths
 
         Returns
         -------
-        (N, NUMBERS) derivatives by the arms' parameters without their centres, and (N, M) derivatives by t
+        (N, N_BLEND_PARAMETERS) derivatives by the arms' parameters without their centres, and (N, M) derivatives by t
         """
         end, rest, radius, wind = self.end, 1.0 - t, self.radius[:, None], self.wind[:, None]
         # in a frame that turns with the spiral, derivatives along the spoke (real part) and across it (imaginary part)
@@ -164,7 +164,7 @@ class ArmCurves:
         out[:, RADIUS], out[:, ANGLE] = radial.sum(1), across.sum(1)
         out[:, OWN_WIND] = (t * across + radius * aside1 * rest).sum(1)
         out[:, OWN_WIDTH] = 0.5 * half.sum(1)
-        # blends end before most places
+        # blends affect only the places within them: go on with these
         some = np.flatnonzero((t < end.share[:, None]).any(axis=0))
         share, slope = end.share[:, None], end.slope[:, None]
         point, velocity, half = point[:, some], velocity[:, some], half[:, some]
@@ -184,16 +184,16 @@ class ArmCurves:
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the scalar products of vectors in the plane, as complex numbers."""
+    """Return the scalar products of plane vectors that are given as complex numbers."""
     return (np.conj(a) * b).real
 
 
 def blend_offset(share: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Return the offset of points due to a blend, per ``Blends.slope`` (see ``spiral.curve_points``).
+    """Return the factor on ``Blends.slope`` that gives the offset of an arm's points due to its blend.
 
     Parameters
     ----------
     share : length of the blend, in t
-    t : places on the arm, of a shape that broadcasts with ``share``
+    t : places on the arm; broadcasts with ``share``
     """
     return law.offset(np.minimum(t / share, 1.0), share)

@@ -1,9 +1,9 @@
 """The shape of the four-armed spirals in real quads: centre lines, widths and edges of every arm (FlexMaps section 5).
 
-Arm k of a quad runs from the middle of its side k (t = 0) to the quad's centre (t = 1), the mean of its corners. Outside
-the blend it is an Archimedean spiral, r = R_k (1 - t), angle = A_k + t twist, with its own radius R_k and starting angle A_k.
-Over the blend, both arms that meet at an edge turn to one common direction and width, so that their edges continue smoothly
-from one quad into the next.
+Arm k of a quad runs from the middle of its side k (t = 0) to the quad's centre (t = 1), the mean of its corners.
+Outside the blend it is an Archimedean spiral, r = R_k (1 - t), angle = A_k + t twist, with its own radius R_k and start
+angle A_k. Over the blend, both arms that meet at an edge turn to a common direction and width, so that their edges
+continue smoothly from one quad into the next.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ class Arms(Columns):
 
     Functions that evaluate arms take t of shape (F, 4, N) in [0, 1] and return (F, 4, N, ...).
 
-    centre : metres
+    centre : centre of every quad, metres
     radius : distance from the centre to the middle of side k, metres
     angle : direction from the centre to the middle of side k, radians, ascending within a quad
-    wind : radians, twist with the sign of the sense of rotation
-    width : of every arm away from its joint, metres
-    joint_width : at the joint, metres
-    blend_slope : added by the blend to the derivative of the centre line at the joint, metres
+    wind : twist with the sign of the sense of rotation, radians
+    width : width of every arm away from its joint, metres
+    joint_width : width at the joint, metres
+    blend_slope : vector that the blend adds to the derivative of the centre line by t at the joint, metres
     share : length of the blend, in t
     """
 
@@ -50,7 +50,7 @@ class Arms(Columns):
     share: Float[np.ndarray, "quads arms"]
 
     def without_blends(self, wind: Float[np.ndarray, " quads"]) -> Arms:
-        """Return the arms without blends and with another twist."""
+        """Return the arms without blends and with another signed twist ``wind``, radians."""
         return replace(
             self,
             wind=wind,
@@ -59,7 +59,7 @@ class Arms(Columns):
         )
 
     def one_by_one(self, quad: Int[np.ndarray, " n"], side: Int[np.ndarray, " n"]) -> Arms:
-        """Return N single arms as N "quads" of one arm each, so that any selection can be evaluated at once.
+        """Return N single arms, stored as N quads of one arm each, so that any selection can be evaluated at once.
 
         Parameters
         ----------
@@ -72,7 +72,7 @@ class Arms(Columns):
 
 
 def opposite_sides(mesh: QuadMesh) -> tuple[Int[np.ndarray, "quads 4"], Int[np.ndarray, "quads 4"]]:
-    """Return the quad and its side across every side; at the border the quad and the side themselves."""
+    """Return the quad across every side, and its side there; at the border the quad and the side itself."""
     own = np.arange(len(mesh.quads))[:, None]
     quads, sides = mesh.edge_quads[mesh.quad_edges], mesh.edge_sides[mesh.quad_edges]
     across = np.where(quads[..., 0] == own, 1, 0)[..., None]
@@ -83,24 +83,25 @@ def opposite_sides(mesh: QuadMesh) -> tuple[Int[np.ndarray, "quads 4"], Int[np.n
 
 
 def mate_signs(mesh: QuadMesh, params: SpiralParams) -> Float[np.ndarray, "quads 4"]:
-    """Return the factor on the mate's wind and lean at every side: -1 at a rim, else 1.
+    """Return the factor on the mate's wind (signed twist) and lean at every side: -1 at a rim, else 1.
 
     At a rim, the mate is the arm's own mirror image, so that the arm meets the rim at right angles.
 
     Parameters
     ----------
-    mesh, params : the quads, and the kind of border
+    mesh : quad mesh
+    params : settings with the treatment of the border
     """
     return np.where(mesh.border[mesh.quad_edges] & (params.border == "rim"), -1.0, 1.0)
 
 
 def same_width(width: Float[np.ndarray, " quads"]) -> Float[np.ndarray, "quads 4"]:
-    """Repeat one width per spiral for its four arms."""
+    """Return the widths of all arms, (F, 4), from one width per spiral."""
     return np.repeat(np.asarray(width, dtype=float)[:, None], 4, axis=1)
 
 
 def anisotropy(width: Float[np.ndarray, "quads 4"]) -> Float[np.ndarray, " quads"]:
-    """Return the difference between the two pairs of opposite arms, |w0 + w2 - w1 - w3| over the sum of all, from 0 to 1."""
+    """Return the difference in width between both pairs of opposite arms, |w0 + w2 - w1 - w3| / (w0 + w1 + w2 + w3)."""
     return np.abs(width @ np.array([1.0, -1.0, 1.0, -1.0])) / width.sum(axis=1)
 
 
@@ -111,7 +112,7 @@ def arms(
 
     Parameters
     ----------
-    flat, params : flat quads, and the sense, border and blends of the spirals
+    flat, params : flat patches, and the sense, border and blends of the spirals
     width, twist : metres and radians
     """
     centre, radius, angle = spokes(flat.corners)
@@ -135,7 +136,7 @@ def widest_arms(flat: FlatPatches, params: SpiralParams) -> Float[np.ndarray, " 
     """
     _, radius, angle = spokes(flat.corners)
     opening = np.diff(angle, axis=1)
-    # edges at the distance a from straight centre lines meet at the distance a (1 + cos) / sin from the centre
+    # edges at distance a from straight centre lines meet at the distance a (1 + cos) / sin from the quad's centre
     reach = ((1.0 + np.abs(np.cos(opening))) / np.maximum(np.sin(opening), 1e-9)).max(axis=1)
     return 2.0 * (0.9 * radius.min(axis=1) / reach - params.fillet)
 
@@ -145,8 +146,9 @@ def widest_beside_slots(flat: FlatPatches, slot: float, depth: float) -> Float[n
 
     Parameters
     ----------
-    flat : flat quads
-    slot, depth : width of the slots in metres, and share of the arms, from the tip, that they reach along
+    flat : flat patches
+    slot : least width of the slots, metres
+    depth : length of the slots from the tip, as a share of the arms
     """
     _, radius, angle = spokes(flat.corners)
     least = np.minimum(np.sin(np.diff(angle, axis=1)).min(axis=1), 1.0)
@@ -156,7 +158,7 @@ def widest_beside_slots(flat: FlatPatches, slot: float, depth: float) -> Float[n
 def spokes(
     corners: Float[np.ndarray, "quads 4 2"],
 ) -> tuple[Float[np.ndarray, "quads 2"], Float[np.ndarray, "quads 4"], Float[np.ndarray, "quads 4"]]:
-    """Return the centre of every quad, and distance and direction of the sides' middles from it; directions ascend."""
+    """Return every quad's centre, and distance (metres) and direction (radians, ascending) of its sides' middles."""
     centre = corners.mean(axis=1)
     spokes = 0.5 * (corners + np.roll(corners, -1, axis=1)) - centre[:, None]
     angle = np.arctan2(spokes[..., 1], spokes[..., 0])
@@ -183,14 +185,15 @@ def centre_line(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
 def curve_points(
     radius: np.ndarray, angle: np.ndarray, wind: np.ndarray, slope: np.ndarray, share: np.ndarray, t: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return centre lines at t relative to their quads' centres, and first and second derivatives, as complex numbers.
+    """Return the vectors from quads' centres to centre lines at t, and their first and second derivatives, complex.
 
     Parameters
     ----------
-    radius, angle, wind, slope, share : as in ``Arms``, with a complex slope; all arguments broadcast
-    t : 0 at the joint, 1 at the centre
+    radius, angle, wind, share : as in ``Arms``
+    slope : ``Arms.blend_slope`` as complex numbers
+    t : 0 at the joint, 1 at the centre; all arguments broadcast
     """
-    # straight beyond the centre
+    # continue arms straight beyond the centre
     if (t > 1.0).any():
         angle, wind = np.where(t > 1.0, angle + wind, angle), np.where(t > 1.0, 0.0, wind)
     p, d1, d2 = law.spiral_points(radius, angle, wind, t)
@@ -228,8 +231,9 @@ def arm_widths(
 
     Parameters
     ----------
-    width, joint, share : width away from the joint and at it, and length of the blend in t; all arguments broadcast
-    t : 0 at the joint, 1 at the centre
+    width, joint : widths away from the joint and at the joint, metres
+    share : length of the blend, in t
+    t : 0 at the joint, 1 at the centre; all arguments broadcast
     """
     u = np.minimum(t / share, 1.0)
     change, bend = joint - width, -60.0 * (u * (1.0 - u)) * (1.0 - 2.0 * u)
@@ -242,7 +246,7 @@ def widening(extra: Floats, full: Floats, over: Floats, t: np.ndarray) -> tuple[
     Parameters
     ----------
     extra : additional width at the tip, metres; all arguments broadcast
-    full, over : t up to which the width is complete, and t from which it is 0
+    full, over : t up to which the additional width is complete, and t from which it is 0
     t : 0 at the joint, 1 at the centre
     """
     span = np.maximum(np.asarray(over) - full, 1e-9)
@@ -264,9 +268,9 @@ def edge_points(
     ----------
     arms : of F quads
     t : (F, 4, N) 0 at the joint, 1 at the centre
-    side : LEFT, RIGHT, or an array of them that broadcasts with t; its additional leading axes remain in the result
-    away : offset of the points from the edge, metres: centres of a cutter or fillet with this radius that touches the edge
-    wider : additional width of the arms, and its derivative by t
+    side : LEFT, RIGHT, or an array of both that broadcasts with t; its additional leading axes remain in the result
+    away : outward offset of the points from the edge, metres: the centres of a cutter or fillet of this radius
+    wider : additional width of the arms (metres), and its derivative by t
     """
     p, d1, d2 = centre_line(arms, t)
     width, slope = width_at(arms, t)

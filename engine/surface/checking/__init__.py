@@ -1,1 +1,1 @@
-"""Checks of a polygon mesh, and its conversion to a quad mesh if there are no errors."""
+"""Checks of a polygon mesh, and its conversion to a quad mesh if it has no errors."""

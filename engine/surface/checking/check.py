@@ -1,34 +1,34 @@
-"""Check whether a mesh can be fabricated: name every fault, its faces and the remedy.
+"""Check whether a mesh can be fabricated: report every fault with its faces and the remedy.
 
 Codes of the findings; causes come before their consequences:
 
-    code                      severity        what it says
+    code                      severity        meaning
     no-faces                  error           the mesh has no faces
     bad-index                 error           a face refers to a vertex that does not exist
     not-finite                error           a coordinate is NaN or infinite
     far-vertices              error           a few vertices are extremely far from all others
-    far-from-origin           error           the mesh is so far out that its positions are rounded
+    far-from-origin           error           the mesh is so far from the origin that its coordinates are rounded
     non-quad                  error           triangles or n-gons
     repeated-vertex           error           a face has the same vertex at two corners
-    duplicate-faces           error           two faces on the same vertices
+    duplicate-faces           error           two faces with the same vertices
     zero-edge                 error           an edge without length
     zero-area                 error           a face without area
     crossed                   error           a quad whose sides cross
-    folded                    error           neighbours folded onto each other
+    folded                    error           neighbouring faces that lie on each other
     non-manifold-edge         error           an edge of three or more faces
     non-manifold-vertex       error           fans of faces that share only a vertex
     non-orientable            error           a body with only one side, like a Moebius strip
-    inconsistent-orientation  error           neighbours whose normals point to opposite sides
-    size                      error           edges of a thousandth of a millimetre, or of a thousand kilometres
-    size-ratio                error, warning  face sizes too different: above 10, above 3
+    inconsistent-orientation  error           neighbouring faces whose normals point to opposite sides
+    size                      error           edges under a thousandth of a millimetre or over a thousand kilometres
+    size-ratio                error, warning  edges of faces differ by a factor above 10 (error) or 3 (warning)
     small-quads               warning         quads too small for a spiral
     concave                   warning         quads with a corner beyond 180 degrees
     warped                    warning         quads far from flat
     thin                      warning         quads too thin for a spiral
     sharp-folds               warning         edges at which quads turn more than spirals bend
     inside-out                warning         closed bodies whose normals point inwards
-    several-bodies            warning         each is laid out by itself
-    loose-vertices            warning         vertices that belong to no face; left out
+    several-bodies            warning         separate bodies; each gets a layout of its own
+    loose-vertices            warning         vertices that belong to no face; they are ignored
     left-out                  warning         data of the file that were not read
 
 ``everything`` adds the codes of ``overlaps``.
@@ -65,7 +65,7 @@ def with_numeric_arrays(polygons: PolygonMesh) -> PolygonMesh:
 
 
 def median_edge(polygons: PolygonMesh) -> float:
-    """Median edge length in the unit of the vertices; NaN if there are no faces or indices are invalid."""
+    """Return the median edge length in the vertices' unit; NaN if there are no faces or indices are invalid."""
     if not len(polygons.sizes) or not _indices_fit(polygons):
         return float("nan")
     unit, power = in_unit(polygons)
@@ -73,17 +73,17 @@ def median_edge(polygons: PolygonMesh) -> float:
 
 
 def scale_to_metres(polygons: PolygonMesh, *, edge: float | None = None, height: float | None = None) -> PolygonMesh:
-    """Scale the mesh about its origin to metres; with neither size it is taken to be in metres already.
+    """Scale a mesh about the origin to a wanted size in metres; without edge and height, return it unchanged.
 
     Parameters
     ----------
-    polygons : unchecked mesh; without a size (no faces, NaN) it is returned unchanged, for ``findings`` to report
-    edge : median edge length wanted, metres
-    height : extent along z wanted, metres
+    polygons : unchecked mesh; returned unchanged if it has no size (no faces, NaN), for ``findings`` to report
+    edge : wanted median edge length, metres
+    height : wanted extent along z, metres
 
     Raises
     ------
-    FlexMapsError : both are given, or a size is not positive and finite
+    FlexMapsError : both edge and height are given, or a size is not positive and finite
     """
     if edge is None and height is None:
         return polygons
@@ -108,16 +108,16 @@ def scale_to_metres(polygons: PolygonMesh, *, edge: float | None = None, height:
 
 
 def as_quad_mesh(polygons: PolygonMesh, findings: list[Finding] | None = None) -> QuadMesh:
-    """Return the clean quad mesh: the same faces in the same order, without unused vertices.
+    """Convert a mesh without errors to a quad mesh; faces and their order stay, unused vertices are dropped.
 
     Parameters
     ----------
     polygons : unchecked mesh, metres
-    findings : its findings; computed here if not given
+    findings : findings of that mesh; computed here if not given
 
     Raises
     ------
-    FlexMapsError : with message and faces of the first error, and the codes of the others
+    FlexMapsError : the mesh has errors; gives message and faces of the first error, and the codes of the others
     """
     if findings is None:
         findings = _find(polygons, None)
@@ -132,18 +132,18 @@ def as_quad_mesh(polygons: PolygonMesh, findings: list[Finding] | None = None) -
 
 
 def findings(polygons: PolygonMesh, edge: float | None = None) -> list[Finding]:
-    """Return all faults of the mesh, errors first.
+    """Return all faults of a mesh, errors first.
 
     Parameters
     ----------
     polygons : unchecked mesh, metres
-    edge : judge sizes as if scaled to this median edge length, metres
+    edge : median edge length to which the mesh will be scaled, metres: sizes are checked at that scale
     """
     return sorted(_find(polygons, edge), key=lambda f: not f.is_error)
 
 
 def everything(polygons: PolygonMesh) -> list[Finding]:
-    """Return the findings of ``findings`` and ``overlaps``, errors first."""
+    """Return all findings of a mesh, those of ``overlaps`` included, errors first."""
     return sorted([*findings(polygons), *overlaps(polygons)], key=lambda f: not f.is_error)
 
 
@@ -153,7 +153,7 @@ def not_quads(polygons: PolygonMesh) -> int:
 
 
 def remeshing_warning(faces: int) -> Finding:
-    """Return the warning that the mesh was remeshed because so many faces were not quads."""
+    """Return the warning that the mesh was remeshed because ``faces`` faces were not quads."""
     return finding(
         "remeshed",
         f"{with_count(faces, 'face was not a quad', 'faces were not quads')}, so the whole mesh was remeshed",
@@ -162,7 +162,7 @@ def remeshing_warning(faces: int) -> Finding:
 
 
 def _find(polygons: PolygonMesh, edge: float | None) -> list[Finding]:
-    """Return all findings in the order of the table above."""
+    """Return all findings in the order of the module's table; ``edge`` as in ``findings``."""
     if not len(polygons.sizes):
         return [finding("no-faces", "The mesh has no faces; choose an object with a surface")]
     face_of = np.repeat(np.arange(len(polygons.sizes)), np.maximum(polygons.sizes, 0))
@@ -182,7 +182,7 @@ def _find(polygons: PolygonMesh, edge: float | None) -> list[Finding]:
     unit, power = in_unit(polygons)
     if not found:
         found += far_out(unit, face_of)
-    measured = not found  # lengths and areas are meaningful only then
+    measured = not found  # lengths and areas are meaningful only for positions that are finite and near the origin
     found += _face_faults(polygons, sides, body)
     if measured:
         found += degenerate(unit, sides) + _folds(unit, sides)
@@ -203,7 +203,7 @@ def _find(polygons: PolygonMesh, edge: float | None) -> list[Finding]:
 
 
 def _indices_fit(polygons: PolygonMesh) -> bool:
-    """Return whether sizes and corners match and all corners refer to vertices."""
+    """Return whether the face sizes add up to the number of corners, and all corners refer to existing vertices."""
     corners = polygons.corners
     fits = len(corners) == polygons.sizes.sum() and (polygons.sizes > 0).all()
     return bool(fits and (not len(corners) or (corners.min() >= 0 and corners.max() < len(polygons.vertices))))
@@ -224,7 +224,7 @@ def _not_finite(polygons: PolygonMesh, finite: np.ndarray, face_of: np.ndarray) 
 
 
 def _face_faults(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> list[Finding]:
-    """Faces that are not quads, repeat a vertex, or are listed twice."""
+    """Report faces that are not quads, repeat a vertex, or have the vertices of another face."""
     found = []
     others = np.flatnonzero(polygons.sizes != 4)
     if len(others):
@@ -249,7 +249,7 @@ def _face_faults(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> list[
 
 
 def _folds(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
-    """Edges of a quad mesh too sharp for spirals; faces folded onto each other have their own finding."""
+    """Report edges of a quad mesh that are too sharp for spirals, except where faces lie on each other ("folded")."""
     turned = turns(polygons, sides)
     sharp = np.flatnonzero((turned > SHARP) & (np.cos(turned) >= FOLDED))
     if not len(sharp) or (polygons.sizes != 4).any():
@@ -260,7 +260,7 @@ def _folds(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
 
 
 def _topology_faults(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> list[Finding]:
-    """Faults of edges, vertices and orientation."""
+    """Report non-manifold edges and vertices, and faults of the orientation."""
     found = []
     uses = np.bincount(sides.edge, minlength=len(sides.edges))
     many = np.flatnonzero(uses > 2)
@@ -268,7 +268,7 @@ def _topology_faults(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> l
         faces = np.unique(sides.face[uses[sides.edge] > 2])
         text = f"{with_count(len(many), 'edge has', 'edges have')} three or more faces, at {list_faces(faces)}: delete the walls inside, or split the surface there"
         found.append(finding("non-manifold-edge", text, faces, many))
-        return found  # fans and sides are not defined at such edges
+        return found  # fans of faces and orientation are not defined at such edges
     split = split_vertices(polygons, sides)
     if len(split):
         faces = np.unique(sides.face[np.isin(polygons.corners, split)])

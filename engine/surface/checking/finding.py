@@ -1,4 +1,4 @@
-"""A fault of a mesh, and helpers for its message."""
+"""Findings (faults of a mesh), and helpers for their messages."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ REMESH = "use Quad remesh"
 class Finding:
     """A fault of a mesh.
 
-    code : see the table in ``check``
+    code : kind of the fault, see the table in ``check``
     severity : "error" or "warning"
-    faces : indices in the mesh as it was read
-    edges : indices in ``topology.Sides.edges`` of that mesh
-    larger : factor by which the model would have to grow; None if its size is not the cause
+    faces : indices of the faces with the fault, in the mesh as it was read
+    edges : indices of the edges with the fault, in ``topology.Sides.edges`` of that mesh
+    larger : factor by which the model must grow to mend the fault; None if its size is not the cause
     """
 
     code: str
@@ -40,12 +40,12 @@ class Finding:
 
 
 def finding(code: str, message: str, faces: Any = (), edges: Any = (), severity: str = "error") -> Finding:
-    """Make a finding from indices of any sequence type; arguments as the fields of ``Finding``.
+    """Make a ``Finding`` from any sequences of indices.
 
     Parameters
     ----------
-    code, message : text
-    faces, edges : index sequences
+    code, message : kind of the fault, text for the reader
+    faces, edges : indices of the faces and edges with the fault
     severity : "error" or "warning"
     """
     return Finding(
@@ -74,7 +74,7 @@ def with_count(n: int, one: str, many: str) -> str:
     Parameters
     ----------
     n : count
-    one, many : words for one and for several
+    one, many : words after the number, singular and plural
     """
     return f"{n} {one if n == 1 else many}"
 
@@ -84,8 +84,8 @@ def list_faces(faces: Any, one: str = "", many: str = "") -> str:
 
     Parameters
     ----------
-    faces : indices
-    one, many : verb that follows one face and several, or ""
+    faces : face indices
+    one, many : verb after the faces, singular and plural, or ""
     """
     faces = np.asarray(faces)
     shown = ", ".join(str(f) for f in faces[:5].tolist())

@@ -1,4 +1,4 @@
-"""Folds: edges at which a surface turns more sharply than spirals bend, and their rounding."""
+"""Find and smooth folds: edges at which a surface turns more sharply than spirals can bend."""
 
 from __future__ import annotations
 
@@ -9,21 +9,25 @@ from ..mesh import PolygonMesh
 from .geometry import area_vectors_of
 from .topology import Sides, sides_of
 
-# Smallest angle between the normals of two quads at a fold, radians. Spirals bend but do not fold: a pen holder with
-# edges of 72 degrees ends 3.2 % of its size from its target, with edges of 41 degrees 1.5 %.
+# Smallest angle between the normals of two quads at a fold, radians. Larger: fewer folds are reported and rounded, but
+# pieces end farther from their targets, as spirals bend but do not fold.
 SHARP = np.radians(45.0)
-RINGS = 2  # rings of vertices round a fold that move with it, each half as much as the ring inside; chosen by eye
-PACE = 0.5  # share of the way to the neighbours' mean that a vertex moves in a round; more than 1 does not converge
+# Number of rings of vertices round a fold that are smoothed too, each half as much as the ring inside. Larger: rounder,
+# farther from the shape.
+RINGS = 2
+PACE = 0.5  # share of the way to its neighbours' mean that a vertex moves in a round; above 1 it does not converge
 ROUNDS = 200  # largest number of rounds; a right angle takes 5
 
 
 def turns(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " edges"]:
-    """Return the angle between the normals of the two faces at every edge, radians; 0 at edges without exactly two faces.
+    """Return the angle between the normals of the two faces at every edge, radians.
+
+    The angle is 0 at edges that do not have exactly two faces.
 
     Parameters
     ----------
-    polygons : consistently oriented faces
-    sides : of that mesh
+    polygons : mesh with consistently oriented faces
+    sides : sides of that mesh
     """
     normals = area_vectors_of(polygons, sides)
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
@@ -35,20 +39,20 @@ def turns(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " edges"]:
 
 
 def radius(edge: float) -> float:
-    """Return the radius, metres, of an arc on which edges of this length just do not count as folds."""
+    """Return the smallest radius, metres, round which chords of length ``edge`` bend without making folds."""
     return edge / (2.0 * float(np.sin(0.5 * SHARP)))
 
 
 def smooth_folds(polygons: PolygonMesh) -> Float[np.ndarray, "vertices 3"]:
-    """Smooth vertices at and near folds towards their neighbours' mean until no fold is left; return the vertices.
+    """Move vertices at and near folds towards the mean of their neighbours until no fold is left; return all vertices.
 
-    Border vertices stay on the border.
+    Border vertices follow only their neighbours on the border.
     """
     sides = sides_of(polygons)
     uses = np.bincount(sides.edge, minlength=len(sides.edges))
     held = np.unique(sides.edges[uses == 1])
     inner = ~np.isin(sides.edges, held).all(axis=1)
-    # border vertices are drawn only by their neighbours on the border
+    # border vertices follow only their neighbours on the border
     edges = np.concatenate([sides.edges[inner], sides.edges[uses == 1]])
     to, by = np.concatenate([edges, edges[:, ::-1]]).T
     drawn = np.isin(to, held) <= np.isin(by, held)

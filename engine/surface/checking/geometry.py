@@ -1,4 +1,4 @@
-"""Geometric checks of an unchecked polygon mesh: degenerate faces, and sizes that cannot be fabricated."""
+"""Geometric checks of any polygon mesh: degenerate faces, and sizes that cannot be fabricated."""
 
 from __future__ import annotations
 
@@ -12,22 +12,26 @@ from ..mesh import PolygonMesh
 from .finding import REMESH, Finding, finding, list_faces, with_count
 from .topology import Sides, sides_of
 
-RATIO_ERROR, RATIO_WARNING = 10.0, 3.0  # limits of the 99th over the 1st percentile of the faces' mean edge lengths
-SIZES = 1e-6, 1e6  # smallest and largest median edge, metres; nothing beyond them can be cut, whatever the units
-FAR = 1e6  # a vertex is far out at so many times the median distance from the middle: no quad mesh has that by intent
-FOLDED = -1.0 + 1e-8  # cosine between the normals of neighbours; below it they lie on each other, to 0.008 degrees
-SMALL = 0.01  # side of the smallest quad that suits a spiral, metres
-STEP = 0.05  # the factor by which a model would have to grow is rounded up to multiples of this
-WARP = np.radians(60.0)  # largest angle between the normals at two neighbouring corners of a quad
-# smallest breadth of a quad, in median edges: with edges of 20 mm it leaves arms 1.5 mm wide; half of it leaves arms
-# too thin to cut
+# Ratio of the 99th to the 1st percentile of the faces' mean edge lengths, above which there is an error or a warning.
+RATIO_ERROR, RATIO_WARNING = 10.0, 3.0
+SIZES = 1e-6, 1e6  # smallest and largest median edge that can be meant, metres; others come from wrong units
+FAR = 1e6  # largest distance of a vertex from the median position, as a multiple of the median of these distances
+FOLDED = -1.0 + 1e-8  # cosine between the normals of neighbours below which they lie on each other (within 0.008 deg)
+SMALL = 0.01  # side of the smallest quad that suits a spiral, metres; smaller: stiffer pieces without a warning
+STEP = 0.05  # step to which the suggested factor of growth is rounded up
+# Largest angle between the normals at two neighbouring corners of a quad without a warning, radians.
+WARP = np.radians(60.0)
+# Smallest breadth of a quad without a warning, in median edges: with edges of 20 mm it leaves arms 1.5 mm wide.
+# Smaller: arms too thin to cut.
 THIN = 0.1
 
 
 def in_unit(polygons: PolygonMesh) -> tuple[PolygonMesh, int]:
-    """Scale coordinates to about 1, so that their squares and cubes do not overflow; return the mesh and k, for a factor 2^-k.
+    """Scale coordinates to about 1, so that their squares and cubes do not overflow.
 
-    A power of two changes no digit.
+    Returns
+    -------
+    the mesh, scaled by 2^-k, which causes no rounding; k
     """
     vertices = np.asarray(polygons.vertices, float)
     largest = float(np.abs(vertices[polygons.corners]).max(initial=0.0))
@@ -37,13 +41,13 @@ def in_unit(polygons: PolygonMesh) -> tuple[PolygonMesh, int]:
 
 
 def lengths_of(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " edges"]:
-    """Return the length of every edge."""
+    """Return the length of every edge, in the mesh's unit; ``sides`` belongs to the mesh."""
     a, b = polygons.vertices[sides.edges.T]
     return np.linalg.norm(np.asarray(b, float) - a, axis=1)
 
 
 def far_out(polygons: PolygonMesh, face_of: np.ndarray) -> list[Finding]:
-    """Report vertices far from all others, or a mesh too far from the origin."""
+    """Report vertices far from all others, or a mesh too far from the origin; ``face_of`` gives each corner's face."""
     used = np.unique(polygons.corners)
     p = polygons.vertices[used]
     away = np.abs(p - np.median(p, axis=0)).max(axis=1)
@@ -73,7 +77,7 @@ def degenerate(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
         text = f"{with_count(len(short), 'edge has', 'edges have')} no length, at {list_faces(faces)}: merge both ends (Merge by Distance)"
         found.append(finding("zero-edge", text, faces, short))
     flat = np.flatnonzero(areas <= SINGLE_TOL * middle**2)
-    # the two halves of a crossed quad cancel out
+    # a crossed quad also has no area, as its two halves cancel each other
     bows = flat[_corner_areas(polygons, sides)[flat] > SINGLE_TOL * middle**2]
     flat = np.setdiff1d(flat, bows)
     if len(flat):
@@ -93,20 +97,21 @@ def degenerate(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
 
 
 def _corner_areas(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " faces"]:
-    """Return the largest parallelogram that two adjacent sides of each face span."""
+    """Return the area of the largest parallelogram that two adjacent sides of each face span."""
     p = polygons.vertices
     side = p[sides.following] - p[polygons.corners]
     return np.maximum.reduceat(np.linalg.norm(np.cross(side, side[sides.after]), axis=1), polygons.starts)
 
 
 def sizes(polygons: PolygonMesh, sides: Sides, body: np.ndarray, edge: float | None, power: int) -> list[Finding]:
-    """Report sizes too small, too large or too uneven, and closed bodies inside out.
+    """Report sizes that are too small, too large or too uneven, and closed bodies turned inside out.
 
     Parameters
     ----------
-    polygons : mesh divided by 2^``power``
-    sides, body : of that mesh
-    edge : judge as if scaled to this median edge length, metres; None for the mesh's own size
+    polygons : mesh divided by 2^``power``, see ``in_unit``
+    sides, body : sides of that mesh, and body of each of its faces
+    edge : median edge length to which the mesh will be scaled, metres; None to check its own size
+    power : exponent k of ``in_unit``
     """
     found = []
     lengths = lengths_of(polygons, sides)
@@ -135,7 +140,7 @@ def sizes(polygons: PolygonMesh, sides: Sides, body: np.ndarray, edge: float | N
 
 
 def area_vectors_of(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, "faces 3"]:
-    """Area vector of every face: half the sum of cross products about its first corner."""
+    """Return the area vector (area times normal) of every face: half the sum of cross products about a corner."""
     p = np.asarray(polygons.vertices, float)
     origin = p[polygons.corners[polygons.starts]][sides.face]
     crosses = np.cross(p[polygons.corners] - origin, p[sides.following] - origin)
@@ -143,10 +148,10 @@ def area_vectors_of(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, "f
 
 
 def breadth(corners: Float[np.ndarray, "faces 4 3"]) -> Float[np.ndarray, " faces"]:
-    """Return the arm width at which a cross of straight arms to the side middles fills a quad; a square's is its side.
+    """Return the breadth of quads: the width of the widest arms that fit in; for a square, its side.
 
-    Arms of width w that cross at the acute angle t overlap up to w / (2 tan(t / 2)) from the quad's middle; at the
-    breadth the overlap reaches the end of the shorter arms.
+    Straight strips of width w along the two midlines, which cross at the acute angle t, overlap up to
+    w / (2 tan(t / 2)) from the quad's middle. At the breadth this overlap reaches the ends of the shorter midline.
     """
     p = np.asarray(corners, float)
     sides = 0.5 * (p + np.roll(p, -1, axis=1))
@@ -159,7 +164,12 @@ def breadth(corners: Float[np.ndarray, "faces 4 3"]) -> Float[np.ndarray, " face
 def _quad_faults(
     polygons: PolygonMesh, quads: np.ndarray, area_vectors: np.ndarray, bows: np.ndarray, middle: float
 ) -> list[Finding]:
-    """Report crossed, concave, thin and warped quads; ``bows`` are known to be crossed, ``middle`` is the median edge."""
+    """Report crossed, concave, thin and warped quads.
+
+    quads : indices of the quads to check
+    bows : quads known to be crossed
+    middle : median edge length
+    """
     p = np.asarray(polygons.vertices, float)[polygons.corners[polygons.starts[quads][:, None] + np.arange(4)]]
     normals = np.cross(np.roll(p, -1, axis=1) - p, np.roll(p, 1, axis=1) - p)
     inward = (np.einsum("qki,qi->qk", normals, area_vectors[quads]) < 0).sum(axis=1)
@@ -186,7 +196,7 @@ def _quad_faults(
 
 
 def _size_ratio(polygons: PolygonMesh, sides: Sides, lengths: np.ndarray) -> Finding | None:
-    """Report uneven face sizes; mean edges are compared, because oblong quads concern regularity, not size."""
+    """Report uneven face sizes; a face's size is its mean edge length, which hardly depends on its shape."""
     size = np.bincount(sides.face, lengths[sides.edge]) / polygons.sizes
     low, high = np.percentile(size, [1, 99])
     ratio = float(high / low) if low > 0 else float("inf")
@@ -194,7 +204,7 @@ def _size_ratio(polygons: PolygonMesh, sides: Sides, lengths: np.ndarray) -> Fin
         return None
     severe = ratio > RATIO_ERROR
     limit = RATIO_ERROR if severe else RATIO_WARNING
-    # list faces farther from the median size than an even spread at the allowed ratio
+    # list the faces whose size differs from the median by a factor above the square root of the limit
     middle = np.median(size)
     off = np.flatnonzero((size > middle * np.sqrt(limit)) | (size < middle / np.sqrt(limit)))
     text = f"Faces differ too much in size: the largest have edges {ratio:.3g} times as long as the smallest, see {list_faces(off)}"

@@ -1,11 +1,11 @@
-"""Find parts of a surface that lie on, through or close behind each other, in O(n log n).
+"""Find parts of a surface that coincide, intersect or lie close behind each other, in O(n log n).
 
-code                severity  what it says
+code                severity  meaning
 doubled-vertices    error     separate border vertices at one place: the surface is open there
-t-junction          error     a border vertex inside the edge of a neighbour
+t-junction          error     a border vertex inside a border edge of another face
 doubled-faces       error     a body that coincides with another body
-cuts-itself         warning   a body that goes through itself
-bodies-cross        warning   bodies that go through each other
+cuts-itself         warning   a body that intersects itself
+bodies-cross        warning   bodies that intersect each other
 double-skin         warning   inner and outer skin of a thin closed shell
 """
 
@@ -25,15 +25,15 @@ from .finding import Finding, finding, list_faces, with_count
 from .sewing import border_twins, joinable, lying_on_each_other, places, t_junctions
 from .topology import Sides, bodies, sides_of
 
-# largest distance between the two skins of a shell, in median edges; larger takes the walls of a room for skins
+# Largest distance between the two skins of a shell, in median edges. Larger: opposite walls of a room count as skins.
 SKIN = 0.75
-OPPOSITE = -0.7  # largest cosine between the normals of two skins
-SKINS = 0.6  # smallest share of the faces of a closed body that have another skin behind them
-ON_EACH_OTHER = 0.01  # smallest share of the smaller of two coplanar triangles that the other covers
+OPPOSITE = -0.7  # largest cosine between the normals of two skins; larger: less parallel faces count as skins
+SKINS = 0.6  # smallest share of a closed body's faces with another skin behind them, for it to count as a shell
+ON_EACH_OTHER = 0.01  # smallest overlap of two coplanar triangles that counts, as a share of the smaller one's area
 
 
 def overlaps(mesh: PolygonMesh) -> list[Finding]:
-    """Return all findings of the table above; ``mesh`` is in metres, and without finite vertices there are none."""
+    """Return all findings of the module's table, for a mesh in metres; none if a corner is not finite."""
     if not len(mesh.sizes) or not np.isfinite(mesh.vertices[mesh.corners]).all():
         return []
     sides = sides_of(mesh)
@@ -50,7 +50,7 @@ def _spot(point: Float[np.ndarray, " 3"]) -> str:
 
 
 def _coincident_faces(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> list[Finding]:
-    """Report faces that coincide: within a body, which then cuts itself, or of several bodies."""
+    """Report faces that coincide with faces of another body, or of their own body, which then intersects itself."""
     lying = lying_on_each_other(mesh)
     if not len(lying):
         return []
@@ -78,7 +78,7 @@ def _open_seams(mesh: PolygonMesh, sides: Sides) -> list[Finding]:
     """Report doubled border vertices and T-junctions."""
     found = []
     label = border_twins(mesh, sides)
-    # otherwise parts of the surface merely meet there, and welding them would add faults
+    # where joining would add faults, parts of the surface only touch, which is no fault
     if joinable(mesh, label) is not None:
         on = np.flatnonzero(np.bincount(label, minlength=len(label))[label] > 1)
         faces = np.unique(sides.face[np.isin(mesh.corners, on)])
@@ -121,7 +121,7 @@ def _double_skin(mesh: PolygonMesh, sides: Sides, body: Int[np.ndarray, " faces"
 
 
 def _intersections(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> list[Finding]:
-    """Report faces that intersect other faces: of their own body, where the piece is in its own way, or of other bodies."""
+    """Report faces that intersect faces of their own body or of other bodies."""
     pairs, points = crossing(mesh)
     apart = body[pairs[:, 0]] != body[pairs[:, 1]]
     found = []
@@ -137,7 +137,10 @@ def _intersections(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> list[F
 
 
 def crossing(mesh: PolygonMesh) -> tuple[Int[np.ndarray, "pairs 2"], Float[np.ndarray, "pairs 3"]]:
-    """Return pairs of faces without a common corner that intersect each other, each pair at least once, and a place of each."""
+    """Return pairs of intersecting faces without a common corner, and a point of each intersection.
+
+    A pair may be listed more than once.
+    """
     from shapely import STRtree, box
 
     face, rows = fans(mesh)
@@ -153,7 +156,7 @@ def crossing(mesh: PolygonMesh) -> tuple[Int[np.ndarray, "pairs 2"], Float[np.nd
     a, b = a[apart], b[apart]
     hit = np.zeros(len(a), bool)
     points = np.zeros((len(a), 3))
-    for k in range(3):  # every pair comes in both orders
+    for k in range(3):  # testing the edges of the first triangle is enough, as each pair is listed in both orders
         own, where = _intersect(p[a, k], p[a, (k + 1) % 3], p[b])
         points[own & ~hit] = where[own & ~hit]
         hit |= own
@@ -166,19 +169,19 @@ def crossing(mesh: PolygonMesh) -> tuple[Int[np.ndarray, "pairs 2"], Float[np.nd
 
 
 def _crossing_along_edges(mesh: PolygonMesh) -> Int[np.ndarray, "pairs 2"]:
-    """Return pairs of faces at coincident edges of two faces each, where parts of the surface cross along an edge."""
+    """Return pairs of faces of surface parts that cross along an edge: coincident edges that have two faces each."""
     sides = sides_of(mesh)
     place = sides_of(replace(mesh, corners=places(mesh)[mesh.corners])).edge
     inner = np.flatnonzero(np.bincount(sides.edge)[sides.edge] == 2)
     order = inner[np.lexsort([sides.edge[inner], place[inner]])]
-    following = np.roll(order, -2)  # every one of these edges has two sides, which come one after the other
+    following = np.roll(order, -2)  # each of these edges has two sides, which follow each other in the order
     beside = (place[order] == place[following]) & (sides.edge[order] != sides.edge[following])
     found: Int[np.ndarray, "pairs 2"] = np.stack([sides.face[order[beside]], sides.face[following[beside]]], axis=1)
     return found
 
 
 def _neighbours(mesh: PolygonMesh) -> Int[np.ndarray, " pairs"]:
-    """Encode all pairs of faces with a corner at one place, as first * number of faces + second."""
+    """Return all pairs of faces that share the position of a corner, encoded as first * number of faces + second."""
     of_place = csr_array((np.ones(len(mesh.corners)), (mesh.face_of, places(mesh)[mesh.corners])))
     first, second = (of_place @ of_place.T).nonzero()
     found: Int[np.ndarray, " pairs"] = first.astype(np.int64) * len(mesh.sizes) + second
@@ -198,7 +201,7 @@ def fans(mesh: PolygonMesh) -> tuple[Int[np.ndarray, " triangles"], Int[np.ndarr
 def _coplanar_overlap(
     one: Float[np.ndarray, "pairs 3 3"], other: Float[np.ndarray, "pairs 3 3"], near: float
 ) -> Bool[np.ndarray, " pairs"]:
-    """Return whether triangles that are coplanar to within ``near``, metres, overlap."""
+    """Return whether pairs of triangles are coplanar, to within ``near`` metres, and overlap."""
     import shapely
 
     normal = np.cross(one[:, 1] - one[:, 0], one[:, 2] - one[:, 0])
@@ -232,7 +235,8 @@ def _intersect(
     turn = np.cross(off, one)
     v = np.einsum("ni,ni->n", way, turn) * inverse
     t = np.einsum("ni,ni->n", two, turn) * inverse
-    # inside the edge, and in or on the triangle: symmetric parts cross exactly at edges, and parts that only touch end there
+    # inside the segment, and in the triangle or on its border: symmetric parts cross exactly at edges, while parts that
+    # only touch end there
     inside = (
         ~level
         & (u > -SINGLE_TOL)

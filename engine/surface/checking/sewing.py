@@ -1,7 +1,6 @@
-"""Find and repair faces that lie side by side without being joined: doubled border vertices and T-junctions.
+"""Find and repair faces that touch along their borders without being joined: doubled border vertices and T-junctions.
 
-A T-junction is a border vertex inside a neighbour's border edge: the surface looks whole but is joined only at corners
-there.
+A T-junction is a border vertex inside the border edge of another face: the surface looks closed but is open there.
 """
 
 from __future__ import annotations
@@ -19,17 +18,18 @@ from ..welding import NEAR, clusters, merge_labelled, short_edge
 from .finding import with_count
 from .topology import Sides, bodies, inconsistent, repeated_faces, sides_of, split_vertices
 
-# Share of a border edge: a vertex nearer to it than this, and farther from its ends, lies inside it. More than the sag
-# of an edge a tenth of the radius of curvature long (0.0125); larger takes narrow slits for T-junctions.
+# Largest distance of a vertex from a border edge, and smallest from its ends, as shares of the edge's length, for a
+# T-junction. Smaller: misses T-junctions on curved borders; larger: takes narrow slits for T-junctions.
 BESIDE = 0.05
-ALONG = 0.9  # smallest cosine between borders that run along each other
-FOLDED = 0.5  # largest cosine between the directions into the faces on both sides of a border: a crease of 120 degrees
-MORE = 0.1  # largest share of quads that carrying on cuts may add; beyond it the mesh needs a remesh
+ALONG = 0.9  # smallest absolute cosine between two border edges that count as parallel
+# Largest cosine between the directions from a border into the faces on its two sides (a crease of 120 degrees).
+FOLDED = 0.5
+MORE = 0.1  # largest share of quads that the repair of T-junctions may add; beyond it the mesh needs a remesh
 
 
 @dataclass(frozen=True, eq=False)
 class TJunctions:
-    """Border vertices inside border edges: the vertex, the side in whose edge it lies, and its position on that side (0 to 1)."""
+    """T-junctions: the vertex, the side on which it lies, and its position along that side, 0 to 1."""
 
     vertex: Int[np.ndarray, " junctions"]
     side: Int[np.ndarray, " junctions"]
@@ -37,7 +37,7 @@ class TJunctions:
 
 
 def border_sides(sides: Sides) -> Int[np.ndarray, " sides"]:
-    """Return the sides whose edge has one face only."""
+    """Return the sides on the border, whose edge has only one face."""
     return np.flatnonzero(np.bincount(sides.edge, minlength=len(sides.edges))[sides.edge] == 1)
 
 
@@ -47,7 +47,7 @@ def border_twins(mesh: PolygonMesh, sides: Sides) -> Int[np.ndarray, " vertices"
     Parameters
     ----------
     mesh : unchecked mesh
-    sides : of that mesh
+    sides : sides of that mesh
     """
     rim = border_sides(sides)
     ends = np.unique(np.concatenate([mesh.corners[rim], sides.following[rim]]))
@@ -89,10 +89,16 @@ def _continues_beyond(
     vertex: Int[np.ndarray, " n"],
     side: Int[np.ndarray, " n"],
 ) -> Bool[np.ndarray, " n"]:
-    """Return whether the surface continues beyond a border edge at a vertex inside it; ``side`` indexes ``rim``.
+    """Return whether the surface continues on the other side of a border edge, at a vertex that lies on this edge.
 
-    It continues if the border at the vertex runs along the edge, with its faces on the other side; else parts overlap
-    or cross.
+    It continues if a border edge at the vertex is parallel to the edge and has its face on the other side; otherwise
+    parts of the surface overlap or cross.
+
+    Parameters
+    ----------
+    rim : border sides
+    vertex : vertices on border edges
+    side : for every vertex, the index in ``rim`` of the side on which it lies
     """
     middle = mesh.centres
     start, end = mesh.corners[rim], sides.following[rim]
@@ -110,12 +116,12 @@ def _continues_beyond(
 
 
 def _unit(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """Normalise vectors."""
+    """Return unit vectors."""
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)[:, None]
 
 
 def sew(mesh: PolygonMesh) -> PolygonMesh:
-    """Join doubled border vertices and repair T-junctions; ``cured`` of the returned mesh reports it."""
+    """Join doubled border vertices and repair T-junctions; the returned mesh lists the repairs in ``cured``."""
     if not len(mesh.sizes) or not np.isfinite(mesh.vertices[mesh.corners]).all():
         return mesh
     mesh = _join_doubled(_without_duplicates(mesh))
@@ -135,7 +141,7 @@ def sew(mesh: PolygonMesh) -> PolygonMesh:
 
 
 def _without_duplicates(mesh: PolygonMesh) -> PolygonMesh:
-    """Remove bodies all of whose faces coincide with faces of earlier bodies."""
+    """Remove bodies that coincide with earlier bodies, even if the faces of the two bodies differ."""
     one = replace(mesh, corners=places(mesh)[mesh.corners])
     again = np.zeros(len(mesh.sizes), bool)
     again[repeated_faces(one)] = True
@@ -144,7 +150,7 @@ def _without_duplicates(mesh: PolygonMesh) -> PolygonMesh:
     if not gone.any() or gone.all():
         return mesh
     text = f"{2 * int(gone.sum())} faces lie on each other, as of a shell that is there twice: the second of each two is left out"
-    # vertices without a face stay, for their own finding
+    # vertices without a face stay, as another finding reports them
     loose = np.setdiff1d(np.arange(len(mesh.vertices)), mesh.corners)
     left = mesh.subset(~gone)
     used = np.union1d(np.unique(left.corners), loose)
@@ -154,7 +160,10 @@ def _without_duplicates(mesh: PolygonMesh) -> PolygonMesh:
 
 
 def _duplicate_shells(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> Bool[np.ndarray, " faces"]:
-    """Mask the faces of bodies with the vertices and area of an earlier body, as of a shell listed twice, once in triangles."""
+    """Return a mask of the faces of bodies that have the vertices and the area of an earlier body.
+
+    Such bodies coincide although their faces differ, as where a shell is there in quads and in triangles.
+    """
     middle = mesh.centres
     sides = sides_of(mesh)
     p, q, m = mesh.vertices[mesh.corners], mesh.vertices[sides.following], middle[sides.face]
@@ -170,7 +179,7 @@ def _duplicate_shells(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> Boo
 
 
 def _join_doubled(mesh: PolygonMesh) -> PolygonMesh:
-    """Join doubled border vertices, and turn over faces that then disagree with their neighbours."""
+    """Join doubled border vertices, and reverse faces whose orientation then differs from their neighbours'."""
     label = border_twins(mesh, sides_of(mesh))
     count = int((label != np.arange(len(label))).sum())
     one = joinable(mesh, label)
@@ -181,7 +190,7 @@ def _join_doubled(mesh: PolygonMesh) -> PolygonMesh:
 
 
 def joinable(mesh: PolygonMesh, label: Int[np.ndarray, " vertices"]) -> PolygonMesh | None:
-    """Return the mesh with vertices of equal label joined, bodies turned over to agree; None if nothing joins or faults arise."""
+    """Join vertices of equal label and make the orientation consistent; None if nothing is joined or faults arise."""
     if (label == np.arange(len(label))).all():
         return None
     one = merge_labelled(mesh, label)
@@ -198,7 +207,7 @@ def joinable(mesh: PolygonMesh, label: Int[np.ndarray, " vertices"]) -> PolygonM
 def _adds_no_fault(before: PolygonMesh, after: PolygonMesh) -> bool:
     """Return whether joining vertices added no fault.
 
-    Faults are edges of three faces, faces that disagree, fans that meet in a vertex, and faces that coincide.
+    Faults are edges of three faces, inconsistent orientation, non-manifold vertices, and faces that coincide.
     """
 
     def faults(mesh: PolygonMesh) -> tuple[int, ...]:
@@ -211,20 +220,20 @@ def _adds_no_fault(before: PolygonMesh, after: PolygonMesh) -> bool:
 
 
 def lying_on_each_other(mesh: PolygonMesh) -> Int[np.ndarray, " faces"]:
-    """Return the faces, ascending, whose corners are at the same places as the corners of another face."""
+    """Return the faces, ascending, whose corners have the positions of another face's corners."""
     label = places(mesh)
     one = replace(mesh, corners=label[mesh.corners])
     return np.union1d(repeated_faces(one), repeated_faces(one, later=False))
 
 
 def places(mesh: PolygonMesh) -> Int[np.ndarray, " vertices"]:
-    """Return for every vertex the first vertex at the same place."""
+    """Return for every vertex the index of the first vertex at its position."""
     used = np.unique(mesh.corners)
     return clusters(mesh, used, NEAR * short_edge(mesh))
 
 
 def _insert_vertices(mesh: PolygonMesh, found: TJunctions) -> PolygonMesh:
-    """Insert the vertices of T-junctions as corners into the faces in whose edges they lie."""
+    """Insert the vertices of T-junctions as corners into the faces on whose edges they lie."""
     order = np.lexsort((found.share, found.side))
     after = found.side[order] + 1
     sizes = mesh.sizes + np.bincount(mesh.face_of[found.side], minlength=len(mesh.sizes))
@@ -232,10 +241,9 @@ def _insert_vertices(mesh: PolygonMesh, found: TJunctions) -> PolygonMesh:
 
 
 def _carry_cuts(mesh: PolygonMesh, sides: Sides, found: TJunctions) -> PolygonMesh | None:
-    """Split strips of quads from the T-junctions to the border; None if that is impossible or adds too many quads.
+    """Split strips of quads lengthwise, from the T-junctions to the border; None if impossible or too many quads arise.
 
-    A cut cannot end at an irregular vertex on its way: the face there would have an odd number of sides, which quads
-    cannot fill.
+    A split must go on to the border: where it ended, a face would have an odd number of sides, which quads cannot fill.
     """
     if not (mesh.sizes == 4).all() or np.bincount(sides.edge).max() > 2:
         return None
@@ -264,7 +272,13 @@ def _carry_cuts(mesh: PolygonMesh, sides: Sides, found: TJunctions) -> PolygonMe
 
 
 def _strips(sides: Sides) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return for every edge the strip of quads it crosses, and whether it runs against the strip's first edge; None for one-sided strips."""
+    """Number the strips of quads that are connected over opposite sides.
+
+    Returns
+    -------
+    strip that every edge crosses; whether the edge runs against the first edge of its strip; None if a strip is a
+    Moebius strip
+    """
     n, edge = len(sides.edges), sides.edge.reshape(-1, 4)
     forward = sides.forward.reshape(-1, 4)
     first, second = edge[:, :2].ravel(), edge[:, 2:].ravel()
@@ -287,7 +301,14 @@ def _divide(
     cuts: dict[int, list[float]],
     at: dict[tuple[int, int], int],
 ) -> PolygonMesh:
-    """Divide every quad into the grid that the cuts of its two strips make."""
+    """Divide every quad into the grid of quads that the cuts along its two strips make.
+
+    Parameters
+    ----------
+    strip, turned : result of ``_strips``
+    cuts : positions of the cuts by strip, 0 to 1 in the direction of the strip's edges
+    at : existing vertices by edge and number of the cut; new ones are added
+    """
     points = [np.asarray(mesh.vertices, float)]
     count, rows = len(mesh.vertices), []
 

@@ -1,4 +1,4 @@
-"""Connectivity of an unchecked polygon mesh: sides, bodies, fans, orientation."""
+"""Connectivity of any polygon mesh: sides of faces, bodies (connected components), fans of faces, orientation."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from ..mesh import PolygonMesh
 class Sides:
     """The sides of all faces; side c runs from corner c of the mesh to the next corner of its face.
 
-    edges : vertices, the smaller first, by ascending vertex pair
+    edges : pairs of vertices, the smaller index first, in ascending order
     face, edge, following : face and edge of every side, and the vertex at its end
-    forward : True if the side runs from the edge's smaller vertex to the larger
+    forward : whether the side runs from the smaller to the larger vertex index
     after : next side of the same face
-    pairs : the two sides of every edge that has exactly two
+    pairs : the two sides of every edge that has exactly two sides
     """
 
     edges: Int[np.ndarray, "edges 2"]
@@ -48,7 +48,7 @@ def sides_of(polygons: PolygonMesh) -> Sides:
 
 
 def bodies(sides: Sides, faces: int) -> Int[np.ndarray, " faces"]:
-    """Return the body of every face, connected over edges, numbered from 0.
+    """Return the body (component connected over edges) of every face, numbered from 0.
 
     Parameters
     ----------
@@ -61,37 +61,44 @@ def bodies(sides: Sides, faces: int) -> Int[np.ndarray, " faces"]:
 
 
 def fans(sides: Sides) -> Int[np.ndarray, " corners"]:
-    """Return the fan of every corner, numbered from 0: corners at a vertex whose faces are connected over its edges."""
+    """Return the fan of every corner, numbered from 0.
+
+    A fan is a set of corners at one vertex whose faces are connected over edges of this vertex.
+    """
     start, end = np.arange(len(sides.face)), sides.after
     one, two = sides.pairs.T
-    flipped = sides.forward[one] != sides.forward[two]  # the usual case: the two sides run against each other
+    flipped = sides.forward[one] != sides.forward[two]  # the usual case: the two sides run in opposite directions
     a = np.concatenate([start[one], end[one]])
     b = np.concatenate([np.where(flipped, end[two], start[two]), np.where(flipped, start[two], end[two])])
     return components(len(start), a, b)
 
 
 def split_vertices(polygons: PolygonMesh, sides: Sides) -> np.ndarray:
-    """Return the vertices whose corners form several fans.
+    """Return the non-manifold vertices, whose corners form several fans.
 
     Parameters
     ----------
     polygons : mesh with valid indices
-    sides : its sides
+    sides : sides of that mesh
     """
     found = np.unique(np.stack([polygons.corners, fans(sides)], axis=1), axis=0)[:, 0]
     return np.flatnonzero(np.bincount(found) > 1)
 
 
 def inconsistent(sides: Sides, body: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return faces to turn over, bodies with only one side, and edges between faces that disagree.
+    """Find faces with inconsistent orientation, and bodies that cannot be oriented.
 
-    The double cover holds every face twice, once turned over; a body is one-sided if its two copies are connected. The
-    smaller of the two possible sets of faces is turned over.
+    The orientable double cover contains every face twice, once reversed; a body is not orientable if its two copies are
+    connected. Of the two sets of faces whose reversal makes a body consistent, the smaller is returned.
 
     Parameters
     ----------
     sides : sides of all faces
     body : (F,) body of every face, from ``bodies``
+
+    Returns
+    -------
+    faces to reverse; bodies that are not orientable; edges between faces of different orientation
     """
     one, two = sides.pairs.T
     f, g = sides.face[one], sides.face[two]
@@ -101,7 +108,7 @@ def inconsistent(sides: Sides, body: np.ndarray) -> tuple[np.ndarray, np.ndarray
     b = np.concatenate([np.where(agree, g, g + n), np.where(agree, g + n, g)])
     cover = components(2 * n, a, b)
     one_sided = np.unique(body[cover[:n] == cover[n:]])
-    # in a two-sided body, copy 0 of a face is connected to copy 0 of the body's first face, or to copy 1
+    # in an orientable body, copy 0 of a face is connected to copy 0 of the body's first face, or to its copy 1
     first = np.full(body.max() + 1, n)
     np.minimum.at(first, body, np.arange(n))
     turned = cover[:n] != cover[first][body]
@@ -112,12 +119,12 @@ def inconsistent(sides: Sides, body: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def repeated_faces(polygons: PolygonMesh, later: bool = True) -> Int[np.ndarray, " repeated"]:
-    """Return the faces, ascending, with the same vertices as an earlier face (as a later face if not ``later``), in any order.
+    """Return the faces, ascending, that have the vertices of another face, in any order.
 
     Parameters
     ----------
     polygons : mesh with valid indices
-    later : return the later faces, not the earlier ones
+    later : whether to return the later faces of such pairs (True) or the earlier faces
     """
     sizes = polygons.sizes
     corners = polygons.corners[np.lexsort((polygons.corners, polygons.face_of))]  # sorted within every face

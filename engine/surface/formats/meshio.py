@@ -32,14 +32,14 @@ SHAPE = "shape:"  # prefix of the name of a built-in surface
 def read(path: str | Path) -> PolygonMesh:
     """Read the mesh in the file ``path``; the suffix decides the format.
 
-    Vertices are in the file's own unit, (V, 3) float64, in the file's order, used or not. STL corners at nearly the
-    same position become one vertex. Texture coordinates, normals, colours and materials are ignored. Points, lines and
-    faces listed a second time are dropped, as Blender's importers do, and ``left_out`` of the mesh reports them.
+    Vertices are in the file's unit, (V, 3) float64, in the file's order, unused ones included. STL corners at nearly
+    equal positions become one vertex. Texture coordinates, normals, colours and materials are ignored. Points, lines
+    and repeated faces are dropped, as Blender's importers do, and reported in ``left_out`` of the mesh.
 
     Raises
     ------
-    FlexMapsError : naming the file and the line or element: no such file, a folder, unreadable, empty, cut short, of
-        another format, or with invalid numbers or indices
+    FlexMapsError : the file is missing, a folder, unreadable, empty, cut short, of another format, or has invalid
+        numbers or indices; the message gives the file and the line or element
     """
     path = Path(path)
     parse = PARSERS.get(path.suffix.lower())
@@ -64,7 +64,7 @@ def parse_mesh(data: bytes, name: str) -> PolygonMesh:
     Parameters
     ----------
     data : content of the file
-    name : its name; the suffix decides the format
+    name : name of the file; the suffix decides the format
     """
     if not data.strip():
         raise FlexMapsError(f"{name} is empty; export the mesh again")
@@ -74,7 +74,7 @@ def parse_mesh(data: bytes, name: str) -> PolygonMesh:
 
 
 def _check_raw(raw: RawMesh, name: str) -> PolygonMesh:
-    """Drop faces of fewer than 3 corners and repeated faces; raise for missing or non-finite vertices."""
+    """Drop faces of fewer than 3 corners and repeated faces; raise FlexMapsError for missing or non-finite vertices."""
     face_of = np.repeat(np.arange(len(raw.sizes)), raw.sizes)
     outside = (raw.corners < 0) | (raw.corners >= len(raw.vertices))
     if outside.any():
@@ -121,16 +121,20 @@ def _describe_dropped(faces: np.ndarray, raw: RawMesh, one: str, many: str) -> s
 
 
 def read_named(source: str, up: str | None = None) -> tuple[str, PolygonMesh]:
-    """Read a mesh, z up, moved to the origin if it lies far from there; return its name and the mesh.
+    """Read a mesh, turn it so that z points up, and move it to the origin if it lies far away.
 
     Parameters
     ----------
     source : path of a file, or "shape:NAME" for a built-in surface
     up : axis of the file that points up, "x", "y" or "z"; None for y in OBJ files, else z
 
+    Returns
+    -------
+    name of the file or the built-in surface; mesh
+
     Raises
     ------
-    FlexMapsError : unknown axis, or as ``read``
+    FlexMapsError : the axis is unknown, or the file cannot be read, see ``read``
     """
     if source.startswith(SHAPE):
         name = source.removeprefix(SHAPE)

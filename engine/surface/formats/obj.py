@@ -18,7 +18,7 @@ def parse_obj(data: bytes, name: str) -> RawMesh:
     point_lines: list[int] = []
     faces: list[list[bytes]] = []
     face_lines: list[int] = []
-    known: list[int] = []  # number of vertices before each face, the base of its negative indices
+    known: list[int] = []  # number of vertices before each face, to which its negative indices are added
     for number, words in rows_of(data, continued=True):
         if words[0] == b"v":
             points.append(words[1:4])  # further numbers are a weight or a colour

@@ -1,8 +1,9 @@
 """Parser of the text forms of Geomview's Object File Format.
 
-Programs disagree on it. In Geomview's description it is a stream of words, and only a face's colour ends with the line;
-MeshLab and libigl ignore further words on the line of a vertex or face; some writers put a face on several lines,
-others put all faces on one. A line per vertex and face is tried first, then a stream of words without colours.
+Programs disagree on this format. In Geomview's description it is a stream of words, and only a face's colour ends with
+the line; MeshLab and libigl ignore further words on the line of a vertex or face; some writers put a face on several
+lines, others put all faces on one line. This parser first tries one line per vertex and face, then a stream of words
+without colours.
 """
 
 from __future__ import annotations
@@ -32,11 +33,11 @@ KEYWORD = re.compile(rb"((?:ST|[CN4])*)(n?)OFF(\d*)", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class _Head:
-    """Header of an OFF file."""
+    """Header of an OFF file: numbers of vertices and faces, and layout of a vertex."""
 
     vertices: int
     faces: int
-    stride: int  # numbers per vertex, if vertices are not separated by lines
+    stride: int  # numbers per vertex (coordinates, normal, colour, texture), used if lines do not separate vertices
 
 
 def parse_off(data: bytes, name: str) -> RawMesh:
@@ -50,7 +51,7 @@ def parse_off(data: bytes, name: str) -> RawMesh:
 
 
 def _head(rows: list[Row], name: str) -> tuple[_Head, list[Row]]:
-    """Return the numbers of vertices and faces that the header promises, and the rows after it."""
+    """Parse the header; return it and the rows after it."""
     line, words = rows[0]
     kind = KEYWORD.fullmatch(words[0])
     letters, word_after = b"", words[1:]
@@ -87,12 +88,12 @@ def _head(rows: list[Row], name: str) -> tuple[_Head, list[Row]]:
     return _Head(vertex_count, face_count, stride), rows
 
 
-# words of every vertex and of every face, the line of each, and the rows after the last
+# words of every vertex, their line numbers; words of every face, their line numbers; rows after the last face
 _Parts = tuple[list[list[bytes]], list[int], list[list[bytes]], list[int], list[Row]]
 
 
 def _mesh(head: _Head, rows: list[Row], name: str, read: Callable[[_Head, list[Row], str], _Parts]) -> RawMesh:
-    """Read the mesh by lines or by words."""
+    """Read the mesh with ``read``, which is ``_by_line`` or ``_by_word``."""
     points, point_lines, faces, face_lines, rest = read(head, rows, name)
     vertices = numbers(points, point_lines, 3, name, "a vertex").reshape(-1, 3)
     sizes = np.array([len(face) for face in faces], dtype=np.int64)
@@ -105,7 +106,7 @@ def _mesh(head: _Head, rows: list[Row], name: str, read: Callable[[_Head, list[R
 
 
 def _left(head: _Head, rest: list[Row], name: str) -> tuple[str, ...]:
-    """Describe lines after the last face; raise if they would be further faces."""
+    """Describe lines after the last face; raise FlexMapsError if they look like further faces."""
     if not rest:
         return ()
     line, words = rest[0]
@@ -126,7 +127,7 @@ def _cut_short(head: _Head, name: str) -> FlexMapsError:
 
 
 def _by_line(head: _Head, rows: list[Row], name: str) -> _Parts:
-    """Read a vertex or a face per line; further words of a line are its colour and the like."""
+    """Read one vertex or face per line; ignore further words on the line, such as a colour."""
     points, own = rows[: head.vertices], rows[head.vertices : head.vertices + head.faces]
     if len(points) + len(own) < head.vertices + head.faces:
         raise _cut_short(head, name)
@@ -143,7 +144,7 @@ def _by_line(head: _Head, rows: list[Row], name: str) -> _Parts:
 
 
 def _by_word(head: _Head, rows: list[Row], name: str) -> _Parts:
-    """Read vertices of ``stride`` numbers each and faces without colours, regardless of line ends."""
+    """Read vertices of ``stride`` numbers each, then faces without colours, regardless of line ends."""
     words = [word for _, row in rows for word in row]
     line_of = [line for line, row in rows for _ in row]
     starts, at = range(0, head.vertices * head.stride, head.stride), head.vertices * head.stride
@@ -162,7 +163,7 @@ def _by_word(head: _Head, rows: list[Row], name: str) -> _Parts:
 
 
 def _size(word: bytes, line: int, name: str) -> int:
-    """Return the number of corners of a face."""
+    """Convert a word to the number of corners of a face; raise FlexMapsError if it is not one."""
     size = whole(word, line, name)
     if size < 0:
         raise FlexMapsError(f"{name}, line {line}: a face cannot have {size} corners; mend the line")

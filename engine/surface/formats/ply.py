@@ -54,7 +54,7 @@ class _Element:
 
 
 def parse_ply(data: bytes, name: str) -> RawMesh:
-    """Parse PLY 1.0, text or binary of either byte order, with any elements and properties."""
+    """Parse PLY 1.0, as text or binary in either byte order, with any elements and properties."""
     data = data.removeprefix(BYTE_ORDER_MARK)
     order, elements, start, head_lines = _ply_head(data, name)
     for wanted in (b"vertex", b"face"):
@@ -127,12 +127,12 @@ def _ply_text(data: bytes, order: str, elements: list[_Element], name: str, head
     return _text_mesh(_words_of(rows, elements, name), elements, name)
 
 
-# line number and words of every element, and sentences about data that were not read
+# line number and words of every element of one kind, and messages about data that were not read
 _ElementRows = tuple[list[Row], tuple[str, ...]]
 
 
 def _words_of(rows: list[Row], elements: list[_Element], name: str) -> Iterator[_ElementRows]:
-    """Yield for every kind of element as many words as its properties take, regardless of line ends."""
+    """Yield, for every kind of element, its elements with the words of their properties, regardless of line ends."""
     words = [word for _, row in rows for word in row]
     line_of = [line for line, row in rows for _ in row]
     at = 0
@@ -156,7 +156,7 @@ def _words_of(rows: list[Row], elements: list[_Element], name: str) -> Iterator[
 
 
 def _text_mesh(found: Iterator[_ElementRows], elements: list[_Element], name: str) -> RawMesh:
-    """Build the mesh from the words of every element."""
+    """Build the mesh from the words of all elements."""
     vertices, corners, sizes = np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, np.int64)
     point_lines: list[int] = []
     face_lines: list[int] = []
@@ -178,7 +178,7 @@ def _text_mesh(found: Iterator[_ElementRows], elements: list[_Element], name: st
 
 
 def _text_list(words: list[bytes], element: _Element, wanted: int, name: str, line: int) -> list[bytes]:
-    """Return the vertex indices among the words of a face."""
+    """Return the vertex indices (property number ``wanted``) among the words of a face."""
     at, found = 0, []
     for i, p in enumerate(element.properties):
         length = whole(words[at], line, name) if p.count_type else 0
@@ -226,9 +226,13 @@ def _cut_short(name: str, element: _Element) -> FlexMapsError:
 def _binary_lists(
     data: bytes, at: int, order: str, element: _Element, wanted: int, name: str
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return items and lengths of list property ``wanted`` of all elements, and the offset of the next element.
+    """Read the list property number ``wanted`` of all elements of one kind; -1 to skip the elements.
 
-    Runs of elements with lists of equal length are read at once: the layout of the first is tried on the rest.
+    Runs of elements with lists of equal length are read at once, with the layout of the run's first element.
+
+    Returns
+    -------
+    items of all lists; length of each list; offset of the next kind of element
     """
     items: list[np.ndarray] = []
     lengths: list[np.ndarray] = []
@@ -249,7 +253,7 @@ def _binary_lists(
             lengths.append(np.full(run, int(table[f"n{wanted}"][0]), dtype=np.int64))
         at += run * dtype.itemsize
         done += run
-        chunk = max(2 * run, 16)  # after short runs look only a little ahead, so that mixed faces cost linear time
+        chunk = max(2 * run, 16)  # after short runs read only a little ahead, so that mixed faces take linear time
     empty = np.zeros(0, np.int64)
     return np.concatenate([empty, *items]), np.concatenate([empty, *lengths]), at
 

@@ -10,11 +10,11 @@ from ...errors import FlexMapsError
 from .text import BYTE_ORDER_MARK, RawMesh, bytes_left, numbers
 
 RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])  # 50 bytes per triangle
-HEAD = 84  # bytes: 80 of any text and the number of triangles
+HEAD = 84  # length of the header, bytes: 80 of any text, 4 for the number of triangles
 
 
 def parse_stl(data: bytes, name: str) -> RawMesh:
-    """Parse STL, text or binary; merge corners at exactly equal positions (``weld`` merges those that noise separates)."""
+    """Parse STL, text or binary; merge corners at exactly equal positions (``weld`` merges nearly equal ones)."""
     count = int.from_bytes(data[HEAD - 4 : HEAD], "little")
     end = HEAD + RECORD.itemsize * count
     text = data.removeprefix(BYTE_ORDER_MARK).lstrip()
@@ -51,9 +51,9 @@ def parse_stl(data: bytes, name: str) -> RawMesh:
 
 
 def _text_points(data: bytes, lines_before: int, name: str) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Return (3 n, 3) corner positions of a text STL, and a sentence if the file has no end.
+    """Return the corner positions of a text STL, (3 n, 3), and a message if the file has no end.
 
-    Words count, not lines, except for the name of a solid, which ends with its line.
+    Lines do not matter, except that the name of a solid ends with its line.
     """
     words: list[bytes] = []
     line_of: list[int] = []
@@ -61,10 +61,10 @@ def _text_points(data: bytes, lines_before: int, name: str) -> tuple[np.ndarray,
     for number, line in enumerate(data.splitlines(), lines_before + 1):
         own = line.split()
         if own and own[0].lower() == b"solid":
-            # the whole file may stand on one line
+            # skip the solid's name; the whole file may be on one line
             facet = re.search(rb"\sfacet\s+normal\s+[-+.\d]", line, re.IGNORECASE)
             own = line[facet.start() :].split() if facet else []
-        # the name of the solid follows
+        # after endsolid comes the name of the solid
         end = next((k for k, word in enumerate(own) if word.lower() == b"endsolid"), len(own))
         ended |= end < len(own)
         words += own[:end]

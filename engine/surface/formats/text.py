@@ -22,10 +22,10 @@ Row = tuple[int, list[bytes]]  # line number and words
 class RawMesh:
     """Result of a parser, not yet checked.
 
-    vertices, corners, sizes : as in PolygonMesh; indices may be out of range, sizes as small as 0
-    vertex_place, face_place : functions that return the place of a vertex or face in the file, e.g. "line 12"
-    left_out : sentences about data of the file that were not read
-    single : whether coordinates are stored in single precision
+    vertices, corners, sizes : as in ``PolygonMesh``; indices may be out of range, sizes as small as 0
+    vertex_place, face_place : functions from an index to the vertex's or face's place in the file, e.g. "line 12"
+    left_out : messages about data of the file that were not read
+    single : whether the file stores coordinates in single precision
     """
 
     vertices: Float[np.ndarray, "vertices 3"]
@@ -38,7 +38,7 @@ class RawMesh:
 
 
 def lines_place(lines: Sequence[int]) -> Callable[[int], str]:
-    """Return a place function (see ``RawMesh``) from the line number of every element."""
+    """Return a function from an element's index to its place in the file, given all line numbers; see ``RawMesh``."""
     return lambda i: f"line {lines[i]}"
 
 
@@ -51,12 +51,15 @@ def refuse_binary(data: bytes, name: str, format: str) -> None:
 
 
 def rows_of(data: bytes, *, continued: bool = False) -> list[Row]:
-    """Return the non-empty lines without # comments; with ``continued`` a backslash at the end continues a line."""
+    """Return the lines that are not empty, as numbers and words without # comments.
+
+    continued : whether a backslash at the end of a line continues it
+    """
     return [(number, words) for number, line in _logical_lines(data, continued) if (words := line.split())]
 
 
 def _logical_lines(data: bytes, continued: bool) -> Iterator[tuple[int, bytes]]:
-    """Yield line number and text without comments, continued lines joined."""
+    """Yield line numbers and lines without comments; join continued lines."""
     lines = data.removeprefix(BYTE_ORDER_MARK).splitlines()
     if b"#" in data:
         lines = [line.partition(b"#")[0] for line in lines]
@@ -82,14 +85,25 @@ def quote_words(words: Sequence[bytes]) -> str:
 
 
 def bytes_left(data: bytes) -> tuple[str, ...]:
-    """Describe bytes after the last element of a binary file."""
+    """Return a message about ``data``, the bytes after the last element of a binary file; none if they are blank."""
     if not data.strip(b"\0 \r\n\t"):
         return ()
     return (f"{with_count(len(data), 'byte', 'bytes')} after the last element of the file left out",)
 
 
 def numbers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], width: int, name: str, what: str) -> np.ndarray:
-    """Convert rows of words to an (n, width) float array; raise with the line of the first bad row."""
+    """Convert rows of words to an (n, width) float array.
+
+    Parameters
+    ----------
+    rows, lines : words of every row, and its line number
+    width : numbers per row
+    name, what : name of the file, and of a row's content, for messages
+
+    Raises
+    ------
+    FlexMapsError : a row does not have ``width`` numbers; gives the first such line
+    """
     try:
         flat = np.array([float(word) for row in rows for word in row])
         if flat.size == width * len(rows) and all(len(row) == width for row in rows) and not _grouped(rows):
@@ -112,7 +126,17 @@ def numbers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], width: int, n
 
 
 def integers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], name: str) -> Int[np.ndarray, " corners"]:
-    """Convert rows of words of any length to integers; raise with the line of the first word that is not one."""
+    """Convert rows of words, of any lengths, to one array of integers.
+
+    Parameters
+    ----------
+    rows, lines : words of every row, and its line number
+    name : name of the file, for messages
+
+    Raises
+    ------
+    FlexMapsError : a word is not an integer; gives its line
+    """
     try:
         found = np.array([int(word) for word in chain.from_iterable(rows)], dtype=np.int64)
         if not _grouped(rows):
@@ -132,7 +156,7 @@ def integers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], name: str) -
 
 
 def whole(word: bytes, line: int, name: str) -> int:
-    """Convert a word to an integer; raise with its line if it is not one."""
+    """Convert a word to an integer; raise FlexMapsError with its line if it is not an integer."""
     try:
         if b"_" not in word:
             return int(word)
@@ -142,12 +166,12 @@ def whole(word: bytes, line: int, name: str) -> int:
 
 
 def _grouped(rows: Sequence[Sequence[bytes]]) -> bool:
-    """Return whether digits are grouped by underscores, which Python accepts but no mesh file means."""
+    """Return whether a word contains an underscore, which Python accepts between digits but mesh files do not have."""
     return any(b"_" in word for row in rows for word in row)
 
 
 def first_that_fits(ways: Sequence[Callable[[], RawMesh]]) -> RawMesh:
-    """Return the mesh by the first parser that succeeds; if all fail, raise the first error."""
+    """Call parsers in order and return the first mesh; if all fail, raise the error of the first parser."""
     first: FlexMapsError | None = None
     for way in ways:
         try:

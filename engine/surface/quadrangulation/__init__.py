@@ -1,1 +1,1 @@
-"""Quads that follow the surface's curvature: cross field, seamless map, extraction of quads."""
+"""Quad meshes whose edges follow the surface's curvature: cross field, seamless map, extraction of quads."""

@@ -1,4 +1,4 @@
-"""Even-sized triangles in the shape of a given mesh, for fields and maps."""
+"""Make the triangles of a surface even in size, and smooth the surface, for cross fields and maps."""
 
 from __future__ import annotations
 
@@ -8,24 +8,22 @@ from scipy.sparse import csr_array, diags_array
 from ...arrays import Bool, Int
 from .field import Triangles
 
-TURNED = (
-    # in mean sides: a point of a line that smoothing would move farther is a corner and stays; a right angle moves by
-    # 1.8, a zigzag by 0.5
-    1.2
-)
-MANY = 1.3  # meshes with more than this many times the triangles needed are simplified first
+# Largest distance by which smoothing may move a point of a line (border or fold), in mean side lengths; points that
+# would move farther are corners and stay (right angle 1.8, zigzag 0.5). Larger: corners are rounded off.
+TURNED = 1.2
+MANY = 1.3  # largest ratio of triangles to those needed; meshes with more are simplified first
 
 
 def even_out(mesh: Triangles, longest: float, fold: float) -> Triangles:
-    """Return the same surface without sides longer than ``longest``, and without sides that connect two points of
+    """Simplify a dense mesh, then subdivide it until no side is too long.
 
-    ``Triangles.lines`` but are not part of them.
+    No side of the result joins two points on borders or folds (``Triangles.lines``) without being part of one.
 
     Parameters
     ----------
     mesh : triangles, metres
-    longest : metres
-    fold : angle of the lines, radians
+    longest : largest length of a side, metres
+    fold : angle between the normals of two triangles from which their common side is a fold, radians
     """
     vertices, corners = mesh.vertices, mesh.corners
     needed = int(MANY * mesh.areas.sum() / (0.43 * (0.7 * longest) ** 2))
@@ -47,7 +45,7 @@ def even_out(mesh: Triangles, longest: float, fold: float) -> Triangles:
 
 
 def simplify(vertices: np.ndarray, corners: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Simplify to about ``count`` triangles by edge collapses (Garland and Heckbert 1997).
+    """Simplify a mesh to about ``count`` triangles by edge collapses (Garland and Heckbert 1997).
 
     Parameters
     ----------
@@ -66,13 +64,16 @@ def simplify(vertices: np.ndarray, corners: np.ndarray, count: int) -> tuple[np.
 
 
 def _mark_both_sides(mesh: Triangles, sides: np.ndarray) -> np.ndarray:
-    """Mark the opposite sides of marked sides too."""
+    """Extend a mask of sides by the neighbouring triangles' sides on the same edges."""
     other = mesh.opposite
     return sides | ((other >= 0) & sides[other])
 
 
 def _short_cuts(mesh: Triangles, lines: np.ndarray) -> np.ndarray:
-    """Mask sides that connect two points of the lines but are not part of them: the map would have no area there."""
+    """Return a mask of sides that join two points on lines but are not part of a line.
+
+    A triangle with such a side could have all its corners on one grid line, and so no area in the map.
+    """
     start = mesh.corners.ravel()
     end = np.roll(mesh.corners, -1, axis=1).ravel()
     on = np.zeros(len(mesh.vertices), dtype=bool)
@@ -81,7 +82,7 @@ def _short_cuts(mesh: Triangles, lines: np.ndarray) -> np.ndarray:
 
 
 def _halve_edges(mesh: Triangles, sides: np.ndarray) -> tuple[np.ndarray, Int[np.ndarray, "triangles 3"]]:
-    """Halve the marked edges, and split the triangles at them into two, three or four."""
+    """Halve the marked edges, and split their triangles into two, three or four; return vertices and triangles."""
     other, count = mesh.opposite, len(mesh.vertices)
     first = sides & ((other < 0) | (np.arange(len(other)) < other))
     number = np.full(len(other), -1)
@@ -115,23 +116,23 @@ def _halve_edges(mesh: Triangles, sides: np.ndarray) -> tuple[np.ndarray, Int[np
 
 
 def smooth_surface(mesh: Triangles, lines: Bool[np.ndarray, " sides"], strength: float) -> Triangles:
-    """Smooth the surface, so that directions follow its shape and not noise smaller than a triangle.
+    """Smooth a surface, so that a cross field follows its shape and not noise smaller than a triangle.
 
-    Points move to the mean of their neighbours, points on lines to the mean of their neighbours on the line; where
-    lines meet, end or turn, points stay.
+    Points move towards the mean of their neighbours, points on lines towards the mean of their neighbours on the line;
+    points where lines meet, end or turn stay.
 
     Parameters
     ----------
     mesh : triangles, metres
     lines : mask of sides on the border and on folds
-    strength : weight of the mean relative to the point's own position
+    strength : weight of the neighbours' mean, where the point's own position weighs 1
     """
     from scipy.sparse import coo_array
 
     start, end, count = mesh.corners.ravel(), np.roll(mesh.corners, -1, axis=1).ravel(), len(mesh.vertices)
 
     def graph(sides: np.ndarray) -> csr_array:
-        """Return the adjacency matrix of vertices joined by these sides."""
+        """Return the adjacency matrix of the vertices that these sides join."""
         a, b = np.r_[start[sides], end[sides]], np.r_[end[sides], start[sides]]
         found = coo_array((np.ones(len(a)), (a, b)), shape=(count, count)).tocsr()
         found.data[:] = 1.0  # an edge of two triangles was counted twice
@@ -149,7 +150,13 @@ def smooth_surface(mesh: Triangles, lines: Bool[np.ndarray, " sides"], strength:
 
 
 def _smooth_points(points: np.ndarray, near: csr_array, moving: np.ndarray, strength: float) -> np.ndarray:
-    """Move points to the mean of the points ``near`` them in one implicit step; points not ``moving`` stay."""
+    """Move points towards the mean of their neighbours, in one implicit (backward Euler) step.
+
+    points : positions, (V, 3)
+    near : adjacency matrix, (V, V)
+    moving : mask of points that move; the others stay
+    strength : weight of the mean, where the point's own position weighs 1
+    """
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import splu
 

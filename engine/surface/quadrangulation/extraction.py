@@ -1,8 +1,9 @@
-"""Extract the quads of the integer grid from a seamless map (as Ebke et al. 2013, by pieces instead of traced lines).
+"""Extract the quads of the integer grid from a seamless map, robustly as Ebke et al. 2013.
 
-The grid cuts every triangle into pieces of cells. Pieces of a cell that meet across a side of two triangles belong to
-one quad; cells that meet across a grid line are neighbours. All decisions use integers: coordinates are rounded first,
-so that every transition of the map is exact.
+A cell is a unit square of the grid; a piece is the part of a cell in one triangle. Pieces that meet across a side of
+two triangles belong to one quad; pieces that meet across a grid line belong to neighbouring quads. Coordinates are
+rounded to integers first, so that every comparison and every transition of the map is exact. Ebke et al. trace grid
+lines instead.
 """
 
 from __future__ import annotations
@@ -17,20 +18,25 @@ from ...errors import FlexMapsError
 from ..mesh import PolygonMesh
 from .field import Triangles
 
-FAR = 8000.0  # in quads from the origin: beyond it, products of coordinates overflow 64-bit integers
-UNIT = 1 << 16  # integer steps per quad; products of two coordinates of a thousand quads stay below 2**63
-# Largest mean number of cells that triangles or sides touch, and a total always allowed: far more than any useful map
+FAR = 8000.0  # largest coordinate, in quads; products of larger ones could overflow 64-bit integers
+UNIT = 1 << 16  # integer steps per quad to which coordinates are rounded; larger: finer, but FAR must become smaller
+# Limit on the number of cells that triangles or sides may touch: MOST for each, plus LEAST. Larger than any useful map
 # needs, and small enough for memory.
 MOST, LEAST = 100, 1_000_000
 CORNER = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])  # corners of a cell; side k runs from corner k to corner k + 1
 STEP = np.array([[0, -1], [1, 0], [0, 1], [-1, 0]])  # offset to the cell across side k
-# rotation by -q quarter turns
+# TURNED[q] is the matrix of a rotation by -q quarter turns
 TURNED = np.array([[[1, 0], [0, 1]], [[0, 1], [-1, 0]], [[-1, 0], [0, -1]], [[0, -1], [1, 0]]])
 
 
 @dataclass(frozen=True, eq=False)
 class _CellPieces:
-    """Pieces of cells in triangles, sorted by triangle and cell."""
+    """Pieces (parts of a cell in one triangle), sorted by triangle and cell.
+
+    face : triangle of every piece
+    cell : lower left corner of every piece's cell, in quads
+    low, span : smallest coordinates of all cells, and number of cells along the longer axis
+    """
 
     face: Int[np.ndarray, " pieces"]
     cell: Int[np.ndarray, "pieces 2"]
@@ -39,13 +45,13 @@ class _CellPieces:
 
     @staticmethod
     def key(face: np.ndarray, cell: np.ndarray, low: np.ndarray, span: int) -> np.ndarray:
-        """Return a sortable key for each triangle and cell, -1 outside the range."""
+        """Return a sortable number for each pair of a triangle and a cell; -1 for cells outside the range."""
         at = cell - low
         inside = ((at >= 0) & (at < span)).all(axis=1)
         return np.where(inside, (face * span + at[:, 0]) * span + at[:, 1], -1)
 
     def find(self, face: np.ndarray, cell: np.ndarray) -> np.ndarray:
-        """Return the index of each piece, -1 if it does not exist."""
+        """Return the index of the piece of each cell in each triangle; -1 if there is none."""
         mine = self.key(self.face, self.cell, self.low, self.span)
         asked = self.key(face, cell, self.low, self.span)
         at = np.minimum(np.searchsorted(mine, asked), len(mine) - 1)
@@ -55,18 +61,18 @@ class _CellPieces:
 def extract_quads(
     mesh: Triangles, jump: Int[np.ndarray, " sides"], uv: Float[np.ndarray, "triangles 3 2"]
 ) -> PolygonMesh:
-    """Return the quads of the grid.
+    """Return the quads into which the integer grid divides a mapped surface.
 
     Parameters
     ----------
     mesh : triangles
-    jump : quarter turns of u of the neighbour across every side relative to u here
-    uv : in quads; equal to the neighbour's after -jump quarter turns and an integer shift, to rounding errors far below
-        1/65536
+    jump : for every side, quarter turns from the direction of u here to that in the neighbouring triangle
+    uv : coordinates of every triangle's corners, in quads. At a common side, -jump quarter turns and an integer shift
+        give the neighbour's coordinates, with errors far below 1/65536
 
     Raises
     ------
-    FlexMapsError : the result is not a manifold of the surface's own topology
+    FlexMapsError : the map is stretched too much or folds, or the quads have another topology than the surface
     """
     if not np.isfinite(uv).all() or np.abs(uv).max() > FAR:
         raise FlexMapsError("The map is stretched too much")
@@ -99,12 +105,12 @@ def _has_same_topology(mesh: Triangles, rows: np.ndarray) -> bool:
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross product of plane vectors."""
+    """Return the cross products of plane vectors (..., 2)."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def _boxes(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return for all cells that touch the bounding boxes of (n, k, 2) points the index of the box, and the cell."""
+    """Return all cells that touch the bounding boxes of n polygons (n, k, 2): index of the polygon, and cell."""
     low = np.floor_divide(p.min(axis=1), UNIT) - 1
     size = np.floor_divide(p.max(axis=1), UNIT) - low + 1
     number = size.prod(axis=1)
@@ -116,9 +122,11 @@ def _boxes(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _overlap(points: np.ndarray, low: np.ndarray, high: np.ndarray, outward: np.ndarray | None) -> np.ndarray:
-    """Return whether the interiors of convex polygons (n, k, 2) and boxes intersect: no line separates them.
+    """Return whether the interiors of convex polygons and boxes intersect, that is, no axis separates them.
 
-    outward : (n,) sign of the polygon's area; None for line segments
+    points : polygons or line segments, (n, k, 2)
+    low, high : lower left and upper right corner of each box, (n, 2)
+    outward : sign of each polygon's area, (n,); None for line segments
     """
     least, most = points.min(axis=1), points.max(axis=1)
     apart = ((most <= low) | (least >= high)).any(axis=1)
@@ -135,7 +143,11 @@ def _overlap(points: np.ndarray, low: np.ndarray, high: np.ndarray, outward: np.
 
 
 def _pieces(p: np.ndarray, area: np.ndarray) -> _CellPieces:
-    """Cut the triangles into pieces of cells."""
+    """Cut the triangles into pieces along the grid.
+
+    p : integer coordinates of the corners, (triangles, 3, 2)
+    area : twice the signed area of every triangle in the map
+    """
     solid = np.flatnonzero(area != 0)
     which, cell = _boxes(p[solid])
     face = solid[which]
@@ -152,12 +164,12 @@ def _pieces(p: np.ndarray, area: np.ndarray) -> _CellPieces:
 def _neighbours(
     mesh: Triangles, jump: np.ndarray, p: np.ndarray, area: np.ndarray, pieces: _CellPieces
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Find adjacent pieces.
+    """Find adjacent pieces, see ``extract_quads`` and ``_pieces`` for the arguments.
 
     Returns
     -------
-    pairs of pieces of one cell; quarter turns between the corner numbers of each pair; (piece, side, piece, side)
-    across grid lines
+    pairs of pieces of one cell that meet across a side of two triangles; quarter turns between the corner numbers of
+    each pair; rows (piece, side, piece, side) of pieces that meet across a grid line
     """
     other = mesh.opposite
     glued = []
@@ -184,7 +196,7 @@ def _neighbours(
     far = pieces.find(there[which], _rotate_cells(cell, q[which], shift[which]))
     good = inside & (mine >= 0) & (far >= 0)
     merged, turns = np.stack([mine, far], axis=1)[good], q[which][good]
-    # sides on grid lines separate the cells left and right of them
+    # a triangle's side on a grid line separates the cells on its left and right
     for axis in (0, 1):
         on = (a[:, axis] == b[:, axis]) & (a[:, axis] % UNIT == 0) & (a[:, 1 - axis] != b[:, 1 - axis])
         at = np.flatnonzero(on[which])
@@ -207,12 +219,15 @@ def _neighbours(
 
 
 def _rotate(points: np.ndarray, quarters: np.ndarray) -> np.ndarray:
-    """Rotate points about the origin by minus so many quarter turns."""
+    """Rotate points (n, 2) about the origin by ``-quarters`` quarter turns each."""
     return np.einsum("nij,nj->ni", TURNED[quarters % 4], points)
 
 
 def _rotate_cells(cell: np.ndarray, quarters: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """Rotate and shift cells."""
+    """Return cells in the coordinates of a neighbouring triangle: rotate by ``-quarters`` quarter turns, then shift.
+
+    shift : in integer steps, multiples of UNIT, (n, 2)
+    """
     return (_rotate(2 * cell + 1, quarters) - 1) // 2 + shift // UNIT
 
 
@@ -233,14 +248,17 @@ def _merge_pieces(count: int, merged: np.ndarray, turns: np.ndarray) -> tuple[np
 
 
 def _matching_sides(quad: np.ndarray, turn: np.ndarray, glued: np.ndarray) -> np.ndarray:
-    """Return each pair of coincident sides once; a side has the number 4 quad + side."""
+    """Return every pair of quad sides that coincide, once; side k of quad q has the number 4 q + k."""
     one = 4 * quad[glued[:, 0]] + (glued[:, 1] + turn[glued[:, 0]]) % 4
     two = 4 * quad[glued[:, 2]] + (glued[:, 3] + turn[glued[:, 2]]) % 4
     return np.unique(np.sort(np.stack([one, two], axis=1), axis=1), axis=0)
 
 
 def _existing(quad: np.ndarray, pieces: _CellPieces, p: np.ndarray, area: np.ndarray) -> np.ndarray:
-    """Mask the quads that exist: where the map folds over itself, parts of cells cancel."""
+    """Return a mask of quads to keep: those that cover over half a cell, flipped triangles counting negative.
+
+    Where the map folds over itself, the pieces of a cell cancel each other.
+    """
     import shapely
 
     keep = np.ones(quad.max() + 1, dtype=bool)
@@ -266,7 +284,12 @@ def _build_mesh(
     sides: np.ndarray,
     keep: np.ndarray,
 ) -> PolygonMesh:
-    """Build the quads: merge their corners and place them on the surface."""
+    """Build the quads: merge coincident corners and place them on the surface.
+
+    quad, turn : quad of every piece, and quarter turns of its corner numbers, see ``_merge_pieces``
+    sides : pairs of coincident quad sides
+    keep : mask of quads to keep
+    """
     sides = sides[keep[sides[:, 0] // 4] & keep[sides[:, 1] // 4]]
     if len(np.unique(sides)) != sides.size:
         raise FlexMapsError("The map folds over itself")

@@ -1,4 +1,4 @@
-"""Cross field that guides quads: two perpendicular lines in every triangle."""
+"""Cross field that sets the directions of quads: two perpendicular lines in every triangle."""
 
 from __future__ import annotations
 
@@ -12,14 +12,13 @@ from ...arrays import Bool, Float, Int
 from ...components import components
 from ...errors import FlexMapsError
 
-# Weight of alignment with curvature relative to smoothness, both without a unit. Over 18 meshes of many kinds 4 lowers
-# the angle to the principal curvatures on 15, compared with 0, and hardly adds irregular points; 16 adds a third on
-# smooth shells.
+# Weight of the alignment with curvature against smoothness, without a unit. Larger: quads follow the principal
+# curvatures more closely, with more irregular vertices.
 ALIGNMENT = 4.0
-# Relative residual of the solver for the crosses. Ten times as much turns crosses by up to 1e-3 rad and moves no
-# irregular point of an ellipsoid.
+# Relative residual of the conjugate gradients. Larger: faster; at 1e-5 crosses turn by up to 1e-3 rad.
 TOLERANCE = 1e-6
-# smoothing rounds, over three decades of squared distance; enough for the eight irregular points of a sphere
+# Smoothing rounds, with steps that shrink over three decades. More: slower, irregular points get nearer to their best
+# places.
 ROUNDS = 20
 
 
@@ -86,14 +85,17 @@ class Triangles:
         return 0.5 * (self.sides[:, 0].conj() * self.sides[:, 1]).imag
 
     def lines(self, fold: float) -> Bool[np.ndarray, " sides"]:
-        """Mask of the sides on the border and of those where the surface turns by more than ``fold`` radians."""
+        """Return a mask of border sides and folds: sides where the normals differ by more than ``fold`` radians."""
         normal = self.frames[:, 2]
         here = np.arange(len(self.opposite)) // 3
         cosine = np.einsum("si,si->s", normal[here], normal[self.opposite // 3])
         return (self.opposite < 0) | (cosine < np.cos(fold))
 
     def long_lines(self, fold: float, shortest: float) -> Bool[np.ndarray, " sides"]:
-        """Mask of the sides on the border and on connected folds at least ``shortest`` metres long."""
+        """Return a mask of border sides and folds without short folds.
+
+        Folds are removed if they and the border sides connected with them are shorter than ``shortest`` metres in all.
+        """
 
         lines = self.lines(fold)
         side = np.flatnonzero(lines)
@@ -112,7 +114,7 @@ class Triangles:
 
 @dataclass(frozen=True, eq=False)
 class CrossField:
-    """A cross in every triangle: its lines run at ``angles`` + k pi/2 from the triangle's side 0."""
+    """A cross (two perpendicular lines) in every triangle, at ``angles`` + k pi/2 to the triangle's side 0."""
 
     mesh: Triangles
     angles: Float[np.ndarray, " triangles"]  # radians
@@ -124,7 +126,7 @@ class CrossField:
         At the border it is the rotation from the cross to the side.
         """
         mesh, other = self.mesh, self.mesh.opposite
-        lean = (self.angles[:, None] - np.angle(mesh.sides)).ravel()  # angle of the cross relative to the side
+        lean = (self.angles[:, None] - np.angle(mesh.sides)).ravel()  # angle from the side to the cross
         # use the same rounding for both triangles, so that their errors cancel where the turn is exactly pi/4
         first = np.arange(len(other)) < other
         turn = np.where(other >= 0, lean[other], 0.0) - lean
@@ -152,22 +154,22 @@ class CrossField:
 def cross_field(
     mesh: Triangles, lines: Bool[np.ndarray, " sides"] | None = None, alignment: float = ALIGNMENT
 ) -> CrossField:
-    """Return the smoothest cross field along some lines and, where they differ, along the principal curvatures.
+    """Return a smooth cross field that follows lines exactly and the principal directions approximately.
 
-    A cross is a unit complex number, the fourth power of a direction. The field minimises squared differences over
-    edges, and squared differences from the curvature's crosses, weighted by area and squared difference of the
-    curvatures (Knoeppel et al. 2013). Rounds of smoothing alternate with normalisation, which moves irregular points to
-    their natural places (Viertel and Osting 2019).
+    A cross is represented by a unit complex number, the fourth power of a direction. The field minimises the squared
+    differences across edges, plus squared differences from the crosses of the principal directions, weighted by area
+    and by the squared difference of the principal curvatures (Knoeppel et al. 2013). Rounds of smoothing alternate with
+    normalisation, which moves irregular points to their best places (Viertel and Osting 2019).
 
     Parameters
     ----------
     mesh : triangles, metres
     lines : mask of sides that the field follows exactly; the border by default
-    alignment : weight of the curvature, without a unit; 0 for the smoothest field
+    alignment : weight of the principal directions, without a unit; 0 for the smoothest field
 
     Raises
     ------
-    FlexMapsError : not an oriented manifold, or a triangle has no area
+    FlexMapsError : the mesh is not an oriented manifold, or a triangle has no area
     """
     smooth = _smoothness(mesh).tocsr()
     anisotropy = _anisotropy(mesh)
@@ -184,7 +186,7 @@ def cross_field(
     pulled = (pull * wanted)[free] - rows[:, np.flatnonzero(fixed)] @ value[fixed]
     pull, areas, solver = pull[free], mesh.areas[free], None
     solved = cross[free]
-    # large steps first: they find the field's large features from any start; then ever more local ones
+    # large steps first: they shape the field's large features whatever the start; then ever smaller ones
     for step in np.geomspace(1.0, 1e-3, ROUNDS) * mesh.areas.sum():
         matrix = inner + diags_array(pull + areas / step)
         solver = solver or _Solver(matrix)
@@ -195,10 +197,9 @@ def cross_field(
 
 
 class _Solver:
-    """Conjugate gradients for Hermitian matrices that differ in their diagonals, preconditioned by factors of the first.
+    """Conjugate gradients for Hermitian matrices that differ only in their diagonals.
 
-    Factoring every matrix takes two to eight times as long, on six of Blender's own objects with 192 to 15,744
-    triangles.
+    The factors of the first matrix precondition all; to factor every matrix would take two to eight times as long.
     """
 
     def __init__(self, first: csr_array):
@@ -208,17 +209,17 @@ class _Solver:
         self._near = LinearOperator(first.shape, factors.solve, dtype=complex)
 
     def solve(self, matrix: csr_array, right: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """Solve to ``TOLERANCE``, or as near as the iterations get."""
+        """Solve to the relative residual ``TOLERANCE``, or until the iteration limit."""
         from scipy.sparse.linalg import cg
 
         return cg(matrix, right, x0=start, rtol=TOLERANCE, M=self._near)[0]
 
 
 def _smoothness(mesh: Triangles) -> coo_array:
-    """Hermitian matrix over triangles: squared differences of crosses over all inner edges.
+    """Return the Hermitian matrix (triangles, triangles) of the sum of squared differences of crosses across edges.
 
-    The weight of an edge is its length over the distance of the triangles' middles, as in the integral of the squared
-    gradient.
+    The weight of an edge is its length divided by the distance of the triangles' centroids, which approximates the
+    integral of the squared gradient.
     """
     side = np.flatnonzero(mesh.opposite >= 0)
     here, there = side // 3, mesh.opposite[side] // 3
@@ -231,9 +232,11 @@ def _smoothness(mesh: Triangles) -> coo_array:
 
 
 def _anisotropy(mesh: Triangles) -> np.ndarray:
-    """(triangles,) complex, 1/m: half the difference of the principal curvatures, at twice the angle of the larger.
+    """Return the anisotropy of the curvature, (triangles,) complex, 1/m.
 
-    The shape operator comes from the change of the vertex normals along the triangle's sides (Rusinkiewicz 2004).
+    Its absolute value is half the difference of the principal curvatures, its argument twice the angle of the larger
+    one's direction. The shape operator is fitted to the change of the vertex normals along the triangle's sides
+    (Rusinkiewicz 2004).
     """
     normal = np.zeros_like(mesh.vertices)
     for k in range(3):
@@ -251,7 +254,7 @@ def _anisotropy(mesh: Triangles) -> np.ndarray:
 
 
 def _line_crosses(mesh: Triangles, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mask the triangles at lines, and return the crosses along these lines."""
+    """Return a mask of the triangles at lines, and crosses (triangles,) that follow these lines."""
     side = np.flatnonzero(lines)
     fixed, value = np.zeros(len(mesh.corners), dtype=bool), np.ones(len(mesh.corners), dtype=complex)
     fixed[side // 3] = True

@@ -1,4 +1,4 @@
-"""Quads along a smooth cross field that follows the curvature, by a seamless map (Bommes et al. 2009)."""
+"""Quad meshing along a smooth cross field that follows the curvature, by a seamless map (Bommes et al. 2009)."""
 
 from __future__ import annotations
 
@@ -16,28 +16,26 @@ from .rounding import round_unknowns
 from .seamless import Maps, cut_to_disk, lattice
 from .separation import NOTHING, TOO_MANY_FOLDS, apart
 
-# Longest edge of the map's triangles, in quads; 0.4 gives the same quads on 16 meshes in two to three times the time.
-FINE = 0.55
-# Quad sizes, as shares of the wanted size, tried until the map does not fold.
+FINE = 0.55  # longest edge of the map's triangles, in quad edges; smaller: slower, with hardly other quads
+# Quad sizes, as shares of the wanted size, that are tried until the map does not fold.
 SCALES = (1.0, 0.94)
-ATTEMPTS = (
-    # attempts over sizes, with and without separation of nearby points; with 2, a map that folds takes twice the time
-    2
-)
+# Largest number of attempts: each size with and then without separation of nearby points. Larger: slower, fewer
+# failures.
+ATTEMPTS = 2
 MAPPING = "Mapping the surface onto a grid"
-# Smoothing of the surface before the field is computed; over amo_quad, homer and a scanned bunny 10 leaves 16, 70 and
-# 139 irregular points of 32, 103 and 160.
+# Strength of the smoothing before the cross field is computed, see ``smooth_surface``. Larger: fewer irregular
+# vertices, less alignment with small features.
 SMOOTHING = 10.0
-STIFFER = 12  # rounds in which folded triangles are made stiffer
-IDLE = 3  # rounds without fewer folds after which it stops
-SHORTEST = 3.0  # in quads: shorter folds are noise; a scanned bunny has hundreds
-# Largest number of integers of a map; the time to find the best ones grows with the cube, 2 s of processor time for
-# 1,000.
+STIFFER = 12  # largest number of rounds in which folded triangles are made stiffer; larger: fewer folds, slower
+IDLE = 3  # number of these rounds without progress after which they end
+SHORTEST = 3.0  # length of a fold, in quad edges, below which it is ignored as noise
+# Largest number of integer unknowns of a map; the time for rounding grows with its cube (1,000 take 2 s).
 WHOLE = 1000
-SPREAD, FADING = 4, 0.7  # rings of triangles round a folded one that are stiffened too, and the factor per ring
+# Number of rings of triangles round a folded triangle that are stiffened too, and factor on the stiffening per ring.
+SPREAD, FADING = 4, 0.7
 
 
-@one_thread  # with more threads sums, and so the integers of the map, differ from run to run
+@one_thread  # with more threads, rounding errors of sums, and so the integers of the map, differ from run to run
 def quadrangulate(
     mesh: PolygonMesh,
     edge: float,
@@ -46,15 +44,15 @@ def quadrangulate(
     smoothing: float = SMOOTHING,
     progress: Progress = SILENT,
 ) -> PolygonMesh:
-    """Make quads on a clean connected triangle surface, along its borders and curvature.
+    """Make quads on a connected, oriented, manifold triangle surface, along its borders and curvature.
 
     Parameters
     ----------
     mesh : triangles, metres
-    edge : wanted quad edge, metres
-    fold : quads have sides along edges where the surface turns by more, radians
-    alignment : with the curvature, see ``cross_field``
-    smoothing : of the surface before the field is computed, see ``smooth_surface``
+    edge : wanted edge length of the quads, metres
+    fold : quads have sides along edges where the normals differ by more than this, radians
+    alignment : weight of the alignment with the curvature, see ``cross_field``
+    smoothing : strength of the smoothing before the cross field is computed, see ``smooth_surface``
     progress : called with the fraction done
 
     Raises
@@ -71,7 +69,7 @@ def quadrangulate(
 def _quads_by_map(
     triangles: Triangles, edge: float, fold: float, alignment: float, smoothing: float, progress: Progress
 ) -> PolygonMesh:
-    """Return the quads of the first size that gives a map without folds."""
+    """Return quads of the first size for which the quads can be extracted from the map."""
     lines = triangles.long_lines(fold, SHORTEST * edge)
     progress(0.1, "Looking for the directions of quads")
     smooth = smooth_surface(triangles, lines, smoothing)
@@ -96,7 +94,7 @@ def _quads_by_map(
 
 
 def folded_triangles(uv: Float[np.ndarray, "triangles 3 2"]) -> np.ndarray:
-    """Mask the triangles that the map turns over."""
+    """Return a mask of the triangles that the map flips or collapses."""
     a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] <= 0
 
@@ -104,9 +102,18 @@ def folded_triangles(uv: Float[np.ndarray, "triangles 3 2"]) -> np.ndarray:
 def _unfold(
     maps: Maps, edge: float, whole: Int[np.ndarray, " whole"], progress: Progress
 ) -> Float[np.ndarray, "triangles 3 2"]:
-    """Compute the map, making folded triangles and their neighbours stiffer in rounds; return the map with the fewest folds.
+    """Compute a map with few folds, by stiffening folded triangles and their neighbours in rounds.
 
     See Bommes et al. 2009, section 4.3.
+
+    Parameters
+    ----------
+    maps, edge : maps of the chart; quad edge, metres
+    whole : integers of the map
+
+    Returns
+    -------
+    coordinates of the map with the fewest folded triangles, in quads
     """
     mesh = maps.chart.field.mesh
     inner = np.flatnonzero(mesh.opposite >= 0)

@@ -1,4 +1,4 @@
-"""Find the best integers of a seamless map that keep nearby points apart."""
+"""Round the integer unknowns of a seamless map so that its energy is small and nearby points stay apart."""
 
 from __future__ import annotations
 
@@ -7,28 +7,29 @@ import numpy as np
 from ...arrays import Float, Int
 from .separation import PositiveSums
 
-SURE = 0.02  # values this near to integers are rounded together
-FAR = 3.0  # largest change of an integer when pairs are separated
-# limit on the solver's nodes, not seconds, so that a mesh always gives the same map; of 83 maps of 24 meshes 65 took at
-# most 7, the others over 40
+SURE = 0.02  # largest distance from an integer at which values are rounded together; larger: faster, less exact
+FAR = 3.0  # largest change of an integer to separate a pair; larger: more pairs can be separated, slower
+# Largest number of branch-and-bound nodes of the solver. A limit on nodes, not seconds, makes results repeatable.
+# Larger: slower, more pairs separated.
 NODES = 10
-LONGEST = 10.0  # time limit of the solver, seconds, if the machine is busy
-GAP = 0.1  # relative gap to the optimum that is good enough, since single steps follow
-STEPS = 200  # largest number of single steps; far more than were ever taken
+LONGEST = 10.0  # time limit of the solver on a busy machine, seconds; results beyond it are not repeatable
+GAP = 0.1  # relative gap to the optimum at which the solver ends; it may be large, as steps of single integers follow
+STEPS = 200  # largest number of steps of single integers; never reached
 
 
 def round_unknowns(
     matrix: Float[np.ndarray, "whole whole"], right: Float[np.ndarray, " whole"], apart: PositiveSums
 ) -> Int[np.ndarray, " whole"]:
-    """Round the unknowns of an energy to integers.
+    """Round the unknowns of a quadratic energy to integers.
 
-    First greedily, the surest first, solving for the rest (Bommes et al. 2009, section 3); then pairs that came
-    together are separated; then single integers step wherever that lowers the energy.
+    The unknowns nearest to integers are rounded first, and the others solved again (Bommes et al. 2009, section 3);
+    then pairs of points that violate ``apart`` are separated; then single integers change by 1 where that lowers the
+    energy.
 
     Parameters
     ----------
-    matrix, right : energy 1/2 x^T M x - r^T x
-    apart : constraints that keep pairs apart
+    matrix, right : M and r of the energy 1/2 x^T M x - r^T x
+    apart : constraints that keep pairs of points apart
     """
     result = _round_greedily(matrix, right)
     result = _separate(matrix, apart, result)
@@ -47,7 +48,7 @@ def round_unknowns(
 
 
 def _round_greedily(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Round one unknown after another, the surest first, solving for the others."""
+    """Round one unknown after another, the nearest to an integer first, and solve for the others again."""
     result, left = np.zeros(len(right)), np.arange(len(right))
     while len(left):
         held = np.setdiff1d(np.arange(len(right)), left)
@@ -60,7 +61,10 @@ def _round_greedily(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def _separate(matrix: np.ndarray, apart: PositiveSums, result: np.ndarray) -> np.ndarray:
-    """Return the nearest integers that keep all pairs apart, weighted by the energy's curvature; unchanged if the solver finds none."""
+    """Return the integers nearest to ``result`` that keep all pairs apart; ``result`` itself if the solver finds none.
+
+    Changes are weighted by the square root of the energy's second derivatives.
+    """
     from scipy.optimize import Bounds, LinearConstraint, milp
 
     if apart.hold(result):

@@ -1,8 +1,9 @@
-"""Seamless map of a triangle mesh onto the plane, in which the integer grid is a quad mesh (Bommes et al. 2009).
+"""Seamless map of a triangle mesh onto the plane, whose integer grid gives a quad mesh (Bommes et al. 2009).
 
-The surface is cut open to a disk through the irregular points of the cross field, and the crosses are rotated to be
-consistent there; u and v follow them in the least-squares sense. Across a cut the map may turn by quarters and shift by
-integers, so that the grid continues; irregular points, borders and sharp folds lie on integers.
+The surface is cut open to a disk through the irregular points of the cross field. On the disk, quarter turns make the
+crosses consistent, and the gradients of u and v follow them in the least-squares sense. Across a cut the map may turn
+by quarter turns and shift by integers, so that the grid continues; irregular points, borders and sharp folds lie on
+integers.
 """
 
 from __future__ import annotations
@@ -20,21 +21,20 @@ from ...errors import FlexMapsError
 from ...linalg import Pattern, SparseCholesky
 from .field import CrossField
 
-# (u + iv) rotated by -q quarter turns: source of each coordinate
+# After a rotation by -q quarter turns, coordinate c of (u, v) is SIGN[q][c] times the old coordinate TAKEN[q][c].
 TAKEN = ((0, 1), (1, 0), (0, 1), (1, 0))
-# and its sign
-SIGN = ((1, 1), (1, -1), (-1, -1), (-1, 1))
-LOOSE = 1e-9  # share of the matrix's diagonal that is added to it; fixes a map that could be shifted as a whole
+SIGN = ((1, 1), (1, -1), (-1, -1), (-1, 1))  # see TAKEN
+LOOSE = 1e-9  # share of the diagonal that is added to the matrix, which is singular where the whole map may shift
 
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """The mesh cut open, with consistent directions of u and v.
+    """The mesh cut open to a disk, with consistent directions of u and v.
 
     turn : quarter turns from the cross of every triangle to the direction of u
-    jump : quarter turns of the neighbour's u relative to this triangle's, for every side; 0 at the border
-    cut : sides across which the map may jump
-    wedge : point of the cut mesh for every corner of every triangle; corners of one wedge have equal u and v
+    jump : for every side, quarter turns from the direction of u to that in the neighbouring triangle; 0 at the border
+    cut : mask of the sides on the cut, across which the map may jump
+    wedge : vertex of the cut mesh, for every corner of every triangle
     """
 
     field: CrossField
@@ -50,7 +50,7 @@ class Chart:
 
 
 def cut_to_disk(field: CrossField) -> Chart:
-    """Cut a connected mesh to a disk through all irregular points, and make the crosses consistent there."""
+    """Cut a connected mesh open to a disk, through all irregular points, and choose consistent directions of u."""
     from scipy.sparse.csgraph import breadth_first_order
 
     mesh = field.mesh
@@ -88,7 +88,7 @@ def _after(sides: np.ndarray) -> np.ndarray:
 
 
 def _prune(field: CrossField, cut: np.ndarray) -> np.ndarray:
-    """Remove dead ends of the cut, except at irregular points."""
+    """Return the cut without its dead ends, except those at irregular points or at the border."""
     mesh, irregular = field.mesh, field.indices != 0
     start, other = mesh.corners.ravel(), mesh.opposite
     rim = np.zeros(len(mesh.vertices), dtype=bool)
@@ -114,9 +114,10 @@ def _prune(field: CrossField, cut: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """All consistent maps of a chart, parametrised by real numbers and integers.
+    """All seamless maps of a chart, parametrised by real unknowns and integer unknowns.
 
-    Coordinate 2 w + c (u or v) of wedge w is ``free`` times the real numbers plus ``whole`` times the integers.
+    Row 2 w + c of ``free`` and ``whole`` gives coordinate c (u or v) of wedge w: ``free`` times the real unknowns plus
+    ``whole`` times the integers.
     """
 
     free: csr_array
@@ -124,17 +125,17 @@ class Lattice:
 
 
 def lattice(chart: Chart, lines: np.ndarray) -> Lattice:
-    """Parametrise the consistent maps of a chart.
+    """Parametrise the seamless maps of a chart.
 
     Parameters
     ----------
-    chart : cut mesh
-    lines : (sides,) bool, borders and sharp folds, along which one coordinate is an integer
+    chart : mesh, cut open
+    lines : (sides,) mask of borders and sharp folds, along which one coordinate is a constant integer
     """
     field, mesh = chart.field, chart.field.mesh
     other, wedges = mesh.opposite, chart.wedge.max() + 1
     shift = _chains(chart)
-    relations: list[tuple[int, int, int, int]] = []  # relations as ``_traverse`` takes them
+    relations: list[tuple[int, int, int, int]] = []  # (a, b, sign, shift), see ``_traverse``
     for s in np.flatnonzero(shift >= 0):
         o, q = int(other[s]), int(chart.jump[s])
         for mine, theirs in ((s, int(_after(np.array(o)))), (int(_after(np.array(s))), o)):
@@ -158,9 +159,11 @@ def lattice(chart: Chart, lines: np.ndarray) -> Lattice:
 
 
 def _chains(chart: Chart) -> np.ndarray:
-    """(sides,) int: number of the chain of each cut side, on one flank of the cut; -1 for opposite and all other sides.
+    """Number the chains of the cut: its parts between ends, branch points and irregular points.
 
-    A chain is the part of the cut between two of its ends or branch points.
+    Returns
+    -------
+    (sides,) chain of every cut side on one flank of the cut; -1 for sides on the other flank and sides not on the cut
     """
     mesh, cut = chart.field.mesh, chart.cut
     start, other = mesh.corners.ravel(), mesh.opposite
@@ -188,11 +191,14 @@ def _chains(chart: Chart) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Classes:
-    """Every coordinate as a factor times the root of its class, plus an offset in the shifts.
+    """Classes of coordinates that determine each other.
 
-    root, factor, offset : of each coordinate
-    whole : mask of classes that lie on integers
-    rows : sums of shifts and roots that must be zero, roots numbered after the shifts
+    Each coordinate is its factor times the coordinate ``root`` of its class, plus its offset, a sum of shifts. A shift
+    is an unknown integer by which the map jumps across a chain of the cut.
+
+    root, factor, offset : of each coordinate; an offset maps numbers of shifts to factors
+    whole : mask of coordinates whose class lies on integers
+    rows : sums of shifts and roots that must be zero; root x has the number of shifts plus x as its number
     """
 
     root: Int[np.ndarray, " coordinates"]
@@ -203,7 +209,15 @@ class _Classes:
 
 
 def _traverse(size: int, relations: list[tuple[int, int, int, int]], wholes: set[int], shifts: int) -> _Classes:
-    """Traverse the classes of related coordinates; a relation is x_a = sign x_b + shift t, with t = -1 for no shift."""
+    """Find the classes of related coordinates, breadth first.
+
+    Parameters
+    ----------
+    size : number of coordinates
+    relations : (a, b, sign, t) for x_a = sign x_b + shift t; t = -1 for no shift
+    wholes : coordinates that are integers
+    shifts : number of shifts
+    """
     near: dict[int, list[tuple[int, int, int, int]]] = {}
     for a, b, sign, t in relations:  # reversed: x_b = sign x_a - sign (shift t)
         near.setdefault(b, []).append((a, sign, t, 1))
@@ -239,7 +253,13 @@ def _traverse(size: int, relations: list[tuple[int, int, int, int]], wholes: set
 
 
 def _eliminate(size: int, shifts: int, walked: _Classes) -> Lattice:
-    """Express the coordinates by real numbers and integers, after elimination of the integers that the rows determine."""
+    """Express the coordinates by real unknowns and independent integers, after elimination of the dependent ones.
+
+    Parameters
+    ----------
+    size, shifts : number of coordinates, number of shifts
+    walked : classes of coordinates, with the equations (``rows``) that the integers must satisfy
+    """
     is_root = walked.root == np.arange(size)
     place = np.full(size, -1)
     whole, free = np.flatnonzero(is_root & walked.whole), np.flatnonzero(is_root & ~walked.whole)
@@ -262,9 +282,9 @@ def _eliminate(size: int, shifts: int, walked: _Classes) -> Lattice:
 
 
 def _kernel(rows: list[dict[int, int]], size: int) -> np.ndarray:
-    """(size, k) int: basis of all integer solutions of the rows, by Euclid's algorithm on columns."""
+    """Return a basis (size, k) of all integer solutions of the equations ``rows``, by Euclid's algorithm on columns."""
     basis = np.eye(size, dtype=np.int64, order="F")
-    # mask of columns in use; the others are zeroed and dropped at the end, because dropping one copies all
+    # mask of columns in use; the others are zeroed and removed together at the end, as each removal copies the matrix
     left = np.ones(size, dtype=bool)
     unique = {tuple(sorted(row.items())) for row in rows}
     for row in sorted(unique, key=len):
@@ -285,10 +305,10 @@ def _kernel(rows: list[dict[int, int]], size: int) -> np.ndarray:
 
 
 class Maps:
-    """Maps of a chart for any quad size; the expensive parts are computed once.
+    """Least-squares maps of a chart for any quad size; the expensive parts are computed once.
 
-    The energy is the area integral of |grad u - d|^2 + |grad v - i d|^2, with d the direction of the crosses over the
-    edge.
+    The energy is the area integral of |grad u - d|^2 + |grad v - i d|^2, with d the unit direction of u from the cross
+    field divided by the quad's edge.
     """
 
     def __init__(self, chart: Chart, found: Lattice):
@@ -317,7 +337,7 @@ class Maps:
         self.weigh(np.ones(count))
 
     def weigh(self, weights: Float[np.ndarray, " triangles"]) -> None:
-        """Scale the weight of every triangle, its area, by ``weights``."""
+        """Weight every triangle in the energy by its area times ``weights``."""
         self._weight = np.repeat(self.chart.field.mesh.areas * weights, 4)
         normal = (self._free.T @ (diags_array(self._weight) @ self._free)).tocoo()
         rows = self._pattern.size * normal.coords[1].astype(np.int64) + normal.coords[0]
@@ -330,7 +350,10 @@ class Maps:
 
     @cached_property
     def _schur(self) -> tuple[np.ndarray, np.ndarray]:
-        """Matrix and right side, for an edge of 1 m, of the energy as a function of the integers alone, all else optimal."""
+        """Matrix and right side of the energy as a function of the integers, for a quad edge of 1 m.
+
+        The real unknowns take their optimal values (Schur complement).
+        """
         weighted = diags_array(self._weight) @ self._whole
         cross = (self._free.T @ weighted).toarray()
         solved = self._factor.solve(cross) if cross.size else cross
@@ -338,18 +361,21 @@ class Maps:
         return (self._whole.T @ weighted).toarray() - cross.T @ solved, right
 
     def real_optimum(self, edge: float) -> Float[np.ndarray, " whole"]:
-        """Return the optimum if the integers may be real."""
+        """Return the integers' optimal values if they need not be integers; ``edge`` in metres."""
         matrix, right = self.energy(edge)
         return np.linalg.solve(matrix, right)
 
     def energy(self, edge: float) -> tuple[Float[np.ndarray, "whole whole"], Float[np.ndarray, " whole"]]:
-        """Return matrix and right side of the energy as a function of the integers alone, all else optimal; ``edge`` in metres."""
+        """Return M and r of the energy 1/2 x^T M x - r^T x of the integers x, the real unknowns at their optimum.
+
+        edge : quad edge, metres
+        """
         matrix, right = self._schur
         count = len(right)
         return matrix + np.eye(count) * (1e-9 * max(float(np.trace(matrix)) / max(count, 1), 1e-300)), right / edge
 
     def map(self, edge: float, whole: np.ndarray) -> Float[np.ndarray, "triangles 3 2"]:
-        """Return u and v at every corner, in quads; ``edge`` in metres."""
+        """Return u and v at every corner, in quads, for the integers ``whole`` and a quad edge in metres."""
         right = self._weight * (self._wished / edge - self._whole @ whole)
         both = self.lattice.free @ self._factor.solve(self._free.T @ right) + self.lattice.whole @ whole
         return both.reshape(-1, 2)[self.chart.wedge].reshape(-1, 3, 2)

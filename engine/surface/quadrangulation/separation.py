@@ -1,8 +1,8 @@
 """Constraints that keep points apart when a seamless map is rounded to integers (Campen et al. 2015, section 4).
 
-Two irregular points that land on one grid point, or change sides, fold the map between them; so do a point and a border
-or sharp fold, and the two borders of a strip. Near pairs are looked up once on the surface; each demands that a sum of
-integers stays positive.
+The map folds where rounding puts two irregular points on one grid point or swaps them, and likewise a point and a
+border or sharp fold, or the two borders of a strip. Pairs that are near each other on the surface are found once; each
+gives one constraint: a sum of the map's integers must stay positive.
 """
 
 from __future__ import annotations
@@ -21,25 +21,19 @@ from ...tolerances import SINGLE_TOL
 from .seamless import SIGN, TAKEN, Maps
 
 TOO_MANY_FOLDS = "The surface has too many sharp folds for a map"
-NEAR = 2.0  # in quads: irregular points farther apart need no constraint
-ACROSS = 1.2  # in quads: borders and folds farther from a point need no constraint
-BESIDE = 0.6  # in quads: a point counts as beside a border if it is at most this far off along it
-# Largest number of pairs: Suzanne with 500 quads has at most 785, other objects of Blender's own up to 76; noise or
-# many pleats give 70,000 and more, which take half a gigabyte and minutes.
-MANY = 5000
-DIGITS = 9  # factors of integers equal to so many digits are equal, up to rounding errors
-# in quads: irregular points keep their sides if the grid step between them goes at least this far in the right
-# direction
+NEAR = 2.0  # largest distance of two irregular points that need a constraint, in quads; larger: slower
+ACROSS = 1.2  # largest distance of a point from a border or fold that needs a constraint, in quads; larger: slower
+BESIDE = 0.6  # largest offset of a point, along a border or fold, from a vertex beside which it lies, in quads
+MANY = 5000  # largest number of pairs; noise or many pleats give far more, which take too much time and memory
+DIGITS = 9  # decimals to which the factors of two constraints must agree for the constraints to be equal
+# Smallest offset between two irregular points after rounding, in quads, along the direction of their offset before it:
+# above zero, so that they do not coincide or swap. Larger: fewer roundings are possible.
 LEAST = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class PositiveSums:
-    """Sums of integers that must stay positive.
-
-    rows : factors of the integers
-    least : lower bound of each sum
-    """
+    """Linear constraints on the map's integers x: ``rows`` @ x >= ``least``, with positive lower bounds."""
 
     rows: Float[np.ndarray, "pairs whole"]
     least: Float[np.ndarray, " pairs"]
@@ -53,17 +47,17 @@ NOTHING = PositiveSums(np.empty((0, 0)), np.empty(0))  # satisfied by all intege
 
 
 def apart(maps: Maps, edge: float, progress: Progress = SILENT) -> PositiveSums:
-    """Find points, borders and folds so close that quads of this edge might bring them together; return the constraints.
+    """Return constraints that keep nearby irregular points, borders and folds apart when the map is rounded.
 
     Parameters
     ----------
     maps : maps of the chart
-    edge : metres
+    edge : quad edge, metres
     progress : called with the fraction done
 
     Raises
     ------
-    FlexMapsError : too many pairs for a map
+    FlexMapsError : there are more than ``MANY`` pairs of nearby points
     """
     search = _NeighbourWalk(maps, edge)
     every = [(int(corner), radius) for held, radius in ((2, NEAR), (1, ACROSS)) for corner in search.held_in(held)]
@@ -77,10 +71,10 @@ def apart(maps: Maps, edge: float, progress: Progress = SILENT) -> PositiveSums:
 
 
 class _NeighbourWalk:
-    """Walks over the triangles round points that lie on integers.
+    """Walks over the triangles round points with integer coordinates, to find points near them.
 
-    A frame transforms coordinates of the current triangle to the triangle where the walk began: a rotation and an
-    integer shift. Walks reach the same frames repeatedly, so each is computed once and numbered.
+    A frame is the transformation (rotation and integer shift) from the coordinates of the current triangle to those of
+    the triangle where the walk began. Walks meet the same frames repeatedly, so each is computed once and numbered.
     """
 
     def __init__(self, maps: Maps, edge: float):
@@ -99,7 +93,7 @@ class _NeighbourWalk:
         )
         self._held, self._any_held = held.tolist(), held.any(axis=1).tolist()
         self._uv = maps.map(edge, self.relaxed).reshape(-1, 2).tolist()
-        # opposite is -1 at the border, which selects the last triangle; no walk crosses the border
+        # at the border opposite is -1, which selects the last triangle: harmless, as no walk crosses the border
         other = self.mesh.opposite.reshape(-1, 3)
         self._way = np.linalg.norm(middles[other // 3] - middles[:, None], axis=2).ravel().tolist()
         self.found: dict[bytes, tuple[np.ndarray, float]] = {}
@@ -112,12 +106,12 @@ class _NeighbourWalk:
         self._plain: dict[int, tuple[list[list[int]], list[float]]] = {}  # frame -> rotation and shift as lists
 
     def held_in(self, number: int) -> Int[np.ndarray, " corners"]:
-        """Return one corner of every point of the cut mesh with ``number`` integer coordinates."""
+        """Return one corner of every vertex of the cut mesh of which ``number`` coordinates must be integers."""
         at = np.flatnonzero(self._counts == number)
         return at[np.unique(self.chart.wedge[at], return_index=True)[1]]
 
     def look_round(self, corner: int, radius: float) -> None:
-        """Record constraints with points within ``radius`` quads of a corner."""
+        """Record the constraints between a corner and the points within ``radius`` quads of it."""
         vertex, opposite, wedge, cut, way = self._vertex, self._opposite, self._wedge, self._cut, self._way
         near_enough = set(self._tree.query_ball_point(self.mesh.vertices[vertex[corner]], radius * self.edge))
         todo = [(0.0, corner // 3, 0)]
@@ -137,7 +131,11 @@ class _NeighbourWalk:
                     heapq.heappush(todo, (far + way[h], g, self._over(frame, h) if cut[h] else frame))
 
     def _compare(self, corner: int, h: int, frame: int) -> None:
-        """Record the constraint between two points with two integer coordinates, or one of them and a line's point with one."""
+        """Record the constraint between the corner where the walk began and corner ``h``, if they need one.
+
+        If both coordinates of both points are integers, the points must keep their order; otherwise each coordinate
+        that is an integer at both points (a border or fold) must differ by at least 1.
+        """
         turn, shift = self._plain_frame(frame)
         (u, v), here, held, there = self._uv[h], self._uv[corner], self._held[corner], self._held[h]
         way = [turn[c][0] * u + turn[c][1] * v + shift[c] - here[c] for c in (0, 1)]
@@ -155,30 +153,30 @@ class _NeighbourWalk:
                     self._note(row if way[c] > 0 else -row, 1.0)
 
     def _difference(self, corner: int, h: int, frame: int) -> np.ndarray:
-        """(2, whole): offset of a corner from the start of the walk, as factors of the map's integers."""
+        """Return the offset from ``corner`` to ``h`` in u and v, as factors of the map's integers, (2, whole)."""
         turn, shift = self._frames[frame]
         return turn @ self._row(h) + shift - self._row(corner)
 
     def _plain_frame(self, frame: int) -> tuple[list[list[int]], list[float]]:
-        """Return the rotation and the relaxed shift of a frame as lists."""
+        """Return the rotation of a frame and its shift, for the unrounded integers, as lists."""
         if frame not in self._plain:
             turn, shift = self._frames[frame]
             self._plain[frame] = turn.tolist(), (shift @ self.relaxed).tolist()
         return self._plain[frame]
 
     def _note(self, row: np.ndarray, least: float) -> None:
-        """Record a pair once: it is met from both ends and along several ways."""
+        """Record a constraint once, although the walk meets a pair from both ends and along several ways."""
         self.found.setdefault((np.round(row, DIGITS) + 0.0).tobytes(), (row, least))
 
     def _row(self, h: int) -> np.ndarray:
-        """(2, whole): u and v of a corner as factors of the map's integers."""
+        """Return u and v of a corner as factors of the map's integers, (2, whole)."""
         wedge = self._wedge[h]
         if wedge not in self._rows:
             self._rows[wedge] = self.whole[2 * wedge : 2 * wedge + 2].toarray().astype(np.int64)
         return self._rows[wedge]
 
     def _over(self, frame: int, s: int) -> int:
-        """Return the frame of the neighbour across side s of the cut."""
+        """Return the number of the frame in the neighbouring triangle across side ``s`` of the cut."""
         move = self._step(s)
         if (frame, move) not in self._next:
             (turn, shift), (of_step, by) = self._frames[frame], self._moves[move]
@@ -187,7 +185,7 @@ class _NeighbourWalk:
         return self._next[frame, move]
 
     def _step(self, s: int) -> int:
-        """Return the transition across side s of the cut: coordinates are rotated, then shifted."""
+        """Return the number of the transition across side ``s`` of the cut: a rotation, then a shift."""
         if s not in self._steps:
             o, q = self._opposite[s], int(self.chart.jump[s])
             turn = np.zeros((2, 2), dtype=np.int64)
@@ -198,7 +196,7 @@ class _NeighbourWalk:
 
 
 class _Numbered(list[tuple[np.ndarray, np.ndarray]]):
-    """List of distinct pairs of a rotation and a shift."""
+    """List of pairs of a rotation and a shift, without duplicates."""
 
     def __init__(self) -> None:
         super().__init__()

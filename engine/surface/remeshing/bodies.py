@@ -1,4 +1,8 @@
-"""Split a mesh into the bodies that are remeshed one by one: join intersecting ones, cut open parts apart."""
+"""Split a mesh into bodies that are remeshed one by one.
+
+A body is a connected component. Closed bodies that intersect are joined; open parts are cut apart at edges of three or
+more faces.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +17,9 @@ from ..mesh import PolygonMesh
 from .mend import TargetSurface, of_rows
 from .tool import Tool
 
-BEYOND = 2  # factor by which small bodies may raise the number of quads; a mesh of loose faces should be merged instead
+# Largest ratio of the quads that small bodies need at least to the quads wanted. Larger: more small bodies are kept,
+# but a mesh of loose faces, whose vertices should be merged instead, is remeshed too.
+BEYOND = 2
 
 
 def triangles_of(mesh: PolygonMesh, tolerance: float, tool: Tool, progress: Progress) -> PolygonMesh:
@@ -21,8 +27,14 @@ def triangles_of(mesh: PolygonMesh, tolerance: float, tool: Tool, progress: Prog
 
     Parameters
     ----------
-    mesh, tolerance : any faces; tolerance in the mesh's units
-    tool, progress : maker of the triangles; may cancel
+    mesh : mesh with any faces
+    tolerance : distance below which corners are merged, in the mesh's units
+    tool : remesher that makes the triangles
+    progress : may cancel
+
+    Raises
+    ------
+    FlexMapsError : no face has an area
     """
     triangles = tool.triangles(mesh, tolerance, progress.quiet())
     if triangles is None or not len(triangles.sizes):
@@ -31,7 +43,7 @@ def triangles_of(mesh: PolygonMesh, tolerance: float, tool: Tool, progress: Prog
 
 
 def parts_of(triangles: PolygonMesh, tool: Tool, progress: Progress) -> tuple[list[PolygonMesh], list[Finding]]:
-    """Return the bodies to remesh one by one, and findings on bodies that were joined or cut apart."""
+    """Return the bodies to remesh one by one, and warnings about bodies that were joined or cut apart."""
     whole, found = apart(triangles), []
     if len(whole) > 1:
         closed = np.array([is_closed(part) for part in whole])
@@ -75,23 +87,23 @@ def without_crumbs(
 ) -> tuple[Bool[np.ndarray, " bodies"], list[Finding]]:
     """Decide which bodies get quads, and report the others, which are left out.
 
-    A body is kept if its share of the quads, by area, reaches its minimum; further bodies are kept, the largest first,
-    until at most ``crumbs`` of the area is left out.
+    Quads are shared out by area. The largest body is kept, and every body whose share reaches its minimum; further
+    bodies are kept, the largest first, until at most ``crumbs`` of the area is left out.
 
     Parameters
     ----------
-    areas : of the bodies, any unit
-    count : quads wanted in all
+    areas : area of each body, any unit
+    count : total number of quads wanted
     fewest : minimum number of quads of each body
     crumbs : share of the area that may be left out
 
     Returns
     -------
-    mask of bodies to keep; findings
+    mask of bodies to keep; warnings
 
     Raises
     ------
-    FlexMapsError : keeping enough area takes more than ``BEYOND`` times the count
+    FlexMapsError : to leave out only ``crumbs`` of the area, more than ``BEYOND`` times ``count`` quads are needed
     """
     share = areas / areas.sum()
     large = share * count >= np.minimum(fewest, share.max() * count)
@@ -119,12 +131,12 @@ def without_crumbs(
 
 
 def make_warning(code: str, message: str) -> Finding:
-    """Make a warning."""
+    """Return a finding with severity "warning"."""
     return Finding(code, "warning", message)
 
 
 def apart(mesh: PolygonMesh) -> list[PolygonMesh]:
-    """Return the bodies of a triangle mesh, each with its own vertices and consistent orientation."""
+    """Split a triangle mesh into its connected components, each with its own vertices and consistent orientation."""
     sides = sides_of(mesh)
     body = bodies(sides, len(mesh.sizes))
     turned, _, _ = inconsistent(sides, body)
@@ -136,25 +148,25 @@ def apart(mesh: PolygonMesh) -> list[PolygonMesh]:
 
 
 def cut_apart(mesh: PolygonMesh) -> PolygonMesh:
-    """Give every fan of faces round a vertex its own vertex; edges of three or more faces come apart."""
+    """Duplicate vertices so that every fan of faces has its own; this separates edges of three or more faces."""
     fan = fans(sides_of(mesh))
     _, first = np.unique(fan, return_index=True)
     return PolygonMesh(mesh.vertices[mesh.corners[first]], fan.astype(np.int64), mesh.sizes)
 
 
 def has_one_side(mesh: PolygonMesh) -> bool:
-    """Return whether a body has only one side."""
+    """Return whether a body is not orientable, like a Moebius strip."""
     sides = sides_of(mesh)
     return bool(len(inconsistent(sides, bodies(sides, len(mesh.sizes)))[1]))
 
 
 def is_closed(mesh: PolygonMesh) -> bool:
-    """Return whether no edge has one face only."""
+    """Return whether every edge has at least two faces."""
     return bool((np.bincount(sides_of(mesh).edge) > 1).all())
 
 
 def is_clean(mesh: PolygonMesh) -> bool:
-    """Return whether the mesh is one oriented manifold body: at most two faces per edge, one fan per vertex, two sides."""
+    """Return whether a mesh is connected, manifold and consistently oriented."""
     sides = sides_of(mesh)
     if not len(mesh.sizes) or np.bincount(sides.edge).max() > 2 or len(split_vertices(mesh, sides)):
         return False
@@ -164,7 +176,7 @@ def is_clean(mesh: PolygonMesh) -> bool:
 
 
 def concatenate_meshes(parts: list[PolygonMesh]) -> PolygonMesh:
-    """Concatenate meshes."""
+    """Concatenate meshes without merging vertices."""
     first = np.cumsum([0, *(len(part.vertices) for part in parts)])
     return PolygonMesh(
         np.concatenate([part.vertices for part in parts]),
@@ -174,7 +186,7 @@ def concatenate_meshes(parts: list[PolygonMesh]) -> PolygonMesh:
 
 
 def target_of(mesh: PolygonMesh) -> TargetSurface:
-    """Return a mesh of triangles or quads as the target surface of its quads."""
+    """Triangulate a mesh, each face as a fan from its first corner, into a surface to project onto."""
     rows = [
         np.stack([mesh.corners[mesh.starts[mesh.sizes > k + 1] + j] for j in (0, k, k + 1)], axis=1)
         for k in range(1, int(mesh.sizes.max()) - 1)

@@ -1,4 +1,4 @@
-"""Check whether quads cover their target surface: compare areas and distances."""
+"""Check whether quads cover the surface that they approximate: compare areas and distances."""
 
 from __future__ import annotations
 
@@ -8,36 +8,40 @@ from ..checking.finding import Finding, finding, with_count
 from ..mesh import PolygonMesh
 from .mend import TargetSurface
 
-AREA = (
-    0.75,
-    1.25,
-    # smallest and largest area of the quads, as a share of the surface's; rounding off small features takes 0.15 of Suzanne
-    # with 500 quads
-)
-# in edges: 95 % of the surface's points are nearer to the quads than the first, all are nearer than the second
+# Range of the quads' area without a warning, as a share of the surface's area. Wider: lost parts go unnoticed;
+# narrower: warnings where small features are merely rounded off.
+AREA = (0.75, 1.25)
+# Largest distance from points of the surface to the quads without a warning, in quad edges: for 95 % of the points,
+# and for all of them. Larger: fewer warnings, more lost parts go unnoticed.
 USUAL, WORST = 0.5, 1.5
-MOST_TIPS = 20000  # vertices of the target surface whose distance is measured; takes about a tenth of a second
+# Largest number of surface vertices whose distance is measured (0.1 s); more: slower, less risk to miss a tip.
+MOST_TIPS = 20000
 
 
 def finer(count: int) -> int:
-    """Return the number of quads to suggest where ``count`` quads miss details, in tens: twice as many, 0.7 times as long."""
+    """Return the number of quads to suggest where ``count`` quads miss details: twice as many, rounded to tens."""
     return round(2.0 * count / 10.0) * 10
 
 
 def warn_of_gaps(
     quads: PolygonMesh, made: TargetSurface, whole: TargetSurface, count: int, first: int
 ) -> list[Finding]:
-    """Warn if the quads miss parts of the surface; the warning names the quads beside these parts.
+    """Warn if quads miss parts of the surface; the warning names the quads nearest to these parts.
 
     Parameters
     ----------
-    quads : of one body
-    made, whole : the quads' surface, the target surface
-    count : quads of all bodies
-    first : index of this body's first quad among all bodies
+    quads : the quads of one body
+    made : the quads, triangulated
+    whole : the surface that the quads should cover
+    count : number of quads of all bodies
+    first : index of this body's first quad among the quads of all bodies
+
+    Returns
+    -------
+    one warning, or none
     """
     edge = (made.area / len(quads.sizes)) ** 0.5
-    tips = whole.vertices[:: 1 + len(whole.vertices) // MOST_TIPS]  # samples, even by area, leave out sharp tips
+    tips = whole.vertices[:: 1 + len(whole.vertices) // MOST_TIPS]  # samples spread evenly by area miss sharp tips
     points = np.concatenate([whole.samples, tips])
     away = made.distances(points) / edge
     usual = np.percentile(away[: len(whole.samples)], 95)

@@ -1,4 +1,4 @@
-"""Constraints on vertices while a mesh is regularised: its surface, its border and creases, their corners."""
+"""Constraints on vertices while a mesh is regularised: they stay on its surface, border, creases and corners."""
 
 from __future__ import annotations
 
@@ -11,16 +11,22 @@ from ...components import components
 from ..mesh import QuadMesh
 from ..triangle_tree import TriangleTree
 
-# longest move of a vertex per round, in lengths of its shortest edge, as it was and as it is; below 0.5, so that the
-# ends of an edge cannot pass each other
+# Largest move of a vertex per round, as a share of its shortest edge (now or originally, whichever is shorter). Larger:
+# fewer rounds; from 0.5 the ends of an edge could pass each other.
 STEP = 0.3
-TURN = np.radians(50.0)  # a line has a corner at a vertex where it turns by more than this, radians
-CREASE = np.radians(80.0)  # an edge is a crease if the faces' normals differ by more than this, radians
-CREASE_EDGES = 6  # smallest number of edges in a crease; single sharp edges are noise
+# Angle by which a line (border or crease) turns at its corners, radians. Larger: fewer fixed corners, more vertices
+# slide along the line.
+TURN = np.radians(50.0)
+# Smallest angle between the normals of two faces at a crease, radians. Larger: fewer creases are preserved.
+CREASE = np.radians(80.0)
+CREASE_EDGES = 6  # smallest number of connected sharp edges that make a crease; fewer are treated as noise
 
 
 def fan(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices and triangles of the surface; every quad becomes four triangles round its middle, which prefers no diagonal."""
+    """Return vertices and triangles of a quad mesh, each quad split into four triangles round its centroid.
+
+    Unlike a split into two triangles, this prefers neither diagonal.
+    """
     middle = len(mesh.vertices) + np.arange(len(mesh.quads))
     triangles = np.stack([mesh.quads, np.roll(mesh.quads, -1, axis=1), np.repeat(middle[:, None], 4, axis=1)], axis=2)
     return np.concatenate([mesh.vertices, mesh.centroids]), np.ascontiguousarray(
@@ -29,7 +35,7 @@ def fan(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _vertex_normals(mesh: QuadMesh, points: np.ndarray) -> Float[np.ndarray, "vertices 3"]:
-    """Unit vertex normals, weighted by area."""
+    """Return unit vertex normals, the area-weighted means of the quads' normals."""
     p = points[mesh.quads]
     vectors = np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
     total = np.zeros_like(points)
@@ -50,8 +56,9 @@ class Guide:
 
     shortest : original length of the shortest edge at every vertex, metres
     fixed : mask of vertices that do not move
-    sliding : vertices on a line; before, after : their neighbours on it
-    line_edges : edges of the lines
+    sliding : vertices that may move along a line
+    before, after : neighbours of the sliding vertices on their line
+    line_edges : edges of the lines, as pairs of vertices
     """
 
     mesh: QuadMesh
@@ -65,14 +72,17 @@ class Guide:
 
     @classmethod
     def from_mesh(cls, mesh: QuadMesh, boundary: bool) -> Guide:
-        """Build the guide; with ``boundary`` the border counts as a line."""
+        """Build the constraints of a mesh; with ``boundary``, border vertices stay on the border."""
         shortest = _shortest_edges(mesh, mesh.vertices)
         line_edges = mesh.edges[_lines(mesh, boundary)]
         fixed, sliding, before, after = _classify_line_vertices(mesh, line_edges)
         return cls(mesh, TriangleTree(*fan(mesh)), shortest, fixed, sliding, before, after, line_edges)
 
     def back(self, start: np.ndarray, wanted: np.ndarray) -> Float[np.ndarray, "vertices 3"]:
-        """Project moves from ``start`` to ``wanted`` onto the surface and the lines, shortened so that no edge turns round; metres."""
+        """Move vertices from ``start`` towards ``wanted``, within the surface and the lines.
+
+        Moves are shortened so that no edge is reversed. All positions are in metres.
+        """
         step = wanted - start
         normal = _vertex_normals(self.mesh, start)
         step -= np.einsum("vi,vi->v", step, normal)[:, None] * normal
@@ -98,7 +108,7 @@ class Guide:
 
 
 def _lines(mesh: QuadMesh, boundary: bool) -> Int[np.ndarray, " lines"]:
-    """Return the edges of creases and, with ``boundary``, of the border."""
+    """Return indices of the edges of creases and, with ``boundary``, of the border."""
     a, b = mesh.dual.T
     sharp = mesh.dual_edges[np.einsum("di,di->d", mesh.normals[a], mesh.normals[b]) < np.cos(CREASE)]
     if len(sharp):
@@ -134,16 +144,16 @@ def _classify_line_vertices(
     return fixed, sliding[straight], before[straight], after[straight]
 
 
-# -- distances ----------------------------------------------------------------------------------------------------------
+# -- distances ---------------------------------------------------------------------------------------------------------
 
 
 def samples(mesh: QuadMesh) -> np.ndarray:
-    """Vertices and quad middles."""
+    """Return the vertices and the quads' centroids, (V + F, 3): points to measure distances from."""
     return np.concatenate([mesh.vertices, mesh.centroids])
 
 
 def distances(mesh: QuadMesh, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
-    """Distances from points to the surface, metres."""
+    """Return the distances from points to the surface of a quad mesh, metres."""
     import igl
 
     return np.sqrt(igl.point_mesh_squared_distance(points, *fan(mesh))[0])

@@ -1,4 +1,4 @@
-"""Mirror symmetry in remeshing: one side of a mirror plane is remeshed and its quads are reflected."""
+"""Mirror symmetry in remeshing: remesh the part on one side of a mirror plane, and reflect its quads."""
 
 from __future__ import annotations
 
@@ -15,34 +15,42 @@ from ..mesh import PolygonMesh
 from .bodies import concatenate_meshes, target_of
 from .mend import of_rows
 
-ALIKE = 1e-3  # symmetry tolerance, as a share of the extent: farthest that a mirrored vertex may lie from the surface
-AT_PLANE = 0.5  # in quad edges: border vertices of a half nearer to the plane are merged with their images
-FITS = 4  # rounds of fitting a plane to pairs of a point and its image
+# Symmetry tolerance: largest distance of a mirrored vertex from the surface, as a share of the mesh's extent; also the
+# largest cosine between normals of perpendicular planes. Larger: slightly asymmetric meshes are made symmetric.
+ALIKE = 1e-3
+# Border vertices of a half within this distance of the plane, in quad edges, are merged with their mirror images.
+# Larger: fewer slits between the halves, but vertices of other borders may be merged.
+AT_PLANE = 0.5
+FITS = 4  # iterations of fitting a plane to points and their mirror images; more: slower, more accurate
 
 
 @dataclass(frozen=True, eq=False)
 class Plane:
     """A mirror plane.
 
-    point : on the plane, metres
-    normal : unit vector
+    point : any point on the plane, metres
+    normal : unit normal
     """
 
     point: Float[np.ndarray, " 3"]
     normal: Float[np.ndarray, " 3"]
 
     def heights(self, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
-        """Signed distances from the plane, metres."""
+        """Return the signed distances of points from the plane, metres."""
         return (points - self.point) @ self.normal
 
     def mirror(self, mesh: PolygonMesh) -> PolygonMesh:
-        """Reflect a mesh, its faces reversed so that outside stays outside; the first corner stays the first."""
+        """Reflect a mesh and reverse its faces, so that they still face outwards; faces keep their first corners."""
         points = mesh.vertices - 2.0 * self.heights(mesh.vertices)[:, None] * self.normal
         corners = mesh.corners.reshape(len(mesh.sizes), -1)
         return PolygonMesh(points, np.roll(corners[:, ::-1], 1, axis=1).ravel(), mesh.sizes)
 
     def maps(self, one: PolygonMesh, other: PolygonMesh, extent: float) -> bool:
-        """Return whether the image of one mesh lies on the other and conversely; ``extent`` is the size of the whole, metres."""
+        """Return whether each of two meshes is the mirror image of the other.
+
+        one, other : triangle or quad meshes
+        extent : size to which the tolerance ``ALIKE`` refers, metres
+        """
         pairs = ((one, other), (other, one))
         return all(
             target_of(b).distances(np.ascontiguousarray(self.mirror(a).vertices)).max() < ALIKE * extent
@@ -51,7 +59,7 @@ class Plane:
 
 
 def planes_of(mesh: PolygonMesh) -> list[Plane]:
-    """Find mirror planes of triangles, perpendicular to each other: along the axes first, then along the principal axes."""
+    """Return mutually perpendicular mirror planes of a mesh, normal to the coordinate axes or to the principal axes."""
     points, extent = mesh.vertices, float(np.ptp(mesh.vertices, axis=0).max())
     _, directions = np.linalg.eigh(np.cov(points.T))
     found: list[Plane] = []
@@ -67,7 +75,7 @@ def planes_of(mesh: PolygonMesh) -> list[Plane]:
 
 
 def _fit_plane(mesh: PolygonMesh, plane: Plane) -> Plane:
-    """Fit a plane to the middles between points and their images projected onto the surface."""
+    """Fit a plane to the midpoints between vertices and their mirror images, projected onto the surface."""
     target = target_of(mesh)
     for _ in range(FITS):
         images, _ = target.nearest(np.ascontiguousarray(plane.mirror(mesh).vertices))
@@ -77,7 +85,10 @@ def _fit_plane(mesh: PolygonMesh, plane: Plane) -> Plane:
 
 
 def half(mesh: PolygonMesh, plane: Plane) -> PolygonMesh | None:
-    """Cut the mesh at the plane and keep the triangles above; None if a face lies in the plane or none lies above."""
+    """Cut a triangle mesh at the plane and return the part on the side of the normal.
+
+    Return None if a face lies in the plane, or no vertex lies on that side.
+    """
     rows = mesh.corners.reshape(-1, 3)
     heights = plane.heights(mesh.vertices)
     heights[np.abs(heights) < SINGLE_TOL * np.ptp(mesh.vertices, axis=0).max()] = 0.0
@@ -88,7 +99,7 @@ def half(mesh: PolygonMesh, plane: Plane) -> PolygonMesh | None:
     cuts: dict[tuple[int, int], int] = {}
 
     def cut(a: int, b: int) -> int:
-        """Return the vertex where the edge from a to b crosses the plane."""
+        """Return the index of the vertex where the edge from a to b crosses the plane; add it if it is new."""
         low, high = min(a, b), max(a, b)
         if (low, high) not in cuts:
             share = heights[low] / (heights[low] - heights[high])
@@ -110,10 +121,15 @@ def half(mesh: PolygonMesh, plane: Plane) -> PolygonMesh | None:
 def mirror_and_join(
     quads: PolygonMesh, plane: Plane, edge: float, ends: Float[np.ndarray, "ends 3"] | None = None
 ) -> PolygonMesh:
-    """Join the quads of a half and their images along the plane.
+    """Join the quads of one half with their mirror images along the plane.
 
-    edge : typical quad edge, metres
-    ends : points where the border meets the plane, metres; quads may have cut off these corners, so they are restored
+    Parameters
+    ----------
+    quads : quads on one side of the plane
+    plane : the mirror plane
+    edge : typical length of a quad's edge, metres
+    ends : points where the mesh's border meets the plane, metres; the nearest quad corners are moved there, as
+        remeshers cut these corners off
     """
     sides = sides_of(quads)
     border = sides.edges[np.bincount(sides.edge, minlength=len(sides.edges)) == 1]
@@ -135,10 +151,10 @@ def mirror_and_join(
 
 
 def euler(mesh: PolygonMesh) -> int:
-    """Return the Euler characteristic; every slit where the halves do not meet lowers it by one."""
+    """Return the Euler characteristic of a mesh; every slit left between two joined halves lowers it by one."""
     return len(np.unique(mesh.corners)) - len(sides_of(mesh).edges) + len(mesh.sizes)
 
 
 def own_planes(mesh: PolygonMesh, planes: Sequence[Plane], extent: float) -> list[Plane]:
-    """Return the planes that map a body onto itself."""
+    """Return those of the planes that map a body onto itself; ``extent`` is the size of the whole mesh, metres."""
     return [plane for plane in planes if plane.maps(mesh, mesh, extent)]

@@ -1,6 +1,6 @@
-"""Repair folded, degenerate, thin or warped quads of a remesher: move their corners along the target surface, and collapse
+"""Repair folded, degenerate, thin or warped quads of a remesher.
 
-quads that no move repairs.
+Their corners are moved along the target surface; quads that stay folded or thin are collapsed.
 """
 
 from __future__ import annotations
@@ -19,15 +19,18 @@ from ..mesh import PolygonMesh
 from ..triangle_tree import TriangleTree
 from .regularise import best_squares
 
+# codes of findings (see checking) about quads, from the worst to the least bad
 FOLDED = {"zero-edge", "zero-area", "crossed", "repeated-vertex", "duplicate-faces"}
 USELESS = FOLDED | {"thin"}  # quads without room for a spiral
 POOR = USELESS | {"concave", "warped"}
-ROUNDS = 6  # rounds of moving and collapsing: 3 and 12 mend the same on six surfaces whose vertices were moved by 0.6 of an edge
-SMALL = 0.7  # small quads are pulled to squares of at least this share of the median quad's side
-# Angle between two triangles at a sharp edge, degrees. It lies between the 30 and less of round surfaces with few
-# triangles and the 90 of boxes and rims.
+ROUNDS = 6  # largest number of rounds of moving and collapsing; more: slower, rarely better
+# Quads smaller than this share of the median quad (half diagonal) are enlarged to it. Larger: more room in small quads,
+# less in their neighbours.
+SMALL = 0.7
+# Smallest angle between the normals of two triangles at a sharp edge, degrees: above the 30 of round surfaces with few
+# triangles, below the 90 of boxes and rims. Larger: fewer edges are preserved.
 SHARP = 50.0
-MOVES = 12  # moves of every corner per round; 6 and 24 mend the same on these surfaces
+MOVES = 12  # moves of every corner per round; more: slower, rarely better
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,13 +46,13 @@ class TargetSurface(TriangleTree):
     def nearest(
         self, points: Float[np.ndarray, "points 3"]
     ) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
-        """Return the nearest points of the surface, and its unit normals there."""
+        """Return the surface points nearest to ``points``, and the surface's unit normals there."""
         _, triangle, found = self.closest(points)
         return found, self.normals[triangle]
 
     @cached_property
     def border(self) -> Int[np.ndarray, "border 2"]:
-        """Edges with one triangle only."""
+        """Edges with only one triangle, as pairs of vertices."""
         sides = np.sort(np.stack([self.triangles, np.roll(self.triangles, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
         edges, uses = np.unique(sides, axis=0, return_counts=True)
         return np.ascontiguousarray(edges[uses == 1])
@@ -68,7 +71,7 @@ class TargetSurface(TriangleTree):
         return vertices[-np.einsum("ni,ni->n", a, b) / size < np.cos(np.radians(SHARP))]
 
     def to_border(self, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
-        """Distances from points to the border, metres; infinite if there is none."""
+        """Return the distances from points to the border, metres; infinite if the surface is closed."""
         if not len(self.border):
             return np.full(len(points), np.inf)
         import igl
@@ -77,7 +80,7 @@ class TargetSurface(TriangleTree):
 
     @cached_property
     def sharp(self) -> Int[np.ndarray, "sharp 2"]:
-        """Edges whose two triangles differ in direction by more than ``SHARP``."""
+        """Edges at which the normals of the two triangles differ by more than ``SHARP``, as pairs of vertices."""
         sides = np.stack([self.triangles, np.roll(self.triangles, -1, axis=1)], axis=2).reshape(-1, 2)
         edges, at, uses = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True)
         order = np.argsort(at.reshape(-1), kind="stable")
@@ -88,7 +91,10 @@ class TargetSurface(TriangleTree):
 
     @cached_property
     def samples(self) -> Float[np.ndarray, "points 3"]:
-        """4000 points, evenly distributed by area (R2 sequence, Roberts 2018); a triangle that gets one point gets it at its middle."""
+        """4000 points, evenly distributed by area (R2 sequence, Roberts 2018).
+
+        The point of a triangle that has only one is its centroid.
+        """
         a, b, c = self.vertices[self.triangles.T]
         area = np.cumsum(np.linalg.norm(np.cross(b - a, c - a), axis=1))
         k = np.arange(4000)
@@ -102,7 +108,10 @@ class TargetSurface(TriangleTree):
     def onto_sharp(
         self, points: Float[np.ndarray, "points 3"]
     ) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, "points 3"]]:
-        """Return distances from points to the sharp edges, metres, and the nearest points there; infinite if there are none."""
+        """Return the distances from points to the sharp edges, metres, and the nearest points on these edges.
+
+        Without sharp edges the distances are infinite and the nearest points are the points themselves.
+        """
         if not len(self.sharp):
             return np.full(len(points), np.inf), points
         import igl
@@ -111,7 +120,7 @@ class TargetSurface(TriangleTree):
         return np.sqrt(squared), np.asarray(there).reshape(-1, 3)
 
     def distances(self, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
-        """Distances from points to the surface, metres."""
+        """Return the distances from points to the surface, metres."""
         return np.sqrt(self.closest(points)[0])
 
 
@@ -120,8 +129,8 @@ def mend_quads(quads: PolygonMesh, target: TargetSurface) -> PolygonMesh:
 
     Parameters
     ----------
-    quads : faces of four corners, at most two per edge
-    target : their surface
+    quads : quad mesh with at most two faces per edge
+    target : surface on which corners move
     """
     best = quads = _without_doublets(quads)
     fewest = _poor_faces(best)
@@ -129,7 +138,7 @@ def mend_quads(quads: PolygonMesh, target: TargetSurface) -> PolygonMesh:
         if not len(fewest[-1]):
             break
         poor = fewest[-1] if quads is best else _poor_faces(quads)[-1]
-        # means of neighbours unfold quads but squeeze them; squares make them broad again
+        # averaging neighbours unfolds quads but narrows them; fitting squares widens them again
         quads = move_corners(quads, poor, target, to_middles if done % 2 == 0 else to_squares)
         found = _poor_faces(quads)
         if len(found[1]):
@@ -142,7 +151,7 @@ def mend_quads(quads: PolygonMesh, target: TargetSurface) -> PolygonMesh:
 
 
 def _poor_faces(quads: PolygonMesh) -> tuple[np.ndarray, ...]:
-    """Return three arrays of faces: folded ones, also those without room for a spiral, and all poor ones."""
+    """Return the faces with findings in ``FOLDED``, in ``USELESS`` and in ``POOR``, as three arrays of indices."""
     found = findings(quads)
     none = np.zeros(0, int)
     return tuple(
@@ -151,13 +160,16 @@ def _poor_faces(quads: PolygonMesh) -> tuple[np.ndarray, ...]:
     )
 
 
-# -- moving --------------------------------------------------------------------------------------------------------------
+# -- moving corners ----------------------------------------------------------------------------------------------------
 
 Move = Callable[[np.ndarray], np.ndarray]  # maps vertex positions (V, 3) to target positions
 
 
 def to_middles(quads: PolygonMesh, links: Int[np.ndarray, "links 2"]) -> Move:
-    """Return a function that moves every vertex to its neighbours' mean; ``links`` are directed, from a vertex to its neighbours."""
+    """Return a function that moves every vertex to the mean of its neighbours.
+
+    links : pairs of a vertex and one of its neighbours
+    """
     count = len(quads.vertices)
     degree = np.maximum(np.bincount(links[:, 0], minlength=count), 1)[:, None]
 
@@ -168,7 +180,10 @@ def to_middles(quads: PolygonMesh, links: Int[np.ndarray, "links 2"]) -> Move:
 
 
 def to_squares(quads: PolygonMesh, links: np.ndarray) -> Move:
-    """Return a function that moves every vertex to the mean of its quads' best-fitting squares; small squares are enlarged."""
+    """Return a function that moves every vertex to its mean position in the squares that best fit its quads.
+
+    Small squares are enlarged, see ``SMALL``. ``links`` is not used; it makes the signature that of ``to_middles``.
+    """
     corners, count = quads.corners.reshape(-1, 4), len(quads.vertices)
     degree = np.maximum(np.bincount(corners.ravel(), minlength=count), 1)[:, None]
 
@@ -177,7 +192,7 @@ def to_squares(quads: PolygonMesh, links: np.ndarray) -> Move:
         middle = squares.mean(axis=1, keepdims=True)
         size = np.linalg.norm(squares[:, 0] - middle[:, 0], axis=1)
         usual = np.median(size)
-        # a quad without size has no direction to grow in, except from rounding errors
+        # limit the enlargement of quads shrunk to a point, whose orientation is only rounding error
         larger = np.maximum(SMALL * usual / np.maximum(size, SINGLE_TOL * usual + 1e-300), 1.0)[:, None, None]
         return _sum_by_index(corners.ravel(), (middle + larger * (squares - middle)).reshape(-1, 3), count) / degree
 
@@ -187,16 +202,23 @@ def to_squares(quads: PolygonMesh, links: np.ndarray) -> Move:
 def _sum_by_index(
     at: Int[np.ndarray, " points"], values: Float[np.ndarray, "points 3"], count: int
 ) -> Float[np.ndarray, "vertices 3"]:
-    """Sum values by index ``at``, for each of ``count`` vertices."""
+    """Return, for each of ``count`` vertices, the sum of the values whose index ``at`` names it."""
     return np.stack([np.bincount(at, values[:, k], minlength=count) for k in range(3)], axis=1)
 
 
 def move_corners(
     quads: PolygonMesh, poor: np.ndarray, target: TargetSurface, way: Callable[[PolygonMesh, np.ndarray], Move]
 ) -> PolygonMesh:
-    """Move corners of poor quads, and two rings round them, along the surface to the positions that ``way`` gives.
+    """Move the corners of poor quads, and of two rings of quads round them, along the surface.
 
     Border corners move along the border. Corners stay where the border turns sharply and on sharp edges of the surface.
+
+    Parameters
+    ----------
+    quads : quad mesh
+    poor : indices of the quads to improve
+    target : surface on which corners move
+    way : ``to_middles`` or ``to_squares``: makes the function that returns the wanted positions
     """
     corners = quads.corners.reshape(-1, 4)
     points, sides = np.array(quads.vertices, float), sides_of(quads)
@@ -229,7 +251,11 @@ def move_corners(
 
 
 def line_corners(points: np.ndarray, border: np.ndarray) -> Bool[np.ndarray, " vertices"]:
-    """Mask of vertices where lines of edges, such as the border, turn by more than 50 degrees or branch."""
+    """Return a mask of vertices where lines of edges turn by more than 50 degrees or branch.
+
+    points : vertex positions, (V, 3)
+    border : edges of the border or of other lines, as pairs of vertices
+    """
     sums = np.zeros_like(points)
     directions = points[border[:, 1]] - points[border[:, 0]]
     directions /= np.maximum(np.linalg.norm(directions, axis=1), 1e-300)[:, None]
@@ -240,7 +266,7 @@ def line_corners(points: np.ndarray, border: np.ndarray) -> Bool[np.ndarray, " v
     return (count > 2) | ((count == 2) & (np.linalg.norm(sums, axis=1) > 2 * np.sin(np.radians(25.0))))
 
 
-# -- taking out ----------------------------------------------------------------------------------------------------------
+# -- removing quads ----------------------------------------------------------------------------------------------------
 
 
 def _without_doublets(quads: PolygonMesh) -> PolygonMesh:
@@ -272,7 +298,7 @@ def _without_doublets(quads: PolygonMesh) -> PolygonMesh:
 
 
 def _collapse(quads: PolygonMesh, folded: np.ndarray, target: TargetSurface) -> PolygonMesh | None:
-    """Collapse folded quads, merging two opposite corners, where the mesh stays sound; None if none could be collapsed."""
+    """Collapse quads by merging two opposite corners, where the mesh stays sound; None if none could be collapsed."""
     points, corners = np.array(quads.vertices, float), quads.corners.reshape(-1, 4).copy()
     sides = sides_of(quads)
     on_border = np.zeros(len(points), bool)
@@ -303,7 +329,7 @@ def _collapse(quads: PolygonMesh, folded: np.ndarray, target: TargetSurface) -> 
 
 
 def _is_sound(points: np.ndarray, corners: np.ndarray) -> bool:
-    """Return whether no quad repeats a corner, no edge has three quads and no vertex two fans."""
+    """Return whether no quad repeats a corner, no edge has three quads and no vertex has two fans of quads."""
     row = np.sort(corners, axis=1)
     if (row[:, 1:] == row[:, :-1]).any():
         return False
@@ -313,7 +339,7 @@ def _is_sound(points: np.ndarray, corners: np.ndarray) -> bool:
 
 
 def of_rows(points: Float[np.ndarray, "vertices 3"], rows: Int[np.ndarray, "quads points"]) -> PolygonMesh:
-    """Make a mesh from rows of vertex indices, equally many per face, dropping unused points."""
+    """Make a mesh of faces with equally many corners, one row of vertex indices per face; drop unused points."""
     used, fresh = np.unique(rows, return_inverse=True)
     return PolygonMesh(
         np.asarray(points, float)[used], fresh.reshape(-1).astype(np.int64), np.full(len(rows), rows.shape[1])

@@ -1,4 +1,4 @@
-"""Quality of a remesher's quads: irregular vertices, alignment with curvature, evenness, sharp edges."""
+"""Quality of remeshed quads: irregular vertices, alignment with curvature, evenness, sharp edges."""
 
 from __future__ import annotations
 
@@ -11,23 +11,24 @@ from ..curvature import misalignment
 from ..mesh import PolygonMesh
 from .mend import TargetSurface
 
-# in quad edges: a point of a sharp edge nearer than this to a quad's side counts as kept; a tenth is not visible
+# A point of a sharp edge counts as preserved within this distance of a quad's side, in quad edges; 0.1 is not visible.
+# Larger: sharp edges count as preserved although the quads round them off.
 KEPT = 0.1
-# Irregular vertices that weigh as much as one degree of misalignment. With it, doubling either weighs the same on a
-# usual mesh, with 40 vertices and 16 degrees; a product of both would accept any direction for slightly fewer irregular
-# vertices on a smooth shell.
+# Weight of one degree of misalignment in the cost, in irregular vertices. Larger: quads follow the curvature more
+# closely, with more irregular vertices.
 DEGREE = 2.5
-NONE = 20.0  # constant part of that sum, so that unevenness and lost edges matter even if the sum is small
+# Constant added to irregular vertices and misalignment in the cost. Larger: unevenness and lost edges matter more.
+NONE = 20.0
 
 
 @dataclass(frozen=True)
 class Quality:
-    """Measures of a quad mesh; less is better in all of them.
+    """Quality measures of a quad mesh; smaller is better for all.
 
     irregular : number of irregular vertices, see ``QuadMesh.irregular``
     misalignment : degrees, see ``curvature.misalignment``
     unevenness : standard deviation of the edge lengths over their mean
-    lost : share of the length of the surface's sharp edges without a quad's side along it
+    lost : share of the total length of the surface's sharp edges along which no quad has a side
     """
 
     irregular: int
@@ -37,17 +38,17 @@ class Quality:
 
     @property
     def cost(self) -> float:
-        """All measures combined in one number, to rank quad meshes."""
+        """All measures combined into one number, to rank quad meshes; smaller is better."""
         return (NONE + self.irregular + DEGREE * self.misalignment) * (1.0 + self.unevenness) * (1.0 + self.lost)
 
 
 def quality(quads: PolygonMesh, target: TargetSurface) -> Quality:
-    """Measure quads against their surface.
+    """Measure the quality of quads that cover a surface.
 
     Parameters
     ----------
-    quads : a sound quad mesh, metres
-    target : the surface that they cover
+    quads : quad mesh without errors, metres
+    target : the surface that the quads cover
 
     Raises
     ------
@@ -62,7 +63,7 @@ def quality(quads: PolygonMesh, target: TargetSurface) -> Quality:
 
 
 def _lost_share(quads: PolygonMesh, edges: np.ndarray, target: TargetSurface) -> float:
-    """Return the share of the length of sharp edges that is not kept."""
+    """Return the share of the length of the target's sharp edges that is farther than ``KEPT`` from all quad edges."""
     if not len(target.sharp):
         return 0.0
     import igl

@@ -1,4 +1,7 @@
-"""Subdivide coarse quads on their target surface: this adds no irregular vertices, of which coarse quads have few."""
+"""Subdivide coarse quads on their target surface.
+
+Coarse meshes have few irregular vertices, and subdivision adds none.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +12,16 @@ from ..checking.topology import sides_of
 from ..mesh import PolygonMesh
 from .mend import TargetSurface, line_corners, move_corners, of_rows, to_middles, to_squares
 
-# in quad edges: corners nearer to a sharp edge or the border are put onto it; below 0.5, else both ends of a quad's
-# side would be
+# Corners within this distance of a sharp edge are moved onto it, in quad edges. Larger: sharp edges are followed more
+# completely; from 0.5 both ends of a quad's side would be moved.
 NEAR = 0.3
-AT_CORNER = 0.5  # in quad edges: a quad corner within this distance goes to the point where sharp edges meet or turn
+# Largest distance, in quad edges, over which a quad corner is moved to a point where sharp edges or the border meet or
+# turn. Larger: more such points are preserved, with more distorted quads.
+AT_CORNER = 0.5
 
 
 def split(polygons: PolygonMesh) -> PolygonMesh:
-    """Split every polygon into quads round its middle, one per corner, as in the first Catmull-Clark step."""
+    """Split every polygon into one quad per corner, round its centroid, as in the first Catmull-Clark step."""
     sides = sides_of(polygons)
     halves = polygons.vertices[sides.edges].mean(axis=1)
     on_side = len(polygons.vertices) + sides.edge
@@ -34,13 +39,13 @@ def refine_quads(quads: PolygonMesh, target: TargetSurface, times: int) -> Polyg
     quads = _snap(quads, target)
     for _ in range(times):
         quads = _snap(split(quads), target)
-        for way in (to_middles, to_squares):  # means unfold quads, squares make them square
+        for way in (to_middles, to_squares):  # averaging unfolds quads, fitting squares makes them square
             quads = move_corners(quads, np.arange(len(quads.sizes)), target, way)
     return quads
 
 
 def _snap(quads: PolygonMesh, target: TargetSurface) -> PolygonMesh:
-    """Project corners onto the surface, its sharp edges, its border, and the points where these meet or turn."""
+    """Project corners onto the surface, nearby sharp edges, the border, and points where these lines meet or turn."""
     sides = sides_of(quads)
     once = np.bincount(sides.edge, minlength=len(sides.edges)) == 1
     rim = np.unique(sides.edges[once])
@@ -60,14 +65,18 @@ def _snap(quads: PolygonMesh, target: TargetSurface) -> PolygonMesh:
 
 
 def _turns(target: TargetSurface, lines: np.ndarray) -> np.ndarray:
-    """Mask of the corners of lines; see ``line_corners``."""
+    """Return a mask of the target's vertices where ``lines``, pairs of vertices, turn sharply or branch."""
     return line_corners(target.vertices, lines) if len(lines) else np.zeros(len(target.vertices), bool)
 
 
 def _snap_to_corners(
     points: Float[np.ndarray, "points 3"], among: np.ndarray, corners: np.ndarray, size: float
 ) -> None:
-    """Move the nearest of the points ``among`` to every corner, in place."""
+    """Move a point onto every corner, in place: the nearest of ``points[among]`` if it is near enough.
+
+    corners : positions, (corners, 3)
+    size : mean edge length of the quads, to which ``AT_CORNER`` refers
+    """
     if not len(among) or not len(corners):
         return
     from scipy.spatial import cKDTree

@@ -21,35 +21,38 @@ from ..mesh import QuadMesh
 from ..symmetry import symmetries
 from .guide import Guide, distances, samples
 
-MOMENTUM = 0.5  # share of the last move that is added to the next: twice as far in as many rounds
-EVERY = 8  # rounds between checks for spoilt quads; a check builds a search tree, which costs more than a round
-MENDING = 36  # rounds of repair at the end, in three stages of a third each
-GOOD = 0.06  # square energy up to which a quad is good, whatever it had before
-WORSE = 1.4  # largest factor by which a quad's square energy may grow so that others improve
-DEVIATION = 0.25  # largest distance of old vertices and middles from the new surface, in sizes of the quads there
-# largest distance of corners from their quad's plane, in lengths of its shortest side; more cannot be flattened
+MOMENTUM = 0.5  # share of a vertex's last move that is added to its next; larger: faster, then overshooting
+EVERY = 8  # rounds between checks for spoilt quads, as a check takes longer than a round; larger: faster, later repair
+MENDING = 36  # largest number of repair rounds at the end, in three stages of a third each, see ``_repair``
+# Square energy up to which a quad is accepted whatever its energy was. Larger: fewer moves are undone, less square.
+GOOD = 0.06
+# Largest factor by which the square energy of a quad above GOOD may grow. Larger: others improve more.
+WORSE = 1.4
+# Largest distance of original vertices and centroids from the regularised surface, in sizes of the quads there (root of
+# the area). Larger: squarer quads, more detail of the surface is lost.
+DEVIATION = 0.25
+# Largest distance of corners from their quad's plane, in lengths of its shortest side; quads warped more cannot be
+# flattened. Smaller: more quads leave the surface.
 WARP = 0.15
-# Radians: a quad that bends further is pressed flat. Of 17 surfaces remeshed to some 500 quads, all stay below 27
-# degrees but Suzanne, a figure with fingers, a heart and a bent eight; a hyperbolic paraboloid of 36 quads stays below
-# 19.
+# Bend of a quad from which it is flattened, radians; see ``bends``. Quads of smooth surfaces bend by less than 27
+# degrees. Smaller: more quads leave the surface.
 BEND = np.radians(30.0)
-SHORT = 0.3  # smallest edge length, in median edges
-# In median edges: quads broader than this have enough room, so squareness matters more; cubespheres and saddles fall
-# from 0.8 to 0.75.
+SHORT = 0.3  # smallest edge length, in median edges; larger: more moves are undone
+# Breadth of quads, in median edges, from which it may shrink. Larger: more room for spirals, less square quads.
 PLENTY = 0.4
-SPARE = 0.99  # factor on measured breadths and lengths, in reserve for the symmetrisation, which changes them by less
-ROUNDS = 40  # rounds of shortening moves round quads without room, before all moves are given up
-# Factor on a move per such round: over ten surfaces 0.5 leaves some more quads bent, 0.85 some less in more rounds
-SHORTER = 0.7
-SHORTEST = 0.01  # a move shortened to less than this share is dropped: without it a bunny keeps 70 bent quads, not 19; 0.02 is as good
-SYMMETRY = 0.01  # symmetry tolerance, in median edges
+# Safety factor on measured breadths and lengths: the symmetrisation that follows changes them by less than 1 %.
+SPARE = 0.99
+ROUNDS = 40  # rounds in which moves round narrow or distorted quads are shortened, before all moves are dropped
+SHORTER = 0.7  # factor on such a move per round; larger: more of the move is kept, in more rounds
+SHORTEST = 0.01  # moves shortened to less than this share are dropped: traces of moves would keep quads bent
+SYMMETRY = 0.01  # symmetry tolerance, in median edges; larger: slightly asymmetric meshes become symmetric
 
 
 def square_energy(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, " quads"]:
-    """Distance of quads from a square of the same area: 0 for a square.
+    """Return how much every quad differs from a square of its area; 0 for a square.
 
-    Mean over the four corner triangles of (s1-1)^2 + (s2-1)^2 of the map from the square, as ``FlatPatches.square``,
-    but in space.
+    This is the mean over the four corner triangles of (s1-1)^2 + (s2-1)^2, with s1 and s2 the singular values of the
+    map from the square: the energy of ``FlatPatches.square`` for quads in space.
     """
     along, against = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
@@ -64,16 +67,16 @@ def square_energy(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, 
 
 
 def regularise(mesh: QuadMesh, params: RegulariseParams, progress: Progress = SILENT) -> QuadMesh:
-    """Return the same quads, squarer: vertices moved along the surface, border and creases of ``mesh``.
+    """Make quads squarer by moving vertices along the surface, border and creases of ``mesh``.
 
-    No quad is turned over or becomes much worse, the least room for a spiral does not shrink, no edge becomes short,
-    and no part of the surface is lost: moves that would do so are undone, in the worst case all of them. A symmetric
-    mesh stays symmetric.
+    No quad is turned over or becomes much less square, none becomes narrower than the narrowest was, no edge becomes
+    short, and no part of the surface is lost: moves that would do so are undone, in the worst case all of them. A
+    symmetric mesh stays symmetric.
 
     Parameters
     ----------
     mesh : quads, metres
-    params : ``iterations``; ``boundary`` False lets border vertices slide over the surface
+    params : ``iterations``; with ``boundary`` False, border vertices slide freely over the surface
     progress : called with the fraction done
 
     Returns
@@ -95,10 +98,14 @@ def regularise(mesh: QuadMesh, params: RegulariseParams, progress: Progress = SI
 def _settle(
     guide: Guide, rounds: int, progress: Progress, *, with_room: bool
 ) -> tuple[Float[np.ndarray, "vertices 3"], bool]:
-    """Return squarer quads without flaws, and whether moves were shortened at the end, as quads had too little room or shape.
+    """Iterate towards squarer quads, then undo moves that spoil quads.
 
-    With ``with_room``, quads with too little room are held from the start, so that those around can settle beside them;
-    on some meshes that ends squarer, on others less square.
+    With ``with_room``, quads that become too narrow are held back from the start, so that quads around them adapt; this
+    ends squarer on some meshes and less square on others.
+
+    Returns
+    -------
+    vertex positions, metres; whether moves were shortened at the end because quads were too narrow or distorted
     """
     mesh = guide.mesh
     points = before = mesh.vertices
@@ -117,7 +124,7 @@ def _settle(
 
 
 def _mean_energy(mesh: QuadMesh, points: np.ndarray) -> float:
-    """Return the mean square energy of quads with their vertices at ``points``."""
+    """Return the mean of ``square_energy`` over the quads, with their vertices at ``points``."""
     return float(square_energy(points[mesh.quads]).mean())
 
 
@@ -126,10 +133,11 @@ def _mean_energy(mesh: QuadMesh, points: np.ndarray) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Hold:
-    """Weights that hold the mesh back from being spoilt.
+    """Weights of the moves in a round; they grow where quads get worse.
 
-    weight : of every quad's pull; larger for quads that became worse
-    anchor : pull of a vertex to its original position, relative to its quads'; larger where surface or room is lost
+    weight : weight of every quad at its corners; larger for quads that became less square
+    anchor : weight of every vertex's original position, where its quads together weigh 1; larger where parts of the
+        surface or room for spirals would be lost
     """
 
     mesh: QuadMesh
@@ -137,10 +145,10 @@ class _Hold:
     anchor: Float[np.ndarray, " vertices"]
 
     def pull(self, points: np.ndarray) -> Float[np.ndarray, "vertices 3"]:
-        """Return the moves, metres, to the mean of the quads' squares and the original positions, weighted."""
+        """Return every vertex's move to the weighted mean of its quads' squares and its original position, metres."""
         corners = points[self.mesh.quads]
         squares = best_squares(corners)
-        # weight distances relative to the quad's size, else large quads crush small neighbours
+        # divide by the quads' areas, else large quads crush small neighbours
         area = np.linalg.norm(np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]), axis=1)
         weight = np.repeat(self.weight / np.maximum(area, 1e-3 * np.median(area)), 4)
         at, n = self.mesh.quads.ravel(), len(points)
@@ -150,21 +158,26 @@ class _Hold:
         return share * (wanted - points) + (1.0 - share) * (self.mesh.vertices - points)
 
     def after(self, worse: Bool[np.ndarray, " quads"], away: Bool[np.ndarray, " quads"], keep: float = 1.0) -> _Hold:
-        """Tighten where quads became ``worse``, or lost surface or room (``away``); keep the share ``keep`` of the weights elsewhere."""
+        """Return the weights for the next rounds.
+
+        worse : quads that became much less square; their weights grow
+        away : quads that are too narrow or too far from the surface; the anchors of their corners grow
+        keep : factor on the excess weights everywhere else
+        """
         weight = np.where(worse, np.minimum(2 * self.weight, 100.0), 1 + keep * (self.weight - 1))
         near = _corners_of(self.mesh, away)
         return replace(self, weight=weight, anchor=np.where(near, 2 * self.anchor + 0.2, keep * self.anchor))
 
 
 def _corners_of(mesh: QuadMesh, quads: Bool[np.ndarray, " quads"]) -> Bool[np.ndarray, " vertices"]:
-    """Mask of the vertices of some quads."""
+    """Return a mask of the vertices of masked quads."""
     mask = np.zeros(len(mesh.vertices), dtype=bool)
     mask[mesh.quads[quads]] = True
     return mask
 
 
 def best_squares(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, "quads 4 3"]:
-    """Corners of the least-squares square of every quad.
+    """Return the corners of the square that fits every quad best, by least squares.
 
     The diagonals G = (d1, d2) of a square are orthogonal and equally long; the nearest such pair is s Q with the polar
     factor Q = G (G^T G)^-1/2 and s the mean singular value.
@@ -185,10 +198,10 @@ def best_squares(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, "
 
 
 def _repair(points: np.ndarray, hold: _Hold, guide: Guide, progress: Progress) -> np.ndarray:
-    """Iterate further, holding spoilt quads ever more tightly, until none is spoilt.
+    """Iterate further, with growing weights at spoilt quads, until no quad is spoilt (see ``_spoilt_quads``).
 
-    In the later rounds the vertices of spoilt quads return to their original positions, in growing neighbourhoods; if
-    that does not help, all vertices do.
+    In the second stage the vertices of spoilt quads return to their original positions, in the third also their
+    neighbours, ring by ring; if that does not help, all vertices return.
     """
     mesh = guide.mesh
     back = np.zeros(len(points), dtype=bool)
@@ -210,37 +223,37 @@ def _repair(points: np.ndarray, hold: _Hold, guide: Guide, progress: Progress) -
 
 
 def _unwarp(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
-    """Press warped quads flat, off the surface if need be, until no corner is farther than WARP from its plane.
+    """Flatten warped quads until no corner is farther from its quad's plane than WARP times the shortest side.
 
-    A quad warped much more cannot be flattened without too much distortion. Border vertices stay.
+    Vertices may leave the surface; border vertices stay.
     """
 
     def allowed(corners: np.ndarray, off: np.ndarray) -> np.ndarray:
-        """Return the largest distance of corners from their quad's plane, metres."""
+        """Return the largest allowed distance of corners from their quad's plane, metres."""
         return WARP * _sides(corners).min(axis=1)
 
     return _press_flat(mesh, points, allowed)
 
 
 def flatter(mesh: QuadMesh) -> QuadMesh:
-    """Press quads that bend by more than BEND flat; return the mesh itself if there are none.
+    """Flatten quads that bend by more than BEND; return the mesh itself if there are none.
 
     Such a quad spans a feature of the surface smaller than itself, so its vertices leave the surface by a share of an
-    edge. Quads of smooth surfaces bend less and stay. If a quad would lose its room or its shape, the moves round it
-    are shortened, and it keeps a part of its bend. Border vertices stay.
+    edge. Quads of smooth surfaces bend less and stay. If a quad would become too narrow or distorted, the moves round
+    it are shortened, and it keeps a part of its bend. Border vertices stay.
     """
     if bends(mesh.vertices[mesh.quads]).max() <= BEND:
         return mesh
 
     def allowed(corners: np.ndarray, off: np.ndarray) -> np.ndarray:
-        """Return the largest distance of corners from their quad's plane, metres."""
+        """Return the largest allowed distance of corners from their quad's plane, metres."""
         return np.abs(off) * BEND / np.maximum(bends(corners), 1e-300)
 
     return mesh.moved(_shorten_moves(mesh, _press_flat(mesh, mesh.vertices, allowed)))
 
 
 def bends(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, " quads"]:
-    """Largest angle between the normals at two adjacent corners of every quad, radians."""
+    """Return the bend of every quad: the largest angle between the normals at two adjacent corners, radians."""
     normals = np.cross(np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners)
     normals /= np.maximum(np.linalg.norm(normals, axis=2), 1e-300)[..., None]
     return np.arccos(np.clip(np.einsum("fki,fki->fk", normals, np.roll(normals, -1, axis=1)), -1.0, 1.0)).max(axis=1)
@@ -249,17 +262,17 @@ def bends(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, " quads"
 def _press_flat(
     mesh: QuadMesh, points: np.ndarray, allowed: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> np.ndarray:
-    """Press quads flat until no corner is farther from its quad's plane than allowed.
+    """Flatten quads until no corner is farther from its quad's plane than allowed; border vertices stay.
 
-    allowed : function of corners (quads, 4, 3) and their signed distance (quads,) that returns the distance allowed,
-        metres
+    allowed : function of the corners (quads, 4, 3) and of their signed distance from the plane (quads,), metres, that
+        returns the largest distance allowed (quads,)
     """
     signs = np.array([1.0, -1.0, 1.0, -1.0])
     for _ in range(100):
         p = points[mesh.quads]
         normal = np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
         normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
-        # relative to the plane through the middles the four corners are equally far, alternately above and below
+        # all four corners are equally far from the plane through the sides' midpoints, alternately above and below
         off = 0.25 * np.einsum("k,fki,fi->f", signs, p, normal)
         most = allowed(p, off)
         excess = np.sign(off) * np.maximum(np.abs(off) - 0.9 * most, 0.0) * (np.abs(off) > most)
@@ -273,7 +286,7 @@ def _press_flat(
 
 
 def _shorten_moves(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
-    """Shorten the moves round quads that lose too much room or shape; drop all moves if that does not help."""
+    """Shorten vertices' moves at quads that become too narrow or distorted; drop all moves if that does not help."""
     share = np.ones(len(points))
     for _ in range(ROUNDS):
         moved = mesh.vertices + share[:, None] * (points - mesh.vertices)
@@ -286,11 +299,14 @@ def _shorten_moves(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
 
 
 def _tight_quads(mesh: QuadMesh, points: np.ndarray, limit: float) -> Bool[np.ndarray, " quads"]:
-    """Mask quads that became narrower than the narrowest was, or have a short side, at ``limit`` times the measured sizes."""
+    """Return a mask of quads that became narrower than the narrowest original quad, or got a short side.
+
+    limit : factor on the measured breadths and lengths
+    """
     before, after = mesh.vertices[mesh.quads], points[mesh.quads]
     edges, sides = _sides(before), _sides(after)
-    # compare shares of the median edge, which scales the mesh back to its size; a quad that did not move is never at
-    # fault
+    # compare lengths as shares of the median edge, by which the mesh is scaled in the end; a quad is masked only if it
+    # became narrower or its side shorter
     middle, now, room, least = np.median(edges), np.median(sides), breadth(before), breadth(after)
     narrow = (limit * least / now < min(room.min() / middle, PLENTY)) & (least < (1.0 - DOUBLE_TOL) * room)
     short = (limit * sides < SHORT * now) & (edges >= SHORT * middle) & (sides < (1.0 - DOUBLE_TOL) * edges)
@@ -298,18 +314,18 @@ def _tight_quads(mesh: QuadMesh, points: np.ndarray, limit: float) -> Bool[np.nd
 
 
 def _much_worse_quads(mesh: QuadMesh, points: np.ndarray) -> Bool[np.ndarray, " quads"]:
-    """Mask quads whose square energy exceeds its limit."""
+    """Return a mask of quads whose square energy exceeds both GOOD and WORSE times its original value."""
     before, after = square_energy(mesh.vertices[mesh.quads]), square_energy(points[mesh.quads])
     return after > np.maximum(GOOD, WORSE * before)
 
 
 def _sides(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, "quads 4"]:
-    """Lengths of the sides of quads."""
+    """Return the lengths of the sides of quads."""
     return np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
 
 
 def _symmetrise(mesh: QuadMesh, points: np.ndarray, progress: Progress) -> np.ndarray:
-    """Average the moves over the symmetries of ``mesh``; ties between nearest points would otherwise break them slightly."""
+    """Average the moves over the symmetries of ``mesh``, which ties between nearest points break slightly."""
     moves = points - mesh.vertices
     group = symmetries(mesh, tolerance=SYMMETRY, progress=progress)
     total = moves + sum(moves[s.vertices] @ s.matrix for s in group)
@@ -319,7 +335,11 @@ def _symmetrise(mesh: QuadMesh, points: np.ndarray, progress: Progress) -> np.nd
 def _spoilt_quads(
     mesh: QuadMesh, points: np.ndarray, limit: float = 1.0
 ) -> tuple[Bool[np.ndarray, " quads"], Bool[np.ndarray, " quads"]]:
-    """Return masks of quads that became much worse, and of quads that the new surface leaves, at ``limit`` times the tolerances."""
+    """Return masks of quads that became much less square, and of quads whose original places are far from the surface.
+
+    points : new vertex positions, metres
+    limit : factor on the tolerances
+    """
     before, after = square_energy(mesh.vertices[mesh.quads]), square_energy(points[mesh.quads])
     worse = after > np.maximum(GOOD * limit, (1 + (WORSE - 1) * limit) * before)
     distance = distances(mesh.moved(points), samples(mesh))

@@ -1,11 +1,11 @@
 """Quad remeshing of any mesh: each body by itself, with a tool that remeshes one clean body at a time.
 
-The tool is Blender's (``bridge.hosts.remesh``): QuadriFlow, and a voxel remesh for closed bodies that are not clean.
-Its results are judged and repaired here. QuadriFlow works in single precision and fails on very small or large
-surfaces, so every body is scaled to the same size first.
+The tool is Blender's (``bridge.hosts.second_blender``): QuadriFlow, and a voxel remesh for bodies that are not clean
+(manifold, consistently oriented). This module ranks and repairs its results. QuadriFlow works in single precision and
+fails on very small or large surfaces, so every body is first scaled to one size.
 
-Closed bodies that intersect become one; closed bodies that are not clean are rebuilt from voxels; open parts are cut
-apart at edges of three faces; bodies too small for the count are left out.
+Closed bodies that intersect become one; bodies that are not clean are rebuilt from voxels; open parts are cut apart at
+edges of three faces; bodies too small for the number of quads are left out.
 """
 
 from __future__ import annotations
@@ -33,53 +33,50 @@ from .refine import split
 from .soundness import SoundQuads, judge, judge_raw, squarer
 from .tool import Tool
 
-EXTENT = 2.0  # extent of bodies given to the tool; QuadriFlow took all of 16 surfaces at this size, only some at 0.16
-CRUMBS = RemeshParams.crumbs  # default share of the area, in bodies too small for the count, that may be left out
-FIRST, REST = (0.05, 0.3), (0.3, 1.0)  # ranges of the progress: first quads of every body, better ones
-# Smallest number of quads of open and closed bodies; smaller bodies are left out. Seven closed bodies ended 4 to 20 %
-# of their size from their shape with 6 quads and strains of up to three times the limit, 1.5 to 5 % (but for a flat
-# box) with 12, 0.3 to 3.7 % with 24.
+EXTENT = 2.0  # largest dimension to which bodies are scaled for the tool; at smaller sizes QuadriFlow fails
+CRUMBS = RemeshParams.crumbs  # default: largest share of the area that may be left out, in bodies with too few quads
+FIRST, REST = (0.05, 0.3), (0.3, 1.0)  # ranges of the progress: first quads of every body; better quads
+# Smallest number of quads of an open and of a closed body; bodies that would get fewer are left out. Larger: the pieces
+# match the shape better, but small bodies are lost.
 FEWEST, FEWEST_CLOSED = 6, 12
-# Attempts with QuadriFlow, in order: seed, share of the wanted count, subdivisions, whether sharp edges are kept.
+# Attempts with QuadriFlow, in order: seed, share of the wanted count, subdivisions, whether sharp edges are preserved.
 TRIES = (
     (0, 1.0, 0, False), (0, 1.0, 1, False), (1, 1.0, 1, False), (2, 1.1, 1, False), (0, 1.0, 1, True), (0, 1.0, 0, True),
     (0, 1.0, 2, False), (1, 1.1, 2, True), (1, 1.0, 0, False), (2, 1.1, 0, False), (3, 0.9, 0, False), (4, 1.25, 0, False),
     (5, 0.8, 0, False), (6, 1.6, 0, False),
 )  # fmt: skip
-# Attempts evaluated if no quads along the curvature are usable; the best is kept. Over 25 meshes of 1000 quads, eight
-# attempts gave 10 % fewer irregular vertices than one, in three times the time.
+# Smallest number of attempts before the best sound result is accepted although some of its quads are poor (see
+# ``mend.POOR``). Larger: fewer irregular vertices, slower.
 CANDIDATES = 4
 FLAT = 180.0  # degrees; an angle that no fold exceeds
-# Attempts along the curvature: smallest angle of folds to follow, degrees; alignment; smoothing. Rows are tried until
-# one gives quads; a row ends at its first failure. On 14 meshes an alignment of 64 was best once, by 6 %; one below 4
-# gave quads where 4 did not only on surfaces smoothed more.
+# Attempts along the curvature: smallest angle of folds that quads follow, degrees; weight of the alignment; strength of
+# the smoothing. Rows are tried until one gives useful quads; a row ends at its first failure.
 OWN: tuple[tuple[tuple[float, float, float], ...], ...] = (
     ((SHARP, 4.0, 10.0), (SHARP, 16.0, 10.0)),
     ((FLAT, 4.0, 10.0), (FLAT, 16.0, 10.0)),
     ((FLAT, 0.5, 30.0),),
 )
-MAPS = 3  # largest number of these attempts per body; a body remeshed from voxels shares it among all voxel sizes
-# Largest number of quads in all maps of a body together; 500 take some 3 s of processor time, twice that with folds.
-MAPPED = 3000
-# Triangles per quad to which denser bodies are simplified; QuadriFlow takes 4 s for a scan of 69,000.
-DENSE = 20.0
-OF_VOXELS = 3  # attempts with QuadriFlow on a voxel surface, the first included
-VOXELS = (0.35, 0.5, 0.72, 1.0)  # voxel sizes in quad edges: fine ones keep detail, coarse ones close gaps
-ONE_SKIN = 0.95  # smallest share of the voxel surface in its largest outer skin; the rest is only crumbs
-ENOUGH = 3  # sound results from which the best is taken if all have poor quads
-# Polygon sizes, in quad edges, tried if QuadriFlow finds no quads; each polygon is split into four or more. With 5
-# letters at 200 to 700 quads that QuadriFlow tore apart, these sizes kept 4 whole.
+MAPS = 3  # largest number of these attempts per body, all its voxel surfaces together; larger: better, slower
+MAPPED = 3000  # largest number of quads in all these attempts of a body together; larger: slower
+DENSE = 20.0  # triangles per quad to which denser bodies are simplified; larger: more detail, slower
+OF_VOXELS = 3  # largest number of attempts with QuadriFlow on each voxel surface
+VOXELS = (0.35, 0.5, 0.72, 1.0)  # voxel sizes in quad edges: fine voxels preserve detail, coarse ones close gaps
+# Smallest share of a voxel surface's area in its largest outer skin. Smaller: larger parts may be dropped.
+ONE_SKIN = 0.95
+ENOUGH = 3  # smallest number of sound results before the best is accepted with poor quads; larger: better, slower
+# Polygon sizes, in quad edges, tried if QuadriFlow finds no quads; each polygon is then split into one quad per corner.
 CELLS = (2.0, 2.4, 1.6)
-MANY = 3  # factor on the wanted count: more quads mean that the body itself consists of small faces
-# Largest ratio, either way, of count and wanted count at which symmetric quads are accepted at once. Over 11 surfaces
-# it was 0.69 to 1.2, but 2.2 for a cone that had to be split finer, with 24 times the irregular vertices.
+MANY = 3  # largest ratio of quads from CELLS to the wanted number; bodies that consist of small faces give more
+# Symmetric quads are accepted at once if their number differs from the wanted number by less than this factor. Larger:
+# faster, but meshes that had to be subdivided, with many irregular vertices, are accepted.
 MIRRORED = 1.5
-COVERED = 0.8  # smallest share of the surface's area; quads with less are taken only if there are no others
+# Smallest share of the surface's area that quads should have; others rank behind. Larger: fewer thin parts are lost.
+COVERED = 0.8
 
 
 @dataclass(frozen=True, eq=False)
 class Requadded:
-    """Quads, and warnings on parts of the mesh that were left out, joined or missed."""
+    """Result of remeshing: quads, and warnings about parts of the mesh that were left out, joined or missed."""
 
     polygons: PolygonMesh
     findings: list[Finding]
@@ -93,12 +90,12 @@ def requad(
     crumbs: float = CRUMBS,
     symmetric: bool = False,
 ) -> Requadded:
-    """Make about ``count`` quads in the shape of any mesh; bodies share them by area.
+    """Remesh any mesh with about ``count`` quads, which are shared out among its bodies by area.
 
     Parameters
     ----------
-    mesh, count, tool : any faces; number of quads wanted; maker of quads of a clean body
-    crumbs, symmetric : share of the area that may be left out; whether mirror planes give symmetric quads
+    mesh, count, tool : mesh with any faces; number of quads wanted; remesher for one clean body
+    crumbs, symmetric : share of the area that may be left out; whether mirror planes should give symmetric quads
 
     Raises
     ------
@@ -145,11 +142,11 @@ def requad(
     return Requadded(squarer(together()), found + left_out + missed)
 
 
-# -- one body ------------------------------------------------------------------------------------------------------------
+# -- one body ----------------------------------------------------------------------------------------------------------
 
 
 class _BodySearch:
-    """Search for ``count`` quads of one body, called ``name`` in messages.
+    """Search for ``count`` quads of one body, which messages call ``name``.
 
     planes : mirror planes of the body; found : sound results so far
     """
@@ -166,7 +163,7 @@ class _BodySearch:
         self._way = self._tries()
 
     def go_on(self, progress: Progress, to_the_end: bool) -> None:
-        """Search until there is a result, or with ``to_the_end`` until no attempt is left; raise FlexMapsError without a result."""
+        """Try until there is a result, or all attempts if ``to_the_end``; raise FlexMapsError if there is no result."""
         self._progress, self._tried = progress, 0
         while to_the_end or not self.found:
             found = next(self._way, None)
@@ -185,25 +182,25 @@ class _BodySearch:
 
     @property
     def ranked(self) -> list[PolygonMesh]:
-        """Results at the body's own place and size, the best first."""
+        """Results at the body's own position and size, the best first."""
         order = sorted(self.found, key=lambda one: (*one.faults[:2], one.cost))
         return [replace(one.quads, vertices=one.quads.vertices / self._scale + self._middle) for one in order]
 
     @property
     def best(self) -> PolygonMesh:
-        """The best result so far, at the body's own place and size."""
+        """The best result so far, at the body's own position and size."""
         return self.ranked[0]
 
     def _with_losses(self, judged: SoundQuads) -> SoundQuads:
-        """Count one more missed edge if ears or fingers fell between the quads, so that a clean body loses area."""
+        """Add a fault to a result with too little area: thin parts, such as ears or fingers, are lost."""
         if not self._clean or target_of(judged.quads).area >= COVERED * self._whole.area:
             return judged
         useless, missed, poor = judged.faults
         return replace(judged, faults=(useless, missed + 1, poor))
 
     def uncovered(self, count: int, first: int) -> list[Finding]:
-        """Warn if the best quads miss the surface; ``count`` counts the quads of all bodies, ``first`` the index of
-        this body's first quad.
+        """Warn if the best quads miss parts of the surface; ``count`` is the number of quads of all bodies, ``first``
+        the index of this body's first quad.
         """
         if not self._clean:
             return []
@@ -216,7 +213,7 @@ class _BodySearch:
         return self._progress.quiet()
 
     def _tries(self) -> Iterator[SoundQuads | str]:
-        """Yield the result of one attempt after another, the quickest first, so that there is a result soon."""
+        """Yield the results of all attempts (reasons, where they fail), the quickest attempts first."""
         yield from self._by_halves()
         if _any_useful(self.found) and 1.0 / MIRRORED < len(self.found[0].quads.sizes) / self._count < MIRRORED:
             return
@@ -249,7 +246,7 @@ class _BodySearch:
             yield from _by_cells(self._small, self._whole, self._count, self._tool, self._tell("Cells"))
 
     def _by_halves(self) -> Iterator[SoundQuads]:
-        """Yield sound quads of one side of a mirror plane, with their images; failures are silent, as the whole body comes next."""
+        """Yield sound symmetric quads, one half and its mirror image; failures are silent, as other attempts follow."""
         if not self._planes or not self._clean or self._count < 2 * FEWEST:
             return
         first, *others = self._planes
@@ -273,14 +270,14 @@ class _BodySearch:
                 return
 
     def _enough(self) -> bool:
-        """Return whether a result is good, or there were enough attempts."""
+        """Return whether a result has no faults, or there were enough attempts and sound results."""
         sound = [one for one in self.found if not one.faults[0]]
         if _any_useful(self.found) and not min(one.faults[2] for one in sound):
             return True
         return self._tried >= CANDIDATES and bool(sound) and len(self.found) >= min(ENOUGH, CANDIDATES)
 
     def _by_tool(self, surface: PolygonMesh, how: tuple[int, float, int, bool]) -> SoundQuads | str:
-        """Return the tool's quads for a row of ``TRIES``, judged, or the reason of the failure."""
+        """Return the tool's quads for ``how``, a row of ``TRIES``, repaired and rated, or the reason of the failure."""
         seed, factor, times, sharp = how
         asked = max(FEWEST, round(factor * self._count / 4**times))
         raw = self._tool.quads(surface, asked, seed, sharp, self._tell("QuadriFlow"))
@@ -291,7 +288,7 @@ class _BodySearch:
 
 @dataclass(frozen=True, eq=False)
 class _MirroredSearch:
-    """A body that is the mirror image of another body, whose quads are reflected; same methods as ``_BodySearch``."""
+    """Body that is the mirror image of another: reflects the other's quads; has the methods of ``_BodySearch``."""
 
     of: _BodySearch | _MirroredSearch
     plane: Plane
@@ -318,7 +315,7 @@ def _images(
     k: int,
     planes: Sequence[Plane],
 ) -> Iterator[_MirroredSearch]:
-    """Yield body ``k`` as the image of one of the bodies ``before`` it."""
+    """Yield every way in which body ``k`` is the mirror image of one of the bodies ``before`` it."""
     for other, search in zip(before, searches, strict=True):
         for plane in planes:
             if plane.maps(parts[other], parts[k], EXTENT):
@@ -326,14 +323,14 @@ def _images(
 
 
 def _any_useful(found: list[SoundQuads]) -> bool:
-    """Return whether a result has room for every spiral and misses no part of the surface."""
+    """Return whether any result has room for every spiral and misses no part of the surface."""
     return any(not any(one.faults[:2]) for one in found)
 
 
 def _along_curvature(
     surface: PolygonMesh, whole: TargetSurface, count: int, how: tuple[float, float, float], progress: Progress
 ) -> SoundQuads | str:
-    """Return quads along the curvature, judged, or the reason of the failure; ``how`` is an entry of ``OWN``."""
+    """Return quads along the curvature, rated, or the reason of the failure; ``how`` is an attempt from ``OWN``."""
     triangles, (fold, alignment, smoothing) = target_of(surface), how
     edge = (triangles.area / count) ** 0.5
     given = of_rows(triangles.vertices, triangles.triangles)
@@ -361,7 +358,7 @@ def _surfaces(
 
 
 def _simplify(body: PolygonMesh, count: int) -> PolygonMesh:
-    """Simplify a clean body to as many triangles as its quads need."""
+    """Simplify a clean body to ``DENSE`` triangles per quad, if it has more."""
     triangles = target_of(body)
     if len(triangles.triangles) <= DENSE * count:
         return body
@@ -370,7 +367,7 @@ def _simplify(body: PolygonMesh, count: int) -> PolygonMesh:
 
 
 def _outer_skin(skin: PolygonMesh) -> PolygonMesh | None:
-    """Return the outer skin of a voxel remesh without cavities; None if there are several of similar size."""
+    """Return the largest outer skin of a voxel surface; None if it has less than ONE_SKIN of all outer skins' area."""
     if not (skin.sizes == 4).all():
         return None
     rows, body = skin.corners.reshape(-1, 4), bodies(sides_of(skin), len(skin.sizes))
@@ -386,7 +383,7 @@ def _outer_skin(skin: PolygonMesh) -> PolygonMesh | None:
 def _by_cells(
     body: PolygonMesh, whole: TargetSurface, count: int, tool: Tool, progress: Progress
 ) -> Iterator[SoundQuads]:
-    """Yield sound quads of an open body of large flat faces, such as a letter, which QuadriFlow often tears or rounds off."""
+    """Yield sound quads of an open body with large flat faces, such as a letter; QuadriFlow often tears such bodies."""
     for factor in CELLS:
         polygons = tool.cells(body, factor * (whole.area / count) ** 0.5, progress)
         if polygons is None or not len(polygons.sizes) or len(polygons.corners) > MANY * count:

@@ -1,4 +1,4 @@
-"""Judge a remesher's quads: are they sound, and how good are they?"""
+"""Decide whether a remesher's quads are sound, repair them, and rate them."""
 
 from __future__ import annotations
 
@@ -17,27 +17,28 @@ from .quality import quality
 from .refine import refine_quads
 from .regularise import flatter, regularise
 
-WORTH = 10.0  # cost factor per share of poor quads: a tenth of them poor doubles the cost; not measured
-# in quad edges: distance between quads and surface, at its 95th percentile, at which thin parts such as a rabbit's ears
-# are lost
+# Weight of the share of poor quads in the cost: a tenth of poor quads doubles it. Larger: fewer poor quads, but less
+# regular meshes.
+WORTH = 10.0
+# Distance between quads and surface (95th percentile), in whole quad edges, from which quads are rejected: thin parts,
+# such as a rabbit's ears, are lost. Larger: worse results are accepted.
 LOST = 3
-# Largest area of the quads as a share of the surface's; more means a second skin. A voxel remesh gives an open surface
-# two sides, and QuadriFlow with few quads closes it: an open half ball came back with 1.47 to 1.66, results that kept
-# their border with 0.92 to 0.97.
+# Largest area of the quads, as a share of the surface's area; more means a second skin, as of an open surface that was
+# closed. Results with their border have 0.92 to 0.97.
 DOUBLED = 1.2
-# In quad edges: a quad fills a hole if all its corners are this near the border and, besides, its middle is off the
-# surface or its back faces outwards.
+# A quad fills a hole if all its corners are within this distance of the surface's border, in quad edges, and its middle
+# is off the surface or it faces the other way. Larger: quads at narrow parts are removed too.
 AT_BORDER = 0.6
-FILLING = 0.1  # in quad edges: distance between surface and middle of a quad above which the quad fills a hole
+FILLING = 0.1  # distance of a quad's middle from the surface, in quad edges, from which it is off the surface
 
 
 @dataclass(frozen=True, eq=False)
 class SoundQuads:
-    """Sound quads.
+    """Sound quads with their rating.
 
-    faults : number without room for a spiral; whole quad edges by which parts of the surface are missed; number of poor
-        quads
-    cost : ``Quality.cost``, raised for poor quads and deviations from the wanted count
+    faults : number of quads without room for a spiral; distance by which parts of the surface are missed, in whole quad
+        edges; number of poor quads
+    cost : ``Quality.cost``, raised for poor quads and for deviations from the wanted number of quads
     """
 
     quads: PolygonMesh
@@ -48,7 +49,16 @@ class SoundQuads:
 def judge_raw(
     raw: PolygonMesh, whole: TargetSurface, count: int, times: int = 0, sharp: bool = False
 ) -> SoundQuads | str:
-    """Subdivide quads ``times`` times, repair and judge them; return the reason if they are useless."""
+    """Subdivide, repair and rate a remesher's quads; return the reason if they are unusable.
+
+    Parameters
+    ----------
+    raw : result of the remesher
+    whole : surface that the quads should cover
+    count : wanted number of quads
+    times : number of subdivisions
+    sharp : whether corners are moved onto sharp edges even without a subdivision
+    """
     if not (raw.sizes == 4).all():
         return "QuadriFlow left faces that are not quads"
     if not is_clean(raw):
@@ -63,7 +73,10 @@ def judge_raw(
 
 
 def onto_corners(quads: PolygonMesh, whole: TargetSurface) -> PolygonMesh:
-    """Move the nearest border vertex onto every corner of the surface's border; remeshers cut these corners off."""
+    """Move the nearest border vertex of the quads onto every corner of the surface's border.
+
+    Remeshers cut these corners off.
+    """
     corners = whole.vertices[whole.border_corners]
     sides = sides_of(quads)
     border = np.unique(sides.edges[np.bincount(sides.edge) == 1])
@@ -79,7 +92,10 @@ def onto_corners(quads: PolygonMesh, whole: TargetSurface) -> PolygonMesh:
 
 
 def judge(quads: PolygonMesh, whole: TargetSurface, count: int) -> SoundQuads | str:
-    """Judge quads as they are; return the reason if they are useless."""
+    """Rate quads against the surface ``whole`` without a repair; return the reason if they are unusable.
+
+    count : wanted number of quads
+    """
     found = findings(quads)
     errors = [f for f in found if f.is_error]
     if errors:
@@ -104,7 +120,7 @@ def judge(quads: PolygonMesh, whole: TargetSurface, count: int) -> SoundQuads | 
 
 
 def reopen_holes(raw: PolygonMesh, whole: TargetSurface) -> PolygonMesh:
-    """Remove quads that fill holes: QuadriFlow fills every hole with at most 25 of its edges round it."""
+    """Remove quads that fill holes of the surface: QuadriFlow fills holes with at most 25 of its edges round them."""
     rows = raw.corners.reshape(-1, 4)
     size = (target_of(raw).area / len(rows)) ** 0.5
     at_border = whole.to_border(raw.vertices) < AT_BORDER * size
@@ -112,7 +128,7 @@ def reopen_holes(raw: PolygonMesh, whole: TargetSurface) -> PolygonMesh:
     middles = corners.mean(axis=1)
     there, normals = whole.nearest(middles)
     across = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    back = np.einsum("fi,fi->f", across, normals) < 0  # over a flat part the filling faces the other way
+    back = np.einsum("fi,fi->f", across, normals) < 0  # filling over a flat part faces the other way
     filling = at_border[rows].all(axis=1) & (back | (np.linalg.norm(there - middles, axis=1) > FILLING * size))
     if not filling.any() or filling.all():
         return raw
@@ -121,9 +137,9 @@ def reopen_holes(raw: PolygonMesh, whole: TargetSurface) -> PolygonMesh:
 
 
 def squarer(quads: PolygonMesh) -> PolygonMesh:
-    """Regularise quads if that leaves fewer poor ones, then press bent ones flat if that makes no more of them poor.
+    """Regularise quads if that reduces the poor quads, then flatten bent quads if that makes no more quads poor.
 
-    If neither helps, the quads are returned unchanged.
+    If neither helps, return the quads unchanged.
     """
     best, found = quads, findings(quads)
     if any(one.is_error for one in found):
@@ -142,5 +158,5 @@ def squarer(quads: PolygonMesh) -> PolygonMesh:
 
 
 def _count_faces(found: list[Finding], codes: set[str]) -> int:
-    """Return the number of faces that findings with these codes name."""
+    """Return the number of faces named by findings with these codes."""
     return sum(len(one.faces) for one in found if one.code in codes)
