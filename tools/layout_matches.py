@@ -1,4 +1,4 @@
-"""Compares the predicted match of layouts with what the optimiser reaches."""
+"""Compares the match that *Merge* expects of layouts with what the optimiser reaches."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.extras.choosing.drawn_cuts import equal_cuts
 from flexmaps.engine.extras.choosing.judge import FlatLayout, Idea, LayoutProblem, lay_flat
 from flexmaps.engine.extras.choosing.predict import PredictionStart, predict
+from flexmaps.engine.extras.choosing.tighten import FURTHER
 from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.params import Settings
 from flexmaps.engine.patches.merging import merge
@@ -40,7 +41,7 @@ def measure(name: str, polygons: PolygonMesh, options: Options) -> Iterator[Row]
     for laid in several:
         key = f"{name} {hashlib.sha256(laid.cut.tobytes()).hexdigest()[:16]}"
         reached = answers.answer(key, partial(_search, piece, laid, options.patience))
-        seconds, share = timed(partial(predict, piece, laid.flat, start), time.thread_time)
+        seconds, share = timed(partial(predict, piece, laid.flat, start, further=FURTHER), time.thread_time)
         peer = {"reached": reached, "s for 1,000 quads": round(1e3 * seconds / len(piece.mesh.quads), 2)}
         yield note(name, f"{laid.panels} panels{PREDICTED}", float(f"{100.0 * share:.4g}"), peer)
 

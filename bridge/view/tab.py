@@ -30,7 +30,7 @@ def _on_open(key: str) -> Callable[[bpy.types.PropertyGroup, bpy.types.Context],
 
 
 class Tab(bpy.types.PropertyGroup):
-    """Which section is open (one property ``open_SECTION`` each), and which tab is open within sections."""
+    """Which section is open (a property for each, named open_ and the section), and which tab is open within sections."""
 
     __annotations__ = {
         "by_hand": BoolProperty(),  # the user opened or folded a section since a stage's button was last pressed

@@ -133,8 +133,7 @@ def make_sheets(
 
     Raises
     ------
-    FlexMapsError : a spiral has no room, a panel would touch itself, the cutter is too wide, or a panel is larger than
-        the sheet and ``params.oversize`` is "error"
+    FlexMapsError : no room for a spiral, a panel that touches itself or is too large for the sheet, or too wide a cutter
     """
     design = design if base is None else base.design
     layout = design.flat.layout

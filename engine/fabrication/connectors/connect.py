@@ -122,9 +122,7 @@ def connect(
     progress: Progress = SILENT,
     mill: float = 0.0,
 ) -> Connections:
-    """Give every joint the largest connector that has room, and draw the panels with these connectors.
-
-    Joints without room keep plain ends and are listed as unsolved.
+    """Draw the panels with the largest connector that has room at every joint; without room, ends stay plain and are listed.
 
     Parameters
     ----------

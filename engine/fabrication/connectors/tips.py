@@ -169,12 +169,8 @@ def make_tips(
 ) -> list[Tip | None]:
     """Return the tips of the arms ``rows`` of ``base``; None where an arm has no room for its tip.
 
-    Parameters
-    ----------
     base : both arms of all joints
-    rows : (n,) joints
-    roles : "head", "socket" or "face" of every tip
-    tries : candidate connector of every tip
+    rows, roles, tries : (n,) joints; "head", "socket" or "face" of every tip; candidate connector of every tip
     shift, aside : position of the connector as in ``Attempt``, metres, but seen from these arms
     """
     found: list[Tip | None] = [None] * len(rows)
