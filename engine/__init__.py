@@ -5,9 +5,10 @@ Data flows in one direction; each arrow is a function in the folder named below 
     PolygonMesh -> QuadMesh -> PatchLayout -> FlatPatches -> SpiralDesign -> CutSheets -> files
             surface        patches        patches       spirals        fabrication   fabrication
 
-``mechanics`` computes the shape of a design, ``optimisation`` the design for a shape, ``fabrication`` panels and the order in
-which they are joined, ``runs`` runs everything, and ``extras`` holds what a piece can be made without. Modules in this folder are shared by all others. Modules import downward only;
-nothing here imports ``bpy``.
+``mechanics`` computes the shape of a design, ``optimisation`` the design for a shape, ``fabrication`` panels and the
+order in which they are joined; ``runs`` runs all stages, and ``extras`` holds optional functions. The modules directly
+in this folder are shared by all others. Folders of earlier stages do not import from later ones; nothing imports
+``bpy``.
 """
 
 import re as _re

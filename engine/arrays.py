@@ -1,6 +1,7 @@
-"""Array types with shapes, such as ``Float[np.ndarray, "quads 4 3"]``, from jaxtyping, and a base of dataclasses of arrays.
+"""Array types with shapes from jaxtyping, such as ``Float[np.ndarray, "quads 4 3"]``, and a base class of array tables.
 
-Type checkers and tests use the shapes. The program never evaluates annotations and doesn't need jaxtyping: at run time the names are ``Any``.
+Type checkers and tests use the shapes. The program never evaluates annotations and doesn't need jaxtyping: at run time
+the names are ``Any``.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ __all__ = ["Bool", "Columns", "Complex", "Float", "Int", "Num", "Shaped"]
 
 
 class Columns:
-    """Base of dataclasses whose fields are arrays, or other ``Columns``, with one row for each item."""
+    """Base class of dataclasses whose fields are arrays, or other ``Columns``, with one row for each item."""
 
     def subset(self, rows: np.ndarray | slice) -> Self:
-        """Return some rows of all arrays; ``rows`` holds their numbers or is a mask or slice. Other values are kept."""
+        """Select rows of all arrays; rows : row numbers, a mask or a slice. Fields that are not arrays are kept."""
 
         def select(value: Any) -> Any:
             if isinstance(value, Columns):

@@ -1,4 +1,4 @@
-"""Running functions of the engine on a Dask cluster, with the interface of ``workers``."""
+"""Run functions of the engine on a Dask cluster, with the interface of ``workers``."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from .errors import FlexMapsError
 from .workers import WorkerDied
 
 ROOT = Path(__file__).resolve().parents[1]
-# seconds to wait for answers of scheduler and workers, as in database/; less would give up on slow networks
+# Seconds to wait for answers of scheduler and workers, as in the folder ``database``; less gives up on slow networks
 PATIENCE = 20
-RETRIES = 3  # number of times that a task is repeated on another worker after its worker was lost, as in database/
+# Number of times that a task is repeated on another worker after its worker was lost, as in the folder ``database``
+RETRIES = 3
 
 
 def version(root: str | Path = ROOT) -> str:
@@ -33,7 +34,14 @@ def version(root: str | Path = ROOT) -> str:
 def _remote(root: str, package: str, wanted: str, function: bytes, arguments: bytes) -> bytes:
     """Call a function on a worker of the cluster; return what ``worker.answer`` returns.
 
-    The first call on a worker loads the program there, under the package name that it has here.
+    The first call on a worker imports the program there, under the package name that it has in this process.
+
+    Parameters
+    ----------
+    root : folder of the program on the worker
+    package : full name of the program's package
+    wanted : checksum of the program, which the worker's must equal, see ``version``
+    function, arguments : pickled
     """
     import importlib.util
     import pickle
@@ -72,7 +80,8 @@ _remote.__module__ = "__main__"
 class Cluster(Executor):
     """Executor on the workers of a Dask cluster; use it in a ``with`` statement.
 
-    A task whose worker is lost is repeated on another worker; after ``RETRIES`` repetitions its future raises ``WorkerDied``.
+    A task whose worker is lost is repeated on another worker; after ``RETRIES`` repetitions its future raises
+    ``WorkerDied``.
 
     Parameters
     ----------
@@ -118,11 +127,11 @@ class Cluster(Executor):
                 )
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Call a function on one of the workers, as ``Workers.submit`` does.
+        """Call a function on one of the workers; return a future of its result.
 
         Parameters
         ----------
-        function, args, kwargs : picklable
+        function, args, kwargs : picklable; values of ``kwargs`` are passed as positional arguments
         """
         if self._pickled[0] is not function:  # pickle it only once: it can hold a whole mesh
             self._pickled = function, pickle.dumps(function)
@@ -137,7 +146,7 @@ class Cluster(Executor):
 
         Parameters
         ----------
-        wait, cancel_futures : of ``Executor``, without effect here
+        wait, cancel_futures : parameters of ``Executor.shutdown``; without effect here
         """
         self._client.close()
 

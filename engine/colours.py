@@ -6,13 +6,13 @@ import numpy as np
 
 from .arrays import Float
 
-# Colour scales from low to high, sRGB anchors, chosen by eye. They get darker with the value, so that they also work in greyscale.
-# for errors, strains and other values that should be low
+# Colour scale for errors, strains and other values that should be low: sRGB colours from low to high, chosen by eye.
+# Both scales get darker with the value, so that they work in greyscale too
 ERROR_SCALE = np.array([[0.93, 0.95, 0.92], [0.98, 0.86, 0.50], [0.93, 0.48, 0.24], [0.66, 0.09, 0.20]])
-# for neutral quantities
+# Colour scale for neutral quantities: sRGB colours from low to high, chosen by eye
 QUANTITY_SCALE = np.array([[0.96, 0.95, 0.85], [0.55, 0.80, 0.68], [0.18, 0.52, 0.60], [0.13, 0.22, 0.42]])
 SEAM = np.array([0.10, 0.11, 0.14])  # colour of cuts, sRGB: nearly black, to stand out from all patches
-# reasons that limit the match (names of ``optimisation.reach``): sRGB colour and text of the legend
+# by reason why a spiral misses its target (``optimisation.reach.REASONS``): sRGB colour, and text of the legend
 LIMITS: dict[str, tuple[tuple[float, float, float], str]] = {
     "matched": ((0.90, 0.92, 0.88), "matches"),
     "softest": ((0.90, 0.45, 0.13), "as soft as it may be"),
@@ -22,11 +22,11 @@ LIMITS: dict[str, tuple[tuple[float, float, float], str]] = {
     "stretched": ((0.14, 0.55, 0.55), "stretched in its plane"),
     "free": ((0.40, 0.58, 0.85), "pulled by its neighbours"),
 }
-MISSING_GREY = np.array([0.62, 0.62, 0.62])  # values that were not measured: a grey that is on no scale; by eye
+MISSING_GREY = np.array([0.62, 0.62, 0.62])  # colour of missing values: a grey that is not on any scale; by eye
 LEAST_DISTANCE = 0.1  # mm, smallest upper end of the scale of distances: with less, rounding errors would be coloured
-LEAST_ANISOTROPY = 1.0  # percent, smallest upper end of its scale, so that rounding does not look like a difference
-LEAST_SLOT = 0.3  # mm, smallest upper end of the scale of slots: the narrowest that a laser cuts
-LIGHT = np.array([0.27, -0.45, 0.85])  # unit vector to a light: enough shade to read the shape; by eye
+LEAST_ANISOTROPY = 1.0  # percent, smallest upper end of the scale of anisotropy: with less, rounding would be coloured
+LEAST_SLOT = 0.3  # mm, smallest upper end of the scale of slot widths: the narrowest slot that a laser cuts
+LIGHT = np.array([0.27, -0.45, 0.85])  # unit vector towards the light: enough shade to see the shape; by eye
 
 
 def linear(srgb: np.ndarray) -> np.ndarray:
@@ -42,7 +42,7 @@ def hexadecimal(rows: np.ndarray) -> list[str]:
 
 
 def oklch(lightness: np.ndarray, chroma: np.ndarray, hue: np.ndarray) -> np.ndarray:
-    """Convert colours from Oklch (Ottosson 2020, Oklab), in which equal lightness looks equally light.
+    """Convert colours from Oklch (Ottosson 2020), in which colours of equal lightness look equally light.
 
     Parameters
     ----------
@@ -73,13 +73,13 @@ def oklch(lightness: np.ndarray, chroma: np.ndarray, hue: np.ndarray) -> np.ndar
 
 
 def patch_colours(count: int) -> np.ndarray:
-    """Return soft colours (count, 3), linear RGB; consecutive ones are far apart in hue (golden angle)."""
+    """Return soft colours (count, 3), linear RGB; consecutive colours are far apart in hue (golden angle)."""
     i = np.arange(count)
     return oklch(0.76 + 0.05 * np.cos(2.4 * i), np.full(count, 0.095), 0.9 + 2.399963 * i)
 
 
 def seam_colours(count: int) -> np.ndarray:
-    """Return strong colours (count, 3), linear RGB, by which people find the two sides of a seam."""
+    """Return strong colours (count, 3), linear RGB, by which people find both sides of a seam."""
     i = np.arange(count)
     return oklch(np.full(count, 0.58), np.full(count, 0.16), 0.4 + 2.399963 * i)
 
@@ -115,5 +115,5 @@ def map_to_scale(values: np.ndarray, low: float, high: float, scale: np.ndarray)
 
 
 def pale(scale: Float[np.ndarray, "anchors 3"]) -> Float[np.ndarray, "anchors 3"]:
-    """Return a scale half as far from white, on which dark lines and arms stand out."""
+    """Mix a colour scale half and half with white, so that dark lines and arms stand out on it."""
     return 0.5 + 0.5 * scale

@@ -36,21 +36,21 @@ _REASONS = {
     errno.EINVAL: "the name is not allowed there; choose another one",
 }
 
-# error codes of Windows, which are more specific than errno
 _OPEN = {5, 32, 33}  # access denied, sharing violation, lock violation: usually another program has the file open
-# learn.microsoft.com, System Error Codes
+# error codes of Windows (learn.microsoft.com, System Error Codes), which are more specific than errno
 _WINDOWS = {
     **dict.fromkeys(_OPEN, "another program may have it open; close it there, or choose another folder"),
     206: "the path is longer than Windows allows; choose a folder nearer to the drive",
 }
-# learn.microsoft.com, Naming Files, Paths, and Namespaces
+# names that Windows reserves (learn.microsoft.com, Naming Files, Paths, and Namespaces)
 _DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{name}{digit}" for name in ("COM", "LPT") for digit in "0123456789¹²³")}
-# bytes of a name in UTF-8; most file systems allow 255, and "-assembly", a number and a suffix are appended
+# Largest number of UTF-8 bytes of a name; most file systems allow 255, and "-assembly", a number and a suffix are
+# appended
 LONGEST = 150
-# attempts to move a file and seconds between them: virus scanners hold new files for about a second
+# Attempts to move a file, and seconds between them: virus scanners keep new files open for about a second
 TRIES, PAUSE = 10, 0.1
 
-_FULL = {errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO}  # errors of write(), which carry no file name
+_FULL = {errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO}  # errors of write(), which name no file
 
 
 def describe_error(error: OSError | ValueError) -> str:
@@ -66,7 +66,7 @@ def describe_error(error: OSError | ValueError) -> str:
 
 @contextmanager
 def write_atomically(path: str | os.PathLike[str], guard: Guard | None = None) -> Iterator[Path]:
-    """Write one file atomically: yield a temporary path, whose file replaces the target at the end.
+    """Write a file atomically: yield a temporary path to write to; its file replaces the target at the end.
 
     Parameters
     ----------
@@ -87,16 +87,16 @@ def write_all_atomically(
     alone_in: str | os.PathLike[str] | None = None,
     guard: Guard | None = None,
 ) -> Iterator[NewFile]:
-    """Write several files so that all of them appear, or none and the old ones stay; no temporary file is left after an error.
+    """Write several files atomically: either all new files appear, or all old files stay; no temporary files remain.
 
-    Yield a function that maps a target to a temporary path beside it, of the same suffix, to write to. Raise ``FlexMapsError`` if a
-    folder is read-only or locked by another run, the disk is full, or the guard refuses; other errors raised inside pass unchanged.
+    Yield a function that maps a target to a temporary path to write to, beside it and with the same suffix. If writing
+    fails, a folder is locked by another run, or the guard refuses, raise ``FlexMapsError``; other errors pass unchanged.
 
     Parameters
     ----------
     stale : old files to remove when the new ones appear
     alone_in : folder to lock, so that no other run writes to it meanwhile
-    guard : lets only files that this program wrote be replaced or removed; checksums go to ``alone_in``, else beside the files
+    guard : permits changes of files that this program wrote; its checksums go to ``alone_in``, else beside the files
     """
     wanted, made = dict[Path, Path](), list[Path]()
     held: BinaryIO | None = None
@@ -145,7 +145,7 @@ def write_all_atomically(
 
 
 def _note(wanted: dict[Path, Path], gone: list[Path], root: Path | None) -> None:
-    """Add the files of checksums to the files to write."""
+    """Add the files that list checksums to the files to write."""
     for folder in {target.parent if root is None else root for target in (*wanted, *gone)}:
         own = {target: now for target, now in wanted.items() if root is not None or target.parent == folder}
         text = own_files.note_text(folder, own, gone)
@@ -155,7 +155,7 @@ def _note(wanted: dict[Path, Path], gone: list[Path], root: Path | None) -> None
 
 @contextmanager
 def _writing(wanted: dict[Path, Path]) -> Iterator[None]:
-    """Convert all errors to ``FlexMapsError``, for steps that only write. Names with a zero byte raise ``ValueError``."""
+    """Convert errors to ``FlexMapsError``, for steps that only write; file names with a zero byte raise ValueError."""
     try:
         yield
     except (OSError, ValueError) as error:
@@ -163,7 +163,7 @@ def _writing(wanted: dict[Path, Path]) -> Iterator[None]:
 
 
 def _by_writing(error: OSError, wanted: dict[Path, Path]) -> bool:
-    """Return whether an error comes from writing a wanted file: it names one, or it is a nameless error such as a full disk."""
+    """Return whether an error comes from writing a wanted file: it names the file, or no file (as for a full disk)."""
     if error.filename is None:
         return error.errno in _FULL
     return str(error.filename) in {str(temporary) for temporary in wanted.values()}
@@ -177,10 +177,10 @@ def _refused(error: OSError | ValueError, wanted: dict[Path, Path]) -> FlexMapsE
 
 
 def safe_file_name(text: str) -> str:
-    """Return a file name that is valid on every system, made from a user's text.
+    """Convert a user's text to a file name that is valid on every system.
 
-    Punctuation, spaces and invisible characters become "_", as in Blender's own file names; letters of all scripts stay. Names that
-    Windows reserves for devices get a "_". Names are cut to ``LONGEST`` bytes.
+    Punctuation, spaces and invisible characters become "_", as in Blender's own file names; letters of all scripts
+    stay. Names that Windows reserves for devices get a "_" at the end. Names are cut to ``LONGEST`` bytes.
     """
     signs = (letter.isascii() and not letter.isalnum() and letter != "-" for letter in text)
     unseen = (unicodedata.category(letter)[0] in "CZ" for letter in text)
@@ -190,7 +190,7 @@ def safe_file_name(text: str) -> str:
 
 
 def _beside(target: Path) -> Path:
-    """Return a free hidden name in the same folder; it has the same suffix, by which some writers choose the format."""
+    """Return an unused hidden path in the target's folder, with its suffix, by which some writers choose the format."""
     return target.with_name(f".{uuid.uuid4().hex[:12]}{target.suffix}")
 
 
@@ -232,8 +232,8 @@ def _lock(stream: BinaryIO) -> bool:
 
 
 def _unlock(stream: BinaryIO) -> None:
-    # remove the file while it is locked, so that no other run can lock a file that is about to vanish; Windows cannot remove open
-    # files, so close it first there
+    # remove the file while it is locked, so that no other run can lock a file that is about to vanish; Windows cannot
+    # remove open files, so there it is closed first
     windows = sys.platform == "win32"
     with suppress(OSError):
         if not windows:

@@ -1,6 +1,7 @@
 """Sparse symmetric positive definite solver: CHOLMOD through cvxopt, or SuperLU if cvxopt is missing.
 
-The sparsity pattern is analysed once; matrices with this pattern are then factored repeatedly, as Newton's method needs it.
+The sparsity pattern is analysed once; matrices with this pattern are then factored repeatedly, as Newton's method needs
+it.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ class Pattern:
     size : number of rows
     indptr : (size + 1,) int, start of every column
     indices : (nnz,) int, row of every entry, ascending within a column
-    slot : (T,) int, index of the entry to which each of the constructor's T triplets adds; triplets above the diagonal have the
+    slot : (T,) int, entry to which each of the constructor's T triplets adds; triplets above the diagonal have the
         extra index ``nnz`` and are dropped
     """
 
@@ -33,7 +34,7 @@ class Pattern:
 
         Parameters
         ----------
-        rows, cols : (T,) int, of both triangles or of the lower one alone; repetitions are allowed
+        rows, cols : (T,) int, entries of both triangles or of the lower triangle only; repetitions are allowed
         size : number of rows of the matrix
         """
         rows, cols = np.asarray(rows, dtype=np.int64).ravel(), np.asarray(cols, dtype=np.int64).ravel()
@@ -75,7 +76,7 @@ class SparseCholesky:
     Parameters
     ----------
     pattern : of the matrices
-    backend : "cvxopt" or "superlu"; None for the first of them that is installed
+    backend : "cvxopt" or "superlu"; None for cvxopt if it is installed, else SuperLU
     """
 
     def __init__(self, pattern: Pattern, backend: str | None = None):
@@ -91,7 +92,7 @@ class SparseCholesky:
             raise ValueError(f"unknown backend '{self.backend}'")
 
     def factor(self, values: np.ndarray) -> None:
-        """Factor the matrix with (nnz,) lower-triangle values. Raises ``NotPositiveDefinite``, also for values that are not finite."""
+        """Factor the matrix with (nnz,) lower-triangle values; raise ``NotPositiveDefinite``, also for inf and NaN."""
         if not np.isfinite(values).all():
             raise NotPositiveDefinite("the matrix holds values that are not finite")
         if not self.pattern.size:
@@ -143,8 +144,10 @@ class SparseLU:
 
     @property
     def negative(self) -> int:
-        """Number of negative pivots. For a symmetric matrix it equals the number of negative eigenvalues (Sylvester); for any
-        matrix it is even if the determinant is positive and odd if it is negative.
+        """Number of negative pivots.
+
+        For a symmetric matrix it equals the number of negative eigenvalues (Sylvester's law of inertia); for any matrix
+        it is even if the determinant is positive and odd if it is negative.
         """
         return int((self._factor.U.diagonal() < 0).sum())
 
@@ -154,7 +157,7 @@ class SparseLU:
 
 
 def negative_eigenvalues(pattern: Pattern, values: np.ndarray) -> int:
-    """Count the negative eigenvalues of a matrix from the signs of its pivots (Sylvester).
+    """Count the negative eigenvalues of a symmetric matrix from the signs of its pivots (Sylvester's law of inertia).
 
     Parameters
     ----------
@@ -169,7 +172,7 @@ def negative_eigenvalues(pattern: Pattern, values: np.ndarray) -> int:
 
 
 def _symmetric_lu(pattern: Pattern, values: np.ndarray) -> Any:
-    """Return LU factors without pivoting: the signs on U's diagonal count the signs of the eigenvalues (Sylvester)."""
+    """Return LU factors without pivoting; as many diagonal entries of U as eigenvalues of the matrix are negative."""
     return _unpivoted(pattern.matrix(values))
 
 

@@ -1,7 +1,7 @@
 """Materials of sheets: stiffness, density and strain limit, each with its source.
 
-The values are typical ones, good enough to choose widths and twists. A batch may differ from them by a tenth or more, wooden
-boards most of all: test a strip.
+The values are typical, good enough to choose widths and twists. A batch may differ from them by a tenth or more,
+especially wooden boards: test a strip.
 """
 
 from __future__ import annotations
@@ -10,15 +10,16 @@ from dataclasses import dataclass, replace
 
 from .errors import FlexMapsError
 
-# Safety factor between strain limit and allowed strain: computed strains are accurate to about 15 % (see ``peak_strain``). Larger
-# values make pieces safer and allow fewer of them
+# Strain limit over largest allowed strain, a safety factor: computed strains are accurate to about 15 % (see
+# ``peak_strain``). Larger: safer pieces, fewer surfaces can be made
 STRAIN_MARGIN = 1.1
-# Share of the strain limit above which arms are reported as overstrained: one over the safety factor. The 0.005 allows for what proving a
-# design changes in optimised pieces, which lie at their limit, and is what the whole percents of messages show
+# Share of the strain limit above which arms are reported as overstrained: the allowed strain and 0.5 %. Optimised
+# pieces are at their limit and change by less when outlines are mended; messages show whole percents
 OVERSTRAIN_SHARE = 1.005 / STRAIN_MARGIN
-OVERLOADED = 1.0005  # share of the force that a neck bears above which a connector is reported as overloaded
-# Strain concentration at the fillets of roots: strain there over the largest strain on the arm beside them. Median of 18 solids with
-# fillets of 0.15 mm; at most 2.7 on 95 of 100 arms. It matters for materials that break before they yield
+# Share of the force that a neck bears above which a connector is reported as overloaded; the excess allows for rounding
+OVERLOADED = 1.0005
+# Strain concentration: strain at the fillets of arm roots over the largest strain of the arm beside them. It matters
+# for materials that break before they yield. Larger: safer pieces, fewer can be made (docs/tuning.md)
 FILLET_STRAIN = 1.65
 
 
@@ -27,9 +28,9 @@ class LongTermProperties:
     """Properties of a material after a year under load at room temperature.
 
     share : creep modulus after a year over Young's modulus
-    strain : largest strain to design for, elastic and creep together
-    source : of the values
-    estimated : the fields ("share", "strain") without a public source; their values are guesses between known materials
+    strain : largest total strain to design for, elastic and creep
+    source : where the values come from
+    estimated : names of the fields without a public source, whose values are guesses between other materials
     """
 
     share: float
@@ -48,7 +49,8 @@ class Orthotropy:
     poisson : contraction along axis 2 over stretch along axis 1
     shear : Pa, modulus in the plane of the sheet (12)
     shear_along, shear_across : Pa, transverse shear moduli (13 and 23)
-    strength : Pa, along the grain, across it, and in shear in the plane; None if the strain limit holds in all directions
+    strength : Pa, along the grain, across it, and in shear in the plane; None if the strain limit is the same in all
+        directions
     """
 
     along: float
@@ -67,13 +69,13 @@ class Material:
     youngs : Pa, in bending or tension
     poisson : Poisson's ratio
     density : kg/m3
-    strain_limit : largest strain to design for, from bars in tension: yield for plastics that yield, else break
-    breaks : True if the limit is a sudden break, False if it is yield
-    source : of the values
-    note : advice on what the values don't cover
+    strain_limit : largest strain to design for, from tensile tests: at yield for plastics that yield, else at break
+    breaks : True if the limit is at break, False if it is at yield
+    source : where the values come from
+    note : remarks for the user on what the values do not cover
     lasting : properties after a year under load; None if unknown
     orthotropy : of sheets with a grain; ``youngs`` and ``poisson`` are then isotropic equivalents
-    for_years : whether ``strain_limit`` holds for years
+    for_years : whether ``strain_limit`` holds for years of load, not only for days
     """
 
     name: str
@@ -89,7 +91,7 @@ class Material:
     for_years: bool = False
 
     def lasts(self, years: bool) -> Material:
-        """Return the material with the strain limit for years, if ``years`` and if it is known; else with the limit for days."""
+        """Return the material with its strain limit for years of load, or for days if not ``years`` or if unknown."""
         if self.lasting is None:
             return self
         if not years:
@@ -102,7 +104,7 @@ class Material:
 
     @property
     def bears(self) -> str:
-        """Words for the limit in messages to users, as in "80 % of what the material bears"."""
+        """Name of the strain limit in messages to users, as in "80 % of what the material bears"."""
         return "what the material bears for years" if self.for_years else "what the material bears"
 
     @property

@@ -1,9 +1,9 @@
 """Newton's method for all minimisations of the program.
 
-A problem (``Problem``) defines its states, such as hubs with rotations, nodes of a solid, or a design. At a state it evaluates
-energy and gradient and solves with its Hessian, in increments that ``moved`` adds to the state; increments of fixed degrees of
-freedom are zero. A rule chooses the next state: ``LineSearch`` if the Hessian may be indefinite on the
-way, ``Damped`` for least squares whose Hessian is known only by its products.
+A problem (``Problem``) defines its states, such as hubs with rotations, nodes of a solid, or a design. At a state it
+evaluates energy and gradient and solves with its Hessian, in increments that ``moved`` adds to the state; increments of
+fixed degrees of freedom are zero. A rule chooses the next state: ``LineSearch`` if the Hessian may be indefinite on the
+way, ``Damped`` for least squares whose Hessian is available only as products with vectors.
 """
 
 from __future__ import annotations
@@ -20,31 +20,31 @@ CONVERGED, REACHED, ITERATIONS, TIME = "converged", "reached", "iterations", "ti
 SADDLE, INDEFINITE, NO_DESCENT = "saddle", "indefinite", "no descent"
 AT_ROUNDING, DIVERGED = "rounded", "diverged"
 
-# Factor of the convex share after each step, and smallest convex share; by eye. Larger shares are safer and take more steps
+# Share of the convex part in the Hessian: factor on it after each step, and share below which it counts as 0; by eye.
+# Larger: safer, more steps
 DECAY, LEAST_CONVEX = 0.3, 0.01
-# Relative shifts of the convex part's diagonal, tried in turn if rounding makes it indefinite; the first one nearly always suffices
-SHIFTS = (1e-9, 1e-6, 1e-3)
+SHIFTS = (1e-9, 1e-6, 1e-3)  # relative shifts of the convex part's diagonal, tried if rounding makes it indefinite
 ARMIJO = 1e-4  # smallest share of the predicted decrease that a step must achieve (Nocedal and Wright, section 3.1)
 SHORTEST = 2.0**-30  # smallest share of a step in the line search; shorter steps drown in rounding errors
-# number of recent energies whose maximum a step must not exceed: thin shells get worse before they get better
+# Number of recent energies; a step must end below their maximum. The energy of thin shells may rise before it falls
 RECENT = 5
 NOISE = 1e-13  # relative rounding error of the sum of the energy's terms
 NEGLIGIBLE_STEP = 1e-13  # radians and metres; smaller steps are rounding errors
-# The iteration stagnates if the residual is below CREEPING and has not halved in STEPS steps: it follows the ridge of a saddle or a
-# flat valley, where the convex part makes steps far too short. Smaller convex shares are then tried first. Without this, a piece
-# of 196 spirals just beyond a bifurcation didn't converge in 500 steps
+# The iteration stagnates if the residual is below CREEPING and has not halved in STEPS steps: on the ridge of a saddle
+# or in a flat valley the convex part makes steps far too short. Larger CREEPING, fewer STEPS: reacts sooner
+# (docs/tuning.md)
 CREEPING, STEPS = 1e-5, 8
-LITTLE = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)  # small convex shares to try in turn when it stagnates; by eye
+LITTLE = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)  # shares of the convex part to try in turn on stagnation; by eye
 TRIALS = 12  # attempts at a damped step; each multiplies the damping by up to 8, so 12 leave no step at all
 # Actual over predicted decrease: above GOOD damping shrinks, below POOR it grows, below TAKEN the step is rejected
 GOOD, POOR, TAKEN = 0.7, 0.25, 1e-3
-# Factor of the damping after a good step; DEEP_CUT while no step has failed and the decrease is predicted within the share EXACT.
-# A search begins with much damping: with DEEP_CUT a surface of 986 quads took 5 steps instead of 9
+# Factor on the damping after a good step; DEEP_CUT as long as no step has failed and the decrease was predicted to
+# within EXACT, because searches begin with much damping. Smaller: fewer steps, more refused steps (docs/tuning.md)
 CUT, DEEP_CUT, EXACT = 0.3, 0.1, 0.1
 # Smallest damping, in energies per variable: less would not change the steps, and would take longer to grow again
 LEAST_DAMPING = 0.01
-SHARES = 0.05, 0.5  # smallest and largest share of a refused step that is tried
-NEGLIGIBLE = 1e-9  # length of a negligible step, in variables scaled to boxes of size 1
+SHARES = 0.05, 0.5  # smallest and largest share of a refused step to try
+NEGLIGIBLE = 1e-9  # length of a negligible step, in variables scaled to a box of size 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ class Iteration:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """Outcome: last state, the last expansion computed, and the reason for the end, a constant of this module."""
+    """Outcome: last state, last computed expansion, reason for the end (a constant of this module), all iterations."""
 
     state: Any
     here: Local
@@ -112,7 +112,8 @@ class Factored(Problem, Protocol):
     def factor(self, here: Local, convex: float, shift: float) -> bool:
         """Factor the Hessian; return False if it is not positive definite.
 
-        A share ``convex`` of it is replaced by its convex part, whose diagonal is raised by the share ``shift`` of itself.
+        A share ``convex`` of it is replaced by its convex part, whose diagonal is raised by the share ``shift`` of
+        itself.
         """
 
     def step(self, here: Local) -> np.ndarray:
@@ -129,15 +130,15 @@ class Escapable(Factored, Protocol):
         """Return whether the exact Hessian is positive definite; its factor is stored."""
 
     def exits(self, state: Any) -> list[Any]:
-        """Return states to both sides of a saddle, a little along the direction of steepest decrease."""
+        """Return states on both sides of a saddle, a small step along the direction of steepest decrease."""
 
 
 class DampedProblem(Problem, Protocol):
-    """A least squares problem with dependent quantities that follow its variables, such as hubs that move with a design."""
+    """A least squares problem with dependent quantities, such as hubs that move when the design changes."""
 
     @property
     def over(self) -> bool:
-        """Whether the time limit has been reached."""
+        """Whether the search must end, because its time is over or its steps bring too little."""
 
     def reached(self, state: Any) -> bool:
         """Return whether a state is so good that the search ends."""
@@ -145,20 +146,21 @@ class DampedProblem(Problem, Protocol):
     def proposed(self, here: Local, damping: float, following: float) -> Any:
         """Return a step (``step``, ``gain``) that nearly minimises the damped quadratic model; None if there is none.
 
-        ``damping`` acts on the variables, ``following`` on the dependent quantities; ``gain`` is the predicted decrease.
+        ``damping`` acts on the variables, ``following`` on the dependent quantities; ``gain`` is the predicted
+        decrease.
         """
 
     def tried(self, here: Local, proposal: Any) -> Any | None:
         """Return the state after a proposed step; None if the dependent quantities cannot follow it."""
 
     def shortened(self, here: Local, proposal: Any, share: float) -> Any:
-        """Return the proposal whose step is ``share`` of the step of ``proposal``, with its own predicted decrease."""
+        """Return a proposal with the given share of another proposal's step, and the decrease predicted for it."""
 
     def gentle(self, proposal: Any) -> float:
-        """Return the smallest damping of the dependent quantities to try after ``tried`` has found no state."""
+        """Return the smallest damping of the dependent quantities to try after ``tried`` returned None."""
 
     def rejected(self) -> None:
-        """Observe that the state tried last is rejected."""
+        """Observe that the last state from ``tried`` is rejected."""
 
     def accepted(self, state: Any) -> None:
         """Observe that the search continues from a state."""
@@ -189,13 +191,13 @@ def minimise(problem: Problem, start: Any, rule: Rule) -> Run:
 
     Returns
     -------
-    last state, reason for the end, and history
+    the outcome: last state, reason for the end, and history
     """
     return run_to_end(stepping(problem, start, rule))
 
 
 def stepping(problem: Problem, start: Any, rule: Rule) -> Generator[Any, None, Run]:
-    """Minimise step by step, as ``minimise`` does: yield every new state, and return the run.
+    """Minimise step by step: yield every new state, and return the run at the end.
 
     Parameters
     ----------
@@ -225,8 +227,9 @@ def run_to_end(steps: Generator[Any, None, Result]) -> Result:
 class LineSearch:
     """Newton's method with a nonmonotone line search (Grippo, Lampariello and Lucidi 1986).
 
-    If the Hessian has no Cholesky factor, its convex part replaces it and is blended out over the next steps, which takes far
-    fewer iterations than projecting it in every step. Saddles are left along the direction of decrease.
+    If the Hessian has no Cholesky factor, its convex part replaces it, and its share decreases over the next steps.
+    This takes far fewer iterations than projecting the Hessian in every step. Saddles are left along a direction of
+    decrease.
 
     tolerance : residual at which the iteration has converged; iterations : largest number of iterations
     convex : present share of the convex part; decay : its factor after each step
@@ -254,7 +257,7 @@ class LineSearch:
         return (state, NO_DESCENT) if found is None else (found, None)
 
     def _factored(self, problem: Factored, here: Local, history: list[Iteration]) -> bool:
-        """Factor the Hessian with the present share of the convex part; if that fails, with small shares, then with all of it."""
+        """Factor the Hessian with the present share of its convex part; if that fails, with small shares, then 1."""
         row = history[-1]
         row.modified = self.convex if self.convex >= LEAST_CONVEX else 0.0
         if not problem.factor(here, row.modified, SHIFTS[0]):
@@ -275,7 +278,7 @@ class LineSearch:
     def _searched(
         self, problem: Factored, state: Any, here: Local, step: np.ndarray, history: list[Iteration]
     ) -> Any | None:
-        """Halve the step until the energy is sufficiently below the largest recent one; return the state, or None if all fail."""
+        """Halve the step until the energy is sufficiently below the recent maximum; None if no halving is enough."""
         row, slope = history[-1], problem.slope(here, step)
         row.decrement = -slope
         base, share = max(one.energy for one in history[-RECENT:]), 1.0
@@ -296,11 +299,13 @@ class Damped:
     """Levenberg-Marquardt steps: damping grows when the model predicts badly and shrinks when it predicts well.
 
     iterations : largest number of iterations
-    stop : the search ends after two steps in a row with a smaller relative decrease, or after a refused one that was predicted to bring less
-    first : RMS length of a first step along the gradient, in variables scaled to boxes of size 1; sets the damping at the beginning
-    damping : of the variables; an earlier search may hand over its last value, which the first step limits by the gradient's size
+    stop : relative decrease; the search ends after two steps in a row below it, or after a refused step predicted below
+        it
+    first : RMS length of the first step along the gradient, in variables scaled to a box of size 1; sets the first
+        damping
+    damping : of the variables; may be the last value of an earlier search, which ``first`` limits
     following : damping of the dependent quantities
-    small : number of steps in a row whose decrease was below ``stop``
+    small : number of steps in a row with a decrease below ``stop``
     too_far : whether a step has failed or achieved much less than predicted
     """
 
@@ -322,7 +327,7 @@ class Damped:
         if found is None:
             return state, TIME if problem.over else CONVERGED
         energy = problem.energy(found)
-        # a small decrease after a poor step doesn't mean convergence: count on the share POOR of the predicted decrease
+        # a step much worse than predicted is no sign of convergence: count at least POOR of the predicted decrease
         fall = max(here.energy - energy, POOR * gain) / here.energy
         problem.accepted(found)
         self.small = self.small + 1 if fall < self.stop else 0
@@ -335,9 +340,9 @@ class Damped:
         return found, TIME if problem.over else None
 
     def _tried(self, problem: DampedProblem, here: Local, row: Iteration) -> tuple[Any | None, float]:
-        """Propose steps, and raise the damping after refused ones that are refused again when shortened.
+        """Propose steps with ever more damping until one is accepted, as a whole or shortened.
 
-        Return the first accepted state, None if there is none, and its predicted decrease.
+        Return the accepted state, None if all are refused, and its predicted decrease.
         """
         assert self.damping is not None
         for _ in range(TRIALS):
@@ -346,7 +351,7 @@ class Damped:
             if proposal is None:
                 break
             if proposal.gain <= 0.0:
-                # projecting the step onto the bounds has used up its gain: a shorter step is projected less
+                # no decrease is left after projecting the step onto the bounds: a shorter step is projected less
                 self.damping *= 8.0
                 continue
             trial = problem.tried(here, proposal)
@@ -386,7 +391,7 @@ class Damped:
 
 
 def _least_share(here: Local, step: np.ndarray, energy: float) -> float:
-    """Return the share of a step, between ``SHARES``, at which the parabola through both energies and the slope here is least."""
+    """Return the share of a step, in ``SHARES``, that minimises the parabola through slope here and both energies."""
     along = float(here.gradient @ step)
     bend = energy - here.energy - along
     return float(np.clip(-0.5 * along / bend, *SHARES)) if bend > 0.0 else SHARES[1]

@@ -1,4 +1,4 @@
-"""Protection of the user's files: only files that this program wrote, unchanged since, are overwritten or removed."""
+"""Protect the user's files: overwrite or remove only files that this program wrote and nobody changed since."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from pathlib import Path
 
 from .errors import FlexMapsError
 
-# name of the file in each folder that lists the checksums of the files that runs wrote there
+# name of the hidden file that lists, in each folder, the checksums of the files written there by this program
 CHECKSUM_FILE = ".flexmaps-files"
 
 
 class UserFileError(FlexMapsError):
-    """Error: a file to write exists already, and the user made or changed it."""
+    """A file to write exists already, and the user made or changed it."""
 
 
 class Guard:
-    """Guard of the user's files.
+    """Check that a run overwrites or removes no file of the user.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class Guard:
         self.overwrite = overwrite
 
     def also(self, read: Iterable[str | os.PathLike[str]]) -> None:
-        """Add input files, which must not be overwritten."""
+        """Add input files to those that must not be overwritten."""
         self._read += map(Path, read)
 
     def check(self, targets: Iterable[Path], root: Path | None = None) -> None:
@@ -47,7 +47,7 @@ class Guard:
         Raises
         ------
         FlexMapsError : a target is an input file
-        UserFileError : a target is the user's
+        UserFileError : the user made or changed a target
         """
         foreign = []
         for target in targets:
@@ -73,13 +73,13 @@ class Guard:
         Parameters
         ----------
         path : the stale file
-        root : folder with the recorded checksum; its own folder by default
+        root : folder with the recorded checksum; None for the file's own folder
         """
         return is_ours(path, root) and not any(_same(source, path) for source in self._read)
 
 
 def is_ours(path: Path, root: Path | None = None) -> bool:
-    """Return whether this program wrote a file and nobody changed it: its checksum is the recorded one.
+    """Return whether this program wrote a file and nobody changed it: its checksum equals the recorded one.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def is_ours(path: Path, root: Path | None = None) -> bool:
 
 
 def read_note(folder: Path) -> dict[str, str]:
-    """Return the recorded checksums by the files' paths relative to the folder; empty if the record is missing or damaged."""
+    """Return the recorded checksums by the files' paths in the folder; empty if the record is missing or damaged."""
     try:
         noted = json.loads((folder / CHECKSUM_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -108,9 +108,9 @@ def note_text(folder: Path, written: dict[Path, Path], removed: Iterable[Path]) 
 
     Parameters
     ----------
-    folder : with the present record
-    written : target and temporary path of every new file
-    removed : files whose checksums to delete
+    folder : holds the present record
+    written : temporary path of every new file, by its target
+    removed : files to delete from the record
     """
     noted = read_note(folder) | {_key(place, folder): checksum(now) for place, now in written.items()}
     gone = {_key(path, folder) for path in removed}

@@ -1,7 +1,8 @@
-"""Detection of Python packages that another extension of Blender has replaced by its own version.
+"""Detect Python packages that another Blender extension has replaced by its own version.
 
-All extensions share one folder of packages, in which the newest version of a package wins. The manifest lists the versions that
-this extension brings; installations without it, such as by ``pip``, have nothing to compare.
+All extensions share one folder of packages, in which the newest version of a package wins. The manifest lists the
+versions that this extension installs; a manifest without wheels, as in an installation by ``pip``, gives nothing to
+compare.
 """
 
 from __future__ import annotations
@@ -14,12 +15,12 @@ from pathlib import Path
 from . import MANIFEST
 from .errors import FlexMapsError
 
-# module names of packages whose module has another name
+# by package name: name of the module, where it differs
 MODULES = {"libigl": "igl", "fonttools": "fontTools"}
 
 
 def replaced_packages(manifest: Path = MANIFEST) -> dict[str, tuple[str, str]]:
-    """Return the packages that are installed in another version than the manifest's: by name, installed version and ours."""
+    """Return the packages whose installed version differs from the manifest's: (installed, manifest's) by name."""
     wheels = re.findall(r'"\./wheels/([^-"]+)-([^-"]+)-', manifest.read_text(encoding="utf-8"))
     found = {}
     for name, ours in wheels:
@@ -37,8 +38,8 @@ def blame_extension(error: BaseException, manifest: Path = MANIFEST) -> FlexMaps
 
     Parameters
     ----------
-    error : with a traceback that may lead through replaced packages
-    manifest : lists the versions that this extension brings
+    error : the unexpected error, with its traceback
+    manifest : lists the versions that this extension installs
     """
     files = {Path(frame.filename).as_posix() for frame in traceback.extract_tb(error.__traceback__)}
     suspects = [

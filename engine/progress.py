@@ -1,4 +1,4 @@
-"""Progress reports and cancelling, for scripts, modal operators and batch builds."""
+"""Progress reports and cancelling, for scripts, modal operators and command line."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class Progress:
     """Progress of a stage. Call it with the fraction done; the call raises ``Cancelled`` if the user cancels.
 
     report : called with the overall fraction, 0 to 1, and a text
-    stopped : called every time; returns whether to cancel
-    lo, hi : range of the overall fraction that belongs to this stage
+    stopped : called by every call; returns whether the user has cancelled
+    lo, hi : range of the overall fraction that this stage covers
     shown : receives the intermediate results of ``show``, such as a shape that still moves
     """
 
@@ -37,14 +37,14 @@ class Progress:
 
         Parameters
         ----------
-        fraction : done of this work, clipped to 0 and 1
+        fraction : done share of this work, clipped to [0, 1]
         text : what is being done
         """
         if self.report is not None:
             self.report(self.lo + (self.hi - self.lo) * min(max(fraction, 0.0), 1.0), text)
 
     def part(self, lo: float, hi: float) -> Progress:
-        """Return the progress of a substage that runs from the fraction ``lo`` to ``hi`` of this one.
+        """Return the progress of a substage that runs from the fraction ``lo`` to the fraction ``hi`` of this stage.
 
         Parameters
         ----------
@@ -58,7 +58,7 @@ class Progress:
 
         Parameters
         ----------
-        things : to work on one after the other
+        things : items to work on
         text : of the reports
         """
         for number, thing in enumerate(things):
@@ -87,14 +87,14 @@ class Progress:
 
         Parameters
         ----------
-        fraction : done before the step
+        fraction : of this stage that is done before the step
         text : of the reports
         """
         self(fraction, text)
         return Progress(lambda *_: self(fraction, text)) if self.report is not None else self.quiet()
 
     def saying(self, text: str) -> Progress:
-        """Return a progress for work within a step, which reports this text whatever the work says and shows no intermediate results.
+        """Return a progress that replaces the texts of its reports by ``text`` and shows no intermediate results.
 
         Parameters
         ----------
@@ -104,11 +104,11 @@ class Progress:
         return replace(self, report=report and (lambda fraction, _: report(fraction, text)), shown=None)
 
     def shares(self, share: float) -> Iterator[Progress]:
-        """Yield progresses for steps of unknown number, each for a share of what the steps before have left.
+        """Yield progresses for an unknown number of steps; each step covers a share of the fraction that is left.
 
         Parameters
         ----------
-        share : of the fraction that is left
+        share : of the remaining fraction, 0 to 1
         """
         left = 1.0
         while True:
@@ -116,11 +116,11 @@ class Progress:
             left *= 1.0 - share
 
     def quiet(self) -> Progress:
-        """Return a progress that can be cancelled but reports nothing, for work within a step."""
+        """Return a progress that reports nothing and can be cancelled, for work within a step."""
         return Progress(stopped=self.stopped)
 
     def rising(self) -> Progress:
-        """Return this progress for work of several attempts: a fraction below an earlier one is reported as the largest so far."""
+        """Return a progress whose reported fraction never falls, for work of several attempts."""
         if self.report is None:
             return self
         report, most = self.report, self.lo
@@ -133,7 +133,7 @@ class Progress:
         return replace(self, report=report_largest)
 
     def showing(self, made: Callable[[Any], Any]) -> Progress:
-        """Return this progress for work with other intermediate results, which ``made`` converts before they are shown."""
+        """Return a progress for work whose intermediate results ``made`` must convert before they are shown."""
         if self.shown is None:
             return self
         shown = self.shown

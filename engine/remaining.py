@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-# Seconds and share of the work before the first estimate; by eye. Larger values make the first estimate later and better. On a busy
-# machine, searches that used all their time were estimated 2 times too long in the median; those that ended early, 4 times
+# Seconds and share of the work before the first estimate; by eye. Larger: later and better first estimate
+# (docs/tuning.md)
 FIRST_SECONDS, FIRST_SHARE = 3.0, 0.2
-# share of the elapsed time over which the present pace is measured; larger is smoother and slower to react
+# Share of the elapsed time over which the present pace is measured. Larger: smoother, reacts more slowly
 MEMORY = 0.5
-KEPT = 400  # largest number of stored reports; then every other one is dropped
+KEPT = 400  # largest number of stored reports; beyond it every other report is dropped
 
 
 @dataclass
@@ -35,7 +35,7 @@ class Remaining:
             self.seen.append((seconds, fraction))
 
     def seconds(self, now: float) -> float | None:
-        """Return the remaining seconds, ``now`` seconds after the beginning; None while it is too early to know.
+        """Return the remaining seconds, ``now`` seconds after the beginning; None while it is too early to estimate.
 
         Stages don't progress evenly, so the pace is the geometric mean of the average pace and the recent one.
         """

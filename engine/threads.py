@@ -1,4 +1,4 @@
-"""Limit of BLAS to one thread: on small dense matrices, several threads only wait for each other."""
+"""Limit BLAS to one thread: on small dense matrices, several threads only wait for each other."""
 
 from __future__ import annotations
 

@@ -1,7 +1,9 @@
-"""Two tolerances for all rooms: differences that rounding explains are none."""
+"""Tolerances for the whole program: smaller differences are rounding errors and count as equal."""
 
 from __future__ import annotations
 
-# share of the size: numbers stored in single precision, as by Blender; shorter edges have no length, smaller turns (radians) are straight
+# Relative to the size, for numbers in single precision, as Blender stores them; shorter edges count as degenerate, and
+# smaller turns (radians) as straight
 SINGLE_TOL = 1e-6
-DOUBLE_TOL = 1e-9  # share of the size, or metres: numbers computed in double precision in several steps
+# Relative to the size, or metres, for numbers computed in double precision
+DOUBLE_TOL = 1e-9

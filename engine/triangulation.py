@@ -1,4 +1,4 @@
-"""Triangles of flat polygons with holes, between given points."""
+"""Triangulate flat polygons with holes, using given points as corners."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from .arrays import Float, Int
 
 
 def triangulate(polygons: list[Any], known: Float[np.ndarray, "known 2"]) -> Int[np.ndarray, "triangles 3"]:
-    """Triangulate polygons between known points, counter-clockwise.
+    """Triangulate polygons; return counter-clockwise triangles as indices into ``known``.
 
     Parameters
     ----------
     polygons : shapely polygons
-    known : all their corners, in any order
+    known : (n, 2) all corners of the polygons, in any order
     """
     import shapely
 
@@ -30,8 +30,8 @@ def triangulate(polygons: list[Any], known: Float[np.ndarray, "known 2"]) -> Int
 
 
 def _places(known: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return for every point (n, 2) the index of the exactly equal ``known`` point; -1 without one."""
-    # adding zero makes -0.0 the same as 0.0; complex numbers sort by both parts
+    """Return, for every point (n, 2), the index of the exactly equal point in ``known``; -1 if there is none."""
+    # adding zero turns -0.0 into 0.0; complex numbers sort by both parts
     keys, wanted = (np.ascontiguousarray(some + 0.0).view(complex).ravel() for some in (known, points))
     order = np.argsort(keys)
     place = np.minimum(np.searchsorted(keys[order], wanted), len(keys) - 1)

@@ -1,11 +1,11 @@
-"""Compatibility of pieces made with other versions of the program: which changes affect their results."""
+"""Compatibility with pieces made by other versions of the program: list the changes that affect their results."""
 
 from __future__ import annotations
 
 from . import VERSION
 
-# Changes that alter the result of a stage for the same input: first version with the change, and a sentence for users who open an
-# older piece. All such changes belong here; other changes are only in the changelog.
+# Changes that alter the result of a stage for the same input: first version with the change, and a sentence for users
+# who open an older piece. All such changes belong here; other changes are only in the changelog.
 RESULT_CHANGES: tuple[tuple[str, str], ...] = (
     ("0.1.0", "Sheets have a grain now: wood and prints bend otherwise along it than across it"),
 )
@@ -17,13 +17,13 @@ class OtherVersion(UserWarning):
 
 
 def order(version: str) -> tuple[int, ...]:
-    """Return a version's sort key; texts that are not versions sort before all versions."""
+    """Return the sort key of a version; texts that are not versions sort before all versions."""
     parts = version.split(".")
     return tuple(int(part) for part in parts) if all(part.isascii() and part.isdigit() for part in parts) else ()
 
 
 def changes_between(version: str, now: str = VERSION) -> tuple[str, ...]:
-    """Return the changes of results between two versions, earliest first; empty if ``now`` is not newer than ``version``.
+    """Return the changes of results between two versions, earliest first; empty if ``now`` is not newer.
 
     Parameters
     ----------
@@ -33,11 +33,11 @@ def changes_between(version: str, now: str = VERSION) -> tuple[str, ...]:
 
 
 def version_warning(version: str, now: str = VERSION) -> str:
-    """Return a warning for users who open a piece made with another version; "" if its results have not changed.
+    """Return a warning for users who open a piece made with another version; "" if results have not changed since.
 
     Parameters
     ----------
-    version : with which the piece was made
+    version : version that made the piece
     now : version of this program
     """
     if order(version) > order(now):

@@ -1,8 +1,8 @@
 """Script of the worker processes that ``workers`` starts.
 
-It reads pickled pairs from standard input, a function (b"" for the previous function) and its arguments, and answers each with a
-pickled pair: success, and the value or the exception. It exits at once when its input ends, even during a call, so that no worker
-survives a parent that was killed.
+It reads pickled pairs from standard input: a pickled function (b"" for the previous function) and its pickled
+arguments. It answers each with a pickled pair: whether the call succeeded, and the value or the exception. It exits at
+once when its input ends, even during a call, so that no worker survives a parent that was killed.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def load(package: str, folder: str) -> None:
     package : full name that the package has in the parent process
     folder : where it is installed
     """
-    parents = package.split(".")[:-1]  # the parent packages of Blender's extensions hold no code: make empty ones
+    parents = package.split(".")[:-1]  # make empty parent packages: Blender's "bl_ext" packages hold no code
     for k in range(len(parents)):
         name = ".".join(parents[: k + 1])
         sys.modules[name] = types.ModuleType(name)
@@ -43,7 +43,7 @@ def load(package: str, folder: str) -> None:
 
 
 def answer(function: Any, arguments: bytes) -> bytes:
-    """Call a function with pickled arguments; return the pickled pair of success and value or exception."""
+    """Call a function with pickled arguments; return a pickled pair: whether it succeeded, and value or exception."""
     try:
         return pickle.dumps((True, function(*pickle.loads(arguments))))
     except Exception as error:
@@ -65,7 +65,10 @@ def _take(source: BinaryIO, wanted: queue.SimpleQueue[tuple[bytes, bytes]]) -> N
 
 
 def main() -> None:
-    """Serve calls. The first line of input is JSON with the package's name and folder and Python's path; answer it by "ready"."""
+    """Serve calls until the input ends.
+
+    The first line of input is JSON with the package's name and folder and Python's path; the answer to it is "ready".
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent process
     source = sys.stdin.buffer
     answers = os.fdopen(os.dup(1), "wb")

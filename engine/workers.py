@@ -1,7 +1,7 @@
-"""Running functions of the engine in parallel worker processes.
+"""Run functions of the engine in parallel worker processes.
 
-``multiprocessing`` would start Blender again, or not find an extension under the name that Blender gives it. So the processes
-are started directly, see ``worker``.
+``multiprocessing`` would start Blender again, or not find an extension under the name that Blender gives it. So the
+processes run the script ``worker``.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from .progress import SILENT, Progress
 T = TypeVar("T")
 U = TypeVar("U")
 TRIES = 2  # attempts at a task whose process dies, before ``WorkerDied`` is raised
-WAIT = 0.05  # seconds between checks whether the user cancels; larger reacts later
-# numerical libraries would otherwise start one thread per core in every process
+WAIT = 0.05  # seconds between checks whether the user cancels; larger: reacts later
+# environment of the processes: numerical libraries would otherwise start one thread per core in each
 ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")} | {"VECLIB_MAXIMUM_THREADS": "1"}
 SCRIPT = Path(__file__).with_name("worker.py")
 
 
 def python() -> str | None:
-    """Return the path of the Python executable, inside Blender the bundled one; None if this program has none."""
+    """Return the path of the Python executable (inside Blender, the bundled one); None if there is none."""
     name = Path(sys.executable or "").name.lower()
     return sys.executable if name.startswith(("python", "pypy")) else None
 
@@ -45,14 +45,14 @@ def cores() -> int:
 
 
 class WorkerDied(FlexMapsError):
-    """Error: a worker process died during a task."""
+    """A worker process died during a task."""
 
 
 class Workers(Executor):
-    """Executor in worker processes, which start when first needed; use it in a ``with`` statement.
+    """Executor on worker processes, which start when first needed; use it in a ``with`` statement.
 
-    Functions, arguments and results must be picklable. If no process can be started, everything runs in this one, and ``note``
-    says so; else ``note`` is "".
+    Functions, arguments and results must be picklable. If no process can be started, all calls run in this process, and
+    ``note`` is a message about that; else ``note`` is "".
 
     Parameters
     ----------
@@ -72,24 +72,24 @@ class Workers(Executor):
     def __call__(
         self, function: Callable[[T], U], items: Sequence[T], progress: Progress = SILENT, text: str = ""
     ) -> list[U]:
-        """Return the function's value of every item, in order.
+        """Apply a function to every item; return the values in order.
 
-        It runs in this process if ``count`` is 1, or for a single item if no worker process has started yet.
+        The calls run in this process if ``count`` is 1, or for a single item if no worker process has started yet.
 
         Parameters
         ----------
-        function : of one item
-        items : its arguments
-        progress : reports, and cancels by killing the processes
+        function : takes one item
+        items : arguments of the calls
+        progress : reports; a cancel kills the processes
         text : of the reports
 
         Raises
         ------
         Cancelled : the user cancels
-        Lost : a process died
-        Exception : whatever the function raises, for the first of several failing items
+        WorkerDied : a process died
+        Exception : the exception that the function raised for the first failing item
         """
-        # a single item goes to a process, so that ESC is noticed
+        # once processes have started, a single item goes to a process too, so that the user can cancel with ESC
         if self.count < 2 or len(items) < (1 if self._all else 2):
             return [function(item) for item in progress.each(items, text)]
         futures = dict(as_done(self, function, items, progress, text))
@@ -101,7 +101,7 @@ class Workers(Executor):
         Parameters
         ----------
         function, args : picklable
-        kwargs : none
+        kwargs : must be empty
         """
         if kwargs:
             raise TypeError("workers take no keywords; use functools.partial")
@@ -114,12 +114,12 @@ class Workers(Executor):
                 process.kill()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes: after all submitted tasks, or at once with ``cancel_futures``.
+        """End the processes after all submitted tasks, or at once.
 
         Parameters
         ----------
-        wait : return when all processes have ended
-        cancel_futures : end them at once
+        wait : whether to return only when all tasks have ended
+        cancel_futures : whether to end the processes at once and drop tasks that have not started
         """
         if cancel_futures:
             self._threads.shutdown(wait=False, cancel_futures=True)
@@ -153,7 +153,7 @@ class Workers(Executor):
             self._idle.put(process)
 
     def _new(self) -> _Process | None:
-        """Start another process; None if not even the first one can be started."""
+        """Start another process; return None if not even the first process can be started."""
         try:
             process = _Process()
         except (OSError, WorkerDied):
@@ -178,22 +178,18 @@ def as_done(
     progress: Progress = SILENT,
     text: str = "",
 ) -> Iterator[tuple[int, Future[Any]]]:
-    """Iterate over the items in the order in which they are finished.
+    """Call a function for all items in parallel; yield index and future of each item as soon as it is finished.
 
-    A future's ``result()`` returns the function's value or raises its exception, or ``WorkerDied`` if the process died. Unfinished items
-    are cancelled when the progress raises ``Cancelled``, or when the iteration is ended.
+    A future's ``result()`` returns the function's value or raises its exception, or ``WorkerDied`` if the process died.
+    Unfinished items are cancelled when the progress raises ``Cancelled``, or when the caller stops iterating.
 
     Parameters
     ----------
-    executor : ``Workers``, a cluster, or any other
-    function : of one item
-    items : its arguments
+    executor : ``Workers``, a ``Cluster``, or another executor
+    function : takes one item
+    items : arguments of the calls
     progress : reports and cancels
     text : of the reports
-
-    Returns
-    -------
-    index and future of each item
     """
     numbers = {executor.submit(function, item): number for number, item in enumerate(items)}
     left = set(numbers)
@@ -211,7 +207,7 @@ def as_done(
 
 
 class _Process:
-    """A worker process that calls one function at a time. Raises OSError or ``WorkerDied`` if it cannot be started."""
+    """A worker process that runs one call at a time. Raises OSError or ``WorkerDied`` if it cannot be started."""
 
     def __init__(self) -> None:
         executable = python()
@@ -233,7 +229,10 @@ class _Process:
         self._answer(begin.encode() + b"\n")
 
     def call(self, function: bytes, arguments: bytes) -> Any:
-        """Call a pickled function with pickled arguments; return its value or raise its exception, or ``WorkerDied`` if the process dies."""
+        """Call a pickled function with pickled arguments; return its value or raise its exception.
+
+        Raise ``WorkerDied`` if the process dies.
+        """
         sent = b"" if function == self._previous else function  # send it only once: it can hold a whole mesh
         self._previous = function
         return self._answer(pickle.dumps((sent, arguments)))

@@ -1,1 +1,1 @@
-"""Optimisation of the spirals: objective, adjoint gradients, optimisers, co-design of flat shapes, limits of the match."""
+"""Optimise spirals and flat shapes: objective, adjoint gradients, optimiser, and why a piece misses its target."""

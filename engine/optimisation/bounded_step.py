@@ -11,19 +11,21 @@ from ..arrays import Bool, Float
 from .polytope import LinearClearances, Nearest, Polytope, Projection, scale_columns
 
 Product = Callable[[np.ndarray], np.ndarray]
-# Measured on 33 models of 5 surfaces, whose exact minima a solver of quadratic programmes found: the median step brings 86 % of the exact
-# decrease, with 72 products in the mean
-MAX_ROUNDS = 10  # largest number of rounds a step
-# Share of the decrease so far that a round must bring for another one to follow. With 0.05, 89 % with 92 products; with 0.2, 80 % with 53
+# These values bring 86 % of the exact decrease in the median, with a mean of 72 products per step (docs/tuning.md)
+MAX_ROUNDS = 10  # largest number of rounds in a step
+# Share of the decrease so far that a round must bring for another to follow. Smaller: larger decrease, more products
 MIN_GAIN = 0.1
-# Iterations of conjugate gradients in a short solve, which finds the bounds that a direction would run into, and in the full solve after it.
-# With 3 in the former 83 %, with 8 80 %; with 10 in the latter 80 %, with 20 83 %
+# Iterations of conjugate gradients: in a short solve, which finds the bounds that a direction would cross, and in the
+# full solve within these bounds. More and fewer of either bring less (docs/tuning.md)
 PROBE_ITERATIONS, ITERATIONS = 5, 15
-PRECISION = 0.1  # norm of the residual, as a share of the right-hand side, at which conjugate gradients stop; 0.3: 84 %, 0.03: 86 %
-STRETCH = 10.0  # largest factor by which the projected gradient step grows or shrinks between two rounds; 3: 84 %
-MAX_HALVINGS = 6  # of a direction, until its projection descends
-# Distance from an end of its range, as a share of it, within which a coordinate is at that end, and clearance, in scaled coordinates, below
-# which a gap is closed; a thousand times larger ones bring 84 and 86 %
+# Norm of the residual over the right-hand side at which conjugate gradients stop. Larger: fewer products, smaller
+# decrease
+PRECISION = 0.1
+# Largest factor by which the projected gradient step grows or shrinks between two rounds. Smaller: smaller decrease
+STRETCH = 10.0
+MAX_HALVINGS = 6  # largest number of halvings of a direction until its projection lowers the model
+# Distance of a coordinate from its bound, as a share of its range, and clearance of a gap, in scaled coordinates, below
+# which the bound counts as reached and the gap as closed. Larger: slightly smaller decrease (docs/tuning.md)
 AT_BOUND, CLOSED_BELOW = 1e-9, 1e-6
 
 
@@ -36,8 +38,8 @@ def bounded_step(
 ) -> Float[np.ndarray, " coordinates"]:
     """Return the step that nearly minimises a convex quadratic model within the box and the clearances.
 
-    Every round takes a projected gradient step, which finds the bounds that hold, and a step by conjugate gradients along these bounds,
-    projected too (Moré and Toraldo 1991). The model decreases in every round.
+    Every round takes a projected gradient step, which finds the active bounds, and a projected step by conjugate
+    gradients along these bounds (Moré and Toraldo 1991). The model decreases in every round.
 
     Parameters
     ----------
@@ -72,7 +74,7 @@ def bounded_step(
 
 @dataclass(eq=False)
 class _Model:
-    """A quadratic model: product with its matrix, present step, gradient there, and decrease since the step 0."""
+    """A quadratic model: product with its matrix, present step, gradient there, and decrease from the step 0 on."""
 
     product: Product
     step: np.ndarray
@@ -80,7 +82,7 @@ class _Model:
     decrease: float = 0.0
 
     def descend(self, change: np.ndarray) -> float:
-        """Go along a change to the minimum, at most by all of it; return the distance of the minimum, in lengths of the change."""
+        """Minimise along a change, at most by the whole change; return the unbounded minimiser as a multiple of it."""
         along = -float(change @ self.slope)
         if along <= 0.0:
             return 1.0
@@ -94,7 +96,7 @@ class _Model:
 
 
 def _search_direction(model: _Model, bounds: Polytope, ahead: Nearest) -> Float[np.ndarray, " coordinates"]:
-    """Return the direction to the model's minimum on the face of the polytope that the gradient leads to."""
+    """Return the direction to the model's minimum on the polytope's face that the projected gradient step leads to."""
     step, span = model.step, bounds.high - bounds.low
     low, high = step <= bounds.low + AT_BOUND * span, step >= bounds.high - AT_BOUND * span
     fixed = (low & (ahead.point <= bounds.low)) | (high & (ahead.point >= bounds.high))
@@ -112,7 +114,10 @@ def _solve(
     held: Bool[np.ndarray, " rows"],
     most: int,
 ) -> Float[np.ndarray, " coordinates"]:
-    """Minimise the model where some coordinates are fixed and some gaps held, by at most ``most`` conjugate gradients."""
+    """Return the change that minimises the model with some coordinates and gaps unchanged, by conjugate gradients.
+
+    fixed, held : masks of the unchanged coordinates and of the unchanged gaps; most : largest number of iterations
+    """
     onto = Projection(scale_columns(bounds.slope[held], ~fixed)) if held.any() else None
 
     def along(way: np.ndarray) -> np.ndarray:
@@ -128,9 +133,14 @@ def conjugate_gradients(
     rhs: np.ndarray,
     most: int,
 ) -> np.ndarray:
-    """Solve product(v) = rhs in the subspace that ``along`` projects onto, to a relative residual of ``PRECISION``.
+    """Solve product(v) = rhs in a subspace, to a relative residual of ``PRECISION``.
 
-    ``most`` : largest number of iterations; ``rhs`` lies in that subspace.
+    Parameters
+    ----------
+    product : of a symmetric matrix with a vector
+    along : projection onto the subspace
+    rhs : right-hand side, in the subspace
+    most : largest number of iterations
     """
     v, r = np.zeros_like(rhs), rhs.copy()
     p, rr = r.copy(), float(r @ r)

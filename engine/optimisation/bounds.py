@@ -1,8 +1,9 @@
-"""Restoration of the clearance between arms after a step, so that every design of a search can be cut.
+"""Restore the clearance between arms after a step, so that every design of a search can be cut.
 
-The clearance of a gap is a smooth function of the design (see ``spirals.clearance.room``). A step keeps its linearisation
-``room + slope @ step >= 0``. Gaps that still close, because clearance is curved, are opened again along the slopes; where that
-fails, single spirals take only part of the step. So every design of the search can be cut.
+The clearance of a gap is a smooth function of the design (see ``spirals.clearance.room``). A step satisfies the
+linearised clearances ``room + slope @ step >= 0``. Gaps that close all the same, because clearance is not linear, are
+opened by moving the design along the gradients of their clearances; if that fails, single spirals take only a share of
+the step.
 """
 
 from __future__ import annotations
@@ -16,18 +17,18 @@ from ..arrays import Bool, Float
 from ..spirals.clearance.room import Terms
 from .polytope import LinearClearances, Projection
 
-# Tikhonov term of the least-squares problem that restores clearances. Without it, nearly parallel rows with different residuals lead to
-# moves many times as long as the step: on a surface of 986 quads these undid half of every step, with this term 3 to 10 %
+# Tikhonov term of the least-squares problem that restores clearances. Smaller: nearly parallel gradients with different
+# residuals lead to moves many times as long as the step; larger: more rounds (docs/tuning.md)
 RESTORE_RIDGE = 0.1
 OVERSHOOT = 1.0 + RESTORE_RIDGE  # factor on the missing clearance that makes up for the Tikhonov term on a single gap
-MAX_RESTORATIONS = 8  # largest number of rounds that open closed gaps again along the slopes of their clearances
-HALVINGS = 6  # of the share of a step that a spiral takes, before it takes none
-MAX_SHORTENINGS = 50  # rounds that look for spirals which must take a smaller share
-MIN_CLEARANCE = 5e-4  # clearance, in units of the coordinates, that a restored gap gets
+MAX_RESTORATIONS = 8  # largest number of rounds that open closed gaps along the gradients of their clearances
+HALVINGS = 6  # number of times that a spiral's share of the step is halved before it becomes 0
+MAX_SHORTENINGS = 50  # largest number of rounds in which spirals with closed gaps get smaller shares of the step
+MIN_CLEARANCE = 5e-4  # clearance of a restored gap, in units of the coordinates
 
 
 def narrowest_per_pair(terms: Terms) -> Terms:
-    """Keep the narrowest gap of every two arms, out of the several places where it is measured."""
+    """Keep, for every pair of arms, only the narrowest of the places where their gap is measured."""
     order = np.lexsort((terms.value, *terms.arms.T))
     arms = terms.arms[order]
     first = np.ones(len(order), dtype=bool)
@@ -39,13 +40,13 @@ def narrowest_per_pair(terms: Terms) -> Terms:
 
 @dataclass(frozen=True, eq=False)
 class ClearanceProblem:
-    """Clearances of a problem, as ``restore_clearances`` needs them.
+    """Clearances of a problem, as ``restore_clearances`` needs them. A mask of None stands for all spirals.
 
-    rooms(x, mask) : clearances, by the first ``own`` coordinates, of closed and nearly closed gaps at the arms of the masked spirals
-    shut(x, mask) : mask of the spirals with an arm in a closed gap, out of the gaps at the arms of the masked spirals
+    rooms(x, mask) : closed and nearly closed gaps at the arms of the masked spirals, linearised in the first ``own``
+        coordinates
+    shut(x, mask) : mask of the spirals with an arm in a closed gap; only gaps at the arms of the masked spirals count
     spread : repeats a value of every spiral for each of its coordinates
     spirals : number of spirals; own : number of coordinates that may move to open a gap, equally many for each spiral
-    A mask of None stands for all spirals.
     """
 
     rooms: Callable[[np.ndarray, np.ndarray | None], LinearClearances]
@@ -58,7 +59,14 @@ class ClearanceProblem:
 def restore_clearances(
     x: Float[np.ndarray, " coordinates"], inner: Float[np.ndarray, " coordinates"], within: ClearanceProblem
 ) -> Float[np.ndarray, " coordinates"]:
-    """Return the coordinates of a design near ``x`` that can be cut; ``inner`` are the coordinates of a design that can be cut."""
+    """Return the coordinates of a design near ``x`` that can be cut.
+
+    Parameters
+    ----------
+    x : coordinates after a step
+    inner : coordinates before the step, of a design that can be cut
+    within : clearances and their closed gaps
+    """
     x, own, quads = x.copy(), within.own, None
     for _ in range(MAX_RESTORATIONS):
         near = within.rooms(x, quads)

@@ -1,8 +1,8 @@
-"""Co-design: optimise spirals and the flat rest shape of their patches together, beyond FlexMaps section 7.
+"""Co-design: optimise spirals and the flat rest shape of their patches together, an extension of FlexMaps section 7.
 
-Panels whose flat shape differs slightly from the unrolled surface pull each other into shape. Small changes of the flat quads
-therefore lower the mismatch even where all spirals are at their bounds. The topology, the seams and the limits of the layout
-do not change.
+Panels whose flat shape differs slightly from the flattened surface pull each other into shape. So small changes of the
+flat quads lower the mismatch even where all spirals are at their bounds. Topology, seams and limits of the layout do
+not change.
 """
 
 from __future__ import annotations
@@ -22,10 +22,9 @@ from .inverse import DesignPoint, InverseProblem
 from .optimisers import MAX_NEWTON_ITERATIONS, Accepted, SearchRecord, gauss_newton
 
 MAX_SHIFT = 0.5  # largest shift of a flat vertex along x or y, as a share of the shortest mean edge of its quads
-MAX_SEAM_MISMATCH = (
-    0.06  # largest difference between both sides of a seam, as a share of their length, unless it was larger before
-)
-FLAT_SHAPES = "Flat shapes"  # shown with the progress
+# Largest difference in length between both sides of a cut edge, as a share of its length, unless it was larger before
+MAX_SEAM_MISMATCH = 0.06
+FLAT_SHAPES = "Flat shapes"  # text of the progress
 
 
 def refine_flat_shapes(
@@ -38,20 +37,21 @@ def refine_flat_shapes(
     progress: Progress = SILENT,
     first: FlatPatches | None = None,
 ) -> FlatPoint:
-    """Return the best spirals and flat shapes near a design; ``to_design`` turns the result into a design.
+    """Optimise the spirals and flat shapes of a design; ``to_design`` turns the result into a design.
 
     Parameters
     ----------
-    problem : of the spirals alone
-    start : equilibrium of ``design`` in ``problem``
-    design, params : with the flat shapes to begin with; the settings
+    problem : with the spirals as unknowns
+    start : point of ``design`` in ``problem``, at equilibrium
+    design, params : the design to begin with, and the settings
     trace, accepted : as in ``gauss_newton``
     progress : reports progress and raises Cancelled
-    first : the flat patches before earlier runs moved them, so that limits which they exceed do not creep
+    first : the flat patches before earlier runs moved them; limits that these exceed are relaxed to their values, not
+        to the values of ``design``, which would drift from run to run
 
     Raises
     ------
-    FlexMapsError : the elastic model is not the one of arms
+    FlexMapsError : the elastic model is not the arm model
     """
     if start.arms is None:
         raise FlexMapsError(
@@ -69,16 +69,29 @@ def refine_flat_shapes(
 
 
 def interpolate(start: DesignPoint, found: FlatPoint, share: float, progress: Progress = SILENT) -> FlatPoint:
-    """Return the point a share of the way from the start of ``refine_flat_shapes`` to its result ``found``."""
+    """Return a point between the start of ``refine_flat_shapes`` and its result ``found``, at its own equilibrium.
+
+    Parameters
+    ----------
+    start : argument of ``refine_flat_shapes``
+    found : its result
+    share : 0 at the start, 1 at the result
+    progress : reports progress and raises Cancelled
+    """
     here = found.problem.unmoved(start, progress)
     x = found.problem.within(here.x + share * (found.x - here.x), here)
     return found.problem.at(x, start.equilibrium.pose, progress, MAX_NEWTON_ITERATIONS)
 
 
 def to_design(point: DesignPoint, design: SpiralDesign) -> SpiralDesign | None:
-    """Return the design of a point; None where patches overlap themselves. ``design`` : the one that the search began with.
+    """Convert a point of a search to a design; return None if a patch overlaps itself.
 
-    The design can be cut, except where arms have come too near each other because the flat shapes have moved.
+    Arms may be too close to each other to be cut where the flat shapes have moved; otherwise the design can be cut.
+
+    Parameters
+    ----------
+    point : the result of the search
+    design : the design that the search began with
     """
     flat, (width, twist) = flat_shapes_of(point, design), point.spirals
     free = point.problem.space.free
@@ -86,9 +99,9 @@ def to_design(point: DesignPoint, design: SpiralDesign) -> SpiralDesign | None:
 
 
 def flat_shapes_of(point: DesignPoint, design: SpiralDesign) -> FlatPatches | None:
-    """Return the flat shapes of a point, or the design's where the search does not move them.
+    """Return the flat shapes of a point; those of ``design`` if the search does not move them.
 
-    None where a patch overlaps itself, which no bound of the search prevents.
+    Return None if a patch overlaps itself, which no bound of the search prevents.
     """
     if not isinstance(point, FlatPoint):
         return design.flat
@@ -99,7 +112,7 @@ def flat_shapes_of(point: DesignPoint, design: SpiralDesign) -> FlatPatches | No
 
 
 def centre_patches(flat: FlatPatches, points: np.ndarray) -> np.ndarray:
-    """Return points (P, 2) moved so that the area centroid of every patch is at its origin."""
+    """Move the points (P, 2) of every patch so that its area centroid is at the origin."""
     layout = flat.layout
     u = points[layout.flat_corners]
     one, two = u[:, 2] - u[:, 0], u[:, 3] - u[:, 1]
@@ -112,7 +125,10 @@ def centre_patches(flat: FlatPatches, points: np.ndarray) -> np.ndarray:
 
 
 def flat_report(before: FlatPatches, after: FlatPatches) -> dict[str, Any]:
-    """Return how the flat shapes have changed, for the ``optimise`` block of report.json; strains are shares of lengths."""
+    """Describe how the flat shapes have changed, for the ``optimise`` block of report.json.
+
+    Strains are relative changes of the lengths of quad edges.
+    """
     sides = [np.linalg.norm(np.roll(f.corners, -1, axis=1) - f.corners, axis=2) for f in (before, after)]
     grown = np.abs(sides[1] / sides[0] - 1.0)
     report: dict[str, Any] = {"flat_strain_median": float(np.median(grown)), "flat_strain_max": float(grown.max())}

@@ -1,8 +1,8 @@
-"""Barriers that keep moving flat patches nearly isometric, with seams that still fit.
+"""Barriers that keep flat patches nearly isometric, with fitting seams, while a search moves their vertices.
 
-Two measures have limits: the distortion of every quad, as in ``flatten``, and the difference in length between the two sides of
-every cut edge. The log barrier -log(1 - measure / limit) is about measure / limit while that is small, so that flat shapes stay as
-true as the match allows, and infinite at the limit.
+Two measures have limits: the distortion of every quad, as in ``flatten``, and the squared difference in length between
+the two sides of every cut edge. The log barrier -log(1 - measure / limit) is infinite at the limit, and about measure /
+limit far below it, so that flat shapes are distorted no more than the match needs.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ from ..patches.flattening.triangles import CornerTriangles, corner_triangles
 from ..patches.layout import PatchLayout
 from ..patches.loops import NEXT, PREVIOUS
 
-EXCEEDED_BY = 1.02  # factor on the first value of a measure that is already beyond its limit; the product is its limit
+# If a measure exceeds its limit from the start, its limit becomes this multiple of its first value. Larger: more
+# distortion
+EXCEEDED_BY = 1.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +29,8 @@ class FlatLimits:
     """Limits of the flat shapes.
 
     layout : the patches; energy : (F,) largest distortion of every quad
-    seam : (C,) largest difference in length between the sides of every cut edge, as a share of its length on the surface
+    seam : (C,) largest difference in length between the sides of every cut edge, as a share of its length on the
+        surface
     """
 
     layout: PatchLayout
@@ -36,7 +39,14 @@ class FlatLimits:
 
     @classmethod
     def relaxed_to(cls, flat: FlatPatches, energy: float, seam: float) -> FlatLimits:
-        """Return these limits, or the present values where those already violate them."""
+        """Return these limits of distortion and seams, relaxed where flat patches already violate them.
+
+        Parameters
+        ----------
+        flat : the patches
+        energy : largest distortion of a quad
+        seam : largest difference in length between both sides of a cut edge, as a share of its length
+        """
         return cls(
             flat.layout,
             np.maximum(energy, EXCEEDED_BY * flat.energy),
@@ -68,7 +78,10 @@ class FlatLimits:
 
 @dataclass(frozen=True, eq=False)
 class FlatCost:
-    """Sum of the barriers' mean over all quads and their mean over all cut edges; points : (P,) metres, as complex numbers."""
+    """Mean of the barriers over all quads plus their mean over all cut edges.
+
+    limits : of the flat shapes; points : (P,) flat vertices, metres, as complex numbers
+    """
 
     limits: FlatLimits
     points: Complex[np.ndarray, " points"]
@@ -80,7 +93,7 @@ class FlatCost:
 
     @cached_property
     def maps(self) -> tuple[np.ndarray, np.ndarray]:
-        """Coefficients a and b (F, 4) of the map of every corner triangle, z -> a z + b conj(z), as in ``triangles``."""
+        """Coefficients a and b (F, 4) of the affine map z -> a z + b conj(z) of every corner triangle to the plane."""
         return self._maps(self.points)
 
     @cached_property
@@ -98,7 +111,7 @@ class FlatCost:
 
     @cached_property
     def left(self) -> tuple[np.ndarray, np.ndarray]:
-        """Slack of the limits of quads (F,) and cut edges (C,), as shares of the limits; negative beyond them."""
+        """Slack of the limits of quads (F,) and cut edges (C,), as shares of the limits; negative beyond the limits."""
         return 1.0 - self.energy / self.limits.energy, 1.0 - (self.apart / self.limits.seam) ** 2
 
     @property
@@ -114,17 +127,17 @@ class FlatCost:
 
     @cached_property
     def gradient(self) -> Float[np.ndarray, "points 2"]:
-        """Gradient of the value (P, 2) by the points, per metre."""
+        """Gradient (P, 2) of the value with respect to the points, per metre."""
         a, b = self.maps
         inner = self._strains_back(np.abs(a) - 1.0, b, self._slopes[0])
         return inner + self._apart_back(self._slopes[1] * self.apart)
 
     @cached_property
     def hessian(self) -> csr_array:
-        """Hessian (2 P, 2 P) without the second derivatives of the strains (Gauss-Newton), in the order point, x, y."""
+        """Gauss-Newton Hessian (2 P, 2 P), without second derivatives of the strains; order: point, then x and y."""
         (rooms, gaps), (a, b), t = self._slopes, self.maps, self.limits.triangles
         n, w = len(a), self.limits.share
-        # d, before: (8, 4) derivatives of both edges of the corner triangles by the 8 coordinates of their quad
+        # d, before: (8, 4) derivatives of both edges of the corner triangles with respect to the quad's 8 coordinates
         unit = np.zeros((8, 4), dtype=complex)
         unit[np.arange(8), np.arange(8) // 2] = np.tile([1.0, 1.0j], 4)
         d = unit[:, NEXT] - unit
@@ -133,7 +146,7 @@ class FlatCost:
         db = t.along_bar[:, None] * d + t.against_bar[:, None] * before
         stretch = (a.conj()[:, None] * da).real / np.abs(a)[:, None]
         slope = (w[:, None] * ((np.abs(a) - 1.0)[:, None] * stretch + (b.conj()[:, None] * db).real)).sum(axis=2)
-        # the last column is the second derivative of the logarithm, which is its slope squared
+        # the last column adds the second derivative of the logarithm, which is its slope squared
         root = np.sqrt(rooms[:, None] * w)[:, None]
         steeper = np.sqrt(n) * rooms[:, None, None] * slope[:, :, None]
         factor = np.concatenate([root * stretch, root * db.real, root * db.imag, steeper], axis=2)
@@ -147,7 +160,7 @@ class FlatCost:
 
     @cached_property
     def _slopes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Twice the derivatives of the value by the distortions (F,), and by the squared differences (C,) of the cut edges."""
+        """Twice the derivatives of the value with respect to distortions (F,), and to squared cut differences (C,)."""
         room, gap = self.left
         by_gap = 2.0 / (max(len(gap), 1) * gap * self.limits.seam**2)
         return 2.0 / (len(room) * room * self.limits.energy), by_gap
@@ -159,9 +172,9 @@ class FlatCost:
         return t.along * d + t.against * before, t.along_bar * d + t.against_bar * before
 
     def _strains_back(self, stretch: np.ndarray, shear: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """Return the transposed product (P, 2) by the points, from quantities (F, 4) by |a| and b of the corner triangles.
+        """Return the vjp (P, 2) of |a| and b of the corner triangles with respect to the points.
 
-        weight : (F,) of every quad, beside the weights of its triangles
+        stretch, shear : (F, 4) cotangents of |a| and b; weight : (F,) of every quad, times the weights of its triangles
         """
         t, a, w = self.limits.triangles, self.maps[0], weight[:, None] * self.limits.share
         pa, pb = w * stretch * a / np.abs(a), w * shear
@@ -170,7 +183,7 @@ class FlatCost:
         return self._sum_at_points(self.limits.layout.flat_corners, pull[:, PREVIOUS] - pull)
 
     def _apart_back(self, apart: np.ndarray) -> np.ndarray:
-        """Return the transposed product (P, 2) by the points, from quantities (C,) by ``apart``."""
+        """Return the vjp (P, 2) of the property ``apart`` with respect to the points; apart : (C,) cotangents."""
         start, end = self.limits.ends
         pull = self._directions @ np.array([1.0, 1.0j]) * (apart / self.limits.surface)[:, None] * [1.0, -1.0]
         return self._sum_at_points(end, pull) - self._sum_at_points(start, pull)
@@ -184,14 +197,14 @@ class FlatCost:
         return np.stack([along.real, along.imag], axis=2)
 
     def _sum_at_points(self, vertices: np.ndarray, pull: np.ndarray) -> np.ndarray:
-        """Return the sum (P, 2) at every point of complex numbers, one for each entry of ``vertices``."""
+        """Sum complex numbers, one per entry of ``vertices``, at every point; return real and imaginary parts."""
         of, count = vertices.ravel(), len(self.points)
         parts = (np.bincount(of, part.ravel(), count) for part in (pull.real, pull.imag))
         return np.stack(list(parts), axis=1)
 
 
 def _assemble(blocks: Float[np.ndarray, "n 8 8"], points: Int[np.ndarray, "n 4"], size: int) -> csr_array:
-    """Return the matrix (size, size) that sums up blocks by x and y of four points each."""
+    """Assemble a matrix (size, size) from blocks, each for x and y of four points."""
     index = (2 * points[:, :, None] + np.arange(2)).reshape(-1, 8)
     row, column = np.broadcast_arrays(index[:, :, None], index[:, None])
     return csr_array((blocks.ravel(), (row.ravel(), column.ravel())), shape=(size, size))

@@ -1,8 +1,10 @@
-"""Derivatives of an elastic model's joints by the flat rest shape of the patches.
+"""Derivatives of an elastic model's joints with respect to the flat rest shape of the patches.
 
-A spiral's flat quad affects the equilibrium only through the levers from its centre to its joints and the directions of the
-edges there: three numbers for each side of a joint. Their derivatives by the flat vertices are exact. Most derivatives by these
-numbers are exact too (``mechanics.arms.rest_geometry``); those of soft modes are central differences, for all joints at once.
+A spiral's flat quad affects the equilibrium only through the levers from its centre to its joints and the directions of
+the edges there: three numbers for each side of a joint, its rest geometry. The derivatives of these numbers with
+respect to the flat vertices are exact, and so are most derivatives with respect to these numbers
+(``mechanics.arms.rest_geometry``); only the derivatives of soft modes are central differences, computed for all joints
+at once.
 """
 
 from __future__ import annotations
@@ -20,23 +22,26 @@ from ..mechanics.assembly import Assembly, Nodes, Pose
 from ..mechanics.rim_bodies import RimJoints
 from ..patches.layout import PatchLayout
 
-STEP = 3e-5  # of the central differences, in radii and radians; smaller ones suffer from rounding, larger ones from truncation
+# Step of the central differences, in arm radii and radians. Smaller: rounding errors; larger: truncation errors
+STEP = 3e-5
 
 
 def joint_derivatives(
     model: ArmModel, pose: Pose, measure: Callable[[ArmModel, Pose], np.ndarray]
 ) -> Float[np.ndarray, "joints r 2 3"]:
-    """Return the derivatives of r quantities of every joint by the rest geometry of its sides, at a fixed pose.
+    """Return the derivatives of r quantities of every joint with respect to its rest geometry, at a fixed pose.
 
     Parameters
     ----------
     model, pose : of the whole piece
-    measure : from a model in which every joint has two spirals of its own, and their pose, to the quantities (m, r)
+    measure : function from a model in which every joint has two spirals of its own, and their pose, to quantities (m,
+        r)
 
     Returns
     -------
-    Derivatives (m, r, 2, 3) by the side of the joint, then x and y of its lever (per metre) and the direction of its edge (per
-    radian). First the joints between spirals, then those of border arms with a rim, where the rim's side has no meaning.
+    Derivatives (m, r, 2, 3): the third axis is the side of the joint, the last axis x and y of its lever (per metre)
+    and the direction of its edge (per radian). Joints between spirals come first, then joints of border arms with a
+    rim, where the values of the rim's side have no meaning.
     """
     model = model.without_strips
     assembly, placed = _separate_joints(model.assembly, pose.whole)
@@ -54,9 +59,9 @@ def joint_derivatives(
 
 
 def _separate_joints(assembly: Assembly, pose: Pose) -> tuple[Assembly, Pose]:
-    """Give every joint two spirals of its own, so that a change of one side affects this joint only; return their pose too.
+    """Copy the spirals so that every joint has two of its own and a change of a side affects this joint only.
 
-    The nodes of a rim follow all spirals, as in ``Assembly.whole``.
+    Return the assembly and pose of the copies; the nodes of a rim follow all spirals, as in ``Assembly.whole``.
     """
     inner, ties = assembly.pairs[: assembly.inner], assembly.pairs[assembly.inner :]
     body = np.concatenate([inner.ravel(), ties[:, 0], ties[:, 1]])
@@ -74,17 +79,17 @@ def _separate_joints(assembly: Assembly, pose: Pose) -> tuple[Assembly, Pose]:
 
 
 def geometry_jacobian(layout: PatchLayout, points: np.ndarray, rim: RimJoints | None = None) -> csr_array:
-    """Return the derivatives of the joints' rest geometry by the flat vertices.
+    """Return the derivatives of the joints' rest geometry with respect to the flat vertices.
 
     Parameters
     ----------
     layout, points : the patches and their flat vertices (P, 2), metres
-    rim : the joints of border arms with a rim, if there is one
+    rim : the joints of border arms with a rim, if there is a rim
 
     Returns
     -------
-    Derivatives (6 m, 2 P); rows in the order joint, side, last axis of ``joint_derivatives``, columns in the order vertex, x, y. The
-    rim does not move, so the rows of its side are 0.
+    Derivatives (6 m, 2 P); rows in the order joint, side, last axis of ``joint_derivatives``; columns in the order
+    vertex, then x and y. The rim does not move, so the rows of its sides are 0.
     """
     mesh = layout.mesh
     inner = ~mesh.border
@@ -96,7 +101,7 @@ def geometry_jacobian(layout: PatchLayout, points: np.ndarray, rim: RimJoints | 
     first = 3 * first[:, None]
     corner = layout.flat_corners[quad]
     nth = (np.arange(4) - side[:, None]) % 4
-    # a lever is the midpoint of the edge, 1/2 of two corners, minus the centre of the quad, 1/4 of four
+    # a lever is the midpoint of the edge (two corners, 1/2 each) minus the centre of the quad (four corners, 1/4 each)
     share = np.where(nth < 2, 0.25, -0.25)
     start, end = (np.take_along_axis(corner, (side[:, None] + i) % 4, 1)[:, 0] for i in (0, 1))
     along = points[end] - points[start]

@@ -1,7 +1,7 @@
-"""Inverse design with the flat rest shape of the patches as further unknowns; extends ``inverse``.
+"""Inverse problem with the flat rest shape of the patches as further unknowns; extends ``inverse``.
 
-The coordinates of the spirals come first, as in ``DesignSpace``, then x and y of every flat vertex: 1/2 at its first
-place, 0 and 1 at the ends of its range. So the bounds are a box, which every optimiser accepts.
+The coordinates of the spirals come first, as in ``DesignSpace``, then x and y of every flat vertex: 1/2 at its initial
+position, 0 and 1 at the ends of its range. So the bounds are a box.
 """
 
 from __future__ import annotations
@@ -33,12 +33,11 @@ from .polytope import LinearClearances
 from .terms import Rows
 from .work import CURVED, GEOMETRY, VARIED
 
-# Weight of the barriers, as a share of the mismatch. Smaller: steps go farther, but quads reach their limits and hardly move later
-# (docs/tuning.md)
+# Weight of the barriers over the mismatch. Smaller: longer steps, but quads get stuck at their limits (docs/tuning.md)
 BARRIER_WEIGHT = 0.12
-# Share of a limit's slack that a step leaves. Smaller: longer steps, but quads reach their limits early, and barriers hold them there
+# Share of a limit's slack that a step must leave. Smaller: longer steps, but quads get stuck at their limits early
 SLACK_SHARE = 0.1
-# Factor on shifts of vertices that would use up more slack, number of rounds with this factor, and of all rounds; later ones take shifts back
+# Vertices of quads and cuts that would keep less: factor on shifts, rounds with it, all rounds; later ones undo shifts
 SHORTENING, SHORTENINGS, MAX_ROUNDS = 0.6, 20, 40
 
 
@@ -46,7 +45,7 @@ SHORTENING, SHORTENINGS, MAX_ROUNDS = 0.6, 20, 40
 class FlatRange:
     """Range of the flat vertices, and the cost of moving them.
 
-    flat : the patches before they move; span : (P,) metres, largest shift of every vertex along x and along y
+    flat : the patches before they move; span : (P,) metres, largest shift of each vertex along x and along y
     limits : of distortion and seams; weight : of their barriers in the objective
     """
 
@@ -76,8 +75,8 @@ class FlatRange:
         span : largest shift of a vertex along x or y, as a share of the shortest mean edge of its quads
         energy, seam : as in ``FlatLimits.relaxed_to``
         weight : of the barriers in the objective
-        first : the patches before any run moved them; limits that they already violate are relaxed to their values
-        free : mask of the quads that may move; a vertex moves if all of its quads may. All by default
+        first : the patches before any run moved them; limits that these violate are relaxed to their values
+        free : mask of the quads that may move, None for all; a vertex may move if all of its quads may
         border : whether vertices at the open border may move
         """
         length = np.linalg.norm(np.roll(flat.corners, -1, axis=1) - flat.corners, axis=2).mean(axis=1)
@@ -92,21 +91,22 @@ class FlatRange:
         return cls(flat, span * nearest, FlatLimits.relaxed_to(first, energy, seam), weight)
 
     def points(self, x: np.ndarray) -> Float[np.ndarray, "points 2"]:
-        """Return the points (P, 2), metres, of coordinates (P, 2)."""
+        """Convert coordinates (P, 2) of flat vertices to points (P, 2), metres."""
         return self.flat.points + self.shift(x - 0.5)
 
     def shift(self, change: np.ndarray) -> Float[np.ndarray, "points 2"]:
-        """Return the shifts (P, 2) of the vertices, metres, for a change (P, 2) of their coordinates; the map is symmetric."""
+        """Convert a change of coordinates (P, 2) to shifts (P, 2), metres; the matrix of this map is diagonal."""
         return 2.0 * self.span[:, None] * change
 
     def cost(self, x: np.ndarray) -> FlatCost:
-        """Return the barriers' cost at coordinates (P, 2)."""
+        """Return the barriers at coordinates (P, 2) of the flat vertices."""
         return FlatCost.from_points(self.limits, self.points(x))
 
     def within(self, x: np.ndarray, inner: np.ndarray) -> Float[np.ndarray, "points 2"]:
-        """Move back towards ``inner`` only the vertices of quads and cut edges that would keep less than ``SLACK_SHARE`` of their slack.
+        """Return coordinates near x at which every quad and cut edge keeps at least ``SLACK_SHARE`` of its slack.
 
-        All go back to ``inner``, which keeps the limits, if that is not enough.
+        Only vertices with less slack move back towards ``inner``, which is within the limits; all vertices if that
+        fails.
 
         Parameters
         ----------
@@ -129,7 +129,7 @@ class FlatRange:
 
 @dataclass(frozen=True, eq=False)
 class FlatBarriers:
-    """Barriers of the flat shapes as a cost of all coordinates; own : number of the spirals' coordinates, which come first."""
+    """Barriers of the flat shapes, as a cost; own : number of the spirals' coordinates, which come first."""
 
     range: FlatRange
     cost: FlatCost
@@ -148,18 +148,18 @@ class FlatBarriers:
 
     @cached_property
     def _hessian(self) -> csr_array:
-        """Weighted Hessian by the coordinates of the flat vertices."""
+        """Weighted Hessian with respect to the coordinates of the flat vertices."""
         scale = diags_array(np.repeat(2.0 * self.range.span, 2))
         return csr_array(self.range.weight * (scale @ self.cost.hessian @ scale))
 
     def _pad(self, by_points: np.ndarray) -> np.ndarray:
-        """Return derivatives by the points (P, 2) as weighted derivatives by all coordinates."""
+        """Convert derivatives (P, 2) with respect to points to weighted derivatives with respect to all coordinates."""
         return np.concatenate([np.zeros(self.own), self.range.weight * self.range.shift(by_points).ravel()])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FlatProblem(InverseProblem):
-    """``InverseProblem`` with the flat vertices as further unknowns, within ``flat``."""
+    """``InverseProblem`` with the flat vertices as further unknowns; flat : their range."""
 
     flat: FlatRange
 
@@ -169,17 +169,17 @@ class FlatProblem(InverseProblem):
 
         Parameters
         ----------
-        problem : problem of the spirals alone
-        flat : limits of the flat vertices
+        problem : with the spirals as unknowns
+        flat : range of the flat vertices
         """
         return cls(**{one.name: getattr(problem, one.name) for one in fields(InverseProblem)}, flat=flat)
 
     def unmoved(self, start: DesignPoint, progress: Progress = SILENT) -> FlatPoint:
-        """Return a point of the problem of the spirals alone as one of this problem, without computing anything anew.
+        """Convert a point of the problem without flat vertices to this problem, reusing its values.
 
         Parameters
         ----------
-        start : in the flat shapes of ``flat``; progress : of the new point
+        start : point in the flat shapes of ``flat``; progress : of the new point
         """
         found = FlatPoint(
             x=np.concatenate([start.x, np.full(2 * len(self.flat.span), 0.5)]),
@@ -234,11 +234,11 @@ class FlatProblem(InverseProblem):
         iterations: int | None = None,
         step: np.ndarray | None = None,
     ) -> FlatPoint:
-        """Return the point at these coordinates of spirals and flat vertices.
+        """Return the point at coordinates x of spirals and flat vertices.
 
         Parameters
         ----------
-        x, start, progress, iterations, step : as for ``InverseProblem.at``; x are coordinates of spirals and flat vertices
+        x, start, progress, iterations, step : as for ``InverseProblem.at``
         """
         n = self.own
         points = self.flat.points(x[n:].reshape(-1, 2))
@@ -268,7 +268,7 @@ class FlatProblem(InverseProblem):
 class FlatPoint(DesignPoint):
     """``DesignPoint`` with flat vertices.
 
-    assembly, stance : with the moved flat shapes; progress : raises Cancelled while derivatives by the geometry are computed
+    assembly, stance : with the moved flat shapes; progress : raises Cancelled while derivatives are computed
     """
 
     problem: FlatProblem
@@ -277,17 +277,17 @@ class FlatPoint(DesignPoint):
     progress: Progress = SILENT
 
     def reweighted(self) -> FlatPoint:
-        """Return this point with the weight of the barriers set from its mismatch."""
+        """Return this point with the barriers of flat shapes weighted by its mismatch."""
         flat = replace(self.problem.flat, weight=BARRIER_WEIGHT * self.mismatch.value)
         return with_problem(self, replace(self.problem, flat=flat))
 
     def renewed(self) -> FlatPoint:
-        """Return this point with the weight of the barriers set from its mismatch, and the multipliers from its strains."""
+        """Return this point with barriers weighted by its mismatch, and strain multipliers updated from its strains."""
         return self.reweighted().pressed()
 
     @property
     def own(self) -> int:
-        """Number of the spirals' coordinates; those of the flat vertices follow."""
+        """Number of the spirals' coordinates; the coordinates of flat vertices follow."""
         return self.problem.own
 
     @property
@@ -297,7 +297,7 @@ class FlatPoint(DesignPoint):
 
     @cached_property
     def _rest_changes(self) -> RestChanges:
-        """Derivatives of all joints by the rest geometry of their sides."""
+        """Derivatives of all joints with respect to the rest geometry of their sides."""
         assert self.arms is not None and self._changes is not None
         self.progress(0.0)
         self.problem.work.add(GEOMETRY, self.assembly.size)
@@ -315,23 +315,23 @@ class FlatPoint(DesignPoint):
 
     @cached_property
     def _by_points(self) -> csr_array:
-        """Derivatives (6 m, 2 P) of the rest geometry by the flat vertices."""
+        """Derivatives (6 m, 2 P) of the rest geometry with respect to the flat vertices."""
         flat = self.problem.flat
         return geometry_jacobian(flat.flat.layout, flat.points(self.flat_x), self.assembly.rim)
 
     @property
     def _joint_pairs(self) -> Int[np.ndarray, "joints 2"]:
-        """Bodies of all joints except a rim's strips, which do not depend on the flat shapes."""
+        """Bodies of all joints except the strips of a rim, which do not depend on the flat shapes."""
         return self.assembly.without_strips.pairs
 
     @property
     def _per_coordinate(self) -> dia_array:
-        """Derivatives (2 P, 2 P) of the flat vertices, metres, by their coordinates."""
+        """Derivatives (2 P, 2 P) of the flat vertices, metres, with respect to their coordinates."""
         return diags_array(np.repeat(2.0 * self.problem.flat.span, 2))
 
     @cached_property
     def _by_flats(self) -> csr_array:
-        """Derivatives (6 m, 2 P) of the rest geometry by the coordinates of the flat vertices."""
+        """Derivatives (6 m, 2 P) of the rest geometry with respect to the coordinates of the flat vertices."""
         return csr_array(self._by_points @ self._per_coordinate)
 
     @cached_property
@@ -350,7 +350,7 @@ class FlatPoint(DesignPoint):
 
     @cached_property
     def _support_motion(self) -> csr_array | None:
-        """Derivatives (6 n, coordinates) of the poses of clamped supports by the coordinates; None without such supports."""
+        """Derivatives (6 n, coordinates) of clamped supports' poses with respect to coordinates; None without any."""
         if self.stance is None or not self.stance.loads.fixed[:, 3].any():
             return None
         bodies = self.assembly.whole.size
@@ -359,7 +359,7 @@ class FlatPoint(DesignPoint):
 
     @property
     def _by_supports(self) -> csr_array:
-        """Hessian (6 n, 6 n) of the joints at clamped supports: derivatives of the forces by the supports' increments."""
+        """Hessian (6 n, 6 n) of the joints at clamped supports, with respect to hubs' and supports' increments."""
         assert self.stance is not None
         clamped, pairs = np.flatnonzero(self.stance.loads.fixed[:, 3]), self.model.pairs
         beside = np.flatnonzero(np.isin(pairs, clamped).any(axis=1))
@@ -373,7 +373,7 @@ class FlatPoint(DesignPoint):
         assert self.strains is not None
         found, rows = self._rows_of_spirals(arms)
         e = arms // 2
-        rims = e >= len(self._joint_pairs)  # strips
+        rims = e >= len(self._joint_pairs)  # strips of a rim, which do not depend on the flat shapes
         e = np.where(rims, 0, e)
         by = matvec(self._rest_changes.loads[e, :, arms % 2], found.arms.by_loads)
         by = by + strain_by_rest_shape(self.strains.assembly, arms, found.arms.by_numbers).reshape(-1, 6)

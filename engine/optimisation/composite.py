@@ -1,8 +1,8 @@
-"""Steps of a composite model: slots, strains and centres are linearised, and the objective is evaluated exactly at these.
+"""Steps that minimise a composite model: slot widths, strains and centres are linearised, their penalties are exact.
 
-A quadratic model at the start of a step does not see arms and slots that come near their limits along it. Here the step is made in
-parts, and the terms are expanded again after every part, without another equilibrium (Lewis and Wright 2016, A Proximal Method for
-Composite Minimization).
+A quadratic model at the start of a step does not see arms and slots that come near their limits along the step. So the
+step is composed of parts, and the penalties are expanded anew after every part, without another equilibrium (Lewis and
+Wright 2016, A Proximal Method for Composite Minimization).
 """
 
 from __future__ import annotations
@@ -20,21 +20,19 @@ from .polytope import LinearClearances
 from .terms import Term, turning
 
 MAX_PARTS = 6  # largest number of parts, and expansions, of a step
-# Share of the decrease so far that a part must bring for another one to follow. With 0.1, steps of slender pieces go farther than the
-# linearised motion of the hubs holds: a saddle of 196 quads ended at 1.26 mm instead of 1.18, a shell of 1296 at 1.58 instead of 1.29
+# Share of the decrease so far that a part must bring for another to follow. Smaller: longer steps, for which the
+# linearised motion of the hubs is too inaccurate (docs/tuning.md)
 MIN_GAIN = 0.3
-SHRINK_FACTOR, HALVINGS = (
-    0.4,
-    5,
-)  # factor on a part along which the model does not decrease, and largest number of trials
+# Factor on a part along which the model does not decrease, and largest number of trials
+SHRINK_FACTOR, HALVINGS = 0.4, 5
 
 
 @dataclass(frozen=True, eq=False)
 class ModelState:
     """The model after a step of the coordinates.
 
-    moves : (n, 6) linearised increments of the hubs; terms, costs : of the objective there
-    value : of the objective; damped : objective plus damping
+    step : of the coordinates; moves : (n, 6) linearised increments of the hubs
+    terms, costs : of the objective after the step; value : of the objective; damped : objective plus damping
     """
 
     step: Float[np.ndarray, " coordinates"]
@@ -49,7 +47,8 @@ class ModelState:
 class CompositeModel:
     """The objective near a point, damped in the coordinates and in the rotations of the hubs.
 
-    damping : weight of half the squared step of the coordinates; following : weight of half the hubs' squared rotations, radians
+    damping : weight of half the squared step of the coordinates
+    following : weight of half the hubs' squared rotations, radians
     units : of the coordinates, see ``bounded_step``; watch : raises Cancelled
     """
 
@@ -74,7 +73,7 @@ class CompositeModel:
         return ModelState(step, moves, terms, costs, value, value + 0.5 * self.damping * float(step @ step) + turns)
 
     def minimise(self) -> ModelState:
-        """Return the model after a step that nearly minimises it within the box, the clearances and the limits of the flat shapes."""
+        """Return the model after the step that nearly minimises it within box, clearances and limits of flat shapes."""
         start = here = self.start()
         for _ in range(MAX_PARTS):
             further = self._next_part(here)
@@ -86,7 +85,7 @@ class CompositeModel:
         return here
 
     def _next_part(self, here: ModelState) -> ModelState | None:
-        """Return the model after one more part of the step; None where no fraction of that part lowers the damped model."""
+        """Return the model after one more part of the step; None if no fraction of it lowers the damped model."""
         point, problem, rooms = self.point, self.point.problem, self.point.rooms
         at = point.x + here.step
 

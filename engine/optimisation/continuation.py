@@ -1,8 +1,8 @@
-"""Stage after a search that ended far from its target: springs hold every spiral near its place in the target, and are weakened in steps.
+"""Continuation of a search that ended far from its target: springs pull all hubs to it, and are weakened in steps.
 
-A search that begins far from its target can stall in a valley between two shapes of the piece, at 2 to 8 % of the size. Held by springs
-the piece stays in the target's valley, while spirals and flat shapes change until it rests there by itself. The required stability is
-that of the piece without springs, so that it does not snap when they are gone.
+A search that begins far from its target can stall in a local minimum between two shapes of the piece, at 2 to 8 % of
+the size. Springs keep the piece near the target while spirals and flat shapes change, until it rests there by itself.
+The required stability is computed without the springs, so that the piece does not snap when they are removed.
 """
 
 from __future__ import annotations
@@ -23,28 +23,34 @@ from .other_weights import with_problem
 from .remedies import WANTED_PERCENT
 from .search import Search, StageResult
 
-# Distance from the target, in percent of the size, beyond which a search goes on with springs; ``WANTED_PERCENT`` where the piece was about
-# to snap, and ``NEAR_PERCENT`` where it stays flat. Five others that ended at 1 to 2 % gained nothing
+# RMS distance from the target, in percent of the size, beyond which a search goes on with springs; ``WANTED_PERCENT``
+# for pieces about to snap, ``NEAR_PERCENT`` for flat ones. Smaller: more pieces take the time, without gain
+# (docs/tuning.md)
 FAR_PERCENT = 2.0
-# Stiffnesses of the springs, the stiffest first, as shares of the mean stiffness of joints between two hubs in translation
+# Stiffnesses of the springs, the stiffest first, as shares of the mean translational stiffness of the joints
 SHARES = (1e-3, 1e-4, 1e-5, 1e-6)
-# Shares of the distance from the target before this stage: it is given up unless springs bring the piece nearer than the first, and the
-# usual search goes on from a released piece that is nearer than the second
+# Shares of the distance from the target before this stage. The stage is given up if a piece on springs is farther than
+# the first; it succeeds if a released piece is nearer than the second. Smaller: given up sooner, succeeds less often
 HOPEFUL, SUCCESS = 0.5, 0.5
-# Share of the objective that two steps in a row of the spirals alone must bring at every stiffness; else the flat shapes move too
+# Share of the objective; steps of the spirals alone end after two in a row that bring less, then the flat shapes move
+# too. Larger: fewer of these steps
 FIRST_STOP = 0.45
-STABILITY_WEIGHT = 1.0  # of the required stability, in mismatches of the result without springs
-# Work that this stage may add, with springs and after them, as shares of the usual time of this search
+# Weight of the stability barrier, in mismatches of the result before springs. Larger: more stable when released,
+# farther
+STABILITY_WEIGHT = 1.0
+# Work that this stage may add with springs, and after their removal, as shares of the usual time of the search
 TIME_WITH_SPRINGS, TIME_AFTER_SPRINGS = 1.25, 0.75
-MESSAGE = "Held near the target by springs"  # shown with the progress, in place of the piece and its mismatch meanwhile
+MESSAGE = "Held near the target by springs"  # text of the progress during this stage, which shows no shapes
 
 
 def continue_far(search: Search, progress: Progress) -> None:
-    """Go on with springs from the best result of a search that ended far from its target; new results are appended to ``held``.
+    """Go on with springs from the best result of a search that ended far from its target.
+
+    New results are appended to ``search.held``.
 
     Parameters
     ----------
-    search : a usual search that has ended
+    search : a search without springs that has ended
     progress : reports progress and raises Cancelled
     """
     here, work, ended = search.best, search.task.work, search.trace.ended
@@ -55,7 +61,7 @@ def continue_far(search: Search, progress: Progress) -> None:
     if released is not None:
         work.extend(TIME_AFTER_SPRINGS * work.usual, rated=True)
         search.relieve(search.cycled(released, progress.part(0.7, 0.95)), progress.part(0.95, 1.0))
-    search.trace.ended = ended  # how the usual search ended, which is what users are told
+    search.trace.ended = ended  # users are told how the search without springs ended
 
 
 def _allowed_percent(search: Search, here: StageResult) -> float:
@@ -66,12 +72,12 @@ def _allowed_percent(search: Search, here: StageResult) -> float:
     if any(one.seamed or one.held for one in flat):
         return NEAR_PERCENT
     if flat and len(flat) == len(bodies):
-        return np.inf  # nothing can make them leave the plane
+        return np.inf  # without seams and supports nothing can bend these bodies out of the plane
     return WANTED_PERCENT if search.snapping else FAR_PERCENT
 
 
 def _release_from_springs(search: Search, here: StageResult, progress: Progress) -> StageResult | None:
-    """Return a result that rests nearer to the target than ``here`` after its release from springs; None where none is found."""
+    """Return a result without springs that is clearly nearer to the target than ``here``; None if none is found."""
     task, design, like = search.task, here.design, here.point
     pose = target_pose(task.target, design.flat.corners)
     unit = _mean_stiffness(here.point)
@@ -84,7 +90,7 @@ def _release_from_springs(search: Search, here: StageResult, progress: Progress)
         if not point.equilibrium.converged:
             return None
         point = point.weighed(point.mismatch.value)
-        point = with_problem(point, replace(point.problem, firmness=firmness))  # ``weighed`` takes it away
+        point = with_problem(point, replace(point.problem, firmness=firmness))  # ``weighed`` has replaced it
         coarse = replace(task.params, stop=max(task.params.stop, FIRST_STOP))
         start = stage.improved(StageResult(design, point, np.inf), coarse, within.part(0.0, 0.3))
         result = stage.together(start, within.part(0.3, 1.0))
@@ -101,10 +107,10 @@ def _release_from_springs(search: Search, here: StageResult, progress: Progress)
 
 
 def _mean_stiffness(point: DesignPoint) -> float:
-    """Return the mean stiffness of joints between two hubs in translation, newtons per metre."""
+    """Return the mean translational stiffness of the joints, newtons per metre."""
     blocks = point.model.expand(point.model.start(point.equilibrium.pose)).convex
     return float(np.einsum("mii->m", blocks[:, :3, :3]).mean()) / 3.0
 
 
 def _ignore(point: DesignPoint) -> None:
-    """Show nothing: the piece is not where it would rest without springs."""
+    """Ignore a better point: it is not shown, because the piece would rest elsewhere without springs."""

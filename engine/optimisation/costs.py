@@ -1,4 +1,4 @@
-"""Costs of a design that do not depend on its equilibrium: functions of the coordinates alone."""
+"""Summands of the objective that depend on the coordinates of a design only, not on its equilibrium."""
 
 from __future__ import annotations
 
@@ -15,24 +15,29 @@ from .design_space import DesignSpace
 
 
 class Cost(Protocol):
-    """A summand of the objective, with its derivatives by the coordinates."""
+    """A summand of the objective, with its derivatives with respect to the coordinates."""
 
     @property
     def value(self) -> float: ...
 
     @property
     def gradient(self) -> np.ndarray:
-        """Gradient by all coordinates."""
+        """Gradient with respect to all coordinates."""
 
     def product(self, change: np.ndarray) -> np.ndarray:
-        """Return the product of the Hessian, or of a positive semidefinite part of it, with a change of the coordinates."""
+        """Return the product of the Hessian, or of its positive semidefinite part, with a change of the coordinates."""
 
 
 def joint_differences(assembly: Assembly, space: DesignSpace, size: int) -> csr_array:
-    """Return the matrix (2 m, size) from coordinates to the differences across every joint.
+    """Return the matrix (2 m, size) that maps coordinates to differences across the joints.
 
-    The first m rows give the difference in width of the two arms, the others the difference in twist of their spirals, both in
-    coordinates. size : number of all coordinates
+    The first m rows give the difference between the widths of a joint's arms, the others the difference between the
+    twists of its spirals, both as coordinates in [0, 1].
+
+    Parameters
+    ----------
+    assembly, space : the joints, and the meaning of the coordinates
+    size : number of all coordinates
     """
     each = space.each
     column = np.concatenate([assembly.sides % space.groups, np.full_like(assembly.sides, each - 1)])
@@ -46,7 +51,8 @@ def joint_differences(assembly: Assembly, space: DesignSpace, size: int) -> csr_
 class Roughness:
     """Penalty on differences between joined spirals: half the sum of their squares, as a mean over the joints.
 
-    apart : ``joint_differences``; weight : in the objective; x : the coordinates; free : 0 for coordinates that must not change, else 1
+    apart : matrix of ``joint_differences``; weight : of the penalty in the objective; x : the coordinates
+    free : 0 for coordinates of fixed spirals, else 1
     """
 
     apart: csr_array
@@ -56,7 +62,7 @@ class Roughness:
 
     @classmethod
     def from_space(cls, assembly: Assembly, space: DesignSpace, weight: float, x: np.ndarray) -> Roughness:
-        """Return the penalty at coordinates x; those after the spirals' are of flat vertices and have no effect."""
+        """Return the penalty at coordinates x; coordinates of flat vertices, at the end of x, have no effect."""
         free = np.ones(len(x))
         free[: space.each * assembly.size] = np.repeat(space.free.astype(float), space.each)
         return cls(joint_differences(assembly, space, len(x)), weight, x, free)
@@ -77,5 +83,5 @@ class Roughness:
         return 2.0 * self.weight / self.apart.shape[0]
 
     def _gram_product(self, change: np.ndarray) -> np.ndarray:
-        """Return the product of the whole Hessian with a change of all coordinates."""
+        """Return the product of the Hessian with a change of all coordinates, including those of fixed spirals."""
         return self._scale * (self.apart.T @ (self.apart @ change))

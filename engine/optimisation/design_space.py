@@ -1,11 +1,13 @@
 """Coordinates of fabricable designs in which the coupled bounds of width and twist become a box (FlexMaps section 7).
 
-The coordinates x list one spiral after the other. A spiral has a width for each group of arms (1, 2 or 4 groups; arm k is in group
-k modulo their number), in [0, 1] from the smallest to the largest width. Its last coordinate, in [0, 1], is the twist: from the
-smallest one to the largest that still leaves a slot at the mean width in that quad, linear in sqrt(1 + twist^2). That is about the
-length of an arm, which decides its compliance. The twist itself would have a gradient of 0 at straight arms.
-Every x in the box gives spirals that can be cut on their own. ``fabricable.make_fabricable`` enforces the demands of blended joints and
-neighbours; ``including`` then lowers the largest twists by ``cap``.
+The coordinates x, all in [0, 1], list the spirals one after the other. A spiral has one coordinate for the width of
+each of its 1, 2 or 4 groups of arms (arm k is in group k modulo their number), from the smallest to the largest width.
+Its last coordinate is the twist, from the smallest twist to the largest that still leaves a slot at the spiral's mean
+width. It is linear in sqrt(1 + twist^2), which is about the length of an arm and determines its compliance; the
+gradient with respect to the twist itself would be 0 at straight arms.
+
+Every x in the box gives spirals that can be cut if they are alone. ``fabricable.make_fabricable`` ensures that they can
+be cut beside their neighbours; ``including`` then lowers the largest twists by ``cap``.
 """
 
 from __future__ import annotations
@@ -24,22 +26,22 @@ from ..spirals.constraints import NO_CONSTRAINTS, Constraints
 from ..spirals.curves.spiral import same_width
 from ..spirals.design import SpiralDesign
 
-# Number of widths at which the largest twist is computed, and interpolated between; more take longer to prepare. Over five surfaces the
-# interpolated twist is at most 1.3 degrees too large (11 widths: 0.4) and, at a hundredth of the spirals, 6 too small (11: 2.4)
+# Number of widths at which the largest twist is computed; it is interpolated in between. Larger: more accurate (with 6
+# it is at most 1.3 degrees too large), slower to prepare (docs/tuning.md)
 KNOTS = 6
-STRAIGHT_TWIST = 1e-3  # radians, largest twist of spirals that shall be straight; 0 would lead to a division by 0
-# share of the range of lengths left out at its lower end, where the derivative of the twist may be infinite
+STRAIGHT_TWIST = 1e-3  # radians, largest twist of spirals that must be straight; 0 would lead to a division by 0
+# Share left out at the lower end of the range of arm lengths, where the derivative of the twist may be infinite
 LENGTH_OFFSET = 1e-2
 
 
 def _length_share(x: np.ndarray) -> np.ndarray:
-    """Return the share of the range of lengths at twist coordinates in [0, 1]: slightly more than 0 at the lower end."""
+    """Convert twist coordinates in [0, 1] to shares of the range of arm lengths; 0 becomes slightly more than 0."""
     return (x + LENGTH_OFFSET) / (1.0 + LENGTH_OFFSET)
 
 
 @dataclass(frozen=True, eq=False)
 class FixedSpirals:
-    """Spirals that a search must not change; width : metres; twist : radians."""
+    """Spirals that a search must not change; quads : their numbers; width : metres; twist : radians."""
 
     quads: Int[np.ndarray, " kept"]
     width: Float[np.ndarray, "kept 4"]
@@ -47,7 +49,7 @@ class FixedSpirals:
 
     @classmethod
     def from_design(cls, design: SpiralDesign, quads: Int[np.ndarray, " kept"]) -> FixedSpirals:
-        """Return these spirals with their widths and twists in a design."""
+        """Fix the spirals in ``quads`` at their widths and twists in a design."""
         return cls(quads, design.width[quads], design.twist[quads])
 
 
@@ -57,7 +59,8 @@ class DesignSpace:
 
     low, high : (F,) metres, range of the width; bound : (KNOTS, F) radians, largest twist at evenly spaced widths
     cap : (F,) factor on ``bound``, below 1 where neighbours need the space; twist_min : radians, smallest twist
-    groups : number of groups of arms with one width, 1, 2 or 4; kept : spirals that do not depend on their coordinates
+    groups : number of groups of arms, 1, 2 or 4; the arms of a group have the same width
+    kept : fixed spirals, which do not depend on their coordinates
     """
 
     low: Float[np.ndarray, " quads"]
@@ -77,20 +80,20 @@ class DesignSpace:
         progress: Progress = SILENT,
         constraints: Constraints = NO_CONSTRAINTS,
     ) -> DesignSpace:
-        """Return the space of all designs that have the patches and settings of a design.
+        """Return the space of all designs with the patches and settings of a design.
 
         Parameters
         ----------
-        design, assembly : with the patches and settings; its widths and twists matter for kept spirals only
-        groups : number of groups of arms with one width, 1, 2 or 4
+        design, assembly : give patches and settings; widths and twists matter only for spirals that stay unchanged
+        groups : number of groups of arms, 1, 2 or 4
         progress : reports progress and raises Cancelled
-        constraints : spirals that must be kept, straight or as wide as possible
+        constraints : spirals that must stay unchanged, be straight or be as wide as possible
         """
         low, high = width_range(design.flat, design.params)
         low[constraints.wide] = high[constraints.wide]
         widths = low + np.linspace(0.0, 1.0, KNOTS)[:, None] * (high - low)
         bound = np.stack([twist_bound(design.flat, design.params, same_width(w), progress) for w in widths])
-        # the stiffness table ends at a largest twist, which depends on the shortest arm
+        # the stiffness table covers twists up to a limit, which depends on the shortest arm
         shortest = np.full(len(low), np.inf)
         np.minimum.at(shortest, assembly.pairs, 2.0 * assembly.radius)
         ratio = np.maximum(np.where(np.isfinite(shortest), shortest, 1.0) / widths, SCALE_RANGE[0])
@@ -106,39 +109,40 @@ class DesignSpace:
         return self.groups + 1
 
     def by_spiral(self, x: np.ndarray) -> Float[np.ndarray, "quads _"]:
-        """Return the spirals' coordinates as (F, groups + 1); entries of x after them (flat vertices) are left out."""
+        """Return the spirals' coordinates as (F, groups + 1), without coordinates of flat vertices at the end of x."""
         return x[: len(self.low) * self.each].reshape(-1, self.each)
 
     def uniform(self, width: float, twist: float) -> Float[np.ndarray, " _"]:
-        """Return x with these two coordinates, in [0, 1], for every spiral.
+        """Return coordinates x with the same width and twist coordinate for every spiral.
 
         Parameters
         ----------
-        width, twist : in [0, 1]
+        width, twist : coordinates in [0, 1]
         """
         return np.tile([width] * self.groups + [twist], len(self.low))
 
     def including(self, design: SpiralDesign) -> DesignSpace:
-        """Return a space that contains this design: smaller widths are allowed, and twists limited to the design's, where needed.
+        """Return this space extended so that it contains a design.
 
-        Twists are limited where even the smallest one in the space would exceed the design's.
+        Smaller widths are allowed where needed. Where even the smallest twist of the space exceeds the design's, the
+        largest twist is lowered.
         """
         space = replace(self, low=np.minimum(self.low, design.width.min(axis=1)))
         least = space.design(space.coordinates(design.width, design.twist))[1]
         return space._limit_twist(design.width, design.twist, least > design.twist + 1e-12)
 
     def winding_at_most(self, design: SpiralDesign, where: Bool[np.ndarray, " quads"]) -> DesignSpace:
-        """Limit the twist of the spirals ``where`` to the twist in a design of the space.
+        """Return a space in which some spirals cannot have more twist than in a design.
 
         Parameters
         ----------
         design : a design of the space
-        where : spirals to limit
+        where : mask of the spirals to limit
         """
         return self._limit_twist(design.width, design.twist, where)
 
     def keeping(self, design: SpiralDesign, quads: Int[np.ndarray, " kept"]) -> DesignSpace:
-        """Fix these spirals, beside those already fixed, at the values of a design.
+        """Return a space in which more spirals are fixed; all fixed spirals get their values in a design.
 
         Parameters
         ----------
@@ -168,7 +172,7 @@ class DesignSpace:
         return width, twist
 
     def slopes(self, x: np.ndarray) -> Float[np.ndarray, "quads 5 _"]:
-        """Return the derivatives of the four widths and the twist (rows) by the coordinates of their spiral (columns)."""
+        """Return the derivatives of every spiral's four widths and twist with respect to its coordinates (columns)."""
         x = self.by_spiral(x)
         least, span, least_change, change = self._length_range(x[:, : self.groups].mean(axis=1))
         length = least + _length_share(x[:, -1]) * span
@@ -183,7 +187,7 @@ class DesignSpace:
         return out
 
     def jacobian(self, x: np.ndarray) -> csr_array:
-        """Return the derivatives (5 n, coordinates) of all widths (4 n), then of all twists (n), by the coordinates."""
+        """Return the Jacobian (5 n, coordinates) of all widths (4 n rows) and all twists (n rows)."""
         slopes = self.slopes(x)
         n, _, each = slopes.shape
         column = (each * np.arange(n)[:, None] + np.arange(each)).astype(np.int32)
@@ -202,12 +206,12 @@ class DesignSpace:
     def coordinates(
         self, width: Float[np.ndarray, "quads 4"], twist: Float[np.ndarray, " quads"]
     ) -> Float[np.ndarray, " _"]:
-        """Return the coordinates of widths, metres, and twists, radians, clipped to the box; a group gets its mean width.
+        """Return the coordinates of widths and twists, clipped to the box.
 
         Parameters
         ----------
-        width : metres; a group gets its mean
-        twist : radians
+        width : (F, 4) metres; all arms of a group get their mean width
+        twist : (F,) radians
         """
         shares = self._width_shares(width)
         least, span = self._length_range(shares.mean(axis=1))[:2]
@@ -221,13 +225,13 @@ class DesignSpace:
         return np.arange(4) % self.groups
 
     def _width_shares(self, width: np.ndarray) -> Float[np.ndarray, "quads _"]:
-        """Return the mean widths (F, groups) as shares of their range, clipped to [0, 1]."""
+        """Return the mean width of every group (F, groups) as a share of the spiral's range, clipped to [0, 1]."""
         mean = width.reshape(len(width), -1, self.groups).mean(axis=1)
         span = np.maximum(self.high - self.low, 1e-12)
         return np.clip((mean - self.low[:, None]) / span[:, None], 0.0, 1.0)
 
     def _length_range(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return the smallest sqrt(1 + twist^2) at mean widths x in [0, 1], its range from there, and the derivatives of both."""
+        """Return the range of sqrt(1 + twist^2) at mean widths x in [0, 1]: start, length, and their derivatives."""
         largest, slope = self._max_twist(x)
         cut = self.twist_min > 0.9 * largest
         least = np.sqrt(1.0 + np.where(cut, 0.9 * largest, self.twist_min) ** 2)
@@ -236,11 +240,11 @@ class DesignSpace:
         return least, most - least, least_change, largest * slope / most - least_change
 
     def _max_twist(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the largest twist, radians, at mean widths x in [0, 1], and its derivative (cubic Hermite interpolation)."""
+        """Return the largest twist, radians, at mean widths x in [0, 1], and its derivative (cubic Hermite splines)."""
         k = np.minimum((x * (KNOTS - 1)).astype(np.int64), KNOTS - 2)
         u, every = x * (KNOTS - 1) - k, np.arange(len(x))
         steps = np.diff(self.bound, axis=0)
-        # slopes as harmonic means of neighbouring differences keep the interpolation between the values of its two knots
+        # with harmonic means of neighbouring differences as slopes, the interpolation does not overshoot its knots
         inner = 2.0 * steps[1:] * steps[:-1] / np.minimum(steps[1:] + steps[:-1], -1e-300)
         inner = np.where(steps[1:] * steps[:-1] > 0.0, inner, 0.0)
         slope = np.concatenate([steps[:1], inner, steps[-1:]])

@@ -1,4 +1,4 @@
-"""Largest strain of a piece that is scaled up or cut from a thinner sheet, without optimising it again."""
+"""Predict the largest strain of a piece that is scaled up or cut from a thinner sheet, without optimising it again."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from .remedies import StrainForecast
 
 
 def forecast_strain(simulation: Simulation) -> StrainForecast | None:
-    """Return a function from a factor on the size, and a thickness in metres, to the largest strain over the material's limit.
+    """Return a function from a factor on the size, and a thickness in metres, to the largest strain over its limit.
 
-    A larger piece has hubs rotated much as before, at distances that grow with the size: arms bend by the same angles over greater
-    lengths. Widths, twists and loads do not change. The equilibrium is sought from there: where the arms of a joint differ, second-order terms
-    cancel only at an equilibrium.
-    None for the rod model, and with a rim, whose nodes would need an equilibrium first.
+    Widths, twists and loads are kept. The equilibrium is sought from the present rotations at scaled distances: in a
+    larger piece arms bend by nearly equal angles over greater lengths. An equilibrium is needed because second-order
+    terms of a joint's unequal arms cancel only there. Return None for the rod model, and for pieces with a rim, whose
+    nodes would need an equilibrium first.
     """
     old = with_arms(simulation.model)
     if old is None or simulation.assembly.rim is not None:

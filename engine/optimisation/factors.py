@@ -1,4 +1,4 @@
-"""Cache of the Cholesky factors that were used last, each kept for the equilibrium that owns it."""
+"""Cache of recently used Cholesky factors, each of the Hessian at one equilibrium, its owner."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from ..arrays import Bool
 from ..mechanics.loads import Springs
 from ..mechanics.newton_system import NewtonSystem
 
-MAX_FACTORS = 2  # for the present point of a search and for the trial point; each takes memory
+MAX_FACTORS = 2  # number of factors: for a search's present point and for its trial point; more take more memory
 
 
 @dataclass(eq=False)
 class Factor:
-    """A linear system; owner : the object whose factor it holds, None if nobody's yet."""
+    """A linear system with its factor; owner : the equilibrium whose Hessian is factored, None before that."""
 
     system: NewtonSystem
     owner: object = None
@@ -24,11 +24,11 @@ class Factor:
 
 @dataclass(eq=False)
 class Factors:
-    """Cache of factors with one sparsity pattern; a new factor replaces the least recently used.
+    """Cache of factors with a common sparsity pattern; a new factor replaces the least recently used.
 
-    An owner whose factor was replaced gets it computed again, so no owner ever solves with another's factor.
+    A factor that was replaced is computed again on request, so no equilibrium gets the factor of another.
 
-    pairs : (m, 2) int, bodies of every joint; fixed : (n, 6) bool, components that supports hold
+    pairs : (m, 2) int, bodies of every joint; fixed : (n, 6) bool, degrees of freedom that supports fix
     held : (n, 6) bool, increments that stay 0; springs : at the hubs; kept : factors, the least recently used first
     """
 
@@ -49,12 +49,12 @@ class Factors:
         return factor
 
     def system_of(self, owner: object, blocks: Callable[[], np.ndarray]) -> NewtonSystem:
-        """Return the system with the factor of an owner.
+        """Return the system with the factor of an owner's Hessian.
 
         Parameters
         ----------
-        owner : an equilibrium, recognised by identity
-        blocks : computes the blocks (m, 12, 12) of the owner's matrix, a joint each; called where the factor was replaced
+        owner : an equilibrium, compared by identity
+        blocks : computes the Hessian's blocks (m, 12, 12), one per joint; called if the factor is not in the cache
 
         Raises
         ------

@@ -1,12 +1,13 @@
 """Stability barrier: a term of the objective that keeps equilibria away from snapping, by their smallest eigenvalues.
 
-With the Hessian H and its convex part C, the softest modes have H v = lambda C v. The barrier is half the sum of the squares of
-log((enough - m) / (lambda - m)) over every lambda below ``enough``, with m = ``BARRIER_POLE``. By an increment or a coordinate p,
+With the Hessian H and its convex part C, the softest modes have H v = lambda C v. The barrier is half the sum of the
+squares of log((enough - m) / (lambda - m)) over every lambda below ``enough``, with m = ``BARRIER_POLE``. The
+derivative with respect to p, an increment of a hub or a coordinate of the design, is
 
     d lambda / d p = v . dH/dp v - lambda v . dC/dp v   with v . C v = 1.
 
-These are central differences along v, because third derivatives of the energy are symmetric. The adjoint adds the part of the
-derivatives that acts through the equilibrium.
+It is computed by central differences along v, because third derivatives of the energy are symmetric. The adjoint adds
+the part of the derivatives that acts through the equilibrium.
 """
 
 from __future__ import annotations
@@ -26,27 +27,26 @@ from ..mechanics.elastic import sum_joint_vectors
 from ..mechanics.newton_system import NewtonSystem
 from .terms import ScalarChange, Term
 
-# Smallest stability margin (see ``Equilibrium.spare``): below it, changes of 0.01 mm let a piece snap; most surfaces end at 0.3 to 0.8
+# Smallest eigenvalue lambda of an accepted equilibrium (tested as ``Equilibrium.spare``): pieces below it snap after
+# changes of 0.01 mm. Larger: safer, more steps are refused (docs/tuning.md)
 MIN_STABILITY = 0.01
-# Eigenvalue, relative to the convex part, from which on a shape is stable enough. Larger ones make short searches of stable pieces worse
-# (two by 10 and 16 %); smaller ones leave shapes some hundredths of the size off the real piece's
+# Eigenvalue lambda above which a shape counts as stable enough. Larger: short searches of stable pieces end farther
+# from the target; smaller: the simulated shape differs from the real one (docs/tuning.md)
 STABLE_EIGENVALUE = 0.1
-MODE_COUNT = 4  # number of softest modes that count; with fewer, the set changes from step to step
-# Weight of the barrier, in mismatches of the start of each stage. With it a result with an eigenvalue of 0.01 counts as 1.8 times as far
-# from the target as one with 0.1: in finite elements of a saddle of 64 quads the latter was 1.25 times as near, though predicted 1.45 times
-# as far. With 0.03 a lattice ended at 0.024; larger weights make pieces stiffer and less like their target
+MODE_COUNT = 4  # number of softest modes in the barrier; with fewer, the set changes from step to step
+# Weight of the barrier, as a multiple of the mismatch at the start of a stage. Larger: pieces more stable and less like
+# their target (docs/tuning.md)
 BARRIER_WEIGHT = 0.3
-# Smallest mismatch that weighs the barrier, that of an RMSE of 0.014 of the distance between neighbouring hubs: pieces on their target must
-# not snap either. Larger values make them more stable, and leave them farther from their target (docs/tuning.md)
+# Smallest mismatch that the weight is computed from, so that a piece on its target keeps from snapping too; an RMSE of
+# 0.014 of the distance between neighbouring hubs. Larger: more stable, farther from the target (docs/tuning.md)
 LEAST_MISMATCH = 1e-4
-BARRIER_POLE = (
-    0.008  # eigenvalue m where the logarithm would be infinite: slightly below the one at which steps are refused
-)
-TANGENT_BELOW = 0.002  # distance above ``BARRIER_POLE`` below which the logarithm continues as its tangent
-# Size of the central differences: largest rotation, radians, or relative shift of neighbours, in their distances. Smaller
-# ones are more exact, but follow eigenvalues worse over a whole step (docs/tuning.md)
+# Eigenvalue m at which the logarithm would be infinite: slightly below ``MIN_STABILITY``, at which steps are refused
+BARRIER_POLE = 0.008
+TANGENT_BELOW = 0.002  # distance of an eigenvalue above the pole below which the logarithm continues as its tangent
+# Length of the central differences: largest rotation of a hub, radians, or largest relative shift of neighbouring hubs
+# over their distance. Smaller: more exact at the point, worse predictions over a whole step (docs/tuning.md)
 DIFFERENCE_TURN = 3e-3
-# Relative, of the eigenvalues without springs; their derivatives need accurate modes
+# Relative tolerance of the eigenvalues of a piece whose springs are left out. Larger: quicker, less accurate modes
 MODE_TOLERANCE = 1e-5
 
 
@@ -54,7 +54,8 @@ MODE_TOLERANCE = 1e-5
 class StabilityRequirement:
     """Required stability of equilibria.
 
-    weight : of the barrier in the objective; enough : eigenvalue of a stable shape; modes : number of softest modes that count
+    weight : of the barrier in the objective
+    enough : eigenvalue above which a mode counts as stable; modes : number of softest modes in the barrier
     """
 
     weight: float
@@ -63,12 +64,12 @@ class StabilityRequirement:
 
     @classmethod
     def from_mismatch(cls, mismatch: float) -> StabilityRequirement:
-        """Return the requirement for a stage that starts with this mismatch."""
+        """Return the requirement with the barrier's weight for a stage that starts with this mismatch."""
         return cls(BARRIER_WEIGHT * max(mismatch, LEAST_MISMATCH))
 
     @property
     def margins(self) -> tuple[float, ...]:
-        """Margins of an equilibrium that are tested, see ``equilibrium.solve``."""
+        """Stability margins to test at an equilibrium, see ``equilibrium.solve``."""
         return MIN_STABILITY, self.enough
 
     def same_modes(self, other: StabilityRequirement) -> bool:
@@ -76,13 +77,16 @@ class StabilityRequirement:
         return type(self) is type(other) and (self.enough, self.modes) == (other.enough, other.modes)
 
     def rows(self, rises: Float[np.ndarray, " k"], enough: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return log((enough - m) / (rises - m)), m = ``BARRIER_POLE``, with its tangent near m, and the derivatives by ``rises``."""
+        """Return the barrier's logarithms at eigenvalues ``rises``, and their derivatives with respect to ``rises``.
+
+        They are log((enough - m) / (rises - m)), m = ``BARRIER_POLE``, continued as the tangent near m.
+        """
         room = rises - BARRIER_POLE
         near = np.maximum(room, TANGENT_BELOW)
         return np.log((enough - BARRIER_POLE) / near) + (near - room) / TANGENT_BELOW, -1.0 / near
 
     def merit(self, value: float, rises: Float[np.ndarray, " k"]) -> float:
-        """Return an objective plus a penalty on the eigenvalues of a shape that is not stable enough, for comparing results."""
+        """Return the objective ``value`` plus a penalty on too small eigenvalues ``rises``, to rank results."""
         below = rises[rises < STABLE_EIGENVALUE]
         logarithms = self.rows(below, STABLE_EIGENVALUE)[0]
         return value + 0.5 * self.from_mismatch(value).weight * float((logarithms**2).sum())
@@ -90,15 +94,15 @@ class StabilityRequirement:
 
 @dataclass(frozen=True, eq=False)
 class RequirementWithoutSprings(StabilityRequirement):
-    """Required stability of a piece that springs hold, were they gone: its eigenvalues may lie far below 0."""
+    """Required stability, without its springs, of a piece that springs hold: eigenvalues may be far below 0."""
 
     @property
     def margins(self) -> tuple[float, ...]:
-        """None: equilibria with springs are more stable than those without."""
+        """No margins: an equilibrium with springs is stable enough."""
         return ()
 
     def rows(self, rises: Float[np.ndarray, " k"], enough: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return log(2 - rises / enough), and the derivatives by ``rises``."""
+        """Return log(2 - rises / enough) for eigenvalues ``rises``, and its derivatives with respect to these."""
         room = 2.0 * enough - rises
         return np.log(room / enough), -1.0 / room
 
@@ -107,7 +111,8 @@ class RequirementWithoutSprings(StabilityRequirement):
 class SoftModes:
     """The softest modes of an equilibrium.
 
-    ways : (k, n, 6) eigenvectors, v . C v = 1; rises : (k,) eigenvalues; steps : (k,) lengths of central differences along ``ways``
+    ways : (k, n, 6) eigenvectors, v . C v = 1; rises : (k,) eigenvalues
+    steps : (k,) lengths of central differences along ``ways``
     """
 
     ways: Float[np.ndarray, "k spirals 6"]
@@ -118,7 +123,14 @@ class SoftModes:
     def from_equilibrium(
         cls, model: ArmModel, pose: Pose, system: NewtonSystem, asked: StabilityRequirement
     ) -> SoftModes:
-        """Return the modes, without springs, with eigenvalues below ``asked.enough`` at a pose whose Hessian is factored in ``system``."""
+        """Return the modes with eigenvalues below ``asked.enough``, of the piece without springs.
+
+        Parameters
+        ----------
+        model, pose : the elastic model at equilibrium
+        system : with the factor of the Hessian there
+        asked : required stability
+        """
         here = model.expand(model.start(pose))
         count = min(asked.modes, max(len(system.free) - 2, 1))
         alone = system.without_springs
@@ -136,20 +148,20 @@ class SoftModes:
         return cls(ways, rises, DIFFERENCE_TURN / largest)
 
     def joints(self, pairs: np.ndarray) -> Float[np.ndarray, "k joints 12"]:
-        """Return the increments of both hubs of every joint in the modes."""
+        """Return the increments of both hubs of every joint, mode by mode."""
         return self.ways[:, pairs].reshape(len(self.ways), -1, 12)
 
     def variations(self, model: ArmModel, pose: Pose, pairs: np.ndarray) -> Float[np.ndarray, "joints k"]:
-        """Return the share of every joint in the eigenvalues, v . H v - lambda v . C v.
+        """Return every joint's contribution to v . H v - lambda v . C v, for each mode.
 
-        pairs : (m, 2) hubs of every joint in the numbering of ``ways``; that of ``model`` and ``pose`` may differ
+        pairs : (m, 2) hubs of every joint, numbered as in ``ways``; ``model`` and ``pose`` may number them differently
         """
         here, at = model.expand(model.start(pose)), self.joints(pairs)
         whole, convex = (np.einsum("kmi,mij,kmj->mk", at, of, at, optimize=True) for of in (here.hessian, here.convex))
         return whole - self.rises * convex
 
     def by_hubs(self, model: ArmModel, pose: Pose) -> Float[np.ndarray, "k spirals 6"]:
-        """Return the derivatives of the eigenvalues by the hubs' increments, at a fixed design."""
+        """Return the derivatives of the eigenvalues with respect to the hubs' increments, at a fixed design."""
         return np.array([self._by_hubs(model, pose, k) for k in range(len(self.rises))])
 
     def _by_hubs(self, model: ArmModel, pose: Pose, k: int) -> Float[np.ndarray, "spirals 6"]:
@@ -182,7 +194,10 @@ class SoftModes:
         return np.array(out)
 
     def by_design(self, changes: DesignChanges, pose: Pose) -> Float[np.ndarray, "k joints 2 5"]:
-        """Return the derivatives of the eigenvalues by the widths and twists on both sides of every joint, at fixed hubs."""
+        """Return the derivatives of the eigenvalues at fixed hubs.
+
+        They are with respect to the four widths and the twist of the spiral on each side of every joint.
+        """
         model, curving = changes.model, changes.curving
         here, out = model.start(pose), []
         for k, at in enumerate(self.joints(model.pairs)):
@@ -201,10 +216,11 @@ class SoftModes:
     def by_spirals(
         self, changes: DesignChanges, pose: Pose, slopes: Float[np.ndarray, "joints 2 5 _"]
     ) -> Float[np.ndarray, "k coordinates"]:
-        """Return the derivatives of the eigenvalues by the spirals' coordinates, at fixed hubs.
+        """Return the derivatives of the eigenvalues with respect to the spirals' coordinates, at fixed hubs.
 
-        changes : of the joints at ``pose``
-        slopes : derivatives of the widths and twists on both sides of every joint by the coordinates of these spirals
+        changes : derivatives of the joints at ``pose``
+        slopes : derivatives of the widths and twists on both sides of every joint with respect to these spirals'
+            coordinates
         """
         joints, each, assembly = self.by_design(changes, pose), slopes.shape[-1], changes.model.assembly
         joints = joints[:, :, :, None] @ slopes
@@ -214,10 +230,11 @@ class SoftModes:
 
 @dataclass(frozen=True, eq=False)
 class StabilityBarrier(Term):
-    """The barrier at one equilibrium, as a term of the objective.
+    """Stability barrier at one equilibrium, as a term of the objective.
 
     asked : required stability; rises : (k,) eigenvalues below it
-    changes : computes the derivatives of ``rises`` by the hubs (k, n, 6), and by the coordinates at fixed hubs (k, coordinates)
+    changes : computes the derivatives of ``rises`` with respect to the hubs (k, n, 6), and to the coordinates at fixed
+        hubs (k, coordinates)
     """
 
     asked: StabilityRequirement
@@ -234,7 +251,7 @@ class StabilityBarrier(Term):
 
     @cached_property
     def _slopes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of the logarithms by the hubs and by the coordinates."""
+        """Derivatives of the logarithms with respect to the hubs, and to the coordinates."""
         by_hubs, by_own = self._by_eigenvalue
         slope = self._rows[1]
         return slope[:, None, None] * by_hubs, slope[:, None] * by_own
@@ -244,7 +261,7 @@ class StabilityBarrier(Term):
         return 0.5 * self.asked.weight * float((self._rows[0] ** 2).sum())
 
     def merit(self, value: float) -> float:
-        """Return an objective plus the penalty by which results of searches are compared."""
+        """Return the objective ``value`` plus the penalty by which results of searches are ranked."""
         return self.asked.merit(value, self.rises)
 
     @property
@@ -262,7 +279,7 @@ class StabilityBarrier(Term):
         return StabilityBarrier(self.asked, np.minimum(rises, self.asked.enough), lambda: (by_hubs, by_own))
 
     def _back(self, rows: Float[np.ndarray, " k"]) -> ScalarChange:
-        """Return the weighted transposed product with the logarithms' derivatives."""
+        """Return the vjp of the logarithms times the barrier's weight."""
         by_hubs, by_own = self._slopes
         return ScalarChange(
             self.asked.weight * np.einsum("k,kni->ni", rows, by_hubs), self.asked.weight * rows @ by_own

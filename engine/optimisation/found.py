@@ -1,4 +1,4 @@
-"""Simulated results of a search, and the last change to them: less twist where slots close in space."""
+"""Simulated results of a search, and the step after it: reduce twists where slots close in the bent shape."""
 
 from __future__ import annotations
 
@@ -22,37 +22,38 @@ from .remedies import WANTED_PERCENT
 from .search import Search, StageResult
 from .terms import LOOSE
 
-# Factor on the twist of a spiral whose slots close in space, largest number of such reductions, and factor by which the mismatch, or a
-# strain beyond the limit, may grow. With a factor of 0.8, eight reductions and two idle ones, five surfaces end as far from their targets or
-# farther, and more slots stay closed (docs/tuning.md). Reductions before the last steps of the search left strained arms that these had no time to relieve
+# Factor on the twist of a spiral whose slots close in space, largest number of such reductions, and largest growth of
+# the mismatch, or of a strain beyond the limit. Smaller factor: fewer equilibria, more slots stay closed
+# (docs/tuning.md)
 TWIST_FACTOR, MAX_UNWINDINGS, MAX_GROWTH = 0.9, 16, 1.1
-# RMS distance from the target, in percent of the size, within which the mismatch may grow by any factor: nobody sees it, and slots that
-# close can be seen. A sphere of 520 quads kept three closed slots at 0.041 %, and one at 0.011 %; all open at 0.045 and 0.012 %
+# RMS distance from the target, in percent of the size, up to which opening slots may raise the mismatch by any factor,
+# because closed slots are seen and this distance is not. Larger: more slots open, farther from the target
+# (docs/tuning.md)
 UNSEEN_PERCENT = 0.1
-# Factor by which the mismatch of a piece within the wanted distance may grow if no slot stays closed, and less where some do: a piece whose arms touch is worth less
-# than one that lies a little farther. The mismatch is a square, so 2 lets the distance grow 1.4 times. A cross of 480 quads kept 16 closed
-# slots at 0.49 %; all open at 0.54 to 0.56 %
+# Largest growth of the mismatch where all slots open and the piece stays within ``WANTED_PERCENT``; less where some
+# stay closed. The mismatch is a square: 2 lets the distance grow 1.4 times. Larger: more slots open, farther
+# (docs/tuning.md)
 OPEN_GROWTH = 2.0
-MAX_IDLE = 4  # reductions in a row that may open no slot
-# Largest number of further searches, and the share of the work before that each may add. In five runs of Suzanne's search that differ by rounding, 4
-# to 10 slots closed, and 0 to 5 stayed closed with less twist alone. With further searches all open in four runs, and one stays closed in
-# the fifth, at up to 1.08 times the RMSE
+MAX_IDLE = 4  # largest number of reductions in a row that open no slot; more: more slots open, slower
+# Largest number of short searches that relieve strains after reductions, and the share of the work so far that each may
+# add. More: more slots open, slower (docs/tuning.md)
 MAX_SEARCHES, SEARCH_SHARE = 4, 0.15
-# Largest number of such searches in a row that may leave as many slots closed. A bunny of 2,362 quads kept two after four of them, which took
-# half of its 117 s, and a folded mug 36 after three
+# Largest number of these searches in a row that open no further slot; more: slower, rarely opens one (docs/tuning.md)
 MAX_FRUITLESS = 2
-# Steps of such a search, and rings of neighbours around the spirals with less twist that it changes too. On a surface of 986 quads 2 steps of
-# 38 spirals take 2.9 s and raise the RMSE by 2.3 %, 4 steps 5.2 s and 2.0 %, 4 steps of all spirals 8 s and -0.4 to 0.1 %
+# Steps of such a search, and rings of neighbours that it changes around the spirals with less twist. More: nearer to
+# the target and slower (docs/tuning.md)
 EASED_STEPS, EASED_RINGS = 2, 3
-MIN_TWIST = 0.1  # radians, twist below which a spiral becomes straight
+MIN_TWIST = 0.1  # radians; a spiral whose twist falls below this becomes straight
 
 
 @dataclass(frozen=True, eq=False)
 class SimulatedResult:
     """Simulated result of a search.
 
-    point : of the search from which the design was made; farthest : largest allowed RMS distance from the target, as in ``Search``
-    nearby : slots, of which only those that may have closed were measured in this shape; None to measure all
+    point : point of the search that the design was made from
+    farthest : largest allowed RMS distance from the target, in distances of neighbouring hubs
+    nearby : slots, measured in this shape only where they may have closed, else in an earlier shape; None to measure
+        all
     """
 
     simulation: Simulation
@@ -71,7 +72,7 @@ class SimulatedResult:
         return np.inf if self.slots is None else float(len(self.slots.closed))
 
     def merit(self, strictness: float) -> float:
-        """Return ``DesignPoint.merit`` of the simulated shape; infinite without an equilibrium, or too far from the target."""
+        """Return ``DesignPoint.merit`` of the simulated shape; inf without an equilibrium, or beyond ``farthest``."""
         target, pose = self.point.problem.target, self.simulation.equilibrium.pose
         if not self.simulation.equilibrium.converged or target.distance(pose) > self.farthest:
             return np.inf
@@ -81,10 +82,11 @@ class SimulatedResult:
         return self.point.merit(strictness, mismatch, largest)
 
     def bears(self, other: SimulatedResult) -> bool:
-        """Return whether strains, the mismatch and the lack of stability are hardly larger than in ``other``, before slots were opened.
+        """Return whether this result is acceptable in place of ``other``, the result before slots were opened.
 
-        All may grow by ``MAX_GROWTH``; the mismatch of a piece within ``UNSEEN_PERCENT`` of its target by any factor, and that of a piece
-        within ``WANTED_PERCENT`` by up to ``OPEN_GROWTH``, the more the larger the share of the closed slots that are open now.
+        No spiral may be overstrained (see ``strained_by``), and the mismatch with its penalty on instability may grow
+        by ``MAX_GROWTH``. Within ``WANTED_PERCENT`` of the target it may grow by up to ``OPEN_GROWTH``, in proportion
+        to the share of closed slots that have opened; within ``UNSEEN_PERCENT`` growth of the mismatch does not count.
         """
         if self.merit(LOOSE) == np.inf or self.strained_by(other).any():
             return False
@@ -96,12 +98,16 @@ class SimulatedResult:
         return self._with_stability(now) <= growth * other._with_stability(before)
 
     def _with_stability(self, mismatch: float) -> float:
-        """Return a mismatch with the penalty on the lack of stability of the search's point."""
+        """Return a mismatch plus the penalty on instability at ``point``."""
         barrier = self.point.barrier
         return mismatch if barrier is None else barrier.merit(mismatch)
 
     def strained_by(self, other: SimulatedResult) -> Bool[np.ndarray, " spirals"]:
-        """Return a mask of overstrained spirals: beyond the limit, or ``MAX_GROWTH`` times the other result's worst if that is beyond it."""
+        """Return a mask of overstrained spirals.
+
+        A spiral is overstrained beyond the limit, or, if ``other`` exceeds the limit already, beyond ``MAX_GROWTH``
+        times the largest strain of ``other``.
+        """
         before, strain = other.simulation.strain, self.simulation.strain
         if before is None or strain is None:
             return np.zeros(len(self.simulation.design.twist), bool)
@@ -110,10 +116,17 @@ class SimulatedResult:
 
 
 def open_closed_slots(search: Search, found: SimulatedResult, progress: Progress) -> SimulatedResult:
-    """Reduce twists of a proved result until no slot closes in space; return ``found`` if that opens none or costs too much.
+    """Reduce twists until no slot closes in the bent shape; return ``found`` if none opens or the match suffers.
 
-    Where spirals with less twist, or their neighbours, would be overstrained, a few further steps of the search take these twists as upper
-    limits. ``found`` is also returned after a cancel, and if the settings allow slots to close.
+    If spirals with less twist, or their neighbours, would be overstrained, a few more steps of the search follow, with
+    the reduced twists as upper limits. ``found`` is also returned after a cancel, and if the settings allow slots to
+    close.
+
+    Parameters
+    ----------
+    search : the search that has ended
+    found : its best result, whose flat outlines are proved to be free of contacts
+    progress : reports progress and raises Cancelled
     """
     if not search.task.params.open_slots:
         return found
@@ -131,7 +144,14 @@ def open_closed_slots(search: Search, found: SimulatedResult, progress: Progress
 
 
 def with_room(design: SpiralDesign, free: Bool[np.ndarray, " spirals"], progress: Progress) -> SpiralDesign:
-    """Return a design in which arms beside spirals with less twist have room in the flat sheet too; the same object if they have."""
+    """Return a design whose arms do not touch in the flat sheet either, after twists were reduced.
+
+    Parameters
+    ----------
+    design : with reduced twists; returned as it is if no arms touch
+    free : mask of the spirals that may change
+    progress : reports progress and raises Cancelled
+    """
     made = make_fabricable(design.flat, design.params, design.width, design.twist, prove=False, free=free)
     if made.unlike(design).any():
         design = replace(design, width=made.width, twist=made.twist).reusing(design)
@@ -139,7 +159,10 @@ def with_room(design: SpiralDesign, free: Bool[np.ndarray, " spirals"], progress
 
 
 def _open_slots(search: Search, found: SimulatedResult, progress: Progress) -> SimulatedResult:
-    """Return the result with the fewest closed slots, by less twist and by further searches, that ``SimulatedResult.bears`` accepts."""
+    """Return the result with the fewest closed slots among those that ``SimulatedResult.bears`` accepts.
+
+    Reductions of twists alternate with short searches that relieve strains.
+    """
     best, free = found, found.point.problem.space.free
     here = again = _unwind(search, found, found, progress, bearable=True)
     fruitless = 0
@@ -166,11 +189,12 @@ def _unwind(
 ) -> SimulatedResult:
     """Reduce twists step by step; return the result with the fewest closed slots, ``found`` if none has fewer.
 
-    before : result of the search; spirals that are kept in its problem do not change
-    bearable : overstrained spirals and their neighbours keep their twists, and ``SimulatedResult.bears`` must accept the result
+    before : result before slots were opened; the spirals fixed in its problem do not change
+    bearable : whether overstrained spirals and their neighbours keep their twists, and ``SimulatedResult.bears`` must
+        accept the result
     """
     if bearable and not found.closed:
-        found = replace(found, nearby=None)  # slots farther away may have closed
+        found = replace(found, nearby=None)  # measure all slots, as others may have closed too
     free, here, given = before.point.problem.space.free.copy(), found, found.simulation.design.twist
     best, idle = found, 0
     for _ in range(MAX_UNWINDINGS):
@@ -196,13 +220,13 @@ def _unwind(
 def _ease_strains(
     search: Search, found: SimulatedResult, before: SimulatedResult, progress: Progress
 ) -> SimulatedResult | None:
-    """Open closed slots by less twist, then take a few steps of the search near there, with these twists as upper limits.
+    """Reduce twists where slots are closed, then take a few steps of the search with these twists as upper limits.
 
-    Estimates of slots within spirals are corrected to the exact widths. Slots between spirals have no estimate: the twists
-    of spirals beside such a closed slot cannot grow. Return None if no slot opens, no step improves, no strain beyond the
-    limit decreases, or the design cannot be cut.
+    The estimated widths of slots within spirals are corrected to the exact ones. Slots between spirals have no
+    estimate, so the twists of spirals beside such a closed slot cannot grow. Return None if no slot opens, no step
+    lowers the objective, strains beyond the limit do not decrease, or the design cannot be cut.
 
-    before : result of the search, whose kept spirals do not change
+    before : result before slots were opened; the spirals fixed in its problem do not change
     """
     loose = _unwind(search, found, before, progress, bearable=False)
     closed, slots = found.slots, loose.slots
@@ -241,13 +265,13 @@ def _ease_strains(
 
 
 def _with_kept(point: DesignPoint, other: DesignPoint) -> DesignPoint:
-    """Return the point in a problem in which the spirals kept are those kept in the problem of ``other``."""
+    """Return the point in a problem that fixes the same spirals as the problem of ``other``."""
     space = replace(point.problem.space, kept=other.problem.space.kept)
     return replace(point, problem=replace(point.problem, space=space))
 
 
 def _with_measured_slots(point: DesignPoint, slots: SpaceSlots) -> DesignPoint:
-    """Return the point in a problem whose estimates of slots agree with the exact ``slots`` of this state."""
+    """Return the point in a problem whose estimated slot widths are corrected to the exact ``slots`` of this state."""
     opening, model = point.problem.opening, point.arms
     if opening is None or model is None:
         return point
@@ -258,7 +282,14 @@ def _with_measured_slots(point: DesignPoint, slots: SpaceSlots) -> DesignPoint:
 def reduce_twist(
     design: SpiralDesign, slots: SpaceSlots, free: Bool[np.ndarray, " spirals"]
 ) -> Float[np.ndarray, " spirals"]:
-    """Return the design's twists, reduced by one step at free spirals with closed slots; the same array if there are none."""
+    """Reduce the twists of free spirals with closed slots by one step; return the design's own array if there are none.
+
+    Parameters
+    ----------
+    design : the present spirals
+    slots : in the bent shape
+    free : mask of the spirals that may change
+    """
     culprits = np.zeros(len(free), dtype=bool)
     culprits[np.unique(slots.arms[slots.closed] // 4)] = True
     culprits &= free & (design.twist > 0.0)
@@ -267,7 +298,7 @@ def reduce_twist(
 
 
 def _with_design(search: Search, found: SimulatedResult, design: SpiralDesign, progress: Progress) -> SimulatedResult:
-    """Return a result with another design, simulated from the present pose; slots that may have closed are measured."""
+    """Return a result with another design, simulated from the present pose; measure only slots that may have closed."""
     simulation, slots = search.task.simulated(design, found.simulation.equilibrium.pose, progress), found.slots
     if slots is None:
         return replace(found, simulation=simulation, nearby=None)

@@ -1,4 +1,4 @@
-"""Goals: further terms of the objective, one in each module of the folder ``goals``; docs/extend.md shows one."""
+"""Find the goals: additional terms of the objective, one in each module of the folder ``goals`` (docs/extend.md)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Maker = Callable[[Any], Term | None]
 
 
 def goals_of(point: Any) -> tuple[Term, ...]:
-    """Return the goals at a ``DesignPoint``; a module whose goal does not apply to the point's problem returns None."""
+    """Return the goals at a ``DesignPoint``; leave out goals that do not apply to its problem."""
     return tuple(term for make in makers() if (term := make(point)) is not None)
 
 

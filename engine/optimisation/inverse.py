@@ -1,4 +1,4 @@
-"""Objective of a design by its equilibrium, with gradient (adjoint) and Gauss-Newton products (tangent); eq. 7 to 10."""
+"""Inverse problem: objective of a design at its equilibrium, adjoint gradient, Gauss-Newton products (eq. 7 to 10)."""
 
 from __future__ import annotations
 
@@ -37,18 +37,19 @@ from .polytope import LinearClearances
 from .terms import WEIGHT, MismatchTerm, Rows, ScalarChange, StrainLimit, StrainTerm, Term, rows_in_runs, total, turning
 from .work import CURVED, EQUILIBRIUM, ITERATION, MODE, OPENING, PRODUCT, ROOMS, SOFTEST, Work
 
-NEAR_GAP = 1e-3  # clearance, in smallest slots, below which gaps count when closed ones are opened; more take longer
+NEAR_GAP = 1e-3  # clearance, in smallest slots, below which a gap is kept open while closed gaps are opened
 
 
 @dataclass(frozen=True, eq=False)
 class InverseProblem:
     """An inverse problem: find spirals in ``space`` whose equilibrium under ``loads`` matches ``target``.
 
-    build : makes the elastic model of an assembly; smoothness : weight of differences between joined spirals
-    opening : required width of slots in space; None lets slots close; bearing : limit of the arms' strains; None for no limit
-    firmness : required stability of equilibria; None requires ``MIN_STABILITY`` only; simulate : settings of equilibria
-    work : counter of the work for all points; room : clearances of a design; None does not check whether designs can be cut
-    stance : poses of the supports; None holds them where the search starts; shared, sums : caches of ``factors`` and ``joint_sum``
+    build : makes the elastic model of an assembly; simulate : settings of equilibria
+    smoothness : weight of differences between joined spirals; bearing : limit of the arms' strains, None for no limit
+    opening : required width of slots in space; None lets slots close; shared, sums : caches
+    work : counter for all points; room : clearances of a design; None does not check whether designs can be cut
+    firmness : required stability of equilibria; None requires ``MIN_STABILITY`` only
+    stance : poses of the supports; None keeps the supports where the search starts
     """
 
     assembly: Assembly
@@ -68,7 +69,7 @@ class InverseProblem:
     stance: Stance | None = None
 
     def factors(self, start: Pose) -> Factors:
-        """Return the factors of all points with these supports; points share the held increments too, so equilibria do not drift."""
+        """Return the cache of factors of all points with these supports; they share the increments held at 0 too."""
         fixed, pairs = self.loads.fixed, self.assembly.whole.pairs
         for known in self.shared:
             if np.array_equal(known.fixed, fixed):
@@ -78,12 +79,12 @@ class InverseProblem:
 
     @property
     def own(self) -> int:
-        """Number of the spirals' coordinates; those of the flat vertices follow, where these may move."""
+        """Number of the spirals' coordinates; coordinates of flat vertices follow, where these may move."""
         return self.space.each * self.assembly.size
 
     @property
     def joint_sum(self) -> JointSum:
-        """Sparsity pattern of the derivatives of the hubs' forces by the spirals' coordinates."""
+        """Sparsity pattern of the derivatives of the hubs' forces with respect to the spirals' coordinates."""
         if not self.sums:
             self.sums.append(JointSum(self.assembly.whole, self.space.each))
         return self.sums[0]
@@ -108,7 +109,7 @@ class InverseProblem:
         return restore_clearances(x, inner.x, within)
 
     def inside(self, x: np.ndarray, inner: np.ndarray) -> Float[np.ndarray, " coordinates"]:
-        """Return coordinates between ``inner`` and x, as near x as the limits of flat shapes allow; ``inner`` keeps these."""
+        """Return coordinates as near x as the limits of flat shapes allow; ``inner`` keeps these limits."""
         return x
 
     def _room(self, x: np.ndarray) -> ClearanceModel:
@@ -117,16 +118,16 @@ class InverseProblem:
         return self.room
 
     def _nearly_closed(self, x: np.ndarray, quads: np.ndarray | None) -> LinearClearances:
-        """Return the closed and nearly closed clearances, by the spirals' coordinates; at the arms of these quads, if given."""
+        """Return the closed and nearly closed gaps, linearised in the spirals' coordinates; quads : None for all."""
         terms = narrowest_per_pair(self._room(x).terms(*self.space.design(x), below=NEAR_GAP, quads=quads, least=True))
         return LinearClearances.from_clearances(terms.value, terms.by_design @ self.space.jacobian(x[: self.own]))
 
     def _closed_spirals(self, x: np.ndarray, quads: np.ndarray | None) -> Bool[np.ndarray, " quads"]:
-        """Return a mask of the free spirals with an arm in a closed gap; gaps at the arms of these quads only, if given."""
+        """Return a mask of the free spirals with an arm in a closed gap; quads : whose gaps count, None for all."""
         return self._room(x).quads_with_closed_gaps(*self.space.design(x), quads) & self.space.free
 
     def _repeat(self, share: Float[np.ndarray, " quads"]) -> Float[np.ndarray, " coordinates"]:
-        """Return values of the spirals repeated for each of their coordinates."""
+        """Repeat every spiral's value for each of its coordinates."""
         return np.repeat(share, self.space.each)
 
     def at(
@@ -137,7 +138,7 @@ class InverseProblem:
         iterations: int | None = None,
         step: Float[np.ndarray, "spirals 6"] | None = None,
     ) -> DesignPoint:
-        """Return the point at coordinates x; its equilibrium is sought from the pose ``start`` plus ``step``, at most ``iterations``."""
+        """Return the point at x; seek its equilibrium from ``start`` moved by ``step``, in at most ``iterations``."""
         model = self.build(self.assembly.with_spirals(*self.space.design(x)), progress)
         found, factors = self.rest(model, self.stance, start, progress, iterations, step)
         return DesignPoint(self, x, model, found, self.target.compare(found.pose.centres), factors)
@@ -151,7 +152,7 @@ class InverseProblem:
         iterations: int | None,
         step: np.ndarray | None,
     ) -> tuple[Equilibrium, Factors]:
-        """Return the equilibrium of a model on its supports, sought as in ``at``, and the cache of its factor."""
+        """Return the equilibrium of a model on its supports, and the cache with its factor, see ``at``."""
         if stance is not None:
             start, step = (stance.place_supports(start), None) if step is None else (start, stance.step(start, step))
         factors = self.factors(start)
@@ -176,7 +177,7 @@ class DesignPoint:
 
     @property
     def arms(self) -> ArmModel | None:
-        """The elastic model, if it knows the arms of every joint."""
+        """The elastic model if it is an arm model, else None."""
         return with_arms(self.model)
 
     @property
@@ -185,7 +186,7 @@ class DesignPoint:
         return self.factors.system_of(self.equilibrium, lambda: self.model.expand(self._state).hessian)
 
     def prepare(self, progress: Progress) -> None:
-        """Compute and cache the parts of the gradient, reporting progress: thousands of spirals take a while."""
+        """Compute and cache the parts of the gradient; report progress, because thousands of spirals take seconds."""
         for part in ("terms", "_forces", "system", "gradient"):
             progress(0.0)
             getattr(self, part)
@@ -200,7 +201,7 @@ class DesignPoint:
 
     @cached_property
     def goals(self) -> tuple[Term, ...]:
-        """Terms of the modules in the folder ``goals``."""
+        """Terms from the modules in the folder ``goals``."""
         return goals_of(self)
 
     @cached_property
@@ -209,11 +210,11 @@ class DesignPoint:
         return sum(term.value for term in self.terms) + sum(cost.value for cost in self.costs)
 
     def merit(self, strictness: float, found: Mismatch | None = None, strain: float | None = None) -> float:
-        """Return the objective that compares designs of different problems; smaller is better (see ``StrainLimit.merit``).
+        """Return the objective for ranking designs of different problems, see ``StrainLimit.merit``; smaller is better.
 
-        found, strain : mismatch and largest strain of the same design, simulated; the point's own by default
+        found, strain : mismatch and largest strain of the design in a simulation; the point's own by default
         """
-        # barriers of the flat shapes guide a search and say nothing about its result
+        # leave out the barriers of flat shapes, which only guide the search
         value = (found or self.mismatch).value + sum(c.value for c in InverseProblem.costs(self.problem, self.x))
         value += sum(goal.value for goal in self.goals) + (0.0 if self._closing is None else self._closing.value)
         value = value if self.barrier is None else self.barrier.merit(value)
@@ -223,15 +224,15 @@ class DesignPoint:
         return self.problem.bearing.merit(value, largest, strictness)
 
     def weighed(self, mismatch: float) -> DesignPoint:
-        """Return this point in a search that starts with this mismatch, which sets the weight of excess strain.
+        """Return this point with the weight of excess strain for a search that starts with this mismatch.
 
-        Stability has no weight until ``firmed``, so that it does not decide between starts.
+        The stability barrier has no weight until ``firmed``, so that it does not decide between starts.
         """
         bearing = self.problem.bearing and replace(self.problem.bearing, weight=WEIGHT * mismatch)
         return with_problem(self, replace(self.problem, bearing=bearing, firmness=StabilityRequirement(0.0)))
 
     def firmed(self) -> Self:
-        """Return this point in a stage that starts here and keeps away from snapping."""
+        """Return this point with the stability barrier weighted for a stage that starts here."""
         firmness = StabilityRequirement.from_mismatch(self.mismatch.value)
         return with_problem(self, replace(self.problem, firmness=firmness))
 
@@ -243,7 +244,7 @@ class DesignPoint:
 
     @cached_property
     def distance(self) -> float:
-        """RMS distance of the hubs from the target, in mean distances of neighbours."""
+        """RMS distance of the hubs from the target, in mean distances of neighbouring hubs."""
         return self.problem.target.distance(self.equilibrium.pose)
 
     @property
@@ -272,14 +273,14 @@ class DesignPoint:
 
     @cached_property
     def strains(self) -> Strains | None:
-        """Strains of the arms; None where they do not count."""
+        """Strains of the arms; None without a strain limit or an arm model."""
         if self.problem.bearing is None or self._changes is None:
             return None
         return Strains.from_changes(self.model.assembly, self._changes.constant_curving, self.problem.bearing.material)
 
     @cached_property
     def _modes(self) -> SoftModes | None:
-        """Softest modes that are less stable than required; None if there are none."""
+        """Softest modes with eigenvalues below the required one; None if there are none."""
         asked, found = self.problem.firmness, self.equilibrium
         if asked is None or not found.converged or found.spare >= asked.enough or self.arms is None:
             return None
@@ -289,12 +290,12 @@ class DesignPoint:
 
     @cached_property
     def barrier(self) -> StabilityBarrier | None:
-        """Stability barrier of the equilibrium; None where it is stable enough."""
+        """Stability barrier of the equilibrium; None if it is stable enough."""
         asked, modes = self.problem.firmness, self._modes
         return None if asked is None or modes is None else StabilityBarrier(asked, modes.rises, self._by_modes)
 
     def _by_modes(self) -> tuple[Float[np.ndarray, "k spirals 6"], Float[np.ndarray, "k coordinates"]]:
-        """Return the derivatives of the softest eigenvalues by the hubs, and by the coordinates at fixed hubs."""
+        """Return the derivatives of the softest eigenvalues with respect to hubs, and to coordinates at fixed hubs."""
         modes, changes, pose = self._modes, self._changes, self.equilibrium.pose
         assert modes is not None and changes is not None
         self.problem.work.add(MODE * len(modes.rises), self.problem.assembly.size)
@@ -317,7 +318,7 @@ class DesignPoint:
         return None if self._closing is None else SlotPenalty(self._closing, self._slots_by_x)
 
     def _slots_by_x(self, closing: NarrowSlots) -> csr_array:
-        """Return the derivatives (K, coordinates) of the slots' widths by the coordinates at fixed hubs."""
+        """Return the derivatives (K, coordinates) of the slots' widths with respect to coordinates at fixed hubs."""
         return csr_array(closing.by_design @ self.problem.space.jacobian(self.x))
 
     @cached_property
@@ -326,11 +327,11 @@ class DesignPoint:
 
     @cached_property
     def _forces(self) -> csr_array:
-        """Derivatives (6 n, coordinates) of the hubs' forces by the coordinates."""
+        """Derivatives (6 n, coordinates) of the hubs' forces with respect to the coordinates."""
         return self._forces_by_spirals()
 
     def _forces_by_spirals(self) -> csr_array:
-        """Return the derivatives (6 n, K n) of the hubs' forces by the spirals' coordinates, K a spiral."""
+        """Return the derivatives (6 n, K n) of the hubs' forces with respect to the K coordinates of each spiral."""
         known = self._changes
         self.problem.work.add(CURVED, 0 if known is None else len(known.curving.joints))
         by_design = self.model.gradient_by_design(self._state) if known is None else known.complete.gradient_by_design
@@ -344,30 +345,30 @@ class DesignPoint:
 
     @cached_property
     def _slopes(self) -> Float[np.ndarray, "joints 2 5 _"]:
-        """Derivatives (m, 2, 5, K) of widths and twist by the coordinates, for both spirals of every joint."""
+        """Derivatives (m, 2, 5, K) of widths and twist of a joint's spirals with respect to their K coordinates."""
         return self.problem.space.slopes(self.x)[self.problem.assembly.whole.owners]
 
     def moves(self, change: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
-        """Return the linearised increments (n, 6) of hubs and rim nodes for a change of the coordinates (eq. 8, tangent)."""
+        """Return the linearised increments (n, 6) of hubs and rim nodes for a change of coordinates (jvp, eq. 8)."""
         moves = -self.system.solve((self._forces @ change).reshape(-1, 6))
         return moves if self._support_motion is None else moves + (self._support_motion @ change).reshape(-1, 6)
 
     def adjoint(self, pull: np.ndarray) -> Float[np.ndarray, " coordinates"]:
-        """Return the derivative by the coordinates of a quantity with derivative ``pull`` (n, 6) by the hubs (eq. 8, adjoint)."""
+        """Convert a derivative ``pull`` (n, 6) with respect to hubs to one with respect to coordinates (vjp, eq. 8)."""
         found = -(self._back_forces @ self.system.solve(pull).ravel())
         return found if self._support_motion is None else found + pull.ravel() @ self._support_motion[: pull.size]
 
     @property
     def _support_motion(self) -> csr_array | None:
-        """Derivatives (6 n, coordinates) of the supports' poses by the coordinates; None where these do not move."""
+        """Derivatives (6 n, coordinates) of the supports' poses with respect to the coordinates; None if all are 0."""
         return None
 
     def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> Rows:
-        """Return the derivatives of the strains of some arms, numbered 2 e + side of the joint e."""
+        """Return the derivatives of the strains of some arms; arms : numbers 2 e + side, for the joint e."""
         return self._rows_of_spirals(arms)[1]
 
     def _rows_of_spirals(self, arms: Int[np.ndarray, " k"]) -> tuple[StrainSlopes, Rows]:
-        """Return the derivatives of the strains of some arms by the joints' numbers, and those by hubs and coordinates."""
+        """Return the derivatives of arms' strains, with respect to joint parameters, and to hubs and coordinates."""
         assert self.strains is not None and self._changes is not None
         found, e = replace(self.strains, changes=self._changes.complete).slopes(arms), arms // 2
         problem, whole = self.problem, self.problem.assembly.whole
@@ -377,23 +378,23 @@ class DesignPoint:
 
     @cached_property
     def gradient(self) -> Float[np.ndarray, " coordinates"]:
-        """Gradient of the objective by the coordinates, with one adjoint solve (eq. 10)."""
+        """Gradient of the objective with respect to the coordinates, by one adjoint solve (eq. 10)."""
         return sum((cost.gradient for cost in self.costs), self.back([term.gradient for term in self.terms]))
 
     def gauss_newton(self, change: np.ndarray) -> Float[np.ndarray, " coordinates"]:
-        """Return the product of the objective's Gauss-Newton matrix with a change; takes one tangent and one adjoint solve."""
+        """Return the product of the objective's Gauss-Newton matrix with a change of the coordinates."""
         return self.product(change, self.terms, self.costs)
 
     def product(
         self, change: np.ndarray, terms: Sequence[Term], costs: Sequence[Cost], turn_damping: float = 0.0
     ) -> Float[np.ndarray, " coordinates"]:
-        """Return the Gauss-Newton product of these terms and costs plus half of ``turn_damping`` times the hubs' squared rotations."""
+        """Return the Gauss-Newton product of terms and costs; turn_damping : weight of half the squared rotations."""
         self.problem.work.add(PRODUCT, len(self.problem.assembly.width))
         moves = self.moves(change)
         parts = [turning(turn_damping, moves), *(term.product(moves, change) for term in terms)]
         return sum((cost.product(change) for cost in costs), self.back(parts))
 
     def back(self, parts: list[ScalarChange]) -> Float[np.ndarray, " coordinates"]:
-        """Return the gradient by the coordinates of a sum of parts that depend on hubs and coordinates."""
+        """Return the gradient with respect to the coordinates of a sum of parts that depend on hubs and coordinates."""
         hubs, own = total(parts, self.problem.assembly.whole.size, len(self.x))
         return self.adjoint(hubs) + own

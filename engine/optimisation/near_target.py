@@ -1,4 +1,4 @@
-"""When a piece is so near its target that a search may end."""
+"""Test whether a piece is so near its target that its search may end."""
 
 from __future__ import annotations
 
@@ -6,17 +6,18 @@ from ..materials import OVERSTRAIN_SHARE, STRAIN_MARGIN
 from ..params import OptimiseParams
 from .inverse import DesignPoint
 
-# RMS distance from the target, in percent of its size, at which a search ends. With a sheet 5 % thicker or thinner, or arms 0.05 mm wider
-# or narrower, ten pieces that came nearer are 0.02 to 0.17 % away (docs/tuning.md)
+# RMS distance from the target, in percent of its size, at which a search ends. Usual tolerances of sheets and cuts
+# change it by as much. Larger: shorter searches, farther from the target (docs/tuning.md)
 NEAR_PERCENT = 0.1
-# Largest sum of the objective's terms for slots, strains and stability at which it may end, as a share of half the square of this distance
+# Largest sum of the objective's terms for slots, strains and stability at the end of a search, as a share of the
+# mismatch at ``NEAR_PERCENT``. Larger: ends with more strain or narrower slots
 OTHER_TERMS = 0.1
 
 
 def is_near(point: DesignPoint, params: OptimiseParams) -> bool:
     """Return whether a point is so near its target that a search with these settings ends there.
 
-    A patience above 1 divides the distance. With a patience or a ``stop`` of 0, and with wishes, no distance is near enough.
+    A patience above 1 divides the required distance. Always False with a patience or a ``stop`` of 0, and with wishes.
     """
     target = point.problem.target
     if not params.stop or not params.patience or target.wishes is not None or is_overstrained(point):
@@ -26,7 +27,7 @@ def is_near(point: DesignPoint, params: OptimiseParams) -> bool:
 
 
 def is_overstrained(point: DesignPoint) -> bool:
-    """Return whether the largest strain exceeds the limit so far that users get a message."""
+    """Return whether the largest strain exceeds the limit by so much that the user is warned."""
     bearing, strains = point.problem.bearing, point.strains
     if bearing is None or strains is None:
         return False

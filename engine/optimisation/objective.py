@@ -1,4 +1,8 @@
-"""Mismatch between an equilibrium and the target, with its derivatives by the hubs' centres (FlexMaps section 7, eq. 6 to 10)."""
+"""Mismatch between an equilibrium and the target, and its derivatives with respect to the hubs' centres.
+
+The compared coordinates are Laplacian coordinates, slopes and positions of the centres, each with a weight (FlexMaps
+section 7, eq. 6 to 10). Connected bodies without supports are aligned with the target before the comparison.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +24,9 @@ from .wishes import Wishes
 
 @dataclass(frozen=True, eq=False)
 class FreeBody:
-    """A connected body that nothing holds.
+    """A connected body of the piece without supports.
 
-    hubs : (k,) int, its spirals; rows : rows of ``Target.operator`` about them; places : those of these rows that are positions
+    hubs : (k,) int, its spirals; rows : its rows of ``Target.operator``; places : the subset of ``rows`` with positions
     """
 
     hubs: Int[np.ndarray, " k"]
@@ -34,14 +38,16 @@ class FreeBody:
 class Target:
     """Target of the spirals' centres, and the measure of a mismatch.
 
-    pairs : (m, 2) int, joined spirals; points : (n, 3) metres, the target of every centre
-    lies : 0 compares curvature: Laplacian coordinates (eq. 9); 1 compares positions. Laplacian coordinates hardly see bends longer
-        than about 30 spirals, so a piece may match in all of them and still lie far from the target. Values in between compare
-        slopes too, the differences of neighbours. This is a Sobolev norm: deviations longer than (1 - lies) / lies spirals
-        count by position, shorter ones by curvature
-    supports : (k,) int, spirals that are held; None for none. Every connected body without one may lie anywhere, so it is rotated and
-        shifted onto the target before comparing
-    wishes : further target places of some spirals; urge : weight of their mean square distance, in ``unit``
+    pairs : (m, 2) int, joined spirals; points : (n, 3) metres, target position of every hub's centre
+    lies : weight of position against curvature, 0 to 1. 0 compares only curvature, as Laplacian coordinates (eq. 9),
+        which hardly change with bends longer than about 30 spirals, so a piece with equal ones may be far from the
+        target; 1 compares only positions. Values in between compare slopes (differences of neighbours) too. This is a
+        Sobolev norm: deviations longer than (1 - lies) / lies spirals count by position, shorter deviations by
+        curvature
+    supports : (k,) int, spirals that are held; None for no supports. A connected body without supports may lie
+        anywhere, so it is rotated and shifted onto the target before comparing
+    wishes : target positions that the user sets for some spirals; urge : weight of their mean square distance, in
+        ``unit``
     """
 
     pairs: Int[np.ndarray, "joints 2"]
@@ -71,14 +77,14 @@ class Target:
 
     @cached_property
     def operator(self) -> csr_array:
-        """Matrix (rows, n) from the centres to the compared coordinates, divided by ``unit`` and by the square root of n.
+        """Matrix (rows, n) from the centres to the compared coordinates, over ``unit`` and the square root of n.
 
-        Rows in the order Laplacian coordinates, slopes, positions (each if its weight is not 0), then the spirals with wishes,
-        divided by the square root of their number instead.
+        Its rows are Laplacian coordinates, slopes and positions (each if its weight is not 0), then the positions of
+        spirals with wishes, divided by the square root of their number instead.
         """
         n, m = len(self.points), max(len(self.pairs), 1)
         ends = np.tile([-1.0, 1.0], len(self.pairs)), (np.repeat(np.arange(len(self.pairs)), 2), self.pairs.ravel())
-        slopes = csr_array(ends, shape=(len(self.pairs), n)) * np.sqrt(n / m)  # so that m rows count like n
+        slopes = csr_array(ends, shape=(len(self.pairs), n)) * np.sqrt(n / m)  # so that m rows weigh as much as n
         places = csr_array((np.ones(n), (np.arange(n), np.arange(n))), shape=(n, n))
         parts = zip(self.weights, (uniform_laplacian(self.pairs, n), slopes, places), strict=True)
         compared = vstack([weight * part for weight, part in parts if weight]) / (self.unit * np.sqrt(n))
@@ -96,14 +102,14 @@ class Target:
 
     @cached_property
     def row_of(self) -> Int[np.ndarray, " joints"]:
-        """Spiral that every row of ``operator`` is about; one of both where it compares their difference."""
+        """Number of the spiral that a row of ``operator`` belongs to; for slopes, the first spiral of the pair."""
         n, wished = len(self.points), [] if self.wishes is None else [self.wishes.quads]
         parts = zip(self.weights, (np.arange(n), self.pairs[:, 0], np.arange(n)), strict=True)
         return np.concatenate([*(part for weight, part in parts if weight), *wished])
 
     @cached_property
     def bodies(self) -> list[FreeBody]:
-        """The connected bodies that nothing holds."""
+        """The connected bodies without supports."""
         body_of, n = self.body_of, len(self.points)
         held = set() if self.supports is None else set(body_of[self.supports].tolist())
         end = len(self.row_of) - (0 if self.wishes is None else len(self.wishes.quads))
@@ -116,7 +122,7 @@ class Target:
 
     @property
     def _wish_factor(self) -> float:
-        """Factor on the distance of one spiral from its wished place, per metre."""
+        """Factor on the distance of a spiral from its wished position, per metre."""
         assert self.wishes is not None
         return self.urge / (self.unit * np.sqrt(max(len(self.wishes.quads), 1)))
 
@@ -135,7 +141,7 @@ class Target:
         return found
 
     def centred(self, values: np.ndarray) -> np.ndarray:
-        """Return compared coordinates (rows, 3) with the mean of the positions of every free body subtracted."""
+        """Return compared coordinates (rows, 3) with the positions of every free body relative to their mean."""
         centred = values.copy()
         for body in self.bodies:
             if len(body.places):
@@ -143,13 +149,13 @@ class Target:
         return centred
 
     def laid(self, pose: Pose) -> Pose:
-        """Return a pose with every free body aligned with the target."""
+        """Return a pose with every free body moved rigidly onto the target."""
         for body in self.bodies:
             pose = pose.with_part(body.hubs, pose.part(body.hubs).aligned(self.points[body.hubs]))
         return pose
 
     def distance(self, pose: Pose) -> float:
-        """Return the RMS distance of a pose's centres from the target's, in units of ``unit``."""
+        """Return the RMS distance of a pose's centres from their target positions, in units of ``unit``."""
         return float(np.sqrt(((self.laid(pose).centres - self.points) ** 2).sum(axis=1).mean())) / self.unit
 
     @property
@@ -167,7 +173,7 @@ class Target:
         return Mismatch(self, self.turned(own, turns), turns)
 
     def turned(self, values: np.ndarray, turns: list[np.ndarray]) -> Float[np.ndarray, "joints 3"]:
-        """Return compared coordinates (rows, 3) with the rows of every free body rotated by its matrix in ``turns``."""
+        """Rotate the rows of every free body in compared coordinates (rows, 3) by the body's matrix in ``turns``."""
         turned = values.copy()
         for body, turn in zip(self.bodies, turns, strict=True):
             turned[body.rows] = values[body.rows] @ turn.T
@@ -176,10 +182,10 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class Mismatch:
-    """One comparison with the target; its value is half the sum of the squared residuals.
+    """Mismatch of a pose; its value is half the sum of the squared residuals.
 
-    own : (rows, 3) compared coordinates of the centres, rotated onto the target's
-    turns : rotation (3, 3) of every free body
+    target : what the pose is compared with; own : (rows, 3) compared coordinates of the pose, rotated onto the target
+    turns : this rotation (3, 3) for every free body
     """
 
     target: Target
@@ -188,7 +194,7 @@ class Mismatch:
 
     @property
     def residual(self) -> Float[np.ndarray, "joints 3"]:
-        """Differences (rows, 3) of the compared coordinates, scaled as in ``Target.operator``."""
+        """Differences (rows, 3) between pose and target in the compared coordinates of ``Target.operator``."""
         return self.own - self.target.wanted
 
     @property
@@ -202,14 +208,14 @@ class Mismatch:
 
     @property
     def rmse(self) -> float:
-        """RMSE of the Laplacian coordinates, metres; of the positions where Laplacian coordinates are not compared."""
+        """RMSE of the Laplacian coordinates, metres; RMSE of the positions if only positions are compared."""
         weight = self.target.weights[0] or self.target.weights[2]
         compared = self.residual[: len(self.target.points)]
         return float(np.sqrt((compared**2).sum())) * self.target.unit / weight
 
     @property
     def wished(self) -> float:
-        """RMS distance of the spirals with wishes from their wished places, metres; 0 without wishes."""
+        """RMS distance of the spirals with wishes from their wished positions, metres; 0 without wishes."""
         wishes = self.target.wishes
         if wishes is None:
             return 0.0
@@ -218,12 +224,12 @@ class Mismatch:
 
     @property
     def gradient(self) -> Float[np.ndarray, "spirals 3"]:
-        """Gradient of the value by the centres, per metre; the best rotations add nothing to it (envelope theorem)."""
+        """Gradient of the value with respect to the centres, per metre, at fixed rotations (envelope theorem)."""
         return self.backward(self.residual, project=False)
 
     @cached_property
     def _rotation_bases(self) -> list[np.ndarray]:
-        """Orthonormal bases (3 rows, k) of the residual's changes under small rotations of every free body."""
+        """For every free body, an orthonormal basis (3 rows, k) of the residual's changes under small rotations."""
         bases = []
         for body in self.target.bodies:
             turned = np.stack([np.cross(axis, self.own[body.rows]).ravel() for axis in np.eye(3)], axis=1)
@@ -231,18 +237,21 @@ class Mismatch:
         return bases
 
     def forward(self, shift: np.ndarray) -> Float[np.ndarray, "joints 3"]:
-        """Return the linearised change (rows, 3) of the residual for shifts (n, 3) of the centres, metres; the rotations adjust."""
+        """Return the linearised change (rows, 3) of the residual for shifts (n, 3) of the centres, metres (jvp).
+
+        The rotations of free bodies are adapted.
+        """
         target = self.target
         return self._project_out_rotations(target.turned(target.centred(target.operator @ shift), self.turns))
 
     def backward(self, change: np.ndarray, project: bool = True) -> np.ndarray:
-        """Return the transposed product of ``forward``; if not ``project``, with the rotations held fixed."""
+        """Return the vjp of the residual for a change (rows, 3); without ``project``, at fixed rotations of bodies."""
         kept = self._project_out_rotations(change) if project else change
         back = self.target.turned(kept, [turn.T for turn in self.turns])
         return self.target.back @ self.target.centred(back)
 
     def product(self, shift: Float[np.ndarray, "spirals 3"]) -> Float[np.ndarray, "spirals 3"]:
-        """Return ``backward`` of ``forward``: the product of the Gauss-Newton matrix by the centres."""
+        """Return ``backward(forward(shift))``: the product of the Gauss-Newton matrix with shifts of the centres."""
         found = self.target.back @ (self.target.operator @ shift)
         for body, undone in zip(self.target.bodies, self._undone, strict=True):
             found[body.hubs] -= (undone @ (undone.T @ shift[body.hubs].ravel())).reshape(-1, 3)
@@ -250,7 +259,7 @@ class Mismatch:
 
     @cached_property
     def _undone(self) -> list[np.ndarray]:
-        """Derivatives (3 k, some) by every free body's centres of what centring and ``_project_out_rotations`` take away."""
+        """For every free body, the directions (3 k, some) of its centres that centring and best rotation cancel."""
         found = []
         for body, turn, basis in zip(self.target.bodies, self.turns, self._rotation_bases, strict=True):
             both = np.zeros((len(self.own), 3, 3 + basis.shape[1]))
@@ -263,7 +272,7 @@ class Mismatch:
         return found
 
     def _project_out_rotations(self, change: np.ndarray) -> np.ndarray:
-        """Subtract from a change of the residual the components that small rotations of the free bodies undo."""
+        """Remove from a change (rows, 3) of the residual the components that rotations of free bodies can undo."""
         kept = change.copy()
         for body, basis in zip(self.target.bodies, self._rotation_bases, strict=True):
             flat = change[body.rows].ravel()

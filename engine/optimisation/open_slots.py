@@ -1,6 +1,7 @@
 """Penalty on slots that become too narrow in the assembled shape, with exact derivatives.
 
-Elastic models know no contact: an equilibrium in which arms run through each other is not a shape that the piece can take.
+The elastic models ignore contact, so arms may run through each other at an equilibrium, which the real piece cannot
+take.
 """
 
 from __future__ import annotations
@@ -37,25 +38,23 @@ from ..spirals.curves.lines import N_ARM_PARAMETERS
 from ..spirals.design import SpiralDesign
 from .terms import Rows, ScalarChange, Term
 
-# Share of the smallest flat slot below which a slot in space is penalised; a larger share opens slots earlier. With 0.5 instead, a
-# sphere of 150 spirals ended at 1.03 times the error, and the worst of its closed slots, all between different spirals, overlapped
-# by 0.44 instead of 0.38 mm
+# Width of a slot in space, as a multiple of the smallest flat slot, below which it is penalised. Larger: slots are kept
+# open earlier (docs/tuning.md)
 WIDTH_SHARE = 1.0
-# Weight of the penalty against the mismatch; more opens more slots and matches worse. On that sphere 0.02 to 0.2 change the error by
-# less than 0.1 %, and 4 slots end closed, all between spirals. On a body of 986 spirals with three holes 0.2 gives, for the same
-# work, 1.13 times the error and 2 closed slots instead of 4
+# Weight of the penalty against the mismatch. Larger: more slots stay open, worse match (docs/tuning.md)
 SLOT_WEIGHT = 0.05
-# Width, in smallest flat slots, below which slots are followed along a step: larger values see more slots that a step would close, and cost more
+# Width, in required widths, below which a slot is part of a step's model. Larger: more slots that a step would close
+# are foreseen, more work
 LOOK_AHEAD = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class SlotRequirement:
-    """Required widths of a design's slots in space, and how they are estimated.
+    """Required width of a design's slots in space, and the estimate of their widths.
 
     shapes : geometry of the arms in the flat quads; slots : estimates widths from the motions of the arms' tips
-    width : metres, required width of every slot; params : of the spirals
-    excess : metres by which the estimate of the slot with this outer arm is too large; None if not measured
+    width : metres, required width of every slot; params : settings of the spirals
+    excess : metres, estimate minus exact width of the slot with this outer arm; None before any was measured
     """
 
     shapes: ArmGeometry
@@ -76,7 +75,7 @@ class SlotRequirement:
         return replace(self, shapes=ArmGeometry.from_flat(flat, self.params))
 
     def at(self, model: ArmModel, pose: Pose) -> NarrowSlots:
-        """Return the narrow slots of a model in a pose."""
+        """Return the places of narrow slots of an elastic model in a pose."""
         motions = tip_motions(model.assembly, model.compliance.values, model.at_joint, pose)
         whole, known = model.assembly, np.zeros((len(self.shapes.mate), 6))
         arm, own = 4 * whole.pairs + whole.sides, whole.pairs < whole.spirals
@@ -98,13 +97,13 @@ class SlotRequirement:
         return replace(self, excess=excess)
 
     def _estimated(self, model: ArmModel, known: Float[np.ndarray, "arms 6"]) -> SlotWidths:
-        """Return the places where slots are narrow, from the motions of the tips; ``known`` : 0 for tips at the border."""
+        """Return the places where slots are narrow; ``known`` : motions of the arms' tips, 0 at the border."""
         excess = np.zeros(len(known)) if self.excess is None else self.excess
         found = self.slots.below(LOOK_AHEAD * self.width + excess, self._numbers(model), known)
         return replace(found, values=found.values - excess[found.arms[:, 0]])
 
     def _numbers(self, model: ArmModel) -> Float[np.ndarray, "arms numbers"]:
-        """Return the numbers that describe every arm, in the order of ``blends``."""
+        """Return the parameters of every arm's shape, in the order of ``spirals.curves.blends``."""
         shapes, assembly = self.shapes, model.assembly
         n = assembly.spirals
         width, wind = assembly.width[:n].ravel(), self.sign * np.repeat(assembly.twist[:n], 4)
@@ -128,11 +127,11 @@ class SlotRequirement:
 class NarrowSlots:
     """The K places where slots are narrow, and their penalty.
 
-    The penalty is a third of the cube of the missing share of the required width, as a mean over all slots; beyond a closed slot it
-    continues as the tangent. So it rises smoothly before a slot closes.
+    The penalty is a third of the cube of the missing share of the required width, as a mean over all slots; where arms
+    overlap it continues as its tangent. So it rises smoothly before a slot closes.
 
-    found : widths of the places, with derivatives; model, pose : of the piece
-    joint : (K, 2) int, 2 e + side of the joint e at the tip of both arms, -1 at the border
+    opening : the requirement; found : widths at the places, with derivatives; model, pose : of the piece
+    joint : (K, 2) int, 2 e + side for the joint e at the tip of each arm, -1 at the border
     """
 
     opening: SlotRequirement
@@ -147,7 +146,7 @@ class NarrowSlots:
 
     @cached_property
     def motions(self) -> TipMotions:
-        """Motions of the tips with their derivatives, which are expensive and needed for accepted steps only."""
+        """Motions of the arms' tips with derivatives; expensive, so computed for accepted steps only."""
         known = self.model
         parts = (known.compliance.values, known.compliance_by, known.at_joint)
         return TipMotions.from_assembly(known.assembly, *parts, self.pose)
@@ -172,24 +171,27 @@ class NarrowSlots:
         return self._unit * float((near**3 / 3.0 + missing - near).sum())
 
     def slope(self, missing: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        """Return the derivatives of the penalty by the widths."""
+        """Return the derivatives of the penalty with respect to the widths."""
         return -self._unit / self.opening.width * np.minimum(missing, 1.0) ** 2
 
     def curvature(self, missing: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        """Return the second derivatives by the widths; on the tangent those of a parabola of equal slope, so that steps descend."""
+        """Return the second derivatives of the penalty with respect to the widths.
+
+        Where arms overlap they are those of a parabola of equal slope, so that steps descend.
+        """
         straight = 1.0 / np.maximum(missing, 1.0)
         return self._unit / self.opening.width**2 * np.where(missing < 1.0, 2.0 * missing, straight)
 
     @cached_property
     def by_pose(self) -> csr_array:
-        """Derivatives (K, 6 n) of the widths by the increments of the hubs."""
+        """Derivatives (K, 6 n) of the widths with respect to the increments of the hubs."""
         through = (self._by_motion @ self._at_tips(self.motions.by_pose))[:, :, 0]
         column = 6 * self._of_tips(self.assembly.pairs)[..., None] + np.arange(6)
         return self._rows(through.reshape(*column.shape), column, 6 * self.assembly.size)
 
     @cached_property
     def by_design(self) -> csr_array:
-        """Derivatives (K, 5 n) of the slots' widths by the widths of all arms (spiral by spiral), then by all twists."""
+        """Derivatives (K, 5 n) of the slots' widths with respect to all arm widths, then to all twists."""
         found, mate, count = self.found, self.opening.shapes.mate, self.assembly.spirals
         arms = 4 * count
         flat = self._at_tips(self.motions.by_design.reshape(*self.motions.by_design.shape[:3], 10))
@@ -204,10 +206,12 @@ class NarrowSlots:
         return self._rows(through, column, 5 * count) + self._rows(direct, at, 5 * count)
 
     def by_flat(self, by_geometry: Float[np.ndarray, "joints 12 6"], geometry_by_points: csr_array) -> csr_array:
-        """Return the derivatives (K, 2 P) of the widths by the flat points, at a fixed pose.
+        """Return the derivatives (K, 2 P) of the widths with respect to the flat points, at a fixed pose.
 
-        by_geometry : (m, 12, 6) derivatives of both tips' motions by the rest geometry of their joint
-        geometry_by_points : (6 m, 2 P) derivatives of the rest geometry by the flat points
+        Parameters
+        ----------
+        by_geometry : (m, 12, 6) derivatives of both tips' motions with respect to the rest geometry of their joint
+        geometry_by_points : (6 m, 2 P) derivatives of the rest geometry with respect to the flat points
         """
         tips, joint = by_geometry.reshape(-1, 6, 6), self.joint
         through = (self._by_motion @ np.where((joint >= 0)[..., None, None], tips[joint], 0.0))[:, :, 0]
@@ -221,20 +225,20 @@ class NarrowSlots:
 
     @property
     def _by_motion(self) -> Float[np.ndarray, "k 2 1 6"]:
-        """Derivatives of the widths by the motions of both tips."""
+        """Derivatives of the widths with respect to the motions of both tips."""
         return self.found.slopes[0][:, :, None]
 
     def _at_tips(self, values: np.ndarray) -> np.ndarray:
-        """Return values (m, 2, ...) of both tips of every joint as (K, 2, ...) at the arms of the places; 0 at the border."""
+        """Pick values (K, 2, ...) for both arms of every place from values (m, 2, ...) per joint; 0 at the border."""
         chosen = values.reshape(-1, *values.shape[2:])[self.joint]
         return np.where((self.joint >= 0)[(..., *(None,) * (chosen.ndim - 2))], chosen, 0.0)
 
     def _of_tips(self, pairs: Int[np.ndarray, "joints 2"]) -> Int[np.ndarray, "k 2 2"]:
-        """Return the entries of ``pairs`` (both sides of a joint) at the joints of both arms of every place."""
+        """Return the rows of ``pairs`` for the joints at the tips of both arms of every place."""
         return pairs[np.maximum(self.joint, 0) // 2]
 
     def _rows(self, values: np.ndarray, column: np.ndarray, columns: int) -> csr_array:
-        """Return a sparse matrix with a row for every place, from values and column numbers (K, ...)."""
+        """Return a sparse matrix with one row per place, from values and their column numbers, both (K, ...)."""
         count = len(self.found.values)
         row = np.broadcast_to(np.arange(count).reshape(-1, *(1,) * (values.ndim - 1)), values.shape)
         return coo_array((values.ravel(), (row.ravel(), column.ravel())), shape=(count, columns)).tocsr()
@@ -244,8 +248,9 @@ class NarrowSlots:
 class SlotPenalty(Term):
     """Penalty on narrow slots, as a term of the objective.
 
-    slopes : computes the derivatives (K, coordinates) of the widths by the coordinates at fixed hubs
-    widths : (K,) metres after a step; None for those of ``closing``
+    closing : the narrow slots at the equilibrium
+    slopes : computes the derivatives (K, coordinates) of their widths with respect to the coordinates at fixed hubs
+    widths : (K,) metres, widths after a step; None at the equilibrium itself
     """
 
     closing: NarrowSlots
@@ -254,7 +259,7 @@ class SlotPenalty(Term):
 
     @cached_property
     def by_x(self) -> csr_array:
-        """Derivatives (K, coordinates) of the widths by the coordinates at fixed hubs."""
+        """Derivatives (K, coordinates) of the widths with respect to the coordinates at fixed hubs."""
         return self.slopes(self.closing)
 
     @property
@@ -280,7 +285,7 @@ class SlotPenalty(Term):
 
     @cached_property
     def _curved(self) -> tuple[Float[np.ndarray, " k"], Rows]:
-        """Second derivatives of the penalty by the widths, where they are not 0, and the Jacobian of these widths."""
+        """Second derivatives of the penalty that are not 0, and the Jacobian of the widths that they belong to."""
         return Rows(self.closing.by_pose, self.by_x).curved(self.closing.curvature(self.missing))
 
     def ahead(self, moves: np.ndarray, change: np.ndarray) -> SlotPenalty:

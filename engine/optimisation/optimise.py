@@ -47,17 +47,16 @@ ENDS = {
     "nothing": "No better design was found; the design is unchanged.",
     "snapping": "The piece is about to snap, and no step that keeps its shape brings it nearer. Hold the spirals that move with supports.",
 }
-OPENING_SLOTS = "Opening slots"  # shown with the progress
-# shares of the loads that are applied one after the other if the full loads lead to no equilibrium
+OPENING_SLOTS = "Opening slots"  # text of the progress
+# shares of the full loads that are applied one after the other if the full loads lead to no equilibrium
 LOAD_SHARES = (0.1, 0.3, 0.6, 1.0)
-MAX_PROOFS = 3  # largest number of designs that are proved, the best first, until one keeps its shape; each takes time
-# Largest ratio of the best start's mismatch to the smallest mismatch. Ranking by the objective alone, which also counts closing slots and
-# strain, led a vessel of two walls into a collapsed shape; by the mismatch alone, it made results of two other surfaces worse by a third
+MAX_PROOFS = 3  # largest number of designs to prove fabricable until one keeps its merit; more: slower, better results
+# Largest mismatch of the best start over the smallest mismatch of all starts; 1 ranks starts by the mismatch, infinity
+# by the objective (docs/tuning.md)
 START_RATIO = 1.5
-# Largest RMS difference of the free coordinates, in [0, 1], between starts that count as equal. Larger: fewer starts, less time
+# Largest RMS difference of the free coordinates, in [0, 1], between starts that count as equal. Larger: fewer starts
 SAME_START = 0.1
-# Relative decrease of the merit that counts as better than the given design; equilibria of equal designs differ by 1e-8 or less
-SAME_MERIT = 1e-6
+SAME_MERIT = 1e-6  # relative decrease of the merit that counts as better; equal designs differ by 1e-8 or less
 RESULT_TOL = 0.02  # relative difference of merits up to which two designs count as equally good
 
 
@@ -67,8 +66,8 @@ class Optimisation:
 
     before, after : the given design and the best design, simulated
     trace : seconds, objective and RMSE of every accepted step; counts of rejected and unstable steps
-    start : "curvature", "uniform" or "given"; "stiff" or "soft" if those have no equilibrium
-    point : the result's point of the search; ended : reason for the end, a key of ``ENDS``
+    start : best start: "given", "curvature", "uniform", or "stiff" or "soft" if the others have no equilibrium
+    point : point of the search for ``after``; ended : reason for the end, a key of ``ENDS``
     """
 
     before: Simulation
@@ -80,18 +79,18 @@ class Optimisation:
 
     @property
     def at_bound(self) -> Int[np.ndarray, "quads _"]:
-        """Coordinates (F, groups of arms + 1) at a bound: -1 at the lower, 1 at the upper, 0 in between."""
+        """For each coordinate (F, groups of arms + 1): -1 at its lower bound, 1 at its upper bound, 0 in between."""
         x = self.point.problem.space.by_spiral(self.point.x)
         return np.where(x <= 0.0, -1, np.where(x >= 1.0, 1, 0))
 
     @property
     def gradient(self) -> Float[np.ndarray, "quads _"]:
-        """Gradient (F, groups of arms + 1) of the objective by the coordinates; not 0 where a bound limits the match."""
+        """Gradient (F, groups of arms + 1) of the objective; not 0 where a bound limits the match."""
         return self.point.problem.space.by_spiral(self.point.gradient)
 
     @property
     def finished(self) -> bool:
-        """Whether the search ended by itself, not by a cancel."""
+        """Whether the search ended without a cancel by the user."""
         return self.ended != CANCELLED
 
     @cached_property
@@ -160,18 +159,18 @@ def optimise(
     wishes: Wishes | None = None,
     progress: Progress = SILENT,
 ) -> Optimisation:
-    """Improve a design, or one of ``find_starts``, until the match or the time limit is reached; the result is never worse than ``design``.
+    """Search for spirals that match the target, from the best start; the result is not worse than ``design``.
 
     Parameters
     ----------
-    target, material, supports, force : as in ``simulate``; params, physics : settings of the search, and of its equilibria
-    prove : mend outlines that touch, and simulate the result; False saves a fifth of a short search, and serves comparisons
-    constraints : spirals that must be kept, straight or as wide as possible; wishes : further target places of some spirals
+    design, target, material, supports, force : as in ``simulate``; params, physics : settings of search and equilibria
+    prove : mend touching outlines and simulate the result; False saves a fifth of a short search, for comparisons
+    constraints : spirals that stay unchanged, straight or wide; wishes : target positions of some spirals
     progress : shows an ``OptimisationStep`` after every step; after a cancel the best design so far is returned
 
     Raises
     ------
-    FlexMapsError : no start has an equilibrium, or the arguments do not fit each other; Cancelled : there is no design yet
+    FlexMapsError : no start has an equilibrium, or arguments do not fit together; Cancelled : before the first design
     """
     _check(design, target, constraints, wishes)
     progress, work = progress.rising(), Work.for_spirals(len(design.width), params.patience)
@@ -182,7 +181,7 @@ def optimise(
     names = _rank_starts(points, _distance_limit(points.get("given"), problem))
     starts = {name: points[name].weighed(points[names[0]].mismatch.value) for name in names}
     start = starts[names[0]]
-    given = starts.get("given", start)  # always within the allowed distance
+    given = starts.get("given", start)  # the given design is always within the allowed distance
     pose = given.equilibrium.pose
     rests_elsewhere = before and poses_differ(before.equilibrium.pose, pose, before.assembly.pairs, before.loads)
     if before is None or rests_elsewhere:
@@ -209,9 +208,9 @@ def optimise(
 
 
 def _shown_at_rest(task: Task, design: SpiralDesign, progress: Progress) -> Simulation | None:
-    """Simulate the given design, and show it; None without an equilibrium.
+    """Simulate the given design and show it; return None without an equilibrium.
 
-    This comes first, because people see it, and at the end a user who cancels would have to wait for it.
+    This is done first, so that a user who cancels later need not wait for it.
     """
     pose, within = target_pose(task.target, design.flat.corners), progress.at(0.0, "Starting shapes")
     found = task.simulated(design, pose, within)
@@ -222,7 +221,7 @@ def _shown_at_rest(task: Task, design: SpiralDesign, progress: Progress) -> Simu
 
 
 def _better(found: SimulatedResult | None, given: SimulatedResult, trace: SearchRecord) -> SimulatedResult:
-    """Return the result of the search if it is better than the given design, else the given design, and note so in ``trace.ended``."""
+    """Return the better of the search's result and the given design; set ``trace.ended`` if the given one stays."""
     strictness = LOOSE if trace.ended == CANCELLED else LENIENT
     if found is None or not found.merit(strictness) < (1.0 - SAME_MERIT) * given.merit(strictness):
         trace.ended = trace.ended if trace.ended in (CANCELLED, REACHED) else "nothing"
@@ -231,8 +230,8 @@ def _better(found: SimulatedResult | None, given: SimulatedResult, trace: Search
 
 
 def _with_other_rests(simulation: Simulation, physics: SimulateParams, progress: Progress) -> Simulation:
-    """Return a simulation with the other shapes in which the piece may rest; without them where the user cancels."""
-    unseen = replace(progress, shown=None)  # the view of an optimisation expects designs, and would get poses
+    """Add the other stable shapes of the piece to a simulation; return it unchanged if the user cancels."""
+    unseen = replace(progress, shown=None)  # shows poses, which the view of an optimisation cannot draw
     try:
         return find_other_rests(simulation, physics, unseen)
     except Cancelled:
@@ -240,7 +239,7 @@ def _with_other_rests(simulation: Simulation, physics: SimulateParams, progress:
 
 
 def _check(design: SpiralDesign, target: QuadMesh, constraints: Constraints, wishes: Wishes | None) -> None:
-    """Raise FlexMapsError where the arguments do not fit each other."""
+    """Raise FlexMapsError if arguments do not fit together."""
     if len(target.quads) != len(design.width):
         raise FlexMapsError(
             f"The target has {len(target.quads)} quads and the design {len(design.width)} spirals; lay out the panels again"
@@ -252,14 +251,14 @@ def _check(design: SpiralDesign, target: QuadMesh, constraints: Constraints, wis
 
 
 def _distance_limit(given: DesignPoint | None, problem: InverseProblem) -> float:
-    """Return the largest allowed RMS distance of a result from the target, in distances of neighbours; infinite without a given design."""
+    """Return the largest allowed RMS distance from the target, in distances of neighbours; inf without ``given``."""
     return np.inf if given is None else max(FARTHER * given.distance, ALWAYS_ALLOWED_DISTANCE) + problem.target.reach
 
 
 def _rank_starts(points: dict[str, DesignPoint], farthest: float) -> list[str]:
     """Return the names of the starts within the allowed distance, the best first.
 
-    The best has the smallest objective among the starts that match nearly as well as the best matching one.
+    Starts are ranked by the objective; starts with more than ``START_RATIO`` times the smallest mismatch come last.
     """
     sound = {name: point for name, point in points.items() if point.distance <= farthest}
     limit = START_RATIO * min(point.mismatch.value for point in sound.values())
@@ -267,13 +266,13 @@ def _rank_starts(points: dict[str, DesignPoint], farthest: float) -> list[str]:
 
 
 def _continue_and_prove(search: Search, progress: Progress) -> SimulatedResult | None:
-    """Return the best proved design, after going on with springs where the search ended far from its target."""
+    """Continue with springs if the search ended far from its target; then return the best design, proved fabricable."""
     continue_far(search, search.task.work.pace(progress.part(0.12, 0.9)))
     return _prove_best(search, progress.part(0.9, 1.0))
 
 
 def _prove_best(search: Search, progress: Progress) -> SimulatedResult | None:
-    """Return the best design after proving it, which mends outlines that touch; None if no design can be cut."""
+    """Return the best design after mending its touching outlines and opening its slots; None if none can be cut."""
     found: list[SimulatedResult] = []
     strictness = _strictness(search)
     for held in _drop_similar(search.held, strictness)[:MAX_PROOFS]:
@@ -292,19 +291,19 @@ def _prove_best(search: Search, progress: Progress) -> SimulatedResult | None:
 
 
 def _best_unproved(search: Search) -> SimulatedResult | None:
-    """Return the best design of the search without a proof; None if the best has no equilibrium near the target."""
+    """Return the best design, not proved fabricable; None if it has no equilibrium near the target."""
     best = min(search.held, key=lambda one: one.merit(_strictness(search)))
     rested = search.task.rested(best.design, best.point) if best.sound else None
     return None if rested is None else SimulatedResult(rested, best.point, search.farthest)
 
 
 def _strictness(search: Search) -> float:
-    """Return the penalty on excess strain when ranking results; lenient if no time was left to reduce it, as the next run goes on from there."""
+    """Return the penalty on excess strain when ranking results: lenient if no time was left to reduce strains."""
     return LENIENT if search.task.work.late else STRICT
 
 
 def _drop_similar(held: list[StageResult], strictness: float) -> list[StageResult]:
-    """Sort designs, the best first, and drop those with nearly the merit of a better one: they would fail the same proof."""
+    """Sort designs, the best first; drop designs with nearly the merit of a better one, which are likely similar."""
     unlike: list[StageResult] = []
     for one in sorted(held, key=lambda one: one.merit(strictness)):
         if not unlike or one.merit(strictness) > (1.0 + RESULT_TOL) * unlike[-1].merit(strictness):
@@ -313,9 +312,9 @@ def _drop_similar(held: list[StageResult], strictness: float) -> list[StageResul
 
 
 def _best_so_far(search: Search, point: DesignPoint, design: SpiralDesign) -> SimulatedResult:
-    """Return the better of the latest design and the best stored one, with as little computation as possible after a cancel.
+    """Return the better of the latest point and the best stage result, quickly, because the user has cancelled.
 
-    Known equilibria are used again, and the latest point is not made a design if a stored design is as good.
+    Equilibria are reused, and the latest point is not made fabricable if the best stage result is as good.
     """
     task, found = search.task, list[SimulatedResult]()
     if search.held and search.best.value < np.inf:
@@ -334,15 +333,14 @@ def find_starts(
 ) -> dict[str, DesignPoint]:
     """Return the starts that have an equilibrium, by name.
 
-    They are the given design and, if ``params.restart`` is set and nothing is painted, curvature-adjusted and uniform spirals where these
-    differ from the given ones. If none has an equilibrium, the first with one under loads that grow in parts, stiff and soft spirals included.
-
-    All are sought from the target's pose, because the pose in which the given design was simulated can lead to another equilibrium:
-    from there a search on a head of 472 quads ended 1.15 % from its target in place of 0.85.
+    They are the given design and, if ``params.restart`` is set and nothing is painted, curvature-adjusted and uniform
+    spirals unless these equal the given ones. If none has an equilibrium, return the first of these, stiff and soft
+    spirals that has an equilibrium when the loads are applied in parts. Equilibria are sought from the target's pose,
+    because the simulated pose of the given design can lead to an equilibrium farther from the target (docs/tuning.md).
 
     Raises
     ------
-    FlexMapsError : there is none
+    FlexMapsError : no start has an equilibrium
     """
     space, pose = problem.space, target_pose(target, design.flat.corners)
     places = {"given": space.coordinates(design.width, design.twist)}
@@ -377,7 +375,7 @@ def find_starts(
 def _make_fabricable(
     problem: InverseProblem, design: SpiralDesign, x: np.ndarray, progress: Progress
 ) -> tuple[InverseProblem, Float[np.ndarray, " coordinates"]]:
-    """Return the problem with a space that contains the nearest design that can be cut, and that design's coordinates."""
+    """Return coordinates of a design near x that can be cut, and the problem with a space that contains this design."""
     problem.work.add(FIT, problem.assembly.size)
     wanted, free = problem.space.design(x), problem.space.free
     made = make_fabricable(design.flat, design.params, *wanted, prove=False, free=free, progress=progress)
@@ -386,7 +384,7 @@ def _make_fabricable(
 
 
 def _load_in_parts(problem: InverseProblem, x: np.ndarray, pose: Pose, progress: Progress) -> DesignPoint:
-    """Return the point at coordinates x, its loads applied in parts."""
+    """Return the point at coordinates x; apply the loads in parts, from one equilibrium to the next."""
     shares = LOAD_SHARES if problem.loads.force.any() else LOAD_SHARES[-1:]
     for share in shares:
         part = replace(problem, loads=replace(problem.loads, force=share * problem.loads.force))

@@ -1,7 +1,4 @@
-"""The optimiser: Gauss-Newton in a box.
-
-It takes a problem and a converged starting point, calls ``accepted`` with every better point, and returns the best.
-"""
+"""The optimiser: damped Gauss-Newton steps within a box of coordinates."""
 
 from __future__ import annotations
 
@@ -23,18 +20,21 @@ from .inverse import DesignPoint, InverseProblem
 from .near_target import is_near
 from .scaling import CurvatureEstimate
 
-# Radians, largest rotation of a hub between an equilibrium and the predicted start of the next; predictions are shortened to it, and
-# refused beyond four times as much
+# Radians, largest predicted rotation of a hub in a step: larger predictions are scaled down to it, and refused beyond
+# four times as much. Larger: longer steps, more lost equilibria
 MAX_TURN = 0.3
 CANCELLED = "stopped"  # ``SearchRecord.ended`` of a cancelled search
-# RMS length of a stage's first step along the gradient, in coordinates scaled to [0, 1], and that of a piece less stable than required.
-# Larger: fewer steps from a near start, but more lost equilibria of pieces that are about to snap (docs/tuning.md)
+# RMS length of a stage's first step along the gradient, in coordinates scaled to [0, 1], for stable pieces and for
+# pieces less stable than required. Larger: fewer steps, more lost equilibria of pieces about to snap (docs/tuning.md)
 FIRST_STEP, FIRST_STEP_NEAR_SNAP = 3.0, 0.3
-# After a lost equilibrium rotations are damped so that those of the lost step cost this multiple of its predicted decrease. Larger: shorter steps
+# After a step that leads to no equilibrium, rotations are damped so that the rotations of this step would cost this
+# multiple of its predicted decrease. Larger: shorter steps, fewer lost equilibria (docs/tuning.md)
 GENTLE_COST = 1.5
-MAX_JUMP = 0.5  # distance of a hub from its predicted place, in distances of neighbours, beyond which the piece counts as snapped
-# Newton iterations after which an equilibrium is given up: a piece that snaps takes many. Of 400 accepted steps from predicted poses, on
-# 8 surfaces, none took more than 8; those given up took up to half of the time. The first number is for starts without a prediction
+# Distance of a hub from its predicted place, in distances of neighbouring hubs, beyond which the piece may have
+# snapped. Larger: more snaps go unnoticed; smaller: good steps are refused
+MAX_JUMP = 0.5
+# Newton iterations after which an equilibrium is given up, from a start without and with a prediction. Larger: more
+# time for pieces that snap (docs/tuning.md)
 MAX_NEWTON_ITERATIONS, PREDICTED_ITERATIONS = 30, 12
 
 
@@ -44,9 +44,9 @@ class SearchRecord:
 
     began : time of the start, seconds; rows : seconds, objective and RMSE (metres) of every accepted point
     evaluations : number of trial points; rejected : number of steps refused because the objective rose
-    unstable : number of steps refused because there was no equilibrium, or only one beyond a snap
-    ended : reason for the end of the last stage, a word of ``newton`` or ``CANCELLED``
-    bending, damping : curvature estimates and damping by the number of coordinates, which later stages start from
+    unstable : number of steps refused because no equilibrium was found, or the piece would have snapped
+    ended : reason for the end of the last stage, at last of the search, a key of ``optimise.ENDS``
+    bending, damping : last curvature estimate and damping, by number of coordinates; later stages start from these
     """
 
     began: float = field(default_factory=time.perf_counter)
@@ -79,9 +79,21 @@ def gauss_newton(
     accepted: Accepted,
     progress: Progress = SILENT,
 ) -> DesignPoint:
-    """Take damped Gauss-Newton steps in the box, each solved by conjugate gradients on the equilibrium's Cholesky factor.
+    """Take damped Gauss-Newton steps, each solved by conjugate gradients on the equilibrium's Cholesky factor.
 
-    The next equilibrium is sought from the pose that the tangent predicts; if none is found, rotations are damped more.
+    The next equilibrium is sought from the linearly predicted pose; if none is found, rotations are damped more.
+
+    Parameters
+    ----------
+    problem, start : the inverse problem, and a point of it with a converged equilibrium
+    params : settings of the search
+    trace : record of the search, to which steps are added
+    accepted : called with every better point
+    progress : reports progress and raises Cancelled
+
+    Returns
+    -------
+    The best point.
     """
     search = _GaussNewtonProblem(params, trace, accepted, progress, start, trace.bending_of(len(start.x)))
     trace.ended = TIME if problem.work.over else ITERATIONS
@@ -98,7 +110,11 @@ def gauss_newton(
 
 @dataclass(frozen=True, eq=False)
 class _Proposal:
-    """A step of the coordinates; moves : (n, 6) linearised increments of the hubs; gain : predicted decrease of the objective."""
+    """A proposed step.
+
+    step : of the coordinates; moves : (n, 6) linearised increments of the hubs; gain : predicted decrease of the
+        objective
+    """
 
     step: Float[np.ndarray, " coordinates"]
     moves: np.ndarray
@@ -110,7 +126,7 @@ class _GaussNewtonProblem:
     """The objective as a function of points, for ``newton.minimise`` (a ``newton.DampedProblem``).
 
     note : called with every better point; best : the best point so far; bending : estimate of the objective's curvature
-    step_number : number of accepted steps; before : ``_depending_on_shape`` where the present step begins
+    step_number : number of accepted steps; before : value of ``_depending_on_shape`` before the present step
     """
 
     params: OptimiseParams
@@ -127,12 +143,12 @@ class _GaussNewtonProblem:
         return self.best.problem.work.over
 
     def within(self, point: DesignPoint) -> Progress:
-        """Return the progress at the present step, which shows the number of steps of the whole search and the point's distance."""
+        """Return the progress of the present step; its text has the number of steps so far and the point's distance."""
         done = self.step_number / self.params.iterations
         return self.progress.at(done, f"Step {len(self.trace.rows)}, {1e3 * point.metres_away:.3g} mm from the target")
 
     def watch(self, point: DesignPoint, history: list[Iteration]) -> None:
-        pass  # the progress of every equilibrium already raises Cancelled
+        pass  # solving every equilibrium raises Cancelled already
 
     def expand(self, point: DesignPoint) -> Local:
         within, point = self.within(point), point.reweighted() if isinstance(point, FlatPoint) else point
@@ -149,7 +165,7 @@ class _GaussNewtonProblem:
         return is_near(point, self.params)
 
     def proposed(self, here: Local, damping: float, following: float) -> _Proposal | None:
-        """Return a step that nearly minimises the damped model; None after the time limit."""
+        """Return a step that nearly minimises the damped model; None if the search must end."""
         point: DesignPoint = here.own
         within = self.within(point)
 
@@ -163,12 +179,12 @@ class _GaussNewtonProblem:
 
     def shortened(self, here: Local, proposal: _Proposal, share: float) -> _Proposal:
         point: DesignPoint = here.own
-        # a predicted decrease leaves damping out, and no step is solved for
+        # damping and units are not needed: the predicted decrease leaves damping out, and no step is solved for
         model = CompositeModel(point, 0.0, 0.0, np.ones_like(point.x), lambda: None)
         return self._proposal(model, share * proposal.step)
 
     def _proposal(self, model: CompositeModel, step: np.ndarray) -> _Proposal:
-        """Return a step, changed where gaps would close, and its predicted decrease."""
+        """Return the proposal of a step, which is changed where gaps would close."""
         point = model.point
         step = point.problem.within(np.clip(point.x + step, 0.0, 1.0), point) - point.x
         if not np.abs(step).max() > NEGLIGIBLE:
@@ -180,7 +196,7 @@ class _GaussNewtonProblem:
         return _take_step(here.own, proposal.step, proposal.moves, self.trace, self.within(here.own))
 
     def gentle(self, proposal: _Proposal) -> float:
-        """Return a damping of rotations by which the proposed ones cost ``GENTLE_COST`` times the predicted decrease."""
+        """Return the damping with which the proposed rotations cost ``GENTLE_COST`` times the predicted decrease."""
         squares = float((proposal.moves[:, 3:] ** 2).sum())
         return 2.0 * GENTLE_COST * proposal.gain / max(squares, NEGLIGIBLE**2)
 
@@ -197,14 +213,17 @@ class _GaussNewtonProblem:
 
 
 def _depending_on_shape(point: DesignPoint) -> float:
-    """Return the part of the objective that depends on the equilibrium: barriers of flat shapes are weighed anew at every step."""
+    """Return the objective without its costs, such as barriers of flat shapes, whose weight changes at every step."""
     return sum(term.value for term in point.terms)
 
 
 def _take_step(
     here: DesignPoint, step: np.ndarray, moves: np.ndarray, trace: SearchRecord, progress: Progress
 ) -> DesignPoint | None:
-    """Return the point after a step; None if there is no sufficiently stable equilibrium near the pose that the tangent predicts."""
+    """Return the point after a step; None without a stable equilibrium near the linearly predicted pose.
+
+    step, moves : as in ``_Proposal``
+    """
     trace.evaluations += 1
     turn = np.linalg.norm(moves[:, 3:], axis=1).max()
     if turn > 4.0 * MAX_TURN:
@@ -222,14 +241,15 @@ def _take_step(
 
 
 def _is_better(there: DesignPoint, here: DesignPoint) -> bool:
-    """Return whether a point beyond a snap is worth taking: lower in the objective and nearer to the target."""
+    """Return whether a point after a snap is an improvement: lower objective and nearer to the target."""
     return there.value < here.value and there.distance < here.distance
 
 
 def has_jumped(here: DesignPoint, there: DesignPoint, moves: Float[np.ndarray, "spirals 6"]) -> bool:
-    """Return whether the equilibrium ``there`` lies beyond a snap, away from the pose that the increments ``moves`` predict.
+    """Return whether the piece has snapped: the equilibrium ``there`` is far from the pose predicted by ``moves``.
 
-    The error of the linear prediction is a fraction of the predicted shift; another equilibrium is at least about a spiral's width away.
+    The error of the linear prediction is a fraction of the predicted shift; after a snap a hub is off by about a
+    spiral's size or more.
     """
     target, pose = there.problem.target, here.equilibrium.pose
     predicted = pose.moved(moves)

@@ -1,4 +1,4 @@
-"""Other weights of a point's problem, which keep what was computed and does not depend on them."""
+"""Copy a design point for other weights of the objective, with all cached values that the weights do not affect."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ STATE_DEPENDENT = ("_state", "_changes", "strains", "_modes")
 
 
 def with_problem(point: Point, problem: Any, **changes: Any) -> Point:
-    """Return a point in another problem, with all cached values that are equal there.
+    """Return a point in another problem, with all cached values that stay valid there.
 
     Parameters
     ----------
@@ -33,12 +33,12 @@ def with_problem(point: Point, problem: Any, **changes: Any) -> Point:
 
 
 def copy_state(source: Any, point: Any) -> None:
-    """Store in a point what was computed for another one of the same model, equilibrium and required stability.
+    """Copy cached values to a new point from a point with the same model, equilibrium and required stability.
 
     Parameters
     ----------
-    source : a ``DesignPoint``
-    point : a new one
+    source : a ``DesignPoint``, with cached values
+    point : the new ``DesignPoint``, which gets them
     """
     point.__dict__.update({name: source.__dict__[name] for name in STATE_DEPENDENT if name in source.__dict__})
 

@@ -14,27 +14,30 @@ from scipy.sparse import coo_array, csr_array
 from ..arrays import Bool, Float
 from ..linalg import Pattern, SparseCholesky
 
-# Added to the diagonal of the Gram matrix of unit rows: the four slots of a regular quad have the same row, which makes it singular
+# Tikhonov term added to the unit diagonal of the Gram matrix, which is singular where slots have equal gradients, as
+# the four of a regular quad. Larger: less accurate projections
 RIDGE = 1e-6
-DENSE = 250  # rows up to which the Gram matrix is factored dense, which is quicker there
-# Bounds of the length of a spectral gradient step, largest number of steps of a projection and of halvings of one of them. Wider bounds and
-# more steps: more accurate projections where many gaps are nearly alike, and longer ones (docs/tuning.md)
+DENSE = 250  # largest number of rows for which the Gram matrix is factored as a dense matrix, which is quicker there
+# Projection: range of the spectral step length, largest number of steps, and of halvings of a step. A wider range and
+# more steps are more accurate where many gaps have nearly equal gradients, and slower (docs/tuning.md)
 LENGTHS, MAX_STEPS, MAX_HALVINGS = (1e-3, 100.0), 1000, 20
-# values of the dual function, below the largest of which a step must end (Grippo, Lampariello and Lucidi 1986); more allow longer steps
+# Number of recent values of the dual function; a step must end below the largest of them (Grippo, Lampariello and
+# Lucidi 1986). More values allow longer steps
 RECENT = 10
 ARMIJO = 1e-4  # smallest share of the predicted decrease that a step must bring (Nocedal and Wright, section 3.1)
-# Largest violation of a clearance after a projection, as a share of the longest coordinate of the projected step. With 1e-3 projections take
-# half as long, but points lie up to 0.014 from those of a solver of quadratic programmes, for coordinates in [0, 1]
+# Largest violation of a clearance after a projection, as a share of the largest coordinate of the projected step.
+# Larger: quicker, less accurate projections (docs/tuning.md)
 PRECISION = 3e-4
-# Share of the longest coordinate of a step below which a projected step counts as 0, as closed gaps block it. Larger: less accurate small steps
+# Lower bound of the length that ``PRECISION`` refers to, as a share of the largest coordinate of the step before its
+# projection: closed gaps may reduce a step to almost 0. Larger: less accurate short steps
 BLOCKED = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class LinearClearances:
-    """Clearances of the gaps near a design, linearised, each scaled so that its gradient has unit length.
+    """Linearised clearances of gaps near a design, each divided by the norm of its gradient.
 
-    room : clearances, in units of the coordinates; slope : (rows, coordinates) their derivatives
+    room : clearances, in units of the coordinates; slope : (rows, coordinates) their gradients, of unit length
     """
 
     room: Float[np.ndarray, " rows"]
@@ -42,7 +45,7 @@ class LinearClearances:
 
     @classmethod
     def from_clearances(cls, value: Float[np.ndarray, " rows"], slope: csr_array) -> LinearClearances:
-        """Normalise clearances and their derivatives, given in any unit; leave out gaps that no coordinate changes."""
+        """Normalise clearances and their gradients, in any unit; leave out gaps that no coordinate changes."""
         length = _lengths(slope)
         kept = length > 0.0
         if not kept.all():
@@ -51,7 +54,7 @@ class LinearClearances:
 
     @classmethod
     def none(cls, size: int) -> LinearClearances:
-        """Return no clearances, for ``size`` coordinates."""
+        """Return an empty set of clearances, for ``size`` coordinates."""
         return cls(np.zeros(0), csr_array((0, size)))
 
     def in_units(self, units: Float[np.ndarray, " coordinates"]) -> LinearClearances:
@@ -80,7 +83,10 @@ def _scale_rows(rows: csr_array, factor: np.ndarray) -> csr_array:
 
 
 class Projection:
-    """Orthogonal projection onto the null space of ``rows``, and their least-norm solution, both with a Tikhonov term ``soft``."""
+    """Projection onto the null space of the matrix ``rows``, and least-norm solutions with it.
+
+    soft : Tikhonov term of both, added to the Gram matrix of the normalised rows
+    """
 
     def __init__(self, rows: csr_array, soft: float = RIDGE):
         length = _lengths(rows)
@@ -90,11 +96,11 @@ class Projection:
         self._solve = _make_solver(self._rows @ self._back, soft)
 
     def along(self, way: np.ndarray) -> np.ndarray:
-        """Return the component of ``way`` that leaves the values of the rows unchanged."""
+        """Return the component of the vector ``way`` in the null space of the rows."""
         return way - self._back @ self._solve(self._rows @ way)
 
     def least(self, change: Float[np.ndarray, " rows"]) -> np.ndarray:
-        """Return the shortest vector that changes the values of the rows by ``change``."""
+        """Return the shortest vector v with rows @ v = ``change``."""
         return self._back @ self._solve(change / self._length)
 
 
@@ -116,16 +122,17 @@ def _make_solver(square: csr_array, soft: float) -> Callable[[np.ndarray], np.nd
 
 
 class Nearest(NamedTuple):
-    """The point of a polytope nearest to another one; closed : mask of the gaps that hold it there."""
+    """Point of a polytope nearest to a step; closed : mask of the clearances that are active there."""
 
     point: Float[np.ndarray, " coordinates"]
     closed: Bool[np.ndarray, " rows"]
 
 
 class _Dual(NamedTuple):
-    """The dual function of a projection at some multipliers.
+    """Dual function of a projection, evaluated at some multipliers.
 
-    multipliers : of the clearances, not negative; value, slope : the dual function and its gradient, which are the clearances at ``point``
+    multipliers : of the clearances, not negative
+    value, slope : the dual function and its gradient; the gradient equals the clearances at ``point``
     point : the step, moved by the multipliers and clipped to the box
     """
 
@@ -136,14 +143,14 @@ class _Dual(NamedTuple):
 
     @property
     def violation(self) -> float:
-        """Largest residual of the optimality (KKT) conditions: negative clearances, and clearances with a positive multiplier."""
+        """Largest residual of the KKT conditions: negative clearances, and those not 0 with a positive multiplier."""
         return float(np.where(self.multipliers > 0.0, abs(self.slope), -self.slope).max(initial=0.0))
 
 
 class Polytope:
-    """Set of the steps within a box and linearised clearances; it contains the step 0.
+    """Set of the steps within a box whose linearised clearances are not negative; it contains the step 0.
 
-    low, high : (coordinates,) ends of the box; rooms : clearances with unit rows; negative ones are taken as 0
+    low, high : (coordinates,) ends of the box; rooms : clearances before the step; negative ones count as 0
     """
 
     def __init__(
@@ -160,10 +167,10 @@ class Polytope:
     def nearest(self, step: np.ndarray) -> Nearest:
         """Return the nearest step of the polytope.
 
-        Its multipliers minimise a dual function (Boyd and Vandenberghe 2004, section 5.1.6) that is convex and piecewise
-        quadratic, by spectral projected gradients (Birgin, Martínez and Raydan 2000).
+        Its multipliers minimise a dual function (Boyd and Vandenberghe 2004, section 5.1.6) that is convex and
+        piecewise quadratic, by spectral projected gradients (Birgin, Martínez and Raydan 2000).
         """
-        # those of the last projection are often near
+        # the multipliers of the last projection are often a good start
         here, last = self._dual(step, np.zeros_like(self._multipliers)), self._multipliers
         if last.any():
             here = min(here, self._dual(step, last), key=lambda one: one.value)
@@ -190,7 +197,10 @@ class Polytope:
         return _Dual(multipliers, value, self.room(point), point)
 
     def _descend(self, step: np.ndarray, here: _Dual, length: float, largest: float) -> _Dual | None:
-        """Go along the projected gradient by ``length``, or less until the value is sufficiently below ``largest``; None if no step is."""
+        """Take a projected gradient step of this length, halved until the value is sufficiently below ``largest``.
+
+        Return None if no halving is enough.
+        """
         way = np.maximum(here.multipliers - length * here.slope, 0.0) - here.multipliers
         slope, share = float(here.slope @ way), 1.0
         for _ in range(MAX_HALVINGS):

@@ -1,4 +1,4 @@
-"""Diagnose, spiral by spiral, why a shape does not match its target, and give one sentence of advice."""
+"""Diagnose, for every spiral, why the shape misses its target there, and give advice."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from .eased import forecast_strain
 from .optimise import Optimisation
 from .remedies import CUT, FINER, LARGER, THINNER, Amounts, remedy_amounts
 
-# mismatch in Laplacian coordinates, in distances of neighbours, up to which a spiral counts as matched
+# Mismatch of a spiral in Laplacian coordinates, in distances of neighbouring hubs, up to which it counts as matched
 MATCHED_BELOW = 0.01
-DISTORTED_ABOVE = 0.01  # ARAP energy of a quad above which it counts as distorted: by about a tenth in length
+DISTORTED_ABOVE = 0.01  # distortion (ARAP energy) of a quad above which it counts as distorted: a tenth in length
 MAJORITY = 0.5  # share of the quads above which one body counts as most of the piece
 STRETCHED_ABOVE = 0.5  # share of in-plane energy in a spiral's elastic energy above which it counts as stretched
 
-# name, predicate of the advice, and the remedies in it that a button offers
+# reasons in order of precedence: name, predicate of the sentence of advice, and its remedies that a button offers
 REASONS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("matched", "bends as the target does", ()),
     ("softest", "spirals are as soft as they may be: a larger object, a thinner sheet, narrower arms or more twist would help",
@@ -45,10 +45,11 @@ REASON_NAMES = tuple(name for name, _, _ in REASONS)
 class MatchLimits:
     """Why each spiral misses the target.
 
-    kind : (F,) reason of every spiral, index into ``REASON_NAMES``; share : (kinds,) of the squared mismatch, by reason; advice : a sentence
-    remedies : the remedies in the advice that a button offers, and their amounts, see ``remedies.remedy_amounts``
-    prospects : RMS distance from the target, in percent of the size, that a cut or supports would reach, see ``choosing.prospects``;
-        None before they are computed
+    kind : (F,) reason of every spiral, index into ``REASON_NAMES``
+    share : (kinds,) fraction of the squared mismatch, by reason; advice : sentences for the user
+    remedies : amounts of the remedies in the advice that a button offers, see ``remedies.remedy_amounts``
+    prospects : predicted RMS distance from the target after a cut or with supports, in percent of the size, see
+        ``choosing.prospects``; None before it is computed
     """
 
     kind: Int[np.ndarray, " quads"]
@@ -70,13 +71,13 @@ class MatchLimits:
 
 
 def find_limits(of: Simulation | Optimisation, progress: Progress = SILENT, *, remedies: bool = True) -> MatchLimits:
-    """Return the reason why each spiral of a design misses the target: the first that applies, in the order of ``REASONS``.
+    """Return why each spiral misses the target: the first reason that applies, in the order of ``REASONS``.
 
     Parameters
     ----------
-    of : a simulated design, or an optimised one, of which also the bounds of widths and twists count
+    of : a simulation, or an optimisation, for which bounds of widths and twists are possible reasons too
     progress : reports progress and raises Cancelled
-    remedies : whether to compute the amounts of remedies, which may take an equilibrium for each sheet that is tried
+    remedies : whether to compute the amounts of remedies, which may take an equilibrium for each size and sheet
     """
     simulation = of.after if isinstance(of, Optimisation) else of
     within = progress.at(0.0, "Looking for what limits the match")
@@ -114,9 +115,9 @@ def _reasons(simulation: Simulation, progress: Progress) -> dict[str, np.ndarray
 
 
 def _bounds(of: Optimisation) -> dict[str, np.ndarray]:
-    """Return masks (F,) of the spirals at a bound that the objective pushes against, towards softer and towards stiffer arms.
+    """Return masks (F,) of the spirals that cannot get softer, or stiffer, though this would lower the objective.
 
-    Wider arms are stiffer, more twist makes them softer.
+    Wider arms are stiffer, arms with more twist softer.
     """
     push = -np.sign(of.gradient) * (of.at_bound != 0)
     outwards = push == of.at_bound
@@ -138,14 +139,14 @@ def _find_stretched(simulation: Simulation, plane: Float[np.ndarray, " joints"])
 
 
 def _find_unstable(simulation: Simulation, progress: Progress) -> Bool[np.ndarray, " quads"]:
-    """Return a mask (F,) of the spirals that move in a mode which hardly costs energy."""
+    """Return a mask (F,) of the spirals that move in a mode with hardly any energy, in which the piece may snap."""
     unstable = np.zeros(simulation.assembly.size, dtype=bool)
     unstable[snapping_spirals(simulation.equilibrium, lambda: simulation.softest(progress))[0]] = True
     return unstable
 
 
 def _advice(kind: np.ndarray, share: np.ndarray, shortfalls: list[FarBody]) -> str:
-    """Return the advice: on bodies that miss their target as a whole first, then on the worst kind of spiral."""
+    """Return the advice: first on bodies that miss their target as a whole, then on the reason with most mismatch."""
     worst = shortfalls[0] if shortfalls else None
     if worst is None:
         return _worst_kind_sentence(kind, share)
@@ -155,7 +156,7 @@ def _advice(kind: np.ndarray, share: np.ndarray, shortfalls: list[FarBody]) -> s
 
 
 def _stays_flat(shortfalls: list[FarBody], quads: int) -> bool:
-    """Return whether the worst body stays flat and is most of the piece: better spirals would not help then."""
+    """Return whether the worst body stays flat and is most of the piece, so that better spirals would not help."""
     return bool(shortfalls) and shortfalls[0].flat and len(shortfalls[0].quads) > MAJORITY * quads
 
 
@@ -171,7 +172,7 @@ def _strain_advice(simulation: Simulation) -> str:
 
 
 def _worst_kind_sentence(kind: np.ndarray, share: np.ndarray) -> str:
-    """Return the sentence on the kind with most of the mismatch."""
+    """Return the sentence of advice on the reason with most of the mismatch."""
     worst = _worst_kind(share)
     if worst is None:
         return "Every spiral bends as the target asks."
@@ -180,7 +181,7 @@ def _worst_kind_sentence(kind: np.ndarray, share: np.ndarray) -> str:
 
 
 def _worst_kind(share: np.ndarray) -> int | None:
-    """Return the kind with most of the mismatch; None if all spirals match."""
+    """Return the index of the reason with most of the mismatch; None if all spirals match."""
     rest = np.where(np.arange(len(share)) == REASON_NAMES.index("matched"), 0.0, share)
     return int(rest.argmax()) if rest.sum() > 0.0 else None
 
@@ -188,12 +189,11 @@ def _worst_kind(share: np.ndarray) -> int | None:
 def _remedies(share: np.ndarray, simulation: Simulation) -> Amounts:
     """Return the amounts of the remedies in the advice that a button offers.
 
-    Finer quads are not offered where arms are overstrained: with twice as many quads, on a dome and a saddle, the shorter arms were
-    strained 1.6 and 1.7 times as much.
+    Finer quads are not offered where arms are overstrained, because shorter arms are strained more (docs/tuning.md).
     """
     short, worst = simulation.shortfalls[:1], _worst_kind(share)
     if _stays_flat(short, simulation.assembly.size):
-        worst = None  # the advice on a flat piece does not mention kinds
+        worst = None  # the advice on a flat piece mentions no reason
     kind, _, names = REASONS[0] if worst is None else REASONS[worst]
     strain = None if simulation.strain is None else float(simulation.strain.max())
     strained = strain is not None and strain > OVERSTRAIN_SHARE

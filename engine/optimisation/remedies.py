@@ -1,6 +1,7 @@
-"""Amounts of the remedies that buttons offer for a piece that misses its target: cut, larger size, thinner sheet, finer quads.
+"""Remedies for a piece that misses its target, offered by buttons: cut, larger size, thinner sheet, finer quads.
 
-``reach`` decides which remedies apply; this module computes how much of each. It imports no numerics, so that the sidebar draws fast.
+``reach`` decides which remedies apply; this module computes their amounts. It imports no numerics, so that the sidebar
+draws fast.
 """
 
 from __future__ import annotations
@@ -15,35 +16,36 @@ from ..params import SHOWN, RemeshParams, SpiralParams
 CUT, LARGER, THINNER, FINER = "cut", "larger", "thinner", "finer"
 REMEDIES = (CUT, LARGER, THINNER, FINER)
 Amounts = dict[str, float | None]
-# from a factor on the size and a thickness, metres, to the largest strain over the limit
+# function from a factor on the size and a sheet thickness, metres, to the largest strain over the limit
 StrainForecast = Callable[[float, float], float]
 
-# Factor on the size where no strain determines it, a step of the R10 series of preferred sizes. A dome of 192 quads whose spirals are as
-# soft as possible ends at 3.0 % of its size from the target, and at 1.3 % when 1.5 times as large; the first step is half of that
+# Smallest factor on the size for spirals that are as soft as possible, a step of the R10 series of preferred sizes.
+# Larger: nearer to the target, larger pieces (docs/tuning.md)
 FIRST_FACTOR = 1.25
-MAX_FACTOR = 2.0  # largest factor on the size in one step; pressing again continues from there, or a remesh is offered instead; not measured
-MAX_SIZES = 3  # largest number of sizes whose strain is computed; strain is nearly inverse to size, so the second is mostly right
+MAX_FACTOR = 2.0  # largest factor on the size per press of the button; another press continues from there; by eye
+# Largest number of sizes whose strain is computed. Strain is nearly inverse to size, so the second is mostly right
+MAX_SIZES = 3
 MAX_SHEETS = 6  # largest number of thinner sheets whose strain is computed, down to a quarter of the thickness
 STEP = 0.05  # factors on the size are rounded up to a multiple of it
-# Factor on the number of quads. With 2, the distance of five surfaces with distorted quads from their target fell from 2.8, 2.3, 3.0, 1.4
-# and 1.3 % of their size to 1.4, 1.2, 1.3, 0.9 and 1.2 %. Where spirals are within their bounds the gain is uncertain: three optimised
-# saddles went from 0.56, 0.52 and 0.48 to 0.50, 0.64 and 0.73 %
+# Factor on the number of quads. Larger: nearer to the target where quads are distorted, more to make (docs/tuning.md)
 DENSER = 2
-# Strain of the softest spirals, as a multiple of the limit, above which a larger size is advised, from 32 searches (docs/tuning.md); larger:
-# fewer warnings
+# Strain of the softest spirals over its limit above which a larger size is advised. Larger: fewer warnings, more pieces
+# too small (docs/tuning.md)
 SOFTEST_LIMIT = 1.6
-SOFTEST_AIM = 1.2  # this strain after the advised scaling; smaller: larger pieces
-# Power of the size by which this strain falls, as larger quads have room for more turns; smaller: larger pieces
+SOFTEST_AIM = 1.2  # strain of the softest spirals over its limit after the advised scaling; smaller: larger pieces
+# Power of the size by which the strain of the softest spirals falls, as larger quads have room for more turns; smaller:
+# larger pieces
 SOFTEST_POWER = 2.5
-# preferred thicknesses in one decade: the series R''10 of ISO 497, in which most sheets are sold
+# sheet thicknesses on sale in one decade: the series R''10 of ISO 497
 SERIES = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 MILLIMETRES = SHOWN["m"][0]
-# RMS distance from the target, in percent of the size, up to which a piece needs no remedy: 5 mm on half a metre. Chosen by eye
+# RMS distance from the target, in percent of the size, up to which a piece needs no remedy: 5 mm on half a metre.
+# Chosen by eye
 WANTED_PERCENT = 1.0
 
 
 def wanted_percent(choose: Any) -> float:
-    """Return the wanted RMS distance from the target, in percent of the size; ``choose`` : the settings of the layout."""
+    """Return the wanted RMS distance from the target, in percent of the size; ``choose`` : settings of the layout."""
     return float(choose.match) if choose.goal == "match" else WANTED_PERCENT
 
 
@@ -56,20 +58,20 @@ def remedy_amounts(
     quads: int,
     eased: StrainForecast | None = None,
 ) -> Amounts:
-    """Return the amount of every advised remedy, by name, for ``report.json``; remedies that are impossible are left out.
+    """Return the amount of every advised remedy, by name, for ``report.json``; leave out impossible remedies.
 
     Parameters
     ----------
     advised : names of remedies
-    strain : largest strain over the limit of the material with its margin; None if not known
+    strain : largest strain over the material's limit less a safety margin; None if not known
     soft : whether most of the mismatch lies in spirals that are as soft as possible
-    thickness : of the sheet, metres
-    quads : present number
-    eased : strain, as above, by a factor on the size and a thickness, metres; None if it cannot be computed
+    thickness : of the present sheet, metres
+    quads : present number of quads
+    eased : function from a factor on the size and a thickness, metres, to ``strain``; None if it cannot be computed
 
     Returns
     -------
-    A factor on the size, a thickness in millimetres, a number of quads; None for a cut.
+    By name: factor on the size (larger), millimetres (thinner), number of quads (finer), None (cut).
     """
     if eased is None or strain is None or strain <= 1.0:
         times = size_factor(strain, soft=soft)
@@ -85,14 +87,15 @@ def remedy_amounts(
 def size_factor(strain: float | None, *, soft: bool, eased: Callable[[float], float] | None = None) -> float:
     """Return the factor on the size that brings the strain below its limit, at most ``MAX_FACTOR``.
 
-    A sheet of thickness h bent to a radius R is strained by h / 2R (Euler and Bernoulli); a strip of length l whose ends rotate by an
-    angle against each other, by h / 2l times the angle. Both are inverse to the size, so the factor is the strain over its limit.
-    Measured on a dome and a saddle 1.5 times as large, strains were 1.54 to 2.2 times smaller, because arms can be wound more.
+    A sheet of thickness h bent to a radius R is strained by h / 2R (Euler and Bernoulli); a strip of length l whose
+    ends rotate against each other is strained by h / 2l times the angle. Both are inverse to the size, so the factor is
+    the strain over its limit. Larger pieces have less strain than that, because their arms can be wound more
+    (docs/tuning.md).
 
     Parameters
     ----------
     strain, soft : as in ``remedy_amounts``; if ``soft``, the factor is at least ``FIRST_FACTOR``
-    eased : strain over its limit by a factor on the size
+    eased : function from a factor on the size to the strain over its limit; None if it cannot be computed
     """
     times, enough = _round_up(max(strain or 0.0, FIRST_FACTOR if soft else 1.0)), None
     for _ in range(MAX_SIZES if eased is not None else 0):
@@ -108,11 +111,9 @@ def size_factor(strain: float | None, *, soft: bool, eased: Callable[[float], fl
 
 
 def size_of_softest(strain: float | None) -> float:
-    """Return the advised factor on the size of a piece that was not searched yet, at most ``MAX_FACTOR``; 1 if none is advised.
+    """Return the advised factor on the size of a piece that is not optimised yet, up to ``MAX_FACTOR``; 1 for none.
 
-    Parameters
-    ----------
-    strain : of the softest spirals, over its limit; None if not known
+    strain : of the piece with its softest spirals, over the limit; None if not known
     """
     if strain is None or strain <= SOFTEST_LIMIT:
         return 1.0
@@ -127,14 +128,14 @@ def _round_up(times: float) -> float:
 def thinner_sheet(thickness: float, times: float, *, eased: Callable[[float], float] | None = None) -> float | None:
     """Return the thickest sheet on sale, metres, that brings the strain below its limit; None if there is none.
 
-    Without ``eased`` the thickness is divided by ``times``, by the formula of ``size_factor``. That may not be enough: strains of twisted arms
-    that are thicker than wide fall more slowly, on the dome and the saddle by 1.2 times from 3 to 2 mm.
+    Without ``eased`` the thickness is divided by ``times``, by the formula of ``size_factor``. That may not be enough:
+    strains of twisted arms that are thicker than wide fall more slowly with the thickness (docs/tuning.md).
 
     Parameters
     ----------
-    thickness : present, metres
-    times : factor on the size that ``size_factor`` has found
-    eased : strain over its limit by thickness, metres
+    thickness : of the present sheet, metres
+    times : factor on the size from ``size_factor``
+    eased : function from a thickness, metres, to the strain over its limit; None if it cannot be computed
     """
     least = next(f for f in fields(SpiralParams) if f.name == "thickness").metadata["low"]
     most = thickness / max(times, 1.0) if eased is None else thickness
@@ -147,13 +148,16 @@ def thinner_sheet(thickness: float, times: float, *, eased: Callable[[float], fl
 
 
 def quad_count(quads: int) -> int | None:
-    """Return ``DENSER`` times the number of quads; None if the setting allows fewer."""
+    """Return ``DENSER`` times the number of quads; None if that exceeds the largest value of the setting."""
     most = next(f for f in fields(RemeshParams) if f.name == "quads").metadata["high"]
     return DENSER * quads if DENSER * quads <= most else None
 
 
 def read_block(block: Mapping[str, Any]) -> Amounts:
-    """Return the remedies of a ``reach`` block; in blocks of earlier versions only the sentence tells whether a cut would help."""
+    """Return the remedies stored in a ``reach`` block of report.json.
+
+    Blocks of earlier versions have none; there the remedy "cut" is read from the sentence of advice.
+    """
     if "remedies" in block:
         return {name: amount for name, amount in block["remedies"].items() if name in REMEDIES}
     return {CUT: None} if "cut" in block["advice"] else {}

@@ -1,8 +1,7 @@
-"""Diagonal preconditioning: estimate a model's curvature along each coordinate, and choose units in which all curvatures are alike.
+"""Diagonal preconditioning: estimate the curvature along each coordinate, and choose units that make them equal.
 
-The objective's curvature along widths of stiff spirals is 1e12 times smaller than along flat vertices under strained arms. In units of
-the box, 500 iterations of conjugate gradients brought a third of the decrease of a full step on a surface of 1296 quads; in these
-units, 60 iterations bring nine tenths.
+The objective's curvature along widths of stiff spirals is 1e12 times smaller than along flat vertices under strained
+arms, so conjugate gradients need several times as many iterations without preconditioning (docs/tuning.md).
 """
 
 from __future__ import annotations
@@ -13,24 +12,25 @@ import numpy as np
 
 from ..arrays import Float
 
-FIRST_ROUNDS, LATER_ROUNDS = 5, 1  # refinements at the first design, and at each later one, where little has changed
-PROBES = 2  # products with the matrix in a refinement; more are more exact and take longer
-# Smallest curvature that counts, in objectives over the number of coordinates: with less, moving all coordinates across their range
-# changes the objective by less than its value. Ten times more and ten times less do as well on three surfaces
+# Refinements of the estimate at the first design, and at each later design, where the curvature has changed little
+FIRST_ROUNDS, LATER_ROUNDS = 5, 1
+PROBES = 2  # products with the matrix in a refinement; more: more accurate, slower
+# Smallest curvature, in objective values over the number of coordinates: with less, moving all coordinates across their
+# whole range would change the objective by less than its value. Not sensitive (docs/tuning.md)
 MIN_CURVATURE = 1.0
 MIN_SQUARE = 1e-12  # lower bound of squared scaled products, which limits the change in one refinement; less is noise
-# Lower bound of an estimate: for coordinates without effect (kept spirals) it would reach 0 after fifty refinements
+# Lower bound of an estimate, which would reach 0 after fifty refinements for coordinates without effect (fixed spirals)
 MIN_ESTIMATE = 1e-30
-FIRST_ESTIMATE = 1e-3  # chosen by eye; has no effect after five refinements
+FIRST_ESTIMATE = 1e-3  # initial curvature of all coordinates, by eye; has no effect after five refinements
 
 
 class CurvatureEstimate:
-    """Estimate of the curvatures, refined along a search from design to design.
+    """Estimate of the curvature along every coordinate, refined from design to design of a search.
 
-    Stochastic equilibration: each refinement corrects the units by the norms of the scaled matrix's rows, estimated from products with
-    vectors of random signs (Bradley 2010, Algorithms for the Equilibration of Matrices and Their Application to Limited-Memory
-    Quasi-Newton Methods). In the limit all rows have equal norm. That serves conjugate gradients nearly as well as the diagonal, which
-    would take one product per coordinate.
+    Stochastic equilibration: each refinement corrects the units by the norms of the scaled matrix's rows, estimated
+    from products with vectors of random signs (Bradley 2010, Algorithms for the Equilibration of Matrices and Their
+    Application to Limited-Memory Quasi-Newton Methods). In the limit all rows have equal norm. This preconditions
+    nearly as well as the diagonal, which would take one product per coordinate.
     """
 
     def __init__(self, size: int):
@@ -39,7 +39,10 @@ class CurvatureEstimate:
         self._rounds = FIRST_ROUNDS
 
     def refine(self, product: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Refine the estimate with a matrix, given by its product with a vector, that differs little from the last one."""
+        """Refine the estimate at a new design, which differs little from the last.
+
+        product : multiplies the model's matrix by a vector
+        """
         for _ in range(self._rounds):
             unit = 1.0 / np.sqrt(self._estimate)
             squares = np.zeros_like(unit)

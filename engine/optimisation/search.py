@@ -1,8 +1,8 @@
-"""Stages of one search: steps with the flat shapes and of the spirals alone in turn, and of the spirals alone at the end.
+"""Stages of a search: steps that change flat shapes and spirals alternate with steps that change the spirals only.
 
-Every stage ends in a design that can be cut, and the best of these is the result: a search never ends worse than it began.
-Every step is evaluated with the whole elastic model: without the second order of the strains, slender panels come to rest in
-shapes that the real piece never takes.
+Every stage ends in a design that can be cut, and the best of these is the result, so a search never ends worse than it
+began. Every step is evaluated with second-order strains: without them slender panels come to rest in shapes that the
+real piece never takes.
 """
 
 from __future__ import annotations
@@ -29,39 +29,39 @@ from .terms import LOOSE, STRICT
 from .work import SLOW
 
 Stage = Callable[["StageResult", Progress], "StageResult"]
-# Largest weight of position against curvature in the first steps with the flat shapes of a piece that is about to snap far from its target.
-# Positions hold such a piece between two shapes, curvature leads it out
+# Largest weight of position against curvature (``objective.Target.lies``) in the first steps of a piece that is about
+# to snap far from its target: positions hold such a piece between two shapes, curvature leads it out. Larger: less so
 BENDING_LIES = 0.1
-# Largest number of steps with the flat shapes before a few of the spirals alone, which lead flat shapes away from their limits, whose barriers
-# are then set anew. With fewer, large surfaces end farther from their target; with more, small saddles do (docs/tuning.md)
+# Largest number of steps with flat shapes in a row; the steps of the spirals alone that follow lead flat shapes away
+# from their limits. Fewer: large surfaces end farther from the target; more: small saddles do (docs/tuning.md)
 FLAT_STEPS = 9
-# Such steps, of either kind, end after two in a row that each lower the objective by less than this share, divided by
-# ``StageResult.rate_factor``. A larger share changes sooner from one kind to the other
+# Steps of one kind end after two in a row that each lower the objective by less than this share, divided by
+# ``StageResult.rate_factor``. A larger share switches sooner to the other kind
 CYCLE_STOP = 0.1
-# largest number of such cycles, and the share of the objective that one must bring for the next
+# Cycle: steps with flat shapes, then of the spirals alone. Largest number of cycles, and share of the objective by
+# which a cycle must lower it for another to follow. Larger share: ends sooner, farther from the target
 MAX_CYCLES, CYCLE_GAIN = 20, 0.05
-# shares of a stage's change that are tried if with all of it a patch overlaps itself, or the piece ends too far from its target
+# Shares of the change of flat shapes and spirals to try if the whole change makes a patch overlap itself, or leaves the
+# piece too far from its target
 BACKTRACK_SHARES = 0.5, 0.2
-# steps of the spirals alone in a round, largest number of rounds at the end, and the share of the objective that a round must bring
+# Rounds of steps of the spirals alone: steps in a round, largest number of rounds, and share of the objective by which
+# a round must lower it for another to follow
 POLISH_STEPS, MAX_POLISHES, POLISH_GAIN = 4, 12, 0.01
 TIME_WITH_FLATS = 0.85  # share of the time limit at which the cycles must end
-# Share of the work before that steps of the spirals alone may add where arms are visibly overstrained, and the number of steps between
-# two updates of the strains' multipliers. With one, a surface of 986 quads comes from 1.13 of its limit to 1.00 in two steps, with four in
-# four. With a share of 0.25 the arms of a head of 472 quads stayed at 1.05 of their limit
+# If arms are overstrained at the end: share of the work so far that further steps of the spirals alone may add (larger:
+# slower, fewer strained arms), and steps between two updates of the strain multipliers (more: slower) (docs/tuning.md)
 OVERTIME, RELIEF_STEPS = 0.5, 1
-# Share of the objective that a refused one of these steps must have been predicted to bring, else no shorter one is tried. With larger
-# ones a search gives up sooner
+# Share of the objective; a refused step of this kind is shortened only if it was predicted to bring as much. Larger:
+# gives up sooner (docs/tuning.md)
 RELIEF_STOP = 0.25
-# Factor on the decreases of steps while springs hold a piece, or it is farther from its target than ``WANTED_PERCENT``, so that its search
-# is given up later; the ratio of the two distances if that is larger. Without it, five of ten surfaces ended at 1.05 to 1.4 % though the
-# same search, going on, brought them within 1 % (docs/tuning.md)
+# Smallest factor on the decreases of steps when the search decides whether to go on, for a piece that springs hold or
+# that is farther from its target than ``WANTED_PERCENT``. Larger: longer searches, more pieces within it
+# (docs/tuning.md)
 UNMET_FACTOR = 8.0
-# The same for nearer pieces while arms are visibly overstrained. With 1, one of five runs of a pointed spindle ended at 1.08 of the limit and
-# 0.61 % of the size, the others at 0.91 and 0.17 to 0.20 %; with 8, a surface of 986 quads ends at 0.10 in place of 0.11 %, after 1.3 times
-# the seconds
+# This factor for nearer pieces with overstrained arms. Larger: longer searches, less strain (docs/tuning.md)
 STRAINED_FACTOR = 2.0
-# A match in curvature is useless if the whole piece drifts away. RMS distances from the target that are always allowed: in distances of
-# neighbours, and as a multiple of the given design's
+# RMS distances from the target that a result may always have, in distances of neighbouring hubs, and as a multiple of
+# the given design's distance: a match in curvature is useless if the piece drifts away. Larger: less often refused
 ALWAYS_ALLOWED_DISTANCE, FARTHER = 0.2, 1.1
 
 
@@ -69,7 +69,8 @@ ALWAYS_ALLOWED_DISTANCE, FARTHER = 0.2, 1.1
 class StageResult:
     """Result of a stage.
 
-    design, point : the design and its point; farthest : largest allowed RMS distance from the target, in distances of neighbours
+    design, point : the design and its point
+    farthest : largest allowed RMS distance from the target, in distances of neighbouring hubs
     """
 
     design: SpiralDesign
@@ -78,12 +79,12 @@ class StageResult:
 
     @property
     def sound(self) -> bool:
-        """Whether it is in equilibrium within the allowed distance from the target."""
+        """Whether the design has an equilibrium within the allowed distance from the target."""
         return self.point.equilibrium.converged and self.point.distance <= self.farthest
 
     @property
     def value(self) -> float:
-        """Objective, for comparing designs of one stage, where strains have equal weight; infinite if not sound."""
+        """Objective, for comparing designs of one stage, in which strains have the same weight; inf if not sound."""
         return self.point.value if self.sound else np.inf
 
     def pressed(self) -> StageResult:
@@ -91,7 +92,7 @@ class StageResult:
         return replace(self, point=self.point.pressed())
 
     def strict(self) -> StageResult:
-        """Return this result with a weight of excess strain by which one arm counts as much as in ``merit(STRICT)``."""
+        """Return this result with excess strain of a single arm weighted as in ``merit(STRICT)``."""
         problem, strains = self.point.problem, self.point.strains
         if problem.bearing is None or strains is None:
             return self
@@ -99,11 +100,11 @@ class StageResult:
         return replace(self, point=with_problem(self.point, replace(problem, bearing=bearing)))
 
     def firmed(self) -> StageResult:
-        """Return this result at the start of a stage that keeps away from snapping."""
+        """Return this result with the stability barrier weighted for a stage that starts here."""
         return replace(self, point=self.point.firmed())
 
     def compared(self, lies: float) -> StageResult:
-        """Return this result at the start of stages that weigh curvature against position by ``lies``, see ``objective.Target``."""
+        """Return this result with another weight ``lies`` of position against curvature, see ``objective.Target``."""
         point = with_lies(self.point, lies)
         return self if point is self.point else replace(self, point=point.weighed(point.mismatch.value))
 
@@ -114,14 +115,14 @@ class StageResult:
 
     @property
     def strained(self) -> bool:
-        """Whether the largest strain exceeds the limit so far that users get a message."""
+        """Whether the largest strain exceeds the limit by so much that the user is warned."""
         return is_overstrained(self.point)
 
     @property
     def rate_factor(self) -> float:
         """Factor on the decreases of further steps, see ``Work.factor``, and divisor of ``CYCLE_STOP``.
 
-        A piece that springs hold counts as far, because it rests farther away once they are gone.
+        A piece held by springs counts as far from its target, because it moves away when they are removed.
         """
         far = self.percent / WANTED_PERCENT
         if far > 1.0 or self.point.problem.loads.springs is not None:
@@ -129,16 +130,17 @@ class StageResult:
         return STRAINED_FACTOR if self.strained else 1.0
 
     def merit(self, strictness: float) -> float:
-        """Return ``DesignPoint.merit``, for comparing results of stages; infinite if not sound."""
+        """Return ``DesignPoint.merit``, for comparing results of different stages; inf if not sound."""
         return self.point.merit(strictness) if self.sound else np.inf
 
 
 @dataclass(eq=False)
 class Search:
-    """A search through all of its stages.
+    """A search with all its stages.
 
-    accepted : called with every better point; farthest : largest allowed RMS distance from the target, in distances of neighbours
-    first : the flat patches before earlier runs moved them; held : results of all stages, in their order
+    task : inputs other than the design; trace : record of all steps; accepted : called with every better point
+    farthest : largest allowed RMS distance from the target, in distances of neighbouring hubs
+    first : the flat patches before earlier runs moved them; held : results of all stages, in order
     snapping : whether the piece was about to snap far from its target at the start
     """
 
@@ -156,9 +158,13 @@ class Search:
         return min(self.held, key=lambda one: one.merit(STRICT))
 
     def run(self, starts: list[DesignPoint], design: SpiralDesign, progress: Progress) -> None:
-        """Run all stages from the first start, with every body of the piece as in the start where it matches best.
+        """Run all stages from the first of ``starts``; every separate body comes from the start where it matches best.
 
-        starts : points in the design's flat shapes, the best first
+        Parameters
+        ----------
+        starts : points in the design's flat patches, the best first
+        design : gives the flat patches
+        progress : reports progress and raises Cancelled
         """
         params, work = self.task.params, self.task.work
         tried = [self.hold(design, start) for start in starts]
@@ -171,7 +177,7 @@ class Search:
             found = self.improved(here, params, progress.part(0.0, 0.8))
             here = found if found.value < here.value else here
         slow = work.slow
-        # with the flat shapes, steps of either kind end after a few, whatever the settings say
+        # in cycles ``FLAT_STEPS`` and ``POLISH_STEPS`` limit the number of steps, whatever the settings allow
         limited = self.trace.ended == ITERATIONS and not (codesigned and params.iterations > FLAT_STEPS)
         if not codesigned:
             work.begin(1.0)
@@ -188,7 +194,10 @@ class Search:
             self.trace.ended = ITERATIONS if limited else CONVERGED
 
     def _with_best_bodies(self, tried: list[StageResult], best: StageResult, progress: Progress) -> StageResult:
-        """Return a result with every body of the piece as in the result where it matches best; ``best`` if that is no better."""
+        """Return a result that takes every separate body from the result in ``tried`` where that body matches best.
+
+        Return ``best`` if the combination is not better.
+        """
         target = best.point.mismatch.target
         nearest = np.argmin([one.point.mismatch.by_body for one in tried], axis=0)[target.body_of]
         if (nearest == nearest[0]).all():
@@ -204,35 +213,38 @@ class Search:
         return found if found.merit(LOOSE) < best.merit(LOOSE) else best
 
     def cycled(self, here: StageResult, progress: Progress) -> StageResult:
-        """Repeat ``together`` while it pays, after ``_bend`` if the piece is about to snap far from its target; return the best result."""
+        """Run cycles (``together``) while they pay; return the best result.
+
+        If the piece is about to snap far from its target, ``_bend`` comes first.
+        """
         if here.percent > WANTED_PERCENT and here.firmed().point.barrier is not None:
             here = self._bend(here, progress)
         return self._repeat(self.together, here, MAX_CYCLES, CYCLE_GAIN, progress)
 
     def _bend(self, here: StageResult, progress: Progress) -> StageResult:
-        """Take ``together`` once with a mismatch that is mostly of curvature, for a piece that is about to snap far from its target."""
+        """Run one cycle that compares mostly curvature, for a piece that is about to snap far from its target."""
         self.snapping, lies, work = True, self.task.params.lies, self.task.work
         found = self._repeat(self.together, here.compared(min(lies, BENDING_LIES)), 1, CYCLE_GAIN, progress)
-        work.begin(work.share, rated=work.rated)  # the rates of another objective say nothing about the next steps
+        work.begin(work.share, rated=work.rated)  # forget the decreases, which were those of another objective
         return found.compared(lies)
 
     def relieve(self, here: StageResult, progress: Progress) -> None:
-        """Append results with less strain to ``held`` where arms are visibly overstrained."""
+        """Take further steps that reduce strains if arms are overstrained; append the results to ``held``."""
         if here.strained:
             self.task.work.extend(OVERTIME * self.task.work.done)
             self._repeat(self.relieved, here.strict(), MAX_POLISHES, 1.0, progress)
 
     def hold(self, design: SpiralDesign, point: DesignPoint) -> StageResult:
-        """Append a point in this design's flat shapes to ``held``, and return it."""
+        """Append the result of a stage, a point in the design's flat shapes, to ``held``; return the result."""
         width, twist = point.spirals
         found = StageResult(replace(design, width=width, twist=twist), point, self.farthest)
         self.held.append(replace(found, point=with_lies(point, self.task.params.lies)))
         return found
 
     def _repeat(self, step: Stage, here: StageResult, most: int, gain: float, progress: Progress) -> StageResult:
-        """Repeat a stage, at most ``most`` times, while it lowers the objective by the share ``gain``; return the best result.
+        """Repeat a stage, at most ``most`` times, while it lowers the objective by the share ``gain``.
 
-        It goes on too while arms are visibly overstrained, as long as the objective decreases at all.
+        While arms are overstrained any decrease is enough. Return the best result.
         """
         for k in range(most):
             if self.task.work.over:
@@ -252,20 +264,23 @@ class Search:
     def polished(
         self, here: StageResult, progress: Progress, steps: int = POLISH_STEPS, stop: float = 0.0
     ) -> StageResult:
-        """Take a few more steps of the spirals alone; ``stop`` : smallest share of the objective that these must bring."""
+        """Take a few more steps of the spirals alone; ``stop`` : see ``_limited``."""
         return self.improved(here, self._limited(steps, stop), progress)
 
     def _limited(self, steps: int, stop: float) -> OptimiseParams:
-        """Return the settings of at most so many steps, of which two in a row must each bring at least the share ``stop``."""
+        """Return the settings for at most ``steps`` steps, which end after two in a row that bring less than ``stop``.
+
+        stop : decrease of the objective, as a share of it
+        """
         params = self.task.params
         return replace(params, iterations=min(steps, params.iterations), stop=params.stop and max(params.stop, stop))
 
     def relieved(self, here: StageResult, progress: Progress) -> StageResult:
-        """Take ``RELIEF_STEPS`` steps of the spirals alone, before which the multipliers of strains are updated."""
+        """Take ``RELIEF_STEPS`` steps of the spirals alone; ``_repeat`` updates the strain multipliers before."""
         return self.polished(here, progress, RELIEF_STEPS, RELIEF_STOP)
 
     def improved(self, here: StageResult, params: OptimiseParams, progress: Progress) -> StageResult:
-        """Optimise the spirals alone."""
+        """Optimise the spirals alone; append the results to ``held``."""
         start = bearable = here.point
 
         def accepted(point: DesignPoint) -> None:
@@ -275,12 +290,12 @@ class Search:
                 bearable = point
 
         found = gauss_newton(start.problem, start, params, self.trace, accepted, progress)
-        if bearable not in (start, found):  # the time may end before strains that the last steps raised are low again
+        if bearable not in (start, found):  # the last steps may have raised strains, with no time left to reduce them
             self.hold(here.design, bearable)
         return self.hold(here.design, found)
 
     def together(self, here: StageResult, progress: Progress) -> StageResult:
-        """Optimise flat shapes and spirals together, then the spirals alone."""
+        """Run one cycle: optimise flat shapes and spirals together, then the spirals alone."""
         found = self.moved(here, progress.part(0.0, 0.8))
         found = found if found.value < here.value else here
         if self.task.work.over:
@@ -288,7 +303,7 @@ class Search:
         return self.polished(found, progress.part(0.8, 1.0), stop=CYCLE_STOP / found.rate_factor)
 
     def moved(self, here: StageResult, progress: Progress) -> StageResult:
-        """Optimise flat shapes and spirals together; take less of the change if the result is not a better design."""
+        """Optimise flat shapes and spirals together; take only a share of the change if the whole is not better."""
         start, rough = here.point, self._limited(FLAT_STEPS, CYCLE_STOP / here.rate_factor)
         part, steps = progress.part(0.0, 0.9), len(self.trace.rows)
         found = codesign.refine_flat_shapes(
@@ -306,7 +321,7 @@ class Search:
         return other or here
 
     def _as_design(self, here: StageResult, found: FlatPoint, progress: Progress) -> StageResult | None:
-        """Turn a point with moved flat shapes into a design, and append it to ``held``; None if a patch overlaps itself."""
+        """Turn a point with moved flat shapes into a design; append it to ``held``. None if a patch overlaps itself."""
         design = codesign.to_design(found, here.design)
         if design is None:
             return None

@@ -31,7 +31,7 @@ class OptimisationStep:
 
     @classmethod
     def from_point(cls, point: DesignPoint, design: SpiralDesign, target: QuadMesh, step: int) -> Self:
-        """Return the snapshot of a point after some steps, its pose aligned with the target where nothing holds the piece."""
+        """Return the snapshot of a point after ``step`` steps; align bodies that nothing holds with the target."""
         vertices = move_vertices(design, point.problem.target.laid(point.equilibrium.pose), target)
         return cls(vertices, *point.spirals, point.metres_away, step)
 

@@ -1,4 +1,4 @@
-"""Inputs of a search besides the design, and what they make of a design: its problem, model, space and equilibrium."""
+"""Inputs of a search other than the design, and methods that build problem, model and equilibrium of a design."""
 
 from __future__ import annotations
 
@@ -30,19 +30,22 @@ from .terms import StrainLimit
 from .wishes import Wishes
 from .work import CURVING, SPACE, Work
 
-GROUP_COUNTS = {"alike": 1, "pairs": 2, "each": 4}  # number of groups of arms with one width, by the setting
-# Smallest tolerance of equilibria during the search, whatever the settings say; see docs/tuning.md
+# by the setting "Arms": number of groups of a spiral's arms; the arms of a group share a width
+GROUP_COUNTS = {"alike": 1, "pairs": 2, "each": 4}
+# Smallest tolerance of equilibria during a search (residual force over the forces within), even if the setting is
+# smaller. Larger: quicker, less accurate gradients (docs/tuning.md)
 COARSE_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """Inputs of a search besides the design.
+    """Inputs of a search other than the design.
 
-    target, material : the surface, and the material; params, physics : settings of the search, and of its equilibria
+    target, material : the surface to make, and the sheet's material
+    params, physics : settings of the search, and of its equilibria
     supports, force : as in ``simulate``; work : counter shared by all problems of the search
-    constraints : spirals that must be kept, straight or wide; wishes : further target places of some spirals
-    springs : that hold the piece near its target meanwhile; None for none
+    constraints : spirals that must stay unchanged, straight or wide; wishes : target positions of some spirals
+    springs : pull the piece towards its target during the search; None for a search without springs
     """
 
     target: QuadMesh
@@ -59,11 +62,11 @@ class Task:
     def problem(
         self, design: SpiralDesign, progress: Progress = SILENT, space: DesignSpace | None = None
     ) -> InverseProblem:
-        """Return the inverse problem of the spirals in a design's flat shapes, with the whole elastic model.
+        """Return the inverse problem of the spirals in a design's flat panels, with the second-order elastic model.
 
         Parameters
         ----------
-        design : with the flat shapes and settings
+        design : gives the flat panels and the settings of spirals
         progress : reports progress and raises Cancelled
         space : coordinates of the spirals; the space of ``design`` by default
         """
@@ -96,15 +99,15 @@ class Task:
         progress: Progress,
         known: DesignPoint | None = None,
     ) -> DesignPoint:
-        """Return the point of a design in a new problem with the limits, weights and space of another one.
+        """Return the point of a design in a new problem that takes its limits, weights and design space from ``like``.
 
         Parameters
         ----------
-        design : with its flat shapes
-        like : the other problem
+        design : spirals and flat panels of the new problem
+        like : problem with the limits, weights and design space
         start : pose from which the equilibrium is sought
         progress : reports progress and raises Cancelled
-        known : point of the other problem, whose equilibrium is taken if the design is the same but for rounding
+        known : point of ``like``; its equilibrium is reused if the designs differ by rounding only
         """
         space = like.space.including(design)
         problem = replace(
@@ -122,7 +125,7 @@ class Task:
 
         Parameters
         ----------
-        assembly : of any design of the piece
+        assembly : of any design of the piece; only its joints matter
         """
         wishes = self.wishes if self.params.urge > 0.0 else None
         return Target(assembly.pairs, self.target.centroids, self.params.lies, self.supports, wishes, self.params.urge)
@@ -141,7 +144,7 @@ class Task:
         return space.including(design)
 
     def model(self, assembly: Assembly, progress: Progress = SILENT) -> ElasticModel:
-        """Build the elastic model of an assembly, second order included.
+        """Build the elastic model of an assembly, with second-order strains.
 
         Parameters
         ----------
@@ -152,7 +155,7 @@ class Task:
         return build_model(assembly, self.material, self.physics.model, progress=progress)
 
     def simulated(self, design: SpiralDesign, start: Pose, progress: Progress) -> Simulation:
-        """Simulate a design with the whole model, from a pose.
+        """Simulate a design, starting from a pose.
 
         Parameters
         ----------
@@ -165,7 +168,7 @@ class Task:
         return simulate(design, self.target, self.material, replace(self.physics, restarts=0), start=start, **rest)
 
     def rested(self, design: SpiralDesign, point: DesignPoint) -> Simulation:
-        """Return the equilibrium of a design: that of a point if both are equal, else simulated from the point's pose.
+        """Return the simulation of a design; reuse the point's equilibrium if the design equals the point's.
 
         Parameters
         ----------
@@ -179,9 +182,9 @@ class Task:
         return Simulation(design, self.target, self.material, point.model, assembly, loads, found, [])
 
     def _rests_alike(self, assembly: Assembly, point: DesignPoint) -> bool:
-        """Return whether an assembly rests as a point does, as both differ by rounding only.
+        """Return whether an assembly has the equilibrium of a point, because both differ by rounding only.
 
-        Under gravity never, because a search computes the weights of its spirals only at the start of a stage.
+        Always False under gravity: a search computes the weights of its spirals only at the start of a stage.
         """
         return not self.physics.gravity and _equal_but_rounding(assembly.whole, point.model.assembly)
 

@@ -1,6 +1,6 @@
-"""Terms of the objective that depend on the equilibrium; each has a value, and derivatives by the hubs and by the coordinates.
+"""Terms of the objective that depend on the equilibrium, with derivatives with respect to hubs and coordinates.
 
-A point sums up the terms, and applies the adjoint of the equilibrium once to the sum.
+A ``DesignPoint`` sums the terms, and applies the adjoint of the equilibrium once to the sum.
 """
 
 from __future__ import annotations
@@ -17,29 +17,34 @@ from ..arrays import Float, Int
 from ..materials import Material
 from .objective import Mismatch
 
-# Relative distance below the limit at which strains are held, so that a small remaining excess does not violate it: with 0.01, four of
-# nine surfaces of 150 to 544 quads ended at 1.000 to 1.003 of the limit, with 0.02 six of seven at 0.98 to 0.995. Larger ones match worse
+# Safety distance of the bound on strains below the limit, as a share of it, so that a small remaining excess does not
+# violate the limit. Larger: worse match (docs/tuning.md)
 MARGIN = 0.02
-# Penalty parameter of the augmented Lagrangian, on squared relative excesses. With 5, the first stage on a sphere of 150 spirals got
-# half as far
+# Penalty parameter of the augmented Lagrangian, on squared relative excesses. Larger: shorter steps (docs/tuning.md)
 PENALTY = 1.0
-# Weight of the excesses, in mismatches at the start of the search: a piece far from its target strains its arms more. On a surface of 986
-# quads the error ended at 0.33 mm with 400, and at 0.28 with 100 and with 30; with 30 the limit was not kept
+# Weight of excess strain, as a multiple of the mismatch at the start of the search. Larger: worse match; smaller:
+# strains end beyond the limit (docs/tuning.md)
 WEIGHT = 100.0
-# Relative distance below the limit from which arms are part of a step's model; with less, a step may strain many arms beyond it at
-# once. On a shell of 1296 quads three of the first steps with the flat shapes were refused with 0.3, none with 0.5
+# Relative distance below the limit within which arms are part of a step's model. Smaller: steps may strain many other
+# arms beyond the limit and are refused; larger: slower (docs/tuning.md)
 ACTIVE_FROM = 0.5
-# Factor on the weight where the largest excess is more than this share of the one before. On that surface strains ended at 1.00 of their
-# limit with factors of 2 and 4, at 1.02 with 1
+# Factor on the weight after an update of the multipliers, if the largest excess is above this share of the excess at
+# the update before. Larger factor: strains reach the limit sooner (docs/tuning.md)
 WEIGHT_GROWTH, ENOUGH_DECREASE = 2.0, 0.5
-MAX_MULTIPLIER = 1.0  # chosen by eye; without a bound, a few arms that no spirals can relieve outweigh all other terms
-# Rates at which the logarithm of a design's merit grows with the largest relative excess of strain: after a cancel; against the given
-# design, and after the time limit; among the designs of a completed search
+# Largest multiplier of an arm, chosen by eye. Larger: a few arms that no spirals can relieve outweigh all other terms
+MAX_MULTIPLIER = 1.0
+# Penalty on excess strain when ranking results, as the growth of log(merit) per relative excess: after a cancel;
+# against the given design, and after the time limit; within a completed search
 LOOSE, LENIENT, STRICT = 0.0, 5.0, 20.0
 
 
 class ScalarChange(NamedTuple):
-    """Derivatives of a scalar; hubs : (n, 6) by the hubs' increments; own : (coordinates,) at fixed hubs; 0 for none."""
+    """Derivatives of a scalar.
+
+    hubs : (n, 6) with respect to the hubs' increments; own : (coordinates,) with respect to the coordinates at fixed
+        hubs
+    A 0 stands for an array of zeros.
+    """
 
     hubs: np.ndarray | float
     own: np.ndarray | float
@@ -55,17 +60,18 @@ class Term(Protocol):
     def gradient(self) -> ScalarChange: ...
 
     def product(self, moves: np.ndarray, change: np.ndarray) -> ScalarChange:
-        """Return the product of its Gauss-Newton matrix with increments (n, 6) of the hubs and a change of the coordinates."""
+        """Return the product of its Gauss-Newton matrix with hub increments (n, 6) and a change of the coordinates."""
 
     def ahead(self, moves: np.ndarray, change: np.ndarray) -> Term:
-        """Return the term after a step: strains, gaps and distances are linearised, their penalty is evaluated exactly."""
+        """Return the term after a step: linearise strains, gaps and distances, evaluate their penalty exactly."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
     """Jacobian of K quantities.
 
-    hubs : (K, 6 n) by the increments of the hubs; own : (K, coordinates) by the coordinates at fixed hubs
+    hubs : (K, 6 n) with respect to the increments of the hubs
+    own : (K, coordinates) with respect to the coordinates at fixed hubs
     """
 
     hubs: csr_array
@@ -80,7 +86,10 @@ class Rows:
         return ScalarChange((self._transposed[0] @ weight).reshape(-1, 6), self._transposed[1] @ weight)
 
     def curved(self, curvature: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " some"], Rows]:
-        """Return the second derivatives that are not 0, and the Jacobian of these quantities only, which is enough for products."""
+        """Return the second derivatives that are not 0, and the Jacobian of only the quantities that these belong to.
+
+        curvature : second derivatives of a scalar with respect to the K quantities
+        """
         some = np.flatnonzero(curvature)
         if len(some) == len(curvature):
             return curvature, self
@@ -93,9 +102,10 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class LeastSquares(Term):
-    """Half the squared norm of a residual, without unit like the mismatch; the residual is linear along a step.
+    """Half the squared norm of a dimensionless residual that is linearised along a step.
 
-    A subclass defines ``residual``, ``jvp`` and ``vjp``; value, gradient and Gauss-Newton product follow. docs/extend.md shows one.
+    A subclass defines ``residual``, ``jvp`` and ``vjp``; value, gradient and Gauss-Newton product follow. For an
+    example see docs/extend.md.
 
     moved : change of the residual by a step; None at the equilibrium itself
     """
@@ -108,7 +118,7 @@ class LeastSquares(Term):
         raise NotImplementedError
 
     def jvp(self, moves: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """Return the change of the residual for increments (n, 6) of the hubs and a change of the coordinates."""
+        """Return the change of the residual for hub increments (n, 6) and a change of the coordinates."""
         raise NotImplementedError
 
     def vjp(self, weight: np.ndarray) -> ScalarChange:
@@ -137,7 +147,7 @@ class LeastSquares(Term):
 
 @dataclass(frozen=True, eq=False)
 class MismatchTerm(LeastSquares):
-    """The mismatch as a term."""
+    """The mismatch as a term of the objective."""
 
     mismatch: Mismatch
 
@@ -153,24 +163,26 @@ class MismatchTerm(LeastSquares):
 
     @property
     def gradient(self) -> ScalarChange:
-        # the best rotation adds nothing at the equilibrium itself
+        # at the equilibrium the derivative of the best rotation contributes nothing (envelope theorem)
         further = 0.0 if self.moved is None else self.mismatch.backward(self.moved)
         return by_centres(self.mismatch.gradient + further)
 
     def product(self, moves: np.ndarray, change: np.ndarray) -> ScalarChange:
-        return by_centres(self.mismatch.product(self._shifts(moves)))  # quicker than one after the other
+        return by_centres(self.mismatch.product(self._shifts(moves)))  # quicker than jvp, then vjp
 
     def _shifts(self, moves: np.ndarray) -> Float[np.ndarray, "spirals 3"]:
-        """Return the shifts of the centres, without those of the nodes of a rim."""
+        """Return the translations of the hubs, without the nodes of a rim."""
         return moves[: len(self.mismatch.target.points), :3]
 
 
 @dataclass(frozen=True, eq=False)
 class StrainLimit:
-    """Limit of the arms' strains, enforced by an augmented Lagrangian (Nocedal and Wright, Numerical Optimization, section 17.3).
+    """Limit of the arms' strains, enforced by an augmented Lagrangian (Nocedal and Wright, section 17.3).
 
-    material, share : the limit is this share of the material's safe strain; weight : of the squared excesses in the objective
-    pushes : (m, 2) multipliers of both arms of every joint, None at the beginning; worst : largest excess when these were set last
+    material, share : the limit is ``share`` times the material's safe strain
+    weight : of the squared excesses in the objective
+    pushes : (m, 2) multipliers of both arms of every joint; None before the first update
+    worst : largest relative excess at the last update of the multipliers
     """
 
     material: Material
@@ -181,7 +193,7 @@ class StrainLimit:
 
     @property
     def limit(self) -> float:
-        """Largest allowed strain, without unit."""
+        """Largest allowed strain, dimensionless."""
         return self.share * self.material.safe_strain
 
     def excess(self, strains: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, "joints 2"]:
@@ -189,7 +201,10 @@ class StrainLimit:
         return strains / ((1.0 - MARGIN) * self.limit) - 1.0
 
     def pressed(self, strains: Float[np.ndarray, "joints 2"]) -> StrainLimit:
-        """Return a copy with multipliers updated from these strains, and a larger weight if the last ones have not halved the excess."""
+        """Return a copy with multipliers updated from these strains.
+
+        The weight grows if the excess is not below ``ENOUGH_DECREASE`` of the excess at the last update.
+        """
         known, excess = 0.0 if self.pushes is None else self.pushes, self.excess(strains)
         worst = max(float(excess.max(initial=0.0)), 0.0)
         stiffer = WEIGHT_GROWTH if worst > ENOUGH_DECREASE * self.worst else 1.0
@@ -197,23 +212,31 @@ class StrainLimit:
         return replace(self, weight=stiffer * self.weight, pushes=pushes, worst=worst)
 
     def weighed(self, weight: float) -> StrainLimit:
-        """Return a copy with at least this weight, whose multipliers push as hard as before."""
+        """Return a copy with at least this weight; multipliers are scaled so that weight times multiplier is kept."""
         more = max(1.0, weight / self.weight)
         return replace(self, weight=more * self.weight, pushes=None if self.pushes is None else self.pushes / more)
 
     def merit(self, value: float, largest: float, strictness: float) -> float:
-        """Return an objective times a penalty on the largest strain beyond the limit; strictness : ``LOOSE`` to ``STRICT``."""
+        """Return an objective times a penalty on strain beyond the limit, to rank designs.
+
+        Parameters
+        ----------
+        value : of the objective
+        largest : largest strain of the piece
+        strictness : ``LOOSE``, ``LENIENT`` or ``STRICT``
+        """
         return value * float(np.exp(strictness * np.clip(largest / self.limit - 1.0, 0.0, 1.0)))
 
 
 @dataclass(frozen=True, eq=False)
 class StrainTerm(Term):
-    """Augmented Lagrangian of the strain limits: half the squared push of every overstrained arm, as a mean over all arms.
+    """Augmented Lagrangian of the strain limits: half the squared positive pushes of arms, as a mean over all arms.
 
-    An arm's push is its multiplier plus ``PENALTY`` times its excess. Beyond ``MAX_MULTIPLIER`` the term is linear (Huber's loss).
+    An arm's push is its multiplier plus ``PENALTY`` times its relative excess; beyond ``MAX_MULTIPLIER`` the term is
+    linear (Huber's loss).
 
     strains : (m, 2) of both arms of every joint
-    changes : from numbers of arms (2 joint + side) to the Jacobian of their strains
+    changes : function from numbers of arms (2 * joint + side) to the Jacobian of their strains
     """
 
     bearing: StrainLimit
@@ -222,7 +245,7 @@ class StrainTerm(Term):
 
     @cached_property
     def _push(self) -> Float[np.ndarray, " k"]:
-        """Pushes of the active arms, unbounded."""
+        """Pushes of the active arms, not clipped to ``MAX_MULTIPLIER``."""
         return self._pushes[self._active]
 
     @cached_property
@@ -233,7 +256,7 @@ class StrainTerm(Term):
 
     @cached_property
     def _active(self) -> Int[np.ndarray, " k"]:
-        """Numbers of the arms that are part of the model of a step."""
+        """Numbers of the arms in the model of a step: those whose push exceeds -``ACTIVE_FROM``."""
         return np.flatnonzero(self._pushes > -ACTIVE_FROM)
 
     @cached_property
@@ -248,7 +271,7 @@ class StrainTerm(Term):
 
     @property
     def _by_strain(self) -> float:
-        """Derivative of the relative excess by the strain."""
+        """Derivative of the relative excess with respect to the strain."""
         return 1.0 / ((1.0 - MARGIN) * self.bearing.limit)
 
     def value_at(self, push: Float[np.ndarray, " k"]) -> float:
@@ -260,9 +283,11 @@ class StrainTerm(Term):
         return self._rows.backward(self._unit * self._by_strain * np.clip(push, 0.0, MAX_MULTIPLIER))
 
     def curvature_at(self, push: Float[np.ndarray, " k"], below: Float[np.ndarray, " k"] | float) -> np.ndarray:
-        """Return the second derivatives (k,) by the strains; in Huber's linear part those of a parabola with equal slope.
+        """Return the second derivatives (k,) with respect to the strains.
 
-        below : factor on the second derivative for arms with a negative push
+        In the linear part of Huber's loss they are replaced by those of a parabola of equal slope.
+
+        push : (k,) pushes of the active arms; below : factor on the second derivative for arms with a negative push
         """
         share = np.where(push > 0.0, np.minimum(1.0, MAX_MULTIPLIER / np.maximum(push, MAX_MULTIPLIER)), below)
         return self._unit * PENALTY * self._by_strain**2 * share
@@ -277,7 +302,7 @@ class StrainTerm(Term):
 
     @cached_property
     def _curvature(self) -> Float[np.ndarray, " k"]:
-        """Second derivatives by the active strains; they fade out towards arms far below the limit."""
+        """Second derivatives with respect to the active strains; they fade to 0 for arms far below the limit."""
         return self.curvature_at(self._push, 1.0 + self._push / ACTIVE_FROM)
 
     def product(self, moves: np.ndarray, change: np.ndarray) -> ScalarChange:
@@ -289,7 +314,7 @@ class StrainTerm(Term):
 
 @dataclass(frozen=True, eq=False)
 class StrainTermAtStep(Term):
-    """``StrainTerm`` after a step; change : (k,) linearised change of the active arms' pushes."""
+    """``StrainTerm`` after a step; change : (k,) linearised changes of the active arms' pushes."""
 
     start: StrainTerm
     change: Float[np.ndarray, " k"]
@@ -319,36 +344,39 @@ class StrainTermAtStep(Term):
 
 
 def _huber(push: Float[np.ndarray, " k"]) -> float:
-    """Return the sum of half the squares of positive pushes, linear beyond ``MAX_MULTIPLIER``."""
+    """Return the sum of Huber's loss of the positive pushes: half the square, linear beyond ``MAX_MULTIPLIER``."""
     push = np.maximum(push, 0.0)
     near = np.minimum(push, MAX_MULTIPLIER)
     return float((near * (push - 0.5 * near)).sum())
 
 
 def turning(weight: float, moves: np.ndarray) -> ScalarChange:
-    """Return the Hessian product of the damping: ``weight`` times half the squared rotations of the hubs, radians."""
+    """Return the gradient of the rotation damping: of ``weight`` / 2 times the squared rotations (radians) of hubs."""
     if not weight:
         return ScalarChange(0.0, 0.0)
     return ScalarChange(np.concatenate([np.zeros_like(moves[:, :3]), weight * moves[:, 3:]], axis=1), 0.0)
 
 
 def total(parts: list[ScalarChange], size: int, coordinates: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sum up derivatives; return those by all hubs and rim nodes (size, 6), and those by the coordinates."""
+    """Sum derivatives of several scalars; return the sums for hubs and rim nodes (size, 6), and for coordinates."""
     hubs, own = np.zeros((size, 6)), np.zeros(coordinates)
     for part in parts:
         if isinstance(part.hubs, np.ndarray):
-            hubs[: len(part.hubs)] += part.hubs  # some parts leave out the nodes of a rim
+            hubs[: len(part.hubs)] += part.hubs  # a part may hold the hubs only, without the nodes of a rim
         own += part.own
     return hubs, own
 
 
 def by_centres(pull: Float[np.ndarray, "spirals 3"]) -> ScalarChange:
-    """Return derivatives (n, 3) by the centres as derivatives by the hubs' increments."""
+    """Convert derivatives (n, 3) with respect to the hubs' centres to derivatives with respect to their increments."""
     return ScalarChange(np.concatenate([pull, np.zeros_like(pull)], axis=1), 0.0)
 
 
 def rows_in_runs(values: Float[np.ndarray, "k 2 n"], first: Int[np.ndarray, "k 2"], columns: int) -> csr_array:
-    """Return a sparse matrix (K, columns) whose rows hold two runs of values; first : (K, 2) column where each run begins."""
+    """Return a sparse matrix (K, columns) with two runs of n consecutive values in every row.
+
+    first : (K, 2) column where each run begins
+    """
     column = first[..., None] + np.arange(values.shape[2])
     start = np.arange(0, column.size + 1, column[0].size if len(column) else 1)
     return csr_array((values.ravel(), column.ravel(), start), shape=(len(values), columns))

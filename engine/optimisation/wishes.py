@@ -1,4 +1,4 @@
-"""Wishes: target places of single spirals beside the target's shape, set by dragging ("bring this edge here")."""
+"""Drag targets ("wishes"): positions that the user wants for single spirals, in addition to the target's shape."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from ..arrays import Float, Int
 from ..errors import FlexMapsError
 from ..surface.mesh import QuadMesh
 
-# Elastic energy, joules a spiral, below which a piece counts as unstrained: on 12 surfaces flat pieces of one panel had 1e-28, others 1e-3
+# Elastic energy, joules per spiral, below which a piece counts as unstrained. Flat pieces have 1e-28, bent ones 1e-3
+# (docs/tuning.md)
 MIN_ENERGY = 1e-12
 UNSTRAINED_MESSAGE = (
     "Other spirals cannot bring the piece to where you dragged it: nothing bends it, so it rests as it is cut. "
@@ -20,35 +21,38 @@ UNSTRAINED_MESSAGE = (
 
 @dataclass(frozen=True, eq=False)
 class Wishes:
-    """Wished places of some spirals; quads : spirals, each once, ascending; places : metres, wished centres of their hubs."""
+    """Target positions that the user sets for some spirals.
+
+    quads : numbers of these spirals, ascending, without repetition; places : metres, wanted centres of their hubs
+    """
 
     quads: Int[np.ndarray, " k"]
     places: Float[np.ndarray, "k 3"]
 
     @classmethod
     def from_offsets(cls, mesh: QuadMesh, offsets: Float[np.ndarray, "quads 3"]) -> Wishes | None:
-        """Return wishes given as offsets; None if there are none.
+        """Convert offsets of quads to wishes; return None if all offsets are 0.
 
         Parameters
         ----------
         mesh : the target
-        offsets : from the quads' centroids, metres; 0 for no wish
+        offsets : metres, from every quad's centroid to the wanted position; 0 for a quad without a wish
         """
         quads = np.flatnonzero(offsets.any(axis=1))
         return cls(quads, mesh.centroids[quads] + offsets[quads]) if len(quads) else None
 
     def offsets(self, mesh: QuadMesh) -> Float[np.ndarray, "quads 3"]:
-        """Return the wishes as offsets from the quads' centroids, metres; 0 without a wish."""
+        """Return the offsets from all quads' centroids to the wanted positions, metres; 0 for a quad without a wish."""
         found = np.zeros((len(mesh.quads), 3))
         found[self.quads] = self.places - mesh.centroids[self.quads]
         return found
 
     def unreachable(self, energy: float, count: int) -> str:
-        """Return why other spirals cannot bring the piece nearer to the wishes, as a sentence; "" if they can.
+        """Return a sentence on why no change of the spirals can bring the piece nearer to the wishes; "" if one can.
 
         Parameters
         ----------
-        energy : of the equilibrium, joules
+        energy : elastic energy of the whole piece at equilibrium, joules
         count : number of spirals
         """
         return UNSTRAINED_MESSAGE if energy < MIN_ENERGY * count else ""

@@ -1,4 +1,4 @@
-"""All settings of the program, each declared once; the sidebar and the command line are generated from them."""
+"""Settings of the program, each declared once; the sidebar and the command line are generated from them."""
 
 from .fields import SHOWN, Params, format_value, setting
 from .physics import LoadParams, MaterialParams, OptimiseParams, SimulateParams

@@ -1,8 +1,7 @@
 """Declaration of settings (default, bounds, unit, help text), and the checks that refuse wrong values.
 
-The engine works in SI units; ``unit`` is the unit of the value in the dataclass ("m", "rad", "Pa", or "" for a pure number).
-User interfaces show millimetres, degrees and gigapascals: ``SHOWN`` holds the factor and the symbol, for the Blender settings and
-the command line.
+The engine works in SI units; ``unit`` is the unit of a field's value ("m", "rad", "Pa", or "" for a dimensionless
+number). User interfaces show millimetres, degrees and gigapascals; ``SHOWN`` holds the conversion factors and symbols.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from typing import Any, ClassVar
 from ..errors import FlexMapsError
 from ..tolerances import SINGLE_TOL
 
-# by unit: factor from the SI value to the shown value, and symbol of the shown unit
+# by SI unit: factor from the SI value to the shown value, and symbol of the shown unit
 SHOWN: dict[str, tuple[float, str]] = {
     "m": (1e3, "mm"),
     "rad": (180.0 / math.pi, "\N{DEGREE SIGN}"),
@@ -39,8 +38,8 @@ def setting(
 
     Parameters
     ----------
-    default : in SI units; its type is the type of the setting
-    label, help : texts that users see, translated
+    default : default value in SI units; its type is the type of the setting
+    label, help : texts for users, which are translated
     low, high : bounds in SI units; None for no bound
     unit : key of ``SHOWN``
     choices : (identifier, label, help) of every value of a string setting
@@ -54,7 +53,7 @@ LARGEST = 1e300  # largest magnitude of any setting, which also refuses infinity
 
 
 def describe_numbers(f: Field) -> str:
-    """Return the numbers that a field takes, in words, e.g. "a whole number from 0 to 50"."""
+    """Describe the numbers that a field accepts, e.g. "a whole number from 0 to 50"."""
     whole = isinstance(f.default, int)
     kind, tell = ("a whole number", str) if whole else ("a number", lambda bound: format_value(f, bound))
     low, high = (None if f.metadata[k] is None else tell(f.metadata[k]) for k in ("low", "high"))
@@ -64,18 +63,19 @@ def describe_numbers(f: Field) -> str:
 
 
 def format_value(f: Field, value: float) -> str:
-    """Return the SI value of a field as text in its shown unit, e.g. "2 mm"."""
+    """Format a field's SI value in its shown unit, e.g. "2 mm"."""
     factor, symbol = SHOWN[f.metadata["unit"]]
     return f"{value * factor:g}{' ' if symbol.isalpha() else ''}{symbol}"
 
 
 class Params:
-    """Base of all settings; raises FlexMapsError for values of a wrong type, out of bounds, or in a wrong order."""
+    """Base class of sections of settings; raises FlexMapsError for wrong types, bounds exceeded, or a wrong order."""
 
-    ORDERED: ClassVar[tuple[tuple[str, str], ...]] = ()  # pairs of settings; the first must not be above the second
-    # switches of earlier versions, on by default, with the settings that replace them where they are off
+    # pairs of settings of this section; the first must not be larger than the second
+    ORDERED: ClassVar[tuple[tuple[str, str], ...]] = ()
+    # by name of a switch of earlier versions, on by default: values of the settings that replace it where it is off
     WERE: ClassVar[dict[str, dict[str, Any]]] = {}
-    GONE: ClassVar[tuple[str, ...]] = ()  # settings of earlier versions, whose values are read and ignored
+    GONE: ClassVar[tuple[str, ...]] = ()  # settings of earlier versions, whose values are accepted and ignored
 
     def __post_init__(self) -> None:
         known = {f.name: f for f in fields(self)}  # type: ignore[arg-type]
@@ -86,8 +86,12 @@ class Params:
 
 
 def refuse_if_above(block: Params, name: str, other: Params, limit: str, remedy: str) -> None:
-    """Raise FlexMapsError if the setting ``name`` of a block is above the setting ``limit`` of ``other``.
+    """Raise FlexMapsError if one setting is larger than another.
 
+    Parameters
+    ----------
+    block, name : section and name of the setting that must not be larger
+    other, limit : section and name of the other setting
     remedy : end of the message: what the user should do
     """
     value, most = getattr(block, name), getattr(other, limit)
@@ -104,7 +108,7 @@ def is_number(value: Any, *, whole: bool = False) -> bool:
 
 
 def quote(value: Any) -> str:
-    """Return a value in quotes for a message, in one line and shortened to 60 characters."""
+    """Quote a value for a message: in single quotes, on one line, shortened to 60 characters."""
     try:
         text = value if isinstance(value, str) else repr(value)
     except ValueError:  # Python refuses to print integers of thousands of digits

@@ -85,12 +85,12 @@ class MaterialParams(Params):
 
     @property
     def chosen(self) -> Material:
-        """The material with the strain limit for as long as the piece must last."""
+        """The material with its strain limit for the time that the piece must last."""
         return self.sheet.lasts(self.lasts == "years")
 
     @property
     def sheet(self) -> Material:
-        """The material with its limits for days and, if known, for years."""
+        """The material with its properties for days and, if known, for years under load."""
         if self.material != "custom":
             return material(self.material)
         given = "given by the user"
@@ -98,7 +98,7 @@ class MaterialParams(Params):
         rest = (self.poisson, self.density, self.strain_limit, True, given)
         if not self.across:
             return Material("Custom", self.youngs, *rest, lasting=lasting)
-        # moduli that the user does not give are in the same ratio as those of birch plywood
+        # moduli that the user leaves out have the same ratios to the modulus along the grain as in birch plywood
         usual = MATERIALS["birch"].orthotropy
         assert usual is not None
         shear = self.shear or self.youngs * usual.shear / usual.along
@@ -123,7 +123,7 @@ class SimulateParams(Params):
     )
     gravity: bool = setting(False, "Gravity", "Let the weight of the sheet act, downwards along z; needs supports")
     clamped: bool = setting(True, "Clamp supports", "Supported spirals keep their direction too, not only their place")
-    # a long ribbon that unrolls by several turns takes about 300; all other pieces took 5 to 60
+    # most pieces take 5 to 60 iterations, a ribbon that unrolls by several turns 300 (docs/tuning.md)
     iterations: int = setting(
         500, "Iterations", "Most Newton iterations before the search is given up", low=1, high=10_000
     )
@@ -156,7 +156,7 @@ class OptimiseParams(Params):
             ("each", "Each its own", "Four widths a spiral: nearest to the target"),
         ),
     )
-    # smaller values end farther from the target, larger ones match curvature less (docs/tuning.md)
+    # smaller: farther from the target; larger: worse match of curvature (docs/tuning.md)
     lies: float = setting(
         0.35,
         "Match curvature / position",
@@ -164,7 +164,7 @@ class OptimiseParams(Params):
         low=0.0,
         high=1.0,
     )
-    # on a dome of 192 quads with wishes for its border 18 mm away, spirals came from 7 mm to .4 mm from these with 1, to .8 with 0.3, to 3 with 0.1
+    # larger: dragged spirals come nearer to their drag targets, the others less near to the surface (docs/tuning.md)
     urge: float = setting(
         1.0,
         "Weight of drag targets",

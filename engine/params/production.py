@@ -45,7 +45,7 @@ class CutParams(Params):
         unit="m",
     )
     line_width: float = setting(
-        0.0254 / 1e3,  # 0.001 inch; in this form it equals the value that comes back from 0.0254 mm
+        0.0254 / 1e3,  # 0.001 inch; written like this, it equals exactly a user's 0.0254 mm after conversion
         "Line width",
         "Width of the lines in SVG and PDF: drivers that cut by width take 0.0254 mm; where colours decide, 0.1 mm shows better",
         low=0.000001,
@@ -171,7 +171,7 @@ class SheetParams(Params):
             ("FAST", "Quick", "Quarter turns only, without a search"),
         ),
     )  # fmt: skip
-    # with 3 s, 16 pieces needed as many sheets, as well filled, as with an earlier search after 8 s
+    # larger: sometimes fewer or better filled sheets, slower (docs/tuning.md)
     nesting_seconds: float = setting(
         3.0,
         "Nesting seconds",
@@ -251,7 +251,7 @@ class BaseParams(Params):
 
     @property
     def stands(self) -> bool:
-        """Whether the piece stands on feet."""
+        """Whether the base consists of feet and plates, not of eyelets."""
         return self.base not in ("none", "eyelets")
 
 

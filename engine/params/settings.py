@@ -1,4 +1,4 @@
-"""All settings together, and changing them by values that users give."""
+"""All settings in one dataclass, and functions that set them to values from users."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ P = TypeVar("P", bound=Params)
 
 
 def _with_extras(cls: type) -> type:
-    """Add the sections of the extras to the class of the settings of this name, before it becomes a dataclass."""
+    """Add the extras' sections as fields to ``Settings`` or ``ObjectSettings``, before it becomes a dataclass."""
     for name, kind in registry.sections(cls.__name__).items():
         cls.__annotations__[name] = kind
         setattr(cls, name, field(default_factory=kind))
@@ -31,7 +31,7 @@ def _with_extras(cls: type) -> type:
 @dataclass(frozen=True)
 @_with_extras
 class Settings:
-    """All settings of the main job, by section; those of the extras come from their folders."""
+    """All settings of the main job, by section; the extras in ``engine/extras`` add sections of their own."""
 
     regularise: RegulariseParams = field(default_factory=RegulariseParams)
     layout: LayoutParams = field(default_factory=LayoutParams)
@@ -47,11 +47,12 @@ class Settings:
     optimise: OptimiseParams = field(default_factory=OptimiseParams)
 
     def section(self, kind: type[P]) -> P:
-        """Return the section of a class, which a type checker does not know as an attribute where an extra brings it."""
+        """Return the section of a class; type checkers do not know sections of extras as attributes."""
         return next(block for f in fields(self) if isinstance(block := getattr(self, f.name), kind))
 
 
-# pairs of settings from different sections, the first must not be above the second, and the remedy for the message
+# settings of different sections that must be in order: the smaller one, the larger one, and what the error message
+# advises
 ORDERED_ACROSS_SECTIONS = (
     ("cut.kerf_outline", "sheet.spacing", "the panels lie too close together for the cutter; make the spacing larger"),
     ("cut.mill", "sheet.spacing", "the panels lie too close together for the mill; make the spacing larger"),
@@ -62,12 +63,12 @@ ORDERED_ACROSS_SECTIONS = (
 
 
 def refuse_crossed(blocks: Mapping[str, Params], sections: Collection[str]) -> None:
-    """Raise FlexMapsError if two settings are in a wrong order by ``ORDERED_ACROSS_SECTIONS``.
+    """Raise FlexMapsError if two settings of different sections violate ``ORDERED_ACROSS_SECTIONS``.
 
     Parameters
     ----------
     blocks : settings by section
-    sections : only pairs with a setting in one of these are checked
+    sections : names of the sections to check; pairs without a setting in these are ignored
     """
     for low, high, remedy in ORDERED_ACROSS_SECTIONS:
         (block, name), (other, limit) = low.split("."), high.split(".")
@@ -96,8 +97,8 @@ def with_values(settings: S, values: Mapping[str, Any]) -> S:
 
     Parameters
     ----------
-    settings : to start from
-    values : by "section.name", in shown units (millimetres, degrees), or as text, as a command line gives them
+    settings : the present settings
+    values : new values by "section.name", in shown units (millimetres, degrees), as numbers or as text
 
     Raises
     ------
@@ -127,12 +128,13 @@ def with_values(settings: S, values: Mapping[str, Any]) -> S:
 
 
 def goal_values(*, goal: str | None = None, panels: Any = None, match: Any = None) -> dict[str, Any]:
-    """Return the settings of the goal of a layout, as ``with_values`` takes them.
+    """Return values for ``with_values`` that set the goal of a layout.
 
     Parameters
     ----------
-    goal : identifier of ``ChooseParams.goal``; by default the goal whose number is given
-    panels, match : largest number of panels; wanted RMS distance from the target, in percent of the size
+    goal : value of ``ChooseParams.goal``; None for "panels" or "match", whichever argument is given
+    panels : largest number of panels
+    match : wanted RMS distance from the target, in percent of the size
     """
     named = goal or ("panels" if panels is not None else "match" if match is not None else None)
     values = {"choose.goal": named, "choose.panels": panels, "choose.match": match}
@@ -140,7 +142,7 @@ def goal_values(*, goal: str | None = None, panels: Any = None, match: Any = Non
 
 
 def _replace_values(section: str, block: Any, given: dict[str, Any]) -> Any:
-    """Replace values of a block; errors name its section."""
+    """Replace values in a section of the settings; error messages name the section."""
     try:
         return replace(block, **given)
     except FlexMapsError as error:
@@ -159,7 +161,7 @@ def values_in_shown_units(settings: Settings) -> dict[str, dict[str, Any]]:
 
 
 def sections(kind: type) -> dict[str, type[Params]]:
-    """Return the classes of the sections of ``Settings`` or ``ObjectSettings`` by their names."""
+    """Return the classes of the sections of ``Settings`` or ``ObjectSettings``, by section name."""
     return {block.name: block.default_factory for block in fields(kind)}  # type: ignore[misc]
 
 
@@ -170,7 +172,7 @@ def every_setting(kind: type) -> Iterator[tuple[str, Field]]:
 
 
 def _as_shown(f: Field, value: Any) -> Any:
-    """Return the value of a field in its shown unit, without digits that come from rounding."""
+    """Convert a field's SI value to its shown unit, without the digits of rounding errors."""
     return float(f"{value * SHOWN[f.metadata['unit']][0]:.9g}") if isinstance(value, float) else value
 
 
@@ -178,14 +180,14 @@ ON_OFF_WORDS = {"true": True, "yes": True, "on": True, "1": True, "false": False
 
 
 def _parse_switch(label: str, value: Any) -> bool:
-    """Return True or False from a value that a user gives, such as "on" or 0."""
+    """Convert a user's value of a switch, such as "on" or 0, to True or False."""
     if not isinstance(value, bool | str | Integral) or str(value).lower() not in ON_OFF_WORDS:
         raise FlexMapsError(f"{label} {quote(value)}: give on or off")
     return ON_OFF_WORDS[str(value).lower()]
 
 
 def _from_shown(f: Field, value: Any) -> Any:
-    """Return the SI value of a field from a value that a user gives, in shown units, perhaps as text."""
+    """Convert a user's value of a field, a number or text in its shown unit, to SI units."""
     default, label = f.default, f.metadata["label"]
     if isinstance(default, str):
         return str(value) if isinstance(value, PathLike) else value

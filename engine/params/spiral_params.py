@@ -99,7 +99,7 @@ class SpiralParams(Params):
         "stubs",
         "Border",
         "Treatment of the arms that end at an open border, where there is no other arm to join",
-        choices=(  # .blend files store the index, so the order must not change
+        choices=(  # .blend files store the number of the choice, so the order must not change
             ("stubs", "Stubs", "They are cut as all others, and end in the air"),
             ("left_out", "Plain", "They are not cut; their hubs have a round end in their place"),
             ("rim", "Rim", "A strip along the border joins their tips, with holes for a cord or rivets"),

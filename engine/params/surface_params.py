@@ -38,7 +38,7 @@ class RemeshParams(Params):
 
 @dataclass(frozen=True)
 class RegulariseParams(Params):
-    """Regularisation: makes the quads squarer before they are flattened (Pietroni et al. 2015)."""
+    """Regularisation, which makes the quads squarer before they are flattened (Pietroni et al. 2015)."""
 
     iterations: int = setting(
         60,
@@ -95,7 +95,7 @@ class LayoutParams(Params):
 
 @dataclass(frozen=True)
 class ChooseParams(Params):
-    """Goal of the choice among layouts, which are compared by the shape that their panels take."""
+    """Goal of the choice among layouts, which are compared by the simulated shapes of their pieces."""
 
     goal: str = setting(
         "match",

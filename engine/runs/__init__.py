@@ -1,1 +1,1 @@
-"""Running all stages in order, and reporting a run: figures, plots, the report and its 3D page."""
+"""Run all stages in order, and report a run: figures, plots, the report and its 3D page."""

@@ -1,4 +1,4 @@
-"""Outputs that users make by hand: they mark seams, change spirals and take another proposed layout."""
+"""Outputs that users make by hand: they mark seams, change spirals, or take another proposed layout."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from .steps import STEPS
 
 @one_thread
 def traced_at(result: Result, seams: np.ndarray, settings: Settings, progress: Progress = SILENT) -> Result:
-    """Trace, but keep to the user's seams if there are any and they differ from the traced ones.
+    """Trace the surface, but cut it along the user's seams if there are any.
 
     Parameters
     ----------
-    result : its mesh is used; outputs made from the former layout are dropped
-    seams : (E,) bool, edges where the user wants cuts
+    result : holds the mesh; outputs made from the former layout are dropped
+    seams : (E,) bool, edges that the user marked to be cut
     settings : of all stages
     progress : reports and cancels
     """
@@ -51,18 +51,18 @@ def flatten_by_hand(
 
     Parameters
     ----------
-    result : its mesh is used; outputs made from the former layout are dropped
+    result : holds the mesh; outputs made from the former layout are dropped
     cut : (E,) bool, edges of the mesh to cut
     settings : of all stages
     progress : reports and cancels
-    previous : flat patches whose unchanged shapes are used again
+    previous : earlier flat patches; patches that have not changed keep their flat shapes
     """
     layout = trace.make_disks(PatchLayout(result.mesh, cut))
     return laid_out(result, flatten.flatten(layout, settings.layout, progress, previous=previous), settings)
 
 
 def laid_out(result: Result, flat: FlatPatches, settings: Settings) -> Result:
-    """Return the result with flat patches that the user has laid out, in place of all earlier layouts."""
+    """Return the result with flat patches made by hand, in place of all earlier layouts."""
     bare = result.without(*LAYOUTS)
     merged = bare.with_outputs(MergedLayout(flat, BY_HAND, **made_by("merge", settings, bare.inputs("mesh"))))
     made = made_by("merge", settings, merged.inputs("mesh", "merged"))
@@ -74,8 +74,8 @@ def with_design(result: Result, design: SpiralDesign, origin: str, settings: Set
 
     Parameters
     ----------
-    result : a piece with a layout
-    design : the spirals
+    result : with a final layout
+    design : the new spirals
     origin : as in ``DesignVersion``
     settings : of all stages
     """

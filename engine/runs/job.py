@@ -1,4 +1,4 @@
-"""The main job: from any polygon mesh to cut-ready sheets, stage by stage, without Blender."""
+"""The main job: from a polygon mesh to sheets ready for cutting, stage by stage, without Blender."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ from .stage import Stage
 from .stages import STAGES, TABLE, TRACED
 from .steps import at_rest, function_of, simulated_shape
 
-CHECK, CHECK_SHARE = "check", 0.05  # the step before the stages of the table, and its share of the progress bar
-COARSE = 1e-4  # metres, tolerance of outlines that are only measured
+CHECK, CHECK_SHARE = "check", 0.05  # check of the mesh before the stages of the table, and its part of the progress bar
+COARSE = 1e-4  # metres, tolerance of outlines that only serve to estimate the number of sheets; larger: less accurate
 STAGE_NAMES = (CHECK, *(stage.name for stage in TABLE if not stage.quick))
 
 
@@ -45,7 +45,7 @@ class _Stages:
         self.seconds: dict[str, float] = {}
         self._progress = progress
         shares = [STAGES[name].share if name in STAGES else CHECK_SHARE for name in wanted]
-        total = sum(shares) or 1.0  # no stages are wanted: avoid a division by zero
+        total = sum(shares) or 1.0  # avoid a division by zero without stages
         starts = [sum(shares[:k]) / total for k in range(len(wanted) + 1)]
         self._spans = dict(zip(wanted, pairwise(starts), strict=True))
         self.end = progress.part(1.0, 1.0)  # for quick work after the last stage
@@ -57,7 +57,7 @@ class _Stages:
         start = time.perf_counter()
         yield part
         self.seconds[name] = time.perf_counter() - start
-        # tell() does not raise Cancelled: a cancelled stage that returns its best result keeps it; the next stage stops
+        # tell() does not raise Cancelled: the best result of a cancelled stage is kept, and the next stage stops
         part.tell(1.0, name)
 
 
@@ -83,18 +83,18 @@ def run(
     edge : wanted median quad edge, metres
     height : wanted extent along z, metres
     stop_after : the last stage, one of ``STAGE_NAMES``
-    optimised, chosen, structured : whether to run the optional stages, see ``stages``
+    optimised, chosen, structured : whether to run the stages "optimise", "choose" and "structure"
     supports : quads that are held in place, see ``loads.parse_supports``
     progress : reports and cancels
 
     Returns
     -------
-    the outputs of all stages
+    outputs of all stages that have run
 
     Raises
     ------
     FlexMapsError : the input or a setting does not allow a stage
-    Cancelled : the progress asks to stop
+    Cancelled : the user cancels
     """
     wanted = stages(stop_after, optimised, chosen, structured)
     stage = _Stages(wanted, progress)
@@ -151,7 +151,7 @@ def begin(
 def run_stages(
     result: Result, settings: Settings, wanted: Sequence[str], progress: Progress = SILENT, *, lenient: bool = False
 ) -> Result:
-    """Run stages on a result; outputs of later stages, now out of date, are dropped.
+    """Run stages on a result; drop outputs of later stages, which become out of date.
 
     Parameters
     ----------
@@ -159,12 +159,13 @@ def run_stages(
     settings : of all stages
     wanted : names of the stages to run, in this order
     progress : reports and cancels
-    lenient : record the failure of an optional stage in ``Result.undone`` instead of raising, unless it is the last stage
+    lenient : record the failure of an optional stage in ``Result.undone`` instead of raising, unless it is the last
+        stage
 
     Raises
     ------
     FlexMapsError : an input of a stage is missing, or a setting does not allow the stage
-    Cancelled : the progress asks to stop
+    Cancelled : the user cancels
     """
     return _through(result, settings, wanted, _Stages(list(wanted), progress), lenient)
 
@@ -178,14 +179,14 @@ def run_until(
     *,
     fresh: bool = False,
 ) -> Result:
-    """Run the missing stages that lead to an output, then the stages ``after``.
+    """Run the stages that an output still lacks, then the stages ``after``.
 
     Parameters
     ----------
     result : outputs of the earlier stages
     settings : of all stages
     name : of the output, see ``StageOutput``
-    after : names of stages to run then
+    after : names of stages to run afterwards
     progress : reports and cancels
     fresh : whether to regularise the mesh first, if it is not cut into panels yet
 
@@ -201,16 +202,16 @@ def run_until(
 def scale_piece(
     result: Result, factor: float, about: Float[np.ndarray, " 3"], settings: Settings, progress: Progress = SILENT
 ) -> Result:
-    """Scale the piece: the cuts stay, and panels that become too large for their sheet are split.
+    """Scale the piece: keep its cuts, and split panels that become too large for their sheet.
 
-    The flat shapes are scaled too, also those that an optimisation has changed. The spirals keep widths and twists, as far
+    The flat shapes are scaled, including changes by an optimisation. The spirals keep their widths and twists, as far
     as such spirals can be cut.
 
     Parameters
     ----------
-    result : a piece with flat patches and spirals
+    result : with flat patches and spirals
     factor : new size over old size
-    about : (3,) metres, the point that stays where it is
+    about : (3,) metres, the fixed point of the scaling
     settings : of all stages
     progress : reports and cancels
 
@@ -224,7 +225,7 @@ def scale_piece(
     begun = begin(PolygonMesh.from_quads(mesh)).with_user(supports=result.supports, force=result.force)
     notes = dict(flat.layout.notes)
     for key in ("expected_percent", "strain_softest"):
-        notes.pop(key, None)  # they hold for the former size only
+        notes.pop(key, None)  # these predictions depend on the size
     larger = flatten.with_energies(PatchLayout(begun.mesh, flat.layout.cut, notes), factor * flat.points)
     made = run_stages(laid_out(begun, larger, settings), settings, ("split",), progress.part(0.0, 0.8))
     last = progress.part(0.8, 1.0)
@@ -235,13 +236,13 @@ def scale_piece(
 
 @one_thread
 def simulate_from_pose(result: Result, pose: Pose, settings: Settings, progress: Progress = SILENT) -> Result:
-    """Simulate again from a pose at equilibrium, for stages that need the forces there.
+    """Simulate again from a known pose at equilibrium, for stages that need the forces there.
 
-    The analyses of real sheets, of the match and of other equilibria are skipped: they were reported with that pose.
+    The analyses of tolerances, of the match and of other equilibria are skipped: they were reported with that pose.
 
     Parameters
     ----------
-    result : a piece with spirals
+    result : with spirals
     pose : hubs of all spirals at equilibrium
     settings : of all stages
     progress : reports and cancels
@@ -257,13 +258,13 @@ def simulate_from_pose(result: Result, pose: Pose, settings: Settings, progress:
 
 
 def run_quick_stages(result: Result, settings: Settings, progress: Progress = SILENT) -> Result:
-    """Flatten a traced layout and run the quick stages whose inputs exist; users request neither by name.
+    """Add a final layout if there is none, and run the quick stages whose inputs exist.
 
     Parameters
     ----------
     result : outputs so far
     settings : of all stages
-    progress : called with the fraction done; may cancel
+    progress : reports and cancels
     """
     if result.get(FinalLayout) is None:
         result = _with_flat(result, settings, progress)
@@ -274,7 +275,7 @@ def run_quick_stages(result: Result, settings: Settings, progress: Progress = SI
 
 
 def _with_flat(result: Result, settings: Settings, progress: Progress) -> Result:
-    """Add a final layout of the patches merged or traced so far."""
+    """Add a final layout from the merged patches, or else from the traced patches, flattened."""
     traced, merged = result.get(TracedLayout), result.get(MergedLayout)
     if merged is not None:
         flat, origin = merged.merged, merged.origin
@@ -287,11 +288,11 @@ def _with_flat(result: Result, settings: Settings, progress: Progress) -> Result
 
 
 def _could(stage: Stage, result: Result) -> bool:
-    """Return whether a stage has all its inputs, and one of its products is missing."""
+    """Return whether a stage has all its inputs, and one of its outputs is missing."""
     return all(result.value(name) is not None for name in stage.needs) and not result.outputs.keys() >= {*stage.makes}
 
 
-# check whether the piece can stand before these stages: two take long and lead to a base, "sheets" makes it
+# stages before which to check whether the piece can stand on its base: two take long, and "sheets" makes the base
 HELD = {"choose", "optimise", "sheets"}
 
 
@@ -300,7 +301,7 @@ def _through(result: Result, settings: Settings, wanted: Sequence[str], stage: _
     if HELD.intersection(wanted):
         check_early(result.mesh, result.supports, settings.base, settings.simulate, settings.spiral)
     for name in wanted:
-        if name == "optimise" and "sheets" in wanted:  # so that nobody waits for a search whose panels are refused
+        if name == "optimise" and "sheets" in wanted:  # refuse panels before the search, which takes long
             drawn = result.need(DesignVersion).design.outlines(COARSE)
             refuse_many([one.outer.sampled(COARSE) for one in drawn], settings.sheet)
         with stage(name) as part:
@@ -310,9 +311,9 @@ def _through(result: Result, settings: Settings, wanted: Sequence[str], stage: _
 
 
 def _done(stage: Stage, result: Result, settings: Settings, progress: Progress, lenient: bool) -> Result:
-    """Run a stage; if it is optional and fails, record why and drop the outputs of its earlier run."""
+    """Run a stage; if it fails, is optional and ``lenient``, record why and drop the outputs of its earlier run."""
     inputs = [result.need(OUTPUTS[name]) for name in stage.needs if name in OUTPUTS]
-    if not stage.optional:  # optional stages make nothing to cut, so conflicting settings may be tried in them
+    if not stage.optional:  # optional stages make nothing to cut, so they accept settings in the wrong order
         refuse_crossed({f.name: getattr(settings, f.name) for f in fields(settings)}, stage.sections)
     try:
         made = function_of(stage)(result, *inputs, stage.readable(settings), progress)

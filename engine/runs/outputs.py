@@ -1,6 +1,6 @@
-"""Inputs and outputs of the stages; each output holds what it was made from.
+"""Inputs and outputs of the stages; each output records the inputs and settings that it was made from.
 
-An output is never changed; a stage that does better than an earlier one makes an output of its own.
+An output is never changed in place; a stage that improves on an earlier output makes a new one.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ class Surface:
     """The surface to make.
 
     source : the input polygons, scaled to metres
-    findings : errors and warnings of the check
+    findings : errors and warnings from checking the mesh
     mesh : the quad mesh
-    edge, height : requested median edge and extent along z, metres, which regularising preserves
-    regularised : whether that stage has run
+    edge, height : requested median edge length and extent along z, metres, which the stage "regularise" restores
+    regularised : whether the stage "regularise" has run
     """
 
     source: PolygonMesh
@@ -51,15 +51,15 @@ class Surface:
 
 @dataclass(frozen=True)
 class UserInput:
-    """Data that the user sets on single quads or loads from files; None if there are none of a kind.
+    """Data that the user sets on single quads or loads from files; None where there are none.
 
-    supports : quads that are held at their places in the target
-    force : newtons on each quad
-    wishes : target positions for some spirals in the optimisation
-    groups : quads by name, for loads that act on a part of the piece
+    supports : quads that are held at their positions in the target
+    force : newtons, on each quad
+    wishes : target positions that the user sets for some spirals
+    groups : quads by the group's name, for loads that act on a part of the piece
     protected : quads whose spirals the optimiser must not change
-    scanned : a scan of the built piece, a ``Scan`` of the extra that compares with it
-    rest : pose at equilibrium for the comparison with the scan, if the simulation itself is not kept
+    scanned : scan of the built piece, a ``Scan`` of the extra ``scanning``
+    rest : pose at equilibrium to compare with the scan, if the simulation itself is not stored
     """
 
     supports: Int[np.ndarray, " held"] | None = None
@@ -79,10 +79,11 @@ NOTHING = UserInput()
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StageOutput:
-    """Base of the outputs; ``name`` is that of their main value in ``Stage.needs`` and ``Stage.makes``.
+    """Base class of the outputs.
 
-    inputs : the values that it was made from, by their names
-    settings : the settings that it was made with, by their entries in ``Stage.settings``
+    name : of the output's main value, as in ``Stage.needs`` and ``Stage.makes``
+    inputs : values that the output was made from, by name
+    settings : values of the settings that it was made with, by entry of ``Stage.settings``
     """
 
     name: ClassVar[str] = ""
@@ -90,17 +91,17 @@ class StageOutput:
     settings: Mapping[str, object] = field(default_factory=dict)
 
     def differs(self, settings: Settings) -> bool:
-        """Return whether some of the settings that it was made with have changed."""
+        """Return whether a setting differs from the value that this output was made with."""
         return values_of(self.settings, settings) != self.settings
 
     def map_values(self) -> dict[str, np.ndarray]:
-        """Return values of an extra's output for ``MapValues.more``: an array over the quads each."""
+        """Return an extra's values per quad, for ``MapValues.more``: arrays over the quads, by name."""
         return {}
 
 
 @dataclass(frozen=True, eq=False)
 class TracedLayout(StageOutput):
-    """The traced patches, or those between the user's seams."""
+    """Patches from tracing, or patches between seams that the user marked."""
 
     name = "layout"
     layout: PatchLayout
@@ -108,7 +109,10 @@ class TracedLayout(StageOutput):
 
 @dataclass(frozen=True, eq=False)
 class MergedLayout(StageOutput):
-    """Flat patches after merging or flattening, before any is cut to the sheet's size; ``origin`` : ``TRACED`` or ``BY_HAND``."""
+    """Flat patches after merging or flattening, before those larger than the sheet are split.
+
+    origin : ``TRACED`` or ``BY_HAND``
+    """
 
     name = "merged"
     merged: FlatPatches
@@ -120,7 +124,7 @@ class FinalLayout(StageOutput):
     """The flat patches that become panels.
 
     origin : ``TRACED``, ``BY_HAND``, ``CHOSEN`` or ``STORED``
-    start : widths (F, 4) metres and twists (F,) radians that a search found for these patches; None if there was none
+    start : widths (F, 4), metres, and twists (F,), radians, from a search on these patches; None without a search
     """
 
     name = "flat"
@@ -140,7 +144,7 @@ class DesignVersion(StageOutput):
 
 @dataclass(frozen=True, eq=False)
 class OptimisationRecord(StageOutput):
-    """History and outcome of the optimisation that the present spirals came from."""
+    """History and outcome of the optimisation that made the present spirals."""
 
     name = "optimisation"
     optimisation: Optimisation
@@ -177,12 +181,12 @@ OUTPUTS: dict[str, type[StageOutput]] = {kind.name: kind for kind in StageOutput
 
 
 def made_by(stage: str, settings: Settings, inputs: Mapping[str, object]) -> dict[str, Any]:
-    """Return the members of ``StageOutput`` for an output that a stage made.
+    """Return the arguments ``inputs`` and ``settings`` for an output of a stage.
 
     Parameters
     ----------
     stage : name of the stage
-    settings : of the run
-    inputs : the values that it was made from
+    settings : all settings of the run
+    inputs : values that the output was made from, by name
     """
     return {"inputs": inputs, "settings": values_of(STAGES[stage].settings, settings)}

@@ -1,8 +1,8 @@
-"""Data of the page's 3D view of a piece: JSON text with one packed block of numbers, read by ``view.js`` and ``packed.js``.
+"""Data of a page's 3D view of the piece: JSON with one packed block of numbers, read by ``view.js`` and ``packed.js``.
 
-Lengths are in millimetres. Every array is quantised to multiples of a step and delta-coded along its rows, with as few bytes
-per number as its largest difference needs; bytes are shuffled (the low bytes of all numbers first). The block of all arrays
-is deflated and written in base64.
+Lengths are in millimetres. Every array is quantised to multiples of a step and delta-coded from row to row, with as few
+bytes per number as its largest difference needs; bytes are shuffled (the low bytes of all numbers come first). The
+block of all arrays is deflated and written in base64.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from ..surface.far import near
 from .result import Result
 
 MM = 1e3  # millimetres in a metre
-# Quantisation steps: lengths in millimetres, angles in radians, components of quaternions. Larger steps make smaller pages.
-# With these, corners of arms are within 0.05 mm of the simulation in pieces up to the size of a room.
+# Quantisation steps: two of lengths, millimetres, of angles, radians, and of components of quaternions. Larger: smaller
+# pages, less accurate; with these, corners of arms are within 0.05 mm in pieces up to the size of a room
 FINE, PLACE, TURN, QUATERNION = 0.01, 0.01, 1e-3, 1 / 32767
 SHARE = 1 / 120  # quantisation step of shares from 0 to 1, so that one fits into a signed byte
 SHADES = 500  # distinct values on a colour scale, more than a screen shows
@@ -42,14 +42,18 @@ SHADES = 500  # distinct values on a colour scale, more than a screen shows
 
 @dataclass(eq=False)
 class ArrayPacker:
-    """Builder of the packed block; ``listed``: offset, width, shape and step of each array in the inflated block."""
+    """Builder of the packed block of arrays.
+
+    parts : packed arrays; size : their total number of bytes
+    listed : offset, bytes per number, rows, columns and step of each array in the inflated block, by name
+    """
 
     parts: list[bytes] = field(default_factory=list)
     listed: dict[str, dict[str, Any]] = field(default_factory=dict)
     size: int = 0
 
     def add(self, name: str, values: np.ndarray, step: float = 1.0) -> None:
-        """Append an array (n, ...), rounded to multiples of ``step``."""
+        """Append an array (n, ...), rounded to multiples of ``step``, under a name."""
         whole = np.rint(np.asarray(values, dtype=float) / step).astype(np.int64)
         rows = whole.reshape(len(whole), -1) if len(whole) else whole.reshape(0, 1)
         steps = np.diff(rows, axis=0, prepend=0)
@@ -70,7 +74,7 @@ class ViewContent:
     """Content of the 3D view.
 
     design : the spirals
-    measured : values per quad to colour by
+    measured : values per quad for the colourings
     pose : simulated pose of the hubs; None if there is no simulation
     """
 
@@ -80,7 +84,7 @@ class ViewContent:
 
     @classmethod
     def from_result(cls, result: Result) -> ViewContent | None:
-        """Collect the content from the products of the stages; None if there are no spirals."""
+        """Collect the content from the outputs of the stages; return None without spirals."""
         if result.design is None:
             return None
         measured = MapValues.from_results(result.mesh, result.flat, result.design, result.simulation)
@@ -88,7 +92,7 @@ class ViewContent:
         return cls(result.design, measured, None if simulation is None else simulation.equilibrium.pose)
 
     def near(self) -> ViewContent:
-        """Return the content moved to the origin if it lies so far away that packed numbers would overflow."""
+        """Move the content to the origin if it is so far away that packed numbers would overflow."""
         layout = self.design.flat.layout
         moved = near(layout.mesh)
         if moved is layout.mesh:
@@ -101,13 +105,13 @@ class ViewContent:
 
 
 def to_json(shown: ViewContent, settings: ObjectSettings, title: str, progress: Progress = SILENT) -> str:
-    """Return the data as JSON that is safe inside a script element, whatever the title is.
+    """Return the data of the view as JSON that is safe inside a script element.
 
     Parameters
     ----------
     shown : content of the view
-    settings : of the piece: material, simulation and page
-    title : name of the piece
+    settings : of the piece; material, simulation and page are used
+    title : name of the piece, any text
     progress : reports and cancels
 
     Raises
@@ -120,7 +124,7 @@ def to_json(shown: ViewContent, settings: ObjectSettings, title: str, progress: 
 
 
 def view_data(shown: ViewContent, settings: ObjectSettings, title: str, progress: Progress = SILENT) -> dict[str, Any]:
-    """Return the data of the view as a mapping that JSON can hold; parameters and errors as in ``to_json``."""
+    """Return the data of the view as a dictionary of JSON types; parameters and errors as in ``to_json``."""
     shown = shown.near()
     design, pose, packed = shown.design, shown.pose, ArrayPacker()
     material = settings.material.chosen
@@ -183,7 +187,10 @@ def _target(packed: ArrayPacker, measured: MapValues) -> None:
 
 
 def _panels(design: SpiralDesign, joined: list[int]) -> list[dict[str, Any]]:
-    """Return, for each patch: panel's name and colour, the quad where its label stands, and its step of the assembly."""
+    """Return for each patch: name and colour of its panel, the quad for its label, and its step of the assembly.
+
+    joined : panels in the order of the assembly
+    """
     layout = design.flat.layout
     shades, numbers = colours.hexadecimal(colours.patch_colours(len(layout.patches))), joining.panel_numbers(layout)
     found = []
@@ -197,7 +204,7 @@ def _panels(design: SpiralDesign, joined: list[int]) -> list[dict[str, Any]]:
 
 
 def _seams(design: SpiralDesign, steps: list[joining.Step]) -> list[list[dict[str, Any]]]:
-    """Return, for each step, the seams it closes: letter, colour, panel on the other side, arm and name of every joint."""
+    """Return the seams that each assembly step closes: name, colour, other panel, and arm and name of every joint."""
     layout = design.flat.layout
     mesh, names, numbers = layout.mesh, seam_labels(layout), joining.panel_numbers(layout)
     shades = colours.hexadecimal(colours.seam_colours(max(len(layout.seams), 1)))
@@ -216,7 +223,7 @@ def _seams(design: SpiralDesign, steps: list[joining.Step]) -> list[list[dict[st
 
 
 def _still(packed: ArrayPacker, design: SpiralDesign, pose: Pose) -> list[dict[str, Any]]:
-    """Return tracks of panels that do not move."""
+    """Return tracks for panels that do not move: every panel stays in one pose."""
     patch, found = design.flat.layout.patch_of, []
     for panel in range(len(design.flat.layout.patches)):
         own = patch == panel
@@ -233,7 +240,7 @@ def _on_table(design: SpiralDesign, table: np.ndarray) -> Pose:
 
 
 def _tracks(packed: ArrayPacker, hubs: Any, shots: Any) -> list[dict[str, Any]]:
-    """Return the tracks of the panels in the order of assembly."""
+    """Return the tracks of the moving panels, in the order of the assembly."""
     found = []
     for one in shots.tracks:
         _poses(packed, one.patch, *hubs.poses(one.shapes))
@@ -263,7 +270,7 @@ def _track(
 
 
 def _quaternions(rotations: Float[np.ndarray, "times ... 3 3"]) -> Float[np.ndarray, "times ... 4"]:
-    """Return quaternions x, y, z, w of rotations, with signs chosen so that consecutive ones are near each other."""
+    """Convert rotations to quaternions x, y, z, w, with signs chosen so that consecutive quaternions are near."""
     from scipy.spatial.transform import Rotation
 
     found = Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_quat().reshape(*rotations.shape[:-2], 4)
@@ -289,7 +296,7 @@ def _colourings(packed: ArrayPacker, shown: ViewContent, material: Material) -> 
         )
     for name, label, unit, numbers, high, scale in values:
         assert numbers is not None
-        if not np.isfinite(numbers).all():  # the attribute was edited in a .blend file
+        if not np.isfinite(numbers).all():  # the stored values were edited in a .blend file
             continue
         low = float(numbers.min()) if name == "stiffness" else 0.0
         packed.add(name, np.clip((numbers - low) / max(high - low, 1e-12), 0.0, 1.0), 1.0 / SHADES)

@@ -1,4 +1,4 @@
-"""The piece that scripts and the command line pass from stage to stage: a surface, its settings and the stages' products."""
+"""The piece that scripts and the command line pass from stage to stage: surface, settings and outputs of the stages."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from .result import Result
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A surface with its settings and the products of the stages so far.
+    """A surface with its settings and the outputs of the stages so far.
 
     source : the input polygons, metres, z up
-    edge, height : requested median edge and extent along z, metres
-    made : products of the stages; None if the mesh has errors
-    uid : Blender's id of the object that the piece was read from, and in which it can be shown
-    seams : (E,) bool, edges that the object marks as seams
+    edge, height : requested median edge length and extent along z, metres; None for no request
+    made : outputs of the stages; None if the mesh has errors
+    uid : Blender's session id of the object that the piece was read from, and in which it can be shown
+    seams : (E,) bool, edges marked as seams in the object
     files : files read for the piece, which are never overwritten
     """
 
@@ -39,7 +39,7 @@ class Piece:
 
     @property
     def result(self) -> Result:
-        """The products of the stages. Raises ``FlexMapsError`` with the first error of the mesh if it has any."""
+        """The outputs of the stages. Raises ``FlexMapsError`` with the first error of the mesh if there is one."""
         if self.made is None:
             checking.as_quad_mesh(self.source, checking.everything(self.source))
             raise FlexMapsError(f"{self.name} was not checked; load it again")

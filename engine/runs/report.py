@@ -1,7 +1,7 @@
-"""``report.json``, the program's machine-readable output: the input of a run, its products and their quality.
+"""Build ``report.json``, the machine-readable description of a run: its input, its outputs and their quality.
 
-SI units unless a key says otherwise, such as ``edge_mm``. Stages that have not run are absent. ``SCHEMA`` changes only when
-a key changes its meaning or is removed; new keys may be added at any time.
+Values are in SI units unless a key says otherwise, such as ``edge_mm``. Stages that have not run are absent. ``SCHEMA``
+changes only when a key changes its meaning or is removed; new keys may be added at any time.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ def build(
     settings: Settings | None = None,
     progress: Progress = SILENT,
 ) -> dict[str, Any]:
-    """Build the report of a run from plain JSON types.
+    """Build the report of a run, as a dictionary of plain JSON types.
 
     Parameters
     ----------
-    result : products of the stages
-    source : name of the input
-    files : the sheets that were written
-    settings : of the run, to be listed in the report
+    result : outputs of the stages
+    source : name of the input file
+    files : files of the sheets that were written
+    settings : settings of the run, to list in the report; None to leave them out
     progress : reports and cancels
     """
     within = progress.at(0.0, "collecting the figures")
@@ -79,12 +79,12 @@ def build(
 
 
 def blocks(result: Result, wanted: Collection[str] = BLOCKS, progress: Progress = SILENT) -> dict[str, dict[str, Any]]:
-    """Return the report's blocks of the stages that have run; a .blend file stores them as notes.
+    """Return the blocks of report.json for the stages that have run; a .blend file stores them as notes.
 
     Parameters
     ----------
-    result : products of the stages
-    wanted : names out of ``stages.BLOCKS``
+    result : outputs of the stages
+    wanted : names of blocks, from ``stages.BLOCKS``
     progress : reports and cancels
     """
     told = {}
@@ -106,7 +106,7 @@ def _sheets(result: Result, progress: Progress) -> dict[str, Any]:
 
 
 def _own(member: str) -> tuple[str, Callable[[Any, Progress], dict[str, Any]]]:
-    """Return a member of the result and a function that calls its ``report`` method."""
+    """Return an entry of ``_BLOCKS`` for a member of the result that has a ``report`` method."""
     return member, lambda result, progress: getattr(result, member).report()
 
 

@@ -1,4 +1,4 @@
-"""The report of a run as one self-contained HTML page, which opens without a network.
+"""Write the report of a run as one self-contained HTML page, which opens without a network.
 
 The text and style of the page are in the templates and style sheets of the folder ``page``.
 """
@@ -34,9 +34,9 @@ def draw_plots(result: Result, described: Mapping[str, Any], distortion: float) 
 
     Parameters
     ----------
-    result : products of the stages
+    result : outputs of the stages
     described : the report, see ``report.build``
-    distortion : the layout's limit, to be marked in its plot
+    distortion : limit of the layout's distortion, to mark in its plot
 
     Returns
     -------
@@ -46,7 +46,7 @@ def draw_plots(result: Result, described: Mapping[str, Any], distortion: float) 
 
 
 def all_drawings(shown: MapValues, described: Mapping[str, Any], distortion: float) -> dict[str, Drawing]:
-    """Draw the plots of the road's stages and of the extras.
+    """Draw the plots of the main stages and of the extras.
 
     Parameters
     ----------
@@ -74,21 +74,21 @@ def write(
     progress: Progress = SILENT,
     piece: str | None = None,
 ) -> list[Path]:
-    """Write the page, and every plot as an SVG file in a folder beside it.
+    """Write the page, and every plot as an SVG file in a subfolder.
 
     Parameters
     ----------
     described : the report, see ``report.build``
     drawn : plots by name, see ``draw_plots``
     out : folder to write to
-    new : maps a wanted file to the path to write, see ``files.write_all_atomically``
+    new : function from a target file to the temporary path to write to, see ``files.write_all_atomically``
     pictures : captions and PNG files
     progress : reports and cancels
     piece : from ``page_data.to_json``; if given, the page shows the piece in 3D, and ``share.html`` is written too
 
     Returns
     -------
-    the files written, the page first
+    paths of the written files, the page first
     """
     plots = {name: svg(drawn[name]) for name in progress.each([*drawn], "Writing the page")}
     shown = [(text, file.read_bytes()) for text, file in pictures]
@@ -120,8 +120,9 @@ def render_page(
     ----------
     described : the report, see ``report.build``
     plots : SVG texts by name, see ``run_plots.drawings``
-    pictures : captions and contents of PNG files for the top of the page; if there are more than three, the first is large
-    made : date and time, as text
+    pictures : captions and contents of PNG files for the top of the page; if there are more than three, the first is
+        large
+    made : date and time of the report, as text
     piece : from ``page_data.to_json``; if given, the page shows the piece in 3D
     """
     environment = share_page.environment()
@@ -150,7 +151,7 @@ def render_page(
 
 
 def title_of(described: Mapping[str, Any]) -> str:
-    """Return the piece's name: the name of its file without the suffix."""
+    """Return the name of the piece: the input file's name without the suffix."""
     name = str(described.get("input", {}).get("file", "FlexMaps"))
     return name.rsplit(".", 1)[0] or name
 
@@ -174,12 +175,12 @@ def _sheet_size(size_mm: Sequence[float]) -> str:
 
 
 def _described_extras(described: Mapping[str, Any]) -> list[Stage]:
-    """Return the stages of extras that the report has a block of."""
+    """Return the stages of extras that have a block in the report."""
     return [stage for stage in OF_EXTRAS if any(block in described for block in stage.blocks)]
 
 
 def _templates(described: Mapping[str, Any]) -> list[str]:
-    """Return the templates of the extras' sections, relative to the folder of the extras; every extra with a stage has one."""
+    """Return paths, in the folder of the extras, of the templates for the extras' sections in the report."""
     return [f"{stage.code.partition('.')[0]}/report.html.j2" for stage in _described_extras(described)]
 
 
@@ -209,9 +210,9 @@ def _notes(described: Mapping[str, Any]) -> list[tuple[bool, str]]:
 def _settings(
     values: Mapping[str, Any],
 ) -> tuple[list[tuple[str, str]], list[tuple[str, list[tuple[str, str, bool]]]]]:
-    """Return labels and values of the settings that differ from the defaults, and all settings by section.
+    """Return the changed settings, and all settings by section, as texts for the page.
 
-    In a section every setting has its label, its value, and whether it differs from the default.
+    Changed settings are (label, value); the settings of a section are (label, value, whether changed from the default).
     """
     changed, sections = [], []
     for section, kind in all_sections(ObjectSettings).items():

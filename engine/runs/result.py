@@ -1,6 +1,6 @@
-"""The result of a run: the outputs of the stages so far, none of which is out of date.
+"""The result of a run: the outputs of the stages so far, all of them up to date.
 
-An output is out of date when a value or a setting that it was made from is no longer the present one; it is dropped then.
+An output is out of date, and is dropped, when a value or a setting that it was made from has changed.
 """
 
 from __future__ import annotations
@@ -47,17 +47,17 @@ _MADE = {member for stage in TABLE for member in stage.makes}
 
 @dataclass(frozen=True)
 class Result:
-    """The outputs of all stages that have run. Scripts read their values from the properties, None where a stage has not run.
+    """The outputs of all stages that have run. Scripts read values from the properties; None if a stage has not run.
 
-    surface, user : what the stages begin with; ``mesh``, ``findings``, ``supports``, ``force``, ``wishes`` and ``protected``
-        are taken from these
-    outputs : by ``StageOutput.name``; none is out of date
-    lost : why a former output cannot be used any more, by name; its message replaces "there is none yet"
+    surface, user : inputs of the stages, with the properties ``mesh``, ``findings``, ``supports``, ``force``,
+        ``wishes`` and ``protected``
+    outputs : by ``StageOutput.name``; all are up to date
+    lost : why a former output can no longer be used, by name; used as the error message if the output is needed
     undone : why a requested stage failed, by stage; removed when the stage succeeds later
     seconds : wall time of every stage that has run
     layout : the traced patches
-    flat : the flat patches of the spirals, which may have moved them a little; without spirals those of the layout
-    choice : the proposed layouts, and the number of the present one
+    flat : the flat patches of the spirals, whose shapes the optimiser may have changed; without spirals, of the layout
+    choice : the proposed layouts, and the number of the present layout
     design : the spirals, optimised if that stage has run
     optimisation : history and outcome of the optimisation
     simulation : shape of the assembled piece at equilibrium
@@ -77,13 +77,13 @@ class Result:
     seconds: dict[str, float] = field(default_factory=dict)
 
     def get(self, kind: type[O]) -> O | None:
-        """Return the output of a kind; None if there is none."""
+        """Return the output of a class; None if there is none."""
         found = self.outputs.get(kind.name)
         assert found is None or isinstance(found, kind)
         return found
 
     def need(self, kind: type[O]) -> O:
-        """Return the output of a kind. Raises ``FlexMapsError`` with the reason if there is none."""
+        """Return the output of a class; raise ``FlexMapsError`` with the reason if there is none."""
         found = self.get(kind)
         if found is None:
             raise self.lost.get(kind.name, FlexMapsError(MISSING[kind.name]))
@@ -104,31 +104,31 @@ class Result:
         return tuple(stage.name for stage in TABLE if stage.name in wanted)
 
     def value(self, name: str) -> object:
-        """Return the present value of a name in ``StageOutput.inputs``; None if there is none."""
+        """Return the present value of an output or input, by its name in ``StageOutput.inputs``; None if missing."""
         for holder in (self.outputs.get(name), self.user, self.surface):
             if hasattr(holder, name):
                 return getattr(holder, name)
         return None
 
     def inputs(self, *names: str) -> dict[str, object]:
-        """Return present values by their names, for ``StageOutput.inputs``."""
+        """Return the present values of outputs and inputs, by name, for ``StageOutput.inputs``."""
         return {name: self.value(name) for name in names}
 
     def with_outputs(self, *outputs: StageOutput) -> Result:
-        """Return the result with these outputs, and without those made from the ones that they replace."""
+        """Return the result with new outputs, and without the outputs made from those that they replace."""
         made = {output.name: output for output in outputs}
         return replace(self, outputs={**self.outputs, **made})._failures_forgotten(made)._pruned()
 
     def with_surface(self, **changes: Any) -> Result:
-        """Return the result with other members of ``Surface``, and without the outputs made from the former ones."""
+        """Return the result with changed members of ``Surface``, and without the outputs made from old values."""
         return replace(self, surface=replace(self.surface, **changes))._pruned()
 
     def with_user(self, **changes: Any) -> Result:
-        """Return the result with other members of ``UserInput``, and without the outputs made from the former ones."""
+        """Return the result with changed members of ``UserInput``, and without the outputs made from old values."""
         return replace(self, user=replace(self.user, **changes))._pruned()
 
     def without(self, *names: str) -> Result:
-        """Return the result without some outputs and those made from them, also records of failed attempts to make them."""
+        """Return the result without some outputs, all outputs made from these, and records of failures to make them."""
         kept = {name: output for name, output in self.outputs.items() if name not in names}
         return replace(self, outputs=kept)._failures_forgotten(names)._pruned()
 
@@ -141,9 +141,7 @@ class Result:
     def without_outdated(self, settings: Settings) -> Result:
         """Return the result without the outputs made with other settings; spirals that stay get the new settings.
 
-        Parameters
-        ----------
-        settings : the present ones
+        settings : the present settings
         """
         left = self.without(*(name for name, output in self.outputs.items() if output.differs(settings)))
         version = left.get(DesignVersion)
@@ -152,7 +150,7 @@ class Result:
         return left.with_outputs(replace(version, design=replace(version.design, params=settings.spiral)))
 
     def _pruned(self) -> Result:
-        """Drop the outputs that are out of date, and those made from them."""
+        """Return the result without outputs that are out of date."""
         for name in (name for stage in TABLE for name in stage.makes if name in self.outputs):
             now = self.outputs[name].inputs
             if not all(_same(value, self.value(member)) for member, value in now.items()):
@@ -160,12 +158,12 @@ class Result:
         return self
 
     def __getattr__(self, name: str) -> Any:
-        """Return the value of an output that has no property below; None where its stage has not run."""
+        """Return the value of an output without a property below; None if its stage has not run."""
         if name in _MADE:
             return self.value(name)
         raise AttributeError(f"A result has no '{name}'")
 
-    # -- the values, None where there are none -------------------------------------------------------------------------
+    # -- the values, None if they are missing --------------------------------------------------------------------------
 
     @property
     def findings(self) -> list[Finding]:

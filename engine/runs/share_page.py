@@ -1,7 +1,7 @@
-"""The piece in 3D on a page: ``share.html``, to be sent to others, and the parts that the report's page shares with it.
+"""Write ``share.html``, a page with the piece in 3D to send to others, and the parts that the report's page has too.
 
-Both pages are self-contained: they hold the piece as JSON (``page_data``), three.js and the scripts of the folder ``page``.
-Their content security policy forbids the browser to fetch anything or to run other scripts.
+Both pages are self-contained: they hold the piece as JSON (``page_data``), three.js and the scripts in the folder
+``page``. Their content security policy forbids the browser to fetch anything or to run other scripts.
 """
 
 from __future__ import annotations
@@ -22,14 +22,15 @@ from ..surface.checking.finding import with_count
 
 SHARE = "share.html"
 FOLDER = Path(__file__).with_name("page")
-# three.js, made by tools/page_library.py, then the page's own scripts in order of dependence; the last one starts the view
+# three.js, made by tools/page_library.py, then the page's own scripts, each after those it needs; the last starts the
+# view
 SCRIPTS = ("three.min.js", "packed.js", "turns.js", "skin.js", "scene.js", "view.js")
-# plots to show in browsers without 3D, in order of preference
+# names of the plots to show in browsers without 3D, in order of preference
 INSTEAD = ("shape", "surface", "patches")
 
 
 def environment() -> Any:
-    """Return the environment of the templates in the folder ``page``, and of those in the extras' folders."""
+    """Return the Jinja environment for the templates in the folder ``page`` and in the folders of the extras."""
     import jinja2
 
     loader = jinja2.FileSystemLoader([FOLDER, Path(registry.__file__).parent])
@@ -47,7 +48,7 @@ def scripts() -> list[str]:
 
 
 def policy(texts: Sequence[str] = ()) -> str:
-    """Return the Content-Security-Policy of a page: no requests, and no scripts but these texts."""
+    """Return a page's Content-Security-Policy, which forbids requests and all scripts except these texts."""
     hashes = "".join(f" 'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'" for text in texts)
     return (
         f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; script-src{hashes or ' ' + repr('none')}"
@@ -67,7 +68,7 @@ def page(
     ----------
     piece : from ``page_data.to_json``
     title : name of the piece
-    described : the report, for the line of figures
+    described : the report, whose key figures the page shows
     drawn : plots by name
     pictures : names of plots to show in browsers without 3D, in order of preference; the first two that exist are used
     """
@@ -84,7 +85,7 @@ def page(
 
 
 def steps_in_words(piece: str) -> list[str]:
-    """Describe every step of the assembly in words, for the printed page; ``piece`` is from ``page_data.to_json``."""
+    """Return a sentence for every step of the assembly, for the printed page; piece : from ``page_data.to_json``."""
     held = json.loads(piece)
     names = {panel["step"]: panel["name"] for panel in held["panels"]}
     found = []
@@ -103,7 +104,7 @@ def steps_in_words(piece: str) -> list[str]:
 
 
 def facts(described: Mapping[str, Any]) -> list[str]:
-    """Return the piece's key figures as texts: size, panels, spirals, material, deviation from the target, mass."""
+    """Return the piece's key figures as texts: size, panels, spirals, material, distance from the target, mass."""
     found = []
     source, shape, sheets = (described.get(name, {}) for name in ("input", "equilibrium", "sheets"))
     if source:

@@ -1,4 +1,4 @@
-"""Row of the table of stages, see ``stages``."""
+"""Class of a row in the table of stages, see ``stages``."""
 
 from __future__ import annotations
 
@@ -6,33 +6,33 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:  # the settings take the extras' sections, and the rows of their stages lie beside these
+if TYPE_CHECKING:  # a circular import at run time: the settings import the extras, whose stages import this module
     from ..params import Settings
 
-# sections of the settings that the shape at rest depends on
+# sections of the settings that determine the simulated shape
 PHYSICS = ("spiral", "material", "simulate", "loads")
-SEARCH = ("choose", "optimise")  # sections that say how to search, and what match is wanted
+SEARCH = ("choose", "optimise")  # sections with the goal and the effort of a search
 
 
 @dataclass(frozen=True)
 class Stage:
     """One step of the main job. Inputs and outputs are named as the properties of ``Result``.
 
-    name : as in the progress, the command line and ``Result.seconds``
-    share : of the progress bar; 0 for quick stages
-    needs : required inputs
-    makes : outputs that it alone makes
-    replaces : outputs of earlier stages in whose place it may put better ones of its own, with which later stages go on
-    settings : what makes its outputs out of date: sections of the settings, "spiral!thickness!grain" for a section without two
-        of its settings
-    reads : further sections that it reads; its outputs stay valid when they change
+    name : name in progress reports, on the command line and in ``Result.seconds``
+    share : fraction of the progress bar; 0 for quick stages
+    needs : required inputs; may_use : optional inputs
+    makes : outputs that only this stage makes
+    replaces : outputs of earlier stages that this stage may replace by better ones for the later stages
+    settings : sections of the settings whose change makes its outputs out of date; "spiral!thickness!grain" stands for
+        the section "spiral" except for the settings ``thickness`` and ``grain``
+    reads : further sections that it reads; its outputs stay valid when these change
     blocks : blocks that it writes in report.json and in the notes of a .blend file
-    may_use : optional inputs
     asked : whether it runs only on request
     optional : whether sheets can be cut without it, so that a job goes on if it fails
-    quick : whether it takes so little time that it runs as soon as its inputs exist, without a request
-    done : state of the piece after it, for the message "Not optimised: ..." when an optional stage fails
-    code : for a stage of an extra the module with its ``run``, output, plots and notes of the report, as ``registry.load`` takes it
+    quick : whether it is so fast that it runs without a request, as soon as its inputs exist
+    done : participle for the message when an optional stage fails, such as "optimised" for "Not optimised: ..."
+    code : name for ``registry.load`` of the module of an extra with its ``run``, output, plots and report notes; "" if
+        the stage is not from an extra
     """
 
     name: str
@@ -52,15 +52,13 @@ class Stage:
 
     @property
     def sections(self) -> set[str]:
-        """Sections of which a change makes its outputs out of date, wholly or but for some settings."""
+        """Names of the sections in ``settings``, with or without excluded settings."""
         return {section_of(entry)[0] for entry in self.settings}
 
     def readable(self, settings: Settings) -> Settings:
-        """Return the settings with only those sections that its row lists; reading another one is an error of the program.
+        """Return settings with only the sections that this row lists; reading another section raises AttributeError.
 
-        Parameters
-        ----------
-        settings : all of them
+        settings : all settings
         """
         listed = {*self.sections, *self.reads}
         closed: dict[str, Any] = {
@@ -70,7 +68,7 @@ class Stage:
 
 
 class _Unlisted:
-    """Stands for a section of the settings that a stage's row does not list."""
+    """Placeholder for a section that a stage's row does not list; every access raises AttributeError."""
 
     stage = section = ""
 
@@ -88,12 +86,12 @@ def section_of(entry: str) -> tuple[str, tuple[str, ...]]:
 
 
 def values_of(entries: Iterable[str], settings: Settings) -> dict[str, object]:
-    """Return the values of entries of ``Stage.settings``, to be compared with later ones.
+    """Return the values of the settings in entries of ``Stage.settings``, for comparison with later values.
 
     Parameters
     ----------
-    entries : the names
-    settings : where the values are taken; a section that they do not have counts as None
+    entries : as in ``Stage.settings``
+    settings : present settings; the value of a section that they lack is None
     """
     found: dict[str, object] = {}
     for entry in entries:

@@ -1,8 +1,9 @@
-"""The table of the stages: the inputs, the outputs and the settings of each.
+"""Table of the stages of the main job, with the inputs, outputs and settings of each.
 
-The main job, the scripts' functions, the command line, Blender's operators, the sidebar's states and the notes in a .blend
-file are all derived from it. The functions of the road's stages are in ``steps``, the classes of their outputs in ``outputs``; those
-of an extra's stages in its folder. This module imports nothing heavy, so that the sidebar can be drawn without the numerics.
+The job, the functions for scripts, the command line, Blender's operators, the sidebar's states and the notes in a
+.blend file are derived from this table. The functions of the stages are in ``steps``, the classes of their outputs in
+``outputs``; an extra's folder holds both for its stages. This module imports no numerics, so that the sidebar draws
+fast.
 """
 
 from __future__ import annotations
@@ -12,17 +13,18 @@ from collections.abc import Iterable
 from ..extras import registry
 from .stage import PHYSICS, SEARCH, Stage
 
-# how an output came about; ``STORED`` where it was read from a .blend file that does not tell
+# origins of an output; ``STORED`` for an output from a .blend file that does not record its origin
 TRACED, BY_HAND, CHOSEN, OPTIMISED, CURVED, STORED = "traced", "by hand", "chosen", "optimised", "curvature", "stored"
 
 
 # -- the table ---------------------------------------------------------------------------------------------------------
 
-# The outlines of spirals depend neither on the thickness of the sheet nor on its grain; only later stages do.
-# The optimiser's own settings say how to search: its result stays valid when they change.
-# A layout stays valid when the sheet, the spirals or the material change: "sheets" refuses panels that do not fit, and the others
-# only decide between layouts that the limits allow.
-# Arms are straight under feet and wide at eyelets. The sizes of feet and eyelets don't affect the spirals.
+# Why some settings do not make an output out of date:
+# - The outlines of spirals depend neither on the sheet's thickness nor on its grain; only later stages do.
+# - The optimiser's own settings control the search; its result stays valid when they change.
+# - A layout stays valid when sheet, spirals or material change: these only decide between permitted layouts, and the
+#   stage "sheets" refuses panels that do not fit.
+# - Arms are straight under feet and wide at eyelets, but the sizes of feet and eyelets don't affect the spirals.
 KIND_OF_BASE = "base!eyelet!base_height!foot_width!base_edge"
 _EXTRA = registry.stages()
 TABLE = (
@@ -49,7 +51,7 @@ TABLE = (
 )  # fmt: skip
 STAGES = {stage.name: stage for stage in TABLE}
 OF_EXTRAS = tuple(stage for stage in TABLE if stage.code)
-# error messages for a missing input of a stage
+# by missing input of a stage: error message
 MISSING = {
     "layout": "There are no panels yet; press Trace first",
     "merged": "There are no flat panels yet; press Merge or Flatten first",
@@ -68,11 +70,11 @@ for _folder in _EXTRA:
 
 
 def dependents(members: Iterable[str], *, may_use: bool = True) -> set[str]:
-    """Return the outputs that may depend on some inputs or outputs, directly or not.
+    """Return the names of all outputs that depend, directly or indirectly, on some inputs or outputs.
 
     Parameters
     ----------
-    members : names as in ``Stage.needs``
+    members : names of these inputs and outputs, as in ``Stage.needs``
     may_use : whether a stage's optional inputs count as well
     """
     found, given = set[str](), set(members)
@@ -88,24 +90,24 @@ BLOCKS = tuple(dict.fromkeys(block for stage in TABLE for block in stage.blocks)
 
 
 def writers(block: str) -> tuple[Stage, ...]:
-    """Return the stages that write a block."""
+    """Return the stages that write a block of report.json."""
     return tuple(stage for stage in TABLE if block in stage.blocks)
 
 
 def blocks_describing(members: Iterable[str]) -> set[str]:
-    """Return the blocks of report.json that describe products of stages."""
+    """Return the blocks of report.json that describe some outputs; members : names of the outputs."""
     named = set(members)
     return {block for stage in TABLE if named.intersection(stage.makes) for block in stage.blocks}
 
 
 def stale_blocks(block: str) -> set[str]:
-    """Return the other blocks that become stale when a block is written anew."""
+    """Return the other blocks of report.json that become out of date when a block is written anew."""
     members = {member for stage in writers(block) for member in stage.makes}
     return blocks_describing(dependents(members, may_use=False)) - {block}
 
 
 def dependencies(members: Iterable[str]) -> set[str]:
-    """Return some members and everything that they are made from."""
+    """Return the names of some outputs together with everything that they are made from."""
     found = set(members)
     for stage in reversed(TABLE):
         if found.intersection(stage.makes):

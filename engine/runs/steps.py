@@ -1,4 +1,4 @@
-"""Functions of the stages in ``stages.TABLE``: each takes the outputs that it needs, and returns the result with its own."""
+"""Functions of the stages in ``stages.TABLE``: each takes the outputs that it needs, and adds its own to the result."""
 
 from __future__ import annotations
 
@@ -46,7 +46,8 @@ from .result import Result
 from .stage import Stage
 from .stages import CHOSEN, CURVED, OPTIMISED
 
-MERGED = 0.4  # share of the stage's progress for merging; tightening then takes as long again or no time (by eye)
+# Fraction of the progress of the stage "merge" for merging, by eye; tightening to the wanted match takes the rest
+MERGED = 0.4
 
 
 def _regularise(result: Result, settings: Settings, progress: Progress) -> Result:
@@ -56,7 +57,7 @@ def _regularise(result: Result, settings: Settings, progress: Progress) -> Resul
 
 
 def _resized(mesh: QuadMesh, edge: float | None, height: float | None) -> QuadMesh:
-    """Restore the requested size, about the origin: regularising shrinks the mesh a little."""
+    """Scale a mesh about the origin to the requested size, because regularising shrinks it a little."""
     if edge is not None:
         return mesh.moved(mesh.vertices * (edge / mesh.median_edge))
     if height is not None:
@@ -72,7 +73,7 @@ def _trace(result: Result, settings: Settings, progress: Progress) -> Result:
 def _merge(result: Result, traced: TracedLayout, settings: Settings, progress: Progress) -> Result:
     held = result.supports is not None and len(result.supports) > 0
     flat = merge.merge(traced.layout, settings.layout, progress.part(0.0, MERGED), held=held)
-    if registry.has("choosing"):  # which predicts the match
+    if registry.has("choosing"):  # this extra predicts the match
         piece = registry.load("choosing.judge").LayoutProblem(result.mesh, settings, result.supports, result.force)
         nearer, rest = registry.load("choosing.tighten").tighten, progress.part(MERGED, 1.0)
         flat = nearer(piece, traced.layout, flat, settings.choose, rest)
@@ -142,7 +143,14 @@ def _simulate(result: Result, version: DesignVersion, settings: Settings, progre
 def simulated_shape(
     result: Result, simulation: Simulation, limits: reach.MatchLimits | None, settings: Settings
 ) -> SimulatedShape:
-    """Return the output for a simulation of the result's spirals."""
+    """Return the output of the stage "simulate" for a simulation of the result's spirals.
+
+    Parameters
+    ----------
+    result : with the spirals
+    simulation, limits : values of the output
+    settings : of the run
+    """
     made = made_by("simulate", settings, result.inputs("mesh", "design", "optimisation", "supports", "force"))
     return SimulatedShape(simulation, limits, **made)
 
@@ -154,9 +162,9 @@ def at_rest(
 
     Parameters
     ----------
-    result : a piece
-    design : its spirals
-    settings : its material and the solver's
+    result : holds mesh, supports and forces
+    design : the spirals
+    settings : material and simulation are used
     start : pose to start from; None for the default start
     progress : reports and cancels
     """
@@ -173,7 +181,7 @@ def at_rest(
 
 
 def _with_band(simulation: Simulation, settings: Settings, progress: Progress) -> Simulation:
-    """Add the range of outcomes with real sheets; leave it out for large pieces and if the user cancels."""
+    """Add the range of shapes for sheets within their tolerances; leave it out for large pieces or after a cancel."""
     if not simulation.equilibrium.converged or simulation.assembly.size > MAX_SPIRALS:
         return simulation
     try:
@@ -215,9 +223,9 @@ def make_base_or_eyelets(
     ----------
     design : the spirals
     pose : of their hubs at equilibrium
-    supports : quads that are held
+    supports : numbers of the quads that are held
     settings : kind and sizes of the base
-    pull : (F, 3) newtons, forces of the supports on the quads
+    pull : (F, 3) newtons, forces of the supports on the quads; None if unknown
 
     Raises
     ------
@@ -242,7 +250,7 @@ def _estimate(result: Result, plan: SheetPlan, settings: Settings, progress: Pro
     return result.with_outputs(MakingEstimate(figures, joins, **made_by("estimate", settings, inputs)))
 
 
-# each takes the result, the outputs that its stage needs, the settings that its row lists, and the progress
+# by stage; arguments: the result, the outputs that the stage needs, the settings that its row lists, the progress
 STEPS: dict[str, Callable[..., Result]] = {
     "regularise": _regularise,
     "trace": _trace,
@@ -257,5 +265,5 @@ STEPS: dict[str, Callable[..., Result]] = {
 
 
 def function_of(stage: Stage) -> Callable[..., Result]:
-    """Return the function of a stage of the road or of an extra."""
+    """Return the function that runs a stage, from ``STEPS`` or from the stage's extra."""
     return registry.load(stage.code).run if stage.code else STEPS[stage.name]

@@ -1,1 +1,1 @@
-"""Further terms of the objective, a module for each with its function ``goal``; ``goal_registry`` finds them."""
+"""Additional terms of the objective, one in each module, made by its function ``goal``; found by ``goal_registry``."""
