@@ -53,7 +53,7 @@ def wish(piece: Piece, quads: str | Sequence[int], by: Sequence[float]) -> Piece
     ------
     FlexMapsError where ``by`` is not three finite numbers, or ``quads`` names no quads.
     """
-    made, shift = piece.result, _vector(by, "way")
+    made, shift = piece.result, _vector(by, "offset")
     offsets = np.zeros((len(made.mesh.quads), 3)) if made.wishes is None else made.wishes.offsets(made.mesh)
     offsets[parse_supports(made.mesh, quads)] = 1e-3 * shift
     return replace(piece, made=made.with_user(wishes=Wishes.from_offsets(made.mesh, offsets)))

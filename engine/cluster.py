@@ -131,13 +131,16 @@ class Cluster(Executor):
 
         Parameters
         ----------
-        function, args, kwargs : picklable; values of ``kwargs`` are passed as positional arguments
+        function, args : picklable
+        kwargs : must be empty
         """
+        if kwargs:
+            raise TypeError("workers take no keywords; use functools.partial")
         if self._pickled[0] is not function:  # pickle it only once: it can hold a whole mesh
             self._pickled = function, pickle.dumps(function)
         wanted: Future[Any] = Future()
         wanted.set_running_or_notify_cancel()
-        task = self._executor.submit(self._remote, self._pickled[1], pickle.dumps((*args, *kwargs.values())))
+        task = self._executor.submit(self._remote, self._pickled[1], pickle.dumps(args))
         task.add_done_callback(partial(_settle, wanted))
         return wanted
 

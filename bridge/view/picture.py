@@ -183,7 +183,7 @@ def film(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack: Pa
     """
     shown, scene = animation.existing(obj), bpy.context.scene
     if not shown:
-        raise FlexMapsError("There is no animation yet; press Animate assembly first")
+        raise FlexMapsError("There is no animation yet; press Animate the assembly first")
     frames = (scene.frame_start, animation.last_frame(obj))
     with studio((params.pixels_x, params.pixels_y or params.pixels_x * 9 // 16), params.samples, pack=pack) as place:
         for other in shown:

@@ -74,9 +74,9 @@ class Goal:
     def shortfall(self, measures: Mapping[str, float]) -> float:
         """Return how far the measure is beyond its limit, as a share of the limit; 0 if the goal is met.
 
-        If the measure is missing, an upper limit is missed infinitely far, and a lower limit counts as met.
+        A goal whose measure is missing is missed infinitely far.
         """
-        value = measures.get(self.measure, math.inf)
+        value = measures.get(self.measure, math.inf if self.most else -math.inf)
         over = value - self.limit if self.most else self.limit - value
         return max(0.0, over / (abs(self.limit) or 1.0))
 

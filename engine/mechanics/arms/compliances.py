@@ -49,7 +49,8 @@ class ArmCompliances(Columns):
         table = self.table + 2.0 * change[:, 0].reshape(shape[:2])[..., None, None] * self.table_by_scale
         if change.shape[1] > 3:
             # a grain turned by half a turn is unchanged
-            change[:, 3] = (change[:, 3] + 0.5 * np.pi) % np.pi - 0.5 * np.pi
+            turned = (change[:, 3] + 0.5 * np.pi) % np.pi - 0.5 * np.pi
+            change = np.concatenate([change[:, :3], turned[:, None], change[:, 4:]], axis=1)
             table = table + change[:, 3].reshape(shape[:2])[..., None, None] * self.table_by_grain
         added = np.einsum("nkij,nk->nij", by_shapes, change).reshape(shape)
         return replace(self, table=table, values=self.values + (table - self.table) + added)
