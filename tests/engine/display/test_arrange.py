@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 import shapely
 from flexmaps.engine.display import arrange
+from flexmaps.engine.mechanics.assembly import Pose
+from flexmaps.engine.params import SpiralParams
+from flexmaps.engine.spirals import fabricable
 
 EDGE = 0.02
 
@@ -40,3 +43,16 @@ def test_the_bay_of_a_patch_is_used_where_xatlas_is_installed(angle_iron, monkey
     in_rows, other_page = _placed(angle_iron, arrange.side_by_side(angle_iron))
     assert min(one.distance(other) for k, one in enumerate(in_rows) for other in in_rows[:k]) > 0.99 * EDGE
     assert page.prod() < 0.9 * other_page.prod()
+
+
+def test_panels_lie_on_the_table_in_front_of_the_middle_of_the_piece(flat_grid):
+    """A flat piece away from the origin of its patches: its arms end in the middles of the quads' sides, so at its border."""
+    flat = flat_grid(6, 3, EDGE, cut=lambda x, y: x in (2, 4))
+    made, away, count = fabricable.uniform_design(flat, SpiralParams()), np.array([0.3, -0.7, 0.05]), 18
+    pose = Pose(np.c_[made.arms.centre, np.zeros(count)] + away, np.broadcast_to(np.eye(3), (count, 3, 3)).copy())
+    placed = arrange.on_table(made, pose)
+    corners = flat.corners + placed[flat.layout.patch_of][:, None, :2]
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    assert high[1] == pytest.approx(away[1] - 2.0 * EDGE)
+    assert 0.5 * (low + high)[0] == pytest.approx(away[0] + 3.0 * EDGE)
+    assert placed[:, 2] == pytest.approx(away[2])

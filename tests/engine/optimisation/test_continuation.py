@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.optimisation import continuation
 from flexmaps.engine.optimisation.optimise import Optimisation, optimise
 from flexmaps.engine.optimisation.optimisers import CANCELLED
+from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import Settings
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
@@ -113,3 +116,28 @@ def test_progress_never_goes_back_and_moves_while_springs_hold_the_piece() -> No
     assert watcher.fractions == sorted(watcher.fractions)
     held = [part for part, text in zip(watcher.fractions, watcher.texts, strict=True) if text == continuation.MESSAGE]
     assert held[0] < held[-1] < watcher.fractions[-1]
+
+
+def test_springs_may_add_their_shares_of_the_usual_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After a search that took all of its time: with the springs, and after them, where steps are rated again."""
+    work, allowed = Work.for_spirals(1500, 2.0), []
+    assert work.limit is not None
+    work.add(work.limit, 1)
+
+    def note(*given: Any) -> Any:
+        assert work.limit is not None
+        allowed.append((work.share * work.limit - work.done, work.rated))
+        work.add(0.1, 1)
+        return object()
+
+    monkeypatch.setattr(continuation, "_allowed_percent", lambda *_: continuation.FAR_PERCENT)
+    monkeypatch.setattr(continuation, "_release_from_springs", note)
+    best = SimpleNamespace(point=SimpleNamespace(arms=object()), percent=5.0)
+    search: Any = SimpleNamespace(
+        best=best, task=SimpleNamespace(work=work, params=SimpleNamespace(codesign=True)),
+        trace=SimpleNamespace(ended="as before"), cycled=note, relieve=lambda *_: None,
+    )  # fmt: skip
+    continuation.continue_far(search, Progress())
+    shares = continuation.TIME_WITH_SPRINGS, continuation.TIME_AFTER_SPRINGS
+    assert [seconds for seconds, _ in allowed] == pytest.approx([share * work.usual for share in shares])
+    assert [rated for _, rated in allowed] == [False, True] and search.trace.ended == "as before"

@@ -1,4 +1,4 @@
-"""Damping of rotations after a step to a lost equilibrium."""
+"""Steps of a search: damping of rotations after a step to a lost equilibrium, and shortened steps."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -23,3 +23,30 @@ def test_rotations_of_a_lost_step_cost_more_than_it_promised(still: int) -> None
     damping = problem.gentle(optimisers._Proposal(np.zeros(1), moves, 0.3))
     cost = 0.5 * float((turning(damping, moves).hubs * moves).sum())
     assert cost == pytest.approx(0.3 * optimisers.GENTLE_COST) and cost > 0.3
+
+
+def test_a_shortened_step_keeps_its_direction_and_predicts_its_own_decrease(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The model is a quadratic, the hubs move with the coordinates, and no gap would close."""
+    slope, step = np.array([-3.0, 1.0]), np.array([0.2, -0.1])
+
+    def model(step: np.ndarray) -> float:
+        return 5.0 + float(slope @ step) + 2.0 * float(step @ step)
+
+    monkeypatch.setattr(
+        optimisers,
+        "CompositeModel",
+        lambda point, *_: SimpleNamespace(point=point, after=lambda step, _: SimpleNamespace(value=model(step))),
+    )
+    point: Any = SimpleNamespace(
+        x=np.array([0.5, 0.5]),
+        value=model(np.zeros(2)),
+        problem=SimpleNamespace(within=lambda x, _: x),
+        moves=lambda step: np.full((3, 6), step[0]),
+    )
+    problem = optimisers._GaussNewtonProblem(
+        OptimiseParams(), optimisers.SearchRecord(), lambda _: None, SILENT, point, CurvatureEstimate(2)
+    )
+    here: Any = SimpleNamespace(own=point)
+    found = problem.shortened(here, optimisers._Proposal(step, np.zeros((3, 6)), 1.0), 0.25)
+    assert found.step == pytest.approx(0.25 * step) and found.moves == pytest.approx(np.full((3, 6), 0.05))
+    assert found.gain == pytest.approx(model(np.zeros(2)) - model(0.25 * step))

@@ -26,6 +26,7 @@ from flexmaps.engine.extras.calibrating.calibrate import (
 from flexmaps.engine.extras.calibrating.coupons import FILE, GRAVITY, Coupons, read
 from flexmaps.engine.extras.calibrating.sizes import coupons
 from flexmaps.engine.params import ConnectorParams, Settings, with_values
+from flexmaps.engine.spirals.curves.spiral import centre_line
 
 LASER = {"cut.kerf_outline": 0.15, "cut.kerf_holes": 0.15}
 MILL = {
@@ -236,6 +237,40 @@ def test_its_pieces_are_sound_and_apart(name: str) -> None:
         paths += outer
     assert shapely.unary_union(paths).area == pytest.approx(sum(p.area for p in paths), rel=1e-9)
     assert shapely.box(0, 0, width, height).contains(shapely.unary_union(paths))
+
+
+@pytest.mark.parametrize("name", KINDS_OF_SHEETS)
+def test_its_pieces_keep_the_distance_of_the_sheet_and_two_kerfs(name: str) -> None:
+    settings = with_values(Settings(), KINDS_OF_SHEETS[name])
+    drawn = sheet_files.make(settings)
+    pieces = [shapely.union_all([shapely.Polygon(c.sampled(1e-6)) for c in p.outlines]) for p in drawn.pieces]
+    nearest = min(one.distance(other) for k, one in enumerate(pieces) for other in pieces[:k])
+    assert nearest > max(settings.sheet.spacing, 2.0 * drawn.coupons.kerf, 2.0 * drawn.coupons.mill) - 1e-6
+
+
+@pytest.mark.parametrize("name", KINDS_OF_SHEETS)
+def test_the_frame_of_a_spiral_is_at_least_five_sheets_wide(name: str) -> None:
+    c = made(**KINDS_OF_SHEETS[name])
+    for one in c.spirals:
+        piece = calibration_pieces.spiral(c, one)
+        holes = shapely.union_all([shapely.Polygon(hole.sampled(1e-6)) for hole in piece.holes])
+        edge = shapely.LinearRing(piece.outlines[0].sampled(1e-6))
+        assert edge.distance(holes) > max(calibration_pieces.RIM, 5.0 * c.thickness)
+
+
+@pytest.mark.parametrize("name", KINDS_OF_SHEETS)
+def test_the_arms_of_a_spiral_are_as_wide_as_their_stiffness_assumes(name: str) -> None:
+    """Around the centre lines of arms that point to the middles of the frame's sides, as far as the fillets at the hub."""
+    c = made(**KINDS_OF_SHEETS[name])
+    for one in c.spirals:
+        piece = calibration_pieces.spiral(c, one)
+        (left, _), (right, high) = piece.box
+        centre = np.array([0.5 * (left + right), high - 0.5 * (right - left)])
+        t = np.broadcast_to(np.linspace(0.02, 0.5, 40), (1, 4, 40))
+        places = centre_line(calibration_pieces._arms(one), t)[0].reshape(-1, 2) + centre
+        holes = shapely.union_all([shapely.Polygon(hole.sampled(1e-7)) for hole in piece.holes])
+        distances = shapely.distance(holes, shapely.points(places))
+        assert distances == pytest.approx(0.5 * one.width, abs=0.01 * one.width)
 
 
 def test_the_comb_counts_its_kerfs(laser: Coupons) -> None:

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from flexmaps.engine.display.panel_mesh import DETAILS, panel_mesh
-from flexmaps.engine.extras.film import assembly_film
+from flexmaps.engine.extras.film import assembly_film, passage
 from flexmaps.engine.extras.film.blend import Blend
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.bent import bend_arms
@@ -16,6 +16,7 @@ from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.joining import steps
 from flexmaps.engine.patches.tracing import trace
+from flexmaps.engine.progress import Progress
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals import design, fabricable
 from flexmaps.engine.surface import shapes
@@ -152,6 +153,16 @@ def test_nothing_jumps(film):
     frames = [shown(found, time) for time in np.arange(0.0, found.length, step)]
     fastest = max(np.linalg.norm(b - a, axis=1).max() for a, b in pairwise(frames)) / step
     assert fastest < 4.0 * np.linalg.norm(frames[-1] - frames[0], axis=1).max() / assembly_film.FLIGHT
+
+
+def test_progress_rises_with_every_piece_of_a_stage(dome, film):
+    made, pose = dome
+    found, table = film
+    seen = []
+    progress = Progress(lambda fraction, text: seen.append(fraction))
+    assembly_film.shoot(made, pose, table, found.stages, passage.Hubs(made), progress)
+    assert len(seen) > len(found.stages.all) and seen[0] == 0.0 and seen[-1] < 1.0
+    assert (np.diff(seen) > 0.0).all()
 
 
 def test_a_rolled_strip_unrolls_on_circles(flat_grid):

@@ -212,3 +212,20 @@ def test_no_arm_yields_less_than_nothing() -> None:
     unit = np.sqrt(np.einsum("esii->esi", found.table))
     assert np.linalg.eigvalsh(found.values / (unit[..., :, None] * unit[..., None, :])).min() > 1e-3
     assert (found.values != found.table).any()
+
+
+def test_the_fade_from_the_table_to_stubs_has_the_slopes_of_its_values() -> None:
+    """Arms of lengths from below the shortest to beyond the table's range."""
+    ratio = np.linspace(0.6, 1.2, 7)[:, None] * np.array([cut.SHORTEST, cut.SCALE_RANGE[0]])
+    width, n = np.full(ratio.size, 0.0014), ratio.size
+
+    def factor(by_width: float, by_radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return cut._fade_factor(replace(known, width=width + by_width, radius=0.5 * ratio.ravel() * width + by_radius))
+
+    known = CutArms.from_assembly(joints((n + 1) // 2)).subset(slice(n))
+    step = 1e-9
+    for k, way in enumerate(((step, 0.0), (0.0, step)), start=1):
+        after, before = (factor(*(sign * x for x in way))[0] for sign in (1.0, -1.0))
+        exact = factor(0.0, 0.0)[k]
+        np.testing.assert_allclose((after - before) / (2.0 * step), exact, rtol=1e-5, atol=1e-5 * np.abs(exact).max())
+    assert factor(0.0, 0.0)[0].min() == 0.0 and factor(0.0, 0.0)[0].max() == 1.0

@@ -262,6 +262,12 @@ def test_derivatives_by_the_rest_geometry(clockwise: bool) -> None:
     assert fourth_order(strains, 1e-5) == pytest.approx(wanted, rel=1e-6, abs=1e-9)
 
 
+@pytest.mark.parametrize("material", [POM, BIRCH])
+def test_arms_without_loads_have_no_strain_and_no_slopes(material: Material) -> None:
+    found = arms(5, material).slopes(np.zeros((5, LOADS)), np.arange(5))
+    assert not found.values.any() and not found.by_loads.any() and not found.by_numbers.any()
+
+
 @pytest.fixture(scope="module")
 def checker() -> Simulation:
     """A sheet of thick spirals at rest, wound much and little in turn."""

@@ -10,7 +10,14 @@ import shapely
 from flexmaps.engine.materials import material
 from flexmaps.engine.mechanics.arms.bent import BentArms, bend_arms
 from flexmaps.engine.mechanics.assembly import Pose
-from flexmaps.engine.mechanics.clearance.slots_in_space import DEEPEST, SpaceSlots, _near_stations, slots_in_space
+from flexmaps.engine.mechanics.clearance.slots_in_space import (
+    DEEPEST,
+    SpaceSlots,
+    _near_stations,
+    _section_distance,
+    _Sections,
+    slots_in_space,
+)
 from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
@@ -170,3 +177,32 @@ def test_stations_within_the_longer_reach_of_their_arms_are_pairs() -> None:
     found = {tuple(pair) for pair in _near_stations(place, reach).tolist()}
     assert {*zip(one.tolist(), two.tolist(), strict=True)} <= found
     assert all(apart[a, b] <= 2.0 * max(size[a], size[b]) for a, b in found)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.3, 0.7, -0.5, 1.2])
+@pytest.mark.parametrize("gap", [0.0004, -0.0002])
+def test_the_distance_of_sections_is_that_of_their_rectangles(tilt: float, gap: float) -> None:
+    """A thin section beside the wide face of an upright one, turned about their common direction: a corner lies before that face."""
+    height, half = 0.004, np.array([0.0006, 0.001])
+
+    def section(width: float, turn: float, across: float) -> _Sections:
+        c, s = np.cos(turn), np.sin(turn)
+        rows = ([0.0, across, 0.0], [1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c])
+        numbers = (np.array([[x]]) for x in (width, 0.0, 1.0))
+        return _Sections(*(np.array([[row]]) for row in rows), *numbers)
+
+    def rectangle(width: float, turn: float, across: float) -> shapely.Polygon:
+        turned = (
+            np.exp(1j * turn) * (width * np.array([1, -1, -1, 1]) + 1j * height * np.array([1, 1, -1, -1])) + across
+        )
+        return shapely.Polygon(np.c_[turned.real, turned.imag])
+
+    # by how much the turned section reaches to the side
+    reach = half[1] * np.cos(tilt) + height * abs(np.sin(tilt))
+    away = half[0] + reach + gap
+    first, second = section(half[0], 0.0, away), section(half[1], tilt, 0.0)
+    one, two = rectangle(half[0], 0.0, away), rectangle(half[1], tilt, 0.0)
+    expected = one.distance(two) if gap > 0.0 else gap
+    for a, b in ((first, second), (second, first)):
+        assert _section_distance(a, b, height)[0, 0] == pytest.approx(expected, abs=1e-9)
+    assert one.intersects(two) == (gap < 0.0)

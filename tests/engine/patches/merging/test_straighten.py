@@ -8,7 +8,7 @@ import numpy as np
 from flexmaps.engine.params import LayoutParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.patches.merging.board import Board
-from flexmaps.engine.patches.merging.straighten import straighten
+from flexmaps.engine.patches.merging.straighten import natural_stops, straighten
 from flexmaps.engine.progress import SILENT
 
 
@@ -26,3 +26,14 @@ def test_a_seam_with_a_step_becomes_straight(flat_grid: Callable[..., FlatPatche
     places = drawn.mesh.vertices[drawn.mesh.edges[drawn.cut]]
     assert drawn.cut.sum() == 4 and np.ptp(places[..., 0]) == 0.0
     assert not straighten(board, SILENT, darts=False)
+
+
+def test_a_cut_may_end_at_its_corner_and_nowhere_on_a_straight_line(flat_grid: Callable[..., FlatPatches]) -> None:
+    """Four edges to the right and two upwards, all inside a grid where every vertex has four edges."""
+    mesh = flat_grid(7, 5, 1.0).layout.mesh
+    way = np.array([[1.5, 2.0], [2.5, 2.0], [3.5, 2.0], [4.5, 2.0], [5.0, 2.5], [5.0, 3.5]])
+    middles = mesh.vertices[mesh.edges].mean(axis=1)[:, :2]
+    run = np.linalg.norm(middles - way[:, None], axis=2).argmin(axis=1)
+    board = Board(flat_grid(7, 5, 1.0).layout, LayoutParams())
+    assert natural_stops(board, run) == [0, 4, 6]
+    assert natural_stops(board, run[:4]) == [0, 4]

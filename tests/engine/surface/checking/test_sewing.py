@@ -173,6 +173,21 @@ def test_t_junctions_are_cured(name: str) -> None:
     assert not {"t-junction", "doubled-vertices"} & codes(replace(made, cured=()))
 
 
+def test_cuts_end_in_faces_of_five_corners_where_three_faces_meet_at_an_edge() -> None:
+    """A sheet of 24 by 24 quads, one of them finer, without a fin on an edge elsewhere and with one."""
+    mesh = PolygonMesh.from_quads(shapes.strip(24, 24))
+    a, b = sides_of(mesh).edges[sides_of(mesh).edge[1]]
+    up = mesh.vertices[[b, a]] + [0.0, 0.0, np.linalg.norm(mesh.vertices[a] - mesh.vertices[b])]
+    fin = [a, b, len(mesh.vertices), len(mesh.vertices) + 1]
+    finned = PolygonMesh(
+        np.concatenate([mesh.vertices, up]), np.concatenate([mesh.corners, fin]), np.append(mesh.sizes, 4)
+    )
+    assert (np.bincount(sides_of(finned).edge) == 3).sum() == 1
+    for one, corners in ((mesh, {4}), (finned, {4, 5})):
+        cured = sew(finer(one, np.arange(len(one.sizes)) == 300))
+        assert set(cured.sizes.tolist()) == corners and [code for code, _ in cured.cured] == ["t-junction"]
+
+
 def test_triangles_beside_finer_ones() -> None:
     mesh = triangles("dome")
     row = mesh.corners[:3].tolist()
