@@ -110,8 +110,8 @@ class Preferences(bpy.types.AddonPreferences):
     bl_idname = __package__.rpartition(".")[0]
 
     expert: bpy.props.BoolProperty(  # type: ignore[valid-type]
-        name="Expert numbers",
-        description="Show the numbers of the searches, in a tab of Workshop; their values stay with the piece",
+        name="Expert settings",
+        description="Show the solvers' settings in a tab of Workshop; hiding them keeps their values",
     )
 
     def draw(self, context: bpy.types.Context) -> None:

@@ -74,7 +74,7 @@ def has_border(mesh: bpy.types.Mesh) -> bool:
 
 
 def border_of(obj: bpy.types.Object) -> str:
-    """Return the setting for border arms; "left_out" before the first layout of an open mesh unless the user set it."""
+    """Return the setting for border arms. Its default is "left_out" for an open mesh that has no layout yet."""
     spiral, cut = obj.flexmaps.spiral, "flexmaps_flat" in obj.data.attributes
     return "left_out" if has_border(obj.data) and not cut and not spiral.is_property_set("border") else spiral.border
 

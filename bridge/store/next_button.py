@@ -23,7 +23,9 @@ CHOOSE, ROUND = "flexmaps.choose", "flexmaps.mend"  # operators of two cures: pr
 LAYOUTS = ("flexmaps.cut_there", CHOOSE)
 # range of the ratio of quad edge to wanted edge in which *Next* does not scale the piece; wider scales less often
 SIZES = 0.5, 2.0
-RESIZED = 3  # how often *Next* may press the same scaling: each factor is limited, and a driver may undo it
+# Largest number of times *Next* proposes the same enlargement: one may not suffice, as its factor is limited, and a driver that
+# resets the scale must not make *Next* repeat for ever
+RESIZED = 3
 LETTERS = 28  # most characters of a label, in every language; more do not fit the button
 
 

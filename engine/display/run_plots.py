@@ -150,7 +150,7 @@ def _spirals(m: MapValues) -> dict[str, Drawing]:
 
 
 def _history(described: Mapping[str, Any]) -> dict[str, Drawing]:
-    """Return plots of the distance and the objective during the optimisation."""
+    """Return plots of the distance to the target and of the objective during the optimisation."""
     block = described.get("optimise")
     if not block or not block["history"]:
         return {}

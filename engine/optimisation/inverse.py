@@ -364,7 +364,7 @@ class DesignPoint:
         return None
 
     def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> Rows:
-        """Return the derivatives of the strains of some arms; arms : numbers 2 e + side, for the joint e."""
+        """Return the Jacobian of strains by hubs and coordinates; ``arms`` : indices of arms, 2 * joint + side."""
         return self._rows_of_spirals(arms)[1]
 
     def _rows_of_spirals(self, arms: Int[np.ndarray, " k"]) -> tuple[StrainSlopes, Rows]:

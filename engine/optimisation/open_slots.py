@@ -97,7 +97,7 @@ class SlotRequirement:
         return replace(self, excess=excess)
 
     def _estimated(self, model: ArmModel, known: Float[np.ndarray, "arms 6"]) -> SlotWidths:
-        """Return the places where slots are narrow; ``known`` : motions of the arms' tips, 0 at the border."""
+        """Estimate the widths of narrow slots in space; ``known`` : motions of the arms' tips, 0 for border arms."""
         excess = np.zeros(len(known)) if self.excess is None else self.excess
         found = self.slots.below(LOOK_AHEAD * self.width + excess, self._numbers(model), known)
         return replace(found, values=found.values - excess[found.arms[:, 0]])

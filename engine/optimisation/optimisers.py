@@ -148,7 +148,7 @@ class _GaussNewtonProblem:
         return self.progress.at(done, f"Step {len(self.trace.rows)}, {1e3 * point.metres_away:.3g} mm from the target")
 
     def watch(self, point: DesignPoint, history: list[Iteration]) -> None:
-        pass  # solving every equilibrium raises Cancelled already
+        pass  # every equilibrium checks for a cancel
 
     def expand(self, point: DesignPoint) -> Local:
         within, point = self.within(point), point.reweighted() if isinstance(point, FlatPoint) else point

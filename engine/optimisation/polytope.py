@@ -45,7 +45,7 @@ class LinearClearances:
 
     @classmethod
     def from_clearances(cls, value: Float[np.ndarray, " rows"], slope: csr_array) -> LinearClearances:
-        """Normalise clearances and their gradients, in any unit; leave out gaps that no coordinate changes."""
+        """Divide each clearance, in any unit, and its gradient by the gradient's norm; drop gaps of zero gradient."""
         length = _lengths(slope)
         kept = length > 0.0
         if not kept.all():

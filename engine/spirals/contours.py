@@ -19,6 +19,7 @@ from ..errors import FlexMapsError
 from ..patches.joining import panel_numbers
 from ..patches.layout import PatchLayout
 from ..progress import SILENT, Progress
+from ..surface.checking.finding import with_count
 from ..surface.mesh import QuadMesh
 from .curves.arcs import Curve, FittedArcs, fit_biarcs
 from .curves.spiral import LEFT, RIGHT, Arms, centre_line, edge_points, opposite_sides, widening
@@ -135,7 +136,7 @@ def fit_edges(
     tight = np.flatnonzero(root.missed.any(axis=1))
     if len(tight):
         raise FlexMapsError(
-            f"{len(tight)} of {len(arms.centre)} spirals do not fit their quads; make the quads larger, the arms thinner or the twist smaller",
+            f"{with_count(len(tight), 'spiral does not fit its quad', 'spirals do not fit their quads')}; make the quads larger, the arms thinner or the twist smaller",
             faces=tight,
         )
     begin = plain if tips is None else tips.begin

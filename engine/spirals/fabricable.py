@@ -12,6 +12,7 @@ from ..errors import FlexMapsError
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
+from ..surface.checking.finding import with_count
 from .clearance import slots
 from .clearance.opening import open_gaps
 from .clearance.room import ClearanceModel
@@ -22,7 +23,7 @@ from .solid import fewer_quads, refuse_many, set_solid, without_room, without_sp
 from .touching import nearest_quads
 from .wider import enlarge_quads
 
-NO_ROOM = "There is no room for the arms of {} quads however thin and straight; make those quads more regular"
+NO_ROOM = "There is no room for the arms of {} however thin and straight; make the mesh more regular there"
 
 
 def uniform_design(
@@ -242,13 +243,15 @@ def resolve_contacts(
             if not given_up.any():
                 break
             culprits = np.flatnonzero(given_up | design.solid)
-            refuse_many(culprits, len(twist), NO_ROOM.format(len(culprits)))
+            refuse_many(culprits, len(twist), NO_ROOM.format(with_count(len(culprits), "quad", "quads")))
             # restore the spirals that were unwound for these quads
             begun = set_solid(design.params, start.width, start.twist, given_up | design.solid)
             restored = make_fabricable(design.flat, design.params, *begun, prove=False, free=free, progress=part)
             width, twist = restored.width, restored.twist
         design = replace(design, twist=twist, width=width).reusing(design)
-    raise FlexMapsError(NO_ROOM.format(len(culprits)), faces=culprits, quads=fewer_quads(len(design.twist)))
+    raise FlexMapsError(
+        NO_ROOM.format(with_count(len(culprits), "quad", "quads")), faces=culprits, quads=fewer_quads(len(design.twist))
+    )
 
 
 def _culprits(design: SpiralDesign, progress: Progress) -> tuple[Int[np.ndarray, " n"], np.ndarray | None]:

@@ -169,7 +169,7 @@ def _letters(sheets: CutSheets) -> list[str]:
 
 
 def _glued_or_plain(sheets: CutSheets) -> list[str]:
-    """Return lines of text that list the joints to glue and those with plain ends, if other joints have connectors."""
+    """Return lines of text that list glued joints and plain ends; none if there are no connectors but tabs."""
     made = sheets.connections
     glued = [c.name for c in made.connectors if c.kind == "tab"]
     if len(glued) == len(made.connectors):  # the user chose tabs, or no connectors

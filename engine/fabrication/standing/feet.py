@@ -271,7 +271,7 @@ def _refuse_crowded(design: SpiralDesign, feet: list[Foot]) -> None:
     near[one[both]] = True
     if near.any():
         raise FlexMapsError(
-            f"{int(near.sum())} feet come too near to other feet or to arms of their panels; make the feet narrower, or support "
-            "fewer spirals",
+            f"{with_count(int(near.sum()), 'foot comes', 'feet come')} too near to another foot, or to an arm of its panel; make the feet "
+            "narrower, or support fewer spirals",
             faces=quads[near],
         )

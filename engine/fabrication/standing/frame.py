@@ -105,8 +105,8 @@ class _Cut:
 
     after : index of the slot after which the cut lies
     middle, way : centre of the cut, and direction of the ring there
-    width : of the ring at the cut, metres
-    size : width of the plank for which the dovetail is dimensioned, metres
+    width : of the ring midway between the two slots, metres
+    size : width that scales the dovetail, metres: at most ``width``, smaller where the slots are close
     """
 
     after: int

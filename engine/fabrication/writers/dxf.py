@@ -46,7 +46,7 @@ def write(sheets: DrawableSheets, index: int, path: Path, progress: Progress = S
 
 
 def write_r12(sheets: DrawableSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
-    """Write one sheet as DXF R12, which the programs of all cutters read; every node is an entity.
+    """Write one sheet as DXF R12, which the programs of all cutters read; every vertex is stored as an entity of its own.
 
     Parameters
     ----------

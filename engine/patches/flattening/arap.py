@@ -357,8 +357,8 @@ def minimax(
             means.append(float(shares @ patch.energy))
         if (patch.flips, patch.worst) < (best.flips, best.worst):
             best = patch
-        # the minimum of the weighted mean is a lower bound of the largest energy (weak duality); its decrease in this
-        # round estimates how far it may still fall
+        # Stop where the limit is out of reach. The minimum of the weighted mean bounds the largest energy from below
+        # (weak duality); the mean's decrease in this round estimates how much the mean can still decrease
         if best.worst > hopeless and means[-1] - REST * (means[0] - means[-1]) > hopeless:
             break
     return best

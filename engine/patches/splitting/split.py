@@ -67,7 +67,7 @@ def split(flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress:
             break
         if found is None:
             found = symmetries(flat.layout.mesh, progress=part.part(0.0, 0.0))
-        # a patch that is its own mirror image may be cut on one side only
+        # again in every round: a patch that is its own mirror image is cut once, which can break a symmetry
         mirrored = keeping(found, cut)
         done: set[int] = set()
         for number, patch in enumerate(large):
@@ -145,7 +145,7 @@ def _refuse_large_quads(flat: FlatPatches, box: np.ndarray, sheet: SheetParams) 
     large = np.flatnonzero(_ratios(widths, box, sheet.rotation).max(axis=1).min(axis=0) > 1.0)
     if len(large):
         raise FlexMapsError(
-            f"{size} has no room for {len(large)} single quads; use a larger sheet or smaller quads, or let too large "
+            f"{size} has no room for {with_count(len(large), 'single quad', 'single quads')}; use a larger sheet or smaller quads, or let too large "
             "panels have larger sheets",
             faces=large,
         )

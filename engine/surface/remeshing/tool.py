@@ -1,4 +1,4 @@
-"""Interface to an external remesher: Blender's remeshers (``bridge.hosts.second_blender``)."""
+"""Interface of the remesher that the engine calls: a second Blender (``bridge.hosts.second_blender``)."""
 
 from __future__ import annotations
 
