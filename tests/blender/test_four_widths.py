@@ -159,7 +159,9 @@ def test_widths_that_cannot_be_name_their_face(dome: Any, value: float, button: 
     assert notes.read(dome.data)["spirals"]
 
 
-@pytest.mark.parametrize(("button", "said"), [("optimise", "spirals were changed by hand"), ("export", "not fit")])
+@pytest.mark.parametrize(
+    ("button", "said"), [("optimise", "spirals were changed by hand"), ("export", "1 spiral does not fit its quad")]
+)
 def test_a_design_whose_slots_close_names_its_faces(dome: Any, button: str, said: str, tmp_path: Any) -> None:
     """Each number for itself could be: it is the wide arms of a strongly wound spiral that touch."""
     dome.flexmaps.export.folder = str(tmp_path)

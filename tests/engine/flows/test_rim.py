@@ -4,6 +4,7 @@ import dataclasses
 import sys
 from functools import lru_cache
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -184,22 +185,34 @@ def test_strips_and_necks_are_beams(flat_grid):
         )
 
 
+def rim_strips() -> ModuleType:
+    """The module beside this one that computes compliances of strips; it imports scikit-fem where solids are made."""
+    sys.path.append(str(Path(__file__).parent))
+    return __import__("rim_solids")
+
+
 @pytest.mark.parametrize(
     ("width", "hole", "height"),
     [(0.004, 0.002, 0.001), pytest.param(0.005, 0.002, 0.002, marks=pytest.mark.thorough)],
 )
 def test_a_hole_softens_a_strip_as_much_as_it_does_a_solid(width: float, hole: float, height: float):
     """Against quadratic hexahedra of scikit-fem; the material that is taken away alone would be half of it."""
-    sys.path.append(str(Path(__file__).parent))
-    solids = __import__("rim_solids")
-    apart = []
-    for compliance in (solids.solid_compliance, solids.beam_compliance):
+    strips, apart = rim_strips(), []
+    for compliance in (strips.solid_compliance, strips.beam_compliance):
         whole, bored = (np.diag(compliance(0.01, width, size, height, VERO)) for size in (0.0, hole))
         apart.append(bored / whole)
     solid, beam = apart
     # shifts along, across and out of the sheet, twist, turns out of the sheet and in it
     assert beam == pytest.approx(solid, rel=0.05)
     assert (solid[[0, 1, 4]] > 1.08).all()
+
+
+def test_a_strip_with_a_hole_is_as_soft_as_its_image_of_another_size() -> None:
+    """Shifts per force go with 1 / length, turns per force with 1 / length^2, turns per moment with 1 / length^3."""
+    powers, sides = np.repeat([0.5, 1.5], 3), np.array([20.0, 6.0, 2.5, 2.0])  # length, width, hole, height
+    large, small = (rim_strips().beam_compliance(*(scale * sides), VERO) for scale in (1e-2, 1e-3))
+    expected = large * 10.0 ** np.add.outer(powers, powers)
+    np.testing.assert_allclose(small, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
 def test_forces_and_stiffness_are_differences_of_the_energy():

@@ -168,7 +168,7 @@ def test_spirals_without_room_are_named(flat_grid):
     made = SpiralDesign(
         flat_grid(2, 1, 0.01), SpiralParams(), spiral.same_width(np.array([0.0015, 0.0025])), np.array([1.0, 9.0])
     )
-    with pytest.raises(FlexMapsError, match="not fit") as caught:
+    with pytest.raises(FlexMapsError, match=r"^1 spiral does not fit its quad;") as caught:
         made.outlines()
     assert caught.value.faces == [1]
 
