@@ -11,11 +11,11 @@ def register() -> None:
     import bpy
 
     from . import operators, panels
-    from .bridge.store import decided, settings
+    from .bridge.store import derived_properties, settings
     from .command import main as command
 
     settings.register()
-    decided.register()
+    derived_properties.register()
     operators.register()
     panels.register()
     command.register()
@@ -51,12 +51,12 @@ def unregister() -> None:
     import atexit
 
     from . import operators, panels
-    from .bridge.store import decided, settings
+    from .bridge.store import derived_properties, settings
     from .command import main as command
 
     atexit.unregister(unregister)
     command.unregister()
     panels.unregister()
     operators.unregister()
-    decided.unregister()
+    derived_properties.unregister()
     settings.unregister()

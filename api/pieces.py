@@ -319,13 +319,13 @@ def go_to(piece: Piece, name: str, progress: Tell, *after: str) -> Piece:
 
 
 def _from_blender(source: Any) -> Piece:
-    from ..bridge.store import notes, objects, snapshot
+    from ..bridge.store import objects, snapshot, stored_report
     from ..bridge.view import scene
     from ..engine import versions
 
     obj = source if hasattr(source, "bl_rna") else scene.open_blend(source)
     stored = snapshot.read(obj)
-    other = versions.version_warning(notes.made_with(obj.data))
+    other = versions.version_warning(stored_report.made_with(obj.data))
     if other:
         warnings.warn(f"'{obj.name}': {other}", versions.OtherVersion, stacklevel=3)
     name = obj.name if obj is source else Path(source).name

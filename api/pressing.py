@@ -118,9 +118,9 @@ def told(obj: bpy.types.Object) -> dict[str, Any]:
     """
     import bpy
 
-    from ..bridge.store import guidance, notes
+    from ..bridge.store import guidance, stored_report
 
-    seen, blocks = guidance.read_guidance(obj, bpy.context.scene), notes.read(obj.data)
+    seen, blocks = guidance.read_guidance(obj, bpy.context.scene), stored_report.read(obj.data)
     shape, sheets = blocks.get("equilibrium", {}), blocks.get("sheets", {})
     figures = {
         "quads": len(obj.data.polygons),

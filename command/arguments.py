@@ -238,12 +238,12 @@ def _simulate_if_needed(args: argparse.Namespace, tell: Any) -> Any:
     """Return a Blender object that holds an up-to-date simulation, else the piece after simulating it."""
     import bpy
 
-    from ..bridge.store import notes, objects, states
+    from ..bridge.store import objects, states, stored_report
 
     piece = api.load(args.mesh, **source(args))
     if piece.uid is not None and not args.settings and not args.supports:
         obj = objects.find(piece.uid)
-        if "equilibrium" in notes.read(obj.data) and not states.is_old(obj, bpy.context.scene, "equilibrium"):
+        if "equilibrium" in stored_report.read(obj.data) and not states.is_old(obj, bpy.context.scene, "equilibrium"):
             return obj
     return api.simulate(piece, progress=tell)
 

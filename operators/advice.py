@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge.store import advice, notes
+from ..bridge.store import advice, stored_report
 from ..bridge.store.objects import find
 from ..engine.errors import FlexMapsError
 from ..engine.optimisation.remedies import FINER, LARGER, MILLIMETRES, THINNER
@@ -41,7 +41,7 @@ class Advised(ContinuedStage["Made"]):
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        return notes.missing(obj.data, "design") or advice.unadvised(obj.data, cls.remedy)
+        return stored_report.missing(obj.data, "design") or advice.unadvised(obj.data, cls.remedy)
 
     def changed(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
         """Return the result with the remedy applied and spirals made; runs outside Blender's main thread.
@@ -59,7 +59,7 @@ class Advised(ContinuedStage["Made"]):
         from ..bridge.view import advised, designing, live_shape
         from ..bridge.view.flat_panels import PanelDrawing
 
-        blocks = notes.read(obj.data)
+        blocks = stored_report.read(obj.data)
         if states.read_states(obj, bpy.context.scene)["reach"].kind != states.DONE:
             raise FlexMapsError("The advice is out of date; press Simulate or Optimise first")
         amount = advice.read_advice(obj.data)[self.remedy]
@@ -151,7 +151,7 @@ class MakeLarger(Advised, bpy.types.Operator):
         framing.follow(context, obj, self._amount)
         # scaling changes the checksum of "down" as well, although the object was not turned
         self._made_from |= {"down": states.settings_now(obj, context.scene)["down"]}
-        notes.write_checks(obj.data, result.after.findings)
+        stored_report.write_checks(obj.data, result.after.findings)
         return self.written(context, obj, now, result, 1.0, self._amount)
 
 
@@ -231,7 +231,7 @@ class MakeFiner(Advised, bpy.types.Operator):
             now = mesh.read_surface(made, context.scene)
             if not alike(now, quads):
                 raise FlexMapsError(f"'{obj.name}' is sheared by its parents; apply its scale and rotation first")
-            notes.write_checks(made.data, result.after.findings)
+            stored_report.write_checks(made.data, result.after.findings)
             text = self.written(context, made, now, result, len(surface.polygons.sizes), len(quads.quads))
         except FlexMapsError:
             bpy.data.meshes.remove(made.data)  # removes the object too

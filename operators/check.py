@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ..bridge.store import notes
+from ..bridge.store import stored_report
 from ..bridge.store.i18n import quads, translate
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
@@ -36,7 +36,7 @@ class Check(StageOperator["list[Finding]"], bpy.types.Operator):
     def finish(
         self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: list[Finding]
     ) -> str:
-        notes.write_checks(obj.data, result)
+        stored_report.write_checks(obj.data, result)
         errors = [finding for finding in result if finding.is_error]
         if errors:
             raise FlexMapsError(errors[0].message, faces=errors[0].faces, edges=errors[0].edges)
@@ -60,14 +60,14 @@ class ShowFinding(AtOnce, OnObject, bpy.types.Operator):
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str | None:
         problem = super().problem(context)
-        if problem is None and not notes.read(context.object.data).get("checks"):
+        if problem is None and not stored_report.read(context.object.data).get("checks"):
             return "There is nothing to show; press Check first"
         return problem
 
     def act(self, context: bpy.types.Context) -> str:
         from ..bridge.view import framing
 
-        findings = notes.read(context.object.data)["checks"]
+        findings = stored_report.read(context.object.data)["checks"]
         if self.index >= len(findings):
             raise FlexMapsError("There is nothing to show; press Check first")
         finding = findings[self.index]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge.store import notes
+from ..bridge.store import stored_report
 from ..bridge.store.i18n import translate
 from ..engine.progress import Progress
 from .continued import Continuation
@@ -63,7 +63,7 @@ class ChooseStage(LayoutStage):
             mesh.write_start(obj, surface, *choice.best.judged.spirals)
         stored.write(obj, surface, [one.flat.layout.cut for one in choice.proposals])
         choices.keep(obj, strip)
-        notes.write(obj.data, "choose", choice.report())
+        stored_report.write(obj.data, "choose", choice.report())
         self.level = "INFO" if choice.reached else "WARNING"
         return f"{said}. {choice.note}"
 
@@ -122,7 +122,7 @@ class TakeChoice(LayoutStage, bpy.types.Operator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Run, but first ask for confirmation where optimised spirals or written sheets would be discarded."""
-        if self.sure or not {"optimise", "sheets"} & notes.read(context.object.data).keys():
+        if self.sure or not {"optimise", "sheets"} & stored_report.read(context.object.data).keys():
             return super().invoke(context, event)
         number = self.number
 
@@ -137,12 +137,12 @@ class TakeChoice(LayoutStage, bpy.types.Operator):
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        return notes.missing(obj.data, "choice")
+        return stored_report.missing(obj.data, "choice")
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         from ..engine.errors import FlexMapsError
 
-        block, number = notes.read(obj.data)["choose"], self.number
+        block, number = stored_report.read(obj.data)["choose"], self.number
         if number >= len(block["proposals"]):
             raise FlexMapsError(f"There is no proposal {number}; they are numbered from 0 on")
 
@@ -160,7 +160,7 @@ class TakeChoice(LayoutStage, bpy.types.Operator):
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Any) -> str:
         flat, block = result
         said = super().finish(context, obj, surface, flat)
-        notes.write(obj.data, "choose", block)
+        stored_report.write(obj.data, "choose", block)
         return translate("Taken: {}", said)
 
 

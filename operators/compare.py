@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ..bridge.store import notes
+from ..bridge.store import stored_report
 from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
@@ -80,7 +80,7 @@ class Compare(Asked, ContinuedStage["Result"], bpy.types.Operator):
 
         scans.write(obj, result.scan, scan_points.show(obj, context.scene, result.scan))
         blocks = report.blocks(result, ("scan",))
-        notes.write_all(obj.data, blocks)
+        stored_report.write_all(obj.data, blocks)
         return scans.sentence(blocks["scan"])
 
     shows = "SCAN"

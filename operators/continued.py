@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ..bridge.store import notes
+from ..bridge.store import stored_report
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
 from .stage import Made, StageOperator, Work
@@ -32,7 +32,7 @@ class ContinuedStage(StageOperator[Made]):
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        return notes.missing(obj.data, cls.needs) if cls.needs else None
+        return stored_report.missing(obj.data, cls.needs) if cls.needs else None
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Made]:
         """Return the work, a function that continues from the stored result.

@@ -44,9 +44,9 @@ class Explore(ContinuedStage["Exploration"], bpy.types.Operator):
     def finish(
         self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Exploration
     ) -> str:
-        from ..bridge.store import explored
+        from ..bridge.store import exploration
 
-        explored.write(obj, result.report())
+        exploration.write(obj, result.report())
         held = result.best is not None and not result.space.shortfall(result.candidates[result.best].measures)
         self.level = "INFO" if held else "WARNING"
         many = "{} candidate was tried. {}" if len(result.candidates) == 1 else "{} candidates were tried. {}"
@@ -62,12 +62,12 @@ class UseCandidate(AtOnce, AnyMesh, bpy.types.Operator):
     number: bpy.props.IntProperty(min=0, options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
     def act(self, context: bpy.types.Context) -> str:
-        from ..bridge.store import explored
+        from ..bridge.store import exploration
 
-        kept = explored.read(context.object)
+        kept = exploration.read(context.object)
         if kept is None or self.number >= len(kept["rows"]):
             raise FlexMapsError("There is no such candidate; press Explore first")
-        explored.use(context.object, context.scene, kept["rows"][self.number]["values"])
+        exploration.use(context.object, context.scene, kept["rows"][self.number]["values"])
         return translate("Settings and size of the candidate were taken")
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..bridge.hosts import letters
-from ..bridge.store import notes
+from ..bridge.store import stored_report
 from ..bridge.store.i18n import translate
 from ..bridge.store.paths import file_name, folder_of
 from ..engine import files
@@ -84,7 +84,7 @@ class Export(IntoFolder, ContinuedStage["SheetFiles"], bpy.types.Operator):
         self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: SheetFiles
     ) -> str:
         blocks, folder, _, warnings = result
-        notes.write_all(obj.data, blocks)
+        stored_report.write_all(obj.data, blocks)
         text = translate("{} files in {}", len(blocks["sheets"]["files"]), folder)
         if not warnings:
             return text

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge.store import decided, notes
+from ..bridge.store import derived_properties, stored_report
 from ..bridge.store.i18n import panels, translate
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
@@ -28,7 +28,7 @@ class LayoutStage(ContinuedStage):
     shows = "PATCH"  # colour the patches, because Blender draws seams in edit mode only
 
     def _read(self, context: bpy.types.Context) -> Work:
-        decided.settle_border(context.object)
+        derived_properties.settle_border(context.object)
         return super()._read(context)
 
     def finish(
@@ -43,7 +43,7 @@ class LayoutStage(ContinuedStage):
         mesh.write_flat(obj, surface, flat, centres)
         mesh.shelve_design(obj)
         flat_panels.show_flat(obj, context.scene, flat, centres)
-        notes.write(obj.data, "layout", block)
+        stored_report.write(obj.data, "layout", block)
         states.stamp_unnoted(obj, context.scene, "forecast", self._made_from)
         return translate("{}, largest distortion {:.3f}", panels(block["patches"]), block["energy_max"])
 
@@ -85,7 +85,7 @@ class Trace(LayoutStage, bpy.types.Operator):
             from ..engine.runs.outputs import TracedLayout
 
             made = job.run_stages(result, snapshot.settings, ("trace",), progress)
-            return reported(made, **{notes.TRACED: len(made.need(TracedLayout).layout.patches) > 1})
+            return reported(made, **{stored_report.TRACED: len(made.need(TracedLayout).layout.patches) > 1})
 
         return go_on
 
@@ -144,7 +144,7 @@ class UpdateFromSeams(FlattenStage, bpy.types.Operator):
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        return notes.missing(obj.data, "flat")
+        return stored_report.missing(obj.data, "flat")
 
 
 CLASSES = (Trace, Merge, Flatten, UpdateFromSeams)

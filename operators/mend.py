@@ -19,10 +19,10 @@ class Mend(AtOnce, AnyMesh, bpy.types.Operator):
     what: bpy.props.EnumProperty(name="What", items=cures.MENDING, options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
     def act(self, context: bpy.types.Context) -> str:
-        from ..bridge.store import mending, states
+        from ..bridge.store import mesh_repair, states
 
         replacing.leave_edit_mode(context)
-        message = mending.mend(context.object, context.scene, self.what)
+        message = mesh_repair.mend(context.object, context.scene, self.what)
         states.stamp(context.object, context.scene)
         return translate(message)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ..bridge.store import decided, failures, guidance
+from ..bridge.store import derived_properties, failures, guidance
 from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
 from .stage import AnyMesh, AtOnce, OnObject, message_of
@@ -145,7 +145,7 @@ class StandOn(AtOnce, OnObject, bpy.types.Operator):
         if self.where == "lowest":
             obj.flexmaps_rests = "STANDS"
         elif self.where == "border":
-            decided.hold(obj, decided.border(obj))
+            derived_properties.hold(obj, derived_properties.border(obj))
 
 
 CLASSES = (Next, ShowNotice, LetGo, StandOn)

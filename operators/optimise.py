@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge.store import notes
+from ..bridge.store import stored_report
 from ..bridge.store.i18n import translate
 from ..engine.errors import Cancelled
 from ..engine.extras import registry
@@ -87,7 +87,7 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
         equilibrium.write(obj, surface, simulation, made.limits)
         shape = simulation.report()
         limits = {} if made.limits is None else {"reach": made.limits.report()}  # None after a cancel
-        notes.write_all(obj.data, {"equilibrium": shape, **limits, "optimise": report})
+        stored_report.write_all(obj.data, {"equilibrium": shape, **limits, "optimise": report})
         text, warning = equilibrium.sentences(shape)
         self.level = "WARNING" if warning else "INFO"
         away = [format_figure(report[name]) for name in ("rms_percent_before", "rms_percent")]
@@ -134,8 +134,8 @@ class Optimise(SearchStage, bpy.types.Operator):
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
         from ..bridge.store import attributes
 
-        start = None if attributes.has(obj, "flexmaps_last_width") else notes.missing(obj.data, "design")
-        return notes.missing(obj.data, "flat") or start
+        start = None if attributes.has(obj, "flexmaps_last_width") else stored_report.missing(obj.data, "design")
+        return stored_report.missing(obj.data, "flat") or start
 
 
 CLASSES = (Optimise,)

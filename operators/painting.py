@@ -7,7 +7,7 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
 
 from ..bridge.hosts import preload
-from ..bridge.store import notes
+from ..bridge.store import stored_report
 from ..bridge.store.i18n import translate
 from ..bridge.view.brush_settings import FROM, sources
 from ..engine.errors import FlexMapsError
@@ -25,7 +25,7 @@ class _Painter(Polled):
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
         if obj.mode != "OBJECT":
             return "Go to Object Mode to paint spirals"
-        return notes.missing(obj.data, "design")
+        return stored_report.missing(obj.data, "design")
 
 
 class PickBrush(AtOnce, _Painter, bpy.types.Operator):

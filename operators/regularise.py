@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ..bridge.store import notes
+from ..bridge.store import stored_report
 from ..bridge.store.i18n import translate
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
@@ -30,9 +30,9 @@ class Regularise(ContinuedStage["MovedQuads"], bpy.types.Operator):
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        from ..bridge.store import keys
+        from ..bridge.store import shape_keys
 
-        return "Remove the shape keys first: they fix the vertices" if keys.foreign_keys(obj.data) else None
+        return "Remove the shape keys first: they fix the vertices" if shape_keys.foreign_keys(obj.data) else None
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[MovedQuads]:
         def go_on(result: Result, progress: Progress) -> MovedQuads:
@@ -55,7 +55,7 @@ class Regularise(ContinuedStage["MovedQuads"], bpy.types.Operator):
 
         before, after, findings = result
         if after is before:
-            notes.write_checks(obj.data, findings)
+            stored_report.write_checks(obj.data, findings)
             states.stamp_unnoted(obj, context.scene, "regularise", self._made_from)
             return translate("Nothing was moved: the quads cannot become squarer without taking room from a spiral")
         mesh.write_vertices(obj, surface, after)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ..bridge.hosts import preload
-from ..bridge.store import notes, settings
+from ..bridge.store import settings, stored_report
 from ..bridge.store.i18n import translate
 from ..bridge.store.objects import find
 from ..bridge.view import replacing
@@ -57,19 +57,19 @@ class QuadRemesh(AnyMesh, StageOperator["Requadded"], bpy.types.Operator):
 
     def _write(self, context: bpy.types.Context, result: Requadded) -> Iterator[None]:
         from ..bridge.hosts import remesh
-        from ..bridge.store import mesh, modifiers, origin, states
+        from ..bridge.store import mesh, modifiers, remesh_source, states
         from ..engine.surface.checking import check
 
         obj = find(self._source)
         made = remesh.as_object(result.polygons, obj, context.scene)
-        source = origin.source_of(obj, context.scene)
-        origin.note(made, source)
+        source = remesh_source.source_of(obj, context.scene)
+        remesh_source.note(made, source)
         replacing.take_over(context, obj, made)
         modifiers.note(made.data, modifiers.sentence(source))
         if self.size:
             replacing.resize(context, made, self.size)
         polygons = mesh.read_surface(made, context.scene).polygons
-        notes.write_checks(made.data, [*check.everything(polygons), *result.findings])
+        stored_report.write_checks(made.data, [*check.everything(polygons), *result.findings])
         states.stamp(made, context.scene)
         states.stamp_unnoted(made, context.scene, "regularise")  # a remesh regularises its quads
         edge = check.median_edge(polygons)

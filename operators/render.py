@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge.store import notes
+from ..bridge.store import stored_report
 from ..bridge.store.i18n import translate
 from ..bridge.store.paths import picture_file, picture_files
 from ..engine.errors import FlexMapsError
@@ -34,7 +34,7 @@ class Render(Writes, StageOperator["list[Path]"], bpy.types.Operator):
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        return notes.missing(obj.data, "design")
+        return stored_report.missing(obj.data, "design")
 
     def prepare(self, surface: ObjectSurface, settings: ObjectSettings) -> Work[list[Path]]:
         """Build the scene, which is fast, and return the work that renders it in a second Blender process.

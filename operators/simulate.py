@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ..bridge.store import notes
+from ..bridge.store import stored_report
 from .continued import Continuation, ContinuedStage
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ class Simulate(ContinuedStage["Result"], bpy.types.Operator):
         shape = result.need(SimulatedShape)
         equilibrium.write(obj, surface, shape.simulation, shape.limits)
         blocks = report.blocks(result, ("equilibrium", "reach"))
-        notes.write_all(obj.data, blocks)
+        stored_report.write_all(obj.data, blocks)
         text, warning = equilibrium.sentences(blocks["equilibrium"])
         self.level = "WARNING" if warning else "INFO"
         return text

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ..bridge.store import notes
+from ..bridge.store import stored_report
 from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
@@ -54,7 +54,7 @@ class CheckStructure(ContinuedStage["Structure"], bpy.types.Operator):
 
         equilibrium.write_utilisation(obj, result.utilisation)
         block = result.report()
-        notes.write(obj.data, "structure", block)
+        stored_report.write(obj.data, "structure", block)
         messages = [finding["message"] for finding in block.get("findings", ())]
         self.level = "WARNING" if messages else "INFO"
         return ". ".join(messages) or translate("{} loads are borne", len(block["outcomes"]))

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from ..bridge.hosts import background
-from ..bridge.store import decided
+from ..bridge.store import derived_properties
 from ..bridge.store.columns import column
 from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
@@ -40,7 +40,7 @@ class HoldSelection(AtOnce, AnyMesh, bpy.types.Operator):
         chosen = column(obj.data.vertices, "select")
         if not chosen.any():
             raise FlexMapsError(translate("Select in Edit Mode where the piece is held"))
-        decided.hold(obj, np.flatnonzero(chosen).tolist())
+        derived_properties.hold(obj, np.flatnonzero(chosen).tolist())
         count = int(chosen.sum())
         return translate("Held at {} vertex" if count == 1 else "Held at {} vertices", count)
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from ..bridge.store import explored
+from ..bridge.store import exploration
 from ..engine.figures import format_figure
 from ..engine.materials import OVERSTRAIN_SHARE
 from .rows import A_ROW, button, sentence, tr, value
@@ -35,14 +35,14 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     ):
         value(column, wanted, name, tr(label))
     button(body, "flexmaps.explore", tr("Explore"), "VIEWZOOM")
-    kept = explored.read(obj)
+    kept = exploration.read(obj)
     if kept is None:
         return
     sentence(body, context, tr(kept["note"]), most=3)
     column = body.box().column(align=True)
     for number, row in enumerate(kept["rows"][:CANDIDATES]):
         line = column.split(factor=0.62, align=True)
-        text = ", ".join(explored.describe(*one) for one in row["values"].items())
+        text = ", ".join(exploration.describe(*one) for one in row["values"].items())
         button(line, "flexmaps.use_candidate", text).number = number
         measures = row["measures"]
         share = measures.get("strain_share", 0.0)

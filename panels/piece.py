@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from ..bridge.store import decided
+from ..bridge.store import derived_properties
 from ..engine.params import MaterialParams
 from .rows import choice, line, pair, popover, rare, settings_of, settings_popover, tr, value
 
@@ -29,12 +29,12 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     rare(row, "quads")
     row = line(column, "")
     row.active = False
-    edge = 1e3 * decided.edge_of_quads(obj, context.scene)
+    edge = 1e3 * derived_properties.edge_of_quads(obj, context.scene)
     row.label(text=tr("spirals of {} mm", f"{edge:.3g}" if edge < 100 else f"{edge:.0f}"), translate=False)
     value(column, wanted.layout, "symmetric", tr("Symmetry"))
 
     row = choice(body, tr("Border"), obj, "flexmaps_border")
-    row.enabled = decided.has_border(obj.data)
+    row.enabled = derived_properties.has_border(obj.data)
     rare(row, "border")
 
     column = body.column(align=True)
@@ -53,7 +53,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
 def key(context: bpy.types.Context) -> str:
     """Return the text beside the folded section's heading: the choices of border, support and duration of loads."""
     obj = context.object
-    border = [(obj, "flexmaps_border")] if decided.has_border(obj.data) else []
+    border = [(obj, "flexmaps_border")] if derived_properties.has_border(obj.data) else []
     chosen = *border, (obj, "flexmaps_rests"), (obj.flexmaps.material, "lasts")
     names = [owner.bl_rna.properties[name].enum_items[getattr(owner, name)].name for owner, name in chosen]
     return ", ".join(map(tr, names))

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 
 from ..bridge.hosts import background, preload
-from ..bridge.store import notes, states
+from ..bridge.store import states, stored_report
 from ..bridge.store.objects import linked, unusable
 from . import check, head, layout, make, piece, presets, shape, show, workshop
 from .rows import button, tr
@@ -53,7 +53,7 @@ class MainPanel(bpy.types.Panel):
             return
         for section in SECTIONS:
             _section(panel, context, *section)
-        if not any(notes.NAME in mesh for mesh in bpy.data.meshes):
+        if not any(stored_report.NAME in mesh for mesh in bpy.data.meshes):
             _tutorial_buttons(panel)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from ..bridge.store import guidance, notes, states
+from ..bridge.store import guidance, states, stored_report
 from ..bridge.store.guidance import Guidance
 
 ICONS = {states.TODO: "BLANK1", states.DONE: "CHECKMARK", states.OLD: "FILE_REFRESH"}
@@ -50,7 +50,7 @@ def look(context: bpy.types.Context, afresh: bool = False) -> Seen:
     if afresh or not _seen or _seen[0].uid != obj.session_uid or now - _seen[0].seconds > ONE_REDRAW:
         current = states.read_states(obj, context.scene)
         advice = guidance.read_guidance(obj, context.scene, current)
-        _seen[:] = [Seen(obj.session_uid, now, current, notes.read(obj.data), advice)]
+        _seen[:] = [Seen(obj.session_uid, now, current, stored_report.read(obj.data), advice)]
     return _seen[0]
 
 

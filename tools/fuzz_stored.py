@@ -16,7 +16,7 @@ import bpy
 import flexmaps
 import numpy as np
 from flexmaps import api
-from flexmaps.bridge.store import attributes, notes
+from flexmaps.bridge.store import attributes, stored_report
 from flexmaps.engine.errors import FlexMapsError
 from random_calls import undrawn
 
@@ -48,7 +48,14 @@ def _template() -> Path:
 def _text(rng: random.Random, mesh: Any) -> str:
     """Another text, or something else, in the place of a note."""
     name = rng.choice(
-        (notes.NAME, notes.NAME, notes.MADE_FROM, notes.NAME + notes.SUM, notes.MADE_FROM + notes.SUM, notes.FRESH)
+        (
+            stored_report.NAME,
+            stored_report.NAME,
+            stored_report.MADE_FROM,
+            stored_report.NAME + stored_report.SUM,
+            stored_report.MADE_FROM + stored_report.SUM,
+            stored_report.FRESH,
+        )
     )
     old = mesh.get(name)
     if isinstance(old, str) and old and rng.random() < 0.5:

@@ -13,7 +13,7 @@ import bpy
 import flexmaps
 import numpy as np
 from flexmaps.bridge.hosts import background, live
-from flexmaps.bridge.store import attributes, given
+from flexmaps.bridge.store import attributes, live_input
 from flexmaps.engine.surface import shapes
 
 PATIENCE = 60.0  # seconds of the clock after which a shape that does not come counts as lost
@@ -95,7 +95,7 @@ class Hand:
                 return
             time.sleep(background.TICK)
         self.slowest = max(self.slowest, following.slowest)
-        now = given.read(self.obj, bpy.context.scene)
+        now = live_input.read(self.obj, bpy.context.scene)
         if following._companion.error or following._given is None or now.changes(following._given):  # type: ignore[union-attr]
             self.lost += 1
             return

@@ -128,7 +128,7 @@ def _of_panels() -> Found:
 
 def _of_lines() -> Found:
     """Lines that stages report, and why a button is grey."""
-    from flexmaps.bridge.store import cures, decided, finding_words, guidance
+    from flexmaps.bridge.store import cures, derived_properties, finding_words, guidance
     from flexmaps.bridge.view import tab
     from flexmaps.engine import versions
     from flexmaps.engine.optimisation import optimise, wishes
@@ -146,7 +146,7 @@ def _of_lines() -> Found:
         *guidance.ANEW.values(),
     ):
         yield "", text, "what there is to look at, and its cure"
-    for _, *texts in (*tab.CHECKS, *tab.HABITS, *decided.RESTS):
+    for _, *texts in (*tab.CHECKS, *tab.HABITS, *derived_properties.RESTS):
         yield from (("", text, "choice in the sidebar") for text in texts)
     for text in finding_words.FAILED.values():
         yield "", text, "what there is to look at, and its cure"

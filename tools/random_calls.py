@@ -20,7 +20,7 @@ from typing import Any
 import bpy
 import numpy as np
 from flexmaps.bridge.hosts import background
-from flexmaps.bridge.store import next_button, notes, states
+from flexmaps.bridge.store import next_button, states, stored_report
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import SHOWN, ObjectSettings
 from flexmaps.engine.progress import Progress
@@ -344,7 +344,7 @@ def _faults() -> list[str]:
         found += [f"{mesh.name}: {name} is not finite" for name in _not_finite(mesh)]
         if "flexmaps_fresh" in mesh:
             found.append("a stage wrote notes without a stamp")
-        if notes.unsound(mesh):
+        if stored_report.unsound(mesh):
             found.append(f"the notes on {mesh.name} are not sound")
     return found + undrawn()
 

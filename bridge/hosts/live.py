@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ...engine.errors import FlexMapsError
-from ..store import notes
+from ..store import stored_report
 from . import background
 
 if TYPE_CHECKING:
@@ -155,17 +155,17 @@ class ObjectWatcher:
         self._take()
 
     def _read(self, obj: bpy.types.Object) -> None:
-        from ..store import equilibrium, given, mesh, states
+        from ..store import equilibrium, live_input, mesh, states
 
         scene = bpy.context.scene
-        state = given.read(obj, scene)
+        state = live_input.read(obj, scene)
         self._refused = ""
         known = self._given
         if known is None or state.changes(known):
             start = equilibrium.resting(obj, scene, mesh.read_anyhow(obj, scene)) if known is None else None
             self._given = state
             self._beside().follow(state, start)
-        block = notes.read(obj.data).get("equilibrium")
+        block = stored_report.read(obj.data).get("equilibrium")
         self.final = block is not None and not states.is_old(obj, scene, "equilibrium")
 
     def _beside(self) -> Companion:

@@ -12,9 +12,9 @@ from ...engine.params import ObjectSettings
 from ...engine.progress import SILENT, Progress
 from ...engine.surface.mesh import PolygonMesh
 from ...engine.surface.remeshing import requad
-from ..store import origin
+from ..store import remesh_source
 from ..store.mesh import read_evaluated
-from ..store.seen import to_metres
+from ..store.vertex_positions import to_metres
 from ..view import meshes
 from .second_blender import SecondBlender
 
@@ -34,7 +34,7 @@ def seen(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonMesh:
     ------
     FlexMapsError : there are no polygons, or a scale factor is 0
     """
-    source = origin.source_of(obj, context.scene)
+    source = remesh_source.source_of(obj, context.scene)
     for one in {obj, source}:
         if abs(np.linalg.det(to_metres(one, context.scene)[:3, :3])) < 1e-30:
             raise FlexMapsError(
@@ -43,7 +43,7 @@ def seen(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonMesh:
     polygons = read_evaluated(source, context.scene)
     if source == obj:
         return polygons
-    there = origin.between(source, obj, context.scene)
+    there = remesh_source.between(source, obj, context.scene)
     return replace(polygons, vertices=polygons.vertices @ there[:3, :3].T + there[:3, 3])
 
 

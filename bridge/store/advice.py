@@ -10,7 +10,7 @@ from ...engine.figures import format_figure
 from ...engine.materials import OVERSTRAIN_SHARE
 from ...engine.optimisation import remedies
 from ...engine.optimisation.remedies import FINER, LARGER, THINNER, Amounts
-from . import notes
+from . import stored_report
 from .i18n import translate
 
 BROUGHT = "brought"  # key in the report block "reach": effect of the last applied remedy
@@ -22,7 +22,7 @@ FIGURES = ("rms_percent", "strain_share_max", "slots_closed")  # keys of "equili
 
 def read_advice(mesh: bpy.types.Mesh) -> Amounts:
     """Return remedy -> amount for the last advice's remedies that a button can apply; empty without advice."""
-    block = notes.read(mesh).get("reach")
+    block = stored_report.read(mesh).get("reach")
     return {} if block is None else remedies.read_block(block)
 
 
@@ -34,7 +34,7 @@ def unadvised(mesh: bpy.types.Mesh, remedy: str) -> str | None:
     mesh : Blender's mesh, which stores the report
     remedy : name of the remedy
     """
-    if "reach" not in notes.read(mesh):
+    if "reach" not in stored_report.read(mesh):
         return translate("It is not known yet what limits the match; press Simulate first")
     return (
         None

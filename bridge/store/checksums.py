@@ -14,7 +14,7 @@ import numpy as np
 
 from ...engine.arrays import Float
 from ...engine.runs.stage import section_of
-from . import attributes, handles, pose, seen, settings
+from . import attributes, handles, pose, settings, vertex_positions
 from .columns import column
 
 # most edges of a mesh that is read from edit mode at every redraw (some ms); larger slows redraws, smaller misses edits
@@ -56,7 +56,7 @@ class Checksums:
             faces = len(mesh.polygons)
         mirrored = bool(np.linalg.det(self._frame) < 0)
         rest = f"{_as_text(self._frame.T @ self._frame)} {mirrored} {faces}"
-        return positions.tobytes() + corners.tobytes() + rest.encode() + seen.state(self._obj)
+        return positions.tobytes() + corners.tobytes() + rest.encode() + vertex_positions.state(self._obj)
 
     def _bmesh(self) -> bmesh.types.BMesh | None:
         """Return the BMesh of edit mode; None outside it, above ``MANY`` edges, or while another shape key is edited.

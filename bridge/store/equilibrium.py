@@ -22,9 +22,9 @@ import numpy as np
 from ...engine.arrays import Float
 from ...engine.figures import format_figure
 from ...engine.materials import OVERSTRAIN_SHARE
-from . import attributes, notes, pose, scans, states
+from . import attributes, pose, scans, states, stored_report
 from .i18n import translate
-from .keys import KEY, OTHER, keys_of
+from .shape_keys import KEY, OTHER, keys_of
 
 if TYPE_CHECKING:
     from ...engine.mechanics.assembly import Pose
@@ -207,7 +207,7 @@ def resting(obj: bpy.types.Object, scene: bpy.types.Scene, surface: ObjectSurfac
     obj, scene : the mesh object and its scene
     surface : the object's surface, for its frame
     """
-    block = notes.read(obj.data).get("equilibrium")
+    block = stored_report.read(obj.data).get("equilibrium")
     if block is None or not sound(block) or states.is_old(obj, scene, "equilibrium"):
         return None
     return pose.read(obj, surface.to_metres)

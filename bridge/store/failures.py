@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 
 from ...engine.errors import FlexMapsError
-from . import modifiers, notes
+from . import modifiers, stored_report
 from .checksums import Checksums
 from .states import OF_SETTINGS, PARTS
 
@@ -41,7 +41,7 @@ def write(obj: bpy.types.Object, scene: bpy.types.Scene, idname: str, error: Fle
         "given": _input_checksums(obj, scene, idname),
     }
     failure |= {} if error.quads is None else {"quads": error.quads}
-    notes.put_text(obj.data, NAME, notes.get_text(obj.data, NAME) | {idname: failure})
+    stored_report.put_text(obj.data, NAME, stored_report.get_text(obj.data, NAME) | {idname: failure})
 
 
 def clear(obj: bpy.types.Object, idname: str) -> None:
@@ -52,9 +52,9 @@ def clear(obj: bpy.types.Object, idname: str) -> None:
     obj : the mesh object
     idname : name of the operator
     """
-    failed = notes.get_text(obj.data, NAME)
+    failed = stored_report.get_text(obj.data, NAME)
     if idname in failed:
-        notes.put_text(obj.data, NAME, {name: failure for name, failure in failed.items() if name != idname})
+        stored_report.put_text(obj.data, NAME, {name: failure for name, failure in failed.items() if name != idname})
 
 
 def read(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, dict[str, Any]]:
@@ -64,7 +64,7 @@ def read(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, dict[str, A
     -------
     idname -> ``message``, ``faces``, ``edges`` and, where a remesh could help, the number of ``quads`` to remesh to.
     """
-    failed = notes.get_text(obj.data, NAME)
+    failed = stored_report.get_text(obj.data, NAME)
     return {name: failure for name, failure in failed.items() if failure["given"] == _input_checksums(obj, scene, name)}
 
 
@@ -82,12 +82,12 @@ def let_go(mesh: bpy.types.Mesh, key: str, sentence: str) -> None:
     mesh : Blender's mesh
     key, sentence : key and sentence of the notice
     """
-    notes.put_text(mesh, LET_GO, notes.get_text(mesh, LET_GO) | {key: sentence})
+    stored_report.put_text(mesh, LET_GO, stored_report.get_text(mesh, LET_GO) | {key: sentence})
 
 
 def is_let_go(mesh: bpy.types.Mesh, key: str, sentence: str) -> bool:
     """Return whether the user dismissed a notice with this sentence."""
-    return notes.get_text(mesh, LET_GO).get(key) == sentence
+    return stored_report.get_text(mesh, LET_GO).get(key) == sentence
 
 
 def note_tried(mesh: bpy.types.Mesh, call: str) -> None:
@@ -98,13 +98,13 @@ def note_tried(mesh: bpy.types.Mesh, call: str) -> None:
     mesh : Blender's mesh
     call : ``Cure.call``
     """
-    tried = notes.get_text(mesh, TRIED)
-    notes.put_text(mesh, TRIED, tried | {call: tried.get(call, 0) + 1})
+    tried = stored_report.get_text(mesh, TRIED)
+    stored_report.put_text(mesh, TRIED, tried | {call: tried.get(call, 0) + 1})
 
 
 def tried(mesh: bpy.types.Mesh) -> dict[str, int]:
     """Return how often *Next* pressed each cure, by ``Cure.call``."""
-    return notes.get_text(mesh, TRIED)
+    return stored_report.get_text(mesh, TRIED)
 
 
 def hand_down(old: bpy.types.Mesh, new: bpy.types.Mesh) -> None:
@@ -115,6 +115,6 @@ def hand_down(old: bpy.types.Mesh, new: bpy.types.Mesh) -> None:
     old, new : Blender's meshes
     """
     for name in (TRIED, LET_GO, modifiers.NAME):
-        kept = notes.get_text(old, name)
+        kept = stored_report.get_text(old, name)
         if kept:
-            notes.put_text(new, name, kept)
+            stored_report.put_text(new, name, kept)

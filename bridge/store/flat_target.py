@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from . import notes
+from . import stored_report
 
 NOTE = "flat_target"  # key in the report block "layout"
 
@@ -13,4 +13,4 @@ def passed_over(obj: bpy.types.Object) -> bool:
     """Return whether simulation and optimisation can be skipped: the target is flat, and no weight or force acts."""
     own = obj.flexmaps
     loaded = own.simulate.gravity or any((own.loads.force_x, own.loads.force_y, own.loads.force_z))
-    return bool(notes.read(obj.data).get("layout", {}).get(NOTE)) and not loaded
+    return bool(stored_report.read(obj.data).get("layout", {}).get(NOTE)) and not loaded

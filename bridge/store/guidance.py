@@ -16,7 +16,7 @@ from typing import Any
 import bpy
 
 from ...engine.materials import OVERSTRAIN_SHARE
-from . import next_button, notes, notices, objects, states
+from . import next_button, notices, objects, states, stored_report
 from .finding_words import BREAKS, INFORMATION, STOPS, WORSE
 from .flat_target import passed_over
 from .i18n import interface, panels, quads
@@ -103,7 +103,7 @@ def _status(
 
 def _status_of_simulated(obj: bpy.types.Object, serious: list[Notice]) -> Status:
     """Return the status of a piece that was simulated."""
-    block = notes.read(obj.data)["equilibrium"]
+    block = stored_report.read(obj.data)["equilibrium"]
     if any(notice.key == "equilibrium/strained" for notice in serious):
         share, allowed = (f"{100 * x:.0f}" for x in (block.get("strain_share_max", 0.0), OVERSTRAIN_SHARE))
         if share == allowed:
@@ -125,7 +125,7 @@ def _describe_progress(obj: bpy.types.Object, scene: bpy.types.Scene, known: dic
             else interface("{} spiral" if len(mesh.polygons) == 1 else "{} spirals", len(mesh.polygons))
         )
     if known["layout"].kind == states.DONE:
-        return panels(notes.read(mesh)["layout"].get("patches", 1))
+        return panels(stored_report.read(mesh)["layout"].get("patches", 1))
     count, size = len(mesh.polygons), 1e3 * max(objects.extents(obj)) * scene.unit_settings.scale_length
     wide = interface("{:.3g} m wide", size / 1e3) if size >= 1e3 else interface("{:.0f} mm wide", size)
     if objects.changed_by_modifiers(obj):

@@ -42,11 +42,11 @@ from ...engine.spirals.design import SpiralDesign
 from ...engine.spirals.fabricable import make_fabricable, unfabricable_quads
 from ...engine.surface.far import coarse_step
 from ...engine.surface.mesh import PolygonMesh, QuadMesh
-from . import attributes, equilibrium, keys, modifiers, notes
-from . import seen as seeing
+from . import attributes, equilibrium, modifiers, shape_keys, stored_report, vertex_positions
 from .columns import column
 from .objects import changed_by_modifiers, unusable
 from .surface import ObjectSurface
+from .vertex_positions import evaluated, to_metres
 
 FLAT_NAMES = ("seam", "flat", "patch", "energy", "square")
 DESIGN_NAMES = ("width", "twist")
@@ -54,8 +54,8 @@ LAST_NAMES = ("last_width", "last_twist")
 NAMES = FLAT_NAMES + DESIGN_NAMES + LAST_NAMES + ("stiffness",)  # written by stages; the user's marks are not included
 UNSOUND = "The attribute '{}' holds other values than FlexMaps writes and is left out: run its stage again"
 COARSE = "Vertices are stored to {:.2g} mm at this distance from the object's origin, so that details are lost: model near the origin and move the object"
-UNSOUND_NOTES = "The notes of earlier stages are damaged and are left out: run the stages again"
-UNSEALED_NOTES = (
+DAMAGED_REPORT = "The notes of earlier stages are damaged and are left out: run the stages again"
+OLD_REPORT = (
     "An early version of FlexMaps made the notes of earlier stages, and they are left out: run the stages again"
 )
 
@@ -77,9 +77,9 @@ def read_surface(obj: bpy.types.Object, scene: bpy.types.Scene) -> ObjectSurface
     problem = unusable(obj) or changed_by_modifiers(obj)
     if problem:
         raise FlexMapsError(problem)
-    seen = seeing.points(obj, scene)
+    seen = vertex_positions.points(obj, scene)
     with attributes.readable(obj) as mesh:
-        return _surface(mesh, obj.session_uid, seeing.to_metres(obj, scene), seen)
+        return _surface(mesh, obj.session_uid, to_metres(obj, scene), seen)
 
 
 def read_anyhow(obj: bpy.types.Object, scene: bpy.types.Scene) -> ObjectSurface:
@@ -89,9 +89,9 @@ def read_anyhow(obj: bpy.types.Object, scene: bpy.types.Scene) -> ObjectSurface:
     ----------
     obj, scene : the object, and the scene with its units
     """
-    seen = None if obj.data.is_editmode else seeing.points(obj, scene)
+    seen = None if obj.data.is_editmode else vertex_positions.points(obj, scene)
     with attributes.readable(obj) as mesh:
-        return _surface(mesh, obj.session_uid, seeing.to_metres(obj, scene), seen)
+        return _surface(mesh, obj.session_uid, to_metres(obj, scene), seen)
 
 
 def read_evaluated(obj: bpy.types.Object, scene: bpy.types.Scene) -> PolygonMesh:
@@ -101,12 +101,12 @@ def read_evaluated(obj: bpy.types.Object, scene: bpy.types.Scene) -> PolygonMesh
     ----------
     obj, scene : the object, and the scene with its units
     """
-    with modifiers.surface_only(obj) as left, keys.shown_at(obj, 0.0), seeing.evaluated(obj, scene) as evaluated:
-        mesh = evaluated.to_mesh()
+    with modifiers.surface_only(obj) as left, shape_keys.shown_at(obj, 0.0), evaluated(obj, scene) as there:
+        mesh = there.to_mesh()
         try:
-            return _surface(mesh, obj.session_uid, seeing.to_metres(evaluated, scene), left=left).polygons
+            return _surface(mesh, obj.session_uid, to_metres(there, scene), left=left).polygons
         finally:
-            evaluated.to_mesh_clear()
+            there.to_mesh_clear()
 
 
 def _surface(
@@ -130,7 +130,7 @@ def _surface(
     vertices = seen.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
     values, unsound = attributes.ours(mesh)
     left += tuple(UNSOUND.format(attributes.PREFIX + name) for name in unsound)
-    left += (UNSOUND_NOTES,) if notes.unsound(mesh) else (UNSEALED_NOTES,) if notes.unsealed(mesh) else ()
+    left += (DAMAGED_REPORT,) if stored_report.unsound(mesh) else (OLD_REPORT,) if stored_report.unsealed(mesh) else ()
     step = coarse_step(seen[np.unique(corners)]) * 1e3 * float(np.abs(np.linalg.det(matrix[:3, :3]))) ** (1 / 3)
     left += (COARSE.format(step),) if step else ()
     polygons = PolygonMesh(vertices, corners[loops].astype(np.int64), sizes.astype(np.int64), left)
@@ -152,7 +152,7 @@ def write_vertices(obj: bpy.types.Object, surface: ObjectSurface, mesh: QuadMesh
     ------
     FlexMapsError where the user has shape keys, which fix the vertices.
     """
-    if keys.foreign_keys(obj.data):
+    if shape_keys.foreign_keys(obj.data):
         raise FlexMapsError("The mesh has shape keys, which fix its vertices; remove them first")
     equilibrium.forget(obj)
     if obj.data.shape_keys is not None and not obj.data.is_editmode:

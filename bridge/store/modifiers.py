@@ -13,7 +13,7 @@ from math import sqrt
 import bpy
 
 from ...engine.params import RemeshParams
-from . import notes
+from . import stored_report
 from .i18n import translate
 
 NAME = "flexmaps_left_out"  # name of a text on the mesh: sentence about the ignored modifiers
@@ -87,12 +87,12 @@ def note(mesh: bpy.types.Mesh, text: str) -> None:
     text : the sentence; "" keeps the stored one
     """
     if text:
-        notes.put_text(mesh, NAME, {"text": text})
+        stored_report.put_text(mesh, NAME, {"text": text})
 
 
 def read_note(mesh: bpy.types.Mesh) -> str:
     """Return the stored sentence about ignored modifiers; "" if there is none."""
-    return str(notes.get_text(mesh, NAME).get("text", ""))
+    return str(stored_report.get_text(mesh, NAME).get("text", ""))
 
 
 @contextmanager

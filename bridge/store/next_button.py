@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from . import failures, modifiers, notes, notices, objects
+from . import failures, modifiers, notices, objects, stored_report
 from .columns import column
 from .cures import Cure
 from .finding_words import BREAKS, INFORMATION, STOPS, WORSE
@@ -89,7 +89,7 @@ def act(
 
 def _next_stage(obj: bpy.types.Object, stages: dict[str, StageState], all_notices: Sequence[Notice]) -> Act:
     """Return the next stage or cure for a mesh of quads that is ready for a layout."""
-    blocks = notes.read(obj.data)
+    blocks = stored_report.read(obj.data)
     if stages["layout"].kind != DONE:
         if stages["layout"].part == "seams" and "layout" in blocks:
             tooltip = translate("Flattens the panels whose seams were edited; the others stay as they are")
@@ -101,7 +101,7 @@ def _next_stage(obj: bpy.types.Object, stages: dict[str, StageState], all_notice
             )
             return Act("flexmaps.flatten", _label(interface("Use these seams")), tooltip, "layout")
         return _layout()
-    if stages["spirals"].kind == TODO and blocks["layout"].get(notes.TRACED):
+    if stages["spirals"].kind == TODO and blocks["layout"].get(stored_report.TRACED):
         return _layout()
     if stages["sheets"].kind == DONE:
         folder = bpy.path.abspath(obj.flexmaps.export.folder)

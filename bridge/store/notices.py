@@ -16,7 +16,7 @@ from ...engine.figures import format_figure
 from ...engine.materials import MATERIALS, OVERSTRAIN_SHARE, STRAIN_MARGIN
 from ...engine.optimisation import remedies
 from ...engine.simulation.visible import VISIBLE_RMS_SHARE
-from . import cures, equilibrium, failures, flat_target, modifiers, notes, objects, origin, states
+from . import cures, equilibrium, failures, flat_target, modifiers, objects, remesh_source, states, stored_report
 from .columns import column
 from .cures import Cure
 from .finding_words import BREAKS, FAILED, INFORMATION, ORDER, SAID, STOPS, WORDS, WORSE
@@ -168,7 +168,7 @@ def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, findings: list[dict[s
             from ...engine.surface.remeshing.coverage import finer  # imported here because it imports scipy
 
             # a remesh to the same number of quads would give the same quads
-            again = code == "surface-missed" or origin.SOURCE in obj
+            again = code == "surface-missed" or remesh_source.SOURCE in obj
             ways.append(cures.remesh(finer(len(obj.data.polygons)) if again else obj.flexmaps.remesh.quads))
         if kind not in (STOPS, INFORMATION):  # information does not block *Next*, so it need not be dismissed
             ways.append(cures.let_go(f"checks/{code}"))
@@ -180,7 +180,7 @@ def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, findings: list[dict[s
 def is_coarse(obj: bpy.types.Object) -> bool:
     """Return whether a mesh has fewer quads than ``LEAST_QUADS``, and no remesh made them on request."""
     count = len(obj.data.polygons)
-    return count < cures.LEAST_QUADS and len(obj.data.loops) == 4 * count and origin.SOURCE not in obj
+    return count < cures.LEAST_QUADS and len(obj.data.loops) == 4 * count and remesh_source.SOURCE not in obj
 
 
 def _few_quads(obj: bpy.types.Object) -> list[Notice]:
@@ -249,7 +249,7 @@ def _flat(obj: bpy.types.Object) -> list[Notice]:
 def _too_small(obj: bpy.types.Object, scene: bpy.types.Scene, blocks: dict[str, Any]) -> list[Notice]:
     """Warn if the layout's forecast predicts too much strain even for the softest spirals; only before a simulation."""
     strain = blocks.get("layout", {}).get("strain_softest")
-    if strain is None or {"equilibrium", "optimise"} & notes.read(obj.data).keys():
+    if strain is None or {"equilibrium", "optimise"} & stored_report.read(obj.data).keys():
         return []
     if not states.is_current_unnoted(obj, scene, "forecast"):
         return []

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from . import attributes, notes, states
+from . import attributes, states, stored_report
 
 if TYPE_CHECKING:
     from ...engine.extras.scanning.compare import Comparison
@@ -24,8 +24,8 @@ POINTS, OWNER = "flexmaps_scan_points", "flexmaps_owner"
 def forget(obj: bpy.types.Object) -> None:
     """Remove the distances, the report block and the scan points."""
     attributes.remove(obj, NAME)
-    if BLOCK in notes.read(obj.data):
-        notes.drop_from(obj.data, BLOCK)
+    if BLOCK in stored_report.read(obj.data):
+        stored_report.drop_from(obj.data, BLOCK)
     points = obj.get(POINTS)
     if isinstance(points, bpy.types.Object) and points.get(OWNER) == obj.name:
         data = points.data
@@ -59,7 +59,7 @@ def current(obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
     obj : the mesh object
     scene : its scene
     """
-    block = notes.read(obj.data).get(BLOCK)
+    block = stored_report.read(obj.data).get(BLOCK)
     if block is None or states.is_old(obj, scene, BLOCK):
         return False
     return block["against"] == "target" or not states.is_old(obj, scene, "equilibrium")

@@ -19,7 +19,7 @@ from ...engine.runs.outputs import FinalLayout, made_by
 from ...engine.runs.result import Result
 from ...engine.runs.stages import CHOSEN, STORED
 from ...engine.surface.mesh import PolygonMesh
-from . import equilibrium, handles, mesh, notes, objects, settings, supports
+from . import equilibrium, handles, mesh, objects, settings, stored_report, supports
 from .surface import ObjectSurface
 
 if TYPE_CHECKING:
@@ -139,7 +139,7 @@ def take(obj: bpy.types.Object, surface: ObjectSurface, used: ObjectSettings, *,
     ------
     FlexMapsError where a vertex group of the loads is missing or holds no quad.
     """
-    blocks = notes.read(obj.data)
+    blocks = stored_report.read(obj.data)
     snapshot = Snapshot(obj.name, surface, used, note=blocks.get("spirals"), chosen="choose" in blocks)
     if not loaded:
         return snapshot

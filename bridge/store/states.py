@@ -15,7 +15,7 @@ from typing import Any
 import bpy
 
 from ...engine.runs import stages
-from . import notes
+from . import stored_report
 from .checksums import Checksums
 
 TODO, DONE, OLD = "TODO", "DONE", "OLD"
@@ -92,14 +92,14 @@ def stamp(obj: bpy.types.Object, scene: bpy.types.Scene, begun: dict[str, str] |
     begun : checksums from ``settings_now``, taken when the work began; None takes the present settings
     """
     mesh = obj.data
-    fresh = notes.take_fresh(mesh)
+    fresh = stored_report.take_fresh(mesh)
     if not fresh:
         return
     if mesh.is_editmode:
         obj.update_from_editmode()
     now = Checksums(obj, scene, begun)
     made = {stage: {part: now[part] for part in PARTS[stage]} for stage in fresh if stage in PARTS}
-    notes.write_made_from(mesh, made)
+    stored_report.write_made_from(mesh, made)
 
 
 def stamp_unnoted(
@@ -116,7 +116,7 @@ def stamp_unnoted(
     if obj.data.is_editmode:
         obj.update_from_editmode()
     now = Checksums(obj, scene, begun)
-    notes.write_made_from(obj.data, {name: {part: now[part] for part in UNNOTED[name]}})
+    stored_report.write_made_from(obj.data, {name: {part: now[part] for part in UNNOTED[name]}})
 
 
 # -- states ------------------------------------------------------------------------------------------------------------
@@ -130,7 +130,7 @@ def read_states(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, Stag
     obj : the mesh object
     scene : its scene
     """
-    blocks, stamps, now = notes.read(obj.data), notes.made_from(obj.data), Checksums(obj, scene)
+    blocks, stamps, now = stored_report.read(obj.data), stored_report.made_from(obj.data), Checksums(obj, scene)
     states: dict[str, StageState] = {}
     for stage, parts in PARTS.items():
         made = stamps.get(stage)
@@ -154,7 +154,7 @@ def current_blocks(obj: bpy.types.Object, known: dict[str, StageState]) -> dict[
     obj : the mesh object
     known : states from ``read_states``
     """
-    blocks = notes.read(obj.data)
+    blocks = stored_report.read(obj.data)
     return {name: block for name, block in blocks.items() if name in known and known[name].kind == DONE}
 
 
@@ -166,7 +166,7 @@ def is_old(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str) -> bool:
     obj, scene : the mesh object and its scene
     stage : name of the stage's report block; the result is False if it belongs to an extra that is not installed
     """
-    return stage in PARTS and stage in notes.read(obj.data) and _inputs_changed(obj, scene, stage, PARTS[stage])
+    return stage in PARTS and stage in stored_report.read(obj.data) and _inputs_changed(obj, scene, stage, PARTS[stage])
 
 
 def is_old_unnoted(obj: bpy.types.Object, scene: bpy.types.Scene, name: str) -> bool:
@@ -176,11 +176,11 @@ def is_old_unnoted(obj: bpy.types.Object, scene: bpy.types.Scene, name: str) -> 
 
 def is_current_unnoted(obj: bpy.types.Object, scene: bpy.types.Scene, name: str) -> bool:
     """Return whether a result (a key of ``UNNOTED``) exists and is up to date."""
-    return name in notes.made_from(obj.data) and not is_old_unnoted(obj, scene, name)
+    return name in stored_report.made_from(obj.data) and not is_old_unnoted(obj, scene, name)
 
 
 def _inputs_changed(obj: bpy.types.Object, scene: bpy.types.Scene, name: str, parts: tuple[str, ...]) -> bool:
-    made = notes.made_from(obj.data).get(name)
+    made = stored_report.made_from(obj.data).get(name)
     if made is None:
         return False
     now = Checksums(obj, scene)

@@ -11,7 +11,7 @@ import numpy as np
 from ...engine.runs.outputs import SimulatedShape
 from ...engine.runs.result import Result
 from ...engine.surface.mesh import QuadMesh
-from ..store import advice, equilibrium, mesh, notes
+from ..store import advice, equilibrium, mesh, stored_report
 from ..store.surface import ObjectSurface
 from .flat_panels import PanelDrawing
 
@@ -57,12 +57,12 @@ def write(
     -------
     A text for the user, and whether the remedy helped without a warning.
     """
-    blocks, kept = dict(made.blocks), notes.read(obj.data).get("layout", {})
+    blocks, kept = dict(made.blocks), stored_report.read(obj.data).get("layout", {})
     if made.after.flat is made.before.flat:
         del blocks["layout"]
     else:
         mesh.write_flat(obj, surface, made.panels.design.flat, made.panels.centres)
-        blocks["layout"] |= {key: kept[key] for key in (notes.TRACED,) if key in kept}
+        blocks["layout"] |= {key: kept[key] for key in (stored_report.TRACED,) if key in kept}
     if made.after.design is made.before.design:
         del blocks["spirals"]
     else:
@@ -71,7 +71,7 @@ def write(
     equilibrium.write(obj, surface, shape.simulation, shape.limits)
     brought = advice.compare(*change, figures, blocks["equilibrium"])
     blocks["reach"] |= {advice.BROUGHT: brought}
-    notes.write_all(obj.data, blocks)
+    stored_report.write_all(obj.data, blocks)
     text, warning = equilibrium.sentences(blocks["equilibrium"])
     lines = [advice.describe(brought), *([text] if warning else [])]
     return ". ".join(lines), advice.has_helped(brought) and not warning

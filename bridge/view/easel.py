@@ -16,8 +16,7 @@ from ...engine import colours
 from ...engine.arrays import Bool, Float
 from ...engine.errors import FlexMapsError
 from ...engine.params import ObjectSettings
-from ..store import attributes, equilibrium, fields, notes, objects, settings, states
-from ..store import seen as seeing
+from ..store import attributes, equilibrium, fields, objects, settings, states, stored_report, vertex_positions
 from ..store.checksums import Checksums
 from .colouring import stiffness_legend, stiffness_share
 from .live_shape import LIFT, LiveShape, middle_edge
@@ -132,14 +131,14 @@ class Easel:
         self._readied: SpiralDesign | None = None  # the design for which ``ready`` has run
         self._unit = scene.unit_settings.scale_length
         self.quads = self._surface.polygons.corners.reshape(-1, 4)
-        self._take(SeenSurface.from_easel(self, self._to_world(seeing.shown(obj))))
+        self._take(SeenSurface.from_easel(self, self._to_world(vertex_positions.shown(obj))))
         self._known: dict[object, np.ndarray] = {}
         self._keep(self._now(obj, scene))
 
     def _taken(self, obj: bpy.types.Object, surface: ObjectSurface) -> Snapshot:
         from ..store import snapshot
 
-        missing = notes.missing(obj.data, "flat")
+        missing = stored_report.missing(obj.data, "flat")
         if missing:
             raise FlexMapsError(missing)
         return snapshot.take(obj, surface, self._used, loaded=False)
@@ -189,7 +188,7 @@ class Easel:
             self.stiffness = stored.astype(float)
         else:
             self._renew_stiffness(old)
-        moved = self._picture_at(seeing.shown(obj))
+        moved = self._picture_at(vertex_positions.shown(obj))
         if moved is None:
             self.shape = Painting(self, self.vertices, self.shape)
         else:
@@ -307,7 +306,7 @@ class Easel:
             self.ready()
             mesh.write_design(obj, self._surface, self.design)
             fields.write_stiffness(obj, self.stiffness)
-            notes.write(obj.data, "spirals", self._block)
+            stored_report.write(obj.data, "spirals", self._block)
             states.stamp(obj, scene)
             self._panels.show(obj, scene)
             overlay.renew(obj, "STIFFNESS")

@@ -15,7 +15,7 @@ from ...engine.arrays import Float, Int
 from ...engine.errors import FlexMapsError
 from ...engine.params import ConnectorParams, ObjectSettings
 from ...engine.progress import SILENT, Progress
-from ..store import notes
+from ..store import stored_report
 from ..store.objects import find
 from . import collection
 from .curves import chains, drawing, lines
@@ -174,9 +174,9 @@ class PanelDrawing:
 
         if layout is not None:
             mesh.write_flat(obj, surface, self.design.flat, self.centres)
-            notes.write(obj.data, "layout", notes.read(obj.data).get("layout", {}) | layout)
+            stored_report.write(obj.data, "layout", stored_report.read(obj.data).get("layout", {}) | layout)
         mesh.write_design(obj, surface, self.design)
-        notes.write(obj.data, "spirals", spirals)
+        stored_report.write(obj.data, "spirals", spirals)
 
     def mesh(self, name: str) -> bpy.types.Mesh:
         """Make the coloured mesh of all panels, in metres."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ...engine import VERSION, versions
-from ..store import notes
+from ..store import stored_report
 from ..store.cures import Cure
 from ..store.finding_words import INFORMATION
 from ..store.guidance import LOOK, NEUTRAL, REDO, STOPPED, TICK, Guidance
@@ -146,7 +146,7 @@ def around(context: bpy.types.Context) -> tuple[Notice, ...]:
         )
     if unusable(obj) is not None:
         return tuple(notices)
-    others, version = shared(obj), notes.made_with(obj.data)
+    others, version = shared(obj), stored_report.made_with(obj.data)
     if others:
         sentence = interface("The mesh is shared with {}: seams and results are common to all", others)
         notices.append(Notice("shared", interface("Shared mesh"), sentence, INFORMATION))

@@ -14,8 +14,7 @@ import numpy as np
 
 from ...engine import colours
 from ...engine.arrays import Float, Int, Shaped
-from ..store import attributes
-from ..store import seen as seeing
+from ..store import attributes, vertex_positions
 from ..store.columns import column
 from . import colouring, legend
 from .legend import Legend
@@ -303,7 +302,7 @@ def _quads(obj: bpy.types.Object, kind: str) -> _Quads | None:
     number = attributes.get(mesh, SEAMS)
     numbers = np.full(len(mesh.edges), -1) if number is None else number
     sides = np.where(column(mesh.edges, "use_seam"), numbers, NO_SEAM)[edges].reshape(-1, 4)
-    seen = seeing.shown(obj).astype(float)
+    seen = vertex_positions.shown(obj).astype(float)
     return _Quads(seen, index.reshape(-1, 4), colouring.per_quad(kind, values), sides, _widths(kind, values))
 
 

@@ -8,8 +8,7 @@ import bpy
 import numpy as np
 
 from ...engine.arrays import Float, Int
-from ..store import attributes, keys
-from ..store import seen as seeing
+from ..store import attributes, shape_keys, vertex_positions
 from ..store.columns import column
 
 if TYPE_CHECKING:
@@ -38,7 +37,7 @@ def seen(
     ):
         return shape.vertices / bpy.context.scene.unit_settings.scale_length, shape.quads
     with attributes.readable(obj) as mesh:
-        points = keys.shown_positions(mesh) if obj.data.is_editmode else seeing.shown(obj)
+        points = shape_keys.shown_positions(mesh) if obj.data.is_editmode else vertex_positions.shown(obj)
         corners = column(mesh.loops, "vertex_index")
         whole = len(mesh.loops) == 4 * len(mesh.polygons)
     return _to_world(obj, points), corners.reshape(-1, 4) if whole else np.zeros((0, 4), np.int32)
@@ -62,7 +61,7 @@ def quad_at(
 
     Parameters
     ----------
-    points, quads : the surface, from ``seen``
+    points, quads : the surface, from ``vertex_positions``
     origin, way : start and direction of the ray
     """
     from mathutils.bvhtree import BVHTree

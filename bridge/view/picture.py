@@ -15,7 +15,7 @@ from ...engine.arrays import Bool, Float, Int
 from ...engine.display import arrange
 from ...engine.errors import FlexMapsError
 from ...engine.params import ObjectSettings, RenderParams
-from ..store import attributes, keys, mesh, pose, seen, settings, snapshot, supports
+from ..store import attributes, mesh, pose, settings, shape_keys, snapshot, supports, vertex_positions
 from . import animation, collection, colouring, curves, materials, meshes, preview
 from .legend import Legend
 from .studio import Studio, points_of, studio
@@ -99,7 +99,7 @@ def shape(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: i
     FlexMapsError : there is no simulated shape yet
     """
     design = stored_design(obj)
-    if keys.key_of(obj.data) is None or design is None:
+    if shape_keys.key_of(obj.data) is None or design is None:
         raise FlexMapsError("There is no simulated shape yet; press Simulate first")
     with studio(size or SIZE, samples or SAMPLES) as place:
         _add_assembled(place, obj, design, "DISTANCE")
@@ -302,7 +302,7 @@ def _stand(obj: bpy.types.Object, design: SpiralDesign) -> Pose:
     """Return the hubs' pose of the last simulation; without a simulation, their pose on the target."""
     from ...engine.mechanics.assembly import target_pose
 
-    stand = pose.read(obj, seen.to_metres(obj, bpy.context.scene))
+    stand = pose.read(obj, vertex_positions.to_metres(obj, bpy.context.scene))
     return target_pose(design.flat.layout.mesh, design.flat.corners) if stand is None else stand
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ...engine.params import ObjectSettings
-from ..store import decided, failures, notes, settings
+from ..store import derived_properties, failures, settings, stored_report
 from . import collection, framing
 
 if TYPE_CHECKING:
@@ -23,15 +23,15 @@ def take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types
     obj : the old object
     made : the new object
     """
-    from ..store import handing_down  # imported here because it imports scipy
+    from ..store import mark_transfer  # imported here because it imports scipy
 
     leave_edit_mode(context)
     settings.write(made.flexmaps, settings.read(obj.flexmaps, ObjectSettings))
     if not obj.flexmaps.spiral.is_property_set("border"):
         made.flexmaps.spiral.property_unset("border")
-        decided.settle_border(made)
+        derived_properties.settle_border(made)
     failures.hand_down(obj.data, made.data)
-    handing_down.hand_down(obj, made)
+    mark_transfer.hand_down(obj, made)
     collection.clear(obj)
     obj.select_set(False)
     obj.hide_set(True)
@@ -81,8 +81,8 @@ def begin_anew(obj: bpy.types.Object, findings: list[Finding]) -> None:
     mesh.forget(obj, mesh.NAMES)
     collection.clear(obj)
     obj.pop(framing.FRAMED, None)
-    notes.drop_from(obj.data, "layout")
-    notes.write_checks(obj.data, findings)
+    stored_report.drop_from(obj.data, "layout")
+    stored_report.write_checks(obj.data, findings)
 
 
 def leave_edit_mode(context: bpy.types.Context) -> None:

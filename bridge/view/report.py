@@ -79,7 +79,7 @@ def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
     """
     import bpy
 
-    from ..store import attributes, guidance, keys, pose, scans, states
+    from ..store import attributes, guidance, pose, scans, shape_keys, states
     from ..store.columns import column
 
     if obj.data.is_editmode:
@@ -93,7 +93,7 @@ def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
     content = Reported(taken, blocks, more=more, findings=findings)
     if "equilibrium" not in blocks:
         return content
-    key = keys.key_of(obj.data)
+    key = shape_keys.key_of(obj.data)
     shape = taken.surface.positions if key is None else column(key.data, "co")
     if not np.isfinite(shape).all():
         return replace(content, blocks={name: block for name, block in blocks.items() if name not in SIMULATED})

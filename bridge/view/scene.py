@@ -19,7 +19,19 @@ from ...engine.runs.result import Result
 from ...engine.spirals.design import SpiralDesign
 from ...engine.surface.mesh import QuadMesh
 from ..store import choices as stored
-from ..store import equilibrium, fields, handles, keys, mesh, modifiers, notes, scans, settings, states, supports
+from ..store import (
+    equilibrium,
+    fields,
+    handles,
+    mesh,
+    modifiers,
+    scans,
+    settings,
+    shape_keys,
+    states,
+    stored_report,
+    supports,
+)
 from ..store.objects import CONVERTIBLE
 from ..store.surface import ObjectSurface
 from . import choices, collection, colouring, flat_panels, materials, meshes, one_scene, scan_points
@@ -108,8 +120,8 @@ def _fill(
     scene.unit_settings.length_unit = "MILLIMETERS"
     obj = add_model(scene, result.mesh, name)
     put(result, obj, scene, used, progress)
-    if keys.key_of(obj.data) is not None:
-        keys.key_of(obj.data).value = 0.0  # type: ignore[union-attr]  # the file opens at the target
+    if shape_keys.key_of(obj.data) is not None:
+        shape_keys.key_of(obj.data).value = 0.0  # type: ignore[union-attr]  # the file opens at the target
     return obj
 
 
@@ -147,7 +159,7 @@ def put(
         surface = mesh.read_surface(obj, scene)
     offsets = np.zeros((len(quads.quads), 3)) if result.wishes is None else result.wishes.offsets(quads)
     handles.from_metres(obj, surface.to_metres, offsets)
-    notes.write_checks(obj.data, result.findings)
+    stored_report.write_checks(obj.data, result.findings)
     if result.flat is not None:
         _put_flat(result, result.flat, obj, scene, surface, progress.part(0.1, 0.9))
     choice = cast("Choice | None", result.value("choice"))
@@ -165,7 +177,7 @@ def put(
     examined = cast("Structure | None", result.value("structure"))
     if examined is not None:
         equilibrium.write_utilisation(obj, examined.utilisation)
-    notes.write_all(obj.data, report.blocks(result))
+    stored_report.write_all(obj.data, report.blocks(result))
     states.stamp(obj, scene)
 
 

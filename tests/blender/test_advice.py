@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge.hosts import background
-from flexmaps.bridge.store import advice, mesh, notes, states
+from flexmaps.bridge.store import advice, mesh, states, stored_report
 from flexmaps.bridge.view import flat_panels
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.progress import Progress
@@ -346,8 +346,8 @@ def test_the_sidebar_offers_what_is_advised(strained: Any, add: Any) -> None:
 
 def test_notes_of_earlier_versions_offer_a_cut_alone(distorted: Any) -> None:
     block = {key: value for key, value in report(distorted)["reach"].items() if key != "remedies"}
-    notes.write(distorted.data, "reach", block)
+    stored_report.write(distorted.data, "reach", block)
     assert advice.read_advice(distorted.data) == {"cut": None}
-    notes.write(distorted.data, "reach", block | {"advice": "finer quads would help"})
+    stored_report.write(distorted.data, "reach", block | {"advice": "finer quads would help"})
     assert advice.read_advice(distorted.data) == {}
     assert "flexmaps.cut_there" not in drawn().operators

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge.store import pose
-from flexmaps.bridge.store.seen import to_metres
+from flexmaps.bridge.store.vertex_positions import to_metres
 from flexmaps.bridge.view import animation, preview
 from flexmaps.engine.extras.film import unfinished_pieces
 from flexmaps.engine.surface import shapes

@@ -9,7 +9,7 @@ import bpy
 import ezdxf
 import numpy as np
 import pytest
-from flexmaps.bridge.store import attributes, notes
+from flexmaps.bridge.store import attributes, stored_report
 from flexmaps.bridge.view import collection, preview
 from flexmaps.engine.surface import shapes
 from support.buttons import press
@@ -62,7 +62,7 @@ def test_from_spirals_to_files(piece: Any, tmp_path: Path) -> None:
     assert low < top  # tongues reach into the slots
     piece.flexmaps.export.folder = str(tmp_path)
     press("export")
-    block = notes.read(piece.data)["sheets"]["base"]
+    block = stored_report.read(piece.data)["sheets"]["base"]
     assert block["feet"] >= len(held)
     read = ezdxf.readfile(next(tmp_path.glob("*.dxf"))).modelspace()  # type: ignore[attr-defined]
     assert len(list(read)) > 0

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge.store import attributes, mesh, notes, settings
+from flexmaps.bridge.store import attributes, mesh, settings, stored_report
 from flexmaps.engine.materials import material
 from flexmaps.engine.params import SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening.flattening_report import layout_report
@@ -31,7 +31,7 @@ def test_flat_shapes_that_moved_are_written(add: Any) -> None:
     press("optimise")
     after = np.array(attributes.get(obj.data, "flexmaps_flat"))
     assert np.abs(after - before).max() > 0.05  # millimetres
-    found = notes.read(obj.data)
+    found = stored_report.read(obj.data)
     surface = mesh.read_surface(obj, bpy.context.scene)
     flat = mesh.current_flat(surface, check.as_quad_mesh(surface.polygons))
     assert found["layout"]["energy_max"] == pytest.approx(layout_report(flat)["energy_max"], rel=1e-3)

@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge.store import keys, notes, scans
+from flexmaps.bridge.store import scans, shape_keys, stored_report
 from flexmaps.bridge.view import colouring
 from flexmaps.command import main as command
 from support.buttons import press
@@ -42,7 +42,7 @@ def test_the_button_measures_shows_and_is_dropped(saddle: Any, tmp_path: Path, a
     obj.select_set(True)
     scan = write_scan(tmp_path / "scan.obj", piece.mesh.vertices, piece.mesh.quads)
     press("compare", filepath=str(scan), anywhere=False)
-    block = notes.read(obj.data)["scan"]
+    block = stored_report.read(obj.data)["scan"]
     assert block["against"] == "target" and block["unit_m"] == 0.001 and block["rms_percent"] < 0.05
     assert 0.7 < block["covered"] < 0.8  # three quarters
     distance = attribute(obj, "flexmaps_scan")
@@ -56,10 +56,14 @@ def test_the_button_measures_shows_and_is_dropped(saddle: Any, tmp_path: Path, a
     page = (tmp_path / "report" / "report.html").read_text()
     assert "As built" in page and (tmp_path / "report" / "plots" / "scan.svg").is_file()
     press("simulate")
-    assert "scan" not in notes.read(obj.data) and scans.POINTS not in obj and "flexmaps_scan" not in obj.data.attributes
+    assert (
+        "scan" not in stored_report.read(obj.data)
+        and scans.POINTS not in obj
+        and "flexmaps_scan" not in obj.data.attributes
+    )
     assert not colouring.store(obj, "SCAN")
     press("compare", filepath=str(scan), anywhere=False)
-    assert notes.read(obj.data)["scan"]["against"] == "simulated shape"
+    assert stored_report.read(obj.data)["scan"]["against"] == "simulated shape"
     obj.flexmaps.spiral.thickness *= 1.2  # the shape that it was compared with is no longer that of the piece
     assert not colouring.store(obj, "SCAN") and "scan" not in api.report(obj)
 
@@ -76,13 +80,15 @@ def test_it_is_compared_with_the_simulated_shape(saddle: Any, tmp_path: Path) ->
     on_target = api.compare(piece, scan, anywhere=False).result.scan
     assert not on_target.simulated and on_target.rms > 3 * found.rms
     api.show(simulated, obj)
-    assert keys.key_of(obj.data) is not None
+    assert shape_keys.key_of(obj.data) is not None
     held = api.compare(
         api.load(obj), scan, anywhere=False
     ).result.scan  # what the object holds, without simulating anew
     assert held.simulated and held.rms == pytest.approx(found.rms, rel=0.2, abs=1e-5)
     api.show(api.compare(simulated, scan, anywhere=False), obj)
-    assert notes.read(obj.data)["scan"]["against"] == "simulated shape" and scans.current(obj, bpy.context.scene)
+    assert stored_report.read(obj.data)["scan"]["against"] == "simulated shape" and scans.current(
+        obj, bpy.context.scene
+    )
 
 
 def test_from_the_command_line(tmp_path: Path, capsys: Any) -> None:
@@ -106,7 +112,7 @@ def test_a_missing_file_is_named(saddle: Any) -> None:
         bpy.ops.flexmaps.compare_file(filepath="/nowhere/scan.ply")
     with pytest.raises(RuntimeError, match="nowhere"):
         bpy.ops.flexmaps.compare(filepath="/nowhere/scan.ply")
-    assert "scan" not in notes.read(obj.data)
+    assert "scan" not in stored_report.read(obj.data)
 
 
 def test_a_file_that_is_no_scan_is_refused_without_a_traceback(saddle: Any, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import pytest
 from flexmaps import api
-from flexmaps.bridge.store import explored
+from flexmaps.bridge.store import exploration
 from flexmaps.command import main as command
 from flexmaps.engine import workers
 from flexmaps.engine.extras.exploring import run as running
@@ -36,21 +36,21 @@ def tried(add: Any, once: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def test_candidates_are_kept_and_one_is_taken(tried: Any) -> None:
-    found = explored.read(tried)
+    found = exploration.read(tried)
     assert found is not None and found["tried"] == 4 and found["rows"]
     values, scale = found["rows"][0]["values"], tried.scale.copy()
-    before = explored.edge(tried, bpy.context.scene)
+    before = exploration.edge(tried, bpy.context.scene)
     assert before / 1.5 <= values["edge"] <= before * 1.5
     press("use_candidate", number=0)
     assert tried.flexmaps.spiral.thickness == pytest.approx(values["spiral.thickness"])
-    assert explored.edge(tried, bpy.context.scene) == pytest.approx(values["edge"], rel=1e-4)
+    assert exploration.edge(tried, bpy.context.scene) == pytest.approx(values["edge"], rel=1e-4)
     assert tried.scale.x / scale.x == pytest.approx(values["edge"] / before, rel=1e-4)
     with pytest.raises(RuntimeError, match="no such candidate"):
         press("use_candidate", number=99)
 
 
 def test_the_sidebar_lists_them(tried: Any) -> None:
-    count = len(explored.read(tried)["rows"])
+    count = len(exploration.read(tried)["rows"])
     bpy.context.window_manager.flexmaps_tab.check = "EXPLORE"
     drawn = draw("check")
     assert sum(bool(re.fullmatch(r"\S+ %, \S+ %", line)) for line in drawn) == min(count, 6)
@@ -60,11 +60,11 @@ def test_the_sidebar_lists_them(tried: Any) -> None:
         "note": "",
         "candidates": [{"values": {"material.material": "pom", "gone": 3}, "measures": {}}],
     }
-    explored.write(tried, report)
+    exploration.write(tried, report)
     assert f"{MATERIALS['pom'].name}, gone 3" in draw("check")
     for wrong in ("no json", "[]", '{"note": 1}', '{"note": "a", "tried": 2, "rows": [{"values": 3}]}'):
-        tried[explored.NAME] = wrong
-        assert explored.read(tried) is None
+        tried[exploration.NAME] = wrong
+        assert exploration.read(tried) is None
         draw("check")
 
 

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge.store import attributes, checksums, mesh, notes
+from flexmaps.bridge.store import attributes, checksums, mesh, stored_report
 from flexmaps.bridge.view import overlay
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.spirals.design import SpiralDesign
@@ -156,7 +156,7 @@ def test_widths_that_cannot_be_name_their_face(dome: Any, value: float, button: 
     assert 7 in named and len(named) == (2 if value == 15.0 else 1)  # so wide an arm closes its neighbour's slot too
     found = dome.data.attributes["flexmaps_width"].data
     assert len(found) == len(kept)  # nothing is lost
-    assert notes.read(dome.data)["spirals"]
+    assert stored_report.read(dome.data)["spirals"]
 
 
 @pytest.mark.parametrize(

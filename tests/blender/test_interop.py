@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge.hosts import background
-from flexmaps.bridge.store import attributes, mesh, notes, states
+from flexmaps.bridge.store import attributes, mesh, states, stored_report
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import QuadMesh
@@ -202,7 +202,7 @@ def test_linked_duplicates(tunnel: Any) -> None:
     assert flat_lengths(twin) == pytest.approx(lengths_in_metres(twin), rel=2e-3)
     press("regularise")
     assert piece.data == twin.data
-    assert "layout" not in notes.read(piece.data)
+    assert "layout" not in stored_report.read(piece.data)
 
 
 def test_a_duplicate_of_its_own_goes_its_own_way(piece: Any, content: Any) -> None:

@@ -254,10 +254,10 @@ def test_what_is_changed_while_a_job_runs_is_no_part_of_its_result(
     move: Any, window: Window, spiralled: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A result is made from the settings that its stage began with: with another material it is out of date at once."""
-    from flexmaps.bridge.store import notes, states
+    from flexmaps.bridge.store import states, stored_report
 
     def finish(context: Any, obj: Any, surface: Any, result: Any) -> str:
-        notes.write(obj.data, "equilibrium", {})
+        stored_report.write(obj.data, "equilibrium", {})
         return "done"
 
     monkeypatch.setattr(move, "finish", finish)

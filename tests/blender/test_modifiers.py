@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge.store import guidance, mesh, modifiers, notes
+from flexmaps.bridge.store import guidance, mesh, modifiers, stored_report
 from flexmaps.engine.surface import shapes
 from support.buttons import press
 
@@ -160,7 +160,7 @@ def test_the_outer_skin_of_a_shell_is_kept(bowl: Any) -> None:
 
 
 def codes(obj: Any) -> set[str]:
-    return {row["code"] for row in notes.read(obj.data).get("checks", ())}
+    return {row["code"] for row in stored_report.read(obj.data).get("checks", ())}
 
 
 def test_a_shell_whose_skins_are_divided_by_folds_stays_as_it_is() -> None:

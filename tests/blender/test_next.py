@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge.store import cures, failures, fields, guidance, handing_down, notices, states
+from flexmaps.bridge.store import cures, failures, fields, guidance, mark_transfer, notices, states
 from flexmaps.bridge.store.finding_words import INFORMATION, STOPS, WORSE
 from flexmaps.command.main import main
 from flexmaps.engine.errors import FlexMapsError
@@ -187,7 +187,7 @@ def test_groups_and_seams_hold_for_new_quads(add: Any) -> None:
     for edge in old.data.edges:
         edge.use_seam = all(abs(old.data.vertices[k].co.y - 0.5) < 0.01 for k in edge.vertices)
     fields.protect(old, np.array([0, 5]))
-    handing_down.hand_down(old, new)
+    mark_transfer.hand_down(old, new)
     inside = {v.index for v in new.data.vertices if any(g.weight > 0 for g in v.groups)}
     assert {v.index for v in new.data.vertices if v.co.x < 0.01} <= inside
     assert all(new.data.vertices[k].co.x < 0.15 for k in inside)

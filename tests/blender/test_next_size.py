@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 import pytest
 from flexmaps import api
-from flexmaps.bridge.store import failures, guidance, next_button, notes, notices, states
+from flexmaps.bridge.store import failures, guidance, next_button, notices, states, stored_report
 from flexmaps.bridge.store.finding_words import BREAKS
 from flexmaps.engine.surface import shapes
 
@@ -42,7 +42,7 @@ def test_a_piece_whose_arms_would_break_is_made_larger_before_any_search(add: An
 def test_a_script_keeps_the_size_by_name(add: Any) -> None:
     piece = _small(add)
     assert bpy.ops.flexmaps.flatten() == {"FINISHED"}
-    notes.write(piece.data, "layout", notes.read(piece.data)["layout"] | {"strain_softest": 3.0})
+    stored_report.write(piece.data, "layout", stored_report.read(piece.data)["layout"] | {"strain_softest": 3.0})
     assert _next(piece) == "flexmaps.set_size"
     (told,) = api.presses(piece, named=("let_go",), most=1)
     assert "let_go" in told["call"] and not told["error"]
@@ -88,5 +88,5 @@ def test_a_shape_answers_the_forecast_of_its_strains_even_if_it_is_out_of_date(a
     piece = add(shapes.make("dome"))
     scene, blocks = bpy.context.scene, {"layout": {"strain_softest": 3.0}}
     states.stamp_unnoted(piece, scene, "forecast")
-    notes.write(piece.data, "equilibrium", {"strain_share_max": 0.9})
+    stored_report.write(piece.data, "equilibrium", {"strain_share_max": 0.9})
     assert not notices._too_small(piece, scene, blocks)

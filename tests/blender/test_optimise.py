@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge.store import keys, notes, states
+from flexmaps.bridge.store import shape_keys, states, stored_report
 from flexmaps.command import main as command
 from flexmaps.engine.extras.choosing import prospects
 from flexmaps.engine.optimisation import optimise as engine
@@ -45,15 +45,15 @@ def test_the_piece_comes_nearer_to_its_target(piece: Any, attribute: Any) -> Non
     assert not len(unfabricable_quads(made))
     assert block(piece, "spirals")["twist_deg"][0] == pytest.approx(np.degrees(made.twist.min()), abs=1e-3)
     assert not states.is_old(piece, bpy.context.scene, "optimise")
-    assert keys.key_of(piece.data).value == 1.0
+    assert shape_keys.key_of(piece.data).value == 1.0
     distance = attribute(piece, "flexmaps_distance")
     press("simulate")
     again = block(piece, "equilibrium")["laplacian_rmse_mm"]
     assert again == pytest.approx(found["laplacian_rmse_mm"], rel=1e-3, abs=1e-4)  # single precision
     assert attribute(piece, "flexmaps_distance") == pytest.approx(distance, abs=0.01)
-    assert "optimise" in notes.read(piece.data)  # still true of these spirals
+    assert "optimise" in stored_report.read(piece.data)  # still true of these spirals
     press("spirals")
-    assert "optimise" not in notes.read(piece.data) and "reach" not in notes.read(piece.data)
+    assert "optimise" not in stored_report.read(piece.data) and "reach" not in stored_report.read(piece.data)
 
 
 @pytest.mark.usefixtures("tried_prospects")

@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge.hosts import background
-from flexmaps.bridge.store import equilibrium, mesh, notes, settings
+from flexmaps.bridge.store import equilibrium, mesh, settings, stored_report
 from flexmaps.engine.display import arrange, raster, solids
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import ObjectSettings
@@ -85,7 +85,7 @@ def test_who_stops_it_does_not_wait_for_the_true_panels(
     # they stand where the new spirals are, and tell that they are not the last word
     assert plain[flat_panels.LOOK] == flat_panels.PLAIN
     assert not [o for o in bpy.data.objects if o.get("flexmaps_kind") == "outlines"]
-    assert "slot_min_mm" not in block(piece, "spirals") and "reach" not in notes.read(piece.data)
+    assert "slot_min_mm" not in block(piece, "spirals") and "reach" not in stored_report.read(piece.data)
     light = solids.light(design(piece), arrange.side_by_side(design(piece).flat))
     assert len(plain.data.vertices) == len(light.vertices)
     monkeypatch.setattr(raster, "FINE", 1)  # rough edges, which is quicker

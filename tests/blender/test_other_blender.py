@@ -58,7 +58,7 @@ dev = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(dev)
 dev.load_package().register()
 import bpy
-from flexmaps.bridge.store import notes, states
+from flexmaps.bridge.store import stored_report, states
 if task == "make":
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     exec(sys.stdin.read())
@@ -72,7 +72,7 @@ else:
 widths = [round(d.value, 4) for d in obj.data.attributes["flexmaps_width"].data]
 found = {
     "states": {stage: state.kind for stage, state in states.read_states(obj, bpy.context.scene).items()},
-    "blocks": sorted(notes.read(obj.data)),
+    "blocks": sorted(stored_report.read(obj.data)),
     "seams": [e.index for e in obj.data.edges if e.use_seam],
     "widths": widths,
     "keys": [k.name for k in obj.data.shape_keys.key_blocks],

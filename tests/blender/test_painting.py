@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge.store import fields, mesh, notes, states
+from flexmaps.bridge.store import fields, mesh, states, stored_report
 from flexmaps.bridge.view import dabs, easel, flat_panels
 from flexmaps.command.main import main
 from flexmaps.engine.display.moving import MovingPanels
@@ -37,18 +37,18 @@ def test_a_stroke_leaves_the_spirals_done_and_later_stages_out_of_date(simulated
     assert (after[weight > 0.3] < before[weight > 0.3]).all() and (after[weight == 0] == before[weight == 0]).all()
     kinds = _kinds(simulated)
     assert kinds["spirals"] == "DONE" and kinds["equilibrium"] == "OLD"
-    assert notes.read(simulated.data)["spirals"]["painted"]
+    assert stored_report.read(simulated.data)["spirals"]["painted"]
     assert bpy.context.window_manager.flexmaps_overlay == "STIFFNESS"
     assert easel.easel_of(simulated, bpy.context.scene) is on, "it stays from stroke to stroke"
     simulated.flexmaps.optimise.iterations, simulated.flexmaps.optimise.codesign = 1, False
     press("optimise")  # from these spirals, and no others
-    assert notes.read(simulated.data)["optimise"]["start"] == "given"
+    assert stored_report.read(simulated.data)["optimise"]["start"] == "given"
     on = easel.easel_of(simulated, bpy.context.scene)  # something else changed the spirals
     np.testing.assert_allclose(np.degrees(on.design.twist), attribute(simulated, "flexmaps_twist"), rtol=1e-6)
     np.testing.assert_allclose(on.design.width.ravel() * 1e3, attribute(simulated, "flexmaps_width"), rtol=1e-6)
     assert not on.changed.any()
     press("spirals")
-    assert "painted" not in notes.read(simulated.data)["spirals"]
+    assert "painted" not in stored_report.read(simulated.data)["spirals"]
 
 
 def test_panels_move_with_strokes_and_an_undo_brings_the_former_spirals(spiralled: Any) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge.store import notes, presets, settings
+from flexmaps.bridge.store import presets, settings, stored_report
 from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.surface import shapes
 
@@ -89,7 +89,7 @@ def test_a_piece_can_be_made_with_it(path: Path, add: Any, tmp_path: Path) -> No
     apply(path)
     for button in ("trace", "spirals", "export"):
         assert getattr(bpy.ops.flexmaps, button)() == {"FINISHED"}
-    made, sheets = notes.read(obj.data)["spirals"], notes.read(obj.data)["sheets"]
+    made, sheets = stored_report.read(obj.data)["spirals"], stored_report.read(obj.data)["sheets"]
     assert made["slot_min_mm"] >= wanted["spiral.slot_min"] - 1e-3
     assert made["slot_min_mm"] >= wanted["cut.kerf_outline"]  # the cutter has room between two arms
     assert made["too_thin"] == 0

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge.store import attributes, mesh, notes, pose, seen, states
+from flexmaps.bridge.store import attributes, mesh, pose, states, stored_report, vertex_positions
 from flexmaps.bridge.view import materials, preview
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
@@ -73,10 +73,10 @@ def test_after_a_simulation_it_follows_the_hubs(piece: Any) -> None:
 def test_the_pose_moves_with_the_object(piece: Any) -> None:
     press("simulate")
     scene = bpy.context.scene
-    before = pose.read(piece, seen.to_metres(piece, scene))
+    before = pose.read(piece, vertex_positions.to_metres(piece, scene))
     piece.rotation_euler, piece.location = (0.3, -0.2, 1.0), (1.0, 2.0, 3.0)
     bpy.context.view_layer.update()
-    after = pose.read(piece, seen.to_metres(piece, scene))
+    after = pose.read(piece, vertex_positions.to_metres(piece, scene))
     turn, shift = np.array(piece.matrix_world)[:3, :3], np.array(piece.matrix_world)[:3, 3]
     assert before is not None and after is not None
     assert after.centres == pytest.approx(before.centres @ turn.T + shift, abs=1e-6)
@@ -180,7 +180,7 @@ def test_scene_units_and_a_mirrored_object(add: Any) -> None:
     )
     assert points_of(made).mean(axis=0) == pytest.approx(key.mean(axis=0), abs=0.05 * np.ptp(key, axis=0).max())
     assert np.ptp(points_of(made), axis=0) == pytest.approx(np.ptp(key, axis=0), rel=0.1)
-    assert notes.read(obj.data)["equilibrium"]["converged"]
+    assert stored_report.read(obj.data)["equilibrium"]["converged"]
     assert check.as_quad_mesh(mesh.read_surface(obj, bpy.context.scene).polygons).median_edge == pytest.approx(
         0.02, rel=0.1
     )

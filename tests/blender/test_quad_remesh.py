@@ -125,7 +125,7 @@ def test_bodies_that_cut_each_other_become_one() -> None:
 
 def test_the_button_asks_for_as_many_quads_as_the_warning(add: Any) -> None:
     """Half of a ball's quads miss the other half."""
-    from flexmaps.bridge.store import guidance, notes
+    from flexmaps.bridge.store import guidance, stored_report
     from flexmaps.engine.surface.mesh import PolygonMesh
     from flexmaps.engine.surface.remeshing.bodies import target_of
     from flexmaps.engine.surface.remeshing.coverage import warn_of_gaps
@@ -134,7 +134,7 @@ def test_the_button_asks_for_as_many_quads_as_the_warning(add: Any) -> None:
     half = PolygonMesh.from_quads(ball).subset(ball.centroids[:, 2] > ball.centroids[:, 2].mean())
     obj = add((half.vertices, half.corners.reshape(-1, 4)))
     (found,) = warn_of_gaps(half, target_of(half), target_of(PolygonMesh.from_quads(ball)), len(half.sizes), 0)
-    notes.write_checks(obj.data, [found])
+    stored_report.write_checks(obj.data, [found])
     (notice,) = (
         one for one in guidance.read_guidance(obj, bpy.context.scene).notices if one.key == "checks/surface-missed"
     )

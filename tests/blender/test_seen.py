@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge.store import keys, mesh
+from flexmaps.bridge.store import mesh, shape_keys
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface import shapes
 from support.drawing import draw
@@ -245,7 +245,7 @@ def test_our_shape_comes_on_top_of_the_users_keys(dome: Any, bend: Callable) -> 
     assert mesh.read_surface(dome, bpy.context.scene).polygons.vertices == pytest.approx(
         piece.source.vertices, abs=1e-7
     )
-    keys.key_of(dome.data).value = 0.0
+    shape_keys.key_of(dome.data).value = 0.0
     bpy.context.view_layer.update()
     seen = dome.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     assert np.array([vertex.co for vertex in seen.vertices]) == pytest.approx(piece.source.vertices, abs=1e-6)

@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 import pytest
-from flexmaps.bridge.store import cures, equilibrium, finding_words, guidance, notes, notices
+from flexmaps.bridge.store import cures, equilibrium, finding_words, guidance, notices, stored_report
 from flexmaps.bridge.store.notices import Notice
 from flexmaps.engine.surface import shapes
 
@@ -112,7 +112,7 @@ def test_the_status_says_the_strain_that_the_row_says(add: Any, share: float, sa
     """And what is allowed, which is another figure."""
     piece = add(shapes.make("dome"))
     block = {"strain_share_max": share, "findings": []}
-    notes.write(piece.data, "equilibrium", block)
+    stored_report.write(piece.data, "equilibrium", block)
     row = equilibrium.sentence({"code": "strained", "faces": [0, 1], "message": ""}, block)
     strained = Notice("equilibrium/strained", "2 too strained", row, finding_words.BREAKS)
     status = guidance._status_of_simulated(piece, [strained])

@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 import pytest
 from flexmaps.bridge.hosts import background
-from flexmaps.bridge.store import catalogue, finding_words, notes, notices
+from flexmaps.bridge.store import catalogue, finding_words, notices, stored_report
 from flexmaps.bridge.view import widths
 from flexmaps.bridge.view.tab import SECTIONS
 from flexmaps.engine.params import ObjectSettings
@@ -141,7 +141,7 @@ def test_no_tick_stands_beside_a_distortion_beyond_its_limit(dome: Any, share: f
 
     press("flatten")
     most = share * dome.flexmaps.layout.distortion_limit
-    notes.write(dome.data, "layout", report(dome)["layout"] | {"energy_max": most})
+    stored_report.write(dome.data, "layout", report(dome)["layout"] | {"energy_max": most})
     stages.look(bpy.context, afresh=True)
     assert sidebar._sign(bpy.context, layout, ("layout",)) == sign
 
@@ -257,7 +257,7 @@ def test_who_has_nothing_selected_is_told_where_to_begin() -> None:
     assert "Welcome to FlexMaps" not in lines and any(line.startswith("Next: ") for line in lines)
     assert "Tutorial" in lines, "until a first piece is made"
     press("merge")
-    assert notes.NAME in obj.data and "Tutorial" not in draw()
+    assert stored_report.NAME in obj.data and "Tutorial" not in draw()
 
 
 def test_a_text_can_be_converted() -> None:

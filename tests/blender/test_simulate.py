@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge.store import equilibrium, keys, mesh, notes, states
+from flexmaps.bridge.store import equilibrium, mesh, shape_keys, states, stored_report
 from flexmaps.bridge.view import scene
 from support.arch import EDGE, LENGTH, WIDTH, arch, basis, ends, group, key_of, planar, spiralled
 from support.buttons import press
@@ -34,7 +34,7 @@ def test_a_free_arch_springs_flat(piece: Any, attribute: Any) -> None:
     assert np.ptp(found, axis=0).max() == pytest.approx(LENGTH * EDGE, rel=0.01)
     key = piece.data.shape_keys.key_blocks[equilibrium.KEY]
     assert key.value == 1.0 and piece.active_shape_key_index == 0
-    block = notes.read(piece.data)["equilibrium"]
+    block = stored_report.read(piece.data)["equilibrium"]
     assert block["converged"] and block["negative_eigenvalues"] == 0 and block["model"] == "arm"
     distance = attribute(piece, "flexmaps_distance")
     assert block["rms_mm"] == pytest.approx(np.sqrt((distance**2).mean()), rel=1e-4)
@@ -54,7 +54,7 @@ def test_what_is_seen_slides_from_target_to_result(piece: Any) -> None:
         seen = piece.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
         wanted = target + share * (result - target)
         assert np.array([v.co[:] for v in seen.vertices]) == pytest.approx(wanted, abs=1e-6)
-        assert keys.shown_positions(piece.data) == pytest.approx(wanted, abs=1e-6)  # where colours are drawn
+        assert shape_keys.shown_positions(piece.data) == pytest.approx(wanted, abs=1e-6)  # where colours are drawn
 
 
 def test_supports_stay_where_they_are(piece: Any, attribute: Any) -> None:
@@ -153,14 +153,19 @@ def test_another_shape_gets_its_own_key(piece: Any) -> None:
     piece.flexmaps.loads.supports, piece.flexmaps.simulate.clamped = "ends", False
     piece.flexmaps.simulate.restarts = 2
     press("simulate")
-    block = notes.read(piece.data)["equilibrium"]
+    block = stored_report.read(piece.data)["equilibrium"]
     assert block["other_energies"][0] == pytest.approx(block["energy"], rel=1e-6)
     top, height = np.argmax(basis(piece)[:, 2]), basis(piece)[ends(piece), 2].mean()
     assert key_of(piece)[top, 2] > height + EDGE
     assert key_of(piece, f"{equilibrium.OTHER} 1")[top, 2] < height - 0.5 * EDGE
-    keys = equilibrium.keys_of(piece.data)
-    assert [k.name for k in keys] == [equilibrium.KEY, *(f"{equilibrium.OTHER} {i + 1}" for i in range(len(keys) - 1))]
-    assert len(keys) == 1 + len(block["other_energies"]) and [k.value for k in keys] == [1.0] + [0.0] * (len(keys) - 1)
+    shape_keys = equilibrium.keys_of(piece.data)
+    assert [k.name for k in shape_keys] == [
+        equilibrium.KEY,
+        *(f"{equilibrium.OTHER} {i + 1}" for i in range(len(shape_keys) - 1)),
+    ]
+    assert len(shape_keys) == 1 + len(block["other_energies"]) and [k.value for k in shape_keys] == [1.0] + [0.0] * (
+        len(shape_keys) - 1
+    )
     piece.flexmaps.simulate.restarts = 0
     press("simulate")
     assert [k.name for k in equilibrium.keys_of(piece.data)] == [equilibrium.KEY]
@@ -200,7 +205,7 @@ def test_the_published_model_knows_no_strain(piece: Any) -> None:
     press("simulate")
     piece.flexmaps.simulate.model = "rod"
     press("simulate")
-    assert notes.read(piece.data)["equilibrium"]["model"] == "rod"
+    assert stored_report.read(piece.data)["equilibrium"]["model"] == "rod"
     assert "flexmaps_strain" not in piece.data.attributes
     with pytest.raises(RuntimeError, match="nothing to show"):
         bpy.ops.flexmaps.overlay(kind="SAFETY")
@@ -267,7 +272,7 @@ def test_a_quad_joined_to_nothing_is_told_and_the_rest_simulated(add: Any) -> No
     press("flatten")
     press("spirals")
     press("simulate")
-    block = notes.read(obj.data)["equilibrium"]
+    block = stored_report.read(obj.data)["equilibrium"]
     assert block["converged"]
     (found,) = [f for f in block["findings"] if f["code"] == "joined-to-nothing"]
     assert found["faces"] == [LENGTH * WIDTH] and found["message"] in equilibrium.sentences(block)[0]

@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge.store import equilibrium, keys, notes, settings, states
+from flexmaps.bridge.store import equilibrium, settings, shape_keys, states, stored_report
 from flexmaps.command import main as command
 from flexmaps.engine.extras.assembly_sheet import sheet as assembly_sheet
 from flexmaps.engine.fabrication import assembly_check as assembly_check
@@ -72,7 +72,7 @@ def test_main_job_up_to_simulate(tmp_path: Path) -> None:
     assert "sheets" not in report and "simulate" in report["seconds"]
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "model.blend"))
     obj = bpy.data.objects["saddle"]
-    assert keys.key_of(obj.data) is not None
+    assert shape_keys.key_of(obj.data) is not None
     assert not states.is_old(obj, bpy.context.scene, "equilibrium")
 
 
@@ -111,7 +111,7 @@ def test_default_shapes_simulate_without_a_warning(add: Any) -> None:
     add(shapes.make("saddle"))
     for button in ("merge", "spirals", "simulate"):
         press(button)
-    assert equilibrium.sound(notes.read(bpy.context.object.data)["equilibrium"])
+    assert equilibrium.sound(stored_report.read(bpy.context.object.data)["equilibrium"])
 
 
 def test_the_assembly_sheet_tells_the_forces_at_rest(

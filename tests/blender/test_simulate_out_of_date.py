@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge.hosts import background
-from flexmaps.bridge.store import equilibrium, keys, mesh, notes, settings, states
+from flexmaps.bridge.store import equilibrium, mesh, settings, shape_keys, states, stored_report
 from flexmaps.bridge.view import live_shape
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import ObjectSettings
@@ -102,8 +102,8 @@ def test_an_earlier_stage_takes_the_result_away(piece: Any, button: str, mode: s
     bpy.ops.object.mode_set(mode=mode)
     press(button)
     bpy.ops.object.mode_set(mode="OBJECT")
-    assert "equilibrium" not in notes.read(piece.data)
-    assert keys.key_of(piece.data) is None
+    assert "equilibrium" not in stored_report.read(piece.data)
+    assert shape_keys.key_of(piece.data) is None
     assert not {f"flexmaps_{name}" for name in equilibrium.NAMES} & {a.name for a in piece.data.attributes}
     if button != "regularise":
         assert basis(piece) == pytest.approx(target, abs=1e-7)
@@ -178,7 +178,7 @@ def test_not_found_is_a_warning_not_a_success(piece: Any, monkeypatch: pytest.Mo
 
     piece.flexmaps.simulate.iterations = 1
     Simulate().execute(bpy.context)
-    block = notes.read(piece.data)["equilibrium"]
+    block = stored_report.read(piece.data)["equilibrium"]
     assert not block["converged"] and not equilibrium.sound(block)
     assert said[-1][0] == "WARNING" and block["status"] in said[-1][1]
     piece.flexmaps.simulate.iterations = 200

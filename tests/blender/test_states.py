@@ -9,7 +9,7 @@ import bmesh
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge.store import attributes, guidance, next_button, notes, states
+from flexmaps.bridge.store import attributes, guidance, next_button, states, stored_report
 from flexmaps.bridge.store.settings import unsaved
 from flexmaps.bridge.store.states import DONE, OLD, TODO
 from flexmaps.engine.surface import shapes
@@ -53,8 +53,8 @@ def made(piece: Any) -> Any:
     attributes.put(piece, "flexmaps_width", "FACE", "FLOAT", np.full(len(piece.data.polygons), 1.5))
     attributes.put(piece, "flexmaps_twist", "FACE", "FLOAT", np.full(len(piece.data.polygons), 90.0))
     for stage in ("layout", "spirals", "equilibrium", "reach", "optimise", "sheets"):
-        notes.write(piece.data, stage, {"made": True})
-    notes.write_checks(piece.data, [])
+        stored_report.write(piece.data, stage, {"made": True})
+    stored_report.write_checks(piece.data, [])
     states.stamp(piece, bpy.context.scene)
     return piece
 
@@ -107,7 +107,7 @@ def test_traced_patches_are_to_be_joined_before_they_get_spirals(add: Any) -> No
     ball = add(scaled(shapes.cubesphere(3)))
     press("check")
     press("trace")
-    assert notes.read(ball.data)["layout"]["patches"] > 1
+    assert stored_report.read(ball.data)["layout"]["patches"] > 1
     assert offered(ball) == "merge"
     press("merge")
     assert offered(ball) == "fit"
@@ -153,7 +153,9 @@ def test_a_model_of_another_size_is_to_be_scaled(dome: Any) -> None:
 
 def test_poor_quads_are_to_be_made_squarer_once(piece: Any) -> None:
     def found() -> None:
-        notes.write_checks(piece.data, [check.Finding("concave", "warning", "A corner beyond 180 degrees", faces=(1,))])
+        stored_report.write_checks(
+            piece.data, [check.Finding("concave", "warning", "A corner beyond 180 degrees", faces=(1,))]
+        )
         states.stamp(piece, bpy.context.scene)
 
     found()
@@ -269,7 +271,7 @@ def test_a_later_stage_is_out_of_date_when_an_earlier_one_runs_again(piece: Any)
     press("merge")
     found = kinds(piece)
     assert [found[s] for s in ("layout", "spirals", "equilibrium")] == [DONE, OLD, OLD]
-    assert "equilibrium" not in notes.read(piece.data) and why(piece, "equilibrium") == ""
+    assert "equilibrium" not in stored_report.read(piece.data) and why(piece, "equilibrium") == ""
     assert found["optimise"] == found["sheets"] == TODO  # they never ran
     press("spirals")
     assert kinds(piece)["spirals"] == DONE and kinds(piece)["equilibrium"] == OLD
@@ -277,7 +279,7 @@ def test_a_later_stage_is_out_of_date_when_an_earlier_one_runs_again(piece: Any)
 
 def test_weight_makes_the_turn_matter(made: Any) -> None:
     made.flexmaps.simulate.gravity = True
-    notes.write(made.data, "equilibrium", {})
+    stored_report.write(made.data, "equilibrium", {})
     states.stamp(made, bpy.context.scene)
     assert kinds(made)["equilibrium"] == DONE
     made.rotation_euler = (0.4, 0.0, 0.0)

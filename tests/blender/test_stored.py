@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge.store import attributes, notes, pose, states
+from flexmaps.bridge.store import attributes, pose, states, stored_report
 from flexmaps.bridge.view import collection
 from flexmaps.engine.optimisation import reach
 
@@ -33,12 +33,12 @@ def _warnings(obj: Any) -> list[str]:
     return [f.message for f in api.check(api.load(obj)) if f.code == "left-out"]
 
 
-@pytest.mark.parametrize("name", [notes.NAME, notes.MADE_FROM])
+@pytest.mark.parametrize("name", [stored_report.NAME, stored_report.MADE_FROM])
 def test_damaged_notes_count_as_nothing(random_calls: ModuleType, spiralled: Any, name: str) -> None:
     assert not _warnings(spiralled)
     for damage in NOTES.values():
         spiralled.data[name] = damage
-        assert notes.read(spiralled.data) == {}
+        assert stored_report.read(spiralled.data) == {}
         assert {state.kind for state in states.read_states(spiralled, bpy.context.scene).values()} == {states.TODO}
         assert _warnings(spiralled) == [
             "The notes of earlier stages are damaged and are left out: run the stages again"
@@ -48,16 +48,16 @@ def test_damaged_notes_count_as_nothing(random_calls: ModuleType, spiralled: Any
     assert bpy.ops.flexmaps.flatten() == {"FINISHED"}
     assert not _warnings(spiralled)
     assert states.read_states(spiralled, bpy.context.scene)["layout"].kind == states.DONE
-    assert json.loads(spiralled.data[notes.NAME])["layout"]
+    assert json.loads(spiralled.data[stored_report.NAME])["layout"]
 
 
 def test_notes_that_were_changed_by_hand_are_not_believed(spiralled: Any) -> None:
-    found = json.loads(spiralled.data[notes.NAME])
+    found = json.loads(spiralled.data[stored_report.NAME])
     found["layout"]["patches"] = "many"
-    spiralled.data[notes.NAME] = json.dumps(found)
-    assert notes.read(spiralled.data) == {}
-    del spiralled.data[notes.NAME + notes.SUM]
-    assert notes.read(spiralled.data) == {}
+    spiralled.data[stored_report.NAME] = json.dumps(found)
+    assert stored_report.read(spiralled.data) == {}
+    del spiralled.data[stored_report.NAME + stored_report.SUM]
+    assert stored_report.read(spiralled.data) == {}
 
 
 def _values(attribute: Any) -> tuple[str, np.ndarray]:

@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge.store import notes, states
+from flexmaps.bridge.store import states, stored_report
 from flexmaps.bridge.view import colouring
 from flexmaps.command import main as command
 from support.arch import EDGE, LENGTH, ends, group, spiralled
@@ -30,7 +30,7 @@ def piece(add: Any) -> Any:
 
 
 def figures(obj: Any) -> dict[str, dict[str, Any]]:
-    return {one["name"]: one for one in notes.read(obj.data)["structure"]["outcomes"]}
+    return {one["name"]: one for one in stored_report.read(obj.data)["structure"]["outcomes"]}
 
 
 def test_cases_act_on_vertex_groups(piece: Any, attribute: Any) -> None:
@@ -76,15 +76,15 @@ def test_loads_are_added_and_taken_out_by_buttons(piece: Any) -> None:
 
 def test_a_new_simulation_takes_what_was_said_of_loads(piece: Any) -> None:
     press("structure")
-    assert "structure" in notes.read(piece.data)
+    assert "structure" in stored_report.read(piece.data)
     press("simulate")
-    assert "structure" not in notes.read(piece.data) and "flexmaps_utilisation" not in piece.data.attributes
+    assert "structure" not in stored_report.read(piece.data) and "flexmaps_utilisation" not in piece.data.attributes
 
 
 def test_a_load_that_snaps_it_is_a_warning(piece: Any, attribute: Any) -> None:
     piece.flexmaps.structure.cases = "top: point 100 -z on Top row"
     press("structure")
-    block = notes.read(piece.data)["structure"]
+    block = stored_report.read(piece.data)["structure"]
     assert not block["outcomes"][0]["reached"]
     assert [one["code"] for one in block["findings"]] == ["snaps"]
 
@@ -101,7 +101,7 @@ def test_loads_that_mean_nothing_are_refused(piece: Any, cases: str, combination
     piece.flexmaps.structure.cases, piece.flexmaps.structure.combinations = cases, combinations
     with pytest.raises(RuntimeError, match=says):
         bpy.ops.flexmaps.structure()
-    assert "structure" not in notes.read(piece.data)
+    assert "structure" not in stored_report.read(piece.data)
 
 
 def test_an_old_shape_is_simulated_first(piece: Any) -> None:
@@ -121,14 +121,14 @@ def test_scripts_name_groups_too(piece: Any) -> None:
 
 def test_the_report_of_an_object_shows_what_it_bears(piece: Any, tmp_path: Path) -> None:
     press("structure")
-    block = notes.read(piece.data)["structure"]
+    block = stored_report.read(piece.data)["structure"]
     assert api.report(piece, tmp_path)["structure"] == block
     assert (tmp_path / "plots/loads.svg").is_file() and (tmp_path / "plots/utilisation.svg").is_file()
     made = api.structure(api.load(piece))
     shown = api.show(api.load(made.mesh), None)
     assert "flexmaps_utilisation" not in shown.data.attributes
     shown = api.show(made, piece)
-    assert "flexmaps_utilisation" in shown.data.attributes and "structure" in notes.read(shown.data)
+    assert "flexmaps_utilisation" in shown.data.attributes and "structure" in stored_report.read(shown.data)
 
 
 def test_the_command_line_tells_and_writes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge.store import choices, explored, mesh, notes, scans
+from flexmaps.bridge.store import choices, exploration, mesh, scans, stored_report
 from flexmaps.engine.extras.registry import REGISTRY
 from support.quick import few_layouts, few_poses
 from test_compare import write_scan
@@ -31,13 +31,13 @@ package = sys.modules["flexmaps"] = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(package)
 package.register()
 from flexmaps import api
-from flexmaps.bridge.store import notes
+from flexmaps.bridge.store import stored_report
 from flexmaps.command import arguments
 arguments.parser()
 buttons = dir(bpy.ops.flexmaps)
 bpy.ops.wm.open_mainfile(filepath=blend)
 obj = bpy.context.view_layer.objects.active
-kept = set(notes.read(obj.data))
+kept = set(stored_report.read(obj.data))
 described = api.report(obj, os.path.join(out, "report"))
 sys.path.append(support)
 import drawing
@@ -70,7 +70,7 @@ def model(extension: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
         scan = write_scan(folder / "scan.obj", made.vertices, piece.mesh.quads)
         obj = api.show(api.compare(piece, scan, anywhere=False))
     row = {"values": {"edge": 30.0}, "measures": {"rms_percent": 1.0}}
-    explored.write(obj, {"best": 0, "front": [0], "candidates": [row], "note": "Found."})
+    exploration.write(obj, {"best": 0, "front": [0], "candidates": [row], "note": "Found."})
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "all.blend"))
     return folder / "all.blend"
 
@@ -82,11 +82,11 @@ def _stored() -> dict[str, Any]:
     for name in (scans.NAME, "flexmaps_utilisation"):
         arrays[name] = np.empty(len(obj.data.polygons), np.float32)
         obj.data.attributes[name].data.foreach_get("value", arrays[name])
-    text = {name: notes.read(obj.data)[name] for name in ("choose", "scan", "structure")}
+    text = {name: stored_report.read(obj.data)[name] for name in ("choose", "scan", "structure")}
     return {
         "notes": text,
         "arrays": {name: values.tolist() for name, values in arrays.items()},
-        "explored": explored.read(obj),
+        "explored": exploration.read(obj),
         "points": obj[scans.POINTS].name,
         "layouts": choices.cuts_of(mesh.read_surface(obj, bpy.context.scene), 0).tolist(),
         "cases": obj.flexmaps.structure.cases,

@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 import numpy as np
-from flexmaps.bridge.store import mesh, notes, settings
+from flexmaps.bridge.store import mesh, settings, stored_report
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import QuadMesh
@@ -41,7 +41,7 @@ def spiralled(add: Any) -> Any:
 
 
 def block(obj: Any, name: str = "optimise") -> dict[str, Any]:
-    found: dict[str, Any] = notes.read(obj.data)[name]
+    found: dict[str, Any] = stored_report.read(obj.data)[name]
     return found
 
 

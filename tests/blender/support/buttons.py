@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
-from flexmaps.bridge.store import notes
+from flexmaps.bridge.store import stored_report
 
 
 def press(name: str, **properties: Any) -> None:
@@ -15,7 +15,7 @@ def press(name: str, **properties: Any) -> None:
 
 def report(obj: Any) -> dict[str, Any]:
     """What the stages have told of the object."""
-    return notes.read(obj.data)
+    return stored_report.read(obj.data)
 
 
 def faces_of(obj: Any, edge: int) -> list[int]:

@@ -16,7 +16,7 @@ from ...engine.surface.checking.folds import SHARP
 from ...engine.surface.checking.sewing import border_twins
 from ...engine.surface.checking.topology import sides_of
 from ...engine.tolerances import SINGLE_TOL
-from . import keys, mesh, notes, objects
+from . import mesh, objects, shape_keys, stored_report
 from .i18n import translate
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def mend(obj: bpy.types.Object, scene: bpy.types.Scene, what: str) -> str:
     """
     codes, work = _KINDS[what]
     surface = mesh.read_surface(obj, scene)
-    if obj.data.shape_keys is not None and keys.foreign_keys(obj.data):
+    if obj.data.shape_keys is not None and shape_keys.foreign_keys(obj.data):
         raise FlexMapsError("The mesh has shape keys of its own: apply or remove them first, they fix the vertices")
     before = [finding for finding in check.everything(surface.polygons) if finding.code in codes]
     if not before:
@@ -92,7 +92,7 @@ def mend(obj: bpy.types.Object, scene: bpy.types.Scene, what: str) -> str:
         name = old.name
         bpy.data.meshes.remove(old)
         made.name = name
-    notes.write_checks(made, after)
+    stored_report.write_checks(made, after)
     done = translate("Mended; {} finding is left" if len(after) == 1 else "Mended; {} findings are left", len(after))
     return f"{done}. {translate('The mesh was copied first: {} use the old one', shared)}" if shared else done
 

@@ -50,7 +50,7 @@ def between(source: bpy.types.Object, obj: bpy.types.Object, scene: bpy.types.Sc
     source, obj : the source and the object of quads
     scene : their scene
     """
-    from .seen import to_metres  # imported here because it imports scipy
+    from .vertex_positions import to_metres  # imported here because it imports scipy
 
     return to_metres(obj, scene) @ np.linalg.inv(to_metres(source, scene))
 

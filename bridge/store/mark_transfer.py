@@ -10,7 +10,7 @@ from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
 from ...engine.arrays import Float, Int
-from . import attributes, handles, notes
+from . import attributes, handles, stored_report
 from .columns import column
 
 LEAST = 0.5  # least interpolated weight at which a new vertex joins a vertex group; larger shrinks groups
@@ -31,7 +31,7 @@ def hand_down(old: bpy.types.Object, made: bpy.types.Object) -> None:
     for group in old.vertex_groups:
         _group(old, made, group, tree)
     _of_faces(old, made, tree)
-    if "layout" not in notes.read(old.data):  # only seams marked by hand; seams of a layout are computed anew
+    if "layout" not in stored_report.read(old.data):  # only seams marked by hand; seams of a layout are computed anew
         _seams(old, made)
 
 

@@ -1,4 +1,4 @@
-"""The notes, or stored report: summaries of the stages' results, as JSON in custom properties of the mesh.
+"""The stored report: summaries of the stages' results, as JSON in custom properties of the mesh.
 
 The sidebar shows them without computing. Each stage writes one or more report blocks, which are the dictionaries of
 report.json, see ``engine/runs/stages.py``; the mesh check writes "checks". A stage that has not run has no block.
