@@ -108,7 +108,7 @@ def field(piece: Piece, where: Where) -> np.ndarray:
         if piece.uid is not None:
             from ..bridge.store import fields, objects, snapshot
 
-            if where in fields.names(objects.find(piece.uid)):
+            if where in fields.list_fields(objects.find(piece.uid)):
                 return fields.read_field(*snapshot.read_again(piece.uid), where)
         try:
             quads = parse_supports(piece.mesh, where)

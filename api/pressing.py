@@ -51,7 +51,7 @@ def press(obj: bpy.types.Object, *, cure: bool | str = False) -> dict[str, Any] 
         chosen = offered[cure]
     elif cure:
         ways = [way for notice in seen.open for way in notice.cures if way.idname != "flexmaps.let_go"]
-        tried = failures.tried(obj.data)
+        tried = failures.read_press_counts(obj.data)
         chosen = next((way for way in ways if way.call not in tried), None)
     act = chosen or seen.act
     if act is None or act.idname == "wm.path_open":
@@ -59,7 +59,7 @@ def press(obj: bpy.types.Object, *, cure: bool | str = False) -> dict[str, Any] 
     began, error = _seconds(), ""
     try:
         if chosen is not None:
-            failures.note_tried(obj.data, chosen.call)
+            failures.count_press(obj.data, chosen.call)
             group, name = chosen.idname.split(".")
             getattr(getattr(bpy.ops, group), name)(**chosen.properties)
         else:

@@ -43,7 +43,7 @@ def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
     if "equilibrium" in described:
         from ..bridge.store import equilibrium
 
-        text, warning = equilibrium.sentences(described["equilibrium"])
+        text, warning = equilibrium.describe_result(described["equilibrium"])
         print(f"  {'warning: ' if warning else ''}{text}")
     if "scan" in described:
         from ..bridge.store import scans

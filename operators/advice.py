@@ -41,7 +41,7 @@ class Advised(ContinuedStage["Made"]):
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        return stored_report.missing(obj.data, "design") or advice.unadvised(obj.data, cls.remedy)
+        return stored_report.missing(obj.data, "design") or advice.refusal(obj.data, cls.remedy)
 
     def changed(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
         """Return the result with the remedy applied and spirals made; runs outside Blender's main thread.

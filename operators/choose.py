@@ -61,7 +61,7 @@ class ChooseStage(LayoutStage):
         if flat is not None:
             said = super().finish(context, obj, surface, flat)
             mesh.write_start(obj, surface, *choice.best.judged.spirals)
-        stored.write(obj, surface, [one.flat.layout.cut for one in choice.proposals])
+        stored.write_cuts(obj, surface, [one.flat.layout.cut for one in choice.proposals])
         choices.keep(obj, strip)
         stored_report.write(obj.data, "choose", choice.report())
         self.level = "INFO" if choice.reached else "WARNING"
@@ -75,7 +75,7 @@ def _optimised(obj: bpy.types.Object, snapshot: Snapshot) -> Pose | None:
     scene = bpy.context.scene
     now = states.read_states(obj, scene)
     current = all(now[stage].kind == states.DONE for stage in ("optimise", "equilibrium"))
-    return equilibrium.resting(obj, scene, snapshot.surface) if current else None
+    return equilibrium.read_rest_pose(obj, scene, snapshot.surface) if current else None
 
 
 class Choose(ChooseStage, bpy.types.Operator):
@@ -150,7 +150,7 @@ class TakeChoice(LayoutStage, bpy.types.Operator):
             from ..bridge.store import choices
             from ..engine.runs import by_hand
 
-            cut = choices.cuts_of(snapshot.surface, number)
+            cut = choices.read_cuts(snapshot.surface, number)
             return reported(by_hand.flatten_by_hand(result, cut, snapshot.settings, progress)), block | {
                 "taken": number
             }

@@ -62,7 +62,7 @@ class Compare(Asked, ContinuedStage["Result"], bpy.types.Operator):
 
         path = Path(bpy.path.abspath(self.filepath))
         unit, anywhere = "" if self.unit == "GUESS" else self.unit, self.anywhere
-        rest = equilibrium.resting(obj, bpy.context.scene, snapshot.surface)
+        rest = equilibrium.read_rest_pose(obj, bpy.context.scene, snapshot.surface)
 
         def go_on(result: Result, progress: Progress) -> Result:
             from ..engine.runs import job

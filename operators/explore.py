@@ -67,7 +67,7 @@ class UseCandidate(AtOnce, AnyMesh, bpy.types.Operator):
         kept = exploration.read(context.object)
         if kept is None or self.number >= len(kept["rows"]):
             raise FlexMapsError("There is no such candidate; press Explore first")
-        exploration.use(context.object, context.scene, kept["rows"][self.number]["values"])
+        exploration.apply_candidate(context.object, context.scene, kept["rows"][self.number]["values"])
         return translate("Settings and size of the candidate were taken")
 
 

@@ -51,7 +51,7 @@ class Export(IntoFolder, ContinuedStage["SheetFiles"], bpy.types.Operator):
         letters.learn(snapshot.name)
         # the assembly sheet lists joints overloaded in the simulated shape, and a base stands under that shape
         asked = settings.export.guide or settings.base.base != "none"
-        rest = equilibrium.resting(obj, bpy.context.scene, snapshot.surface) if asked else None
+        rest = equilibrium.read_rest_pose(obj, bpy.context.scene, snapshot.surface) if asked else None
 
         def go_on(result: Result, progress: Progress) -> SheetFiles:
             from ..bridge.hosts import job_folder

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge.store.flat_target import passed_over
+from ..bridge.store.flat_target import can_skip_simulation
 from ..bridge.store.i18n import translate
 from ..engine.progress import Progress
 from .continued import Continuation
@@ -31,7 +31,7 @@ class Fit(SearchStage, bpy.types.Operator):
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         from ..bridge.store import states
 
-        self._flat = passed_over(obj)
+        self._flat = can_skip_simulation(obj)
         self._start = states.read_states(obj, bpy.context.scene)["spirals"].kind == states.DONE
         return Spirals.continuation(self, obj, snapshot) if self._flat else super().continuation(obj, snapshot)  # type: ignore[arg-type]
 

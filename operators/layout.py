@@ -28,7 +28,7 @@ class LayoutStage(ContinuedStage):
     shows = "PATCH"  # colour the patches, because Blender draws seams in edit mode only
 
     def _read(self, context: bpy.types.Context) -> Work:
-        derived_properties.settle_border(context.object)
+        derived_properties.store_border_setting(context.object)
         return super()._read(context)
 
     def finish(

@@ -16,13 +16,13 @@ class Mend(AtOnce, AnyMesh, bpy.types.Operator):
     bl_idname = "flexmaps.mend"
     bl_label = "Mend"
 
-    what: bpy.props.EnumProperty(name="What", items=cures.MENDING, options={"SKIP_SAVE"})  # type: ignore[valid-type]
+    what: bpy.props.EnumProperty(name="What", items=cures.REPAIR_KINDS, options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
     def act(self, context: bpy.types.Context) -> str:
         from ..bridge.store import mesh_repair, states
 
         replacing.leave_edit_mode(context)
-        message = mesh_repair.mend(context.object, context.scene, self.what)
+        message = mesh_repair.repair(context.object, context.scene, self.what)
         states.stamp(context.object, context.scene)
         return translate(message)
 

@@ -58,7 +58,7 @@ class Next(AnyMesh, bpy.types.Operator):
             self.report({"INFO"}, seen.status.text)
             return {"FINISHED"}
         if seen.act.cure is not None:
-            failures.note_tried(context.object.data, seen.act.cure.call)
+            failures.count_press(context.object.data, seen.act.cure.call)
         group, name = seen.act.idname.split(".")
         try:  # True asks for an undo step, which Blender omits where an operator calls another
             pressed: set[str] = getattr(getattr(bpy.ops, group), name)(how, True, **seen.act.properties)
@@ -121,7 +121,7 @@ class LetGo(AtOnce, AnyMesh, bpy.types.Operator):
 
     def act(self, context: bpy.types.Context) -> None:
         notice = _find_notice(context, self.key)
-        failures.let_go(context.object.data, notice.key, notice.sentence)
+        failures.dismiss(context.object.data, notice.key, notice.sentence)
 
 
 class StandOn(AtOnce, OnObject, bpy.types.Operator):
@@ -145,7 +145,7 @@ class StandOn(AtOnce, OnObject, bpy.types.Operator):
         if self.where == "lowest":
             obj.flexmaps_rests = "STANDS"
         elif self.where == "border":
-            derived_properties.hold(obj, derived_properties.border(obj))
+            derived_properties.set_supports(obj, derived_properties.border_vertices(obj))
 
 
 CLASSES = (Next, ShowNotice, LetGo, StandOn)

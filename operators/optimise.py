@@ -88,7 +88,7 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
         shape = simulation.report()
         limits = {} if made.limits is None else {"reach": made.limits.report()}  # None after a cancel
         stored_report.write_all(obj.data, {"equilibrium": shape, **limits, "optimise": report})
-        text, warning = equilibrium.sentences(shape)
+        text, warning = equilibrium.describe_result(shape)
         self.level = "WARNING" if warning else "INFO"
         away = [format_figure(report[name]) for name in ("rms_percent_before", "rms_percent")]
         steps = report["iterations"]

@@ -179,7 +179,7 @@ class Unprotect(AtOnce, OnObject, bpy.types.Operator):
         from ..bridge.store import fields
         from ..bridge.view import easel
 
-        fields.protect(context.object, None)
+        fields.write_protected(context.object, None)
         easel.forget()
 
 

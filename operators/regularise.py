@@ -32,7 +32,7 @@ class Regularise(ContinuedStage["MovedQuads"], bpy.types.Operator):
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
         from ..bridge.store import shape_keys
 
-        return "Remove the shape keys first: they fix the vertices" if shape_keys.foreign_keys(obj.data) else None
+        return "Remove the shape keys first: they fix the vertices" if shape_keys.has_user_keys(obj.data) else None
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[MovedQuads]:
         def go_on(result: Result, progress: Progress) -> MovedQuads:

@@ -38,7 +38,7 @@ class Simulate(ContinuedStage["Result"], bpy.types.Operator):
         equilibrium.write(obj, surface, shape.simulation, shape.limits)
         blocks = report.blocks(result, ("equilibrium", "reach"))
         stored_report.write_all(obj.data, blocks)
-        text, warning = equilibrium.sentences(blocks["equilibrium"])
+        text, warning = equilibrium.describe_result(blocks["equilibrium"])
         self.level = "WARNING" if warning else "INFO"
         return text
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge.store.i18n import span, translate
+from ..bridge.store.i18n import format_range, translate
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
 
@@ -56,7 +56,7 @@ class Spirals(ContinuedStage["DrawnSpirals"], bpy.types.Operator):
         drawing, block, layout = result
         drawing.write(obj, surface, block, layout)
         low, _, high = block["twist_deg"]
-        twist = span(f"{low:.0f}", f"{high:.0f}", "\N{DEGREE SIGN}")
+        twist = format_range(f"{low:.0f}", f"{high:.0f}", "\N{DEGREE SIGN}")
         text = translate("{} spirals, twist {}", block["count"], twist)
         findings = drawing.design.findings
         self.level = "WARNING" if findings else "INFO"

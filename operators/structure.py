@@ -32,7 +32,7 @@ class CheckStructure(ContinuedStage["Structure"], bpy.types.Operator):
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Structure]:
         from ..bridge.store import equilibrium
 
-        rest = equilibrium.resting(obj, bpy.context.scene, snapshot.surface)
+        rest = equilibrium.read_rest_pose(obj, bpy.context.scene, snapshot.surface)
         if rest is None:
             raise FlexMapsError("The simulated shape is not an equilibrium, or is out of date; press Simulate first")
         settings = snapshot.settings

@@ -40,7 +40,7 @@ class HoldSelection(AtOnce, AnyMesh, bpy.types.Operator):
         chosen = column(obj.data.vertices, "select")
         if not chosen.any():
             raise FlexMapsError(translate("Select in Edit Mode where the piece is held"))
-        derived_properties.hold(obj, np.flatnonzero(chosen).tolist())
+        derived_properties.set_supports(obj, np.flatnonzero(chosen).tolist())
         count = int(chosen.sum())
         return translate("Held at {} vertex" if count == 1 else "Held at {} vertices", count)
 

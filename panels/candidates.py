@@ -42,7 +42,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     column = body.box().column(align=True)
     for number, row in enumerate(kept["rows"][:CANDIDATES]):
         line = column.split(factor=0.62, align=True)
-        text = ", ".join(exploration.describe(*one) for one in row["values"].items())
+        text = ", ".join(exploration.describe_value(*one) for one in row["values"].items())
         button(line, "flexmaps.use_candidate", text).number = number
         measures = row["measures"]
         share = measures.get("strain_share", 0.0)

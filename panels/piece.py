@@ -29,7 +29,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     rare(row, "quads")
     row = line(column, "")
     row.active = False
-    edge = 1e3 * derived_properties.edge_of_quads(obj, context.scene)
+    edge = 1e3 * derived_properties.estimate_quad_edge(obj, context.scene)
     row.label(text=tr("spirals of {} mm", f"{edge:.3g}" if edge < 100 else f"{edge:.0f}"), translate=False)
     value(column, wanted.layout, "symmetric", tr("Symmetry"))
 

@@ -8,7 +8,7 @@ import bpy
 
 from ..bridge.hosts import background, live
 from ..bridge.store import equilibrium, fields, handles
-from ..bridge.store.i18n import span
+from ..bridge.store.i18n import format_range
 from ..bridge.view import easel, plot
 from ..engine.extras import registry
 from ..engine.figures import format_figure
@@ -58,7 +58,7 @@ def _brush(column: Any, context: bpy.types.Context) -> None:
     row = line(column, "")
     row.prop(brush, "mirror", text=tr("Mirror X"), toggle=True, translate=False)
     row.popover("FLEXMAPS_PT_paint_from", text=tr("From"), translate=False)
-    marked = fields.protected(context.object)
+    marked = fields.count_protected(context.object)
     if marked:
         row = line(column, tr("Protected"))
         row.label(text=str(marked), icon="LOCKED", translate=False)
@@ -85,17 +85,21 @@ def _results(body: Any, context: bpy.types.Context) -> None:
     stored = block_of(body, context, "equilibrium")
     if stored is not None:
         layout, block = stored
-        for key in equilibrium.keys_of(context.object.data):
-            name = tr("result") if key.name == equilibrium.KEY else tr("other shape {}", key.name.rpartition(" ")[2])
+        for key in equilibrium.simulated_keys(context.object.data):
+            name = (
+                tr("result")
+                if key.name == equilibrium.EQUILIBRIUM_KEY
+                else tr("other shape {}", key.name.rpartition(" ")[2])
+            )
             layout.prop(key, "value", text=tr("Target to {}", name), slider=True, translate=False)
         mean, most = (
             f"{format_figure(block[f'{kind}_percent'])} %, {format_figure(block[f'{kind}_mm'])} mm"
             for kind in ("rms", "max")
         )
-        rows = [(tr("Distance, mean"), mean, not equilibrium.sound(block)), (tr("Distance, largest"), most)]
+        rows = [(tr("Distance, mean"), mean, not equilibrium.is_reliable(block)), (tr("Distance, largest"), most)]
         if block.get("strain_share_max") is not None:
             share = tr("{} % of limit", f"{100 * block['strain_share_max']:.0f}")
-            rows.append((tr("Strain, largest"), share, equilibrium.strained(block)))
+            rows.append((tr("Strain, largest"), share, equilibrium.is_overstrained(block)))
         if "fillet_strain_share_max" in block:
             share = tr("about {} % of limit", f"{100 * block['fillet_strain_share_max']:.0f}")
             rows.append((tr("Strain at fillets"), share))
@@ -121,7 +125,7 @@ RANGES = ("width_mm", "Arm width", (".2f", " mm")), ("twist_deg", "Twist", (".0f
 def _span(block: dict[str, Any], key: str, form: tuple[str, str]) -> str:
     """Format a block's entry [smallest, mean, largest] as a range; ``form`` is (number format, unit)."""
     digits, unit = form
-    return span(f"{block[key][0]:{digits}}", f"{block[key][-1]:{digits}}", unit)
+    return format_range(f"{block[key][0]:{digits}}", f"{block[key][-1]:{digits}}", unit)
 
 
 def key(context: bpy.types.Context) -> str:

@@ -14,7 +14,7 @@ FOLDER = Path(__file__).parent / "locale"
 def register() -> None:
     # the file names are Blender's locale names: "de" serves all German-speaking countries, "pt_BR" only Brazil
     bpy.app.translations.register(
-        __package__, {file.stem: catalogue.table(file) for file in sorted(FOLDER.glob("*.po"))}
+        __package__, {file.stem: catalogue.read_translations(file) for file in sorted(FOLDER.glob("*.po"))}
     )
 
 

@@ -94,7 +94,7 @@ def _other_value(rng: random.Random, text: str) -> str:
 
 def _attribute(rng: random.Random, mesh: Any) -> str:
     """An attribute of ours gone, elsewhere, of another kind, or with other values."""
-    name = attributes.PREFIX + rng.choice(list(attributes.OURS))
+    name = attributes.PREFIX + rng.choice(list(attributes.SPECS))
     found = mesh.attributes.get(name)
     what = rng.choice(("remove", "kind", "values", "values", "values", "all"))
     if found is None or what == "kind":

@@ -111,8 +111,8 @@ class Hand:
     # -- what it does ------------------------------------------------------------------------------------------------------
 
     def stroke(self) -> None:
-        with attributes.readable(self.obj) as copy:
-            width, twist = (np.array(attributes.get(copy, f"flexmaps_{n}")) for n in ("width", "twist"))
+        with attributes.readable_mesh(self.obj) as copy:
+            width, twist = (np.array(attributes.read(copy, f"flexmaps_{n}")) for n in ("width", "twist"))
             middles = np.array([p.center for p in copy.polygons])
         near = np.argsort(np.linalg.norm(middles - middles[self.rng.integers(len(middles))], axis=1))[
             : max(1, len(middles) // 20)
@@ -120,8 +120,8 @@ class Hand:
         factor = self.rng.choice([0.85, 1.15])
         width.reshape(-1, 4)[near] = np.clip(width.reshape(-1, 4)[near] * factor, 0.8, 2.0)
         twist[near] = np.clip(twist[near] / factor, 0.0, 360.0)
-        attributes.put(self.obj, "flexmaps_width", "CORNER", "FLOAT", width)
-        attributes.put(self.obj, "flexmaps_twist", "FACE", "FLOAT", twist)
+        attributes.write(self.obj, "flexmaps_width", "CORNER", "FLOAT", width)
+        attributes.write(self.obj, "flexmaps_twist", "FACE", "FLOAT", twist)
         bpy.ops.ed.undo_push(message="stroke")
 
     def setting(self) -> None:
@@ -144,19 +144,19 @@ class Hand:
 
     def seam(self) -> None:
         seams = np.zeros(len(self.obj.data.edges), bool)
-        with attributes.readable(self.obj) as copy:
+        with attributes.readable_mesh(self.obj) as copy:
             copy.edges.foreach_get("use_seam", seams)
         one = self.rng.integers(len(seams))
         seams[one] = ~seams[one]
-        attributes.put_seams(self.obj, seams)
+        attributes.write_seams(self.obj, seams)
         bpy.ops.ed.undo_push(message="seam")
 
     def pull(self) -> None:
-        with attributes.readable(self.obj) as copy:
+        with attributes.readable_mesh(self.obj) as copy:
             at = np.array([v.co for v in copy.vertices])
         away = np.linalg.norm(at - at[self.rng.integers(len(at))], axis=1)
         at = at + 0.001 * self.rng.normal(size=3) * np.exp(-((away / 0.04) ** 2))[:, None]
-        attributes.put_positions(self.obj, at)
+        attributes.write_positions(self.obj, at)
         bpy.ops.ed.undo_push(message="pull")
 
     def mode(self) -> None:

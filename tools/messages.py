@@ -137,18 +137,18 @@ def _of_lines() -> Found:
     for _, text in versions.RESULT_CHANGES:
         yield "", text, "what changed since an earlier version"
     for text in (
-        *(words for _, words in cures.MENDS.values()),
-        *cures.ONE.values(),
-        *(words for words, _ in finding_words.WORDS.values()),
-        *(words for _, one, more in finding_words.SAID.values() for words in (one, more)),
-        *guidance.CHANGED.values(),
-        guidance.SETTING,
-        *guidance.ANEW.values(),
+        *(words for _, words in cures.REPAIRS.values()),
+        *cures.SINGULAR.values(),
+        *(words for words, _ in finding_words.LABELS.values()),
+        *(words for _, one, more in finding_words.WARNING_LABELS.values() for words in (one, more)),
+        *guidance.CHANGED_PARTS.values(),
+        guidance.CHANGED_SETTING,
+        *guidance.RERUN_REASONS.values(),
     ):
         yield "", text, "what there is to look at, and its cure"
-    for _, *texts in (*tab.CHECKS, *tab.HABITS, *derived_properties.RESTS):
+    for _, *texts in (*tab.CHECKS, *tab.HABITS, *derived_properties.SUPPORT_KINDS):
         yield from (("", text, "choice in the sidebar") for text in texts)
-    for text in finding_words.FAILED.values():
+    for text in finding_words.FAILURE_LABELS.values():
         yield "", text, "what there is to look at, and its cure"
     for text in stages.MISSING.values():
         yield "", text, "why a button is grey"

@@ -162,7 +162,7 @@ class ObjectWatcher:
         self._refused = ""
         known = self._given
         if known is None or state.changes(known):
-            start = equilibrium.resting(obj, scene, mesh.read_anyhow(obj, scene)) if known is None else None
+            start = equilibrium.read_rest_pose(obj, scene, mesh.read_anyhow(obj, scene)) if known is None else None
             self._given = state
             self._beside().follow(state, start)
         block = stored_report.read(obj.data).get("equilibrium")

@@ -13,10 +13,10 @@ from ...engine.optimisation.remedies import FINER, LARGER, THINNER, Amounts
 from . import stored_report
 from .i18n import translate
 
-BROUGHT = "brought"  # key in the report block "reach": effect of the last applied remedy
+EFFECT = "brought"  # key in the report block "reach": effect of the last applied remedy
 # ratio of the RMS distances after and before up to which the shape counts as nearer; repeated searches of a piece
 # differ by up to 3 %, so larger would take chance for success
-NEARER = 0.97
+NEARER_RATIO = 0.97
 FIGURES = ("rms_percent", "strain_share_max", "slots_closed")  # keys of "equilibrium" to compare before and after
 
 
@@ -26,7 +26,7 @@ def read_advice(mesh: bpy.types.Mesh) -> Amounts:
     return {} if block is None else remedies.read_block(block)
 
 
-def unadvised(mesh: bpy.types.Mesh, remedy: str) -> str | None:
+def refusal(mesh: bpy.types.Mesh, remedy: str) -> str | None:
     """Return a sentence why a remedy cannot be applied; None where it is advised.
 
     Parameters
@@ -43,7 +43,7 @@ def unadvised(mesh: bpy.types.Mesh, remedy: str) -> str | None:
     )
 
 
-def compare(remedy: str, was: float, now: float, before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
+def effect_of(remedy: str, was: float, now: float, before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
     """Return the effect of a remedy, to be stored in the report.
 
     Parameters
@@ -56,31 +56,31 @@ def compare(remedy: str, was: float, now: float, before: dict[str, Any], after: 
     return {"remedy": remedy, "was": was, "now": now, **pairs}
 
 
-def has_helped(brought: dict[str, Any]) -> bool:
+def has_helped(effect: dict[str, Any]) -> bool:
     """Return whether the shape came clearly nearer, an excessive strain fell, or fewer slots close than before."""
-    far, near = brought["rms_percent"]
-    strain, eased = brought["strain_share_max"]
+    far, near = effect["rms_percent"]
+    strain, eased = effect["strain_share_max"]
     relieved = strain is not None and eased is not None and strain > OVERSTRAIN_SHARE and eased < strain
-    closed, left = _closed_slots(brought)
-    return bool(near < NEARER * far or relieved or left < closed)
+    closed, left = _closed_slots(effect)
+    return bool(near < NEARER_RATIO * far or relieved or left < closed)
 
 
-def _closed_slots(brought: dict[str, Any]) -> tuple[int, int]:
+def _closed_slots(effect: dict[str, Any]) -> tuple[int, int]:
     """Return the number of closed slots before and after; (0, 0) where an older version stored none."""
-    before, after = brought.get("slots_closed") or (None, None)
+    before, after = effect.get("slots_closed") or (None, None)
     return (0, 0) if before is None or after is None else (before, after)
 
 
-def describe(brought: dict[str, Any]) -> str:
+def describe_effect(effect: dict[str, Any]) -> str:
     """Return a line about a remedy's effect for the user."""
-    was, now = brought["was"], brought["now"]
+    was, now = effect["was"], effect["now"]
     done = {
         LARGER: translate("{:.4g} times as large", now / was),
         THINNER: translate("Sheet of {:g} mm instead of {:g} mm", now, was),
         FINER: translate("{:.0f} quads instead of {:.0f}", now, was),
-    }[brought["remedy"]]
-    distance = [format_figure(percent) for percent in brought["rms_percent"]]
-    strain, closed = brought["strain_share_max"], _closed_slots(brought)
+    }[effect["remedy"]]
+    distance = [format_figure(percent) for percent in effect["rms_percent"]]
+    strain, closed = effect["strain_share_max"], _closed_slots(effect)
     if None in strain:
         line = translate("{}: RMS distance {} % to {} %", done, *distance)
     else:
@@ -89,4 +89,4 @@ def describe(brought: dict[str, Any]) -> str:
         line = translate(text, done, *distance, *shares)
     if closed[0] != closed[1]:
         line = translate("{}, closed slots {} to {}", line, *closed)
-    return line if has_helped(brought) else f"{line}. {translate('It did not help; undo takes it back')}"
+    return line if has_helped(effect) else f"{line}. {translate('It did not help; undo takes it back')}"

@@ -19,7 +19,7 @@ from ...engine.errors import FlexMapsError
 from .columns import column
 
 PREFIX = "flexmaps_"
-LARGEST = 1e30  # clip limit, below float32's 3e38; a folded quad's deviation from a square is unbounded
+MAX_VALUE = 1e30  # clip limit, below float32's 3e38; a folded quad's deviation from a square is unbounded
 
 # attribute type -> (property of its data, numbers per element, numpy type, name of the BMesh layers). No stage writes
 # BOOLEAN, because scripts cannot access its layers in edit mode before Blender 4.5
@@ -35,41 +35,41 @@ KINDS: dict[str, tuple[str, int, type, str]] = {
 
 # attributes that FlexMaps writes: name without prefix -> domain, type, smallest and largest value; infinity stands for
 # the largest index of a face or edge
-OURS: dict[str, tuple[str, str, float, float]] = {
+SPECS: dict[str, tuple[str, str, float, float]] = {
     "cut": ("EDGE", "BOOLEAN", 0, 1),  # in older files, in place of "seam"
     "seam": ("EDGE", "INT", -1, np.inf),
     "choices": ("EDGE", "INT", 0, 255),  # bit k is set where layout k cuts
-    "flat": ("CORNER", "FLOAT2", -LARGEST, LARGEST),
+    "flat": ("CORNER", "FLOAT2", -MAX_VALUE, MAX_VALUE),
     "patch": ("FACE", "INT", 0, np.inf),
-    "energy": ("FACE", "FLOAT", 0, LARGEST),
-    "square": ("FACE", "FLOAT", 0, LARGEST),
+    "energy": ("FACE", "FLOAT", 0, MAX_VALUE),
+    "square": ("FACE", "FLOAT", 0, MAX_VALUE),
     "width": ("CORNER", "FLOAT", 1e-3, 1e3),
     "twist": ("FACE", "FLOAT", 0, 1e3),
-    "stiffness": ("FACE", "FLOAT", 0, LARGEST),
+    "stiffness": ("FACE", "FLOAT", 0, MAX_VALUE),
     "protect": ("FACE", "INT", 0, 1),
     "last_width": ("CORNER", "FLOAT", 1e-3, 1e3),
     "last_twist": ("FACE", "FLOAT", 0, 1e3),
-    "distance": ("FACE", "FLOAT", 0, LARGEST),
-    "strain_energy": ("FACE", "FLOAT", -LARGEST, LARGEST),
-    "strain": ("FACE", "FLOAT", 0, LARGEST),
-    "slot": ("FACE", "FLOAT", -LARGEST, LARGEST),
+    "distance": ("FACE", "FLOAT", 0, MAX_VALUE),
+    "strain_energy": ("FACE", "FLOAT", -MAX_VALUE, MAX_VALUE),
+    "strain": ("FACE", "FLOAT", 0, MAX_VALUE),
+    "slot": ("FACE", "FLOAT", -MAX_VALUE, MAX_VALUE),
     "reach": ("FACE", "INT", 0, 6),
-    "scan": ("FACE", "FLOAT", -1, LARGEST),
-    "utilisation": ("FACE", "FLOAT", 0, LARGEST),
-    "hub": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
-    "hub_x": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
-    "hub_y": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
+    "scan": ("FACE", "FLOAT", -1, MAX_VALUE),
+    "utilisation": ("FACE", "FLOAT", 0, MAX_VALUE),
+    "hub": ("FACE", "FLOAT_VECTOR", -MAX_VALUE, MAX_VALUE),
+    "hub_x": ("FACE", "FLOAT_VECTOR", -MAX_VALUE, MAX_VALUE),
+    "hub_y": ("FACE", "FLOAT_VECTOR", -MAX_VALUE, MAX_VALUE),
     "held": ("FACE", "FLOAT", 0, 1),
-    "pull": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
-    "wish": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
-    "colour": ("CORNER", "FLOAT_COLOR", -LARGEST, LARGEST),
+    "pull": ("FACE", "FLOAT_VECTOR", -MAX_VALUE, MAX_VALUE),
+    "wish": ("FACE", "FLOAT_VECTOR", -MAX_VALUE, MAX_VALUE),
+    "colour": ("CORNER", "FLOAT_COLOR", -MAX_VALUE, MAX_VALUE),
 }
 # attributes that older files store per face instead of per corner
-ONCE_ON_FACES = ("width", "last_width")
+FORMERLY_ON_FACES = ("width", "last_width")
 
 
 @contextmanager
-def readable(obj: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
+def readable_mesh(obj: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
     """Context manager: yield a mesh with the user's latest edits, in edit mode too; with shape keys, the basis."""
     if not obj.data.is_editmode:
         yield obj.data
@@ -86,7 +86,7 @@ def readable(obj: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
         bpy.data.meshes.remove(copy)
 
 
-def get(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
+def read(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
     """Return the values of an attribute, (N,) or (N, 2 to 4); None if it is missing or not valid.
 
     An attribute of FlexMaps is not valid if another program or script gave it another type or values out of its bounds.
@@ -97,23 +97,23 @@ def get(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
     mesh : Blender's mesh, outside edit mode
     name : name with prefix
     """
-    values = stored(mesh, name)
+    values = read_as_stored(mesh, name)
     return _on_corners(mesh, name, values)
 
 
-def stored(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
-    """Return the values as ``get`` does, but leave widths that older files store per face as they are, (faces,).
+def read_as_stored(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
+    """Return the values as ``read`` does, but leave widths that older files store per face as they are, (faces,).
 
     Parameters
     ----------
     mesh : Blender's mesh, outside edit mode
     name : name with prefix
     """
-    values = _raw(mesh, name)
-    return None if values is None or (_is_ours(name) and not fits(name, values)) else values
+    values = _read_unchecked(mesh, name)
+    return None if values is None or (_is_ours(name) and not is_valid(name, values)) else values
 
 
-def on_faces(values: Shaped[np.ndarray, " corners"]) -> Float[np.ndarray, "quads 4"]:
+def corners_by_face(values: Shaped[np.ndarray, " corners"]) -> Float[np.ndarray, "quads 4"]:
     """Reshape corner values of a quad mesh from (4 F,) to (F, 4)."""
     return values.reshape(-1, 4).astype(float)
 
@@ -121,22 +121,25 @@ def on_faces(values: Shaped[np.ndarray, " corners"]) -> Float[np.ndarray, "quads
 def _on_corners(mesh: bpy.types.Mesh, name: str, values: np.ndarray | None) -> np.ndarray | None:
     """Repeat face values of older files for all corners of each face; return other values unchanged."""
     attribute = mesh.attributes.get(name)
-    if values is None or attribute is None or not _older(name, attribute):
+    if values is None or attribute is None or not _is_older_form(name, attribute):
         return values
     return np.repeat(values, column(mesh.polygons, "loop_total"))
 
 
-def _older(name: str, attribute: bpy.types.Attribute) -> bool:
-    return name.removeprefix(PREFIX) in ONCE_ON_FACES and (attribute.domain, attribute.data_type) == ("FACE", "FLOAT")
+def _is_older_form(name: str, attribute: bpy.types.Attribute) -> bool:
+    return name.removeprefix(PREFIX) in FORMERLY_ON_FACES and (attribute.domain, attribute.data_type) == (
+        "FACE",
+        "FLOAT",
+    )
 
 
-def _raw(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
+def _read_unchecked(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
     """Return the values without checking bounds; None if the attribute is missing or has another domain or type."""
     attribute = mesh.attributes.get(name)
     if attribute is None or attribute.data_type not in KINDS:
         return None
-    as_ours = _is_ours(name) and (attribute.domain, attribute.data_type) == OURS[name.removeprefix(PREFIX)][:2]
-    if _is_ours(name) and not as_ours and not _older(name, attribute):
+    as_ours = _is_ours(name) and (attribute.domain, attribute.data_type) == SPECS[name.removeprefix(PREFIX)][:2]
+    if _is_ours(name) and not as_ours and not _is_older_form(name, attribute):
         return None
     prop, width, dtype, _ = KINDS[attribute.data_type]
     values: np.ndarray = np.empty(len(attribute.data) * width, dtype=dtype)
@@ -145,10 +148,10 @@ def _raw(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
 
 
 def _is_ours(name: str) -> bool:
-    return name.startswith(PREFIX) and name.removeprefix(PREFIX) in OURS
+    return name.startswith(PREFIX) and name.removeprefix(PREFIX) in SPECS
 
 
-def fits(name: str, values: Shaped[np.ndarray, "elements ..."]) -> bool:
+def is_valid(name: str, values: Shaped[np.ndarray, "elements ..."]) -> bool:
     """Return whether all values of a FlexMaps attribute are finite and within its bounds.
 
     Parameters
@@ -156,17 +159,17 @@ def fits(name: str, values: Shaped[np.ndarray, "elements ..."]) -> bool:
     name : name with prefix
     values : values of all elements
     """
-    return bool(_within(name, values).all())
+    return bool(_in_bounds(name, values).all())
 
 
-def _within(name: str, values: Shaped[np.ndarray, "#elements ..."]) -> Bool[np.ndarray, "#elements ..."]:
-    _, _, low, high = OURS[name.removeprefix(PREFIX)]
+def _in_bounds(name: str, values: Shaped[np.ndarray, "#elements ..."]) -> Bool[np.ndarray, "#elements ..."]:
+    _, _, low, high = SPECS[name.removeprefix(PREFIX)]
     if high == np.inf:
         high = len(values) - 1
     return np.asarray((values >= low) & (values <= high))
 
 
-def ours(mesh: bpy.types.Mesh) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+def read_all(mesh: bpy.types.Mesh) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Return the valid and the damaged FlexMaps attributes of a mesh, by name without the prefix.
 
     Returns
@@ -176,10 +179,10 @@ def ours(mesh: bpy.types.Mesh) -> tuple[dict[str, np.ndarray], dict[str, np.ndar
     """
     sound: dict[str, np.ndarray] = {}
     unsound: dict[str, np.ndarray] = {}
-    for name in OURS:
+    for name in SPECS:
         if PREFIX + name in mesh.attributes:
-            values = _on_corners(mesh, PREFIX + name, _raw(mesh, PREFIX + name))
-            wrong = np.zeros(0, bool) if values is None else ~_within(PREFIX + name, values)
+            values = _on_corners(mesh, PREFIX + name, _read_unchecked(mesh, PREFIX + name))
+            wrong = np.zeros(0, bool) if values is None else ~_in_bounds(PREFIX + name, values)
             if values is None or wrong.any():
                 unsound[name] = np.unique(np.nonzero(wrong)[0])
             else:
@@ -200,7 +203,7 @@ def has(obj: bpy.types.Object, name: str) -> bool:
     return name in obj.data.attributes
 
 
-def put(obj: bpy.types.Object, name: str, domain: str, kind: str, values: np.ndarray) -> None:
+def write(obj: bpy.types.Object, name: str, domain: str, kind: str, values: np.ndarray) -> None:
     """Write an attribute; create it where it is missing or has another domain or type.
 
     Parameters
@@ -216,9 +219,9 @@ def put(obj: bpy.types.Object, name: str, domain: str, kind: str, values: np.nda
     FlexMapsError where the mesh has no room for another UV map.
     """
     if KINDS[kind][2] is np.float32:  # larger values would overflow to infinity and make the mesh invalid
-        values = np.clip(values, -LARGEST, LARGEST)
+        values = np.clip(values, -MAX_VALUE, MAX_VALUE)
     if obj.data.is_editmode:
-        _put_bmesh(obj.data, name, domain, kind, values)
+        _write_bmesh(obj.data, name, domain, kind, values)
         return
     mesh = obj.data
     attribute = mesh.attributes.get(name)
@@ -243,7 +246,7 @@ def _sequence(bm: bmesh.types.BMesh, domain: str) -> Any:
     return {"POINT": bm.verts, "EDGE": bm.edges, "FACE": bm.faces, "CORNER": bm.loops}[domain]
 
 
-def _put_bmesh(mesh: bpy.types.Mesh, name: str, domain: str, kind: str, values: np.ndarray) -> None:
+def _write_bmesh(mesh: bpy.types.Mesh, name: str, domain: str, kind: str, values: np.ndarray) -> None:
     bm = bmesh.from_edit_mesh(mesh)
     layers = getattr(_sequence(bm, domain).layers, KINDS[kind][3])
     layer = layers.get(name)
@@ -280,7 +283,7 @@ def remove(obj: bpy.types.Object, name: str) -> None:
             bmesh.update_edit_mesh(obj.data)
 
 
-def put_seams(obj: bpy.types.Object, seams: Bool[np.ndarray, " edges"]) -> None:
+def write_seams(obj: bpy.types.Object, seams: Bool[np.ndarray, " edges"]) -> None:
     """Set the UV seams from one flag per edge, in Blender's order."""
     if obj.data.is_editmode:
         bm = bmesh.from_edit_mesh(obj.data)
@@ -292,7 +295,7 @@ def put_seams(obj: bpy.types.Object, seams: Bool[np.ndarray, " edges"]) -> None:
         obj.data.update()
 
 
-def put_positions(obj: bpy.types.Object, positions: Float[np.ndarray, "vertices 3"]) -> None:
+def write_positions(obj: bpy.types.Object, positions: Float[np.ndarray, "vertices 3"]) -> None:
     """Move the vertices to positions in the object's own frame."""
     if obj.data.is_editmode:
         bm = bmesh.from_edit_mesh(obj.data)

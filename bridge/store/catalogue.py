@@ -10,7 +10,7 @@ from .i18n import CONTEXT
 CONTEXTS = ("*", "Operator", CONTEXT)  # Blender's default context, its context of operators, and FlexMaps' own
 
 
-def table(file: Path) -> dict[tuple[str, str], str]:
+def read_translations(file: Path) -> dict[tuple[str, str], str]:
     """Return (context, English text) -> translation from the entries of a .po file, without fuzzy ones.
 
     An entry is repeated for every context without an own entry for its text; a setting's name also with its unit.

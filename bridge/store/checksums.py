@@ -18,7 +18,7 @@ from . import attributes, handles, pose, settings, vertex_positions
 from .columns import column
 
 # most edges of a mesh that is read from edit mode at every redraw (some ms); larger slows redraws, smaller misses edits
-MANY = 20_000
+MAX_EDGES = 20_000
 
 
 class Checksums:
@@ -55,19 +55,19 @@ class Checksums:
             positions, corners = column(mesh.vertices, "co"), column(mesh.loops, "vertex_index")
             faces = len(mesh.polygons)
         mirrored = bool(np.linalg.det(self._frame) < 0)
-        rest = f"{_as_text(self._frame.T @ self._frame)} {mirrored} {faces}"
+        rest = f"{_format_matrix(self._frame.T @ self._frame)} {mirrored} {faces}"
         return positions.tobytes() + corners.tobytes() + rest.encode() + vertex_positions.state(self._obj)
 
     def _bmesh(self) -> bmesh.types.BMesh | None:
-        """Return the BMesh of edit mode; None outside it, above ``MANY`` edges, or while another shape key is edited.
+        """Return the BMesh of edit mode; None outside it, above ``MAX_EDGES`` edges, or while another shape key is edited.
 
         Stages read only the basis, which editing another shape key does not change.
         """
         mesh = self._obj.data
-        if not mesh.is_editmode or len(mesh.edges) > MANY or self._obj.active_shape_key_index > 0:
+        if not mesh.is_editmode or len(mesh.edges) > MAX_EDGES or self._obj.active_shape_key_index > 0:
             return None
         bm = bmesh.from_edit_mesh(mesh)
-        return bm if len(bm.edges) <= MANY else None
+        return bm if len(bm.edges) <= MAX_EDGES else None
 
     def _seams(self) -> bytes:
         mesh = self._obj.data
@@ -80,7 +80,7 @@ class Checksums:
         """Return the stored values of named attributes of faces and corners as bytes."""
         mesh = self._obj.data
         if not mesh.is_editmode:
-            stored = (attributes.stored(mesh, attributes.PREFIX + name) for name in names)
+            stored = (attributes.read_as_stored(mesh, attributes.PREFIX + name) for name in names)
             return b"".join(b"" if values is None else values.tobytes() for values in stored)
         bm = bmesh.from_edit_mesh(mesh)  # in edit mode only the BMesh holds attribute values
         faces = bm.faces
@@ -103,7 +103,7 @@ class Checksums:
         own = getattr(self._obj, "flexmaps", None)
         if own is None or not (own.simulate.gravity or own.loads.force_x or own.loads.force_y or own.loads.force_z):
             return b""
-        return _as_text(self._frame).encode()
+        return _format_matrix(self._frame).encode()
 
     def _settings(self, name: str) -> bytes:
         own = getattr(self._obj, "flexmaps", None)  # None where the extension is not registered
@@ -112,7 +112,7 @@ class Checksums:
         return text + self._values(handles.HELD, handles.PULL) if section == "loads" else text
 
 
-def _as_text(matrix: Float[np.ndarray, "rows columns"]) -> str:
+def _format_matrix(matrix: Float[np.ndarray, "rows columns"]) -> str:
     """Return a matrix as text, rounded to 4 digits of its largest entry."""
     size = max(float(np.abs(matrix).max()), 1e-30)
     return f"{size:.5g} {(np.round(matrix / size, 4) + 0.0).tolist()}"

@@ -15,7 +15,7 @@ from .surface import ObjectSurface
 NAME = attributes.PREFIX + "choices"
 
 
-def write(obj: bpy.types.Object, surface: ObjectSurface, cuts: Sequence[Bool[np.ndarray, " edges"]]) -> None:
+def write_cuts(obj: bpy.types.Object, surface: ObjectSurface, cuts: Sequence[Bool[np.ndarray, " edges"]]) -> None:
     """Store where every layout cuts: bit k of an edge's integer is set where layout k cuts the edge.
 
     Parameters
@@ -27,10 +27,10 @@ def write(obj: bpy.types.Object, surface: ObjectSurface, cuts: Sequence[Bool[np.
     bits = np.zeros(len(surface.pairs), dtype=np.int64)
     for k, cut in enumerate(cuts):
         bits[surface.edge_of] |= cut.astype(np.int64) << k
-    attributes.put(obj, NAME, "EDGE", "INT", bits)
+    attributes.write(obj, NAME, "EDGE", "INT", bits)
 
 
-def cuts_of(surface: ObjectSurface, number: int) -> Bool[np.ndarray, " edges"]:
+def read_cuts(surface: ObjectSurface, number: int) -> Bool[np.ndarray, " edges"]:
     """Return which edges a layout cuts, in the engine's order.
 
     Parameters

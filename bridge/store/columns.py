@@ -35,7 +35,7 @@ def column(items: bpy.types.bpy_prop_collection, name: str) -> np.ndarray:
     return values if width == 1 else values.reshape(-1, width)
 
 
-def weights(mesh: bpy.types.Mesh, group: int) -> Float[np.ndarray, " vertices"]:
+def read_weights(mesh: bpy.types.Mesh, group: int) -> Float[np.ndarray, " vertices"]:
     """Return the weights of a vertex group, 0 for vertices outside it.
 
     Parameters

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import bpy
 
 # code of a finding that ``flexmaps.mend`` can repair -> kind of repair, label of the button
-MENDS = {
+REPAIRS = {
     "zero-edge": ("short-edges", "Merge {}"),
     "repeated-vertex": ("short-edges", "Merge {}"),
     "doubled-vertices": ("doubles", "Merge them"),
@@ -36,19 +36,19 @@ MENDS = {
     "non-orientable": ("one-sided", "Cut it open"),
 }
 # label for several faces -> label for one face
-ONE = {
+SINGULAR = {
     "Dissolve {} faces": "Dissolve {} face",
     "Delete {} faces": "Delete {} face",
     "Turn {} faces": "Turn {} face",
 }
 # factors on the number of quads for a coarser remesh where spirals lack room, in the order of trying; smaller factors
 # give larger quads
-FEWER = (0.6, 0.3)
-MORE = (2, 4)  # factors on the number of quads for another try after a remesh failed
-LEAST_QUADS = 50  # number of quads below which a remesh is offered; larger offers it more often
-FOLDS = "sharp-folds"  # code of the finding whose button also shows a radius
+COARSER_FACTORS = (0.6, 0.3)
+FINER_FACTORS = (2, 4)  # factors on the number of quads for another try after a remesh failed
+MIN_QUADS = 50  # number of quads below which a remesh is offered; larger offers it more often
+FOLDS_CODE = "sharp-folds"  # code of the finding whose button also shows a radius
 # kinds of repair: value, name, tooltip
-MENDING = (
+REPAIR_KINDS = (
     ("short-edges", "Merge vertices", "Merge vertices that lie in one place"),
     ("doubles", "Merge doubled vertices", "Merge vertices of the border that lie in one place"),
     ("double-shells", "Delete doubled shells", "Delete one of two shells that lie on each other"),
@@ -90,7 +90,7 @@ class Cure:
         return f"bpy.ops.{self.idname}({arguments})"
 
 
-def mend(code: str, count: int) -> Cure | None:
+def repair(code: str, count: int) -> Cure | None:
     """Return the button that repairs a finding of the mesh check; None where it cannot be repaired automatically.
 
     Parameters
@@ -98,10 +98,10 @@ def mend(code: str, count: int) -> Cure | None:
     code : code of the finding
     count : number of faces (or edges) for the label
     """
-    if code not in MENDS:
+    if code not in REPAIRS:
         return None
-    what, words = MENDS[code]
-    return Cure(interface(ONE.get(words, words) if count == 1 else words, count), "flexmaps.mend", {"what": what})
+    what, words = REPAIRS[code]
+    return Cure(interface(SINGULAR.get(words, words) if count == 1 else words, count), "flexmaps.mend", {"what": what})
 
 
 def round_folds(percent: float | None = None, edge: float | None = None) -> Cure:
@@ -118,15 +118,15 @@ def round_folds(percent: float | None = None, edge: float | None = None) -> Cure
     return Cure(_with_percent(words, percent), "flexmaps.mend", {"what": "round"})
 
 
-def fewer(quads: int) -> list[int]:
-    """Return smaller numbers of quads to remesh to, rounded to tens or hundreds; none below ``LEAST_QUADS``."""
-    wanted = [round(share * quads, -2 if share * quads >= 200 else -1) for share in FEWER]
-    return [int(n) for n in wanted if n >= LEAST_QUADS]
+def coarser_counts(quads: int) -> list[int]:
+    """Return smaller numbers of quads to remesh to, rounded to tens or hundreds; none below ``MIN_QUADS``."""
+    wanted = [round(share * quads, -2 if share * quads >= 200 else -1) for share in COARSER_FACTORS]
+    return [int(n) for n in wanted if n >= MIN_QUADS]
 
 
-def other_counts(quads: int) -> list[int]:
+def retry_counts(quads: int) -> list[int]:
     """Return numbers of quads to try after a remesh failed: first more quads, which resolve small parts, then fewer."""
-    return [*(round(times * quads, -1) for times in MORE), *fewer(quads)[:1]]
+    return [*(round(times * quads, -1) for times in FINER_FACTORS), *coarser_counts(quads)[:1]]
 
 
 def remesh(quads: int) -> Cure:
@@ -134,7 +134,7 @@ def remesh(quads: int) -> Cure:
     return Cure(interface("Remesh to {}", quads), "flexmaps.quad_remesh", {"quads": quads})
 
 
-def larger(times: float) -> Cure:
+def enlarge(times: float) -> Cure:
     """Return the button that enlarges the piece by a factor."""
     return Cure(interface("Larger: {:g} x", times), "flexmaps.set_size", {"times": times})
 
@@ -172,7 +172,7 @@ def choose() -> list[Cure]:
     return [Cure(interface("Propose layouts"), "flexmaps.choose")] if registry.has("choosing") else []
 
 
-def nearer(wanted: bpy.types.PropertyGroup, blocks: dict[str, Any]) -> list[Cure]:
+def improve_match(wanted: bpy.types.PropertyGroup, blocks: dict[str, Any]) -> list[Cure]:
     """Return buttons that bring an optimised piece nearer to its target, best first.
 
     They are remedies whose effect short searches have predicted, and *Propose layouts*, which has no prediction and is
@@ -199,12 +199,12 @@ def _with_percent(words: str, percent: float | None) -> str:
     return words if percent is None else interface("{}: {} %", words, format_figure(percent))
 
 
-def let_go(key: str) -> Cure:
+def dismiss(key: str) -> Cure:
     """Return the button that dismisses the notice with this key, so that *Next* goes on."""
     return Cure(interface("Go on as it is"), "flexmaps.let_go", {"key": key})
 
 
-def remedy(name: str, amount: float | None) -> Cure:
+def apply_remedy(name: str, amount: float | None) -> Cure:
     """Return the button that applies a remedy advised by the optimiser.
 
     Parameters

@@ -18,17 +18,17 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 MILLIMETRES = 1e3  # millimetres in a metre
-RESTS = (
+SUPPORT_KINDS = (
     ("FREE", "Free", "Nothing holds the piece"),
     ("STANDS", "Stands", "It stands on the quads that are held, at first the lowest"),
     ("HANGS", "Hangs", "It hangs by holes in the hubs of the quads that are held, at first the highest"),
 )
 BORDERS = SpiralParams.__dataclass_fields__["border"].metadata["choices"]
 # height above the lowest vertex within which vertices are held by default, in edge lengths; larger holds more; by eye
-LEVEL = 0.25
+HOLD_HEIGHT = 0.25
 
 
-def _size(obj: bpy.types.Object) -> tuple[float, float, float]:
+def _get_size(obj: bpy.types.Object) -> tuple[float, float, float]:
     """Return the size in millimetres along the object's own axes, without modifiers and shape keys."""
     unit, mesh, lengths = MILLIMETRES * bpy.context.scene.unit_settings.scale_length, obj.data, objects.extents(obj)
     if obj.type == "MESH" and mesh.shape_keys is not None and len(mesh.vertices):
@@ -41,18 +41,18 @@ def _set_size(obj: bpy.types.Object, wanted: Sequence[float]) -> None:
 
     Otherwise a later remesh would scale the object back.
     """
-    factors = [new / old for new, old in zip(wanted, _size(obj), strict=True) if old > 0 and new > 0]
+    factors = [new / old for new, old in zip(wanted, _get_size(obj), strict=True) if old > 0 and new > 0]
     factor = max(factors, key=lambda f: abs(f - 1.0), default=1.0)
     if factor == 1.0 or any(obj.lock_scale):
         return
     obj.scale = [s * factor for s in obj.scale]
     bpy.context.view_layer.update()
-    edge = edge_of_quads(obj, bpy.context.scene)
+    edge = estimate_quad_edge(obj, bpy.context.scene)
     if edge > 0:
         obj.flexmaps.remesh.edge = MILLIMETRES * edge
 
 
-def edge_of_quads(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
+def estimate_quad_edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
     """Return the approximate quad edge in metres: of the present quads, or of the quads that Quad remesh would make.
 
     Parameters
@@ -73,37 +73,37 @@ def has_border(mesh: bpy.types.Mesh) -> bool:
     return 2 * len(mesh.edges) > len(mesh.loops)
 
 
-def border_of(obj: bpy.types.Object) -> str:
+def border_setting(obj: bpy.types.Object) -> str:
     """Return the setting for border arms. Its default is "left_out" for an open mesh that has no layout yet."""
     spiral, cut = obj.flexmaps.spiral, "flexmaps_flat" in obj.data.attributes
     return "left_out" if has_border(obj.data) and not cut and not spiral.is_property_set("border") else spiral.border
 
 
-def settle_border(obj: bpy.types.Object) -> None:
+def store_border_setting(obj: bpy.types.Object) -> None:
     """Store the setting for border arms in all objects that share the mesh, because they share its panels."""
     if not has_border(obj.data):
         return
     for other in bpy.data.objects:
         if other.data == obj.data and not other.flexmaps.spiral.is_property_set("border"):
-            other.flexmaps.spiral.border = border_of(other)
+            other.flexmaps.spiral.border = border_setting(other)
 
 
-def _border(obj: bpy.types.Object) -> int:
-    return [name for name, *_ in BORDERS].index(border_of(obj))
+def _get_border(obj: bpy.types.Object) -> int:
+    return [name for name, *_ in BORDERS].index(border_setting(obj))
 
 
 def _set_border(obj: bpy.types.Object, number: int) -> None:
     obj.flexmaps.spiral.border = BORDERS[number][0]
 
 
-def _rests(obj: bpy.types.Object) -> int:
+def _get_support_kind(obj: bpy.types.Object) -> int:
     wanted = obj.flexmaps
     if wanted.base.base == "eyelets":
         return 2
     return int(wanted.base.base != "none" or bool(wanted.loads.supports))
 
 
-def _set_rests(obj: bpy.types.Object, number: int) -> None:
+def _set_support_kind(obj: bpy.types.Object, number: int) -> None:
     loads, base = obj.flexmaps.loads, obj.flexmaps.base
     if number == 0:
         loads.supports, base.base = "", "none"
@@ -111,27 +111,27 @@ def _set_rests(obj: bpy.types.Object, number: int) -> None:
     if number == 2 or base.base == "eyelets":
         base.base = "eyelets" if number == 2 else "none"
     if not loads.supports:
-        hold(obj, _level(obj, highest=number == 2))
+        set_supports(obj, _extreme_vertices(obj, highest=number == 2))
 
 
-def _level(obj: bpy.types.Object, *, highest: bool) -> list[int]:
+def _extreme_vertices(obj: bpy.types.Object, *, highest: bool) -> list[int]:
     """Return the indices of the lowest or highest vertices in world space."""
     if not len(obj.data.vertices):
         return []
     turn = np.array(obj.matrix_world)
     heights = (column(obj.data.vertices, "co") @ turn[2, :3]) * (-1 if highest else 1)
-    near = LEVEL * edge_of_quads(obj, bpy.context.scene) / bpy.context.scene.unit_settings.scale_length
+    near = HOLD_HEIGHT * estimate_quad_edge(obj, bpy.context.scene) / bpy.context.scene.unit_settings.scale_length
     return np.flatnonzero(heights <= heights.min() + near).tolist()
 
 
-def border(obj: bpy.types.Object) -> list[int]:
+def border_vertices(obj: bpy.types.Object) -> list[int]:
     """Return the indices of the vertices on the open border."""
     mesh = obj.data
     uses = np.bincount(column(mesh.loops, "edge_index"), minlength=len(mesh.edges))
     return np.unique(column(mesh.edges, "vertices")[uses == 1]).tolist()
 
 
-def hold(obj: bpy.types.Object, vertices: list[int]) -> None:
+def set_supports(obj: bpy.types.Object, vertices: list[int]) -> None:
     """Make these vertices the only ones in the supports' vertex group.
 
     Parameters
@@ -156,7 +156,7 @@ def register() -> None:
     bpy.types.Object.flexmaps_size = FloatVectorProperty(
         name="Size",
         description="Width, depth and height in millimetres, along the object's own axes; any of them scales the whole piece",
-        get=_size,
+        get=_get_size,
         set=_set_size,
         min=0.0,
         precision=0,
@@ -164,11 +164,11 @@ def register() -> None:
         translation_context=CONTEXT,
     )
     bpy.types.Object.flexmaps_rests = EnumProperty(
-        name="Rests", items=RESTS, get=_rests, set=_set_rests, translation_context=CONTEXT
+        name="Rests", items=SUPPORT_KINDS, get=_get_support_kind, set=_set_support_kind, translation_context=CONTEXT
     )
 
     bpy.types.Object.flexmaps_border = EnumProperty(
-        name="Border", items=BORDERS, get=_border, set=_set_border, translation_context=CONTEXT
+        name="Border", items=BORDERS, get=_get_border, set=_set_border, translation_context=CONTEXT
     )
 
 

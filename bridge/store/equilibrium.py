@@ -24,7 +24,7 @@ from ...engine.figures import format_figure
 from ...engine.materials import OVERSTRAIN_SHARE
 from . import attributes, pose, scans, states, stored_report
 from .i18n import translate
-from .shape_keys import KEY, OTHER, keys_of
+from .shape_keys import EQUILIBRIUM_KEY, OTHER_KEY, simulated_keys
 
 if TYPE_CHECKING:
     from ...engine.mechanics.assembly import Pose
@@ -38,13 +38,13 @@ NAMES, REACH, UTILISATION = ("distance", "strain_energy", "strain", "slot"), "re
 # -- the shape key -----------------------------------------------------------------------------------------------------
 
 
-def forget(obj: bpy.types.Object) -> None:
+def clear(obj: bpy.types.Object) -> None:
     """Remove all shape keys and attributes that a simulation wrote, because they are out of date."""
     for name in (*NAMES, REACH, UTILISATION):
         attributes.remove(obj, attributes.PREFIX + name)
     pose.forget(obj)
     scans.forget(obj)
-    _remove(obj, keys_of(obj.data))
+    _remove(obj, simulated_keys(obj.data))
 
 
 def _remove(obj: bpy.types.Object, keys: list[bpy.types.ShapeKey]) -> None:
@@ -90,12 +90,12 @@ def write(
     if obj.data.shape_keys is None:
         obj.shape_key_add(name="Basis", from_mix=False)
     others = [move_vertices(simulation.design, other.pose, simulation.target) for other in simulation.others]
-    names = [KEY, *(f"{OTHER} {k + 1}" for k in range(len(others)))]
+    names = [EQUILIBRIUM_KEY, *(f"{OTHER_KEY} {k + 1}" for k in range(len(others)))]
     for name, vertices in zip(names, [simulation.vertices, *others], strict=True):
         _put_key(obj, surface, name, vertices)
-    for key in keys_of(obj.data):
-        key.value = float(key.name == KEY)
-    for name in [key.name for key in keys_of(obj.data) if key.name not in names]:
+    for key in simulated_keys(obj.data):
+        key.value = float(key.name == EQUILIBRIUM_KEY)
+    for name in [key.name for key in simulated_keys(obj.data) if key.name not in names]:
         obj.shape_key_remove(obj.data.shape_keys.key_blocks[name])
     if not obj.show_only_shape_key:
         obj.active_shape_key_index = 0  # so that edit mode shows and edits the target
@@ -106,11 +106,11 @@ def write(
         if values is None:
             attributes.remove(obj, attributes.PREFIX + name)
         else:
-            attributes.put(obj, attributes.PREFIX + name, "FACE", "FLOAT", values)
+            attributes.write(obj, attributes.PREFIX + name, "FACE", "FLOAT", values)
     attributes.remove(obj, attributes.PREFIX + REACH)
     attributes.remove(obj, attributes.PREFIX + UTILISATION)
     if limits is not None:
-        attributes.put(obj, attributes.PREFIX + REACH, "FACE", "INT", limits.kind)
+        attributes.write(obj, attributes.PREFIX + REACH, "FACE", "INT", limits.kind)
     pose.write(obj, surface.to_metres, simulation.equilibrium.pose)
     scans.forget(obj)
     obj.data.update()
@@ -137,20 +137,20 @@ def _put_key(
 # -- findings and validity -----------------------------------------------------------------------------------------------
 
 
-def sound(block: dict[str, Any]) -> bool:
+def is_reliable(block: dict[str, Any]) -> bool:
     """Return whether the simulation converged to a reliable equilibrium; if not, ``block["status"]`` says why."""
     return bool(block.get("converged")) and not block.get("locked")
 
 
-def sentences(block: dict[str, Any]) -> tuple[str, bool]:
+def describe_result(block: dict[str, Any]) -> tuple[str, bool]:
     """Return a text about a simulation's result for the user, and whether it is a warning."""
     away = translate(
         "Distance to the target: RMS {} mm, {} %.", *(format_figure(block[name]) for name in ("rms_mm", "rms_percent"))
     )
-    lines, band = remarks(block), block.get("band", {}).get("text")
+    lines, band = list_warnings(block), block.get("band", {}).get("text")
     return " ".join(map(_with_full_stop, [block["status"], away, *([band] if band else []), *lines])), bool(
         lines
-    ) or not sound(block)
+    ) or not is_reliable(block)
 
 
 def _with_full_stop(text: str) -> str:
@@ -158,17 +158,19 @@ def _with_full_stop(text: str) -> str:
     return text if text.endswith((".", "!", "?")) else f"{text}."
 
 
-def strained(block: dict[str, Any]) -> bool:
+def is_overstrained(block: dict[str, Any]) -> bool:
     """Return whether the largest strain exceeds ``OVERSTRAIN_SHARE`` of the material's limit."""
     return block.get("strain_share_max", 0.0) > OVERSTRAIN_SHARE
 
 
-def remarks(block: dict[str, Any]) -> list[str]:
+def list_warnings(block: dict[str, Any]) -> list[str]:
     """Return the warnings of a simulation, without a missing equilibrium, which its ``status`` already states."""
-    return [sentence(finding, block) for finding in block.get("findings", ()) if finding["code"] != "no-equilibrium"]
+    return [
+        describe_finding(finding, block) for finding in block.get("findings", ()) if finding["code"] != "no-equilibrium"
+    ]
 
 
-def sentence(finding: dict[str, Any], block: dict[str, Any]) -> str:
+def describe_finding(finding: dict[str, Any], block: dict[str, Any]) -> str:
     """Return a simulation's finding as a translated sentence."""
     if finding["code"] != "strained":
         return finding["message"]
@@ -188,7 +190,7 @@ def sentence(finding: dict[str, Any], block: dict[str, Any]) -> str:
     return translate(broken, count, 100 * block.get("strain_share_max", 0.0))
 
 
-def by_code(findings: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+def merge_by_code(findings: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     """Merge findings with the same code, which come from several bodies: join their faces and their messages."""
     merged: dict[str, dict[str, Any]] = {}
     for row in findings:
@@ -199,7 +201,7 @@ def by_code(findings: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     return list(merged.values())
 
 
-def resting(obj: bpy.types.Object, scene: bpy.types.Scene, surface: ObjectSurface) -> Pose | None:
+def read_rest_pose(obj: bpy.types.Object, scene: bpy.types.Scene, surface: ObjectSurface) -> Pose | None:
     """Return the simulated pose of the hubs if it is reliable and up to date; else None.
 
     Parameters
@@ -208,7 +210,7 @@ def resting(obj: bpy.types.Object, scene: bpy.types.Scene, surface: ObjectSurfac
     surface : the object's surface, for its frame
     """
     block = stored_report.read(obj.data).get("equilibrium")
-    if block is None or not sound(block) or states.is_old(obj, scene, "equilibrium"):
+    if block is None or not is_reliable(block) or states.is_old(obj, scene, "equilibrium"):
         return None
     return pose.read(obj, surface.to_metres)
 
@@ -224,4 +226,4 @@ def write_utilisation(obj: bpy.types.Object, values: Float[np.ndarray, " quads"]
     if values is None:
         attributes.remove(obj, attributes.PREFIX + UTILISATION)
     else:
-        attributes.put(obj, attributes.PREFIX + UTILISATION, "FACE", "FLOAT", values)
+        attributes.write(obj, attributes.PREFIX + UTILISATION, "FACE", "FLOAT", values)

@@ -43,7 +43,7 @@ def read(obj: bpy.types.Object) -> dict[str, Any] | None:
     return None
 
 
-def use(obj: bpy.types.Object, scene: bpy.types.Scene, values: Mapping[str, Any]) -> None:
+def apply_candidate(obj: bpy.types.Object, scene: bpy.types.Scene, values: Mapping[str, Any]) -> None:
     """Give the object the settings and the size of a candidate.
 
     Parameters
@@ -60,11 +60,11 @@ def use(obj: bpy.types.Object, scene: bpy.types.Scene, values: Mapping[str, Any]
         {name: value for name, value in values.items() if name not in SIZES},
     )
     if "edge" in values:
-        obj.scale = obj.scale * (values["edge"] / edge(obj, scene))
+        obj.scale = obj.scale * (values["edge"] / median_edge_mm(obj, scene))
     settings.write(obj.flexmaps, wanted)
 
 
-def edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
+def median_edge_mm(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
     """Return the median edge of the object's quads in millimetres."""
     from ...engine.runs import job
     from . import mesh
@@ -73,7 +73,7 @@ def edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
     return 1e3 * float(job.begin(mesh.read_surface(obj, scene).polygons).mesh.median_edge)
 
 
-def describe(name: str, found: object) -> str:
+def describe_value(name: str, found: object) -> str:
     """Return a setting's value as text with its unit, or the label of a choice.
 
     Parameters

@@ -15,8 +15,8 @@ from .checksums import Checksums
 from .states import OF_SETTINGS, PARTS
 
 NAME = "flexmaps_failed"  # text on the mesh: operator's idname -> checksums of its inputs, and its message
-LET_GO = "flexmaps_let_go"  # text on the mesh: key of a notice -> the sentence that the user dismissed
-TRIED = "flexmaps_tried"  # text on the mesh: call of a cure -> how often *Next* pressed it
+DISMISSED = "flexmaps_let_go"  # text on the mesh: key of a notice -> the sentence that the user dismissed
+PRESS_COUNTS = "flexmaps_tried"  # text on the mesh: call of a cure -> how often *Next* pressed it
 # operator -> report block that it writes, whose inputs are the operator's; other operators depend on all inputs
 WRITES = {
     "flexmaps.flatten": "layout", "flexmaps.merge": "layout", "flexmaps.trace": "layout", "flexmaps.update_from_seams": "layout",
@@ -74,7 +74,7 @@ def _input_checksums(obj: bpy.types.Object, scene: bpy.types.Scene, idname: str)
     return {part: now[part] for part in parts}
 
 
-def let_go(mesh: bpy.types.Mesh, key: str, sentence: str) -> None:
+def dismiss(mesh: bpy.types.Mesh, key: str, sentence: str) -> None:
     """Store that the user dismissed a notice; it counts as dismissed as long as its sentence stays the same.
 
     Parameters
@@ -82,15 +82,15 @@ def let_go(mesh: bpy.types.Mesh, key: str, sentence: str) -> None:
     mesh : Blender's mesh
     key, sentence : key and sentence of the notice
     """
-    stored_report.put_text(mesh, LET_GO, stored_report.get_text(mesh, LET_GO) | {key: sentence})
+    stored_report.put_text(mesh, DISMISSED, stored_report.get_text(mesh, DISMISSED) | {key: sentence})
 
 
-def is_let_go(mesh: bpy.types.Mesh, key: str, sentence: str) -> bool:
+def is_dismissed(mesh: bpy.types.Mesh, key: str, sentence: str) -> bool:
     """Return whether the user dismissed a notice with this sentence."""
-    return stored_report.get_text(mesh, LET_GO).get(key) == sentence
+    return stored_report.get_text(mesh, DISMISSED).get(key) == sentence
 
 
-def note_tried(mesh: bpy.types.Mesh, call: str) -> None:
+def count_press(mesh: bpy.types.Mesh, call: str) -> None:
     """Count that *Next* pressed a cure, so that it offers another cure next time.
 
     Parameters
@@ -98,23 +98,23 @@ def note_tried(mesh: bpy.types.Mesh, call: str) -> None:
     mesh : Blender's mesh
     call : ``Cure.call``
     """
-    tried = stored_report.get_text(mesh, TRIED)
-    stored_report.put_text(mesh, TRIED, tried | {call: tried.get(call, 0) + 1})
+    tried = stored_report.get_text(mesh, PRESS_COUNTS)
+    stored_report.put_text(mesh, PRESS_COUNTS, tried | {call: tried.get(call, 0) + 1})
 
 
-def tried(mesh: bpy.types.Mesh) -> dict[str, int]:
+def read_press_counts(mesh: bpy.types.Mesh) -> dict[str, int]:
     """Return how often *Next* pressed each cure, by ``Cure.call``."""
-    return stored_report.get_text(mesh, TRIED)
+    return stored_report.get_text(mesh, PRESS_COUNTS)
 
 
-def hand_down(old: bpy.types.Mesh, new: bpy.types.Mesh) -> None:
+def transfer(old: bpy.types.Mesh, new: bpy.types.Mesh) -> None:
     """Copy pressed cures, dismissed notices and the sentence about ignored modifiers to the mesh that replaces another.
 
     Parameters
     ----------
     old, new : Blender's meshes
     """
-    for name in (TRIED, LET_GO, modifiers.NAME):
+    for name in (PRESS_COUNTS, DISMISSED, modifiers.NAME):
         kept = stored_report.get_text(old, name)
         if kept:
             stored_report.put_text(new, name, kept)

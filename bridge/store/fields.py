@@ -10,7 +10,7 @@ import numpy as np
 from ...engine.arrays import Float, Int
 from ...engine.errors import FlexMapsError
 from . import attributes
-from .columns import weights
+from .columns import read_weights
 
 if TYPE_CHECKING:
     from .surface import ObjectSurface
@@ -19,11 +19,13 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # weights of linear red, green a
 PROTECT = attributes.PREFIX + "protect"
 
 
-def names(obj: bpy.types.Object) -> list[str]:
+def list_fields(obj: bpy.types.Object) -> list[str]:
     """Return the names that ``read_field`` accepts: vertex groups, then the user's other attributes."""
     groups = [group.name for group in obj.vertex_groups]
     usable = [
-        a.name for a in obj.data.attributes if a.data_type in _KINDS and a.domain in _DOMAINS and not _own(a.name)
+        a.name
+        for a in obj.data.attributes
+        if a.data_type in _KINDS and a.domain in _DOMAINS and not _is_internal(a.name)
     ]
     return [*groups, *(name for name in usable if name not in groups)]
 
@@ -41,10 +43,10 @@ def read_field(obj: bpy.types.Object, surface: ObjectSurface, name: str) -> Floa
     ------
     FlexMapsError where the object has nothing of that name, or its values are not finite numbers.
     """
-    with attributes.readable(obj) as data:
+    with attributes.readable_mesh(obj) as data:
         group = obj.vertex_groups.get(name)
         if group is not None:
-            return _over_quads(surface, weights(data, group.index), "POINT")
+            return _over_quads(surface, read_weights(data, group.index), "POINT")
         attribute = data.attributes.get(name)
         if attribute is None:
             raise FlexMapsError(f"'{obj.name}' has no vertex group, colour or attribute '{name}'")
@@ -63,7 +65,7 @@ def read_field(obj: bpy.types.Object, surface: ObjectSurface, name: str) -> Floa
     return means
 
 
-def protect(obj: bpy.types.Object, quads: Int[np.ndarray, " kept"] | None) -> None:
+def write_protected(obj: bpy.types.Object, quads: Int[np.ndarray, " kept"] | None) -> None:
     """Mark exactly these spirals as protected from Optimise; None or an empty array removes the marks.
 
     Parameters
@@ -76,12 +78,12 @@ def protect(obj: bpy.types.Object, quads: Int[np.ndarray, " kept"] | None) -> No
         return
     marks = np.zeros(len(obj.data.polygons), np.int32)
     marks[quads] = 1
-    attributes.put(obj, PROTECT, *attributes.OURS["protect"][:2], marks)
+    attributes.write(obj, PROTECT, *attributes.SPECS["protect"][:2], marks)
 
 
-def protected(obj: bpy.types.Object) -> int:
+def count_protected(obj: bpy.types.Object) -> int:
     """Return the number of protected spirals; 0 in edit mode. Fast enough for every redraw."""
-    marks = None if obj.data.is_editmode else attributes.get(obj.data, PROTECT)
+    marks = None if obj.data.is_editmode else attributes.read(obj.data, PROTECT)
     return 0 if marks is None else int(marks.sum())
 
 
@@ -93,7 +95,7 @@ def write_stiffness(obj: bpy.types.Object, values: Float[np.ndarray, " quads"]) 
     obj : the mesh object
     values : (F,), N mm/rad
     """
-    attributes.put(obj, attributes.PREFIX + "stiffness", *attributes.OURS["stiffness"][:2], values)
+    attributes.write(obj, attributes.PREFIX + "stiffness", *attributes.SPECS["stiffness"][:2], values)
 
 
 def _over_quads(surface: ObjectSurface, values: np.ndarray, domain: str) -> Float[np.ndarray, " quads"]:
@@ -105,7 +107,7 @@ def _over_quads(surface: ObjectSurface, values: np.ndarray, domain: str) -> Floa
     return np.clip(values, 0.0, 1.0)
 
 
-def _own(name: str) -> bool:
+def _is_internal(name: str) -> bool:
     return name.startswith((attributes.PREFIX, ".")) or name in {"sharp_face", "sharp_edge", "material_index"}
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-ORDER = STOPS, BREAKS, WORSE, INFORMATION = "stops", "breaks", "worse", "information"
+SEVERITIES = STOPS, BREAKS, WORSE, INFORMATION = "stops", "breaks", "worse", "information"
 
 # code of a finding -> label with a place for the count, and severity. Errors of the mesh check are always STOPS
-WORDS = {
+LABELS = {
     "no-faces": ("No faces", STOPS),
     "bad-index": ("Damaged mesh", STOPS),
     "not-finite": ("Lost faces: {}", STOPS),
@@ -62,13 +62,13 @@ WORDS = {
     "joints-overloaded": ("Weak joints: {}", BREAKS),
 }
 # report block -> key of its list of warnings, label for one warning, label for several
-SAID = {
+WARNING_LABELS = {
     "layout": ("remarks", "Panels at a limit", "Panels at a limit: {}"),
     "assembly": ("warnings", "Hard to assemble", "Hard to assemble: {}"),
     "sheets": ("warnings", "On the sheets", "On the sheets: {}"),
 }
 # operator that failed -> label
-FAILED = {
+FAILURE_LABELS = {
     "flexmaps.quad_remesh": "No quads found",
     "flexmaps.merge": "No layout found",
     "flexmaps.flatten": "Seams do not do",

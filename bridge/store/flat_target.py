@@ -6,11 +6,11 @@ import bpy
 
 from . import stored_report
 
-NOTE = "flat_target"  # key in the report block "layout"
+IS_FLAT = "flat_target"  # key in the report block "layout"
 
 
-def passed_over(obj: bpy.types.Object) -> bool:
+def can_skip_simulation(obj: bpy.types.Object) -> bool:
     """Return whether simulation and optimisation can be skipped: the target is flat, and no weight or force acts."""
     own = obj.flexmaps
     loaded = own.simulate.gravity or any((own.loads.force_x, own.loads.force_y, own.loads.force_z))
-    return bool(stored_report.read(obj.data).get("layout", {}).get(NOTE)) and not loaded
+    return bool(stored_report.read(obj.data).get("layout", {}).get(IS_FLAT)) and not loaded

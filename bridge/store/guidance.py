@@ -18,17 +18,17 @@ import bpy
 from ...engine.materials import OVERSTRAIN_SHARE
 from . import next_button, notices, objects, states, stored_report
 from .finding_words import BREAKS, INFORMATION, STOPS, WORSE
-from .flat_target import passed_over
+from .flat_target import can_skip_simulation
 from .i18n import interface, panels, quads
 from .next_button import Act
 from .notices import Notice
 
-LETTERS = 34  # most characters of the status line, in every language; more do not fit the sidebar
+MAX_LETTERS = 34  # most characters of the status line, in every language; more do not fit the sidebar
 NEUTRAL, TICK, LOOK, STOPPED, REDO = "neutral", "tick", "look", "stopped", "redo"  # icons of the status line
-CHANGED = {"seams": "Seams changed", "shape": "Mesh changed", "design": "Spirals changed"}
-SETTING = "Settings changed"
+CHANGED_PARTS = {"seams": "Seams changed", "shape": "Mesh changed", "design": "Spirals changed"}
+CHANGED_SETTING = "Settings changed"
 # first stage that is out of date because an earlier stage ran again -> reason to show
-ANEW = {
+RERUN_REASONS = {
     "layout": "New quads",
     "spirals": "New panels",
     "equilibrium": "New spirals",
@@ -40,7 +40,7 @@ STEPS = ("layout", "spirals", "equilibrium", "optimise", "sheets")  # stages tha
 
 @dataclass(frozen=True)
 class Status:
-    """Status line of at most ``LETTERS`` characters, and its icon."""
+    """Status line of at most ``MAX_LETTERS`` characters, and its icon."""
 
     text: str
     sign: str
@@ -86,7 +86,7 @@ def _status(
     stopped = next((notice for notice in all_notices if notice.kind == STOPS), None)
     if stopped is not None:
         return Status(_truncate(stopped.words), STOPPED)
-    skipped = {"equilibrium", "optimise"} if passed_over(obj) else set()
+    skipped = {"equilibrium", "optimise"} if can_skip_simulation(obj) else set()
     old = sum(known[name].kind == states.OLD for name in STEPS if name not in skipped)
     if old:
         return Status(_truncate(_describe_change(known, old)), REDO)
@@ -121,7 +121,7 @@ def _describe_progress(obj: bpy.types.Object, scene: bpy.types.Scene, known: dic
     if known["spirals"].kind == states.DONE:
         return (
             interface("Ready to cut: it is flat")
-            if passed_over(obj)
+            if can_skip_simulation(obj)
             else interface("{} spiral" if len(mesh.polygons) == 1 else "{} spirals", len(mesh.polygons))
         )
     if known["layout"].kind == states.DONE:
@@ -140,9 +140,9 @@ def _describe_progress(obj: bpy.types.Object, scene: bpy.types.Scene, known: dic
 def _describe_change(known: dict[str, states.StageState], old: int) -> str:
     part = next((known[name].part for name in STEPS if known[name].part), None)
     first = next(name for name in STEPS if known[name].kind == states.OLD)
-    what = CHANGED.get(part, SETTING) if part else ANEW[first]
+    what = CHANGED_PARTS.get(part, CHANGED_SETTING) if part else RERUN_REASONS[first]
     return interface("{}: {} to redo", interface(what), interface("1 step") if old == 1 else interface("{} steps", old))
 
 
 def _truncate(text: str) -> str:
-    return text if len(text) <= LETTERS else text[: LETTERS - 1].rstrip() + "\N{HORIZONTAL ELLIPSIS}"
+    return text if len(text) <= MAX_LETTERS else text[: MAX_LETTERS - 1].rstrip() + "\N{HORIZONTAL ELLIPSIS}"

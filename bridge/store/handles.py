@@ -25,18 +25,18 @@ NAMES = (HELD, PULL, WISH)
 PREFIXED = {name: attributes.PREFIX + name for name in NAMES}
 
 
-def held(surface: ObjectSurface) -> Int[np.ndarray, " held"]:
+def held_quads(surface: ObjectSurface) -> Int[np.ndarray, " held"]:
     """Return the indices of the quads held by a mark of their own."""
     return np.flatnonzero(surface.values.get(HELD, np.zeros(0)) > 0.5)
 
 
-def pulls(surface: ObjectSurface) -> Float[np.ndarray, "quads 3"] | None:
+def read_forces(surface: ObjectSurface) -> Float[np.ndarray, "quads 3"] | None:
     """Return the forces marked on single quads, newtons in world axes; None if there are none."""
     forces = surface.values.get(PULL)
     return None if forces is None or not forces.any() else forces.astype(float)
 
 
-def wishes(surface: ObjectSurface) -> Float[np.ndarray, "quads 3"]:
+def read_wishes(surface: ObjectSurface) -> Float[np.ndarray, "quads 3"]:
     """Return the offset from every quad's centre to its drag target, metres in world axes; 0 where there is none."""
     offsets = surface.values.get(WISH, np.zeros((len(surface.polygons.sizes), 3)))
     return offsets.astype(float) @ surface.to_metres[:3, :3].T
@@ -50,8 +50,8 @@ def read(obj: bpy.types.Object, name: str) -> Float[np.ndarray, "quads ..."]:
     obj : the mesh object
     name : ``HELD``, ``PULL`` or ``WISH``
     """
-    with attributes.readable(obj) as mesh:
-        values, count = attributes.get(mesh, attributes.PREFIX + name), len(mesh.polygons)
+    with attributes.readable_mesh(obj) as mesh:
+        values, count = attributes.read(mesh, attributes.PREFIX + name), len(mesh.polygons)
     shape = (count,) if name == HELD else (count, 3)
     return np.zeros(shape) if values is None or values.shape != shape else values.astype(float)
 
@@ -69,10 +69,10 @@ def write(obj: bpy.types.Object, name: str, values: Float[np.ndarray, "quads ...
         attributes.remove(obj, attributes.PREFIX + name)
     else:
         kind = "FLOAT" if name == HELD else "FLOAT_VECTOR"
-        attributes.put(obj, attributes.PREFIX + name, "FACE", kind, values)
+        attributes.write(obj, attributes.PREFIX + name, "FACE", kind, values)
 
 
-def from_metres(
+def write_wishes(
     obj: bpy.types.Object, to_metres: Float[np.ndarray, "4 4"], offsets: Float[np.ndarray, "quads 3"]
 ) -> None:
     """Store drag targets from offsets in metres and world axes.

@@ -25,7 +25,7 @@ def button_name(label: str) -> str:
     return bpy.app.translations.pgettext_iface(label, "Operator")
 
 
-def span(low: str, high: str, unit: str = "") -> str:
+def format_range(low: str, high: str, unit: str = "") -> str:
     """Return a range such as "2 to 3 mm", or a single number where both ends are equal.
 
     Parameters

@@ -47,7 +47,7 @@ def read(obj: bpy.types.Object, scene: bpy.types.Scene) -> LiveInput:
         values["seam"][surface.edge_of] >= 0,
         1e-3 * values["flat"][surface.loops].reshape(-1, 4, 2).astype(float),
         values["energy"].astype(float),
-        1e-3 * attributes.on_faces(values["width"][surface.loops]),
+        1e-3 * attributes.corners_by_face(values["width"][surface.loops]),
         np.radians(values["twist"].astype(float)),
         settings.read(own.spiral, SpiralParams),
         settings.read(own.layout, LayoutParams),

@@ -13,10 +13,10 @@ from ...engine.arrays import Float, Int
 from . import attributes, handles, stored_report
 from .columns import column
 
-LEAST = 0.5  # least interpolated weight at which a new vertex joins a vertex group; larger shrinks groups
+MIN_WEIGHT = 0.5  # least interpolated weight at which a new vertex joins a vertex group; larger shrinks groups
 
 
-def hand_down(old: bpy.types.Object, made: bpy.types.Object) -> None:
+def transfer_marks(old: bpy.types.Object, made: bpy.types.Object) -> None:
     """Transfer the user's marks to the object that replaces another; both must coincide in their own frames.
 
     Parameters
@@ -29,19 +29,19 @@ def hand_down(old: bpy.types.Object, made: bpy.types.Object) -> None:
     vertices = [vertex.co for vertex in old.data.vertices]
     tree = BVHTree.FromPolygons(vertices, [tuple(face.vertices) for face in old.data.polygons])
     for group in old.vertex_groups:
-        _group(old, made, group, tree)
-    _of_faces(old, made, tree)
+        _transfer_group(old, made, group, tree)
+    _transfer_face_marks(old, made, tree)
     if "layout" not in stored_report.read(old.data):  # only seams marked by hand; seams of a layout are computed anew
-        _seams(old, made)
+        _transfer_seams(old, made)
 
 
-def _group(old: bpy.types.Object, made: bpy.types.Object, group: bpy.types.VertexGroup, tree: BVHTree) -> None:
+def _transfer_group(old: bpy.types.Object, made: bpy.types.Object, group: bpy.types.VertexGroup, tree: BVHTree) -> None:
     weights = np.zeros(len(old.data.vertices))
     for vertex in old.data.vertices:
         weights[vertex.index] = max((g.weight for g in vertex.groups if g.group == group.index), default=0.0)
     new = made.vertex_groups.get(group.name) or made.vertex_groups.new(name=group.name)
-    got = np.array([_weight(old.data, vertex.co, weights, tree) for vertex in made.data.vertices])
-    inside = np.flatnonzero(got >= LEAST)
+    got = np.array([_interpolate_weight(old.data, vertex.co, weights, tree) for vertex in made.data.vertices])
+    inside = np.flatnonzero(got >= MIN_WEIGHT)
     if len(inside) < 2 and weights.any():  # the group is smaller than a quad: take the nearest quad
         middle = Vector(column(old.data.vertices, "co")[weights > 0].astype(float).mean(axis=0))
         centres = [(face.center - middle).length for face in made.data.polygons]
@@ -49,7 +49,9 @@ def _group(old: bpy.types.Object, made: bpy.types.Object, group: bpy.types.Verte
     new.add(inside.tolist(), 1.0, "REPLACE")
 
 
-def _weight(mesh: bpy.types.Mesh, place: Vector, weights: Float[np.ndarray, " vertices"], tree: BVHTree) -> float:
+def _interpolate_weight(
+    mesh: bpy.types.Mesh, place: Vector, weights: Float[np.ndarray, " vertices"], tree: BVHTree
+) -> float:
     """Interpolate the weights of the nearest face's corners at the point nearest to ``place``, by inverse distance."""
     spot, _, face, _ = tree.find_nearest(place)
     if face is None:
@@ -59,16 +61,16 @@ def _weight(mesh: bpy.types.Mesh, place: Vector, weights: Float[np.ndarray, " ve
     return float((weights[corners] / away).sum() / (1.0 / away).sum())
 
 
-def _of_faces(old: bpy.types.Object, made: bpy.types.Object, tree: BVHTree) -> None:
+def _transfer_face_marks(old: bpy.types.Object, made: bpy.types.Object, tree: BVHTree) -> None:
     nearest: Int[np.ndarray, " quads"] = np.array([tree.find_nearest(face.center)[2] for face in made.data.polygons])
     for name in (*handles.NAMES, "protect"):
-        values = attributes.stored(old.data, attributes.PREFIX + name)
+        values = attributes.read_as_stored(old.data, attributes.PREFIX + name)
         if values is not None and values.any() and len(old.data.polygons) == len(values):
-            domain, kind, _, _ = attributes.OURS[name]
-            attributes.put(made, attributes.PREFIX + name, domain, kind, values[nearest])
+            domain, kind, _, _ = attributes.SPECS[name]
+            attributes.write(made, attributes.PREFIX + name, domain, kind, values[nearest])
 
 
-def _seams(old: bpy.types.Object, made: bpy.types.Object) -> None:
+def _transfer_seams(old: bpy.types.Object, made: bpy.types.Object) -> None:
     """Mark seams along the edges of the new quads that are nearest to the old seams."""
     marked = [edge for edge in old.data.edges if edge.use_seam]
     if not marked:

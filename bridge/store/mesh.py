@@ -78,7 +78,7 @@ def read_surface(obj: bpy.types.Object, scene: bpy.types.Scene) -> ObjectSurface
     if problem:
         raise FlexMapsError(problem)
     seen = vertex_positions.points(obj, scene)
-    with attributes.readable(obj) as mesh:
+    with attributes.readable_mesh(obj) as mesh:
         return _surface(mesh, obj.session_uid, to_metres(obj, scene), seen)
 
 
@@ -90,7 +90,7 @@ def read_anyhow(obj: bpy.types.Object, scene: bpy.types.Scene) -> ObjectSurface:
     obj, scene : the object, and the scene with its units
     """
     seen = None if obj.data.is_editmode else vertex_positions.points(obj, scene)
-    with attributes.readable(obj) as mesh:
+    with attributes.readable_mesh(obj) as mesh:
         return _surface(mesh, obj.session_uid, to_metres(obj, scene), seen)
 
 
@@ -101,7 +101,7 @@ def read_evaluated(obj: bpy.types.Object, scene: bpy.types.Scene) -> PolygonMesh
     ----------
     obj, scene : the object, and the scene with its units
     """
-    with modifiers.surface_only(obj) as left, shape_keys.shown_at(obj, 0.0), evaluated(obj, scene) as there:
+    with modifiers.surface_only(obj) as left, shape_keys.blend_shown(obj, 0.0), evaluated(obj, scene) as there:
         mesh = there.to_mesh()
         try:
             return _surface(mesh, obj.session_uid, to_metres(there, scene), left=left).polygons
@@ -128,7 +128,7 @@ def _surface(
         loops = starts + (count - (loops - starts)) % count
     seen = positions if seen is None else seen
     vertices = seen.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
-    values, unsound = attributes.ours(mesh)
+    values, unsound = attributes.read_all(mesh)
     left += tuple(UNSOUND.format(attributes.PREFIX + name) for name in unsound)
     left += (DAMAGED_REPORT,) if stored_report.unsound(mesh) else (OLD_REPORT,) if stored_report.unsealed(mesh) else ()
     step = coarse_step(seen[np.unique(corners)]) * 1e3 * float(np.abs(np.linalg.det(matrix[:3, :3]))) ** (1 / 3)
@@ -152,16 +152,16 @@ def write_vertices(obj: bpy.types.Object, surface: ObjectSurface, mesh: QuadMesh
     ------
     FlexMapsError where the user has shape keys, which fix the vertices.
     """
-    if shape_keys.foreign_keys(obj.data):
+    if shape_keys.has_user_keys(obj.data):
         raise FlexMapsError("The mesh has shape keys, which fix its vertices; remove them first")
-    equilibrium.forget(obj)
+    equilibrium.clear(obj)
     if obj.data.shape_keys is not None and not obj.data.is_editmode:
         obj.shape_key_clear()  # a basis without other keys would keep the old positions
     inverse = np.linalg.inv(surface.to_metres)
     there = mesh.vertices[mesh.quads.ravel()] @ inverse[:3, :3].T + inverse[:3, 3]
     positions, corners = surface.positions.astype(float).copy(), surface.polygons.corners
     positions[corners] += there - surface.seen[corners]
-    attributes.put_positions(obj, positions)
+    attributes.write_positions(obj, positions)
 
 
 # -- layout, flat patches, design ------------------------------------------------------------------------------------
@@ -254,7 +254,7 @@ def _spirals(
     if any(name not in surface.values for name in names):
         return None
     width, twist = (surface.values[name].astype(float) for name in names)
-    return attributes.on_faces(width[surface.loops]) * 1e-3, np.radians(twist)
+    return attributes.corners_by_face(width[surface.loops]) * 1e-3, np.radians(twist)
 
 
 def start_of(
@@ -326,14 +326,14 @@ def write_flat(
     cut[surface.edge_of] = flat.layout.cut
     uv = np.empty((len(surface.loops), 2))
     uv[surface.loops] = ((flat.corners + centres[flat.layout.patch_of][:, None]) * 1e3).reshape(-1, 2)
-    attributes.put(obj, "flexmaps_flat", "CORNER", "FLOAT2", uv)
+    attributes.write(obj, "flexmaps_flat", "CORNER", "FLOAT2", uv)
     seam = np.full(len(cut), -1)
     seam[surface.edge_of] = flat.layout.seam_of
-    attributes.put(obj, "flexmaps_seam", "EDGE", "INT", seam)
-    attributes.put(obj, "flexmaps_patch", "FACE", "INT", flat.layout.patch_of)
-    attributes.put(obj, "flexmaps_energy", "FACE", "FLOAT", flat.energy)
-    attributes.put(obj, "flexmaps_square", "FACE", "FLOAT", flat.square)
-    attributes.put_seams(obj, cut)
+    attributes.write(obj, "flexmaps_seam", "EDGE", "INT", seam)
+    attributes.write(obj, "flexmaps_patch", "FACE", "INT", flat.layout.patch_of)
+    attributes.write(obj, "flexmaps_energy", "FACE", "FLOAT", flat.energy)
+    attributes.write(obj, "flexmaps_square", "FACE", "FLOAT", flat.square)
+    attributes.write_seams(obj, cut)
 
 
 def write_design(obj: bpy.types.Object, surface: ObjectSurface, design: SpiralDesign) -> None:
@@ -372,17 +372,17 @@ def _put_spirals(
     corners = np.empty(len(surface.loops))
     corners[surface.loops] = width.ravel() * 1e3
     for name, values in zip(names, (corners, np.maximum(np.degrees(twist), 0.0)), strict=True):
-        attributes.put(obj, attributes.PREFIX + name, *attributes.OURS[name][:2], values)
+        attributes.write(obj, attributes.PREFIX + name, *attributes.SPECS[name][:2], values)
 
 
 def shelve_design(obj: bpy.types.Object) -> None:
     """Move the spirals' attributes to ``LAST_NAMES`` before the patches are cut anew; drop stiffness and simulation."""
-    with attributes.readable(obj) as mesh:
-        kept = [attributes.get(mesh, attributes.PREFIX + name) for name in DESIGN_NAMES]
+    with attributes.readable_mesh(obj) as mesh:
+        kept = [attributes.read(mesh, attributes.PREFIX + name) for name in DESIGN_NAMES]
     for name, values in zip(LAST_NAMES, kept, strict=True):
         if values is not None:
-            domain, kind = attributes.OURS[name][:2]
-            attributes.put(obj, attributes.PREFIX + name, domain, kind, values)
+            domain, kind = attributes.SPECS[name][:2]
+            attributes.write(obj, attributes.PREFIX + name, domain, kind, values)
     forget(obj, (*DESIGN_NAMES, "stiffness"))
 
 
@@ -396,4 +396,4 @@ def forget(obj: bpy.types.Object, names: tuple[str, ...]) -> None:
     """
     for name in names:
         attributes.remove(obj, attributes.PREFIX + name)
-    equilibrium.forget(obj)
+    equilibrium.clear(obj)

@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
 # an inner skin is deleted only if both skins make up at least SKINS of the shell's area, and the inner skin at least
 # INNER of the outer's. Smaller shares occur where folds divide a skin, of which only a part would be kept
-SKINS, INNER = 0.7, 0.5
-TOUCHING = 2.0  # merge distance, in SINGLE_TOL times the median edge; above 1 so that all reported edges vanish
+MIN_SKIN_SHARE, MIN_INNER_SHARE = 0.7, 0.5
+MERGE_FACTOR = 2.0  # merge distance, in SINGLE_TOL times the median edge; above 1 so that all reported edges vanish
 
 
 @dataclass(frozen=True)
-class _Place:
+class _Repair:
     """A mesh under repair, with the findings to repair; indices in the findings refer to ``surface``."""
 
     bm: bmesh.types.BMesh
@@ -51,7 +51,7 @@ class _Place:
         return [self.bm.edges[number] for number in self.surface.edge_of[numbers]] if numbers else []
 
 
-def mend(obj: bpy.types.Object, scene: bpy.types.Scene, what: str) -> str:
+def repair(obj: bpy.types.Object, scene: bpy.types.Scene, what: str) -> str:
     """Repair one kind of fault, check the mesh again, and return a sentence about the result.
 
     Parameters
@@ -65,7 +65,7 @@ def mend(obj: bpy.types.Object, scene: bpy.types.Scene, what: str) -> str:
     """
     codes, work = _KINDS[what]
     surface = mesh.read_surface(obj, scene)
-    if obj.data.shape_keys is not None and shape_keys.foreign_keys(obj.data):
+    if obj.data.shape_keys is not None and shape_keys.has_user_keys(obj.data):
         raise FlexMapsError("The mesh has shape keys of its own: apply or remove them first, they fix the vertices")
     before = [finding for finding in check.everything(surface.polygons) if finding.code in codes]
     if not before:
@@ -76,7 +76,7 @@ def mend(obj: bpy.types.Object, scene: bpy.types.Scene, what: str) -> str:
         bm.from_mesh(made)
         for elements in (bm.verts, bm.edges, bm.faces):
             elements.ensure_lookup_table()
-        work(_Place(bm, surface, before, _median_edge(bm)))
+        work(_Repair(bm, surface, before, _median_edge(bm)))
         bm.to_mesh(made)
     finally:
         bm.free()
@@ -110,13 +110,13 @@ def _count_faults(findings: list[Finding], codes: tuple[str, ...]) -> int:
 # -- one function for each kind of fault -------------------------------------------------------------------------------
 
 
-def _merge_short_edges(place: _Place) -> None:
+def _merge_short_edges(place: _Repair) -> None:
     verts = {v for edge in place.edges for v in edge.verts} | {v for face in place.faces for v in face.verts}
-    bmesh.ops.remove_doubles(place.bm, verts=list(verts), dist=TOUCHING * SINGLE_TOL * place.edge)
-    bmesh.ops.dissolve_degenerate(place.bm, dist=TOUCHING * SINGLE_TOL * place.edge, edges=place.bm.edges)
+    bmesh.ops.remove_doubles(place.bm, verts=list(verts), dist=MERGE_FACTOR * SINGLE_TOL * place.edge)
+    bmesh.ops.dissolve_degenerate(place.bm, dist=MERGE_FACTOR * SINGLE_TOL * place.edge, edges=place.bm.edges)
 
 
-def _weld_doubles(place: _Place) -> None:
+def _weld_doubles(place: _Repair) -> None:
     """Weld border vertices that lie in one place; other vertices are not touched."""
     label = border_twins(place.surface.polygons, sides_of(place.surface.polygons))
     first = np.unique(label, return_index=True)[1]
@@ -126,7 +126,7 @@ def _weld_doubles(place: _Place) -> None:
     bmesh.ops.weld_verts(place.bm, targetmap=pairs)
 
 
-def _delete_double_shells(place: _Place) -> None:
+def _delete_double_shells(place: _Repair) -> None:
     """Keep the first of several faces with the same centre, and delete the others."""
     kept: set[tuple[int, ...]] = set()
     doubles = []
@@ -136,30 +136,34 @@ def _delete_double_shells(place: _Place) -> None:
     bmesh.ops.delete(place.bm, geom=doubles, context="FACES")
 
 
-def _delete_inner_skins(place: _Place) -> None:
+def _delete_inner_skins(place: _Repair) -> None:
     """Keep the larger skin of every closed shell, and delete the other skin and the rim between them.
 
     A shell whose skins are divided by folds stays as it is.
     """
     left, gone = set(place.faces), []
     while left:
-        shell = _grow(next(iter(left)), left, np.pi)
+        shell = _take_connected(next(iter(left)), left, np.pi)
         rest, skins = set(shell), []
         while rest:
-            skins.append(_grow(next(iter(rest)), rest, SHARP))
-        skins.sort(key=_area, reverse=True)
-        areas = [_area(skin) for skin in skins]
-        if len(areas) > 1 and areas[0] + areas[1] >= SKINS * sum(areas) and areas[1] >= INNER * areas[0]:
+            skins.append(_take_connected(next(iter(rest)), rest, SHARP))
+        skins.sort(key=_total_area, reverse=True)
+        areas = [_total_area(skin) for skin in skins]
+        if (
+            len(areas) > 1
+            and areas[0] + areas[1] >= MIN_SKIN_SHARE * sum(areas)
+            and areas[1] >= MIN_INNER_SHARE * areas[0]
+        ):
             gone += [face for face in shell if face not in skins[0]]
     bmesh.ops.delete(place.bm, geom=gone, context="FACES")
 
 
-def _area(faces: set[bmesh.types.BMFace]) -> float:
+def _total_area(faces: set[bmesh.types.BMFace]) -> float:
     """Return the area of some faces."""
     return sum(face.calc_area() for face in faces)
 
 
-def _grow(first: bmesh.types.BMFace, left: set[bmesh.types.BMFace], turn: float) -> set[bmesh.types.BMFace]:
+def _take_connected(first: bmesh.types.BMFace, left: set[bmesh.types.BMFace], turn: float) -> set[bmesh.types.BMFace]:
     """Take out of ``left`` and return the faces connected to ``first`` across edges of at most ``turn`` radians."""
     found, ahead = {first}, [first]
     left.discard(first)
@@ -173,19 +177,21 @@ def _grow(first: bmesh.types.BMFace, left: set[bmesh.types.BMFace], turn: float)
     return found
 
 
-def _dissolve_thin_faces(place: _Place) -> None:
+def _dissolve_thin_faces(place: _Repair) -> None:
     bmesh.ops.dissolve_degenerate(
-        place.bm, dist=TOUCHING * SINGLE_TOL * place.edge, edges=[edge for face in place.faces for edge in face.edges]
+        place.bm,
+        dist=MERGE_FACTOR * SINGLE_TOL * place.edge,
+        edges=[edge for face in place.faces for edge in face.edges],
     )
     thin = [face for face in place.bm.faces if face.calc_area() <= SINGLE_TOL * place.edge**2]
     bmesh.ops.delete(place.bm, geom=thin, context="FACES")
 
 
-def _delete_faces(place: _Place) -> None:
+def _delete_faces(place: _Repair) -> None:
     bmesh.ops.delete(place.bm, geom=place.faces, context="FACES")
 
 
-def _delete_double_faces(place: _Place) -> None:
+def _delete_double_faces(place: _Repair) -> None:
     kept: set[frozenset[bmesh.types.BMVert]] = set()
     doubles = []
     for face in place.bm.faces:
@@ -194,7 +200,7 @@ def _delete_double_faces(place: _Place) -> None:
     bmesh.ops.delete(place.bm, geom=doubles, context="FACES")
 
 
-def _delete_folds(place: _Place) -> None:
+def _delete_folds(place: _Repair) -> None:
     """Delete one of every two faces folded onto each other: the face with fewer neighbours."""
     gone: set[bmesh.types.BMFace] = set()
     for edge in place.edges:
@@ -204,30 +210,30 @@ def _delete_folds(place: _Place) -> None:
     bmesh.ops.delete(place.bm, geom=list(gone), context="FACES")
 
 
-def _align_normals(place: _Place) -> None:
+def _align_normals(place: _Repair) -> None:
     bmesh.ops.recalc_face_normals(place.bm, faces=place.bm.faces)
 
 
-def _flip_outwards(place: _Place) -> None:
+def _flip_outwards(place: _Repair) -> None:
     bmesh.ops.reverse_faces(place.bm, faces=place.faces)
 
 
-def _delete_loose(place: _Place) -> None:
+def _delete_loose(place: _Repair) -> None:
     edges = [edge for edge in place.bm.edges if not edge.link_faces]
     bmesh.ops.delete(place.bm, geom=edges, context="EDGES")
     bmesh.ops.delete(place.bm, geom=[v for v in place.bm.verts if not v.link_faces], context="VERTS")
 
 
-def _separate_fans(place: _Place) -> None:
+def _separate_fans(place: _Repair) -> None:
     for v in [v for v in place.bm.verts if v.link_faces and not v.is_manifold]:
         bmesh.utils.vert_separate(v, [edge for edge in v.link_edges if edge.is_boundary])
 
 
-def _split_edges(place: _Place) -> None:
+def _split_edges(place: _Repair) -> None:
     bmesh.ops.split_edges(place.bm, edges=place.edges)
 
 
-def _round_folds(place: _Place) -> None:
+def _round_folds(place: _Repair) -> None:
     """Smooth the vertices at sharp folds, in the object's own frame."""
     from ...engine.surface.checking.folds import smooth_folds
     from ...engine.surface.mesh import PolygonMesh
@@ -240,7 +246,7 @@ def _round_folds(place: _Place) -> None:
 
 
 # kind of fault, as the operator names it -> codes of its findings, and the function that repairs them
-_KINDS: dict[str, tuple[tuple[str, ...], Callable[[_Place], None]]] = {
+_KINDS: dict[str, tuple[tuple[str, ...], Callable[[_Repair], None]]] = {
     "short-edges": (("zero-edge", "repeated-vertex"), _merge_short_edges),
     "doubles": (("doubled-vertices",), _weld_doubles),
     "double-shells": (("doubled-faces",), _delete_double_shells),

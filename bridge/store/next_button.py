@@ -12,7 +12,7 @@ from . import failures, modifiers, notices, objects, stored_report
 from .columns import column
 from .cures import Cure
 from .finding_words import BREAKS, INFORMATION, STOPS, WORSE
-from .flat_target import passed_over
+from .flat_target import can_skip_simulation
 from .i18n import interface, translate
 from .notices import KEPT, MADE_SQUARER, Notice
 from .states import DONE, TODO, StageState, is_current_unnoted
@@ -75,7 +75,7 @@ def act(
         return _unless_failed(mesh, _quads(obj, scene), all_notices)
     if modifiers.changing(obj):
         return _without_modifiers(obj)
-    if notices.is_coarse(obj) and not failures.is_let_go(mesh, KEPT, _sentence(all_notices, KEPT)):
+    if notices.is_coarse(obj) and not failures.is_dismissed(mesh, KEPT, _sentence(all_notices, KEPT)):
         if stages["layout"].kind == TODO:
             return _unless_failed(mesh, _quads(obj, scene), all_notices)
     if stages["layout"].kind == TODO:
@@ -107,7 +107,7 @@ def _next_stage(obj: bpy.types.Object, stages: dict[str, StageState], all_notice
         folder = bpy.path.abspath(obj.flexmaps.export.folder)
         tooltip = translate("Opens the folder with the files for the cutter")
         return Act("wm.path_open", interface("Open the folder"), tooltip, "make", {"filepath": folder})
-    wanted = ("spirals",) if passed_over(obj) or _skips_failed("flexmaps.fit", all_notices) else FITTED
+    wanted = ("spirals",) if can_skip_simulation(obj) or _skips_failed("flexmaps.fit", all_notices) else FITTED
     if any(stages[stage].kind != DONE for stage in wanted):
         if larger := _larger_size(obj.data, all_notices):
             return larger
@@ -127,7 +127,7 @@ def _larger_size(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> Act | N
     """
     small = (notice for notice in all_notices if notice.key == notices.TOO_SMALL and notice.kind == BREAKS)
     ways = ((notice, cure) for notice in small for cure in notice.cures if cure.idname != "flexmaps.let_go")
-    pressed = failures.tried(mesh)
+    pressed = failures.read_press_counts(mesh)
     return next((_cure(notice, cure, "piece") for notice, cure in ways if pressed.get(cure.call, 0) < RESIZED), None)
 
 
@@ -238,7 +238,7 @@ def _other_layouts(ways: Sequence[Cure]) -> list[Cure]:
 
 def _untried(mesh: bpy.types.Mesh, notice: Notice) -> list[Cure]:
     """Return the cures that *Next* has not pressed yet, and always the cure that dismisses the notice."""
-    tried = failures.tried(mesh)
+    tried = failures.read_press_counts(mesh)
     return [cure for cure in notice.cures if cure.call not in tried or cure.idname == "flexmaps.let_go"]
 
 

@@ -19,7 +19,7 @@ from ...engine.simulation.visible import VISIBLE_RMS_SHARE
 from . import cures, equilibrium, failures, flat_target, modifiers, objects, remesh_source, states, stored_report
 from .columns import column
 from .cures import Cure
-from .finding_words import BREAKS, FAILED, INFORMATION, ORDER, SAID, STOPS, WORDS, WORSE
+from .finding_words import BREAKS, FAILURE_LABELS, INFORMATION, LABELS, SEVERITIES, STOPS, WARNING_LABELS, WORSE
 from .i18n import interface, quads, translate
 
 MADE_SQUARER = {"concave", "warped", "thin"}  # codes of findings that Regularise can remove
@@ -60,7 +60,7 @@ class Notice:
     key : unique name, for ``flexmaps.show_notice`` and ``flexmaps.let_go``
     words : label of two or three words, for a row of the sidebar
     sentence : the full text, for a tooltip
-    kind : severity, one of ``ORDER``
+    kind : severity, one of ``SEVERITIES``
     faces, edges : indices of the faces and edges concerned, in the engine's numbering
     cures : buttons, best first
     """
@@ -94,17 +94,17 @@ def list_notices(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str,
         *_equilibrium(obj, blocks),
         *_findings("structure", blocks.get("structure", {}).get("findings", ())),
         *_flat(obj),
-        *(one for name in SAID for one in _sentences(name, blocks)),
+        *(one for name in WARNING_LABELS for one in _sentences(name, blocks)),
     ]
     seen = [_downgrade_dismissed(obj.data, notice) for notice in _downgrade_predictions(obj, blocks, result)]
-    return sorted(seen, key=lambda notice: ORDER.index(notice.kind))
+    return sorted(seen, key=lambda notice: SEVERITIES.index(notice.kind))
 
 
 def _downgrade_predictions(obj: bpy.types.Object, blocks: dict[str, Any], result: list[Notice]) -> list[Notice]:
     """Downgrade predictions to information once the piece is flat or simulated near its target, and nothing breaks."""
     percent = blocks.get("equilibrium", {}).get("rms_percent")
     near = percent is not None and percent <= remedies.wanted_percent(obj.flexmaps.choose)
-    flat = "spirals" in blocks and flat_target.passed_over(obj)
+    flat = "spirals" in blocks and flat_target.can_skip_simulation(obj)
     if not (near or flat) or any(one.kind == BREAKS for one in result if one.key.startswith("equilibrium/")):
         return result
     return [replace(one, kind=INFORMATION) if one.key in FORETELLING and one.kind == WORSE else one for one in result]
@@ -112,7 +112,7 @@ def _downgrade_predictions(obj: bpy.types.Object, blocks: dict[str, Any], result
 
 def _downgrade_dismissed(mesh: bpy.types.Mesh, notice: Notice) -> Notice:
     """Downgrade a notice to information if the user dismissed it."""
-    if notice.kind == INFORMATION or not failures.is_let_go(mesh, notice.key, notice.sentence):
+    if notice.kind == INFORMATION or not failures.is_dismissed(mesh, notice.key, notice.sentence):
         return notice
     return replace(notice, kind=INFORMATION, cures=())
 
@@ -124,7 +124,7 @@ def _from_failures(obj: bpy.types.Object, failed: dict[str, dict[str, Any]]) -> 
     result = []
     for idname, failure in failed.items():
         faces, edges = tuple(failure["faces"]), tuple(failure["edges"])
-        words = interface(FAILED.get(idname, "Stopped"), quads(len(faces)))
+        words = interface(FAILURE_LABELS.get(idname, "Stopped"), quads(len(faces)))
         ways = tuple(_cures_of_failure(obj, idname, failure.get("quads")))
         result.append(Notice(f"failed/{idname}", words, failure["message"], STOPS, faces, edges, ways))
     return result
@@ -135,17 +135,20 @@ def _cures_of_failure(obj: bpy.types.Object, idname: str, wanted: int | None = N
     quads, key = len(obj.data.polygons), f"failed/{idname}"
     if idname in {"flexmaps.spirals", "flexmaps.fit"}:
         return [
-            *(cures.remesh(n) for n in dict.fromkeys([*filter(None, [wanted]), *cures.fewer(quads)])),
-            cures.larger(LARGER),
+            *(cures.remesh(n) for n in dict.fromkeys([*filter(None, [wanted]), *cures.coarser_counts(quads)])),
+            cures.enlarge(LARGER),
         ]
     if idname in {"flexmaps.simulate", "flexmaps.optimise", "flexmaps.regularise"}:
-        return [cures.let_go(key)]
+        return [cures.dismiss(key)]
     if idname in {"flexmaps.merge", "flexmaps.update_from_seams"}:
-        return [cures.remesh(n) for n in cures.fewer(quads)]
+        return [cures.remesh(n) for n in cures.coarser_counts(quads)]
     if idname == "flexmaps.flatten":
-        return [Cure(interface("Lay out anew"), "flexmaps.merge"), *(cures.remesh(n) for n in cures.fewer(quads))]
+        return [
+            Cure(interface("Lay out anew"), "flexmaps.merge"),
+            *(cures.remesh(n) for n in cures.coarser_counts(quads)),
+        ]
     if idname == "flexmaps.quad_remesh":
-        return [cures.remesh(n) for n in ([wanted] if wanted else cures.other_counts(obj.flexmaps.remesh.quads))]
+        return [cures.remesh(n) for n in ([wanted] if wanted else cures.retry_counts(obj.flexmaps.remesh.quads))]
     return []
 
 
@@ -153,17 +156,17 @@ def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, findings: list[dict[s
     made, helpless = [], states.is_current_unnoted(obj, scene, "regularise")
     for row in findings:
         code, faces, edges = row["code"], tuple(row["faces"]), tuple(row.get("edges", ()))
-        words, kind = WORDS.get(code, ("To look at", WORSE))
+        words, kind = LABELS.get(code, ("To look at", WORSE))
         kind = STOPS if row["severity"] == "error" else kind
-        cure = cures.mend(code, len(edges) if code == "zero-edge" else len(faces))
+        cure = cures.repair(code, len(edges) if code == "zero-edge" else len(faces))
         ways = [] if cure is None else [cure]
-        if code == cures.FOLDS:
+        if code == cures.FOLDS_CODE:
             ways.append(cures.round_folds(edge=objects.quad_edge(obj, scene)))
         if code in MADE_SQUARER and not helpless:
             ways.append(cures.regularise())
         if larger := row.get("larger"):
-            ways += [cures.larger(larger)] if larger <= remedies.MAX_FACTOR else []
-            ways += [cures.remesh(n) for n in cures.fewer(len(obj.data.polygons))[:1]]
+            ways += [cures.enlarge(larger)] if larger <= remedies.MAX_FACTOR else []
+            ways += [cures.remesh(n) for n in cures.coarser_counts(len(obj.data.polygons))[:1]]
         if code in REMESHED or code in MADE_SQUARER or code == "surface-missed":
             from ...engine.surface.remeshing.coverage import finer  # imported here because it imports scipy
 
@@ -171,16 +174,16 @@ def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, findings: list[dict[s
             again = code == "surface-missed" or remesh_source.SOURCE in obj
             ways.append(cures.remesh(finer(len(obj.data.polygons)) if again else obj.flexmaps.remesh.quads))
         if kind not in (STOPS, INFORMATION):  # information does not block *Next*, so it need not be dismissed
-            ways.append(cures.let_go(f"checks/{code}"))
-        label = interface(words, len(edges if code == cures.FOLDS else faces))
+            ways.append(cures.dismiss(f"checks/{code}"))
+        label = interface(words, len(edges if code == cures.FOLDS_CODE else faces))
         made.append(Notice(f"checks/{code}", label, row["message"], kind, faces, edges, tuple(ways)))
     return made
 
 
 def is_coarse(obj: bpy.types.Object) -> bool:
-    """Return whether a mesh has fewer quads than ``LEAST_QUADS``, and no remesh made them on request."""
+    """Return whether a mesh has fewer quads than ``MIN_QUADS``, and no remesh made them on request."""
     count = len(obj.data.polygons)
-    return count < cures.LEAST_QUADS and len(obj.data.loops) == 4 * count and remesh_source.SOURCE not in obj
+    return count < cures.MIN_QUADS and len(obj.data.loops) == 4 * count and remesh_source.SOURCE not in obj
 
 
 def _few_quads(obj: bpy.types.Object) -> list[Notice]:
@@ -240,7 +243,7 @@ def has_seams(mesh: bpy.types.Mesh) -> bool:
 
 
 def _flat(obj: bpy.types.Object) -> list[Notice]:
-    if not flat_target.passed_over(obj):
+    if not flat_target.can_skip_simulation(obj):
         return []
     sentence = translate("The target is flat: its spirals are straight, and there is nothing to simulate or search for")
     return [Notice("layout/flat", interface("Flat target"), sentence, INFORMATION)]
@@ -260,8 +263,10 @@ def _too_small(obj: bpy.types.Object, scene: bpy.types.Scene, blocks: dict[str, 
         100.0 * strain,
         100.0 * OVERSTRAIN_SHARE,
     )
-    ways = [] if any(obj.lock_scale) else [cures.larger(remedies.size_of_softest(strain))]
-    return [Notice(TOO_SMALL, interface("Too small to bend"), sentence, BREAKS, cures=(*ways, cures.let_go(TOO_SMALL)))]
+    ways = [] if any(obj.lock_scale) else [cures.enlarge(remedies.size_of_softest(strain))]
+    return [
+        Notice(TOO_SMALL, interface("Too small to bend"), sentence, BREAKS, cures=(*ways, cures.dismiss(TOO_SMALL)))
+    ]
 
 
 def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
@@ -273,7 +278,7 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
         advised.pop(remedies.CUT, None)
     result = []
     result += _other_limit(obj, block)
-    rows = equilibrium.by_code(block.get("findings", ()))
+    rows = equilibrium.merge_by_code(block.get("findings", ()))
     # offer the cures of excess strain first: they change the size, after which the piece is optimised anew anyway
     for row in sorted(rows, key=lambda row: row["code"] != "strained"):
         if row["code"] == "strained-for-years":  # written by an earlier version, which reported both limits at once
@@ -281,24 +286,24 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
         helping = HELPED.get(row["code"], ())
         key, ways = (
             f"equilibrium/{row['code']}",
-            [cures.remedy(name, advised[name]) for name in helping if name in advised],
+            [cures.apply_remedy(name, advised[name]) for name in helping if name in advised],
         )
-        words, kind = WORDS.get(row["code"], ("To look at", WORSE))
+        words, kind = LABELS.get(row["code"], ("To look at", WORSE))
         if row["code"] == "stays-flat" and not _is_far(obj, blocks):
             kind = WORSE
         if row["code"] in AGAIN or (row["code"] == "slots-close" and "optimise" not in blocks):
             ways.insert(0, Cure(interface("Optimise again"), "flexmaps.optimise"))
         if row["code"] == "far-from-target":
-            nearer = cures.nearer(obj.flexmaps.choose, blocks)
+            nearer = cures.improve_match(obj.flexmaps.choose, blocks)
             ways = [*nearer, *(way for way in ways if way.idname not in {cure.idname for cure in nearer})]
             if not reach.get("prospects") and not obj.flexmaps.loads.supports:
                 ways.append(cures.hold("lowest"))
         if row["code"] == "stays-flat" and not ways and not obj.flexmaps.loads.supports:
             ways.append(cures.hold("border"))
         if kind != INFORMATION:
-            ways.append(cures.let_go(key))
+            ways.append(cures.dismiss(key))
         count = len(row["faces"])
-        sentence = equilibrium.sentence(row, block)
+        sentence = equilibrium.describe_finding(row, block)
         result.append(Notice(key, interface(words, count), sentence, kind, tuple(row["faces"]), (), tuple(ways)))
     return result + _match(obj, blocks, advised)
 
@@ -319,12 +324,12 @@ def _match(obj: bpy.types.Object, blocks: dict[str, Any], advised: dict[str, Any
     choose = obj.flexmaps.choose
     if percent is None or percent <= remedies.wanted_percent(choose) or codes & covering:
         return []
-    key, nearer = FAR_FROM_TARGET[0], cures.nearer(obj.flexmaps.choose, blocks)
-    others = [cures.remedy(name, advised[name]) for name in (remedies.FINER, remedies.LARGER) if name in advised]
+    key, nearer = FAR_FROM_TARGET[0], cures.improve_match(obj.flexmaps.choose, blocks)
+    others = [cures.apply_remedy(name, advised[name]) for name in (remedies.FINER, remedies.LARGER) if name in advised]
     ways = nearer if blocks.get("reach", {}).get("prospects") else [*nearer, *others]
     sentence = translate("The shape lies {} % of its size (RMS) from its target", format_figure(percent))
     words = interface("{} % from target", format_figure(percent))
-    return [Notice(key, words, sentence, WORSE, cures=(*ways, cures.let_go(key)))]
+    return [Notice(key, words, sentence, WORSE, cures=(*ways, cures.dismiss(key)))]
 
 
 def _other_limit(obj: bpy.types.Object, block: dict[str, Any]) -> list[Notice]:
@@ -355,15 +360,15 @@ def given_thickness(obj: bpy.types.Object) -> float:
 def _findings(source: str, findings: list[dict[str, Any]]) -> list[Notice]:
     made = []
     for row in findings:
-        words, kind = WORDS.get(row["code"], ("To look at", WORSE))
+        words, kind = LABELS.get(row["code"], ("To look at", WORSE))
         key, faces = f"{source}/{row['code']}", tuple(row["faces"])
-        made.append(Notice(key, interface(words, len(faces)), row["message"], kind, faces, (), (cures.let_go(key),)))
+        made.append(Notice(key, interface(words, len(faces)), row["message"], kind, faces, (), (cures.dismiss(key),)))
     return made
 
 
 def _sentences(source: str, blocks: dict[str, Any]) -> list[Notice]:
     """Return the warnings of a report block as a notice with cures; for a layout, also a notice about a further cut."""
-    rows, one, more = SAID[source]
+    rows, one, more = WARNING_LABELS[source]
     block, key = blocks.get(source, {}), f"{source}/{rows}"
     halved = block.get("halved")  # text about a seam added so that a panel can leave the plane; not a warning
     plain = [Notice("layout/halved", interface("Cut once more"), halved, INFORMATION)] if halved else []
@@ -375,9 +380,9 @@ def _sentences(source: str, blocks: dict[str, Any]) -> list[Notice]:
         ways = cures.choose()
     elif source == "assembly":  # a larger piece or a thinner sheet needs less force at the joints
         advised = remedies.read_block({"advice": "", **blocks.get("reach", {})})
-        ways = [cures.remedy(name, advised[name]) for name in HELPED["strained"] if name in advised]
+        ways = [cures.apply_remedy(name, advised[name]) for name in HELPED["strained"] if name in advised]
         if not ways and block.get("load_max", 0.0) > 1.0:
-            ways = [cures.larger(remedies.size_factor(block["load_max"], soft=False))]
+            ways = [cures.enlarge(remedies.size_factor(block["load_max"], soft=False))]
     count = block.get("hard", len(lines))  # number of seams; a seam may have several warnings
     words = interface(one) if count == 1 else interface(more, count)
-    return [*plain, Notice(key, words, "\n".join(lines), WORSE, cures=(*ways, cures.let_go(key)))]
+    return [*plain, Notice(key, words, "\n".join(lines), WORSE, cures=(*ways, cures.dismiss(key)))]

@@ -35,7 +35,7 @@ def write(obj: bpy.types.Object, to_metres: Float[np.ndarray, "4 4"], pose: Pose
     linear = inverse[:3, :3].T
     ways = (pose.centres @ linear + inverse[:3, 3], pose.rotations[:, :, 0] @ linear, pose.rotations[:, :, 1] @ linear)
     for name, values in zip(NAMES, ways, strict=True):
-        attributes.put(obj, attributes.PREFIX + name, "FACE", "FLOAT_VECTOR", values)
+        attributes.write(obj, attributes.PREFIX + name, "FACE", "FLOAT_VECTOR", values)
 
 
 def read(obj: bpy.types.Object, to_metres: Float[np.ndarray, "4 4"]) -> Pose | None:
@@ -48,8 +48,8 @@ def read(obj: bpy.types.Object, to_metres: Float[np.ndarray, "4 4"]) -> Pose | N
     """
     from ...engine.mechanics.assembly import Pose
 
-    with attributes.readable(obj) as mesh:
-        stored = [attributes.get(mesh, attributes.PREFIX + name) for name in NAMES]
+    with attributes.readable_mesh(obj) as mesh:
+        stored = [attributes.read(mesh, attributes.PREFIX + name) for name in NAMES]
         count = len(mesh.polygons)
     if any(values is None or values.shape != (count, 3) for values in stored):
         return None

@@ -46,7 +46,7 @@ def write(obj: bpy.types.Object, found: Comparison, points: bpy.types.Object) ->
     points : the object of scan points, already in the scene
     """
     forget(obj)
-    attributes.put(obj, NAME, "FACE", "FLOAT", found.shown_mm)
+    attributes.write(obj, NAME, "FACE", "FLOAT", found.shown_mm)
     points[OWNER] = obj.name
     obj[POINTS] = points
 

@@ -63,7 +63,7 @@ class Snapshot:
             force=self.force,
             groups=self.groups,
             protected=self.protected,
-            wishes=Wishes.from_offsets(begun.mesh, handles.wishes(self.surface)),
+            wishes=Wishes.from_offsets(begun.mesh, handles.read_wishes(self.surface)),
         )
         try:
             flat = mesh.current_flat(self.surface, made.mesh) if self.has_flat else None
@@ -170,7 +170,7 @@ def read(obj: bpy.types.Object) -> Stored:
 def rest_of(uid: int) -> Pose | None:
     """Return an object's simulated pose of the hubs; None where it is not reliable or out of date."""
     obj, scene = objects.find(uid), bpy.context.scene
-    return equilibrium.resting(obj, scene, mesh.read_surface(obj, scene))
+    return equilibrium.read_rest_pose(obj, scene, mesh.read_surface(obj, scene))
 
 
 def read_again(uid: int) -> tuple[bpy.types.Object, ObjectSurface]:

@@ -13,7 +13,7 @@ from ...engine.errors import FlexMapsError
 from ...engine.extras import registry
 from ...engine.params import LoadParams, Settings
 from . import attributes, handles, objects, settings
-from .columns import weights
+from .columns import read_weights
 
 if TYPE_CHECKING:
     from .surface import ObjectSurface
@@ -95,7 +95,7 @@ def read_supports(
     ------
     FlexMapsError where the group is missing or holds no quad.
     """
-    single = handles.held(surface)
+    single = handles.held_quads(surface)
     if not params.supports:
         return single if len(single) else None
     return np.union1d(_quads(obj, surface, params.supports, "Supports"), single)
@@ -168,7 +168,7 @@ def force(obj: bpy.types.Object, surface: ObjectSurface, params: LoadParams) -> 
     ------
     FlexMapsError where the group is missing or holds no quad.
     """
-    shared, single = force_of_group(obj, surface, params), handles.pulls(surface)
+    shared, single = force_of_group(obj, surface, params), handles.read_forces(surface)
     total = shared if single is None else shared + single
     return total if total.any() else None
 
@@ -190,8 +190,8 @@ def _quads(obj: bpy.types.Object, surface: ObjectSurface, name: str, place: str)
     group = obj.vertex_groups.get(name)
     if group is None:
         raise FlexMapsError(f"'{obj.name}' has no vertex group '{name}'; choose another one under {place}")
-    with attributes.readable(obj) as data:
-        inside = weights(data, group.index) > 0.0
+    with attributes.readable_mesh(obj) as data:
+        inside = read_weights(data, group.index) > 0.0
     if not inside.any():
         raise FlexMapsError(
             f"The vertex group '{name}' under {place} is empty; select vertices in edit mode and press Assign"

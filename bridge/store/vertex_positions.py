@@ -15,7 +15,7 @@ import numpy as np
 from ...engine.arrays import Float
 from ...engine.errors import FlexMapsError
 from . import shape_keys
-from .columns import column, weights
+from .columns import column, read_weights
 
 # distance from the world's origin, metres, beyond which coordinates are relative to the object's own origin; there
 # float32 has steps of 8 mm. Larger loses digits in the search for an equilibrium; smaller drops the place sooner
@@ -29,13 +29,13 @@ def points(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "
     ------
     FlexMapsError in edit mode.
     """
-    if not shape_keys.foreign_keys(obj.data):
+    if not shape_keys.has_user_keys(obj.data):
         return None
     if obj.data.is_editmode:
         raise FlexMapsError("Leave Edit Mode first (Tab): shape keys move what is seen there")
     if obj.data.shape_keys.use_relative:
         return _mix_keys(obj)
-    with shape_keys.shown_at(obj, 0.0), evaluated(obj, scene) as there:
+    with shape_keys.blend_shown(obj, 0.0), evaluated(obj, scene) as there:
         mesh = there.to_mesh()
         try:
             return column(mesh.vertices, "co")
@@ -46,7 +46,7 @@ def points(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "
 def _mix_keys(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
     """Blend relative shape keys by value and vertex group as Blender does, without FlexMaps' own keys."""
     blocks = obj.data.shape_keys.key_blocks
-    ours = {key.name for key in shape_keys.keys_of(obj.data)}
+    ours = {key.name for key in shape_keys.simulated_keys(obj.data)}
     pinned = obj.active_shape_key
     if obj.show_only_shape_key and pinned is not None and pinned.name not in ours:
         return column(pinned.data, "co")
@@ -56,17 +56,17 @@ def _mix_keys(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
             continue
         step = key.value * (column(key.data, "co") - column(key.relative_key.data, "co"))
         group = obj.vertex_groups.get(key.vertex_group) if key.vertex_group else None
-        mixed += step if group is None else step * weights(obj.data, group.index)[:, None]
+        mixed += step if group is None else step * read_weights(obj.data, group.index)[:, None]
     return mixed
 
 
 def shown(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
     """Return the vertices as the 3D view shows them, moved by all shape keys, in the object's frame."""
     mesh = obj.data
-    if mesh.is_editmode or not shape_keys.foreign_keys(obj.data):
-        return shape_keys.shown_positions(mesh)
+    if mesh.is_editmode or not shape_keys.has_user_keys(obj.data):
+        return shape_keys.simulated_positions(mesh)
     if mesh.shape_keys.use_relative:
-        own = shape_keys.shown_positions(mesh) - column(mesh.vertices, "co")
+        own = shape_keys.simulated_positions(mesh) - column(mesh.vertices, "co")
         return _mix_keys(obj) + own
     there = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     return column(there.vertices, "co")
@@ -74,7 +74,7 @@ def shown(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
 
 def state(obj: bpy.types.Object) -> bytes:
     """Return the vertices moved by the user's relative shape keys as bytes, for a checksum; b"" where none apply."""
-    if not shape_keys.foreign_keys(obj.data) or obj.data.is_editmode or not obj.data.shape_keys.use_relative:
+    if not shape_keys.has_user_keys(obj.data) or obj.data.is_editmode or not obj.data.shape_keys.use_relative:
         return b""
     return _mix_keys(obj).tobytes()
 

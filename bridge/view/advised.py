@@ -69,11 +69,11 @@ def write(
         mesh.write_design(obj, surface, made.panels.design)
     shape = made.after.need(SimulatedShape)
     equilibrium.write(obj, surface, shape.simulation, shape.limits)
-    brought = advice.compare(*change, figures, blocks["equilibrium"])
-    blocks["reach"] |= {advice.BROUGHT: brought}
+    brought = advice.effect_of(*change, figures, blocks["equilibrium"])
+    blocks["reach"] |= {advice.EFFECT: brought}
     stored_report.write_all(obj.data, blocks)
-    text, warning = equilibrium.sentences(blocks["equilibrium"])
-    lines = [advice.describe(brought), *([text] if warning else [])]
+    text, warning = equilibrium.describe_result(blocks["equilibrium"])
+    lines = [advice.describe_effect(brought), *([text] if warning else [])]
     return ". ".join(lines), advice.has_helped(brought) and not warning
 
 

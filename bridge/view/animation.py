@@ -132,7 +132,7 @@ def _panel(
     uv = np.empty(2 * len(whole.loops), np.float32)
     whole.attributes["flexmaps_flat"].data.foreach_get("vector", uv)
     meshes.put(mesh, "flexmaps_flat", "CORNER", uv.reshape(-1, 2)[corners])
-    colour = attributes.get(whole, "flexmaps_colour")
+    colour = attributes.read(whole, "flexmaps_colour")
     if colour is not None:
         meshes.put(mesh, "flexmaps_colour", "POINT", colour[track.vertices])
         mesh.attributes.active_color_name = "flexmaps_colour"

@@ -32,7 +32,7 @@ def sources(self: bpy.types.PropertyGroup, context: bpy.types.Context, text: str
     """
     from ..store import fields
 
-    return [] if unusable(context.object) is not None else fields.names(context.object)
+    return [] if unusable(context.object) is not None else fields.list_fields(context.object)
 
 
 class BrushSettings(bpy.types.PropertyGroup):

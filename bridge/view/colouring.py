@@ -85,10 +85,10 @@ def per_quad(kind: str, values: np.ndarray) -> Shaped[np.ndarray, " quads"]:
     two pairs of opposite arms in percent. Other values are returned unchanged.
     """
     if kind == "WIDTH":
-        return attributes.on_faces(values).mean(axis=1)
+        return attributes.corners_by_face(values).mean(axis=1)
     from ...engine.spirals.curves.spiral import anisotropy  # imported here because it imports scipy
 
-    return 100 * anisotropy(attributes.on_faces(values)) if kind == "ANISOTROPY" else values
+    return 100 * anisotropy(attributes.corners_by_face(values)) if kind == "ANISOTROPY" else values
 
 
 def painted(
@@ -180,8 +180,8 @@ def _limits(kinds: Int[np.ndarray, " quads"]) -> tuple[Float[np.ndarray, "quads 
 
 def legend_of(obj: bpy.types.Object, kind: str) -> Legend:
     """Return the legend of the colours of a kind that ``store`` has written into the mesh."""
-    with attributes.readable(obj) as mesh:
-        values = attributes.get(mesh, KINDS[kind].attribute)
+    with attributes.readable_mesh(obj) as mesh:
+        values = attributes.read(mesh, KINDS[kind].attribute)
     assert values is not None
     return painted(obj, kind, per_quad(kind, values))[1]
 
@@ -201,15 +201,15 @@ def store(obj: bpy.types.Object, kind: str, *, afresh: bool = False) -> bool:
         return False
     if kind == "STIFFNESS" and (afresh or not attributes.has(obj, KINDS[kind].attribute)):
         _measure_stiffness(obj)
-    with attributes.readable(obj) as mesh:
-        values = attributes.get(mesh, KINDS[kind].attribute)
+    with attributes.readable_mesh(obj) as mesh:
+        values = attributes.read(mesh, KINDS[kind].attribute)
         sizes = column(mesh.polygons, "loop_total")
     if values is None or (sizes != 4).any():
         return False
     values = per_quad(kind, values)
     rgb, _ = painted(obj, kind, values)
     rgba = np.repeat(np.c_[rgb, np.ones(len(rgb))], sizes, axis=0)
-    attributes.put(obj, "flexmaps_colour", "CORNER", "FLOAT_COLOR", rgba)
+    attributes.write(obj, "flexmaps_colour", "CORNER", "FLOAT_COLOR", rgba)
     if not obj.data.is_editmode:
         obj.data.attributes.active_color_name = "flexmaps_colour"
     return True

@@ -219,8 +219,8 @@ class Easel:
 
     def _now(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, object]:
         sums = Checksums(obj, scene)
-        marks = attributes.get(obj.data, fields.PROTECT)
-        moved = tuple(key.value for key in equilibrium.keys_of(obj.data))
+        marks = attributes.read(obj.data, fields.PROTECT)
+        moved = tuple(key.value for key in equilibrium.simulated_keys(obj.data))
         names = ("design", "shape", "seams", "spiral", "material")
         own: dict[str, object] = {"protected": b"" if marks is None else marks.tobytes(), "moved": moved}
         placed = (*(x for row in obj.matrix_world for x in row), scene.unit_settings.scale_length)
@@ -313,7 +313,7 @@ class Easel:
             if self._target is not None:
                 self._take(self._target)
         if (self._marked != self.protected).any():
-            fields.protect(obj, np.flatnonzero(self.protected))
+            fields.write_protected(obj, np.flatnonzero(self.protected))
         self.before, self._marked = self.design, self.protected
         self._keep(self._now(obj, scene))
 

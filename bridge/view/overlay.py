@@ -286,20 +286,20 @@ def _quads(obj: bpy.types.Object, kind: str) -> _Quads | None:
         else:
             own = np.array([face[layer] for face in bm.faces])
             own = np.repeat(own, 4) if name == "flexmaps_width" else own  # older files store one width per face
-        if not attributes.fits(name, own):
+        if not attributes.is_valid(name, own):
             return None
         number = bm.edges.layers.int.get(SEAMS)
-        if number is not None and not attributes.fits(SEAMS, np.array([e[number] for e in bm.edges])):
+        if number is not None and not attributes.is_valid(SEAMS, np.array([e[number] for e in bm.edges])):
             number = None
         seam = {e: NO_SEAM if not e.seam else -1 if number is None else e[number] for e in bm.edges}
         seams = np.array([[seam[loop.edge] for loop in face.loops] for face in bm.faces])
         return _Quads(positions, corners, colouring.per_quad(kind, own), seams, _widths(kind, own))
     mesh = obj.data
-    values = attributes.get(mesh, name)
+    values = attributes.read(mesh, name)
     if values is None or len(mesh.loops) != 4 * len(mesh.polygons):
         return None
     index, edges = column(mesh.loops, "vertex_index"), column(mesh.loops, "edge_index")
-    number = attributes.get(mesh, SEAMS)
+    number = attributes.read(mesh, SEAMS)
     numbers = np.full(len(mesh.edges), -1) if number is None else number
     sides = np.where(column(mesh.edges, "use_seam"), numbers, NO_SEAM)[edges].reshape(-1, 4)
     seen = vertex_positions.shown(obj).astype(float)
@@ -307,7 +307,7 @@ def _quads(obj: bpy.types.Object, kind: str) -> _Quads | None:
 
 
 def _widths(kind: str, values: np.ndarray) -> Float[np.ndarray, "quads 4"] | None:
-    return attributes.on_faces(values) if kind == "ANISOTROPY" else None
+    return attributes.corners_by_face(values) if kind == "ANISOTROPY" else None
 
 
 def _draw_colours() -> None:

@@ -36,8 +36,8 @@ def seen(
         and len(shape.quads) == len(obj.data.polygons)
     ):
         return shape.vertices / bpy.context.scene.unit_settings.scale_length, shape.quads
-    with attributes.readable(obj) as mesh:
-        points = shape_keys.shown_positions(mesh) if obj.data.is_editmode else vertex_positions.shown(obj)
+    with attributes.readable_mesh(obj) as mesh:
+        points = shape_keys.simulated_positions(mesh) if obj.data.is_editmode else vertex_positions.shown(obj)
         corners = column(mesh.loops, "vertex_index")
         whole = len(mesh.loops) == 4 * len(mesh.polygons)
     return _to_world(obj, points), corners.reshape(-1, 4) if whole else np.zeros((0, 4), np.int32)
@@ -45,7 +45,7 @@ def seen(
 
 def target(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
     """Return the target's vertices in the scene's units and world axes."""
-    with attributes.readable(obj) as mesh:
+    with attributes.readable_mesh(obj) as mesh:
         return _to_world(obj, column(mesh.vertices, "co"))
 
 
@@ -73,7 +73,7 @@ def quad_at(
 
 def edge_of(obj: bpy.types.Object) -> float:
     """Return the target's median edge length in the scene's units; a force arrow of one newton has this length."""
-    with attributes.readable(obj) as mesh:
+    with attributes.readable_mesh(obj) as mesh:
         pairs = column(mesh.edges, "vertices")
     points = target(obj)[pairs]
     return max(float(np.median(np.linalg.norm(points[:, 1] - points[:, 0], axis=1))), 1e-12)

@@ -99,7 +99,7 @@ def shape(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: i
     FlexMapsError : there is no simulated shape yet
     """
     design = stored_design(obj)
-    if shape_keys.key_of(obj.data) is None or design is None:
+    if shape_keys.equilibrium_key(obj.data) is None or design is None:
         raise FlexMapsError("There is no simulated shape yet; press Simulate first")
     with studio(size or SIZE, samples or SAMPLES) as place:
         _add_assembled(place, obj, design, "DISTANCE")
@@ -268,8 +268,8 @@ def _add_target(place: Studio, obj: bpy.types.Object, finish: str) -> Group:
     surface = mesh.read_surface(obj, bpy.context.scene)
     polygons = surface.polygons
     data = meshes.polygons("FlexMaps target", polygons.vertices, polygons.corners, polygons.sizes)
-    with attributes.readable(obj) as own:
-        known = attributes.get(own, colouring.KINDS["PATCH"].attribute) is not None
+    with attributes.readable_mesh(obj) as own:
+        known = attributes.read(own, colouring.KINDS["PATCH"].attribute) is not None
     if known and finish == "PATCH":
         meshes.paint(data, np.repeat(preview.quad_colours(obj, "PATCH"), polygons.sizes, axis=0))
         data.materials.append(materials.material("FlexMaps panel", None))

@@ -263,8 +263,8 @@ def quad_colours(obj: bpy.types.Object, kind: str) -> Float[np.ndarray, "quads 3
     ------
     FlexMapsError : the model has no values of this kind, because their stage has not run
     """
-    with attributes.readable(obj) as mesh:
-        values = attributes.get(mesh, colouring.KINDS[kind].attribute)
+    with attributes.readable_mesh(obj) as mesh:
+        values = attributes.read(mesh, colouring.KINDS[kind].attribute)
     if values is None:
         raise FlexMapsError(f"There is no {colouring.KINDS[kind].label.lower()} to show yet; press Simulate first")
     return colouring.painted(obj, kind, values)[0]
@@ -273,9 +273,9 @@ def quad_colours(obj: bpy.types.Object, kind: str) -> Float[np.ndarray, "quads 3
 def _face_values(obj: bpy.types.Object, quad_of: Int[np.ndarray, " faces"]) -> dict[str, np.ndarray]:
     """Return attributes for the piece's faces: the quad of every face, and the model's values of that quad."""
     of_faces = {"flexmaps_quad": quad_of}
-    with attributes.readable(obj) as mesh:
+    with attributes.readable_mesh(obj) as mesh:
         for name in ("patch", "strain_energy", "strain", "distance"):
-            values = attributes.get(mesh, attributes.PREFIX + name)
+            values = attributes.read(mesh, attributes.PREFIX + name)
             if values is not None:
                 of_faces[attributes.PREFIX + name] = values[quad_of]
     return of_faces

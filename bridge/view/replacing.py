@@ -29,9 +29,9 @@ def take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types
     settings.write(made.flexmaps, settings.read(obj.flexmaps, ObjectSettings))
     if not obj.flexmaps.spiral.is_property_set("border"):
         made.flexmaps.spiral.property_unset("border")
-        derived_properties.settle_border(made)
-    failures.hand_down(obj.data, made.data)
-    mark_transfer.hand_down(obj, made)
+        derived_properties.store_border_setting(made)
+    failures.transfer(obj.data, made.data)
+    mark_transfer.transfer_marks(obj, made)
     collection.clear(obj)
     obj.select_set(False)
     obj.hide_set(True)

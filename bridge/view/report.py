@@ -88,18 +88,18 @@ def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
     blocks = states.current_blocks(obj, now)
     if not scans.current(obj, bpy.context.scene):
         blocks.pop("scan", None)
-    more = {"scan": attributes.get(obj.data, scans.NAME)} if "scan" in blocks else {}
+    more = {"scan": attributes.read(obj.data, scans.NAME)} if "scan" in blocks else {}
     findings = guidance.read_guidance(obj, bpy.context.scene, now).findings()
     content = Reported(taken, blocks, more=more, findings=findings)
     if "equilibrium" not in blocks:
         return content
-    key = shape_keys.key_of(obj.data)
+    key = shape_keys.equilibrium_key(obj.data)
     shape = taken.surface.positions if key is None else column(key.data, "co")
     if not np.isfinite(shape).all():
         return replace(content, blocks={name: block for name, block in blocks.items() if name not in SIMULATED})
     names = {"distance": "distance", "strain": "strain", "slot": "slot", "kind": "reach"}
-    values = {name: attributes.get(obj.data, attributes.PREFIX + kept) for name, kept in names.items()}
-    more["utilisation"] = attributes.get(obj.data, attributes.PREFIX + "utilisation")
+    values = {name: attributes.read(obj.data, attributes.PREFIX + kept) for name, kept in names.items()}
+    more["utilisation"] = attributes.read(obj.data, attributes.PREFIX + "utilisation")
     return replace(content, shape=shape, values=values, more=more, pose=pose.read(obj, taken.surface.to_metres))
 
 

@@ -120,8 +120,8 @@ def _fill(
     scene.unit_settings.length_unit = "MILLIMETERS"
     obj = add_model(scene, result.mesh, name)
     put(result, obj, scene, used, progress)
-    if shape_keys.key_of(obj.data) is not None:
-        shape_keys.key_of(obj.data).value = 0.0  # type: ignore[union-attr]  # the file opens at the target
+    if shape_keys.equilibrium_key(obj.data) is not None:
+        shape_keys.equilibrium_key(obj.data).value = 0.0  # type: ignore[union-attr]  # the file opens at the target
     return obj
 
 
@@ -158,14 +158,14 @@ def put(
         mesh.write_vertices(obj, surface, quads)
         surface = mesh.read_surface(obj, scene)
     offsets = np.zeros((len(quads.quads), 3)) if result.wishes is None else result.wishes.offsets(quads)
-    handles.from_metres(obj, surface.to_metres, offsets)
+    handles.write_wishes(obj, surface.to_metres, offsets)
     stored_report.write_checks(obj.data, result.findings)
     if result.flat is not None:
         _put_flat(result, result.flat, obj, scene, surface, progress.part(0.1, 0.9))
     choice = cast("Choice | None", result.value("choice"))
     if choice is not None:
         layouts = [one.flat for one in choice.proposals]
-        stored.write(obj, surface, [flat.layout.cut for flat in layouts])
+        stored.write_cuts(obj, surface, [flat.layout.cut for flat in layouts])
         choices.keep(obj, choices.pictures(layouts))
     progress(0.9, "notes in the Blender file")
     if result.simulation is not None and result.limits is not None:
@@ -173,7 +173,7 @@ def put(
     scan = cast("Comparison | None", result.value("scan"))
     if scan is not None:
         scans.write(obj, scan, scan_points.show(obj, scene, scan))
-    fields.protect(obj, result.protected)
+    fields.write_protected(obj, result.protected)
     examined = cast("Structure | None", result.value("structure"))
     if examined is not None:
         equilibrium.write_utilisation(obj, examined.utilisation)

@@ -109,7 +109,7 @@ def test_larger(strained: Any, attribute: Any, all_of: Any) -> None:
         brought = report(strained)["reach"]["brought"]
         assert brought["rms_percent"] == [distance, figures(strained)[0]]
         assert brought["strain_share_max"] == [strain, figures(strained)[1]]
-        assert f"strain {100 * strain:.0f} % to {100 * figures(strained)[1]:.0f} %" in advice.describe(brought)
+        assert f"strain {100 * strain:.0f} % to {100 * figures(strained)[1]:.0f} %" in advice.describe_effect(brought)
         done(strained)
         # the flat patches are as much larger as the surface is
         uv = attribute(strained, "flexmaps_flat", "vector", 2)
@@ -130,7 +130,7 @@ def test_thinner(strained: Any, all_of: Any) -> None:
         assert figures(strained)[1] < before[1] and tuple(strained.scale) == (1, 1, 1)
         assert [edge.use_seam for edge in strained.data.edges] == edges
         brought = report(strained)["reach"]["brought"]
-        assert advice.describe(brought).startswith("Sheet of 1.5 mm instead of 2 mm: RMS distance ")
+        assert advice.describe_effect(brought).startswith("Sheet of 1.5 mm instead of 2 mm: RMS distance ")
         done(strained)
 
 
@@ -150,7 +150,9 @@ def test_finer(add: Any, all_of: Any) -> None:
         assert tuple(made.location) == pytest.approx((0.1, 0.2, 0.3))
         assert figures(made)[0] < before[0]
         brought = report(made)["reach"]["brought"]
-        assert advice.describe(brought).startswith(f"{len(made.data.polygons)} quads instead of {QUADS}: RMS distance ")
+        assert advice.describe_effect(brought).startswith(
+            f"{len(made.data.polygons)} quads instead of {QUADS}: RMS distance "
+        )
         done(made)
 
 
@@ -192,8 +194,8 @@ def test_spirals_that_were_set_by_hand_stay(strained: Any, attribute: Any) -> No
 )
 def test_what_brought_nothing_is_said(distance: list[float], strain: list[Any], helped: bool) -> None:
     brought = {"remedy": "larger", "was": 1.0, "now": 1.25, "rms_percent": distance, "strain_share_max": strain}
-    assert advice.has_helped(brought) == helped and ("did not help" in advice.describe(brought)) != helped
-    assert advice.describe(brought).startswith(f"1.25 times as large: RMS distance 2 % to {distance[1]:.2g} %")
+    assert advice.has_helped(brought) == helped and ("did not help" in advice.describe_effect(brought)) != helped
+    assert advice.describe_effect(brought).startswith(f"1.25 times as large: RMS distance 2 % to {distance[1]:.2g} %")
 
 
 @pytest.mark.parametrize(
@@ -202,8 +204,8 @@ def test_what_brought_nothing_is_said(distance: list[float], strain: list[Any], 
 def test_slots_that_opened_count_as_help(closed: list[Any], helped: bool) -> None:
     brought = {"remedy": "larger", "was": 1.0, "now": 1.25, "rms_percent": [1.2, 1.2], "strain_share_max": [0.9, 0.89]}
     brought["slots_closed"] = closed
-    assert advice.has_helped(brought) == helped and ("did not help" in advice.describe(brought)) != helped
-    assert (f"closed slots {closed[0]} to {closed[1]}" in advice.describe(brought)) == (closed[0] != closed[1])
+    assert advice.has_helped(brought) == helped and ("did not help" in advice.describe_effect(brought)) != helped
+    assert (f"closed slots {closed[0]} to {closed[1]}" in advice.describe_effect(brought)) == (closed[0] != closed[1])
 
 
 # -- what they leave as it was -----------------------------------------------------------------------------------------

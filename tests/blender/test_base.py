@@ -49,7 +49,7 @@ def piece(add: Any, once: Any) -> Any:
 def test_from_spirals_to_files(piece: Any, tmp_path: Path) -> None:
     held = _standing(piece)
     press("spirals")
-    twist = attributes.get(piece.data, "flexmaps_twist")
+    twist = attributes.read(piece.data, "flexmaps_twist")
     assert twist is not None
     assert (np.abs(twist[held]) < 1e-6).all()
     assert (twist > 0.1).any()

@@ -22,14 +22,14 @@ def test_flat_shapes_that_moved_are_written(add: Any) -> None:
     obj = add(shapes.make("dome", 0.03))
     press("merge")
     press("spirals")
-    before = np.array(attributes.get(obj.data, "flexmaps_flat"))
+    before = np.array(attributes.read(obj.data, "flexmaps_flat"))
     obj.flexmaps.optimise.iterations = 4
     obj.flexmaps.optimise.codesign = False
     press("optimise")
-    assert np.array(attributes.get(obj.data, "flexmaps_flat")) == pytest.approx(before, abs=1e-4)
+    assert np.array(attributes.read(obj.data, "flexmaps_flat")) == pytest.approx(before, abs=1e-4)
     obj.flexmaps.optimise.codesign = True
     press("optimise")
-    after = np.array(attributes.get(obj.data, "flexmaps_flat"))
+    after = np.array(attributes.read(obj.data, "flexmaps_flat"))
     assert np.abs(after - before).max() > 0.05  # millimetres
     found = stored_report.read(obj.data)
     surface = mesh.read_surface(obj, bpy.context.scene)

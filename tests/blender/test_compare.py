@@ -80,7 +80,7 @@ def test_it_is_compared_with_the_simulated_shape(saddle: Any, tmp_path: Path) ->
     on_target = api.compare(piece, scan, anywhere=False).result.scan
     assert not on_target.simulated and on_target.rms > 3 * found.rms
     api.show(simulated, obj)
-    assert shape_keys.key_of(obj.data) is not None
+    assert shape_keys.equilibrium_key(obj.data) is not None
     held = api.compare(
         api.load(obj), scan, anywhere=False
     ).result.scan  # what the object holds, without simulating anew

@@ -39,11 +39,11 @@ def test_candidates_are_kept_and_one_is_taken(tried: Any) -> None:
     found = exploration.read(tried)
     assert found is not None and found["tried"] == 4 and found["rows"]
     values, scale = found["rows"][0]["values"], tried.scale.copy()
-    before = exploration.edge(tried, bpy.context.scene)
+    before = exploration.median_edge_mm(tried, bpy.context.scene)
     assert before / 1.5 <= values["edge"] <= before * 1.5
     press("use_candidate", number=0)
     assert tried.flexmaps.spiral.thickness == pytest.approx(values["spiral.thickness"])
-    assert exploration.edge(tried, bpy.context.scene) == pytest.approx(values["edge"], rel=1e-4)
+    assert exploration.median_edge_mm(tried, bpy.context.scene) == pytest.approx(values["edge"], rel=1e-4)
     assert tried.scale.x / scale.x == pytest.approx(values["edge"] / before, rel=1e-4)
     with pytest.raises(RuntimeError, match="no such candidate"):
         press("use_candidate", number=99)

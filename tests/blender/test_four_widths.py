@@ -31,7 +31,7 @@ def _unlike(obj: Any) -> tuple[SpiralDesign, Any]:
 
 def _by_edge(obj: Any) -> dict[tuple[int, frozenset[int]], float]:
     """The width at every side, by its face's vertices: read from Blender's own loops, whichever way the object is mirrored."""
-    values = attributes.get(obj.data, "flexmaps_width")
+    values = attributes.read(obj.data, "flexmaps_width")
     assert values is not None
     mirrored = obj.matrix_world.determinant() < 0
     found = {}
@@ -140,7 +140,7 @@ def test_older_widths_are_shelved_as_four(dome: Any) -> None:
     press("flatten")
     last = dome.data.attributes["flexmaps_last_width"]
     assert last.domain == "CORNER" and len(last.data) == 4 * len(one)
-    values = attributes.get(dome.data, "flexmaps_last_width")
+    values = attributes.read(dome.data, "flexmaps_last_width")
     assert values is not None and values == pytest.approx(np.repeat(one, 4), rel=1e-6)
 
 
@@ -148,7 +148,7 @@ def test_older_widths_are_shelved_as_four(dome: Any) -> None:
 def test_widths_that_cannot_be_name_their_face(dome: Any, value: float, button: str) -> None:
     press("flatten")
     press("spirals")
-    kept = attributes.get(dome.data, "flexmaps_width")
+    kept = attributes.read(dome.data, "flexmaps_width")
     dome.data.attributes["flexmaps_width"].data[4 * 7 + 2].value = value
     with pytest.raises(RuntimeError, match="spirals were changed by hand"):
         press(button)
@@ -171,12 +171,12 @@ def test_a_design_whose_slots_close_names_its_faces(dome: Any, button: str, said
     for loop in dome.data.polygons[7].loop_indices:
         width[loop].value = 2.0
     twist[7].value = 355.0
-    before = attributes.get(dome.data, "flexmaps_width"), attributes.get(dome.data, "flexmaps_twist")
+    before = attributes.read(dome.data, "flexmaps_width"), attributes.read(dome.data, "flexmaps_twist")
     with pytest.raises(RuntimeError, match=said):
         press(button)
     named = [face.index for face in dome.data.polygons if face.select]
     assert 7 in named and len(named) <= 5  # and those beside it whose slots it closes
-    after = attributes.get(dome.data, "flexmaps_width"), attributes.get(dome.data, "flexmaps_twist")
+    after = attributes.read(dome.data, "flexmaps_width"), attributes.read(dome.data, "flexmaps_twist")
     assert all(np.array_equal(a, b) for a, b in zip(after, before, strict=True))
     assert not list(tmp_path.iterdir())
 

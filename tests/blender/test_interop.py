@@ -217,7 +217,7 @@ def test_a_duplicate_of_its_own_goes_its_own_way(piece: Any, content: Any) -> No
     activate(copy)
     press("spirals")
     assert content(piece) == before and kinds(piece)["spirals"] == states.DONE
-    assert attributes.get(copy.data, "flexmaps_width").max() > attributes.get(piece.data, "flexmaps_width").max()
+    assert attributes.read(copy.data, "flexmaps_width").max() > attributes.read(piece.data, "flexmaps_width").max()
 
 
 def test_two_pieces_in_one_file(add: Any, content: Any, tmp_path: Path) -> None:

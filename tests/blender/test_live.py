@@ -49,8 +49,8 @@ def test_what_is_changed_is_followed_and_nothing_is_written(
     thicker = settled(following)
     assert np.abs(thicker - before).max() > 1e-5
     # another program's way: an attribute alone, and no word of ours
-    with attributes.readable(obj) as mesh:
-        twist = np.array(attributes.get(mesh, "flexmaps_twist"))
+    with attributes.readable_mesh(obj) as mesh:
+        twist = np.array(attributes.read(mesh, "flexmaps_twist"))
     assert all_of(obj) == stored
     twist[:20] *= 0.5
     obj.data.attributes["flexmaps_twist"].data.foreach_set("value", twist)

@@ -131,7 +131,7 @@ def test_after_a_failure_the_same_is_never_offered_and_no_state_comes_twice(add:
             break
         offered.append((act.idname, tuple(act.properties.items()), piece.data.name, piece.flexmaps.remesh.edge))
         if act.cure is not None:
-            failures.note_tried(piece.data, act.cure.call)
+            failures.count_press(piece.data, act.cure.call)
         if act.idname == "flexmaps.let_go":
             bpy.ops.flexmaps.let_go(**act.properties)
         else:
@@ -186,8 +186,8 @@ def test_groups_and_seams_hold_for_new_quads(add: Any) -> None:
     group.add([v.index for v in old.data.vertices if v.co.x < 0.01], 1.0, "REPLACE")
     for edge in old.data.edges:
         edge.use_seam = all(abs(old.data.vertices[k].co.y - 0.5) < 0.01 for k in edge.vertices)
-    fields.protect(old, np.array([0, 5]))
-    mark_transfer.hand_down(old, new)
+    fields.write_protected(old, np.array([0, 5]))
+    mark_transfer.transfer_marks(old, new)
     inside = {v.index for v in new.data.vertices if any(g.weight > 0 for g in v.groups)}
     assert {v.index for v in new.data.vertices if v.co.x < 0.01} <= inside
     assert all(new.data.vertices[k].co.x < 0.15 for k in inside)
@@ -203,7 +203,7 @@ def test_groups_and_seams_hold_for_new_quads(add: Any) -> None:
 @pytest.mark.parametrize("stage", ["set_size", "regularise"])
 def test_protected_spirals_stay_so_where_quads_are_moved(add: Any, stage: str) -> None:
     piece = add(shapes.make("dome"))
-    fields.protect(piece, np.array([3, 7]))
+    fields.write_protected(piece, np.array([3, 7]))
     assert getattr(bpy.ops.flexmaps, stage)() == {"FINISHED"}
     marks = [item.value for item in piece.data.attributes[fields.PROTECT].data]
     assert np.flatnonzero(marks).tolist() == [3, 7]
@@ -311,7 +311,7 @@ def test_as_few_quads_as_somebody_asked_for_are_not_remeshed_again(add: Any) -> 
     bpy.context.object.flexmaps.remesh.quads = 30
     bpy.ops.flexmaps.quad_remesh()
     made = bpy.context.object
-    assert len(made.data.polygons) < cures.LEAST_QUADS
+    assert len(made.data.polygons) < cures.MIN_QUADS
     act = seen(made).act
     assert act is not None and act.idname != "flexmaps.quad_remesh"
     assert states.is_current_unnoted(

@@ -61,7 +61,7 @@ def _state(piece: Any, act: Any) -> tuple[Any, ...]:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("broken", finding_words.FAILED)
+@pytest.mark.parametrize("broken", finding_words.FAILURE_LABELS)
 @pytest.mark.parametrize("start", STARTS)
 def test_no_state_comes_twice(
     add: Any, start: str, broken: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Any

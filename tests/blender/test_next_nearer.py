@@ -30,7 +30,7 @@ def test_next_offers_other_cuts_where_an_optimised_piece_misses_its_match(
         names = []
         while (act := next_button._next_cure(piece.data, notices._equilibrium(piece, blocks | more))) is not None:
             assert act.cure is not None
-            failures.note_tried(piece.data, act.cure.call)
+            failures.count_press(piece.data, act.cure.call)
             names.append(act.idname.partition(".")[2])
         return names
 
@@ -38,7 +38,7 @@ def test_next_offers_other_cuts_where_an_optimised_piece_misses_its_match(
     assert pressed({"choose": {}}) == [name for name in offered if name != "choose"]
     assert pressed({"equilibrium": block | {"rms_percent": 0.9, "findings": []}}) == []
     (notice,) = (n for n in notices._equilibrium(piece, blocks) if n.key in notices.FAR_FROM_TARGET)
-    failures.let_go(piece.data, notice.key, notice.sentence)
+    failures.dismiss(piece.data, notice.key, notice.sentence)
     assert notices._downgrade_dismissed(piece.data, notice).kind == INFORMATION
     assert next_button._next_cure(piece.data, [notices._downgrade_dismissed(piece.data, notice)]) is None
 

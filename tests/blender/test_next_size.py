@@ -64,10 +64,10 @@ def test_who_wants_a_small_piece_goes_on(add: Any) -> None:
     for _ in range(next_button.RESIZED):  # each factor is limited, so one may not be enough
         act = next_button._larger_size(piece.data, [notice])
         assert act is not None and act.cure is not None
-        failures.note_tried(piece.data, act.cure.call)
+        failures.count_press(piece.data, act.cure.call)
     assert next_button._larger_size(piece.data, [notice]) is None
     piece.data.pop("flexmaps_tried")
-    failures.let_go(piece.data, notice.key, notice.sentence)
+    failures.dismiss(piece.data, notice.key, notice.sentence)
     assert next_button._larger_size(piece.data, [notices._downgrade_dismissed(piece.data, notice)]) is None
 
 

@@ -45,7 +45,7 @@ def test_the_piece_comes_nearer_to_its_target(piece: Any, attribute: Any) -> Non
     assert not len(unfabricable_quads(made))
     assert block(piece, "spirals")["twist_deg"][0] == pytest.approx(np.degrees(made.twist.min()), abs=1e-3)
     assert not states.is_old(piece, bpy.context.scene, "optimise")
-    assert shape_keys.key_of(piece.data).value == 1.0
+    assert shape_keys.equilibrium_key(piece.data).value == 1.0
     distance = attribute(piece, "flexmaps_distance")
     press("simulate")
     again = block(piece, "equilibrium")["laplacian_rmse_mm"]

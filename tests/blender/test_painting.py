@@ -149,7 +149,7 @@ def test_stiffness_from_weights_and_colours(spiralled: Any, attribute: Any) -> N
     corner = np.array([loop.vertex_index for loop in spiralled.data.loops])
     grey = np.repeat(share[corner][:, None], 4, axis=1).astype(np.float32)
     colour.data.foreach_set("color", grey.ravel())
-    assert fields.names(spiralled)[:1] == ["stiff"] and "paint" in fields.names(spiralled)
+    assert fields.list_fields(spiralled)[:1] == ["stiff"] and "paint" in fields.list_fields(spiralled)
     surface = mesh.read_surface(spiralled, bpy.context.scene)
     exact = share[np.array([f.vertices for f in spiralled.data.polygons])].mean(axis=1)
     np.testing.assert_allclose(fields.read_field(spiralled, surface, "stiff"), exact, atol=1e-6)

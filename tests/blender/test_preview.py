@@ -115,7 +115,7 @@ def test_wires_have_the_colours_of_their_patches(piece: Any) -> None:
     piece.flexmaps.preview.detail = "LINES"
     press("preview")
     made = preview.existing(piece).data
-    patches = attributes.get(piece.data, "flexmaps_patch")
+    patches = attributes.read(piece.data, "flexmaps_patch")
     worn = np.array([spline.material_index for spline in made.splines]).reshape(-1, 4)
     assert (worn == worn[:, :1]).all() and len(made.materials) == len(np.unique(patches))
     assert len(np.unique(np.c_[worn[:, 0], patches], axis=0)) == len(made.materials)

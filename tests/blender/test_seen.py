@@ -245,7 +245,7 @@ def test_our_shape_comes_on_top_of_the_users_keys(dome: Any, bend: Callable) -> 
     assert mesh.read_surface(dome, bpy.context.scene).polygons.vertices == pytest.approx(
         piece.source.vertices, abs=1e-7
     )
-    shape_keys.key_of(dome.data).value = 0.0
+    shape_keys.equilibrium_key(dome.data).value = 0.0
     bpy.context.view_layer.update()
     seen = dome.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     assert np.array([vertex.co for vertex in seen.vertices]) == pytest.approx(piece.source.vertices, abs=1e-6)

@@ -81,7 +81,7 @@ def test_several_bodies_that_are_far_are_one_row() -> None:
         {"code": "kinked", "message": "A kink.", "faces": [3]},
         {"code": "far-from-target", "message": "Another is far.", "faces": [2, 9]},
     ]
-    far, kinked = equilibrium.by_code(rows)
+    far, kinked = equilibrium.merge_by_code(rows)
     assert far["faces"] == [1, 2, 9] and far["message"].splitlines() == ["One is far.", "Another is far."]
     assert kinked is rows[1]
 
@@ -90,7 +90,7 @@ def test_what_a_mesh_or_layout_foretells_is_answered_by_a_near_shape(add: Any) -
     """A warning before anything is simulated, information once the shape is near and nothing breaks, a warning else."""
     piece = add(shapes.make("dome"))
     small = Notice(
-        "checks/small-quads", "Small quads: 2", "2 are small", finding_words.WORSE, cures=(cures.larger(1.4),)
+        "checks/small-quads", "Small quads: 2", "2 are small", finding_words.WORSE, cures=(cures.enlarge(1.4),)
     )
     crossing = Notice("checks/cuts-itself", "Cuts itself", "It cuts itself", finding_words.WORSE)
     breaking = Notice("equilibrium/strained", "2 too strained", "Too strained", finding_words.BREAKS)
@@ -113,17 +113,19 @@ def test_the_status_says_the_strain_that_the_row_says(add: Any, share: float, sa
     piece = add(shapes.make("dome"))
     block = {"strain_share_max": share, "findings": []}
     stored_report.write(piece.data, "equilibrium", block)
-    row = equilibrium.sentence({"code": "strained", "faces": [0, 1], "message": ""}, block)
+    row = equilibrium.describe_finding({"code": "strained", "faces": [0, 1], "message": ""}, block)
     strained = Notice("equilibrium/strained", "2 too strained", row, finding_words.BREAKS)
     status = guidance._status_of_simulated(piece, [strained])
     assert said in status.text and f"{100 * share:.0f} %" in row
 
 
 def test_one_face_and_one_spiral_stand_in_the_singular() -> None:
-    for code in cures.MENDS:
-        one, two = cures.mend(code, 1), cures.mend(code, 2)
+    for code in cures.REPAIRS:
+        one, two = cures.repair(code, 1), cures.repair(code, 2)
         assert one is not None and two is not None and "1 faces" not in one.label and "2 face " not in f"{two.label} "
     for lasts in ("days", "years"):
         block = {"lasts": lasts, "strain_share_max": 1.2}
-        first, second = (equilibrium.sentence({"code": "strained", "faces": [*range(n)]}, block) for n in (1, 2))
+        first, second = (
+            equilibrium.describe_finding({"code": "strained", "faces": [*range(n)]}, block) for n in (1, 2)
+        )
         assert "1 spiral " in first and "2 spirals " in second

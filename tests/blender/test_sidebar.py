@@ -283,7 +283,9 @@ def spoken(language: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the sidebar speak a language; "" for English."""
     if not language:
         return
-    known = {text: said for (_, text), said in catalogue.table(translations.FOLDER / f"{language}.po").items()}
+    known = {
+        text: said for (_, text), said in catalogue.read_translations(translations.FOLDER / f"{language}.po").items()
+    }
     words = SimpleNamespace(
         pgettext_iface=lambda text, context=None: known.get(text, text), pgettext_rpt=lambda text: known.get(text, text)
     )
@@ -300,7 +302,7 @@ def test_no_notice_and_no_cure_is_cut_at_the_usual_width(
     monkeypatch.setattr("flexmaps.engine.optimisation.remedies.read_block", lambda block: remedies)
     found = [
         {"code": code, "faces": [0] * 24, "edges": [0] * 24, "severity": "warning", "message": "", "more": 0.1}
-        for code in finding_words.WORDS
+        for code in finding_words.LABELS
     ]
     made = [
         *notices._checks(dome, bpy.context.scene, found),
@@ -313,7 +315,7 @@ def test_no_notice_and_no_cure_is_cut_at_the_usual_width(
                 finding_words.STOPS,
                 cures=tuple(notices._cures_of_failure(dome, name)),
             )
-            for name, words in finding_words.FAILED.items()
+            for name, words in finding_words.FAILURE_LABELS.items()
         ),
     ]
     cut = set()

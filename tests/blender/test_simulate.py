@@ -32,7 +32,7 @@ def test_a_free_arch_springs_flat(piece: Any, attribute: Any) -> None:
     found = key_of(piece)
     assert planar(before) > 0.1 * EDGE and planar(found) < 1e-3 * EDGE
     assert np.ptp(found, axis=0).max() == pytest.approx(LENGTH * EDGE, rel=0.01)
-    key = piece.data.shape_keys.key_blocks[equilibrium.KEY]
+    key = piece.data.shape_keys.key_blocks[equilibrium.EQUILIBRIUM_KEY]
     assert key.value == 1.0 and piece.active_shape_key_index == 0
     block = stored_report.read(piece.data)["equilibrium"]
     assert block["converged"] and block["negative_eigenvalues"] == 0 and block["model"] == "arm"
@@ -48,13 +48,13 @@ def test_a_free_arch_springs_flat(piece: Any, attribute: Any) -> None:
 
 def test_what_is_seen_slides_from_target_to_result(piece: Any) -> None:
     press("simulate")
-    key, target, result = piece.data.shape_keys.key_blocks[equilibrium.KEY], basis(piece), key_of(piece)
+    key, target, result = piece.data.shape_keys.key_blocks[equilibrium.EQUILIBRIUM_KEY], basis(piece), key_of(piece)
     for share in (0.0, 0.5, 1.0):
         key.value = share
         seen = piece.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
         wanted = target + share * (result - target)
         assert np.array([v.co[:] for v in seen.vertices]) == pytest.approx(wanted, abs=1e-6)
-        assert shape_keys.shown_positions(piece.data) == pytest.approx(wanted, abs=1e-6)  # where colours are drawn
+        assert shape_keys.simulated_positions(piece.data) == pytest.approx(wanted, abs=1e-6)  # where colours are drawn
 
 
 def test_supports_stay_where_they_are(piece: Any, attribute: Any) -> None:
@@ -157,18 +157,18 @@ def test_another_shape_gets_its_own_key(piece: Any) -> None:
     assert block["other_energies"][0] == pytest.approx(block["energy"], rel=1e-6)
     top, height = np.argmax(basis(piece)[:, 2]), basis(piece)[ends(piece), 2].mean()
     assert key_of(piece)[top, 2] > height + EDGE
-    assert key_of(piece, f"{equilibrium.OTHER} 1")[top, 2] < height - 0.5 * EDGE
-    shape_keys = equilibrium.keys_of(piece.data)
+    assert key_of(piece, f"{equilibrium.OTHER_KEY} 1")[top, 2] < height - 0.5 * EDGE
+    shape_keys = equilibrium.simulated_keys(piece.data)
     assert [k.name for k in shape_keys] == [
-        equilibrium.KEY,
-        *(f"{equilibrium.OTHER} {i + 1}" for i in range(len(shape_keys) - 1)),
+        equilibrium.EQUILIBRIUM_KEY,
+        *(f"{equilibrium.OTHER_KEY} {i + 1}" for i in range(len(shape_keys) - 1)),
     ]
     assert len(shape_keys) == 1 + len(block["other_energies"]) and [k.value for k in shape_keys] == [1.0] + [0.0] * (
         len(shape_keys) - 1
     )
     piece.flexmaps.simulate.restarts = 0
     press("simulate")
-    assert [k.name for k in equilibrium.keys_of(piece.data)] == [equilibrium.KEY]
+    assert [k.name for k in equilibrium.simulated_keys(piece.data)] == [equilibrium.EQUILIBRIUM_KEY]
     piece.flexmaps.simulate.restarts = 2
     press("simulate")
     press("spirals")
@@ -275,13 +275,13 @@ def test_a_quad_joined_to_nothing_is_told_and_the_rest_simulated(add: Any) -> No
     block = stored_report.read(obj.data)["equilibrium"]
     assert block["converged"]
     (found,) = [f for f in block["findings"] if f["code"] == "joined-to-nothing"]
-    assert found["faces"] == [LENGTH * WIDTH] and found["message"] in equilibrium.sentences(block)[0]
+    assert found["faces"] == [LENGTH * WIDTH] and found["message"] in equilibrium.describe_result(block)[0]
 
 
 def test_findings_on_one_line_end_in_full_stops() -> None:
     block = {"status": "It rests.", "converged": True, "rms_mm": 1.0, "rms_percent": 2.0}
     block["findings"] = [{"code": "one", "message": "One thing is so"}, {"code": "two", "message": "Another is not."}]
-    text, warning = equilibrium.sentences(block)
+    text, warning = equilibrium.describe_result(block)
     assert warning and text == "It rests. Distance to the target: RMS 1 mm, 2 %. One thing is so. Another is not."
 
 

@@ -72,7 +72,7 @@ def test_main_job_up_to_simulate(tmp_path: Path) -> None:
     assert "sheets" not in report and "simulate" in report["seconds"]
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "model.blend"))
     obj = bpy.data.objects["saddle"]
-    assert shape_keys.key_of(obj.data) is not None
+    assert shape_keys.equilibrium_key(obj.data) is not None
     assert not states.is_old(obj, bpy.context.scene, "equilibrium")
 
 
@@ -103,7 +103,7 @@ def test_main_job_tells_what_is_outside_the_model(tmp_path: Path) -> None:
     block = json.loads((tmp_path / "report.json").read_text())["equilibrium"]
     (found,) = [f for f in block["findings"] if f["code"] == "beyond-model"]
     assert "width / thickness" in found["message"] and found["faces"]
-    assert found["message"] in equilibrium.remarks(block) and equilibrium.sentences(block)[1]
+    assert found["message"] in equilibrium.list_warnings(block) and equilibrium.describe_result(block)[1]
     assert found["message"].replace("'", "&#x27;") in (tmp_path / "report.html").read_text()
 
 
@@ -111,7 +111,7 @@ def test_default_shapes_simulate_without_a_warning(add: Any) -> None:
     add(shapes.make("saddle"))
     for button in ("merge", "spirals", "simulate"):
         press(button)
-    assert equilibrium.sound(stored_report.read(bpy.context.object.data)["equilibrium"])
+    assert equilibrium.is_reliable(stored_report.read(bpy.context.object.data)["equilibrium"])
 
 
 def test_the_assembly_sheet_tells_the_forces_at_rest(

@@ -87,7 +87,7 @@ def test_what_does_not_matter_leaves_it_current(piece: Any) -> None:
     press("simulate")
     piece.location, piece.rotation_euler, piece.name = (1.0, 2.0, 3.0), (0.3, 0.2, 0.1), "renamed"
     piece.flexmaps.sheet.margin = 7.0
-    piece.data.shape_keys.key_blocks[equilibrium.KEY].value = 0.3
+    piece.data.shape_keys.key_blocks[equilibrium.EQUILIBRIUM_KEY].value = 0.3
     bpy.context.view_layer.update()
     assert not states.is_old(piece, bpy.context.scene, "equilibrium")
 
@@ -103,7 +103,7 @@ def test_an_earlier_stage_takes_the_result_away(piece: Any, button: str, mode: s
     press(button)
     bpy.ops.object.mode_set(mode="OBJECT")
     assert "equilibrium" not in stored_report.read(piece.data)
-    assert shape_keys.key_of(piece.data) is None
+    assert shape_keys.equilibrium_key(piece.data) is None
     assert not {f"flexmaps_{name}" for name in equilibrium.NAMES} & {a.name for a in piece.data.attributes}
     if button != "regularise":
         assert basis(piece) == pytest.approx(target, abs=1e-7)
@@ -114,7 +114,7 @@ def test_keys_of_the_user_are_left_alone(piece: Any, all_of: Any) -> None:
     piece.shape_key_add(name="mine")
     before = all_of(piece)
     press("simulate")
-    assert [b.name for b in piece.data.shape_keys.key_blocks] == ["Basis", "mine", equilibrium.KEY]
+    assert [b.name for b in piece.data.shape_keys.key_blocks] == ["Basis", "mine", equilibrium.EQUILIBRIUM_KEY]
     press("spirals")
     assert {k: v for k, v in all_of(piece).items() if k.startswith("key")} == {
         k: v for k, v in before.items() if k.startswith("key")
@@ -179,7 +179,7 @@ def test_not_found_is_a_warning_not_a_success(piece: Any, monkeypatch: pytest.Mo
     piece.flexmaps.simulate.iterations = 1
     Simulate().execute(bpy.context)
     block = stored_report.read(piece.data)["equilibrium"]
-    assert not block["converged"] and not equilibrium.sound(block)
+    assert not block["converged"] and not equilibrium.is_reliable(block)
     assert said[-1][0] == "WARNING" and block["status"] in said[-1][1]
     piece.flexmaps.simulate.iterations = 200
     Simulate().execute(bpy.context)  # a seamless strip that nothing holds

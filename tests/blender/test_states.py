@@ -50,8 +50,8 @@ def made(piece: Any) -> Any:
     """The same with everything done, as far as notes and attributes tell."""
     for edge in list(piece.data.edges)[3:60:7]:
         edge.use_seam = True
-    attributes.put(piece, "flexmaps_width", "FACE", "FLOAT", np.full(len(piece.data.polygons), 1.5))
-    attributes.put(piece, "flexmaps_twist", "FACE", "FLOAT", np.full(len(piece.data.polygons), 90.0))
+    attributes.write(piece, "flexmaps_width", "FACE", "FLOAT", np.full(len(piece.data.polygons), 1.5))
+    attributes.write(piece, "flexmaps_twist", "FACE", "FLOAT", np.full(len(piece.data.polygons), 90.0))
     for stage in ("layout", "spirals", "equilibrium", "reach", "optimise", "sheets"):
         stored_report.write(piece.data, stage, {"made": True})
     stored_report.write_checks(piece.data, [])

@@ -79,7 +79,7 @@ def test_values_that_are_never_written_are_left_out(simulated: Any) -> None:
         damaged = values.copy()
         damaged[len(values) // 2] = value
         attribute.data.foreach_set(prop, damaged)
-        assert attributes.get(simulated.data, key) is None
+        assert attributes.read(simulated.data, key) is None
         (told,) = _warnings(simulated)
         assert (
             told
@@ -104,7 +104,7 @@ def test_attributes_of_another_kind_or_place(simulated: Any) -> None:
             if key in simulated.data.attributes:
                 simulated.data.attributes.remove(simulated.data.attributes[key])
             simulated.data.attributes.new(key, kind, domain)
-            assert attributes.get(simulated.data, key) is None
+            assert attributes.read(simulated.data, key) is None
             assert api.load(simulated).result.lost == {}
     assert api.spirals(api.load(simulated)).result.design is not None
 
@@ -122,9 +122,9 @@ def test_a_flat_map_without_size(simulated: Any) -> None:
 def test_every_attribute_of_ours_is_known(simulated: Any) -> None:
     """What the stages write is what the door lets through."""
     ours = {a.name for a in simulated.data.attributes if a.name.startswith(attributes.PREFIX)}
-    assert ours <= {attributes.PREFIX + name for name in attributes.OURS}
-    assert not attributes.ours(simulated.data)[1]
-    assert attributes.OURS["reach"][3] == len(reach.REASON_NAMES) - 1
+    assert ours <= {attributes.PREFIX + name for name in attributes.SPECS}
+    assert not attributes.read_all(simulated.data)[1]
+    assert attributes.SPECS["reach"][3] == len(reach.REASON_NAMES) - 1
 
 
 def test_properties_of_another_kind(spiralled: Any) -> None:

@@ -69,7 +69,7 @@ def test_what_is_not_sure_stays_english(tmp_path: Path) -> None:
         file.append(polib.POEntry(msgid=text, msgstr=words, msgctxt=context, flags=flags, obsolete=obsolete))
     file.append(polib.POEntry(msgid="empty", msgstr=""))
     file.save(str(tmp_path / "xx.po"))
-    assert catalogue.table(tmp_path / "xx.po") == {
+    assert catalogue.read_translations(tmp_path / "xx.po") == {
         ("*", "sure"): "sure",
         ("Operator", "sure"): "sure Operator",
         ("*", "pressed"): "pressed Operator",
@@ -81,7 +81,7 @@ def test_what_is_not_sure_stays_english(tmp_path: Path) -> None:
 
 def test_said_in_the_users_language(monkeypatch: pytest.MonkeyPatch) -> None:
     """Blender as a module knows no languages: its dictionary is played here."""
-    german = {text: words for (_, text), words in catalogue.table(translations.FOLDER / "de.po").items()}
+    german = {text: words for (_, text), words in catalogue.read_translations(translations.FOLDER / "de.po").items()}
     played = SimpleNamespace(
         app=SimpleNamespace(translations=SimpleNamespace(pgettext_rpt=lambda text: german.get(text, text)))
     )
@@ -93,7 +93,7 @@ def test_said_in_the_users_language(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_units_stay_with_their_names(language: Path) -> None:
-    found = catalogue.table(language)
+    found = catalogue.read_translations(language)
     for block in fields(ObjectSettings):
         for f in fields(block.default_factory):  # type: ignore[arg-type]
             unit = SHOWN[f.metadata["unit"]][1]

@@ -88,7 +88,7 @@ def _stored() -> dict[str, Any]:
         "arrays": {name: values.tolist() for name, values in arrays.items()},
         "explored": exploration.read(obj),
         "points": obj[scans.POINTS].name,
-        "layouts": choices.cuts_of(mesh.read_surface(obj, bpy.context.scene), 0).tolist(),
+        "layouts": choices.read_cuts(mesh.read_surface(obj, bpy.context.scene), 0).tolist(),
         "cases": obj.flexmaps.structure.cases,
     }
 

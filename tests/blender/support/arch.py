@@ -42,7 +42,7 @@ def ends(obj: Any) -> np.ndarray:
     return np.flatnonzero(low < low.min() + 1e-5)
 
 
-def key_of(obj: Any, name: str = equilibrium.KEY) -> np.ndarray:
+def key_of(obj: Any, name: str = equilibrium.EQUILIBRIUM_KEY) -> np.ndarray:
     """(V, 3) a shape key, in the object's frame."""
     block = obj.data.shape_keys.key_blocks[name]
     found = np.empty(3 * len(block.data), np.float32)
