@@ -12,11 +12,11 @@ import numpy as np
 try:
     from bl_ext.user_default.flexmaps import api
     from bl_ext.user_default.flexmaps.engine.mechanics.arms import beams, curving
-    from bl_ext.user_default.flexmaps.engine.spirals.curves import lines, spiral
+    from bl_ext.user_default.flexmaps.engine.spirals.curves import arm_curves, spiral
 except ImportError:  # Blender as a Python module, from a checkout
     from flexmaps import api
     from flexmaps.engine.mechanics.arms import beams, curving
-    from flexmaps.engine.spirals.curves import lines, spiral
+    from flexmaps.engine.spirals.curves import arm_curves, spiral
 
 CORNERS = 0.15  # the radius is multiplied by 1 + CORNERS (1 - cos 4 theta), theta the angle from the joint
 spiral_points = spiral.curve_points
@@ -61,7 +61,7 @@ def main():
     quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
     saddle = api.QuadMesh(np.stack([x, y, 4.0 * (x**2 - y**2)], axis=-1).reshape(-1, 3), quads)
     print(f"spirals: {energy(api.simulate(api.load(saddle))):.4g} mJ")
-    users = [patch.object(module, "curve_points", square_points) for module in (spiral, lines, curving)]
+    users = [patch.object(module, "curve_points", square_points) for module in (spiral, arm_curves, curving)]
     with users[0], users[1], users[2], patch.object(beams, "path_integrals", square_integrals):
         beams.integral_series.cache_clear()  # computed from the integrals once
         piece = api.simulate(api.load(saddle))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from flexmaps.engine.arrays import Float, Int
 from flexmaps.engine.fabrication.connectors.connect import Connections, Connector
-from flexmaps.engine.fabrication.connectors.path import Halves, Throughs, complexes, pairs
+from flexmaps.engine.fabrication.connectors.joined_arms import Halves, Throughs, complexes, pairs
 from flexmaps.engine.fabrication.connectors.shape import key
 from flexmaps.engine.fabrication.connectors.tips import Attempt
 from flexmaps.engine.fabrication.panels.kerf import cut_paths

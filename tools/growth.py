@@ -14,7 +14,7 @@ from flexmaps.engine.fabrication.panels import labels
 from flexmaps.engine.params import ConnectorParams, LayoutParams, MaterialParams, SheetParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.layout import PatchLayout
-from flexmaps.engine.spirals import fabricable, touching
+from flexmaps.engine.spirals import contacts, fabricable
 from flexmaps.engine.surface import curvature
 from flexmaps.engine.surface.mesh import QuadMesh
 from harness import EDGE, Row, at_most
@@ -67,7 +67,7 @@ def _stages(layout: PatchLayout, params: SheetParams) -> Iterator[tuple[str, flo
     yield spent("spirals")
     made = connectors.connect(spirals, ConnectorParams())
     yield spent("connectors")
-    touching.find_contacts(list(made.outlines))
+    contacts.find_contacts(list(made.outlines))
     spirals.measure()
     yield spent("proof")
     labels.make_labels(layout, spirals.arms, spirals.roots, params, made.taken)

@@ -82,7 +82,7 @@ class Dabs:
             running.result()
 
     def _paint(self, weights: list[np.ndarray], way: np.ndarray) -> None:
-        from ...engine.spirals.dab import combine_weights
+        from ...engine.spirals.brush_weights import combine_weights
         from ...engine.spirals.painting import Stroke
 
         protect = self._brush == "protect"

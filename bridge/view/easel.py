@@ -22,7 +22,7 @@ from .colouring import stiffness_legend, stiffness_share
 from .live_shape import LIFT, LiveShape, middle_edge
 
 if TYPE_CHECKING:
-    from ...engine.spirals.dab import PaintSurface
+    from ...engine.spirals.brush_weights import PaintSurface
     from ...engine.spirals.design import SpiralDesign
     from ...engine.spirals.painting import Stroke
     from ..store.snapshot import Snapshot
@@ -91,7 +91,7 @@ class SeenSurface:
 
     @classmethod
     def from_easel(cls, easel: Easel, vertices: Float[np.ndarray, "vertices 3"]) -> SeenSurface:
-        from ...engine.spirals.dab import PaintSurface
+        from ...engine.spirals.brush_weights import PaintSurface
 
         return cls(vertices, PaintSurface.from_mesh(vertices, easel.quads), Painting(easel, vertices))
 

@@ -23,7 +23,7 @@ class PaintedPanels:
     """
 
     def __init__(self, name: str, design: SpiralDesign):
-        from ...engine.display.moving import MovingPanels
+        from ...engine.display.moving_panels import MovingPanels
 
         self._moving = MovingPanels(design)
         self._prepare()

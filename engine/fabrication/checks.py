@@ -10,9 +10,9 @@ from ..errors import FlexMapsError
 from ..materials import Material
 from ..params import ConnectorParams, CutParams, SheetParams
 from ..progress import SILENT, Progress
+from ..spirals.contacts import find_contacts, nearest_quads
 from ..spirals.contours import Outline
 from ..spirals.design import SpiralDesign
-from ..spirals.touching import find_contacts, nearest_quads
 from ..surface.checking.finding import with_count
 from .connectors.connect import Connections
 from .nesting.packing import lying_box, turn_that_fits

@@ -11,22 +11,22 @@ from ..errors import FlexMapsError
 from ..params import ConnectorParams, CutParams, SheetParams, refuse_crossed
 from ..patches.joining import panel_numbers
 from ..progress import SILENT, Progress
+from ..spirals.contacts import find_contacts, nearest_quads
 from ..spirals.contours import Outline
 from ..spirals.curves.spiral import centre_line
 from ..spirals.design import SpiralDesign
-from ..spirals.touching import find_contacts, nearest_quads
 from ..surface.checking.finding import with_count
-from .beside import labels_beside
 from .checks import check_kerf, check_mill, check_nozzle, oversize, tight, without
 from .connectors.connect import Connections, connect
-from .nesting.many import refuse_many
 from .nesting.nest import nest
 from .nesting.packing import Packing
+from .nesting.sheet_count import refuse_many
 from .panels.kerf import cut_paths
 from .panels.labels import Labels, SmallLabel, key_label, make_labels, with_mark
 from .panels.panel import Panel
 from .panels.toolpath import WAY, SheetCuts, plan
 from .standing.base import Base
+from .waste_labels import labels_beside
 
 # Penalty factor of places for holding tabs at hubs: one is preferred to a plain arm end only if it is so many times
 # farther from the other tabs

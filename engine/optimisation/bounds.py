@@ -1,6 +1,6 @@
 """Restore the clearance between arms after a step, so that every design of a search can be cut.
 
-The clearance of a gap is a smooth function of the design (see ``spirals.clearance.room``). A step satisfies the
+The clearance of a gap is a smooth function of the design (see ``spirals.clearance.clearance_model``). A step satisfies the
 linearised clearances ``room + slope @ step >= 0``. Gaps that close all the same, because clearance is not linear, are
 opened by moving the design along the gradients of their clearances; if that fails, single spirals take only a share of
 the step.
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Bool, Float
-from ..spirals.clearance.room import Terms
+from ..spirals.clearance.clearance_model import Terms
 from .polytope import LinearClearances, Projection
 
 # Tikhonov term of the least-squares problem that restores clearances. Smaller: nearly parallel gradients with different

@@ -21,7 +21,7 @@ from ..mechanics.vectors import matvec
 from ..patches.flattening.flatten import FlatPatches
 from ..patches.loops import NEXT
 from ..progress import SILENT, Progress
-from ..spirals.clearance.room import ClearanceModel
+from ..spirals.clearance.clearance_model import ClearanceModel
 from .bounds import narrowest_per_pair
 from .codesign_cost import FlatCost, FlatLimits
 from .codesign_geometry import geometry_jacobian, joint_derivatives

@@ -23,7 +23,7 @@ from ..mechanics.newton_system import NewtonSystem
 from ..mechanics.stance import Stance
 from ..params import SimulateParams
 from ..progress import SILENT, Progress
-from ..spirals.clearance.room import ClearanceModel
+from ..spirals.clearance.clearance_model import ClearanceModel
 from .bounds import ClearanceProblem, narrowest_per_pair, restore_clearances
 from .costs import Cost, Roughness
 from .design_space import DesignSpace

@@ -22,6 +22,7 @@ from ..mechanics.clearance.slots_in_space import SpaceSlots
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..spirals.clearance.slots import min_slot_width
+from ..spirals.curves.arm_curves import N_ARM_PARAMETERS
 from ..spirals.curves.arm_geometry import ArmGeometry
 from ..spirals.curves.blends import (
     ANGLE,
@@ -34,7 +35,6 @@ from ..spirals.curves.blends import (
     OWN_WIND,
     RADIUS,
 )
-from ..spirals.curves.lines import N_ARM_PARAMETERS
 from ..spirals.design import SpiralDesign
 from .terms import Rows, ScalarChange, Term
 

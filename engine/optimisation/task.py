@@ -15,7 +15,7 @@ from ..mechanics.stance import Stance
 from ..params import OptimiseParams, SimulateParams
 from ..progress import SILENT, Progress
 from ..simulation.simulate import Simulation, build_model, simulate
-from ..spirals.clearance.room import ClearanceModel
+from ..spirals.clearance.clearance_model import ClearanceModel
 from ..spirals.constraints import NO_CONSTRAINTS, Constraints
 from ..spirals.design import SpiralDesign
 from ..surface.mesh import QuadMesh

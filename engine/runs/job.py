@@ -13,8 +13,8 @@ import numpy as np
 from ..arrays import Float
 from ..errors import FlexMapsError
 from ..extras import registry
-from ..fabrication.nesting.many import refuse_many
-from ..fabrication.standing.early import check_early
+from ..fabrication.nesting.sheet_count import refuse_many
+from ..fabrication.standing.base_checks import check_early
 from ..mechanics import loads
 from ..mechanics.assembly import Pose
 from ..params import Settings, refuse_crossed

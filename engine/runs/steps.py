@@ -12,7 +12,7 @@ from ..extras import registry
 from ..fabrication import assembly_check as assembly_check
 from ..fabrication import estimates, sheets
 from ..fabrication.standing.base import Base, make_base, refuse_rim
-from ..fabrication.standing.early import check_hold
+from ..fabrication.standing.base_checks import check_hold
 from ..fabrication.standing.eyelets import make_eyelets, warn_of_overload
 from ..fabrication.standing.feet import quads_for_feet
 from ..mechanics.assembly import Pose

@@ -14,13 +14,13 @@ from ..progress import SILENT, Progress
 from ..surface.checking.finding import Finding
 from .caps import Cap, left_out_arms, make_caps, stump_starts
 from .clearance import slots
-from .clearance.room import ClearanceModel
+from .clearance.clearance_model import ClearanceModel
 from .contours import Outline, Tips, arm_starts, draw_outlines, fit_edges
 from .curves.spiral import LEFT, RIGHT, Arms, arms, edge_points, opposite_sides
 from .drawing_cache import DrawingCache
 from .rim import Rim
 from .roots import SlotRoots
-from .solid import (
+from .solid_hubs import (
     no_spiral,
     slot_roots,
     update_roots,

@@ -8,9 +8,9 @@ import numpy as np
 
 from ..arrays import Float, Int
 from ..progress import Progress
+from .contacts import find_contacts
 from .contours import Outline, Tips
 from .curves.arcs import FittedArcs
-from .touching import find_contacts
 
 
 @dataclass

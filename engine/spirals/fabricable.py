@@ -14,14 +14,14 @@ from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from ..surface.checking.finding import with_count
 from .clearance import slots
-from .clearance.opening import open_gaps
-from .clearance.room import ClearanceModel
+from .clearance.clearance_model import ClearanceModel
+from .clearance.gap_opening import open_gaps
 from .constraints import NO_CONSTRAINTS, Constraints
+from .contacts import nearest_quads
 from .curves.spiral import opposite_sides, same_width
 from .design import SpiralDesign
-from .solid import fewer_quads, refuse_many, set_solid, without_room, without_spiral
-from .touching import nearest_quads
-from .wider import enlarge_quads
+from .quad_enlarging import enlarge_quads
+from .solid_hubs import fewer_quads, refuse_many, set_solid, without_room, without_spiral
 
 NO_ROOM = "There is no room for the arms of {} however thin and straight; make the mesh more regular there"
 

@@ -16,7 +16,7 @@ from ..arrays import Bool, Float, Int
 from ..errors import FlexMapsError
 from ..patches.flattening.flatten import FlatPatches
 from ..surface.mesh import QuadMesh
-from .clearance.room import ClearanceModel
+from .clearance.clearance_model import ClearanceModel
 from .clearance.slots import OPEN_SHARE, min_slot_width, twist_limit, width_range
 from .design import SpiralDesign
 

@@ -13,7 +13,7 @@ from flexmaps import api
 from flexmaps.bridge.store import fields, mesh, states, stored_report
 from flexmaps.bridge.view import dabs, easel, flat_panels
 from flexmaps.command.main import main
-from flexmaps.engine.display.moving import MovingPanels
+from flexmaps.engine.display.moving_panels import MovingPanels
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.spirals.painting import Stroke

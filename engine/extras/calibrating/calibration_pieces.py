@@ -10,7 +10,7 @@ import numpy as np
 
 from ...arrays import Float
 from ...errors import FlexMapsError
-from ...fabrication.connectors.path import complexes
+from ...fabrication.connectors.joined_arms import complexes
 from ...fabrication.connectors.shape import Size, head, key, round_polyline, size, socket
 from ...fabrication.panels.kerf import offset, open_inside_corners
 from ...fabrication.panels.lettering import length, strokes

@@ -22,7 +22,7 @@ from ...spirals.clearance.slots import min_slot_width
 from ...spirals.contours import Tips
 from ...spirals.curves.spiral import LEFT, RIGHT, edge_points
 from ...spirals.design import SpiralDesign
-from .path import Halves, Throughs, complexes, pairs
+from .joined_arms import Halves, Throughs, complexes, pairs
 from .shape import Size, sizes, tabs
 from .tips import Attempt, Tip, ends_of, make_tips
 

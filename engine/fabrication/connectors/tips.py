@@ -1,6 +1,6 @@
 """Tips: the ends of arms at cuts, shaped for connectors where the arm has room.
 
-Many joints are processed at once, one per row; frames and the parameter tau are those of module ``path``.
+Many joints are processed at once, one per row; frames and the parameter tau are those of module ``joined_arms``.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from ...arrays import Complex, Float
 from ...spirals.curves.arcs import Curve, along_arcs
 from ...spirals.curves.spiral import LEFT, RIGHT
-from .path import ARM_SHARE, SAMPLES, UNFOLDED, Throughs, Widening, complexes, pairs
+from .joined_arms import ARM_SHARE, SAMPLES, UNFOLDED, Throughs, Widening, complexes, pairs
 from .shape import Size, face, head, socket
 
 # length over which a widened tip narrows to its arm, as a share of its added width: preferred and minimum

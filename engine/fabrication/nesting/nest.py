@@ -16,8 +16,8 @@ from ...arrays import Float
 from ...params import SheetParams
 from ...progress import SILENT, Progress
 from ...workers import Workers, cores, python
-from .odd import on_remnants
 from .packing import Packing, pack
+from .remnant_packing import on_remnants
 from .remnants import read
 from .sheet_search import SheetSearch
 
@@ -29,7 +29,7 @@ AT_ONCE = 8  # maximum number of worker processes; more are faster and take more
 def nest(shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: Progress = SILENT) -> Packing:
     """Lay closed outlines on as few sheets as a search of ``params.nesting_seconds`` finds.
 
-    Remnants are filled first (module ``odd``). The result is never worse than the quick packing of ``packing.pack``,
+    Remnants are filled first (module ``remnant_packing``). The result is never worse than the quick packing of ``packing.pack``,
     which is returned where spyrrow is missing or finds nothing better. With equal seeds results repeat as far as the
     time limit allows.
 

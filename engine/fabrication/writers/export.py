@@ -13,7 +13,7 @@ from ...files import NewFile, describe_error, write_all_atomically
 from ...params import ExportParams
 from ...progress import SILENT, Progress
 from ..sheets import CutSheets
-from . import dxf, panel_solids, pdf, series, svg
+from . import dxf, numbered_files, panel_solids, pdf, svg
 
 
 class Format(NamedTuple):
@@ -91,7 +91,7 @@ def write(
     files = [
         (TABLE[key], index, path)
         for key in wanted
-        for index, path in enumerate(series.numbered_paths(_named(base, key), sheets.count))
+        for index, path in enumerate(numbered_files.numbered_paths(_named(base, key), sheets.count))
     ]
     for number, (kind, index, path) in enumerate(files):
         kind.write(sheets, index, new(path), progress.part(number / len(files), (number + 1) / len(files)))
@@ -106,7 +106,7 @@ def stale(base: Path, count: int) -> list[Path]:
     base : path of the files without number and suffix
     count : number of sheets of this run
     """
-    return [path for key in FORMATS for path in series.numbered_before(_named(base, key), count)]
+    return [path for key in FORMATS for path in numbered_files.numbered_before(_named(base, key), count)]
 
 
 def present(base: Path, formats: Collection[str]) -> list[Path]:

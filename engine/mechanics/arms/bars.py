@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ...arrays import Complex, Float
+from ...spirals.curves.arm_curves import ArmCurves
 from ...spirals.curves.blends import (
     ANGLE,
     MATE_LEAN,
@@ -20,7 +21,6 @@ from ...spirals.curves.blends import (
     smooth_positive,
 )
 from ...spirals.curves.blends import N_BLEND_PARAMETERS as BLEND_NUMBERS
-from ...spirals.curves.lines import ArmCurves
 from .tip_beams import HUB_SHARE, hub_ends
 
 # index of the parameter after the parameters of ``blends``: width (metres) of the arm across the slot at the inner edge

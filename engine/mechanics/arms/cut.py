@@ -21,7 +21,7 @@ import numpy as np
 from ...arrays import Columns, Complex, Float
 from ...materials import Material
 from ...spirals.clearance.table_range import SCALE_RANGE
-from ...spirals.curves import law
+from ...spirals.curves import arm_formulas
 from ...spirals.curves.blends import MATE_LEAN, MATE_WIND, OWN_LEAN, OWN_WIDTH, OWN_WIND, RADIUS, blend_joints
 from ...spirals.curves.blends import MATE_WIDTH as BY_MATE_WIDTH
 from ..assembly import Assembly
@@ -289,8 +289,8 @@ def _blend_lines(arms: CutArms, by: slice = _BY_DESIGN) -> tuple[_Line, _Line]:
     x, w = x[:, None], w[:, None]
     t, weight = share * x, share * w
     place, pace, width = _pure_spirals(arms, t, of_design)
-    bent, speed = place + product(slope, share) * law.offset(x), pace + slope * law.offset_slope(x)
-    return (bent, speed, width + (joint - width) * law.fade(x), weight), (place, pace, width, weight)
+    bent, speed = place + product(slope, share) * arm_formulas.offset(x), pace + slope * arm_formulas.offset_slope(x)
+    return (bent, speed, width + (joint - width) * arm_formulas.fade(x), weight), (place, pace, width, weight)
 
 
 def _root_line(arms: CutArms, of_design: bool = True) -> _Line:

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Complex, Float, Int
+from ...spirals.curves.arm_curves import ArmCurves
 from ...spirals.curves.blends import N_BLEND_PARAMETERS, OWN_WIDTH, OWN_WIND, RADIUS, smooth_positive
-from ...spirals.curves.lines import ArmCurves
 from .beams import SHEAR_FACTOR, torsion_constant
 from .pieces import POISSON
 

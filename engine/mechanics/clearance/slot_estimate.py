@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from ...arrays import Float, Int
+from ...spirals.curves.arm_curves import ArmCurves
 from ...spirals.curves.blends import (
     ANGLE,
     MATE_LEAN,
@@ -26,7 +27,6 @@ from ...spirals.curves.blends import (
     OWN_WIND,
     RADIUS,
 )
-from ...spirals.curves.lines import ArmCurves
 from ..arms.tip_beams import BentBeams, PointGradient, SplitVector, TipBeams
 from ..vectors import dot
 from .sections import Section, SectionPull

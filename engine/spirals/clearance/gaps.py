@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...arrays import Columns, Complex, Float, Int
-from ..curves import law
+from ..curves import arm_formulas
+from ..curves.arm_curves import ArmCurves, blend_offset
 from ..curves.blends import ANGLE, OWN_WIND, RADIUS
-from ..curves.lines import ArmCurves, blend_offset
 from ..curves.spiral import arm_widths
-from .pairs import DEPTHS, ROUND, SAME_QUAD, Pairs
+from .arm_pairs import DEPTHS, ROUND, SAME_QUAD, Pairs
 
 _PLACES = 13  # number of t on the first arm where gaps are measured; more find narrower gaps and take longer
 _COARSE = 25  # number of points of the second arm, of which the nearest starts the search; more take longer
@@ -372,9 +372,9 @@ def sharp_slopes(
     share, slope, wind = end.share[i], end.slope[i], lines.wind[i]
     t = share * u
     _, d1, d2, half = lines.at(i, t)[:4]
-    turn = law.turn(lines.angle[i], wind, t)
+    turn = arm_formulas.turn(lines.angle[i], wind, t)
     r = lines.radius[i] * (1.0 - t)
-    q1, q2 = law.offset_slope(u), law.offset_bend(u)
+    q1, q2 = arm_formulas.offset_slope(u), arm_formulas.offset_bend(u)
     first, second = slope * q1, slope * q2 / share
     pure = d1 - first, d2 - second
     third = (3.0 * wind**2 * lines.radius[i] - 1j * wind**3 * r) * turn
@@ -391,7 +391,7 @@ def sharp_slopes(
     bent = (np.conj(d1) * d2).imag
     change = (np.conj(moves[0]) * d2[:, None] + np.conj(d1)[:, None] * moves[1]).imag / (size**3)[:, None]
     change -= (3.0 * bent / size**5)[:, None] * (np.conj(d1)[:, None] * moves[0]).real
-    joint = law.fade(u)
+    joint = arm_formulas.fade(u)
     # at a fixed u, the width does not depend on the length of the blend
     wide = 0.5 * joint[:, None] * end.width_by[i]
     wide[:, 0] += 0.5 * (1.0 - joint)

@@ -10,8 +10,8 @@ from scipy.sparse import csr_array
 from ...arrays import Complex, Float, Int
 from ...params import SpiralParams
 from ...patches.flattening.flatten import FlatPatches
+from .arm_curves import CENTRE_X, CENTRE_Y
 from .blends import ANGLE, MATE_LEAN, OWN_LEAN, RADIUS, lean_angles
-from .lines import CENTRE_X, CENTRE_Y
 from .spiral import mate_signs, opposite_sides, spokes
 
 
@@ -70,7 +70,7 @@ class ArmGeometry:
         Parameters
         ----------
         arm : (K,) arm on whose parameters each quantity depends
-        by : (K, N_ARM_PARAMETERS) derivatives of K quantities, in the columns defined in ``lines`` and ``blends``
+        by : (K, N_ARM_PARAMETERS) derivatives of K quantities, in the columns defined in ``arm_curves`` and ``blends``
 
         Returns
         -------

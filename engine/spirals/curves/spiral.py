@@ -16,7 +16,7 @@ from ...arrays import Columns, Float, Int
 from ...params import SpiralParams
 from ...patches.flattening.flatten import FlatPatches
 from ...surface.mesh import QuadMesh
-from . import law
+from . import arm_formulas
 from .blends import blend_joints, lean_angles
 
 LEFT, RIGHT = 1.0, -1.0  # sides of an arm, seen from the centre outwards
@@ -196,12 +196,12 @@ def curve_points(
     # continue arms straight beyond the centre
     if (t > 1.0).any():
         angle, wind = np.where(t > 1.0, angle + wind, angle), np.where(t > 1.0, 0.0, wind)
-    p, d1, d2 = law.spiral_points(radius, angle, wind, t)
+    p, d1, d2 = arm_formulas.spiral_points(radius, angle, wind, t)
     if slope.any():
         u = np.minimum(t / share, 1.0)
-        p += slope * law.offset(u, share)
-        d1 += slope * law.offset_slope(u)
-        d2 += slope * (law.offset_bend(u) / share)
+        p += slope * arm_formulas.offset(u, share)
+        d1 += slope * arm_formulas.offset_slope(u)
+        d2 += slope * (arm_formulas.offset_bend(u) / share)
     return p, d1, d2
 
 
@@ -237,7 +237,11 @@ def arm_widths(
     """
     u = np.minimum(t / share, 1.0)
     change, bend = joint - width, -60.0 * (u * (1.0 - u)) * (1.0 - 2.0 * u)
-    return width + change * law.fade(u), change * (law.fade_slope(u) / share), change * (bend / share**2)
+    return (
+        width + change * arm_formulas.fade(u),
+        change * (arm_formulas.fade_slope(u) / share),
+        change * (bend / share**2),
+    )
 
 
 def widening(extra: Floats, full: Floats, over: Floats, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -252,7 +256,7 @@ def widening(extra: Floats, full: Floats, over: Floats, t: np.ndarray) -> tuple[
     span = np.maximum(np.asarray(over) - full, 1e-9)
     u = np.clip((t - full) / span, 0.0, 1.0)
     rest = u * (1.0 - u)
-    return extra * law.fade(u), -30.0 * extra * rest * rest / span
+    return extra * arm_formulas.fade(u), -30.0 * extra * rest * rest / span
 
 
 def edge_points(

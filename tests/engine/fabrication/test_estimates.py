@@ -6,7 +6,7 @@ import pytest
 import shapely
 from flexmaps.engine import MARK
 from flexmaps.engine.fabrication import estimates, sheets
-from flexmaps.engine.fabrication.writers import parts, series
+from flexmaps.engine.fabrication.writers import numbered_files, parts
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.params import ConnectorParams, CostParams, MaterialParams, SheetParams, SpiralParams
 from flexmaps.engine.spirals import fabricable
@@ -63,7 +63,7 @@ def test_the_parts_list_names_every_part_and_sums(flat_grid, tmp_path):
     made = fabricable.uniform_design(flat_grid(4, 3, cut=lambda x, y: x == 2), SpiralParams(thickness=0.003))
     cut = sheets.make_sheets(made, SheetParams(nesting="FAST"), connectors=ConnectorParams(connector="key"))
     path = parts.write(cut, [made], MATERIALS["birch"], tmp_path / "parts.csv")
-    assert series.ours(path)
+    assert numbered_files.ours(path)
     with open(path, encoding="utf-8", newline="") as stream:
         *rows, total = csv.DictReader(stream)
     panels, keys = ([row for row in rows if row["kind"] == kind] for kind in ("panel", "key"))

@@ -31,7 +31,7 @@ from flexmaps.engine.progress import SILENT
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import build_model, simulate
 from flexmaps.engine.spirals import fabricable
-from flexmaps.engine.spirals.clearance.room import ClearanceModel
+from flexmaps.engine.spirals.clearance.clearance_model import ClearanceModel
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh

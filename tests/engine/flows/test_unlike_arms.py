@@ -23,7 +23,7 @@ from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.spirals import fabricable
-from flexmaps.engine.spirals.touching import find_contacts
+from flexmaps.engine.spirals.contacts import find_contacts
 from flexmaps.engine.surface import shapes
 
 fit = sys.modules["flexmaps_connector_gaps"].fit

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from flexmaps.engine.optimisation.bounds import ClearanceProblem, narrowest_per_pair, restore_clearances
 from flexmaps.engine.optimisation.polytope import LinearClearances
-from flexmaps.engine.spirals.clearance.room import Terms
+from flexmaps.engine.spirals.clearance.clearance_model import Terms
 from scipy.sparse import csr_array
 
 

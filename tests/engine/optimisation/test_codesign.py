@@ -29,7 +29,7 @@ from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import build_model, simulate
-from flexmaps.engine.spirals.clearance.room import ClearanceModel
+from flexmaps.engine.spirals.clearance.clearance_model import ClearanceModel
 from flexmaps.engine.spirals.constraints import NO_CONSTRAINTS, Constraints
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.spirals.fabricable import make_fabricable

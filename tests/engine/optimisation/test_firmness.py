@@ -30,7 +30,7 @@ from flexmaps.engine.optimisation.terms import StrainLimit
 from flexmaps.engine.params import Settings, SimulateParams
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import build_model
-from flexmaps.engine.spirals.clearance.room import ClearanceModel
+from flexmaps.engine.spirals.clearance.clearance_model import ClearanceModel
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh

@@ -7,9 +7,9 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.spirals import contours, fabricable
 from flexmaps.engine.spirals.clearance import slots
+from flexmaps.engine.spirals.contacts import find_contacts, nearest_quads
 from flexmaps.engine.spirals.curves import spiral
 from flexmaps.engine.spirals.design import SpiralDesign
-from flexmaps.engine.spirals.touching import find_contacts, nearest_quads
 
 SHEAR = np.array([[1.0, 0.03], [0.12, 1.05]])
 TAPER = lambda p: p * [[1.0, 1.0]] + np.column_stack([0.25 * p[:, 0] * p[:, 1] / 0.06, 0 * p[:, 1]])  # noqa: E731

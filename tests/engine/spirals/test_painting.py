@@ -13,12 +13,12 @@ from flexmaps.engine.mechanics.arms.spiral_stiffness import spiral_stiffness, up
 from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.params import ChooseParams, OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.runs import job
-from flexmaps.engine.spirals.clearance.room import ClearanceModel
+from flexmaps.engine.spirals.clearance.clearance_model import ClearanceModel
 from flexmaps.engine.spirals.constraints import Constraints
+from flexmaps.engine.spirals.contacts import find_contacts
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.spirals.fabricable import unfabricable_quads, uniform_design
 from flexmaps.engine.spirals.painting import BRUSHES, Canvas, Stroke, paint_spirals
-from flexmaps.engine.spirals.touching import find_contacts
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.symmetry import symmetries

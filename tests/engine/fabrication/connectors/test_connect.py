@@ -12,7 +12,7 @@ from flexmaps.engine.fabrication.connectors.shape import head, key, size, socket
 from flexmaps.engine.params import ConnectorParams, CutParams, SheetParams, SpiralParams
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.spirals import design, fabricable
-from flexmaps.engine.spirals.touching import find_contacts
+from flexmaps.engine.spirals.contacts import find_contacts
 
 fit = sys.modules["flexmaps_connector_gaps"].fit
 

@@ -11,8 +11,8 @@ from flexmaps.engine.fabrication.connectors.shape import round_polyline
 from flexmaps.engine.fabrication.panels import kerf
 from flexmaps.engine.params import CutParams, SheetParams, SpiralParams
 from flexmaps.engine.spirals import fabricable
+from flexmaps.engine.spirals.contacts import find_contacts
 from flexmaps.engine.spirals.curves.arcs import Curve
-from flexmaps.engine.spirals.touching import find_contacts
 
 SQUARE = [(0.0, 0.0), (0.02, 0.0), (0.02, 0.01), (0.0, 0.01)]
 NOTCHED = [(0.0, 0.0), (0.03, 0.0), (0.03, 0.02), (0.02, 0.02), (0.016, 0.01), (0.014, 0.01), (0.01, 0.02), (0.0, 0.02)]

@@ -11,8 +11,8 @@ from flexmaps.engine.mechanics.arms.tip_beams import BentBeams, PointGradient, S
 from flexmaps.engine.mechanics.clearance import slot_estimate
 from flexmaps.engine.mechanics.clearance.sections import Section, SectionPull
 from flexmaps.engine.mechanics.clearance.slot_estimate import Slots
+from flexmaps.engine.spirals.curves.arm_curves import ArmCurves
 from flexmaps.engine.spirals.curves.blends import N_BLEND_PARAMETERS
-from flexmaps.engine.spirals.curves.lines import ArmCurves
 
 PIECES, FILLET, THICKNESS, COUNT = 10, 3e-4, 0.002, 40
 ROWS = np.arange(COUNT)

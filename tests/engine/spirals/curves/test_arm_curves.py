@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from flexmaps.engine.spirals.curves import blends
-from flexmaps.engine.spirals.curves.lines import CENTRE_X, CENTRE_Y, N_ARM_PARAMETERS, ArmCurves
+from flexmaps.engine.spirals.curves.arm_curves import CENTRE_X, CENTRE_Y, N_ARM_PARAMETERS, ArmCurves
 
 COUNT, SHORTEST = 60, 0.15
 # where the parameters of an arm stand among the arguments of ``curves``

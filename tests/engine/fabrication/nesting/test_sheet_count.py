@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.fabrication.nesting.many import refuse_many
+from flexmaps.engine.fabrication.nesting.sheet_count import refuse_many
 from flexmaps.engine.params import SheetParams
 
 TRIANGLE = 0.1 * np.array([[0, 0], [1, 0], [1, 1.0]])

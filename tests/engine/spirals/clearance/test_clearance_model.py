@@ -13,9 +13,9 @@ from flexmaps.engine.optimisation.bounds import narrowest_per_pair
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.simulation.simulate import build_model
-from flexmaps.engine.spirals.clearance import pairs
-from flexmaps.engine.spirals.clearance.opening import open_gaps
-from flexmaps.engine.spirals.clearance.room import ClearanceModel
+from flexmaps.engine.spirals.clearance import arm_pairs
+from flexmaps.engine.spirals.clearance.clearance_model import ClearanceModel
+from flexmaps.engine.spirals.clearance.gap_opening import open_gaps
 from flexmaps.engine.spirals.curves import spiral
 from flexmaps.engine.spirals.curves.spiral import same_width
 from flexmaps.engine.spirals.design import SpiralDesign
@@ -79,7 +79,7 @@ def test_derivatives_agree_with_differences(case, by):
             exact = terms.by_flat @ p
         for kind, name in enumerate(("beside", "across", "round", "sharp", "wound")):
             some = (_kinds(room, terms) == kind) & apart
-            assert some.sum() > (0 if kind == pairs.ROUND else 20), name
+            assert some.sum() > (0 if kind == arm_pairs.ROUND else 20), name
             np.testing.assert_allclose(found[some], exact[some], atol=1e-6 * np.abs(exact[some]).max(), err_msg=name)
 
 
@@ -132,7 +132,7 @@ def test_the_narrowest_gaps_agree_with_shapely(flat_grid, clockwise):
             spiral.centre_line(shape, np.broadcast_to(np.linspace(0, d, 2001), (9, 4, 2001)))[0].reshape(36, -1, 2)
             for d in depths
         ]
-        for depths in pairs.DEPTHS.tolist()
+        for depths in arm_pairs.DEPTHS.tolist()
     ]
     seen = np.zeros(3, dtype=int)
     for a, b, kind, need in zip(room.pairs.one, room.pairs.two, room.pairs.kind, room.need, strict=True):
@@ -140,11 +140,11 @@ def test_the_narrowest_gaps_agree_with_shapely(flat_grid, clockwise):
             exact = shapely.LineString(lines[kind][0][a]).distance(shapely.LineString(lines[kind][1][b])) - 0.001
             assert least[a, b] * room.slot + need == pytest.approx(exact, abs=1e-7)
             seen[kind] += 1
-    assert seen[pairs.SAME_QUAD] > 10 and seen[pairs.ACROSS] > 1
+    assert seen[arm_pairs.SAME_QUAD] > 10 and seen[arm_pairs.ACROSS] > 1
     # nothing else is near
     mates = {tuple(sorted(pair)) for pair in enumerate(room.shapes.mate.tolist())}
     known = {tuple(sorted(pair)) for pair in zip(room.pairs.one.tolist(), room.pairs.two.tolist(), strict=True)}
-    outer = [shapely.LineString(line[:1201]) for line in lines[pairs.SAME_QUAD][1]]
+    outer = [shapely.LineString(line[:1201]) for line in lines[arm_pairs.SAME_QUAD][1]]
     for a, b in combinations(range(36), 2):
         if a // 4 != b // 4 and (a, b) not in mates and outer[a].distance(outer[b]) < 0.0014:
             assert (a, b) in known

@@ -7,7 +7,7 @@ from scipy.sparse import csr_array
 
 from ...arrays import Bool
 from ...progress import SILENT, Progress
-from .room import ClearanceModel
+from .clearance_model import ClearanceModel
 
 # largest number of rounds that change spirals by the derivatives of closed gaps (mostly under 10 are needed), and of
 # all rounds; the remaining rounds change all spirals at closed gaps by a fixed share

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flexmaps.engine.display import solids
-from flexmaps.engine.display.moving import MovingPanels
+from flexmaps.engine.display.moving_panels import MovingPanels
 from flexmaps.engine.params import LayoutParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace

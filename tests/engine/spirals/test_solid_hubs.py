@@ -11,7 +11,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication.sheets import make_sheets
 from flexmaps.engine.params import SheetParams, SpiralParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
-from flexmaps.engine.spirals import fabricable, painting, solid, wider
+from flexmaps.engine.spirals import fabricable, painting, quad_enlarging, solid_hubs
 from flexmaps.engine.spirals.design_report import design_report
 
 SIZE = 12  # quads along each side: more than a hundred, so that one of them may stay without a spiral
@@ -63,7 +63,7 @@ def test_its_panel_is_one_sound_piece_with_more_material_there(needle: FlatPatch
 def test_it_is_known_again_by_its_widths_alone(needle: FlatPatches) -> None:
     made = fabricable.uniform_design(needle, SpiralParams())
     stored = made.width.astype(np.float32).astype(float)
-    assert (solid.without_spiral(stored, made.params) == made.solid).all()
+    assert (solid_hubs.without_spiral(stored, made.params) == made.solid).all()
     again = fabricable.make_fabricable(needle, made.params, stored, made.twist)
     assert (again.solid == made.solid).all() and not len(fabricable.unfabricable_quads(again))
 
@@ -88,7 +88,7 @@ def test_more_than_one_in_a_hundred_are_refused_with_a_count_that_would_do(
 @pytest.mark.parametrize("share", [0.08, 0.01])
 def test_neighbours_make_room_and_outlines_stay(flat_grid: Callable[..., FlatPatches], share: float) -> None:
     flat = flat_grid(SIZE, SIZE, move=needled(5, 5, share))
-    moved = wider.enlarge_quads(flat, np.array([5 * SIZE + 5]))
+    moved = quad_enlarging.enlarge_quads(flat, np.array([5 * SIZE + 5]))
     rim = np.unique(flat.layout.flat_corners[flat.layout.outline_sides])
     assert np.array_equal(moved.points[rim], flat.points[rim])
     corners = moved.corners @ np.array([1.0, 1j])

@@ -7,7 +7,7 @@ import pytest
 from flexmaps.engine.params import LayoutParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
-from flexmaps.engine.spirals.clearance.pairs import ACROSS, DEPTHS, pairs_of
+from flexmaps.engine.spirals.clearance.arm_pairs import ACROSS, DEPTHS, pairs_of
 from flexmaps.engine.spirals.curves.spiral import centre_line, opposite_sides, width_at
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface import shapes

@@ -10,8 +10,8 @@ import numpy as np
 from ...arrays import Bool, Columns, Complex, Float, Int
 from ...params import SpiralParams
 from ...patches.flattening.flatten import FlatPatches
+from ..curves.arm_curves import ArmCurves
 from ..curves.blends import lean_angles
-from ..curves.lines import ArmCurves
 from ..curves.spiral import mate_signs, opposite_sides, spokes
 
 # Kinds of pairs: two consecutive arms of a quad; an arm and the two arms beside its mate (the arm across the joint);

@@ -22,12 +22,12 @@ from scipy.sparse import csr_array
 from ...arrays import Bool, Float, Int
 from ...params import SpiralParams
 from ...patches.flattening.flatten import FlatPatches
+from ..curves.arm_curves import N_ARM_PARAMETERS, ArmCurves
 from ..curves.arm_geometry import ArmGeometry
 from ..curves.blends import MATE_WIDTH, MATE_WIND, OWN_WIDTH, OWN_WIND, RADIUS
-from ..curves.lines import N_ARM_PARAMETERS, ArmCurves
 from ..curves.spiral import same_width
+from .arm_pairs import ROUND, SAME_QUAD, Pairs, pairs_of
 from .gaps import gap_slopes, narrow, sharp, sharp_slopes
-from .pairs import ROUND, SAME_QUAD, Pairs, pairs_of
 from .slots import min_slot_width, width_range
 from .table_range import twist_margin
 

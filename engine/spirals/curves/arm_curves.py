@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Complex, Float, Int
-from . import law
+from . import arm_formulas
 from .blends import ANGLE, N_BLEND_PARAMETERS, OWN_WIDTH, OWN_WIND, RADIUS, Blends, blend_joints
 from .spiral import arm_widths, curve_points
 
@@ -88,7 +88,7 @@ class ArmCurves:
         complex points, metres
         """
         end = self.end
-        pure = self.radius[i] * (1.0 - t) * law.turn(self.angle[i], self.wind[i], t)
+        pure = self.radius[i] * (1.0 - t) * arm_formulas.turn(self.angle[i], self.wind[i], t)
         return self.centre[i] + pure + end.slope[i] * blend_offset(end.share[i], t)
 
     def pull(
@@ -108,8 +108,8 @@ class ArmCurves:
         """
         end, share, slope = self.end, self.end.share[i], self.end.slope[i]
         u = np.minimum(t / share, 1.0)
-        value, change = law.offset(u), law.offset_slope(u)
-        turn = law.turn(self.angle[i], self.wind[i], t)
+        value, change = arm_formulas.offset(u), arm_formulas.offset_slope(u)
+        turn = arm_formulas.turn(self.angle[i], self.wind[i], t)
         point = np.zeros((len(i), N_ARM_PARAMETERS))
 
         def project(move: np.ndarray) -> np.ndarray:
@@ -126,7 +126,7 @@ class ArmCurves:
         point[:, RADIUS] += radial
         point[:, ANGLE] += across
         point[:, CENTRE_X], point[:, CENTRE_Y] = along.real, along.imag
-        joint, narrows = law.fade(u), -30.0 * (u * (1.0 - u)) ** 2 * -u / share
+        joint, narrows = arm_formulas.fade(u), -30.0 * (u * (1.0 - u)) ** 2 * -u / share
         half = np.zeros((len(i), N_ARM_PARAMETERS))
         half[:, :N_BLEND_PARAMETERS] = 0.5 * joint[:, None] * end.width_by[i]
         half[:, :N_BLEND_PARAMETERS] += (0.5 * (end.width[i] - self.width[i]) * narrows)[:, None] * end.share_by[i]
@@ -153,7 +153,7 @@ class ArmCurves:
         """
         end, rest, radius, wind = self.end, 1.0 - t, self.radius[:, None], self.wind[:, None]
         # in a frame that turns with the spiral, derivatives along the spoke (real part) and across it (imaginary part)
-        back = np.conj(law.turn(self.angle[:, None], wind, t))
+        back = np.conj(arm_formulas.turn(self.angle[:, None], wind, t))
         own, pace = back * point, back * velocity
         (along, aside), (along1, aside1) = ((np.ascontiguousarray(x) for x in (y.real, y.imag)) for y in (own, pace))
         level = wind * rest
@@ -169,7 +169,12 @@ class ArmCurves:
         share, slope = end.share[:, None], end.slope[:, None]
         point, velocity, half = point[:, some], velocity[:, some], half[:, some]
         u = np.minimum(t[:, some] / share, 1.0)
-        value, change, again, joint = law.offset(u), law.offset_slope(u), law.offset_bend(u), law.fade(u)
+        value, change, again, joint = (
+            arm_formulas.offset(u),
+            arm_formulas.offset_slope(u),
+            arm_formulas.offset_bend(u),
+            arm_formulas.fade(u),
+        )
         by_point, by_velocity = _dot(point, slope), _dot(velocity, slope)
         narrowing = half * (-15.0 * (end.width - self.width)[:, None] / share) * (u * (1.0 - u)) ** 2
         further = by_velocity * (again / share) + narrowing
@@ -196,4 +201,4 @@ def blend_offset(share: np.ndarray, t: np.ndarray) -> np.ndarray:
     share : length of the blend, in t
     t : places on the arm; broadcasts with ``share``
     """
-    return law.offset(np.minimum(t / share, 1.0), share)
+    return arm_formulas.offset(np.minimum(t / share, 1.0), share)

@@ -14,7 +14,7 @@ from ..spirals.caps import stump_starts
 from ..spirals.clearance.slots import min_slot_width
 from ..spirals.contours import arm_starts
 from ..spirals.design import SpiralDesign
-from ..spirals.solid import slot_roots
+from ..spirals.solid_hubs import slot_roots
 from . import arrange
 from .solids import ArmVertices, PolygonSolid, arm_edges, light, rim_points
 
