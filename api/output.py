@@ -159,7 +159,7 @@ def _guard(piece: Piece | bpy.types.Object, overwrite: bool) -> Guard:
         return guard_of([piece], overwrite)
     from ..bridge.store import objects
 
-    return Guard(objects.files_read(), overwrite)
+    return Guard(objects.list_open_files(), overwrite)
 
 
 def calibration_sheet(
@@ -226,7 +226,7 @@ def calibrated(sheet: str | Path, *, name: str | None = None, **readings: Any) -
     if name is not None:
         from ..bridge.store import presets
 
-        presets.keep(name, made.settings)
+        presets.write_preset(name, made.settings)
     return made
 
 

@@ -108,8 +108,8 @@ def field(piece: Piece, where: Where) -> np.ndarray:
         if piece.uid is not None:
             from ..bridge.store import fields, objects, snapshot
 
-            if where in fields.list_fields(objects.find(piece.uid)):
-                return fields.read_field(*snapshot.read_again(piece.uid), where)
+            if where in fields.list_fields(objects.find_by_uid(piece.uid)):
+                return fields.read_field(*snapshot.reread_surface(piece.uid), where)
         try:
             quads = parse_supports(piece.mesh, where)
         except FlexMapsError:

@@ -113,7 +113,7 @@ def change(
     if isinstance(supports, str) and piece.uid is not None:
         from ..bridge.store import supports as groups
 
-        if groups.is_group(piece.uid, supports):
+        if groups.has_group(piece.uid, supports):
             wanted, supports = with_values(wanted, {"loads.supports": supports}), None
     made = piece.made
     if made is not None:
@@ -127,7 +127,7 @@ def change(
             from ..bridge.store import snapshot
             from ..bridge.store import supports as groups
 
-            held, force = groups.loads(*snapshot.read_again(piece.uid), wanted.loads)
+            held, force = groups.read_loads(*snapshot.reread_surface(piece.uid), wanted.loads)
             made = made.with_user(supports=held, force=force)
         # load cases name vertex groups; the section is missing if their extra is not installed
         cases, known = (getattr(one, "structure", None) for one in (wanted, piece.settings))
@@ -135,7 +135,7 @@ def change(
             from ..bridge.store import snapshot
             from ..bridge.store import supports as groups
 
-            made = made.with_user(groups=groups.read_groups(*snapshot.read_again(piece.uid), wanted))
+            made = made.with_user(groups=groups.read_groups(*snapshot.reread_surface(piece.uid), wanted))
         if supports is not None:
             made = made.with_user(supports=parse_supports(made.mesh, supports))
         made = job.run_quick_stages(made, wanted)
@@ -160,7 +160,7 @@ def show(piece: Piece, obj: bpy.types.Object | None = None) -> bpy.types.Object:
     from ..bridge.view import scene
 
     if obj is None and piece.uid is not None:
-        obj = objects.find(piece.uid)
+        obj = objects.find_by_uid(piece.uid)
     elif obj is None:
         obj = scene.add_model(bpy.context.scene, piece.mesh, piece.name)
     scene.put(piece.result, obj, bpy.context.scene, piece.settings)
@@ -324,8 +324,8 @@ def _from_blender(source: Any) -> Piece:
     from ..engine import versions
 
     obj = source if hasattr(source, "bl_rna") else scene.open_blend(source)
-    stored = snapshot.read(obj)
-    other = versions.version_warning(stored_report.made_with(obj.data))
+    stored = snapshot.read_piece(obj)
+    other = versions.version_warning(stored_report.read_version(obj.data))
     if other:
         warnings.warn(f"'{obj.name}': {other}", versions.OtherVersion, stacklevel=3)
     name = obj.name if obj is source else Path(source).name
@@ -340,7 +340,7 @@ def _from_blender(source: Any) -> Piece:
         made=stored.result,
         uid=stored.uid,
         seams=stored.seams,
-        files=objects.files_read(),
+        files=objects.list_open_files(),
     )
 
 

@@ -132,7 +132,7 @@ def compare(piece: Piece, scan: str | Path, *, unit: str = "", anywhere: bool = 
     if piece.uid is not None and ready.simulation is None:
         from ..bridge.store import snapshot
 
-        ready = ready.with_user(rest=snapshot.rest_of(piece.uid))
+        ready = ready.with_user(rest=snapshot.read_rest_pose(piece.uid))
     return go_on(replace(piece, made=ready, files=(*piece.files, Path(scan))), ("compare",), progress)
 
 

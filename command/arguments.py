@@ -242,8 +242,8 @@ def _simulate_if_needed(args: argparse.Namespace, tell: Any) -> Any:
 
     piece = api.load(args.mesh, **source(args))
     if piece.uid is not None and not args.settings and not args.supports:
-        obj = objects.find(piece.uid)
-        if "equilibrium" in stored_report.read(obj.data) and not states.is_old(obj, bpy.context.scene, "equilibrium"):
+        obj = objects.find_by_uid(piece.uid)
+        if "equilibrium" in stored_report.read(obj.data) and not states.is_stale(obj, bpy.context.scene, "equilibrium"):
             return obj
     return api.simulate(piece, progress=tell)
 

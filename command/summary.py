@@ -48,7 +48,7 @@ def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
     if "scan" in described:
         from ..bridge.store import scans
 
-        print(f"  {scans.sentence(described['scan'])}")
+        print(f"  {scans.describe_result(described['scan'])}")
     if "structure" in described:
         _structure(described["structure"])
     if "sheets" in described:

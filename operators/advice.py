@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..bridge.store import advice, stored_report
-from ..bridge.store.objects import find
+from ..bridge.store.objects import find_by_uid
 from ..engine.errors import FlexMapsError
 from ..engine.optimisation.remedies import FINER, LARGER, MILLIMETRES, THINNER
 from ..engine.params import ObjectSettings
@@ -41,7 +41,7 @@ class Advised(ContinuedStage["Made"]):
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        return stored_report.missing(obj.data, "design") or advice.refusal(obj.data, cls.remedy)
+        return stored_report.missing_result(obj.data, "design") or advice.refusal(obj.data, cls.remedy)
 
     def changed(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
         """Return the result with the remedy applied and spirals made; runs outside Blender's main thread.
@@ -129,7 +129,11 @@ class MakeLarger(Advised, bpy.types.Operator):
 
         about = snapshot.surface.to_metres[:3, 3]
         made = job.scale_piece(result, self._amount, about, snapshot.settings, progress.part(0.0, 0.8))
-        if searched or snapshot.note is None or not mesh.as_noted(result.need(DesignVersion).design, snapshot.note):
+        if (
+            searched
+            or snapshot.note is None
+            or not mesh.is_as_reported(result.need(DesignVersion).design, snapshot.note)
+        ):
             return made  # optimised or hand-made spirals are a better start than spirals computed from the curvature
         return job.run_stages(made, snapshot.settings, ("spirals",), progress.part(0.8, 1.0))
 
@@ -150,7 +154,7 @@ class MakeLarger(Advised, bpy.types.Operator):
             )
         framing.follow(context, obj, self._amount)
         # scaling changes the checksum of "down" as well, although the object was not turned
-        self._made_from |= {"down": states.settings_now(obj, context.scene)["down"]}
+        self._made_from |= {"down": states.read_settings_checksums(obj, context.scene)["down"]}
         stored_report.write_checks(obj.data, result.after.findings)
         return self.written(context, obj, now, result, 1.0, self._amount)
 
@@ -180,7 +184,7 @@ class MakeThinner(Advised, bpy.types.Operator):
         from ..engine.runs import stages
 
         obj.flexmaps.spiral.thickness = self._amount
-        now, others = states.settings_now(obj, context.scene), stages.STAGES["spirals"].settings
+        now, others = states.read_settings_checksums(obj, context.scene), stages.STAGES["spirals"].settings
         # accept the new thickness as an input, unless the user changed another setting of the spirals meanwhile
         if all(now[part] == self._made_from[part] for part in others):
             self._made_from |= {"spiral": now["spiral"]}
@@ -243,7 +247,7 @@ class MakeFiner(Advised, bpy.types.Operator):
         return text
 
     def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Made) -> Iterator[None]:
-        return super().after(context, find(self._made), result)
+        return super().after(context, find_by_uid(self._made), result)
 
 
 CLASSES = (MakeLarger, MakeThinner, MakeFiner)

@@ -9,7 +9,7 @@ import bpy
 
 from ..bridge.store import presets, settings
 from ..bridge.store.i18n import translate
-from ..bridge.store.paths import folder_of
+from ..bridge.store.paths import resolve_folder
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings, with_values
 from .stage import AtOnce, OnObject
@@ -32,7 +32,7 @@ class CalibrationSheet(Writes, AtOnce, OnObject, bpy.types.Operator):
         from .. import api
 
         wanted = settings.read(context.object.flexmaps, ObjectSettings)
-        folder = folder_of(wanted.export.folder) / SUBFOLDER
+        folder = resolve_folder(wanted.export.folder) / SUBFOLDER
         written = api.calibration_sheet(folder, wanted, formats=_formats(wanted), overwrite=self.overwrite)
         return translate("{} in {}", ", ".join(path.name for path in written), folder)
 
@@ -80,10 +80,10 @@ class Calibrated(AtOnce, OnObject, bpy.types.Operator):
 
         obj = context.object
         wanted = settings.read(obj.flexmaps, ObjectSettings)
-        made = coupons.read(folder_of(wanted.export.folder) / SUBFOLDER)
+        made = coupons.read(resolve_folder(wanted.export.folder) / SUBFOLDER)
         result = calibrate.calibrate(made, self._readings())
         settings.write(obj.flexmaps, with_values(wanted, result.settings))
-        kept = presets.keep(self.preset, result.settings) if self.preset.strip() else None
+        kept = presets.write_preset(self.preset, result.settings) if self.preset.strip() else None
         self.level = "WARNING" if result.warnings else "INFO"
         return _describe(result, kept)
 

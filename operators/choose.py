@@ -60,7 +60,7 @@ class ChooseStage(LayoutStage):
         said = translate("The layout stays")
         if flat is not None:
             said = super().finish(context, obj, surface, flat)
-            mesh.write_start(obj, surface, *choice.best.judged.spirals)
+            mesh.write_last_spirals(obj, surface, *choice.best.judged.spirals)
         stored.write_cuts(obj, surface, [one.flat.layout.cut for one in choice.proposals])
         choices.keep(obj, strip)
         stored_report.write(obj.data, "choose", choice.report())
@@ -137,7 +137,7 @@ class TakeChoice(LayoutStage, bpy.types.Operator):
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        return stored_report.missing(obj.data, "choice")
+        return stored_report.missing_result(obj.data, "choice")
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         from ..engine.errors import FlexMapsError

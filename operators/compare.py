@@ -81,7 +81,7 @@ class Compare(Asked, ContinuedStage["Result"], bpy.types.Operator):
         scans.write(obj, result.scan, scan_points.show(obj, context.scene, result.scan))
         blocks = report.blocks(result, ("scan",))
         stored_report.write_all(obj.data, blocks)
-        return scans.sentence(blocks["scan"])
+        return scans.describe_result(blocks["scan"])
 
     shows = "SCAN"
 

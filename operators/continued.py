@@ -32,7 +32,7 @@ class ContinuedStage(StageOperator[Made]):
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        return stored_report.missing(obj.data, cls.needs) if cls.needs else None
+        return stored_report.missing_result(obj.data, cls.needs) if cls.needs else None
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Made]:
         """Return the work, a function that continues from the stored result.
@@ -43,12 +43,12 @@ class ContinuedStage(StageOperator[Made]):
 
     def prepare(self, surface: ObjectSurface, settings: ObjectSettings) -> Work[Made]:
         from ..bridge.store import snapshot as snapshots
-        from ..bridge.store.objects import find
+        from ..bridge.store.objects import find_by_uid
 
-        obj, needs = find(surface.uid), self.needs
+        obj, needs = find_by_uid(surface.uid), self.needs
         # supports are needed too if there is a base, which changes the spirals of supported quads
         loaded = self.loaded or settings.base.base != "none"
-        snapshot = snapshots.take(obj, surface, settings, loaded=loaded)
+        snapshot = snapshots.take_snapshot(obj, surface, settings, loaded=loaded)
         go_on = self.continuation(obj, snapshot)
 
         def work(progress: Progress) -> Made:

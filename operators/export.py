@@ -10,7 +10,7 @@ import bpy
 from ..bridge.hosts import letters
 from ..bridge.store import stored_report
 from ..bridge.store.i18n import translate
-from ..bridge.store.paths import file_name, folder_of
+from ..bridge.store.paths import file_name, resolve_folder
 from ..engine import files
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
@@ -46,7 +46,7 @@ class Export(IntoFolder, ContinuedStage["SheetFiles"], bpy.types.Operator):
         formats, look = export.chosen_formats(settings.export), flat_panels.look_of(settings)
         # the panels drawn beside the model must be redrawn if their connectors differ from the settings
         stale = any(o.get(flat_panels.LOOK, look) != look for o in flat_panels.panels_of(obj))
-        base = folder_of(settings.export.folder) / file_name(snapshot.name)
+        base = resolve_folder(settings.export.folder) / file_name(snapshot.name)
         guard = self.guard(settings, export.present(base, formats), base.parent)
         letters.learn(snapshot.name)
         # the assembly sheet lists joints overloaded in the simulated shape, and a base stands under that shape

@@ -44,7 +44,7 @@ class LayoutStage(ContinuedStage):
         mesh.shelve_design(obj)
         flat_panels.show_flat(obj, context.scene, flat, centres)
         stored_report.write(obj.data, "layout", block)
-        states.stamp_unnoted(obj, context.scene, "forecast", self._made_from)
+        states.stamp_side_result(obj, context.scene, "forecast", self._made_from)
         return translate("{}, largest distortion {:.3f}", panels(block["patches"]), block["energy_max"])
 
     def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: object) -> Iterator[None]:
@@ -120,7 +120,7 @@ class FlattenStage(LayoutStage):
         def go_on(result: Result, progress: Progress) -> FlatReported:
             from ..engine.runs import by_hand
 
-            previous = mesh.flat_of(snapshot.surface, result.mesh) if reuse else None
+            previous = mesh.read_flat(snapshot.surface, result.mesh) if reuse else None
             return reported(
                 by_hand.flatten_by_hand(result, snapshot.seams(result), snapshot.settings, progress, previous)
             )
@@ -144,7 +144,7 @@ class UpdateFromSeams(FlattenStage, bpy.types.Operator):
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        return stored_report.missing(obj.data, "flat")
+        return stored_report.missing_result(obj.data, "flat")
 
 
 CLASSES = (Trace, Merge, Flatten, UpdateFromSeams)

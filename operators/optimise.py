@@ -134,8 +134,8 @@ class Optimise(SearchStage, bpy.types.Operator):
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
         from ..bridge.store import attributes
 
-        start = None if attributes.has(obj, "flexmaps_last_width") else stored_report.missing(obj.data, "design")
-        return stored_report.missing(obj.data, "flat") or start
+        start = None if attributes.has(obj, "flexmaps_last_width") else stored_report.missing_result(obj.data, "design")
+        return stored_report.missing_result(obj.data, "flat") or start
 
 
 CLASSES = (Optimise,)

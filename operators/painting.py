@@ -25,7 +25,7 @@ class _Painter(Polled):
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
         if obj.mode != "OBJECT":
             return "Go to Object Mode to paint spirals"
-        return stored_report.missing(obj.data, "design")
+        return stored_report.missing_result(obj.data, "design")
 
 
 class PickBrush(AtOnce, _Painter, bpy.types.Operator):

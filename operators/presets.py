@@ -28,7 +28,7 @@ class Preset(OnObject, AddPresetBase, bpy.types.Operator):
     preset_menu = MENU
     preset_subdir = "flexmaps"
     preset_defines = ["settings = bpy.context.object.flexmaps"]
-    preset_values = presets.values()
+    preset_values = presets.list_expressions()
 
 
 class ApplyPreset(OnObject, bpy.types.Operator):
@@ -46,7 +46,7 @@ class ApplyPreset(OnObject, bpy.types.Operator):
             return {"CANCELLED"}
         # Blender's own operator makes no undo step; called from this operator, it gets one
         done: set[str] = bpy.ops.script.execute_preset(filepath=self.filepath, menu_idname=MENU)
-        presets.note(context.object, Path(self.filepath))
+        presets.write_last_preset(context.object, Path(self.filepath))
         return done
 
 

@@ -61,13 +61,13 @@ class Preview(ContinuedStage["BuiltPreview"], bpy.types.Operator):
         built, params, simulated = result
         animation.clear(obj)  # preview and animation are shown in the same place
         preview.show(obj, context.scene, built, params, simulated)
-        states.stamp_unnoted(obj, context.scene, "preview", self._made_from)
+        states.stamp_side_result(obj, context.scene, "preview", self._made_from)
         figures = preview.note_of(obj)
         amounts = figures["spirals"], figures["triangles"], figures["seconds"]
         text = translate("{} spirals, {} triangles in {:.1f} s", *amounts)
         if not simulated:
             return f"{text}. {translate('Not simulated yet: the hubs lie on the target')}"
-        if states.is_old(obj, context.scene, "equilibrium"):
+        if states.is_stale(obj, context.scene, "equilibrium"):
             self.level = "WARNING"
             return f"{text}. {translate('The mesh or a setting was changed since; press Simulate again')}"
         return text

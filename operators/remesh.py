@@ -10,7 +10,7 @@ import bpy
 from ..bridge.hosts import preload
 from ..bridge.store import settings, stored_report
 from ..bridge.store.i18n import translate
-from ..bridge.store.objects import find
+from ..bridge.store.objects import find_by_uid
 from ..bridge.view import replacing
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
@@ -60,18 +60,18 @@ class QuadRemesh(AnyMesh, StageOperator["Requadded"], bpy.types.Operator):
         from ..bridge.store import mesh, modifiers, remesh_source, states
         from ..engine.surface.checking import check
 
-        obj = find(self._source)
+        obj = find_by_uid(self._source)
         made = remesh.as_object(result.polygons, obj, context.scene)
-        source = remesh_source.source_of(obj, context.scene)
-        remesh_source.note(made, source)
+        source = remesh_source.read_source(obj, context.scene)
+        remesh_source.write_source(made, source)
         replacing.take_over(context, obj, made)
-        modifiers.note(made.data, modifiers.sentence(source))
+        modifiers.write_note(made.data, modifiers.describe_ignored(source))
         if self.size:
             replacing.resize(context, made, self.size)
         polygons = mesh.read_surface(made, context.scene).polygons
         stored_report.write_checks(made.data, [*check.everything(polygons), *result.findings])
         states.stamp(made, context.scene)
-        states.stamp_unnoted(made, context.scene, "regularise")  # a remesh regularises its quads
+        states.stamp_side_result(made, context.scene, "regularise")  # a remesh regularises its quads
         edge = check.median_edge(polygons)
         lines = [translate("'{}': {} quads, edge {:.3g} mm", made.name, len(made.data.polygons), edge * 1e3)]
         lines += [finding.message for finding in result.findings]

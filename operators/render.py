@@ -12,7 +12,7 @@ import bpy
 
 from ..bridge.store import stored_report
 from ..bridge.store.i18n import translate
-from ..bridge.store.paths import picture_file, picture_files
+from ..bridge.store.paths import list_pictures, resolve_picture
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
 from .stage import StageOperator, Work
@@ -34,7 +34,7 @@ class Render(Writes, StageOperator["list[Path]"], bpy.types.Operator):
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        return stored_report.missing(obj.data, "design")
+        return stored_report.missing_result(obj.data, "design")
 
     def prepare(self, surface: ObjectSurface, settings: ObjectSettings) -> Work[list[Path]]:
         """Build the scene, which is fast, and return the work that renders it in a second Blender process.
@@ -42,12 +42,12 @@ class Render(Writes, StageOperator["list[Path]"], bpy.types.Operator):
         Rendering in this process would block the window for minutes.
         """
         from ..bridge.hosts import second_render
-        from ..bridge.store.objects import find
+        from ..bridge.store.objects import find_by_uid
         from ..bridge.view import picture
 
-        obj, params = find(surface.uid), settings.render
-        self._path = picture_file(params.file, params.film)
-        self._guard = self.guard(settings, picture_files(self._path))
+        obj, params = find_by_uid(surface.uid), settings.render
+        self._path = resolve_picture(params.file, params.film)
+        self._guard = self.guard(settings, list_pictures(self._path))
         self._folder = tempfile.TemporaryDirectory(prefix="flexmaps-")
         pack, made = Path(self._folder.name) / "scene.blend", Path(self._folder.name) / "made"
         frames = 0
@@ -89,8 +89,8 @@ class Render(Writes, StageOperator["list[Path]"], bpy.types.Operator):
 
         try:
             used = settings.read(context.object.flexmaps, ObjectSettings)
-            params, path = used.render, picture_file(used.render.file, used.render.film)
-            guard = self.guard(used, picture_files(path))
+            params, path = used.render, resolve_picture(used.render.file, used.render.film)
+            guard = self.guard(used, list_pictures(path))
             if params.film:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 count = picture.film(context.object, path, params)

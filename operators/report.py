@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..bridge.store.i18n import translate
-from ..bridge.store.paths import file_name, folder_of
-from ..bridge.store.settings import unsaved
+from ..bridge.store.paths import file_name, resolve_folder
+from ..bridge.store.settings import is_relative_to_unsaved
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
 from .writes import IntoFolder
@@ -56,8 +56,8 @@ class Report(IntoFolder, ContinuedStage["Plots"], bpy.types.Operator):
         content = held.read(obj, snapshot)
         letters = self._letters = Future()
         export_folder, folder = snapshot.settings.export.folder, None
-        if self.files and not unsaved(export_folder):
-            folder = folder_of(export_folder) / f"{file_name(snapshot.name)}-report"
+        if self.files and not is_relative_to_unsaved(export_folder):
+            folder = resolve_folder(export_folder) / f"{file_name(snapshot.name)}-report"
             guard = self.guard(snapshot.settings, report_page.stale(folder), folder)
 
         def go_on(result: Result, progress: Progress) -> Plots:
@@ -128,7 +128,7 @@ class Share(IntoFolder, ContinuedStage["tuple[Path, bool]"], bpy.types.Operator)
         from ..bridge.view import report as held
 
         content = held.read(obj, snapshot)
-        path = folder_of(snapshot.settings.export.folder) / f"{file_name(snapshot.name)}-share.html"
+        path = resolve_folder(snapshot.settings.export.folder) / f"{file_name(snapshot.name)}-share.html"
         guard = self.guard(snapshot.settings, [path])
 
         def go_on(result: Result, progress: Progress) -> tuple[Path, bool]:

@@ -51,9 +51,9 @@ class OnObject(Polled):
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str | None:
-        from ..bridge.store.objects import unusable
+        from ..bridge.store.objects import usage_problem
 
-        return unusable(context.object)
+        return usage_problem(context.object)
 
 
 class AnyMesh(OnObject):
@@ -273,16 +273,16 @@ class StageOperator(Polled, HandsOver[Made]):
             raise FlexMapsError("Select a mesh object")
         self._scene = context.scene.session_uid
         self._surface = mesh.read_surface(obj, context.scene)
-        self._made_from = states.settings_now(obj, context.scene)
+        self._made_from = states.read_settings_checksums(obj, context.scene)
         return self.prepare(self._surface, settings.read(obj.flexmaps, ObjectSettings))
 
     def _write(self, context: bpy.types.Context, result: Made) -> Iterator[None]:
         from ..bridge.store import failures, mesh, states
-        from ..bridge.store.objects import find
+        from ..bridge.store.objects import find_by_uid
         from ..bridge.view import overlay
 
         assert self._surface is not None
-        obj = find(self._surface.uid)
+        obj = find_by_uid(self._surface.uid)
         if not mesh.read_surface(obj, context.scene).same_as(self._surface):
             raise FlexMapsError(
                 f"'{obj.name}' was changed while {self.bl_label} ran; nothing was written, run it again"
@@ -296,7 +296,7 @@ class StageOperator(Polled, HandsOver[Made]):
         redraw(context)
         yield
         with suppress(FlexMapsError):  # if the object was deleted, there is nothing to draw
-            for _ in self.after(context, find(self._surface.uid), result):
+            for _ in self.after(context, find_by_uid(self._surface.uid), result):
                 yield
         redraw(context)
         level, text = self.level, message
@@ -324,14 +324,14 @@ class StageOperator(Polled, HandsOver[Made]):
         return {"CANCELLED"}
 
     def _refused(self, context: bpy.types.Context, error: FlexMapsError) -> set[str]:
-        from ..bridge.store.objects import find
+        from ..bridge.store.objects import find_by_uid
 
         if self._surface is not None and (error.faces or error.edges):
             with suppress(FlexMapsError):  # if the object was deleted, there is nothing to select
-                framing.reveal(context, find(self._surface.uid), self._surface, error.faces, error.edges)
+                framing.reveal(context, find_by_uid(self._surface.uid), self._surface, error.faces, error.edges)
                 framing.frame(context)
         with suppress(FlexMapsError):  # if the object was deleted, there is nowhere to store it
-            self._note(context, find(self.uid), error)
+            self._note(context, find_by_uid(self.uid), error)
         redraw(context)
         self.report({"ERROR"}, str(error))
         return {"CANCELLED"}
@@ -357,14 +357,14 @@ def why_not(obstacle: Callable[[bpy.types.Object], str | None], obj: bpy.types.O
     obstacle : returns a sentence why the operator cannot run on a usable mesh, or None
     obj : the active object
     """
-    from ..bridge.store.objects import changed_by_modifiers, unusable
+    from ..bridge.store.objects import modifier_problem, usage_problem
 
     running = background.current()
     if running is not None:
         return still_running(running)
-    problem = unusable(obj)
+    problem = usage_problem(obj)
     if problem is None and obj is not None:
-        problem = changed_by_modifiers(obj) or obstacle(obj)
+        problem = modifier_problem(obj) or obstacle(obj)
     return problem
 
 

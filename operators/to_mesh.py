@@ -30,7 +30,7 @@ class ToMesh(AtOnce, NewObject, bpy.types.Operator):
         source = context.object
         if source.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")
-        without = modifiers.sentence(source)
+        without = modifiers.describe_ignored(source)
         with modifiers.surface_only(source):
             if not _has_faces(source, context):
                 raise FlexMapsError(
@@ -39,7 +39,7 @@ class ToMesh(AtOnce, NewObject, bpy.types.Operator):
             bpy.ops.object.convert(target="MESH", keep_original=self.keep)
         if self.keep:  # otherwise Blender may have removed the source, as it does with metaballs
             source.hide_set(True)
-        modifiers.note(context.object.data, without)
+        modifiers.write_note(context.object.data, without)
         return without
 
 

@@ -10,8 +10,8 @@ import bpy
 from ..bridge.hosts import preload
 from ..bridge.store.i18n import sheets as counted_sheets
 from ..bridge.store.i18n import translate
-from ..bridge.store.objects import unusable
-from ..bridge.store.paths import file_name, folder_of
+from ..bridge.store.objects import usage_problem
+from ..bridge.store.paths import file_name, resolve_folder
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
 from .stage import AnyMesh, StageOperator, Work
@@ -42,7 +42,7 @@ class ExportTogether(IntoFolder, AnyMesh, StageOperator["BatchFiles"], bpy.types
         from ..engine.fabrication.writers import export
 
         objects = _selected(context)
-        stored = [snapshot.read(obj) for obj in objects]
+        stored = [snapshot.read_piece(obj) for obj in objects]
         letters.learn(*(obj.name for obj in objects))
         names, settings = [obj.name for obj in objects], [one.settings for one in stored]
         missing = [
@@ -54,7 +54,7 @@ class ExportTogether(IntoFolder, AnyMesh, StageOperator["BatchFiles"], bpy.types
             )
         first = settings[0]
         formats = export.chosen_formats(first.export)
-        base = folder_of(first.export.folder) / f"{file_name(names[0])}-{ENDING}"
+        base = resolve_folder(first.export.folder) / f"{file_name(names[0])}-{ENDING}"
         guard = self.guard(first, export.present(base, formats), base.parent)
 
         def work(progress: Progress) -> BatchFiles:
@@ -78,7 +78,7 @@ def _selected(context: bpy.types.Context) -> list[bpy.types.Object]:
     """Return the selected objects that FlexMaps can work on, the active one first."""
     active = context.object
     # leave out objects that FlexMaps drew beside a model
-    others = [o for o in context.selected_objects if o != active and not unusable(o) and "flexmaps_kind" not in o]
+    others = [o for o in context.selected_objects if o != active and not usage_problem(o) and "flexmaps_kind" not in o]
     return [active, *sorted(others, key=lambda obj: obj.name)]
 
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..bridge.store.i18n import translate
-from ..bridge.store.paths import folder_of
-from ..bridge.store.settings import unsaved
+from ..bridge.store.paths import resolve_folder
+from ..bridge.store.settings import is_relative_to_unsaved
 from ..engine.errors import FlexMapsError
 from ..engine.own_files import Guard, UserFileError
 from .stage import AtOnce, OnObject, message_of
@@ -42,11 +42,11 @@ class Writes:
         ------
         UserFileError where an existing file is the user's, unless ``overwrite`` is set.
         """
-        from ..bridge.store.objects import files_read
+        from ..bridge.store.objects import list_open_files
         from ..engine.fabrication.nesting.remnants import SEPARATOR
 
         remnants = [path.strip() for path in settings.sheet.remnants.split(SEPARATOR) if path.strip()]
-        made = Guard([*files_read(), *remnants], self.overwrite)
+        made = Guard([*list_open_files(), *remnants], self.overwrite)
         made.check(present, root)
         return made
 
@@ -66,7 +66,7 @@ class IntoFolder(Writes):
     """Base of operators that write into the object's export folder; if the .blend file is unsaved, they ask for one."""
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if bpy.app.background or not unsaved(context.object.flexmaps.export.folder):
+        if bpy.app.background or not is_relative_to_unsaved(context.object.flexmaps.export.folder):
             return super().invoke(context, event)  # type: ignore[misc]
         bpy.ops.flexmaps.choose_folder("INVOKE_DEFAULT", stage=self.bl_idname)  # type: ignore[attr-defined]
         return {"CANCELLED"}
@@ -110,7 +110,7 @@ class ChooseFolder(FromDialog, AtOnce, OnObject, bpy.types.Operator):
     stage: bpy.props.StringProperty(default="flexmaps.export", options={"SKIP_SAVE", "HIDDEN"})  # type: ignore[valid-type]
 
     def act(self, context: bpy.types.Context) -> None:
-        context.object.flexmaps.export.folder = str(folder_of(self.directory))
+        context.object.flexmaps.export.folder = str(resolve_folder(self.directory))
         begin(self.stage)
 
 

@@ -12,7 +12,7 @@ import bpy
 from ..bridge.hosts import background, live
 from ..bridge.store.finding_words import INFORMATION, STOPS
 from ..bridge.store.i18n import quads
-from ..bridge.store.notices import KEPT, Notice
+from ..bridge.store.notices import FEW_QUADS, Notice
 from ..bridge.view import colouring, head_text
 from ..bridge.view.widths import lines, room, wide
 from .rows import button, menu, sentence, tr
@@ -175,7 +175,7 @@ def _words(layout: Any, notice: Notice) -> None:
     row = layout.row()
     row.alignment, row.alert = "LEFT", notice.kind == STOPS
     icon = "INFO" if notice.kind == INFORMATION else "ERROR"
-    if "/" not in notice.key and notice.key != KEPT:  # the notice concerns no place on the object: no button
+    if "/" not in notice.key and notice.key != FEW_QUADS:  # the notice concerns no place on the object: no button
         row.label(text=notice.words, icon=icon, translate=False)
         return
     button(row, "flexmaps.show_notice", notice.words, icon, emboss=False).key = notice.key

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 
 from ..bridge.store.i18n import sheets
-from ..bridge.store.settings import unsaved
+from ..bridge.store.settings import is_relative_to_unsaved
 from ..engine.extras import registry
 from .rows import button, decimals, duration, figures, menu, percent, rare, settings_popover, tr, value
 from .stages import block_of, look
@@ -33,7 +33,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
         row.prop(files, "guide", text=tr("Guide"), toggle=True, translate=False)
     column = body.column(align=True)
     row = value(column, files, "folder", tr("Folder"))
-    row.alert = unsaved(files.folder)
+    row.alert = is_relative_to_unsaved(files.folder)
     value(column, files, "copies", tr("Copies"))
     value(column, wanted.sheet, "remnants", tr("Offcuts")).operator("flexmaps.add_remnant", text="", icon="ADD")
     row = body.row(align=True)

@@ -21,7 +21,7 @@ class PresetPanel(BlenderPresets, bpy.types.Panel):
     @classmethod
     def draw_by_name(cls, layout: Any, obj: bpy.types.Object) -> None:
         """Draw the menu, labelled with the last applied preset, and a star if a setting was changed since."""
-        layout.popover(panel=cls.bl_idname, text=presets.last_preset(obj)[0] or tr("Presets"), translate=False)
+        layout.popover(panel=cls.bl_idname, text=presets.read_last_preset(obj)[0] or tr("Presets"), translate=False)
 
 
 CLASSES = (PresetPanel,)

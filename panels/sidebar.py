@@ -8,7 +8,7 @@ import bpy
 
 from ..bridge.hosts import background, preload
 from ..bridge.store import states, stored_report
-from ..bridge.store.objects import linked, unusable
+from ..bridge.store.objects import is_linked, usage_problem
 from . import check, head, layout, make, piece, presets, shape, show, workshop
 from .rows import button, tr
 from .stages import ICONS, look
@@ -37,17 +37,17 @@ class MainPanel(bpy.types.Panel):
     bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", "FlexMaps"
 
     def draw_header_preset(self, context: bpy.types.Context) -> None:
-        if unusable(context.object) is None:
+        if usage_problem(context.object) is None:
             presets.PresetPanel.draw_by_name(self.layout, context.object)
 
     def draw(self, context: bpy.types.Context) -> None:
-        panel, problem = self.layout, unusable(context.object)
+        panel, problem = self.layout, usage_problem(context.object)
         preload.start()
         if problem is None:
             look(context, afresh=True)
         head.draw(panel, context, problem)
         if problem is not None:
-            if context.object is not None and linked(context.object):
+            if context.object is not None and is_linked(context.object):
                 panel.operator("object.make_local", text=tr("Make local")).type = "SELECT_OBDATA"
             _welcome(panel)
             return
@@ -88,8 +88,8 @@ def _sign(context: bpy.types.Context, module: Any, stages: tuple[str, ...]) -> s
     """Return the icon that summarises a section's stages: out of date, to do, past a limit, or a tick."""
     seen = look(context)
     kinds = {seen.states[stage].kind for stage in stages if stage in seen.states}
-    if states.OLD in kinds:
-        return ICONS[states.OLD]
+    if states.STALE in kinds:
+        return ICONS[states.STALE]
     if states.TODO in kinds or not kinds:
         return ICONS[states.TODO]
     if hasattr(module, "past_limit") and module.past_limit(context):

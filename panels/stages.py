@@ -11,7 +11,7 @@ import bpy
 from ..bridge.store import guidance, states, stored_report
 from ..bridge.store.guidance import Guidance
 
-ICONS = {states.TODO: "BLANK1", states.DONE: "CHECKMARK", states.OLD: "FILE_REFRESH"}
+ICONS = {states.TODO: "BLANK1", states.DONE: "CHECKMARK", states.STALE: "FILE_REFRESH"}
 # seconds for which popovers reuse the states computed by the tab; has to be longer than a redraw, and is short enough
 # that nobody notices old states; not measured
 ONE_REDRAW = 0.2
@@ -63,5 +63,5 @@ def block_of(layout: Any, context: bpy.types.Context, stage: str) -> tuple[Any, 
     if stage not in seen.blocks:
         return None
     column = layout.column()
-    column.active = seen.states[stage].kind != states.OLD
+    column.active = seen.states[stage].kind != states.STALE
     return column, seen.blocks[stage]

@@ -89,7 +89,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
         button(row, "flexmaps.calibrated", tr("Results"), "DRIVER_DISTANCE")
     row = body.row(align=True)
     row.popover("FLEXMAPS_PT_presets", text=tr("Keep in preset"), translate=False)
-    file = presets.last_preset(context.object)[1]
+    file = presets.read_last_preset(context.object)[1]
     back = row.row(align=True)
     back.enabled = bool(file)
     button(back, "flexmaps.apply_preset", tr("Back to preset")).filepath = file

@@ -51,10 +51,10 @@ def _text(rng: random.Random, mesh: Any) -> str:
         (
             stored_report.NAME,
             stored_report.NAME,
-            stored_report.MADE_FROM,
-            stored_report.NAME + stored_report.SUM,
-            stored_report.MADE_FROM + stored_report.SUM,
-            stored_report.FRESH,
+            stored_report.INPUT_CHECKSUMS,
+            stored_report.NAME + stored_report.CHECKSUM_SUFFIX,
+            stored_report.INPUT_CHECKSUMS + stored_report.CHECKSUM_SUFFIX,
+            stored_report.UNSTAMPED,
         )
     )
     old = mesh.get(name)

@@ -344,7 +344,7 @@ def _faults() -> list[str]:
         found += [f"{mesh.name}: {name} is not finite" for name in _not_finite(mesh)]
         if "flexmaps_fresh" in mesh:
             found.append("a stage wrote notes without a stamp")
-        if stored_report.unsound(mesh):
+        if stored_report.is_damaged(mesh):
             found.append(f"the notes on {mesh.name} are not sound")
     return found + undrawn()
 
@@ -364,13 +364,13 @@ def _not_finite(mesh: Any) -> list[str]:
 def undrawn() -> list[str]:
     """Panels that cannot be drawn."""
     from flexmaps import panels
-    from flexmaps.bridge.store.objects import unusable
+    from flexmaps.bridge.store.objects import usage_problem
 
     found = []
     for panel in panels.CLASSES:
         if getattr(panel, "bl_region_type", "") not in {"UI", "HEADER"} or "draw" not in vars(panel):
             continue
-        if panel.bl_region_type == "HEADER" and unusable(bpy.context.object) is not None:
+        if panel.bl_region_type == "HEADER" and usage_problem(bpy.context.object) is not None:
             continue  # popovers stand in sections, which need a mesh
         try:
             panel.draw(SimpleNamespace(layout=Nothing(), bl_ui_units_x=15), bpy.context)

@@ -137,7 +137,7 @@ class ObjectWatcher:
         return before != (self.shown, self.problem)
 
     def _tick(self, now: float) -> None:
-        from ..store.objects import find
+        from ..store.objects import find_by_uid
 
         if background.current() is not None:  # leave the processor to the job; its result will be a change to follow
             self.touched = True
@@ -147,7 +147,7 @@ class ObjectWatcher:
         if (self._gone and not self._refused) or (now >= self._next and (self.touched or now >= self._look)):
             self.touched = False
             try:
-                self._read(find(self.uid))
+                self._read(find_by_uid(self.uid))
             except FlexMapsError as error:
                 self._refused = str(error)
             spent = time.perf_counter() - now
@@ -162,11 +162,11 @@ class ObjectWatcher:
         self._refused = ""
         known = self._given
         if known is None or state.changes(known):
-            start = equilibrium.read_rest_pose(obj, scene, mesh.read_anyhow(obj, scene)) if known is None else None
+            start = equilibrium.read_rest_pose(obj, scene, mesh.read_in_any_mode(obj, scene)) if known is None else None
             self._given = state
             self._beside().follow(state, start)
         block = stored_report.read(obj.data).get("equilibrium")
-        self.final = block is not None and not states.is_old(obj, scene, "equilibrium")
+        self.final = block is not None and not states.is_stale(obj, scene, "equilibrium")
 
     def _beside(self) -> Companion:
         from .companion import Companion

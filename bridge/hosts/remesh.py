@@ -34,7 +34,7 @@ def seen(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonMesh:
     ------
     FlexMapsError : there are no polygons, or a scale factor is 0
     """
-    source = remesh_source.source_of(obj, context.scene)
+    source = remesh_source.read_source(obj, context.scene)
     for one in {obj, source}:
         if abs(np.linalg.det(to_metres(one, context.scene)[:3, :3])) < 1e-30:
             raise FlexMapsError(
@@ -43,7 +43,7 @@ def seen(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonMesh:
     polygons = read_evaluated(source, context.scene)
     if source == obj:
         return polygons
-    there = remesh_source.between(source, obj, context.scene)
+    there = remesh_source.source_to_quads(source, obj, context.scene)
     return replace(polygons, vertices=polygons.vertices @ there[:3, :3].T + there[:3, 3])
 
 

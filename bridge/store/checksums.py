@@ -56,7 +56,7 @@ class Checksums:
             faces = len(mesh.polygons)
         mirrored = bool(np.linalg.det(self._frame) < 0)
         rest = f"{_format_matrix(self._frame.T @ self._frame)} {mirrored} {faces}"
-        return positions.tobytes() + corners.tobytes() + rest.encode() + vertex_positions.state(self._obj)
+        return positions.tobytes() + corners.tobytes() + rest.encode() + vertex_positions.user_keys_as_bytes(self._obj)
 
     def _bmesh(self) -> bmesh.types.BMesh | None:
         """Return the BMesh of edit mode; None outside it, above ``MAX_EDGES`` edges, or while another shape key is edited.
@@ -108,7 +108,7 @@ class Checksums:
     def _settings(self, name: str) -> bytes:
         own = getattr(self._obj, "flexmaps", None)  # None where the extension is not registered
         section, but = section_of(name)
-        text = b"" if own is None else settings.changed(getattr(own, section), but).encode()
+        text = b"" if own is None else settings.format_changed(getattr(own, section), but).encode()
         return text + self._values(handles.HELD, handles.PULL) if section == "loads" else text
 
 

@@ -42,8 +42,8 @@ def clear(obj: bpy.types.Object) -> None:
     """Remove all shape keys and attributes that a simulation wrote, because they are out of date."""
     for name in (*NAMES, REACH, UTILISATION):
         attributes.remove(obj, attributes.PREFIX + name)
-    pose.forget(obj)
-    scans.forget(obj)
+    pose.clear(obj)
+    scans.clear(obj)
     _remove(obj, simulated_keys(obj.data))
 
 
@@ -112,7 +112,7 @@ def write(
     if limits is not None:
         attributes.write(obj, attributes.PREFIX + REACH, "FACE", "INT", limits.kind)
     pose.write(obj, surface.to_metres, simulation.equilibrium.pose)
-    scans.forget(obj)
+    scans.clear(obj)
     obj.data.update()
 
 
@@ -210,7 +210,7 @@ def read_rest_pose(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Objec
     surface : the object's surface, for its frame
     """
     block = stored_report.read(obj.data).get("equilibrium")
-    if block is None or not is_reliable(block) or states.is_old(obj, scene, "equilibrium"):
+    if block is None or not is_reliable(block) or states.is_stale(obj, scene, "equilibrium"):
         return None
     return pose.read(obj, surface.to_metres)
 

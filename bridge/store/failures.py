@@ -12,7 +12,7 @@ import bpy
 from ...engine.errors import FlexMapsError
 from . import modifiers, stored_report
 from .checksums import Checksums
-from .states import OF_SETTINGS, PARTS
+from .states import INPUTS, SETTINGS_INPUTS
 
 NAME = "flexmaps_failed"  # text on the mesh: operator's idname -> checksums of its inputs, and its message
 DISMISSED = "flexmaps_let_go"  # text on the mesh: key of a notice -> the sentence that the user dismissed
@@ -70,7 +70,7 @@ def read(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, dict[str, A
 
 def _input_checksums(obj: bpy.types.Object, scene: bpy.types.Scene, idname: str) -> dict[str, str]:
     now = Checksums(obj, scene)
-    parts = PARTS[WRITES[idname]] if idname in WRITES else ("shape", *sorted(OF_SETTINGS))
+    parts = INPUTS[WRITES[idname]] if idname in WRITES else ("shape", *sorted(SETTINGS_INPUTS))
     return {part: now[part] for part in parts}
 
 

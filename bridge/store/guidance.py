@@ -20,7 +20,7 @@ from . import next_button, notices, objects, states, stored_report
 from .finding_words import BREAKS, INFORMATION, STOPS, WORSE
 from .flat_target import can_skip_simulation
 from .i18n import interface, panels, quads
-from .next_button import Act
+from .next_button import NextAction
 from .notices import Notice
 
 MAX_LETTERS = 34  # most characters of the status line, in every language; more do not fit the sidebar
@@ -50,7 +50,7 @@ class Status:
 class Guidance:
     """Content of the sidebar's top part; ``act`` is None where the program cannot go on without the user."""
 
-    act: Act | None
+    act: NextAction | None
     status: Status
     notices: tuple[Notice, ...]
 
@@ -76,7 +76,7 @@ def read_guidance(
     """
     known = states.read_states(obj, scene) if known is None else known
     all_notices = notices.list_notices(obj, scene, known)
-    act = next_button.act(obj, scene, known, all_notices)
+    act = next_button.next_action(obj, scene, known, all_notices)
     return Guidance(act, _status(obj, scene, known, all_notices), tuple(all_notices))
 
 
@@ -87,10 +87,10 @@ def _status(
     if stopped is not None:
         return Status(_truncate(stopped.words), STOPPED)
     skipped = {"equilibrium", "optimise"} if can_skip_simulation(obj) else set()
-    old = sum(known[name].kind == states.OLD for name in STEPS if name not in skipped)
+    old = sum(known[name].kind == states.STALE for name in STEPS if name not in skipped)
     if old:
         return Status(_truncate(_describe_change(known, old)), REDO)
-    serious = [notice for notice in all_notices if notice.kind in {BREAKS, WORSE} and notice.key != notices.KEPT]
+    serious = [notice for notice in all_notices if notice.kind in {BREAKS, WORSE} and notice.key != notices.FEW_QUADS]
     if known["sheets"].kind == states.DONE:
         if not serious:  # nothing above information
             return Status(interface("Files written, nothing against it"), TICK)
@@ -128,7 +128,7 @@ def _describe_progress(obj: bpy.types.Object, scene: bpy.types.Scene, known: dic
         return panels(stored_report.read(mesh)["layout"].get("patches", 1))
     count, size = len(mesh.polygons), 1e3 * max(objects.extents(obj)) * scene.unit_settings.scale_length
     wide = interface("{:.3g} m wide", size / 1e3) if size >= 1e3 else interface("{:.0f} mm wide", size)
-    if objects.changed_by_modifiers(obj):
+    if objects.modifier_problem(obj):
         return interface("Apply the modifiers first")
     if len(mesh.loops) != 4 * count:
         return interface("{}, not all quads", wide)
@@ -139,7 +139,7 @@ def _describe_progress(obj: bpy.types.Object, scene: bpy.types.Scene, known: dic
 
 def _describe_change(known: dict[str, states.StageState], old: int) -> str:
     part = next((known[name].part for name in STEPS if known[name].part), None)
-    first = next(name for name in STEPS if known[name].kind == states.OLD)
+    first = next(name for name in STEPS if known[name].kind == states.STALE)
     what = CHANGED_PARTS.get(part, CHANGED_SETTING) if part else RERUN_REASONS[first]
     return interface("{}: {} to redo", interface(what), interface("1 step") if old == 1 else interface("{} steps", old))
 

@@ -10,7 +10,7 @@ from ...engine.extras.live.given import LiveInput
 from ...engine.params import LayoutParams, LoadParams, MaterialParams, SimulateParams, SpiralParams
 from ...engine.runs.stages import MISSING
 from . import attributes, mesh, settings, supports
-from .objects import changed_by_modifiers
+from .objects import modifier_problem
 
 
 def read(obj: bpy.types.Object, scene: bpy.types.Scene) -> LiveInput:
@@ -26,19 +26,19 @@ def read(obj: bpy.types.Object, scene: bpy.types.Scene) -> LiveInput:
     FlexMapsError where the object has no valid spirals, modifiers change its faces, or a vertex group of the supports
     or forces is missing or empty.
     """
-    problem = changed_by_modifiers(obj)
+    problem = modifier_problem(obj)
     if problem:
         raise FlexMapsError(problem)
-    surface, own = mesh.read_anyhow(obj, scene), obj.flexmaps
+    surface, own = mesh.read_in_any_mode(obj, scene), obj.flexmaps
     values, polygons = surface.values, surface.polygons
     if (polygons.sizes != 4).any():
         raise FlexMapsError("Some faces are not quads; press Quad remesh")
     for names, missing in ((mesh.FLAT_NAMES, "flat"), (mesh.DESIGN_NAMES, "design")):
         if len(surface.spoilt) and missing == "design":
-            raise mesh.cannot_be_cut(surface.spoilt)
+            raise mesh.uncuttable_error(surface.spoilt)
         if any(name not in values for name in names):
             raise FlexMapsError(MISSING[missing])
-    held, force = supports.loads(obj, surface, settings.read(own.loads, LoadParams))
+    held, force = supports.read_loads(obj, surface, settings.read(own.loads, LoadParams))
     return LiveInput(
         polygons.vertices,
         polygons.corners,

@@ -44,15 +44,15 @@ from ...engine.surface.far import coarse_step
 from ...engine.surface.mesh import PolygonMesh, QuadMesh
 from . import attributes, equilibrium, modifiers, shape_keys, stored_report, vertex_positions
 from .columns import column
-from .objects import changed_by_modifiers, unusable
+from .objects import modifier_problem, usage_problem
 from .surface import ObjectSurface
-from .vertex_positions import evaluated, to_metres
+from .vertex_positions import evaluated_object, to_metres
 
 FLAT_NAMES = ("seam", "flat", "patch", "energy", "square")
 DESIGN_NAMES = ("width", "twist")
 LAST_NAMES = ("last_width", "last_twist")
 NAMES = FLAT_NAMES + DESIGN_NAMES + LAST_NAMES + ("stiffness",)  # written by stages; the user's marks are not included
-UNSOUND = "The attribute '{}' holds other values than FlexMaps writes and is left out: run its stage again"
+DAMAGED = "The attribute '{}' holds other values than FlexMaps writes and is left out: run its stage again"
 COARSE = "Vertices are stored to {:.2g} mm at this distance from the object's origin, so that details are lost: model near the origin and move the object"
 DAMAGED_REPORT = "The notes of earlier stages are damaged and are left out: run the stages again"
 OLD_REPORT = (
@@ -74,34 +74,34 @@ def read_surface(obj: bpy.types.Object, scene: bpy.types.Scene) -> ObjectSurface
     ------
     FlexMapsError where the object is not a usable mesh, or modifiers change its faces.
     """
-    problem = unusable(obj) or changed_by_modifiers(obj)
+    problem = usage_problem(obj) or modifier_problem(obj)
     if problem:
         raise FlexMapsError(problem)
-    seen = vertex_positions.points(obj, scene)
+    seen = vertex_positions.read_with_user_keys(obj, scene)
     with attributes.readable_mesh(obj) as mesh:
         return _surface(mesh, obj.session_uid, to_metres(obj, scene), seen)
 
 
-def read_anyhow(obj: bpy.types.Object, scene: bpy.types.Scene) -> ObjectSurface:
+def read_in_any_mode(obj: bpy.types.Object, scene: bpy.types.Scene) -> ObjectSurface:
     """Read an object's mesh in any mode, also while the user paints or sculpts, and without checking modifiers.
 
     Parameters
     ----------
     obj, scene : the object, and the scene with its units
     """
-    seen = None if obj.data.is_editmode else vertex_positions.points(obj, scene)
+    seen = None if obj.data.is_editmode else vertex_positions.read_with_user_keys(obj, scene)
     with attributes.readable_mesh(obj) as mesh:
         return _surface(mesh, obj.session_uid, to_metres(obj, scene), seen)
 
 
 def read_evaluated(obj: bpy.types.Object, scene: bpy.types.Scene) -> PolygonMesh:
-    """Return the polygons after modifiers (except ``left_out``) and without a simulated shape, metres in world axes.
+    """Return the polygons after modifiers (except ``list_ignored``) and without a simulated shape, metres in world axes.
 
     Parameters
     ----------
     obj, scene : the object, and the scene with its units
     """
-    with modifiers.surface_only(obj) as left, shape_keys.blend_shown(obj, 0.0), evaluated(obj, scene) as there:
+    with modifiers.surface_only(obj) as left, shape_keys.blend_shown(obj, 0.0), evaluated_object(obj, scene) as there:
         mesh = there.to_mesh()
         try:
             return _surface(mesh, obj.session_uid, to_metres(there, scene), left=left).polygons
@@ -129,8 +129,9 @@ def _surface(
     seen = positions if seen is None else seen
     vertices = seen.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
     values, unsound = attributes.read_all(mesh)
-    left += tuple(UNSOUND.format(attributes.PREFIX + name) for name in unsound)
-    left += (DAMAGED_REPORT,) if stored_report.unsound(mesh) else (OLD_REPORT,) if stored_report.unsealed(mesh) else ()
+    left += tuple(DAMAGED.format(attributes.PREFIX + name) for name in unsound)
+    if stored_report.is_damaged(mesh) or stored_report.lacks_checksums(mesh):
+        left += (DAMAGED_REPORT if stored_report.is_damaged(mesh) else OLD_REPORT,)
     step = coarse_step(seen[np.unique(corners)]) * 1e3 * float(np.abs(np.linalg.det(matrix[:3, :3]))) ** (1 / 3)
     left += (COARSE.format(step),) if step else ()
     polygons = PolygonMesh(vertices, corners[loops].astype(np.int64), sizes.astype(np.int64), left)
@@ -167,12 +168,12 @@ def write_vertices(obj: bpy.types.Object, surface: ObjectSurface, mesh: QuadMesh
 # -- layout, flat patches, design ------------------------------------------------------------------------------------
 
 
-def layout_of(surface: ObjectSurface, mesh: QuadMesh) -> PatchLayout:
+def read_layout(surface: ObjectSurface, mesh: QuadMesh) -> PatchLayout:
     """Return the layout that cuts the mesh at the object's seams."""
     return PatchLayout(mesh, surface.seams[surface.edge_of] & ~mesh.border)
 
 
-def flat_of(surface: ObjectSurface, mesh: QuadMesh) -> FlatPatches | None:
+def read_flat(surface: ObjectSurface, mesh: QuadMesh) -> FlatPatches | None:
     """Return the stored flat patches with the cuts they were made with; None where there are none.
 
     Parameters
@@ -212,23 +213,23 @@ def patch_centres(layout: PatchLayout, points: Float[np.ndarray, "points 2"]) ->
     return np.stack([np.bincount(layout.patch_of, area * p[:, :, k].mean(axis=1)) / weight for k in range(2)], axis=1)
 
 
-def current_flat(surface: ObjectSurface, mesh: QuadMesh) -> FlatPatches:
+def require_current_flat(surface: ObjectSurface, mesh: QuadMesh) -> FlatPatches:
     """Return the stored flat patches if they still match the seams.
 
     Raises
     ------
     FlexMapsError where there are no flat patches, or the seams were edited since.
     """
-    flat = flat_of(surface, mesh)
+    flat = read_flat(surface, mesh)
     if flat is None:
         raise FlexMapsError("There are no flat panels yet; press Merge or Flatten first")
-    changed = np.flatnonzero(flat.layout.cut != layout_of(surface, mesh).cut)
+    changed = np.flatnonzero(flat.layout.cut != read_layout(surface, mesh).cut)
     if len(changed):
         raise FlexMapsError("The seams were edited; press Update from seams first", edges=changed)
     return flat
 
 
-def design_of(
+def read_design(
     surface: ObjectSurface, flat: FlatPatches, params: SpiralParams, names: tuple[str, ...] = DESIGN_NAMES
 ) -> SpiralDesign | None:
     """Return the stored spirals; None where there are none.
@@ -239,16 +240,16 @@ def design_of(
     params : settings of the spirals
     names : attributes to read: ``DESIGN_NAMES``, or ``LAST_NAMES`` for the spirals before the patches were cut anew
     """
-    values = _spirals(surface, names)
+    values = _read_spirals(surface, names)
     return None if values is None else SpiralDesign(flat, params, *values)
 
 
 def last_spirals(surface: ObjectSurface) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]] | None:
     """Return widths in metres and twists in radians from before the patches were cut anew; None where there are none."""
-    return _spirals(surface, LAST_NAMES)
+    return _read_spirals(surface, LAST_NAMES)
 
 
-def _spirals(
+def _read_spirals(
     surface: ObjectSurface, names: tuple[str, ...]
 ) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]] | None:
     if any(name not in surface.values for name in names):
@@ -257,7 +258,7 @@ def _spirals(
     return attributes.corners_by_face(width[surface.loops]) * 1e-3, np.radians(twist)
 
 
-def start_of(
+def read_start(
     surface: ObjectSurface, flat: FlatPatches, params: SpiralParams, made: dict[str, Any] | None
 ) -> SpiralDesign:
     """Return the initial spirals for a stage: the stored ones, adjusted to changed settings and patches.
@@ -273,11 +274,11 @@ def start_of(
     FlexMapsError where there are no spirals, or the user changed some so that they cannot be cut.
     """
     if len(surface.spoilt):
-        raise cannot_be_cut(surface.spoilt)
-    design = design_of(surface, flat, params)
-    ours = made is not None and design is not None and as_noted(design, made)
+        raise uncuttable_error(surface.spoilt)
+    design = read_design(surface, flat, params)
+    ours = made is not None and design is not None and is_as_reported(design, made)
     if design is None:
-        design = design_of(surface, flat, params, LAST_NAMES)
+        design = read_design(surface, flat, params, LAST_NAMES)
         ours = design is not None and bool(np.isfinite(design.width).all() and np.isfinite(design.twist).all())
     if design is None:
         raise FlexMapsError("There are no spirals yet; press Spirals first")
@@ -285,17 +286,17 @@ def start_of(
     if not len(wrong):
         return design
     if not ours:
-        raise cannot_be_cut(wrong)
+        raise uncuttable_error(wrong)
     return make_fabricable(flat, params, design.width, design.twist, prove=False)
 
 
-def cannot_be_cut(faces: Int[np.ndarray, " faces"]) -> FlexMapsError:
+def uncuttable_error(faces: Int[np.ndarray, " faces"]) -> FlexMapsError:
     """Return the error to raise for spirals that the user changed so that they cannot be cut."""
     text = f"{len(faces)} spirals were changed by hand into some that cannot be cut; press Spirals to make them anew"
     return FlexMapsError(text, faces=faces)
 
 
-def as_noted(design: SpiralDesign, made: dict[str, Any]) -> bool:
+def is_as_reported(design: SpiralDesign, made: dict[str, Any]) -> bool:
     """Return whether the smallest, mean and largest width and twist equal those in a report block.
 
     Parameters
@@ -344,11 +345,11 @@ def write_design(obj: bpy.types.Object, surface: ObjectSurface, design: SpiralDe
     obj : the mesh object
     surface, design : the surface as it was read, and its spirals
     """
-    forget(obj, (*LAST_NAMES, "stiffness"))
-    _put_spirals(obj, surface, DESIGN_NAMES, design.width, design.twist)
+    clear(obj, (*LAST_NAMES, "stiffness"))
+    _write_spirals(obj, surface, DESIGN_NAMES, design.width, design.twist)
 
 
-def write_start(
+def write_last_spirals(
     obj: bpy.types.Object,
     surface: ObjectSurface,
     width: Float[np.ndarray, "quads 4"],
@@ -363,10 +364,10 @@ def write_start(
     width : (F, 4), metres
     twist : (F,), radians
     """
-    _put_spirals(obj, surface, LAST_NAMES, width, twist)
+    _write_spirals(obj, surface, LAST_NAMES, width, twist)
 
 
-def _put_spirals(
+def _write_spirals(
     obj: bpy.types.Object, surface: ObjectSurface, names: tuple[str, ...], width: np.ndarray, twist: np.ndarray
 ) -> None:
     corners = np.empty(len(surface.loops))
@@ -383,10 +384,10 @@ def shelve_design(obj: bpy.types.Object) -> None:
         if values is not None:
             domain, kind = attributes.SPECS[name][:2]
             attributes.write(obj, attributes.PREFIX + name, domain, kind, values)
-    forget(obj, (*DESIGN_NAMES, "stiffness"))
+    clear(obj, (*DESIGN_NAMES, "stiffness"))
 
 
-def forget(obj: bpy.types.Object, names: tuple[str, ...]) -> None:
+def clear(obj: bpy.types.Object, names: tuple[str, ...]) -> None:
     """Remove attributes that an earlier stage made out of date, and the simulation.
 
     Parameters

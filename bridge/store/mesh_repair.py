@@ -80,7 +80,7 @@ def repair(obj: bpy.types.Object, scene: bpy.types.Scene, what: str) -> str:
         bm.to_mesh(made)
     finally:
         bm.free()
-    shared, old = objects.shared(obj), obj.data
+    shared, old = objects.other_users(obj), obj.data
     obj.data = made
     after = check.everything(mesh.read_surface(obj, scene).polygons) if len(made.polygons) else []
     if not len(made.polygons) or _count_faults(after, codes) >= _count_faults(before, codes):

@@ -33,7 +33,7 @@ HARMLESS = {
     "WEIGHTED_NORMAL",
 }
 # geometry nodes that pass the surface on unchanged
-PASSING = {
+PASSIVE_NODES = {
     "GeometryNodeSetMaterial",
     "GeometryNodeSetMaterialIndex",
     "GeometryNodeSetShadeSmooth",
@@ -41,36 +41,36 @@ PASSING = {
     "NodeGroupInput",
     "NodeReroute",
 }
-DIVIDING = {"EDGE_SPLIT", "TRIANGULATE"}  # modifier types that split faces or edges without moving them
+SPLITTING = {"EDGE_SPLIT", "TRIANGULATE"}  # modifier types that split faces or edges without moving them
 # largest extent of a flat surface across its plane after *Solidify*, in thicknesses; above 1 for float32 rounding
-FLAT = 1.001
+MAX_FLAT_EXTENT = 1.001
 
 
-def changing(obj: bpy.types.Object) -> list[bpy.types.Modifier]:
-    """Return the modifiers that change the mesh, including the ignored ones (``left_out``)."""
-    return [m for m in obj.modifiers if m.show_viewport and m.type not in HARMLESS and not _only_shades(m)]
+def list_changing(obj: bpy.types.Object) -> list[bpy.types.Modifier]:
+    """Return the modifiers that change the mesh, including the ignored ones (``list_ignored``)."""
+    return [m for m in obj.modifiers if m.show_viewport and m.type not in HARMLESS and not _is_shading_only(m)]
 
 
-def left_out(obj: bpy.types.Object) -> list[bpy.types.Modifier]:
+def list_ignored(obj: bpy.types.Object) -> list[bpy.types.Modifier]:
     """Return the modifiers that are ignored when the surface of an object is read."""
     found: list[bpy.types.Modifier] = []
     last = True  # whether no later modifier in the stack changes the surface
     voxels = False  # whether a later modifier is a Remesh, which needs a closed body
-    for modifier in reversed(changing(obj)):
-        thickens = modifier.type == "SOLIDIFY" and not voxels and not _gives_body(obj, modifier)
-        if thickens or (last and modifier.type in DIVIDING):
+    for modifier in reversed(list_changing(obj)):
+        thickens = modifier.type == "SOLIDIFY" and not voxels and not _makes_body(obj, modifier)
+        if thickens or (last and modifier.type in SPLITTING):
             found.insert(0, modifier)
             continue
         last, voxels = False, voxels or modifier.type == "REMESH"
     return found
 
 
-def sentence(obj: bpy.types.Object) -> str:
+def describe_ignored(obj: bpy.types.Object) -> str:
     """Return sentences about the ignored modifiers and why they are ignored; "" if there are none."""
-    return ". ".join(map(_sentence, left_out(obj)))
+    return ". ".join(map(_describe, list_ignored(obj)))
 
 
-def _sentence(modifier: bpy.types.Modifier) -> str:
+def _describe(modifier: bpy.types.Modifier) -> str:
     if modifier.type == "SOLIDIFY":
         return translate("The modifier '{}' is left out: panels have the thickness of the sheet", modifier.name)
     return translate(
@@ -78,7 +78,7 @@ def _sentence(modifier: bpy.types.Modifier) -> str:
     )
 
 
-def note(mesh: bpy.types.Mesh, text: str) -> None:
+def write_note(mesh: bpy.types.Mesh, text: str) -> None:
     """Store on the mesh the sentence about ignored modifiers.
 
     Parameters
@@ -97,40 +97,40 @@ def read_note(mesh: bpy.types.Mesh) -> str:
 
 @contextmanager
 def surface_only(obj: bpy.types.Object) -> Iterator[tuple[str, ...]]:
-    """Context manager: hide the modifiers of ``left_out``, so that Blender ignores them; yield a sentence for each."""
-    found = left_out(obj)
+    """Context manager: hide the modifiers of ``list_ignored``, so that Blender ignores them; yield a sentence for each."""
+    found = list_ignored(obj)
     try:
         for one in found:
             one.show_viewport = False
-        yield tuple(map(_sentence, found))
+        yield tuple(map(_describe, found))
     finally:
         for one in found:
             one.show_viewport = True
 
 
-def _only_shades(modifier: bpy.types.Modifier) -> bool:
+def _is_shading_only(modifier: bpy.types.Modifier) -> bool:
     """Return whether the modifier's geometry nodes leave the shape unchanged, as those of *Smooth by Angle* do."""
     tree = modifier.node_group if modifier.type == "NODES" else None
-    return tree is not None and _passes(tree)
+    return tree is not None and _is_passive(tree)
 
 
-def _passes(tree: bpy.types.NodeTree) -> bool:
+def _is_passive(tree: bpy.types.NodeTree) -> bool:
     for node in tree.nodes:
         if node.bl_idname == "NodeGroupOutput" and not (node.inputs and node.inputs[0].is_linked):
             return False
         if node.bl_idname == "GeometryNodeGroup":
-            if node.node_tree is None or not _passes(node.node_tree):
+            if node.node_tree is None or not _is_passive(node.node_tree):
                 return False
-        elif node.bl_idname not in PASSING and any(socket.type == "GEOMETRY" for socket in node.outputs):
+        elif node.bl_idname not in PASSIVE_NODES and any(socket.type == "GEOMETRY" for socket in node.outputs):
             return False
     return True
 
 
-def _gives_body(obj: bpy.types.Object, modifier: bpy.types.Modifier) -> bool:
+def _makes_body(obj: bpy.types.Object, modifier: bpy.types.Modifier) -> bool:
     """Return whether *Solidify* turns a flat surface, such as a text, into a body thicker than a quad's edge."""
     extents = sorted(b - a for a, b in zip(obj.bound_box[0], obj.bound_box[6], strict=True))
     thickness = abs(modifier.thickness)
-    if extents[0] > FLAT * thickness:
+    if extents[0] > MAX_FLAT_EXTENT * thickness:
         return False  # the surface before *Solidify* is not flat
     wanted = obj.flexmaps.remesh.quads if hasattr(obj, "flexmaps") else RemeshParams().quads
     return bool(thickness > sqrt(2.0 * extents[1] * extents[2] / wanted))

@@ -14,23 +14,23 @@ from .cures import Cure
 from .finding_words import BREAKS, INFORMATION, STOPS, WORSE
 from .flat_target import can_skip_simulation
 from .i18n import interface, translate
-from .notices import KEPT, MADE_SQUARER, Notice
-from .states import DONE, TODO, StageState, is_current_unnoted
+from .notices import FEW_QUADS, FIXED_BY_REGULARISE, Notice
+from .states import DONE, TODO, StageState, is_side_result_current
 
-FITTED = ("spirals", "equilibrium", "optimise")  # stages that *Make it fit* runs
+FIT_STAGES = ("spirals", "equilibrium", "optimise")  # stages that *Make it fit* runs
 CHOOSE, ROUND = "flexmaps.choose", "flexmaps.mend"  # operators of two cures: propose layouts, round folds
 # cures of a poor match that *Next* may press: they change neither the surface nor supports nor size
-LAYOUTS = ("flexmaps.cut_there", CHOOSE)
+LAYOUT_CURES = ("flexmaps.cut_there", CHOOSE)
 # range of the ratio of quad edge to wanted edge in which *Next* does not scale the piece; wider scales less often
-SIZES = 0.5, 2.0
+EDGE_RATIOS = 0.5, 2.0
 # Largest number of times *Next* proposes the same enlargement: one may not suffice, as its factor is limited, and a driver that
 # resets the scale must not make *Next* repeat for ever
-RESIZED = 3
-LETTERS = 28  # most characters of a label, in every language; more do not fit the button
+MAX_ENLARGEMENTS = 3
+MAX_LETTERS = 28  # most characters of a label, in every language; more do not fit the button
 
 
 @dataclass(frozen=True)
-class Act:
+class NextAction:
     """Action of one press of *Next*.
 
     idname, properties : the operator and its properties
@@ -50,13 +50,13 @@ class Act:
 
 def next_idname(obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, StageState]) -> str:
     """Return the idname of the operator to press next; "" when the sheets are up to date."""
-    action = act(obj, scene, stages, notices.list_notices(obj, scene, stages))
+    action = next_action(obj, scene, stages, notices.list_notices(obj, scene, stages))
     return "" if action is None or action.idname == "wm.path_open" else action.idname
 
 
-def act(
+def next_action(
     obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, StageState], all_notices: Sequence[Notice]
-) -> Act | None:
+) -> NextAction | None:
     """Return the next action; None where the program cannot go on without the user.
 
     Parameters
@@ -66,102 +66,107 @@ def act(
     all_notices : all notices
     """
     mesh = obj.data
-    if not len(mesh.polygons) and not objects.changed_by_modifiers(obj):
+    if not len(mesh.polygons) and not objects.modifier_problem(obj):
         return None
     gone = next((notice for notice in all_notices if notice.key.startswith("loads/")), None)
     if gone is not None:
-        return _cure(gone, gone.cures[0], "piece")
+        return _cure_action(gone, gone.cures[0], "piece")
     if len(mesh.loops) != 4 * len(mesh.polygons):
-        return _unless_failed(mesh, _quads(obj, scene), all_notices)
-    if modifiers.changing(obj):
-        return _without_modifiers(obj)
-    if notices.is_coarse(obj) and not failures.is_dismissed(mesh, KEPT, _sentence(all_notices, KEPT)):
+        return _unless_failed(mesh, _remesh_action(obj, scene), all_notices)
+    if modifiers.list_changing(obj):
+        return _modifiers_action(obj)
+    if notices.is_coarse(obj) and not failures.is_dismissed(mesh, FEW_QUADS, _sentence(all_notices, FEW_QUADS)):
         if stages["layout"].kind == TODO:
-            return _unless_failed(mesh, _quads(obj, scene), all_notices)
+            return _unless_failed(mesh, _remesh_action(obj, scene), all_notices)
     if stages["layout"].kind == TODO:
-        preparing = _before_layout(obj, scene, stages, all_notices)
+        preparing = _preparing_action(obj, scene, stages, all_notices)
         if preparing is not None:
             return _unless_failed(mesh, preparing, all_notices)
         if stages["checks"].kind == DONE and any(n.kind == STOPS and n.key.startswith("checks/") for n in all_notices):
             return None
-    return _unless_failed(mesh, _next_stage(obj, stages, all_notices), all_notices)
+    return _unless_failed(mesh, _stage_action(obj, stages, all_notices), all_notices)
 
 
-def _next_stage(obj: bpy.types.Object, stages: dict[str, StageState], all_notices: Sequence[Notice]) -> Act:
+def _stage_action(obj: bpy.types.Object, stages: dict[str, StageState], all_notices: Sequence[Notice]) -> NextAction:
     """Return the next stage or cure for a mesh of quads that is ready for a layout."""
     blocks = stored_report.read(obj.data)
     if stages["layout"].kind != DONE:
         if stages["layout"].part == "seams" and "layout" in blocks:
             tooltip = translate("Flattens the panels whose seams were edited; the others stay as they are")
-            return Act("flexmaps.update_from_seams", _label(interface("Update from seams")), tooltip, "layout")
+            return NextAction("flexmaps.update_from_seams", _label(interface("Update from seams")), tooltip, "layout")
         tried = any(notice.key == "failed/flexmaps.merge" for notice in all_notices)
         if stages["layout"].kind == TODO and notices.has_seams(obj.data) and not tried:
             tooltip = translate(
                 "Takes the seams that are there as the borders of the panels; Lay out anew replaces them"
             )
-            return Act("flexmaps.flatten", _label(interface("Use these seams")), tooltip, "layout")
-        return _layout()
+            return NextAction("flexmaps.flatten", _label(interface("Use these seams")), tooltip, "layout")
+        return _layout_action()
     if stages["spirals"].kind == TODO and blocks["layout"].get(stored_report.TRACED):
-        return _layout()
+        return _layout_action()
     if stages["sheets"].kind == DONE:
         folder = bpy.path.abspath(obj.flexmaps.export.folder)
         tooltip = translate("Opens the folder with the files for the cutter")
-        return Act("wm.path_open", interface("Open the folder"), tooltip, "make", {"filepath": folder})
-    wanted = ("spirals",) if can_skip_simulation(obj) or _skips_failed("flexmaps.fit", all_notices) else FITTED
+        return NextAction("wm.path_open", interface("Open the folder"), tooltip, "make", {"filepath": folder})
+    wanted = (
+        ("spirals",) if can_skip_simulation(obj) or _is_failure_dismissed("flexmaps.fit", all_notices) else FIT_STAGES
+    )
     if any(stages[stage].kind != DONE for stage in wanted):
-        if larger := _larger_size(obj.data, all_notices):
+        if larger := _enlarge_action(obj.data, all_notices):
             return larger
         if wanted == ("spirals",):
             tooltip = translate("Gives every quad its spiral")
-            return Act("flexmaps.spirals", _label(interface("Cut the spirals")), tooltip, "shape")
+            return NextAction("flexmaps.spirals", _label(interface("Cut the spirals")), tooltip, "shape")
         tooltip = translate("Gives every quad its spiral, and searches for those that spring into the shape")
-        return Act("flexmaps.fit", _label(interface("Make it fit")), tooltip, "shape")
-    return _next_cure(obj.data, all_notices) or _files()
+        return NextAction("flexmaps.fit", _label(interface("Make it fit")), tooltip, "shape")
+    return _repair_action(obj.data, all_notices) or _export_action()
 
 
-def _larger_size(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> Act | None:
+def _enlarge_action(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> NextAction | None:
     """Return the action that enlarges a piece whose arms are likely to break.
 
     None where arms are not likely to break, the scale is locked, the user dismissed the notice, or it was pressed
-    ``RESIZED`` times.
+    ``MAX_ENLARGEMENTS`` times.
     """
     small = (notice for notice in all_notices if notice.key == notices.TOO_SMALL and notice.kind == BREAKS)
     ways = ((notice, cure) for notice in small for cure in notice.cures if cure.idname != "flexmaps.let_go")
     pressed = failures.read_press_counts(mesh)
-    return next((_cure(notice, cure, "piece") for notice, cure in ways if pressed.get(cure.call, 0) < RESIZED), None)
+    return next(
+        (_cure_action(notice, cure, "piece") for notice, cure in ways if pressed.get(cure.call, 0) < MAX_ENLARGEMENTS),
+        None,
+    )
 
 
-def _without_modifiers(obj: bpy.types.Object) -> Act:
+def _modifiers_action(obj: bpy.types.Object) -> NextAction:
     """Return the action that applies the modifiers, or leaves them out, in a copy of the object."""
-    changing, without = modifiers.changing(obj), modifiers.left_out(obj)
+    changing, without = modifiers.list_changing(obj), modifiers.list_ignored(obj)
     tooltip = translate("Applies the modifiers to a copy, and hides this object: the layout lives in the mesh itself")
     if without:
-        tooltip += f". {modifiers.sentence(obj)}"
+        tooltip += f". {modifiers.describe_ignored(obj)}"
     one = interface("Leave out {}" if without else "Apply {}", changing[0].name)
     label = _label(one)
     if len(changing) > 1 or one not in label:
         label = _label(interface("Apply modifiers"))
-    return Act("flexmaps.to_mesh", label, tooltip, "piece", {"keep": True})
+    return NextAction("flexmaps.to_mesh", label, tooltip, "piece", {"keep": True})
 
 
-def _layout() -> Act:
+def _layout_action() -> NextAction:
     tooltip = translate("Cuts the surface into panels that lie flat and fit the sheet")
-    return Act("flexmaps.merge", _label(interface("Lay out the panels")), tooltip, "layout")
+    return NextAction("flexmaps.merge", _label(interface("Lay out the panels")), tooltip, "layout")
 
 
-def _files() -> Act:
+def _export_action() -> NextAction:
     tooltip = translate("Lays the panels on sheets and writes the files for the cutter")
-    return Act("flexmaps.export", _label(interface("Write the files")), tooltip, "make")
+    return NextAction("flexmaps.export", _label(interface("Write the files")), tooltip, "make")
 
 
-def _quads(obj: bpy.types.Object, scene: bpy.types.Scene) -> Act:
+def _remesh_action(obj: bpy.types.Object, scene: bpy.types.Scene) -> NextAction:
     count, size = obj.flexmaps.remesh.quads, _better_size(obj, scene)
     tooltip = translate("Makes about {} quads in the shape of this mesh, as a new object, and hides this one", count)
     if not size:
-        return Act("flexmaps.quad_remesh", _label(interface("{} quads", count)), tooltip, "piece")
+        return NextAction("flexmaps.quad_remesh", _label(interface("{} quads", count)), tooltip, "piece")
     tooltip += ". " + translate("It becomes {:.0f} mm large, which gives spirals that can be cut", size)
     label = _label(interface("{} quads, {:.0f} mm", count, size))
-    return Act("flexmaps.quad_remesh", label, tooltip, "piece", {"size": size})
+    return NextAction("flexmaps.quad_remesh", label, tooltip, "piece", {"size": size})
 
 
 def _better_size(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
@@ -172,46 +177,46 @@ def _better_size(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
     areas = column(mesh.polygons, "area")
     scale = abs(obj.matrix_world.to_3x3().determinant()) ** (1 / 3) * unit
     edge, wanted = scale * (float(areas.sum()) / obj.flexmaps.remesh.quads) ** 0.5, obj.flexmaps.remesh.edge * 1e-3
-    if SIZES[0] * wanted <= edge <= SIZES[1] * wanted or edge <= 0:
+    if EDGE_RATIOS[0] * wanted <= edge <= EDGE_RATIOS[1] * wanted or edge <= 0:
         return 0.0
     size = 1e3 * unit * max(objects.extents(obj)) * wanted / edge
     return float(f"{size:.2g}")
 
 
-def _before_layout(
+def _preparing_action(
     obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, StageState], all_notices: Sequence[Notice]
-) -> Act | None:
+) -> NextAction | None:
     """Return the next preparation of a quad mesh (scale, repair, make squarer); None if it is ready for a layout."""
     edge, wanted = objects.quad_edge(obj, scene), obj.flexmaps.remesh.edge * 1e-3
-    if not SIZES[0] * wanted <= edge <= SIZES[1] * wanted and edge > 0 and not any(obj.lock_scale):
+    if not EDGE_RATIOS[0] * wanted <= edge <= EDGE_RATIOS[1] * wanted and edge > 0 and not any(obj.lock_scale):
         size = max(objects.extents(obj)) * scene.unit_settings.scale_length * wanted / edge * 1e3
         tooltip = translate("Scales the object to {:.0f} mm, which gives spirals of {:.3g} mm", size, wanted * 1e3)
-        return Act("flexmaps.set_size", _label(interface("Scale to {:.0f} mm", size)), tooltip, "piece")
+        return NextAction("flexmaps.set_size", _label(interface("Scale to {:.0f} mm", size)), tooltip, "piece")
     wrong = [notice for notice in all_notices if notice.kind == STOPS and notice.key.startswith("checks/")]
-    ways = ((notice, cure) for notice in wrong for cure in _untried(obj.data, notice))
-    mending = next((_cure(notice, cure, "piece") for notice, cure in ways), None)
+    ways = ((notice, cure) for notice in wrong for cure in _unpressed_cures(obj.data, notice))
+    mending = next((_cure_action(notice, cure, "piece") for notice, cure in ways), None)
     if mending is not None:
         return mending
-    poor = any(notice.key.partition("/")[2] in MADE_SQUARER for notice in all_notices)
+    poor = any(notice.key.partition("/")[2] in FIXED_BY_REGULARISE for notice in all_notices)
     if (
         poor
-        and not is_current_unnoted(obj, scene, "regularise")
-        and not _skips_failed("flexmaps.regularise", all_notices)
+        and not is_side_result_current(obj, scene, "regularise")
+        and not _is_failure_dismissed("flexmaps.regularise", all_notices)
     ):
         tooltip = translate("Moves the vertices along the surface so that the quads become squarer")
-        return Act("flexmaps.regularise", _label(interface("Squarer quads")), tooltip, "piece")
+        return NextAction("flexmaps.regularise", _label(interface("Squarer quads")), tooltip, "piece")
     return None
 
 
-def _unless_failed(mesh: bpy.types.Mesh, wanted: Act, all_notices: Sequence[Notice]) -> Act | None:
+def _unless_failed(mesh: bpy.types.Mesh, wanted: NextAction, all_notices: Sequence[Notice]) -> NextAction | None:
     """Return ``wanted``; if it failed before with the same input, the first cure not pressed yet, or None."""
     failed = next((notice for notice in all_notices if notice.key == f"failed/{wanted.idname}"), None)
     if failed is None:
         return wanted
-    return next((_cure(failed, cure, wanted.section) for cure in _untried(mesh, failed)), None)
+    return next((_cure_action(failed, cure, wanted.section) for cure in _unpressed_cures(mesh, failed)), None)
 
 
-def _next_cure(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> Act | None:
+def _repair_action(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> NextAction | None:
     """Return a cure for what would break the piece, else another layout for a poor match.
 
     None where there are none, all were pressed, or the user dismissed the notices.
@@ -219,10 +224,13 @@ def _next_cure(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> Act | Non
     breaking = [notice for notice in all_notices if notice.kind == BREAKS]
     missing = [notice for notice in all_notices if notice.kind == WORSE and notice.key in notices.FAR_FROM_TARGET]
     ways = [
-        (notice, cure) for notice in breaking for cure in _untried(mesh, notice) if cure.idname != "flexmaps.let_go"
+        (notice, cure)
+        for notice in breaking
+        for cure in _unpressed_cures(mesh, notice)
+        if cure.idname != "flexmaps.let_go"
     ]
-    ways += [(notice, cure) for notice in missing for cure in _other_layouts(_untried(mesh, notice))]
-    return next((_cure(notice, cure, "shape") for notice, cure in ways), None)
+    ways += [(notice, cure) for notice in missing for cure in _other_layouts(_unpressed_cures(mesh, notice))]
+    return next((_cure_action(notice, cure, "shape") for notice, cure in ways), None)
 
 
 def _other_layouts(ways: Sequence[Cure]) -> list[Cure]:
@@ -233,16 +241,16 @@ def _other_layouts(ways: Sequence[Cure]) -> list[Cure]:
     """
     names = [cure.idname for cure in ways]
     before = names[: names.index(CHOOSE)] if CHOOSE in names else []
-    return [cure for cure in ways if cure.idname in LAYOUTS and not (cure.idname == CHOOSE and ROUND in before)]
+    return [cure for cure in ways if cure.idname in LAYOUT_CURES and not (cure.idname == CHOOSE and ROUND in before)]
 
 
-def _untried(mesh: bpy.types.Mesh, notice: Notice) -> list[Cure]:
+def _unpressed_cures(mesh: bpy.types.Mesh, notice: Notice) -> list[Cure]:
     """Return the cures that *Next* has not pressed yet, and always the cure that dismisses the notice."""
     tried = failures.read_press_counts(mesh)
     return [cure for cure in notice.cures if cure.call not in tried or cure.idname == "flexmaps.let_go"]
 
 
-def _skips_failed(idname: str, all_notices: Sequence[Notice]) -> bool:
+def _is_failure_dismissed(idname: str, all_notices: Sequence[Notice]) -> bool:
     """Return whether an operator failed and the user dismissed the notice about it."""
     return any(notice.key == f"failed/{idname}" and notice.kind == INFORMATION for notice in all_notices)
 
@@ -251,11 +259,11 @@ def _sentence(all_notices: Sequence[Notice], key: str) -> str:
     return next((notice.sentence for notice in all_notices if notice.key == key), "")
 
 
-def _cure(notice: Notice, cure: Cure, section: str) -> Act:
-    return Act(cure.idname, _label(cure.label), notice.sentence, section, cure.properties, cure)
+def _cure_action(notice: Notice, cure: Cure, section: str) -> NextAction:
+    return NextAction(cure.idname, _label(cure.label), notice.sentence, section, cure.properties, cure)
 
 
 def _label(words: str) -> str:
     """Return the label "Next: ...", or a truncated label without "Next:" where that is too long."""
     label = interface("Next: {}", words)
-    return label if len(label) <= LETTERS else words[:LETTERS]
+    return label if len(label) <= MAX_LETTERS else words[:MAX_LETTERS]

@@ -22,14 +22,14 @@ from .cures import Cure
 from .finding_words import BREAKS, FAILURE_LABELS, INFORMATION, LABELS, SEVERITIES, STOPS, WARNING_LABELS, WORSE
 from .i18n import interface, quads, translate
 
-MADE_SQUARER = {"concave", "warped", "thin"}  # codes of findings that Regularise can remove
+FIXED_BY_REGULARISE = {"concave", "warped", "thin"}  # codes of findings that Regularise can remove
 # codes of findings that a remesh can remove
-REMESHED = {"non-quad", "crossed", "zero-area", "size-ratio", "non-manifold-edge", "repeated-vertex"}
+FIXED_BY_REMESH = {"non-quad", "crossed", "zero-area", "size-ratio", "non-manifold-edge", "repeated-vertex"}
 # factor of enlargement offered where spirals lack room; larger gives more room and a larger piece. Within the range of
 # the remedies' factors, not measured
-LARGER = 1.5
+ENLARGEMENT = 1.5
 # code of a simulation's finding -> remedies to offer if the optimiser advises them, best first
-HELPED = {
+REMEDIES = {
     "stays-flat": (remedies.CUT,),
     "far-from-target": (remedies.CUT, remedies.FINER, remedies.LARGER, remedies.THINNER),
     "strained": (remedies.LARGER, remedies.THINNER),
@@ -37,11 +37,11 @@ HELPED = {
     "other-rest": (remedies.CUT,),
 }
 # codes of findings for which Optimise is offered even after an earlier optimisation
-AGAIN = {"no-equilibrium", "knotted", "about-to-snap", "other-rest"}
+FIXED_BY_OPTIMISE = {"no-equilibrium", "knotted", "about-to-snap", "other-rest"}
 # keys of notices about a poor match with the target
 FAR_FROM_TARGET = ("equilibrium/match", "equilibrium/far-from-target")
 # keys of notices that only predict a problem, from the mesh or the layout
-FORETELLING = (
+PREDICTIONS = (
     "checks/size-ratio",
     "checks/small-quads",
     "checks/concave",
@@ -50,7 +50,7 @@ FORETELLING = (
     "layout/remarks",
 )
 TOO_SMALL = "layout/too-small"  # key of the notice: even the softest spirals would be strained too much
-KEPT = "quads-kept"  # key of the notice about few quads, which the user may keep
+FEW_QUADS = "quads-kept"  # key of the notice about few quads, which the user may keep
 
 
 @dataclass(frozen=True)
@@ -85,16 +85,16 @@ def list_notices(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str,
     blocks = states.current_blocks(obj, known)
     result = [
         *_from_failures(obj, failures.read(obj, scene)),
-        *_checks(obj, scene, blocks.get("checks", ())),
+        *_from_checks(obj, scene, blocks.get("checks", ())),
         *_few_quads(obj),
-        *_left_out(obj),
+        *_ignored_modifiers(obj),
         *_missing_groups(obj),
-        *_seams(obj, known["layout"].kind),
+        *_existing_seams(obj, known["layout"].kind),
         *_too_small(obj, scene, blocks),
-        *_equilibrium(obj, blocks),
-        *_findings("structure", blocks.get("structure", {}).get("findings", ())),
-        *_flat(obj),
-        *(one for name in WARNING_LABELS for one in _sentences(name, blocks)),
+        *_from_equilibrium(obj, blocks),
+        *_from_findings("structure", blocks.get("structure", {}).get("findings", ())),
+        *_flat_target(obj),
+        *(one for name in WARNING_LABELS for one in _from_warnings(name, blocks)),
     ]
     seen = [_downgrade_dismissed(obj.data, notice) for notice in _downgrade_predictions(obj, blocks, result)]
     return sorted(seen, key=lambda notice: SEVERITIES.index(notice.kind))
@@ -107,7 +107,7 @@ def _downgrade_predictions(obj: bpy.types.Object, blocks: dict[str, Any], result
     flat = "spirals" in blocks and flat_target.can_skip_simulation(obj)
     if not (near or flat) or any(one.kind == BREAKS for one in result if one.key.startswith("equilibrium/")):
         return result
-    return [replace(one, kind=INFORMATION) if one.key in FORETELLING and one.kind == WORSE else one for one in result]
+    return [replace(one, kind=INFORMATION) if one.key in PREDICTIONS and one.kind == WORSE else one for one in result]
 
 
 def _downgrade_dismissed(mesh: bpy.types.Mesh, notice: Notice) -> Notice:
@@ -136,7 +136,7 @@ def _cures_of_failure(obj: bpy.types.Object, idname: str, wanted: int | None = N
     if idname in {"flexmaps.spirals", "flexmaps.fit"}:
         return [
             *(cures.remesh(n) for n in dict.fromkeys([*filter(None, [wanted]), *cures.coarser_counts(quads)])),
-            cures.enlarge(LARGER),
+            cures.enlarge(ENLARGEMENT),
         ]
     if idname in {"flexmaps.simulate", "flexmaps.optimise", "flexmaps.regularise"}:
         return [cures.dismiss(key)]
@@ -152,8 +152,8 @@ def _cures_of_failure(obj: bpy.types.Object, idname: str, wanted: int | None = N
     return []
 
 
-def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, findings: list[dict[str, Any]]) -> list[Notice]:
-    made, helpless = [], states.is_current_unnoted(obj, scene, "regularise")
+def _from_checks(obj: bpy.types.Object, scene: bpy.types.Scene, findings: list[dict[str, Any]]) -> list[Notice]:
+    made, helpless = [], states.is_side_result_current(obj, scene, "regularise")
     for row in findings:
         code, faces, edges = row["code"], tuple(row["faces"]), tuple(row.get("edges", ()))
         words, kind = LABELS.get(code, ("To look at", WORSE))
@@ -162,12 +162,12 @@ def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, findings: list[dict[s
         ways = [] if cure is None else [cure]
         if code == cures.FOLDS_CODE:
             ways.append(cures.round_folds(edge=objects.quad_edge(obj, scene)))
-        if code in MADE_SQUARER and not helpless:
+        if code in FIXED_BY_REGULARISE and not helpless:
             ways.append(cures.regularise())
         if larger := row.get("larger"):
             ways += [cures.enlarge(larger)] if larger <= remedies.MAX_FACTOR else []
             ways += [cures.remesh(n) for n in cures.coarser_counts(len(obj.data.polygons))[:1]]
-        if code in REMESHED or code in MADE_SQUARER or code == "surface-missed":
+        if code in FIXED_BY_REMESH or code in FIXED_BY_REGULARISE or code == "surface-missed":
             from ...engine.surface.remeshing.coverage import finer  # imported here because it imports scipy
 
             # a remesh to the same number of quads would give the same quads
@@ -188,7 +188,7 @@ def is_coarse(obj: bpy.types.Object) -> bool:
 
 def _few_quads(obj: bpy.types.Object) -> list[Notice]:
     """Warn of a mesh of few quads, unless modifiers change its faces."""
-    if not is_coarse(obj) or objects.changed_by_modifiers(obj):
+    if not is_coarse(obj) or objects.modifier_problem(obj):
         return []
     count = len(obj.data.polygons)
     text = (
@@ -199,14 +199,14 @@ def _few_quads(obj: bpy.types.Object) -> list[Notice]:
     sentence = translate(text, count)
     ways = (
         cures.remesh(obj.flexmaps.remesh.quads),
-        Cure(interface("Keep these quads"), "flexmaps.let_go", {"key": KEPT}),
+        Cure(interface("Keep these quads"), "flexmaps.let_go", {"key": FEW_QUADS}),
     )
-    return [Notice(KEPT, interface("Only {}", quads(count)), sentence, WORSE, cures=ways)]
+    return [Notice(FEW_QUADS, interface("Only {}", quads(count)), sentence, WORSE, cures=ways)]
 
 
-def _left_out(obj: bpy.types.Object) -> list[Notice]:
+def _ignored_modifiers(obj: bpy.types.Object) -> list[Notice]:
     """Report modifiers that are ignored when the surface is read, or were ignored at the last reading."""
-    text = modifiers.sentence(obj) or modifiers.read_note(obj.data)
+    text = modifiers.describe_ignored(obj) or modifiers.read_note(obj.data)
     return [Notice("left-out", interface("Modifier left out"), text, INFORMATION)] if text else []
 
 
@@ -226,7 +226,7 @@ def _missing_groups(obj: bpy.types.Object) -> list[Notice]:
     return result
 
 
-def _seams(obj: bpy.types.Object, layout: str) -> list[Notice]:
+def _existing_seams(obj: bpy.types.Object, layout: str) -> list[Notice]:
     """Report seams that the mesh had before the first layout."""
     if layout != states.TODO or not has_seams(obj.data):
         return []
@@ -242,7 +242,7 @@ def has_seams(mesh: bpy.types.Mesh) -> bool:
     return bool(column(mesh.edges, "use_seam").any())
 
 
-def _flat(obj: bpy.types.Object) -> list[Notice]:
+def _flat_target(obj: bpy.types.Object) -> list[Notice]:
     if not flat_target.can_skip_simulation(obj):
         return []
     sentence = translate("The target is flat: its spirals are straight, and there is nothing to simulate or search for")
@@ -254,7 +254,7 @@ def _too_small(obj: bpy.types.Object, scene: bpy.types.Scene, blocks: dict[str, 
     strain = blocks.get("layout", {}).get("strain_softest")
     if strain is None or {"equilibrium", "optimise"} & stored_report.read(obj.data).keys():
         return []
-    if not states.is_current_unnoted(obj, scene, "forecast"):
+    if not states.is_side_result_current(obj, scene, "forecast"):
         return []
     sentence = translate(
         "Quads of {:.3g} mm are too small for the bends of this surface: even with the softest spirals everywhere, arms would be strained to "
@@ -269,7 +269,7 @@ def _too_small(obj: bpy.types.Object, scene: bpy.types.Scene, blocks: dict[str, 
     ]
 
 
-def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
+def _from_equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
     block = blocks.get("equilibrium", {})
     reach = blocks.get("reach", {})
     advised = remedies.read_block({"advice": "", **reach})
@@ -277,13 +277,13 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
     if remedies.CUT not in reach.get("prospects", advised) or not registry.has("choosing"):
         advised.pop(remedies.CUT, None)
     result = []
-    result += _other_limit(obj, block)
+    result += _lasting_limit(obj, block)
     rows = equilibrium.merge_by_code(block.get("findings", ()))
     # offer the cures of excess strain first: they change the size, after which the piece is optimised anew anyway
     for row in sorted(rows, key=lambda row: row["code"] != "strained"):
         if row["code"] == "strained-for-years":  # written by an earlier version, which reported both limits at once
             continue
-        helping = HELPED.get(row["code"], ())
+        helping = REMEDIES.get(row["code"], ())
         key, ways = (
             f"equilibrium/{row['code']}",
             [cures.apply_remedy(name, advised[name]) for name in helping if name in advised],
@@ -291,7 +291,7 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
         words, kind = LABELS.get(row["code"], ("To look at", WORSE))
         if row["code"] == "stays-flat" and not _is_far(obj, blocks):
             kind = WORSE
-        if row["code"] in AGAIN or (row["code"] == "slots-close" and "optimise" not in blocks):
+        if row["code"] in FIXED_BY_OPTIMISE or (row["code"] == "slots-close" and "optimise" not in blocks):
             ways.insert(0, Cure(interface("Optimise again"), "flexmaps.optimise"))
         if row["code"] == "far-from-target":
             nearer = cures.improve_match(obj.flexmaps.choose, blocks)
@@ -305,7 +305,7 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
         count = len(row["faces"])
         sentence = equilibrium.describe_finding(row, block)
         result.append(Notice(key, interface(words, count), sentence, kind, tuple(row["faces"]), (), tuple(ways)))
-    return result + _match(obj, blocks, advised)
+    return result + _poor_match(obj, blocks, advised)
 
 
 def _is_far(obj: bpy.types.Object, blocks: dict[str, Any]) -> bool:
@@ -316,7 +316,7 @@ def _is_far(obj: bpy.types.Object, blocks: dict[str, Any]) -> bool:
     return bool(blocks.get("equilibrium", {}).get("rms_percent", 100.0) > limit)
 
 
-def _match(obj: bpy.types.Object, blocks: dict[str, Any], advised: dict[str, Any]) -> list[Notice]:
+def _poor_match(obj: bpy.types.Object, blocks: dict[str, Any], advised: dict[str, Any]) -> list[Notice]:
     """Report an RMS distance from the target above the wanted one, unless a finding reports it already."""
     block = blocks.get("equilibrium", {})
     percent, codes = block.get("rms_percent"), {row["code"] for row in block.get("findings", ())}
@@ -332,14 +332,14 @@ def _match(obj: bpy.types.Object, blocks: dict[str, Any], advised: dict[str, Any
     return [Notice(key, words, sentence, WORSE, cures=(*ways, cures.dismiss(key)))]
 
 
-def _other_limit(obj: bpy.types.Object, block: dict[str, Any]) -> list[Notice]:
+def _lasting_limit(obj: bpy.types.Object, block: dict[str, Any]) -> list[Notice]:
     """Tell which size or sheet a piece designed for days would need to last for years; information only."""
     share, settings = block.get("strain_share_max"), obj.flexmaps.material
     material = MATERIALS.get(settings.material)
     if share is None or settings.lasts == "years" or material is None or material.lasting is None:
         return []
     times = STRAIN_MARGIN * share * material.strain_limit / material.lasting.strain
-    sheet = remedies.thinner_sheet(given_thickness(obj), times)
+    sheet = remedies.thinner_sheet(sheet_thickness(obj), times)
     if times <= 1.0:
         sentence = translate("It lasts for years too")
     elif sheet is None:
@@ -352,12 +352,12 @@ def _other_limit(obj: bpy.types.Object, block: dict[str, Any]) -> list[Notice]:
     return [Notice("equilibrium/years", interface("Made for days"), sentence, INFORMATION)]
 
 
-def given_thickness(obj: bpy.types.Object) -> float:
+def sheet_thickness(obj: bpy.types.Object) -> float:
     """Return the sheet's thickness in metres."""
     return float(obj.flexmaps.spiral.thickness) / remedies.MILLIMETRES
 
 
-def _findings(source: str, findings: list[dict[str, Any]]) -> list[Notice]:
+def _from_findings(source: str, findings: list[dict[str, Any]]) -> list[Notice]:
     made = []
     for row in findings:
         words, kind = LABELS.get(row["code"], ("To look at", WORSE))
@@ -366,7 +366,7 @@ def _findings(source: str, findings: list[dict[str, Any]]) -> list[Notice]:
     return made
 
 
-def _sentences(source: str, blocks: dict[str, Any]) -> list[Notice]:
+def _from_warnings(source: str, blocks: dict[str, Any]) -> list[Notice]:
     """Return the warnings of a report block as a notice with cures; for a layout, also a notice about a further cut."""
     rows, one, more = WARNING_LABELS[source]
     block, key = blocks.get(source, {}), f"{source}/{rows}"
@@ -380,7 +380,7 @@ def _sentences(source: str, blocks: dict[str, Any]) -> list[Notice]:
         ways = cures.choose()
     elif source == "assembly":  # a larger piece or a thinner sheet needs less force at the joints
         advised = remedies.read_block({"advice": "", **blocks.get("reach", {})})
-        ways = [cures.apply_remedy(name, advised[name]) for name in HELPED["strained"] if name in advised]
+        ways = [cures.apply_remedy(name, advised[name]) for name in REMEDIES["strained"] if name in advised]
         if not ways and block.get("load_max", 0.0) > 1.0:
             ways = [cures.enlarge(remedies.size_factor(block["load_max"], soft=False))]
     count = block.get("hard", len(lines))  # number of seams; a seam may have several warnings

@@ -11,12 +11,12 @@ import bpy
 
 from ...engine import files
 from ...engine.errors import FlexMapsError
-from .settings import unsaved
+from .settings import is_relative_to_unsaved
 
 
-def folder_of(text: str) -> Path:
+def resolve_folder(text: str) -> Path:
     """Return the folder named by a setting; raise ``FlexMapsError`` if empty, or relative to an unsaved .blend file."""
-    if unsaved(text):
+    if is_relative_to_unsaved(text):
         raise FlexMapsError("Save the .blend file first, or choose a folder that does not begin with //")
     if not text.strip():
         raise FlexMapsError("Choose a folder for the files")
@@ -31,24 +31,24 @@ def file_name(name: str) -> str:
     """
     taken = set[str]()
     for other in sorted({name} | {o.name for o in bpy.data.objects if o.type == "MESH"}):
-        numbers = (_plain(other) if number == 1 else f"{_plain(other)}_{number}" for number in count(1))
-        own = next(free for free in numbers if _on_disk(free) not in taken)
+        numbers = (_safe_name(other) if number == 1 else f"{_safe_name(other)}_{number}" for number in count(1))
+        own = next(free for free in numbers if _normalise(free) not in taken)
         if other == name:
             return own
-        taken.add(_on_disk(own))
+        taken.add(_normalise(own))
     raise AssertionError("the name itself is among them")
 
 
-def _on_disk(name: str) -> str:
+def _normalise(name: str) -> str:
     """Normalise the case and the encoding of accents, in which Windows and macOS see no difference."""
     return unicodedata.normalize("NFC", name).casefold()
 
 
-def _plain(name: str) -> str:
+def _safe_name(name: str) -> str:
     return files.safe_file_name(name) or "flexmaps"
 
 
-def picture_file(text: str, film: bool = False) -> Path:
+def resolve_picture(text: str, film: bool = False) -> Path:
     """Return the picture file named by a setting, with .png appended where the suffix does not fit.
 
     Parameters
@@ -60,7 +60,7 @@ def picture_file(text: str, film: bool = False) -> Path:
     ------
     FlexMapsError if the name is empty, or relative to an unsaved .blend file.
     """
-    if unsaved(text):
+    if is_relative_to_unsaved(text):
         raise FlexMapsError("Save the .blend file first, or choose a file that does not begin with //")
     if not text.strip():
         raise FlexMapsError("Choose a file for the picture")
@@ -70,6 +70,6 @@ def picture_file(text: str, film: bool = False) -> Path:
     )
 
 
-def picture_files(path: Path) -> list[Path]:
+def list_pictures(path: Path) -> list[Path]:
     """Return the picture or film, followed by existing PNG frames of an earlier film of that name."""
     return [path, *(path.parent.glob(f"{escape(path.stem)}-[0-9]*.png") if path.parent.is_dir() else ())]

@@ -63,7 +63,7 @@ def read(obj: bpy.types.Object, to_metres: Float[np.ndarray, "4 4"]) -> Pose | N
     return Pose(centre + to_metres[:3, 3], u @ vt)
 
 
-def forget(obj: bpy.types.Object) -> None:
+def clear(obj: bpy.types.Object) -> None:
     """Remove the stored pose, because it is out of date."""
     for name in NAMES:
         attributes.remove(obj, attributes.PREFIX + name)

@@ -17,17 +17,21 @@ from ...engine.errors import FlexMapsError
 from ...engine.params import ObjectSettings, every_setting
 
 SUBFOLDER = "flexmaps"  # within Blender's folder of presets
-OWN = {"loads", "export.folder", "render.file"}  # settings that belong to a single object and are left out of presets
-TAKEN = "flexmaps_preset"  # custom property of an object: the preset last applied, and the values that it set
+PER_OBJECT = {
+    "loads",
+    "export.folder",
+    "render.file",
+}  # settings that belong to a single object and are left out of presets
+LAST_PRESET = "flexmaps_preset"  # custom property of an object: the preset last applied, and the values that it set
 
 
-def values() -> list[str]:
+def list_expressions() -> list[str]:
     """Return the settings that a preset holds, as Python expressions such as "settings.spiral.thickness"."""
     names = (name for name, _ in every_setting(ObjectSettings))
-    return [f"settings.{name}" for name in names if OWN.isdisjoint((name, name.partition(".")[0]))]
+    return [f"settings.{name}" for name in names if PER_OBJECT.isdisjoint((name, name.partition(".")[0]))]
 
 
-def keep(name: str, values: Mapping[str, Any]) -> Path:
+def write_preset(name: str, values: Mapping[str, Any]) -> Path:
     """Write a preset file, replacing a preset of the same name, and return its path.
 
     Parameters
@@ -51,7 +55,7 @@ def keep(name: str, values: Mapping[str, Any]) -> Path:
     return path
 
 
-def note(obj: bpy.types.Object, path: Path) -> None:
+def write_last_preset(obj: bpy.types.Object, path: Path) -> None:
     """Store on an object which preset was applied to it, and the values that the preset set.
 
     Parameters
@@ -60,20 +64,20 @@ def note(obj: bpy.types.Object, path: Path) -> None:
     path : file of the preset
     """
     names = re.findall(r"^settings\.(\S+) *=", path.read_text(encoding="utf-8"), re.MULTILINE)
-    values = {name: _value(obj, name) for name in dict.fromkeys(names)}
-    obj[TAKEN] = json.dumps({"file": str(path), "values": {k: v for k, v in values.items() if v is not None}})
+    values = {name: _read_value(obj, name) for name in dict.fromkeys(names)}
+    obj[LAST_PRESET] = json.dumps({"file": str(path), "values": {k: v for k, v in values.items() if v is not None}})
 
 
-def last_preset(obj: bpy.types.Object) -> tuple[str, str]:
+def read_last_preset(obj: bpy.types.Object) -> tuple[str, str]:
     """Return name and file of the preset last applied to an object.
 
     The name ends with a star where the user changed a value since; both are "" without a preset.
     """
-    stored = _parse(str(obj.get(TAKEN, "")))
+    stored = _parse(str(obj.get(LAST_PRESET, "")))
     if stored is None:
         return "", ""
     name = Path(stored["file"]).stem.replace("_", " ")
-    same = all(_value(obj, setting) == value for setting, value in stored["values"].items())
+    same = all(_read_value(obj, setting) == value for setting, value in stored["values"].items())
     return name if same else f"{name}*", stored["file"]
 
 
@@ -86,7 +90,7 @@ def _parse(text: str) -> dict[str, Any] | None:
         return None
 
 
-def _value(obj: bpy.types.Object, setting: str) -> object:
+def _read_value(obj: bpy.types.Object, setting: str) -> object:
     """Return the object's value of a setting "section.name"; None where this version has no such setting."""
     try:
         return attrgetter(setting)(obj.flexmaps)

@@ -14,10 +14,10 @@ from ...engine.arrays import Float
 from .columns import column
 
 SOURCE = "flexmaps_source"  # custom property of the object of quads: the source object
-MADE = "flexmaps_made"  # custom property of its mesh: checksum of the quads right after the remesh
+QUADS_CHECKSUM = "flexmaps_made"  # custom property of its mesh: checksum of the quads right after the remesh
 
 
-def note(made: bpy.types.Object, source: bpy.types.Object) -> None:
+def write_source(made: bpy.types.Object, source: bpy.types.Object) -> None:
     """Store which object the quads were made from, and a checksum of the quads.
 
     Parameters
@@ -25,10 +25,10 @@ def note(made: bpy.types.Object, source: bpy.types.Object) -> None:
     made : the new object of quads
     source : the object that was remeshed
     """
-    made[SOURCE], made.data[MADE] = source, _checksum(made.data)
+    made[SOURCE], made.data[QUADS_CHECKSUM] = source, _checksum(made.data)
 
 
-def source_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Object:
+def read_source(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Object:
     """Return the source object of the quads; ``obj`` itself where the source is gone or the user changed the quads.
 
     Parameters
@@ -39,10 +39,12 @@ def source_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Object
     source = obj.get(SOURCE)
     if not isinstance(source, bpy.types.Object) or scene.objects.get(source.name) != source:
         return obj
-    return source if len(source.data.polygons) and obj.data.get(MADE) == _checksum(obj.data) else obj
+    return source if len(source.data.polygons) and obj.data.get(QUADS_CHECKSUM) == _checksum(obj.data) else obj
 
 
-def between(source: bpy.types.Object, obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "4 4"]:
+def source_to_quads(
+    source: bpy.types.Object, obj: bpy.types.Object, scene: bpy.types.Scene
+) -> Float[np.ndarray, "4 4"]:
     """Return the transform, in metres, from the source to the quads, which may have been moved and scaled since.
 
     Parameters

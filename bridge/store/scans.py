@@ -21,7 +21,7 @@ NAME, BLOCK = attributes.PREFIX + "scan", "scan"
 POINTS, OWNER = "flexmaps_scan_points", "flexmaps_owner"
 
 
-def forget(obj: bpy.types.Object) -> None:
+def clear(obj: bpy.types.Object) -> None:
     """Remove the distances, the report block and the scan points."""
     attributes.remove(obj, NAME)
     if BLOCK in stored_report.read(obj.data):
@@ -45,13 +45,13 @@ def write(obj: bpy.types.Object, found: Comparison, points: bpy.types.Object) ->
     found : the comparison
     points : the object of scan points, already in the scene
     """
-    forget(obj)
+    clear(obj)
     attributes.write(obj, NAME, "FACE", "FLOAT", found.shown_mm)
     points[OWNER] = obj.name
     obj[POINTS] = points
 
 
-def current(obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
+def is_current(obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
     """Return whether a comparison exists and the target or simulated shape that was compared is unchanged.
 
     Parameters
@@ -60,12 +60,12 @@ def current(obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
     scene : its scene
     """
     block = stored_report.read(obj.data).get(BLOCK)
-    if block is None or states.is_old(obj, scene, BLOCK):
+    if block is None or states.is_stale(obj, scene, BLOCK):
         return False
-    return block["against"] == "target" or not states.is_old(obj, scene, "equilibrium")
+    return block["against"] == "target" or not states.is_stale(obj, scene, "equilibrium")
 
 
-def sentence(block: dict[str, Any]) -> str:
+def describe_result(block: dict[str, Any]) -> str:
     """Return a sentence about a comparison's result for the user."""
     from .i18n import translate
 

@@ -19,12 +19,12 @@ from .i18n import CONTEXT
 
 T = TypeVar("T")
 # default lengths in mm: from LARGE on, one decimal is shown; below FINE four decimals; between them two
-LARGE, FINE = 100.0, 0.05
+ONE_DECIMAL_FROM, FOUR_DECIMALS_BELOW = 100.0, 0.05
 
 _groups: dict[type, type[bpy.types.PropertyGroup]] = {}
 
 
-def _property(f: Field) -> Any:
+def _make_property(f: Field) -> Any:
     """Return the Blender property of a setting."""
     meta = f.metadata
     unit = SHOWN[meta["unit"]][1]
@@ -49,18 +49,28 @@ def _property(f: Field) -> Any:
     # show a number from 0 to 1 as a slider
     subtype = "FACTOR" if (meta["low"], meta["high"]) == (0.0, 1.0) else "NONE"
     shown = default * factor
-    precision = 3 if not unit else 1 if unit != "mm" or shown >= LARGE else 2 if shown >= FINE or not shown else 4
+    precision = (
+        3
+        if not unit
+        else 1
+        if unit != "mm" or shown >= ONE_DECIMAL_FROM
+        else 2
+        if shown >= FOUR_DECIMALS_BELOW or not shown
+        else 4
+    )
     return FloatProperty(default=shown, precision=precision, step=step, subtype=subtype, **bounds, **common)
 
 
-def group(cls: type) -> type[bpy.types.PropertyGroup]:
+def property_group(cls: type) -> type[bpy.types.PropertyGroup]:
     """Return the registered PropertyGroup class of a settings dataclass; nested dataclasses become nested groups."""
     if cls not in _groups:
         hints = get_type_hints(cls)
         annotations: dict[str, Any] = {}
         for f in fields(cls):
             inner: type = hints[f.name]
-            annotations[f.name] = PointerProperty(type=group(inner)) if is_dataclass(inner) else _property(f)
+            annotations[f.name] = (
+                PointerProperty(type=property_group(inner)) if is_dataclass(inner) else _make_property(f)
+            )
         # keep settings of earlier versions for old files and presets; read() prefers their successors where set
         for name in getattr(cls, "WERE", {}):
             annotations[name] = BoolProperty(default=True, options={"HIDDEN"})
@@ -71,18 +81,18 @@ def group(cls: type) -> type[bpy.types.PropertyGroup]:
 
 
 @cache
-def _hints(cls: Any) -> dict[str, Any]:
+def _field_types(cls: Any) -> dict[str, Any]:
     """Return the types of a dataclass's fields; cached, because the live simulation reads them at every change."""
     return get_type_hints(cls)
 
 
-def _exact(value: float) -> float:
+def _round_float32(value: float) -> float:
     """Round a float32 to the decimal number that was typed in: 0.30000001192 to 0.3."""
     return float(f"{value:.7g}")
 
 
 def read(properties: bpy.types.PropertyGroup, cls: type[T]) -> T:
-    """Return the engine's settings from a property group made by ``group(cls)``.
+    """Return the engine's settings from a property group made by ``property_group(cls)``.
 
     Parameters
     ----------
@@ -93,14 +103,14 @@ def read(properties: bpy.types.PropertyGroup, cls: type[T]) -> T:
     ------
     FlexMapsError for a value out of bounds.
     """
-    hints = _hints(cls)  # type: ignore[arg-type]
+    hints = _field_types(cls)  # type: ignore[arg-type]
     values: dict[str, Any] = {}
     for f in fields(cls):  # type: ignore[arg-type]
         value = getattr(properties, f.name)
         if is_dataclass(hints[f.name]):
             values[f.name] = read(value, hints[f.name])
         elif hints[f.name] is float:
-            values[f.name] = _exact(value) / SHOWN[f.metadata["unit"]][0]
+            values[f.name] = _round_float32(value) / SHOWN[f.metadata["unit"]][0]
         else:
             values[f.name] = value
     for name, instead in getattr(cls, "WERE", {}).items():
@@ -110,7 +120,7 @@ def read(properties: bpy.types.PropertyGroup, cls: type[T]) -> T:
 
 
 def write(properties: bpy.types.PropertyGroup, settings: Any) -> None:
-    """Store the engine's settings in a property group made by ``group(type(settings))``.
+    """Store the engine's settings in a property group made by ``property_group(type(settings))``.
 
     Parameters
     ----------
@@ -127,7 +137,7 @@ def write(properties: bpy.types.PropertyGroup, settings: Any) -> None:
             setattr(properties, f.name, value)
 
 
-def changed(properties: bpy.types.PropertyGroup, but: tuple[str, ...] = ()) -> str:
+def format_changed(properties: bpy.types.PropertyGroup, but: tuple[str, ...] = ()) -> str:
     """Return the settings of a group that differ from their defaults, as text for checksums; fast enough for a redraw.
 
     Parameters
@@ -145,13 +155,13 @@ def changed(properties: bpy.types.PropertyGroup, but: tuple[str, ...] = ()) -> s
     return " ".join(texts)
 
 
-def unsaved(path: str) -> bool:
+def is_relative_to_unsaved(path: str) -> bool:
     """Return whether a path is relative to a .blend file that was never saved."""
     return path.startswith("//") and not bpy.data.filepath
 
 
 def register() -> None:
-    bpy.types.Object.flexmaps = PointerProperty(type=group(ObjectSettings), name="FlexMaps")
+    bpy.types.Object.flexmaps = PointerProperty(type=property_group(ObjectSettings), name="FlexMaps")
 
 
 def unregister() -> None:

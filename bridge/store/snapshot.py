@@ -66,17 +66,17 @@ class Snapshot:
             wishes=Wishes.from_offsets(begun.mesh, handles.read_wishes(self.surface)),
         )
         try:
-            flat = mesh.current_flat(self.surface, made.mesh) if self.has_flat else None
+            flat = mesh.require_current_flat(self.surface, made.mesh) if self.has_flat else None
         except FlexMapsError as error:
             return replace(made, lost={"flat": error, "design": error})
         spoilt = self.surface.spoilt
-        spoilt_design = {"design": mesh.cannot_be_cut(spoilt)} if len(spoilt) else {}
+        spoilt_design = {"design": mesh.uncuttable_error(spoilt)} if len(spoilt) else {}
         if flat is None:
             return replace(made, lost=spoilt_design)
         start = mesh.last_spirals(self.surface) if self.chosen else None
         stored = made_by("split", self.settings, made.inputs("mesh"))
         made = made.with_outputs(FinalLayout(flat, CHOSEN if self.chosen else STORED, start, **stored))
-        design = mesh.design_of(self.surface, flat, self.settings.spiral)
+        design = mesh.read_design(self.surface, flat, self.settings.spiral)
         return replace(made, lost=spoilt_design) if design is None else self._with_stored(made, design)
 
     def _with_stored(self, made: Result, design: SpiralDesign) -> Result:
@@ -97,18 +97,18 @@ class Snapshot:
 
     def seams(self, made: Result) -> Bool[np.ndarray, " edges"]:
         """Return a flag for every edge, in the engine's order: whether the object has a seam there."""
-        return mesh.layout_of(self.surface, made.mesh).cut
+        return mesh.read_layout(self.surface, made.mesh).cut
 
     def start(self, made: Result) -> Result:
         """Return the result with initial spirals for a stage, adjusted to changed settings and patches."""
         layout = made.get(FinalLayout)
         if layout is None:
             return made
-        return self._with_stored(made, mesh.start_of(self.surface, layout.flat, self.settings.spiral, self.note))
+        return self._with_stored(made, mesh.read_start(self.surface, layout.flat, self.settings.spiral, self.note))
 
 
 @dataclass(frozen=True, eq=False)
-class Stored:
+class StoredPiece:
     """An object's polygons, settings and results of stages.
 
     source : its polygons
@@ -125,7 +125,9 @@ class Stored:
     seams: Bool[np.ndarray, " edges"] | None = None
 
 
-def take(obj: bpy.types.Object, surface: ObjectSurface, used: ObjectSettings, *, loaded: bool = True) -> Snapshot:
+def take_snapshot(
+    obj: bpy.types.Object, surface: ObjectSurface, used: ObjectSettings, *, loaded: bool = True
+) -> Snapshot:
     """Read the input of the stages from an object; takes milliseconds.
 
     Parameters
@@ -143,42 +145,42 @@ def take(obj: bpy.types.Object, surface: ObjectSurface, used: ObjectSettings, *,
     snapshot = Snapshot(obj.name, surface, used, note=blocks.get("spirals"), chosen="choose" in blocks)
     if not loaded:
         return snapshot
-    held, force = supports.loads(obj, surface, used.loads)
+    held, force = supports.read_loads(obj, surface, used.loads)
     return replace(snapshot, held=held, force=force, groups=supports.read_groups(obj, surface, used))
 
 
-def read(obj: bpy.types.Object) -> Stored:
+def read_piece(obj: bpy.types.Object) -> StoredPiece:
     """Read polygons, settings and results from an object; raise ``FlexMapsError`` if FlexMaps cannot work on it."""
     scene = bpy.context.scene
     used = settings.read(obj.flexmaps, ObjectSettings) if hasattr(obj, "flexmaps") else ObjectSettings()
-    problem = objects.unusable(obj)
+    problem = objects.usage_problem(obj)
     if problem:
         raise FlexMapsError(problem)
-    if objects.changed_by_modifiers(obj):
-        return Stored(mesh.read_evaluated(obj, scene), used)
+    if objects.modifier_problem(obj):
+        return StoredPiece(mesh.read_evaluated(obj, scene), used)
     surface = mesh.read_surface(obj, scene)
-    snapshot = take(obj, surface, used, loaded=False)
+    snapshot = take_snapshot(obj, surface, used, loaded=False)
     try:
         result = snapshot.result()
     except FlexMapsError:
-        return Stored(surface.polygons, used, surface.uid)
-    held, force = supports.loads(obj, surface, used.loads)
+        return StoredPiece(surface.polygons, used, surface.uid)
+    held, force = supports.read_loads(obj, surface, used.loads)
     loaded = result.with_user(supports=held, force=force, groups=supports.read_groups(obj, surface, used))
-    return Stored(surface.polygons, used, surface.uid, loaded, snapshot.seams(result))
+    return StoredPiece(surface.polygons, used, surface.uid, loaded, snapshot.seams(result))
 
 
-def rest_of(uid: int) -> Pose | None:
+def read_rest_pose(uid: int) -> Pose | None:
     """Return an object's simulated pose of the hubs; None where it is not reliable or out of date."""
-    obj, scene = objects.find(uid), bpy.context.scene
+    obj, scene = objects.find_by_uid(uid), bpy.context.scene
     return equilibrium.read_rest_pose(obj, scene, mesh.read_surface(obj, scene))
 
 
-def read_again(uid: int) -> tuple[bpy.types.Object, ObjectSurface]:
+def reread_surface(uid: int) -> tuple[bpy.types.Object, ObjectSurface]:
     """Return the object with an id, and its present surface; raise as ``mesh.read_surface`` does.
 
     Parameters
     ----------
     uid : ``session_uid`` of the object
     """
-    obj = objects.find(uid)
+    obj = objects.find_by_uid(uid)
     return obj, mesh.read_surface(obj, bpy.context.scene)

@@ -18,39 +18,39 @@ from ...engine.runs import stages
 from . import stored_report
 from .checksums import Checksums
 
-TODO, DONE, OLD = "TODO", "DONE", "OLD"
+TODO, DONE, STALE = "TODO", "DONE", "STALE"
 
 # fields of the engine's ``Result`` that the user can edit by hand in Blender -> input; the most often edited first
-BY_HAND = {"merged": "seams", "design": "design", "mesh": "shape"}
+EDITABLE = {"merged": "seams", "design": "design", "mesh": "shape"}
 
 
-def _parts(members: Iterable[str], settings: Iterable[str]) -> tuple[str, ...]:
+def _list_inputs(members: Iterable[str], settings: Iterable[str]) -> tuple[str, ...]:
     """Return the names of the inputs that a result depends on: the parts that the user can edit, then the settings."""
     ingredients = stages.dependencies(members)
-    own = tuple(part for member, part in BY_HAND.items() if member in ingredients)
+    own = tuple(part for member, part in EDITABLE.items() if member in ingredients)
     named = tuple(dict.fromkeys(settings))
     return (*own, *named, *(("down",) if "loads" in named else ()))
 
 
-def _parts_of(block: str) -> tuple[str, ...]:
+def _block_inputs(block: str) -> tuple[str, ...]:
     writers = stages.writers(block)
-    return _parts((m for s in writers for m in s.needs), (name for s in writers for name in s.settings))
+    return _list_inputs((m for s in writers for m in s.needs), (name for s in writers for name in s.settings))
 
 
 # report block of a stage -> names of its inputs; settings by the name of their section, see ``stages.Stage``
-PARTS: dict[str, tuple[str, ...]] = {"checks": ("shape",)} | {block: _parts_of(block) for block in stages.BLOCKS}
-PARTS["sheets"] += ("export",)  # the block lists files, which depend on these settings
+INPUTS: dict[str, tuple[str, ...]] = {"checks": ("shape",)} | {block: _block_inputs(block) for block in stages.BLOCKS}
+INPUTS["sheets"] += ("export",)  # the block lists files, which depend on these settings
 # results that have no report block -> names of their inputs
-UNNOTED: dict[str, tuple[str, ...]] = {
-    "regularise": _parts(stages.STAGES["regularise"].needs, stages.STAGES["regularise"].settings),
-    "preview": (*_parts(("design",), ("spiral",)), "pose"),
-    "forecast": _parts(("merged",), stages.PHYSICS),  # predicted strains, computed with a layout
+SIDE_RESULTS: dict[str, tuple[str, ...]] = {
+    "regularise": _list_inputs(stages.STAGES["regularise"].needs, stages.STAGES["regularise"].settings),
+    "preview": (*_list_inputs(("design",), ("spiral",)), "pose"),
+    "forecast": _list_inputs(("merged",), stages.PHYSICS),  # predicted strains, computed with a layout
 }
-OF_MESH = {*BY_HAND.values(), "pose"}
+MESH_INPUTS = {*EDITABLE.values(), "pose"}
 # inputs that are settings, and "down", the direction of gravity in the object's frame
-OF_SETTINGS = {part for parts in (*PARTS.values(), *UNNOTED.values()) for part in parts} - OF_MESH
+SETTINGS_INPUTS = {part for parts in (*INPUTS.values(), *SIDE_RESULTS.values()) for part in parts} - MESH_INPUTS
 # report block -> report blocks of the stages whose results it uses
-AFTER = {
+BLOCKS_USED = {
     block: stages.blocks_describing(need for stage in stages.writers(block) for need in stage.needs) - {block}
     for block in stages.BLOCKS
 }
@@ -60,7 +60,7 @@ AFTER = {
 class StageState:
     """State of one stage.
 
-    kind : ``TODO`` (never run), ``DONE`` or ``OLD`` (out of date)
+    kind : ``TODO`` (never run), ``DONE`` or ``STALE`` (out of date)
     part : the input that changed; "" where none of its own inputs changed, but an earlier stage did
     """
 
@@ -71,7 +71,7 @@ class StageState:
 # -- stamps ------------------------------------------------------------------------------------------------------------
 
 
-def settings_now(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, str]:
+def read_settings_checksums(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, str]:
     """Return checksums of the settings for ``stamp``. Call it when a stage starts: settings may change while it runs.
 
     Parameters
@@ -80,7 +80,7 @@ def settings_now(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, str
     scene : its scene
     """
     now = Checksums(obj, scene)
-    return {part: now[part] for part in OF_SETTINGS}
+    return {part: now[part] for part in SETTINGS_INPUTS}
 
 
 def stamp(obj: bpy.types.Object, scene: bpy.types.Scene, begun: dict[str, str] | None = None) -> None:
@@ -89,20 +89,20 @@ def stamp(obj: bpy.types.Object, scene: bpy.types.Scene, begun: dict[str, str] |
     Parameters
     ----------
     obj, scene : the mesh object and its scene
-    begun : checksums from ``settings_now``, taken when the work began; None takes the present settings
+    begun : checksums from ``read_settings_checksums``, taken when the work began; None takes the present settings
     """
     mesh = obj.data
-    fresh = stored_report.take_fresh(mesh)
+    fresh = stored_report.pop_unstamped(mesh)
     if not fresh:
         return
     if mesh.is_editmode:
         obj.update_from_editmode()
     now = Checksums(obj, scene, begun)
-    made = {stage: {part: now[part] for part in PARTS[stage]} for stage in fresh if stage in PARTS}
-    stored_report.write_made_from(mesh, made)
+    made = {stage: {part: now[part] for part in INPUTS[stage]} for stage in fresh if stage in INPUTS}
+    stored_report.write_input_checksums(mesh, made)
 
 
-def stamp_unnoted(
+def stamp_side_result(
     obj: bpy.types.Object, scene: bpy.types.Scene, name: str, begun: dict[str, str] | None = None
 ) -> None:
     """Store the input checksums of a result that has no report block.
@@ -110,13 +110,13 @@ def stamp_unnoted(
     Parameters
     ----------
     obj, scene : the mesh object and its scene
-    name : a key of ``UNNOTED``
+    name : a key of ``SIDE_RESULTS``
     begun : as for ``stamp``
     """
     if obj.data.is_editmode:
         obj.update_from_editmode()
     now = Checksums(obj, scene, begun)
-    stored_report.write_made_from(obj.data, {name: {part: now[part] for part in UNNOTED[name]}})
+    stored_report.write_input_checksums(obj.data, {name: {part: now[part] for part in SIDE_RESULTS[name]}})
 
 
 # -- states ------------------------------------------------------------------------------------------------------------
@@ -130,19 +130,23 @@ def read_states(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, Stag
     obj : the mesh object
     scene : its scene
     """
-    blocks, stamps, now = stored_report.read(obj.data), stored_report.made_from(obj.data), Checksums(obj, scene)
+    blocks, stamps, now = (
+        stored_report.read(obj.data),
+        stored_report.read_input_checksums(obj.data),
+        Checksums(obj, scene),
+    )
     states: dict[str, StageState] = {}
-    for stage, parts in PARTS.items():
+    for stage, parts in INPUTS.items():
         made = stamps.get(stage)
-        earlier = [states[name] for name in AFTER.get(stage, ()) if name in states]
+        earlier = [states[name] for name in BLOCKS_USED.get(stage, ()) if name in states]
         if stage not in blocks:
-            states[stage] = StageState(TODO if made is None else OLD)
+            states[stage] = StageState(TODO if made is None else STALE)
             continue
         changed = next((part for part in parts if made is not None and made.get(part) != now[part]), None)
         if changed is not None:
-            states[stage] = StageState(OLD, changed)
+            states[stage] = StageState(STALE, changed)
         else:
-            states[stage] = StageState(DONE if all(state.kind == DONE for state in earlier) else OLD)
+            states[stage] = StageState(DONE if all(state.kind == DONE for state in earlier) else STALE)
     return states
 
 
@@ -158,7 +162,7 @@ def current_blocks(obj: bpy.types.Object, known: dict[str, StageState]) -> dict[
     return {name: block for name, block in blocks.items() if name in known and known[name].kind == DONE}
 
 
-def is_old(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str) -> bool:
+def is_stale(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str) -> bool:
     """Return whether a stage has a result whose own inputs changed since; changes of earlier stages do not count.
 
     Parameters
@@ -166,21 +170,23 @@ def is_old(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str) -> bool:
     obj, scene : the mesh object and its scene
     stage : name of the stage's report block; the result is False if it belongs to an extra that is not installed
     """
-    return stage in PARTS and stage in stored_report.read(obj.data) and _inputs_changed(obj, scene, stage, PARTS[stage])
+    return (
+        stage in INPUTS and stage in stored_report.read(obj.data) and _inputs_changed(obj, scene, stage, INPUTS[stage])
+    )
 
 
-def is_old_unnoted(obj: bpy.types.Object, scene: bpy.types.Scene, name: str) -> bool:
-    """Return whether a result (a key of ``UNNOTED``) exists and its inputs changed since."""
-    return _inputs_changed(obj, scene, name, UNNOTED[name])
+def is_side_result_stale(obj: bpy.types.Object, scene: bpy.types.Scene, name: str) -> bool:
+    """Return whether a result (a key of ``SIDE_RESULTS``) exists and its inputs changed since."""
+    return _inputs_changed(obj, scene, name, SIDE_RESULTS[name])
 
 
-def is_current_unnoted(obj: bpy.types.Object, scene: bpy.types.Scene, name: str) -> bool:
-    """Return whether a result (a key of ``UNNOTED``) exists and is up to date."""
-    return name in stored_report.made_from(obj.data) and not is_old_unnoted(obj, scene, name)
+def is_side_result_current(obj: bpy.types.Object, scene: bpy.types.Scene, name: str) -> bool:
+    """Return whether a result (a key of ``SIDE_RESULTS``) exists and is up to date."""
+    return name in stored_report.read_input_checksums(obj.data) and not is_side_result_stale(obj, scene, name)
 
 
 def _inputs_changed(obj: bpy.types.Object, scene: bpy.types.Scene, name: str, parts: tuple[str, ...]) -> bool:
-    made = stored_report.made_from(obj.data).get(name)
+    made = stored_report.read_input_checksums(obj.data).get(name)
     if made is None:
         return False
     now = Checksums(obj, scene)

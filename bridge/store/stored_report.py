@@ -21,13 +21,17 @@ if TYPE_CHECKING:
     from ...engine.surface.checking.check import Finding
 
 NAME = "flexmaps_report"
-MADE_FROM = "flexmaps_made_from"  # block -> input -> checksum of the input when the block was written, see ``states``
-SUM = "_sum"  # suffix of the property that holds a text's checksum
+INPUT_CHECKSUMS = (
+    "flexmaps_made_from"  # block -> input -> checksum of the input when the block was written, see ``states``
+)
+CHECKSUM_SUFFIX = "_sum"  # suffix of the property that holds a text's checksum
 PROGRAM = "program"  # key beside a report block's input checksums: version of FlexMaps that wrote the block
 TRACED = "traced"  # key in the report block "layout": true where the patches are from Trace, before Merge
 # codes of findings of a remesh, about the mesh before it
-OF_REMESH = {"surface-missed", "bodies-left-out", "bodies-joined", "bodies-cut"}
-FRESH = "flexmaps_fresh"  # custom property: names of the report blocks written since ``states.stamp`` was last called
+REMESH_CODES = {"surface-missed", "bodies-left-out", "bodies-joined", "bodies-cut"}
+UNSTAMPED = (
+    "flexmaps_fresh"  # custom property: names of the report blocks written since ``states.stamp`` was last called
+)
 
 
 # -- texts on the mesh: read only if their checksum is right -----------------------------------------------------------
@@ -42,9 +46,9 @@ def _parse(text: str, checksum: str) -> dict[str, Any] | None:
     return json.loads(text) if _checksum(text) == checksum else None
 
 
-def _get(mesh: bpy.types.Mesh, name: str) -> dict[str, Any] | None:
+def _read_text(mesh: bpy.types.Mesh, name: str) -> dict[str, Any] | None:
     """Return the dictionary that ``put_text`` stored; {} if there is no text or no checksum, None if it is damaged."""
-    text, checksum = mesh.get(name), mesh.get(name + SUM)
+    text, checksum = mesh.get(name), mesh.get(name + CHECKSUM_SUFFIX)
     if text is None or checksum is None:
         return {}
     return _parse(text, checksum) if isinstance(text, str) and isinstance(checksum, str) else None
@@ -53,28 +57,28 @@ def _get(mesh: bpy.types.Mesh, name: str) -> dict[str, Any] | None:
 def put_text(mesh: bpy.types.Mesh, name: str, value: dict[str, Any]) -> None:
     """Store a dictionary on the mesh as JSON text with a checksum."""
     mesh[name] = json.dumps(value)
-    mesh[name + SUM] = _checksum(mesh[name])
+    mesh[name + CHECKSUM_SUFFIX] = _checksum(mesh[name])
 
 
 def get_text(mesh: bpy.types.Mesh, name: str) -> dict[str, Any]:
     """Return the dictionary that ``put_text`` stored under a name; {} if it is missing or damaged."""
-    return _get(mesh, name) or {}
+    return _read_text(mesh, name) or {}
 
 
-def unsound(mesh: bpy.types.Mesh) -> bool:
+def is_damaged(mesh: bpy.types.Mesh) -> bool:
     """Return whether the stored report or its input checksums are damaged; they are then ignored."""
-    return _get(mesh, NAME) is None or _get(mesh, MADE_FROM) is None
+    return _read_text(mesh, NAME) is None or _read_text(mesh, INPUT_CHECKSUMS) is None
 
 
-def unsealed(mesh: bpy.types.Mesh) -> bool:
+def lacks_checksums(mesh: bpy.types.Mesh) -> bool:
     """Return whether an early version stored the report without checksums; it is then ignored too."""
-    return any(name in mesh and name + SUM not in mesh for name in (NAME, MADE_FROM))
+    return any(name in mesh and name + CHECKSUM_SUFFIX not in mesh for name in (NAME, INPUT_CHECKSUMS))
 
 
-def _begin(mesh: bpy.types.Mesh) -> None:
+def _remove_invalid(mesh: bpy.types.Mesh) -> None:
     """Remove a stored report that is damaged or lacks checksums, before a new one is written."""
-    if unsound(mesh) or unsealed(mesh):
-        for name in (NAME, NAME + SUM, MADE_FROM, MADE_FROM + SUM, FRESH):
+    if is_damaged(mesh) or lacks_checksums(mesh):
+        for name in (NAME, NAME + CHECKSUM_SUFFIX, INPUT_CHECKSUMS, INPUT_CHECKSUMS + CHECKSUM_SUFFIX, UNSTAMPED):
             if name in mesh:
                 del mesh[name]
 
@@ -84,11 +88,11 @@ def _begin(mesh: bpy.types.Mesh) -> None:
 
 def read(mesh: bpy.types.Mesh) -> dict[str, Any]:
     """Return all stored report blocks by name. The dictionary is cached: do not modify it."""
-    blocks = _get(mesh, NAME)
-    return {} if not blocks or _get(mesh, MADE_FROM) is None else blocks
+    blocks = _read_text(mesh, NAME)
+    return {} if not blocks or _read_text(mesh, INPUT_CHECKSUMS) is None else blocks
 
 
-def missing(mesh: bpy.types.Mesh, member: str) -> str | None:
+def missing_result(mesh: bpy.types.Mesh, member: str) -> str | None:
     """Return a sentence that a result is missing and which button makes it; None where its stage has run.
 
     Parameters
@@ -99,22 +103,26 @@ def missing(mesh: bpy.types.Mesh, member: str) -> str | None:
     return None if stages.blocks_describing((member,)) & read(mesh).keys() else stages.MISSING[member]
 
 
-def made_from(mesh: bpy.types.Mesh) -> dict[str, dict[str, str]]:
+def read_input_checksums(mesh: bpy.types.Mesh) -> dict[str, dict[str, str]]:
     """Return report block -> input -> checksum of the input. The dictionary is cached: do not modify it."""
-    return {} if unsound(mesh) else _get(mesh, MADE_FROM) or {}
+    return {} if is_damaged(mesh) else _read_text(mesh, INPUT_CHECKSUMS) or {}
 
 
-def write_made_from(mesh: bpy.types.Mesh, made: dict[str, dict[str, str]]) -> None:
+def write_input_checksums(mesh: bpy.types.Mesh, made: dict[str, dict[str, str]]) -> None:
     """Store the input checksums of some report blocks and the program's version; other blocks keep theirs."""
-    _begin(mesh)
-    put_text(mesh, MADE_FROM, made_from(mesh) | {name: parts | {PROGRAM: VERSION} for name, parts in made.items()})
+    _remove_invalid(mesh)
+    put_text(
+        mesh,
+        INPUT_CHECKSUMS,
+        read_input_checksums(mesh) | {name: parts | {PROGRAM: VERSION} for name, parts in made.items()},
+    )
 
 
-def made_with(mesh: bpy.types.Mesh) -> str:
+def read_version(mesh: bpy.types.Mesh) -> str:
     """Return the version that wrote the report: the newest if it is newer than this program, else the oldest."""
-    if unsealed(mesh):
+    if lacks_checksums(mesh):
         return versions.FIRST_VERSION
-    made = made_from(mesh)
+    made = read_input_checksums(mesh)
     made_by = [str(made.get(name, {}).get(PROGRAM, versions.FIRST_VERSION)) for name in read(mesh).keys() - {"checks"}]
     newest = max(made_by, key=versions.order, default=VERSION)
     return (
@@ -133,10 +141,10 @@ def write(mesh: bpy.types.Mesh, stage: str, block: object) -> None:
     stage : name of the block
     block : plain values, stored as JSON
     """
-    _begin(mesh)
+    _remove_invalid(mesh)
     gone = stages.stale_blocks(stage)
     put_text(mesh, NAME, {name: value for name, value in read(mesh).items() if name not in gone} | {stage: block})
-    _note_fresh(mesh, stage)
+    _mark_unstamped(mesh, stage)
 
 
 def write_all(mesh: bpy.types.Mesh, blocks: dict[str, dict[str, Any]]) -> None:
@@ -159,7 +167,7 @@ def drop_from(mesh: bpy.types.Mesh, stage: str) -> None:
     mesh : Blender's mesh
     stage : name of the block
     """
-    _begin(mesh)
+    _remove_invalid(mesh)
     gone = stages.stale_blocks(stage) | {stage}
     put_text(mesh, NAME, {name: value for name, value in read(mesh).items() if name not in gone})
 
@@ -180,22 +188,22 @@ def write_checks(mesh: bpy.types.Mesh, findings: Sequence[Finding]) -> None:
         finding.as_dict() | {"edges": list(finding.edges), "quads": count, "larger": finding.larger}
         for finding in findings
     ]
-    codes = OF_REMESH - {block["code"] for block in blocks}
+    codes = REMESH_CODES - {block["code"] for block in blocks}
     blocks += [
         block for block in read(mesh).get("checks", ()) if block["code"] in codes and block.get("quads") == count
     ]
-    _begin(mesh)
+    _remove_invalid(mesh)
     put_text(mesh, NAME, read(mesh) | {"checks": blocks})
-    _note_fresh(mesh, "checks")
+    _mark_unstamped(mesh, "checks")
 
 
-def _note_fresh(mesh: bpy.types.Mesh, stage: str) -> None:
-    mesh[FRESH] = " ".join({*str(mesh.get(FRESH, "")).split(), stage})
+def _mark_unstamped(mesh: bpy.types.Mesh, stage: str) -> None:
+    mesh[UNSTAMPED] = " ".join({*str(mesh.get(UNSTAMPED, "")).split(), stage})
 
 
-def take_fresh(mesh: bpy.types.Mesh) -> set[str]:
+def pop_unstamped(mesh: bpy.types.Mesh) -> set[str]:
     """Return the names of the report blocks written since the last call, as far as they still exist."""
-    fresh = set(str(mesh.get(FRESH, "")).split())
-    if FRESH in mesh:
-        del mesh[FRESH]
+    fresh = set(str(mesh.get(UNSTAMPED, "")).split())
+    if UNSTAMPED in mesh:
+        del mesh[UNSTAMPED]
     return fresh & set(read(mesh))

@@ -18,11 +18,11 @@ from .columns import read_weights
 if TYPE_CHECKING:
     from .surface import ObjectSurface
 
-CORNERS = 2  # corners that put a quad into a vertex group; 2, so that an edge on the ground counts as a support
+MIN_CORNERS = 2  # corners that put a quad into a vertex group; 2, so that an edge on the ground counts as a support
 GROUP = "FlexMaps supports"
 
 
-def loads(
+def read_loads(
     obj: bpy.types.Object, surface: ObjectSurface, params: LoadParams
 ) -> tuple[Int[np.ndarray, " supports"] | None, Float[np.ndarray, "quads 3"] | None]:
     """Return the supported quads, and the force on every quad in newtons and world axes; None where there are none.
@@ -37,7 +37,7 @@ def loads(
     ------
     FlexMapsError where a vertex group is missing or holds no quad.
     """
-    return read_supports(obj, surface, params), force(obj, surface, params)
+    return read_supports(obj, surface, params), read_forces(obj, surface, params)
 
 
 def read_groups(obj: bpy.types.Object, surface: ObjectSurface, used: Settings) -> dict[str, Int[np.ndarray, " some"]]:
@@ -65,11 +65,11 @@ def read_groups(obj: bpy.types.Object, surface: ObjectSurface, used: Settings) -
     for name in wanted:
         if obj.vertex_groups.get(name) is not None:
             with suppress(FlexMapsError):
-                quads[name] = _quads(obj, surface, name, "Load cases")
+                quads[name] = _read_group(obj, surface, name, "Load cases")
     return quads
 
 
-def is_group(uid: int, name: str) -> bool:
+def has_group(uid: int, name: str) -> bool:
     """Return whether the object with this id has a vertex group of this name.
 
     Parameters
@@ -77,7 +77,7 @@ def is_group(uid: int, name: str) -> bool:
     uid : ``session_uid`` of the object
     name : name of a vertex group
     """
-    return objects.find(uid).vertex_groups.get(name) is not None
+    return objects.find_by_uid(uid).vertex_groups.get(name) is not None
 
 
 def read_supports(
@@ -98,10 +98,10 @@ def read_supports(
     single = handles.held_quads(surface)
     if not params.supports:
         return single if len(single) else None
-    return np.union1d(_quads(obj, surface, params.supports, "Supports"), single)
+    return np.union1d(_read_group(obj, surface, params.supports, "Supports"), single)
 
 
-def put(
+def write_loads(
     obj: bpy.types.Object,
     surface: ObjectSurface,
     held: Int[np.ndarray, " supports"] | None,
@@ -118,20 +118,20 @@ def put(
     """
     wanted = np.zeros(0, int) if held is None else np.asarray(held)
     chosen = obj.flexmaps.loads
-    in_group = _quads(obj, surface, chosen.supports, "Supports") if chosen.supports else np.zeros(0, int)
-    if not chosen.supports and write(obj, surface, held):
+    in_group = _read_group(obj, surface, chosen.supports, "Supports") if chosen.supports else np.zeros(0, int)
+    if not chosen.supports and write_supports(obj, surface, held):
         in_group = wanted
     single = np.zeros(len(surface.polygons.sizes))
     single[np.setdiff1d(wanted, in_group)] = 1.0
     handles.write(obj, handles.HELD, single)
-    shared = force_of_group(obj, surface, settings.read(chosen, LoadParams))
+    shared = read_group_force(obj, surface, settings.read(chosen, LoadParams))
     total = np.zeros((len(single), 3)) if force is None else force
     left = total - shared
     # rounding errors are not forces
     handles.write(obj, handles.PULL, np.where(np.abs(left) > 1e-9 * np.abs(total).max(initial=0.0), left, 0.0))
 
 
-def write(obj: bpy.types.Object, surface: ObjectSurface, quads: Int[np.ndarray, " supports"] | None) -> bool:
+def write_supports(obj: bpy.types.Object, surface: ObjectSurface, quads: Int[np.ndarray, " supports"] | None) -> bool:
     """Store held quads in a vertex group and set it as the supports' group; None clears the setting.
 
     Returns
@@ -148,7 +148,7 @@ def write(obj: bpy.types.Object, surface: ObjectSurface, quads: Int[np.ndarray, 
     # take the vertices whose quads are all held; if the lowest quads are held, these are the vertices on the ground
     inside = np.bincount(corners[held], minlength=len(surface.positions)) > 0
     inside[corners[~held]] = False
-    if not np.array_equal(_belonging(surface, inside), np.sort(quads)):
+    if not np.array_equal(_quads_of_vertices(surface, inside), np.sort(quads)):
         return False
     group = obj.vertex_groups.get(GROUP) or obj.vertex_groups.new(name=GROUP)
     group.remove(range(len(surface.positions)))
@@ -157,7 +157,9 @@ def write(obj: bpy.types.Object, surface: ObjectSurface, quads: Int[np.ndarray, 
     return True
 
 
-def force(obj: bpy.types.Object, surface: ObjectSurface, params: LoadParams) -> Float[np.ndarray, "quads 3"] | None:
+def read_forces(
+    obj: bpy.types.Object, surface: ObjectSurface, params: LoadParams
+) -> Float[np.ndarray, "quads 3"] | None:
     """Return the force on every quad: the vertex group's force, shared evenly, plus the forces on single quads.
 
     Returns
@@ -168,24 +170,24 @@ def force(obj: bpy.types.Object, surface: ObjectSurface, params: LoadParams) -> 
     ------
     FlexMapsError where the group is missing or holds no quad.
     """
-    shared, single = force_of_group(obj, surface, params), handles.read_forces(surface)
+    shared, single = read_group_force(obj, surface, params), handles.read_forces(surface)
     total = shared if single is None else shared + single
     return total if total.any() else None
 
 
-def force_of_group(obj: bpy.types.Object, surface: ObjectSurface, params: LoadParams) -> Float[np.ndarray, "quads 3"]:
-    """Return the vertex group's force, shared evenly over its quads, (F, 3) in newtons; raise as ``force`` does."""
+def read_group_force(obj: bpy.types.Object, surface: ObjectSurface, params: LoadParams) -> Float[np.ndarray, "quads 3"]:
+    """Return the vertex group's force, shared evenly over its quads, (F, 3) in newtons; raise as ``read_forces`` does."""
     total, shared = np.array(params.force), np.zeros((len(surface.polygons.sizes), 3))
     if not total.any():
         return shared
     if not params.pulled:
         raise FlexMapsError("There is a force, but nothing that it pulls at; choose a vertex group under Pulled")
-    quads = _quads(obj, surface, params.pulled, "Pulled")
+    quads = _read_group(obj, surface, params.pulled, "Pulled")
     shared[quads] = total / len(quads)
     return shared
 
 
-def _quads(obj: bpy.types.Object, surface: ObjectSurface, name: str, place: str) -> Int[np.ndarray, " quads"]:
+def _read_group(obj: bpy.types.Object, surface: ObjectSurface, name: str, place: str) -> Int[np.ndarray, " quads"]:
     """Return the quads of a vertex group; ``place`` is the label of the setting that names the group, for errors."""
     group = obj.vertex_groups.get(name)
     if group is None:
@@ -196,16 +198,16 @@ def _quads(obj: bpy.types.Object, surface: ObjectSurface, name: str, place: str)
         raise FlexMapsError(
             f"The vertex group '{name}' under {place} is empty; select vertices in edit mode and press Assign"
         )
-    belonging = _belonging(surface, inside)
+    belonging = _quads_of_vertices(surface, inside)
     if not len(belonging):
         raise FlexMapsError(
-            f"No quad has {CORNERS} corners in the vertex group '{name}' under {place}; add their vertices to it"
+            f"No quad has {MIN_CORNERS} corners in the vertex group '{name}' under {place}; add their vertices to it"
         )
     return belonging
 
 
-def _belonging(surface: ObjectSurface, inside: Bool[np.ndarray, " vertices"]) -> Int[np.ndarray, " quads"]:
-    """Return the quads with at least ``CORNERS`` corners among the flagged vertices."""
+def _quads_of_vertices(surface: ObjectSurface, inside: Bool[np.ndarray, " vertices"]) -> Int[np.ndarray, " quads"]:
+    """Return the quads with at least ``MIN_CORNERS`` corners among the flagged vertices."""
     polygons = surface.polygons
     corners = np.bincount(polygons.face_of, weights=inside[polygons.corners], minlength=len(polygons.sizes))
-    return np.flatnonzero(corners >= CORNERS)
+    return np.flatnonzero(corners >= MIN_CORNERS)

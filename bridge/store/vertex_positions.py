@@ -1,6 +1,6 @@
 """Vertex positions that a stage works on: the mesh with the user's own shape keys, but without FlexMaps' shape keys.
 
-They are also computed for hidden objects. If modifiers or a parent change the mesh, ``objects.changed_by_modifiers``
+They are also computed for hidden objects. If modifiers or a parent change the mesh, ``objects.modifier_problem``
 reports it, and no stage starts.
 """
 
@@ -22,7 +22,7 @@ from .columns import column, read_weights
 FAR = 1e5
 
 
-def points(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "vertices 3"] | None:
+def read_with_user_keys(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "vertices 3"] | None:
     """Return the vertices moved by the user's shape keys, in the object's frame; None if the user has no shape keys.
 
     Raises
@@ -35,7 +35,7 @@ def points(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "
         raise FlexMapsError("Leave Edit Mode first (Tab): shape keys move what is seen there")
     if obj.data.shape_keys.use_relative:
         return _mix_keys(obj)
-    with shape_keys.blend_shown(obj, 0.0), evaluated(obj, scene) as there:
+    with shape_keys.blend_shown(obj, 0.0), evaluated_object(obj, scene) as there:
         mesh = there.to_mesh()
         try:
             return column(mesh.vertices, "co")
@@ -60,7 +60,7 @@ def _mix_keys(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
     return mixed
 
 
-def shown(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
+def read_displayed(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
     """Return the vertices as the 3D view shows them, moved by all shape keys, in the object's frame."""
     mesh = obj.data
     if mesh.is_editmode or not shape_keys.has_user_keys(obj.data):
@@ -72,7 +72,7 @@ def shown(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
     return column(there.vertices, "co")
 
 
-def state(obj: bpy.types.Object) -> bytes:
+def user_keys_as_bytes(obj: bpy.types.Object) -> bytes:
     """Return the vertices moved by the user's relative shape keys as bytes, for a checksum; b"" where none apply."""
     if not shape_keys.has_user_keys(obj.data) or obj.data.is_editmode or not obj.data.shape_keys.use_relative:
         return b""
@@ -86,7 +86,7 @@ def is_evaluated(obj: bpy.types.Object) -> bool:
 
 
 @contextmanager
-def evaluated(obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
+def evaluated_object(obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
     """Context manager: yield the evaluated object; a hidden object is evaluated in a temporary scene."""
     if is_evaluated(obj):
         graph = bpy.context.evaluated_depsgraph_get()
@@ -106,11 +106,11 @@ def evaluated(obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[bpy.typ
         bpy.data.scenes.remove(place)
 
 
-def world(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "4 4"]:
+def world_matrix(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "4 4"]:
     """Return the object's up-to-date world matrix, also for a hidden object."""
     if is_evaluated(obj) or obj.is_evaluated:
         return np.array(obj.matrix_world, dtype=float)
-    with evaluated(obj, scene) as there:
+    with evaluated_object(obj, scene) as there:
         return np.array(there.matrix_world, dtype=float)
 
 
@@ -121,7 +121,7 @@ def to_metres(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray
     ----------
     obj, scene : the object, and the scene with its units
     """
-    matrix = world(obj, scene)
+    matrix = world_matrix(obj, scene)
     matrix[:3] *= scene.unit_settings.scale_length
     if np.abs(matrix[:3, 3]).max() > FAR:
         matrix[:3, 3] = 0.0

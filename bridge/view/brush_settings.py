@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
-from ..store.objects import unusable
+from ..store.objects import usage_problem
 
 PAINTS = (
     ("stiffer", "Stiffer", "Wider arms, less wound; with Ctrl softer"),
@@ -32,7 +32,7 @@ def sources(self: bpy.types.PropertyGroup, context: bpy.types.Context, text: str
     """
     from ..store import fields
 
-    return [] if unusable(context.object) is not None else fields.list_fields(context.object)
+    return [] if usage_problem(context.object) is not None else fields.list_fields(context.object)
 
 
 class BrushSettings(bpy.types.PropertyGroup):

@@ -223,7 +223,7 @@ def _measure_stiffness(obj: bpy.types.Object) -> None:
     attributes.remove(obj, KINDS["STIFFNESS"].attribute)
     with suppress(FlexMapsError):
         used = settings.read(obj.flexmaps, ObjectSettings)
-        taken = snapshot.take(obj, mesh.read_surface(obj, bpy.context.scene), used, loaded=False)
+        taken = snapshot.take_snapshot(obj, mesh.read_surface(obj, bpy.context.scene), used, loaded=False)
         design = taken.result().design
         values = None if design is None else spiral_stiffness(design, used.material.chosen)
         if values is not None:
@@ -233,7 +233,7 @@ def _measure_stiffness(obj: bpy.types.Object) -> None:
 def current(obj: bpy.types.Object, kind: str) -> bool:
     """Return whether the values of a kind are up to date; out-of-date values are not shown."""
     if kind == "SCAN":
-        return scans.current(obj, bpy.context.scene)
+        return scans.is_current(obj, bpy.context.scene)
     if kind == "UTILISATION":
-        return not states.is_old(obj, bpy.context.scene, "structure")
-    return kind not in SIMULATED or not states.is_old(obj, bpy.context.scene, "equilibrium")
+        return not states.is_stale(obj, bpy.context.scene, "structure")
+    return kind not in SIMULATED or not states.is_stale(obj, bpy.context.scene, "equilibrium")

@@ -131,17 +131,17 @@ class Easel:
         self._readied: SpiralDesign | None = None  # the design for which ``ready`` has run
         self._unit = scene.unit_settings.scale_length
         self.quads = self._surface.polygons.corners.reshape(-1, 4)
-        self._take(SeenSurface.from_easel(self, self._to_world(vertex_positions.shown(obj))))
+        self._take(SeenSurface.from_easel(self, self._to_world(vertex_positions.read_displayed(obj))))
         self._known: dict[object, np.ndarray] = {}
         self._keep(self._now(obj, scene))
 
     def _taken(self, obj: bpy.types.Object, surface: ObjectSurface) -> Snapshot:
         from ..store import snapshot
 
-        missing = stored_report.missing(obj.data, "flat")
+        missing = stored_report.missing_result(obj.data, "flat")
         if missing:
             raise FlexMapsError(missing)
-        return snapshot.take(obj, surface, self._used, loaded=False)
+        return snapshot.take_snapshot(obj, surface, self._used, loaded=False)
 
     def _hold(self, design: SpiralDesign, taken: Snapshot) -> None:
         """Reset the painted spirals and the protected ones to the object's stored state."""
@@ -171,7 +171,7 @@ class Easel:
         flat = [[one.values.get(name) for name in mesh.FLAT_NAMES] for one in (surface, self._surface)]
         if any(a is None or b is None or not np.array_equal(a, b) for a, b in zip(*flat, strict=True)):
             return False
-        old, design = self.design, mesh.design_of(surface, self.design.flat, self.design.params)
+        old, design = self.design, mesh.read_design(surface, self.design.flat, self.design.params)
         known = self._known.get(now["design"])
         if (
             design is None
@@ -188,7 +188,7 @@ class Easel:
             self.stiffness = stored.astype(float)
         else:
             self._renew_stiffness(old)
-        moved = self._picture_at(vertex_positions.shown(obj))
+        moved = self._picture_at(vertex_positions.read_displayed(obj))
         if moved is None:
             self.shape = Painting(self, self.vertices, self.shape)
         else:
@@ -301,7 +301,7 @@ class Easel:
         from ..store import mesh
         from . import overlay
 
-        obj = objects.find(self.uid)
+        obj = objects.find_by_uid(self.uid)
         if self.changed.any():
             self.ready()
             mesh.write_design(obj, self._surface, self.design)

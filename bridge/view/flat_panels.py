@@ -16,7 +16,7 @@ from ...engine.errors import FlexMapsError
 from ...engine.params import ConnectorParams, ObjectSettings
 from ...engine.progress import SILENT, Progress
 from ..store import stored_report
-from ..store.objects import find
+from ..store.objects import find_by_uid
 from . import collection
 from .curves import chains, drawing, lines
 from .materials import material, wear
@@ -240,7 +240,7 @@ class PanelDrawing:
         place = self.stand(obj, scene, self.mesh(obj.name))
         for k, curves in enumerate(self.outlines):
             yield
-            obj = find(uid)
+            obj = find_by_uid(uid)
             data = drawing(f"{obj.name} outline {k + 1}", curves)
             lift = np.array([*self.centres[k], 1.02 * self.design.params.thickness])
             made = collection.add(obj, scene, "outlines", f"outline {k + 1}", data, place + lift)

@@ -10,7 +10,7 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ..store import handles
-from ..store.objects import unusable
+from ..store.objects import usage_problem
 from . import picking
 
 # largest number of gizmos of each kind; more show every handle of a piece held along its whole border, and slow drawing
@@ -73,7 +73,9 @@ def _handles(
 ) -> list[tuple[str, int, Any, Any]]:
     """Return kind, quad, position and vector of every handle, in the scene's units and world axes."""
     obj = context.object
-    if unusable(obj) is not None or not any(handles.PREFIXED[name] in obj.data.attributes for name in handles.NAMES):
+    if usage_problem(obj) is not None or not any(
+        handles.PREFIXED[name] in obj.data.attributes for name in handles.NAMES
+    ):
         return []
     points, quads = picking.seen(obj, shape_of(obj))
     if not len(quads):

@@ -14,7 +14,7 @@ from ..store.finding_words import INFORMATION
 from ..store.guidance import LOOK, NEUTRAL, REDO, STOPPED, TICK, Guidance
 from ..store.i18n import interface
 from ..store.notices import Notice
-from ..store.objects import CONVERTIBLE, shared, unusable
+from ..store.objects import CONVERTIBLE, other_users, usage_problem
 from . import collection
 
 if TYPE_CHECKING:
@@ -144,9 +144,9 @@ def around(context: bpy.types.Context) -> tuple[Notice, ...]:
         notices.append(
             Notice("left", interface("Old panels"), sentence, INFORMATION, cures=(Cure(interface("Remove"), REMOVE),))
         )
-    if unusable(obj) is not None:
+    if usage_problem(obj) is not None:
         return tuple(notices)
-    others, version = shared(obj), stored_report.made_with(obj.data)
+    others, version = other_users(obj), stored_report.read_version(obj.data)
     if others:
         sentence = interface("The mesh is shared with {}: seams and results are common to all", others)
         notices.append(Notice("shared", interface("Shared mesh"), sentence, INFORMATION))

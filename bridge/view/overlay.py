@@ -302,7 +302,7 @@ def _quads(obj: bpy.types.Object, kind: str) -> _Quads | None:
     number = attributes.read(mesh, SEAMS)
     numbers = np.full(len(mesh.edges), -1) if number is None else number
     sides = np.where(column(mesh.edges, "use_seam"), numbers, NO_SEAM)[edges].reshape(-1, 4)
-    seen = vertex_positions.shown(obj).astype(float)
+    seen = vertex_positions.read_displayed(obj).astype(float)
     return _Quads(seen, index.reshape(-1, 4), colouring.per_quad(kind, values), sides, _widths(kind, values))
 
 

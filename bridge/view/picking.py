@@ -37,7 +37,7 @@ def seen(
     ):
         return shape.vertices / bpy.context.scene.unit_settings.scale_length, shape.quads
     with attributes.readable_mesh(obj) as mesh:
-        points = shape_keys.simulated_positions(mesh) if obj.data.is_editmode else vertex_positions.shown(obj)
+        points = shape_keys.simulated_positions(mesh) if obj.data.is_editmode else vertex_positions.read_displayed(obj)
         corners = column(mesh.loops, "vertex_index")
         whole = len(mesh.loops) == 4 * len(mesh.polygons)
     return _to_world(obj, points), corners.reshape(-1, 4) if whole else np.zeros((0, 4), np.int32)

@@ -202,7 +202,7 @@ def _direction(params: RenderParams) -> tuple[float, float, float]:
 
 def stored_design(obj: bpy.types.Object) -> SpiralDesign | None:
     """Return the spirals stored in an object; None if it has no usable ones."""
-    result = snapshot.read(obj).result
+    result = snapshot.read_piece(obj).result
     return None if result is None else result.design
 
 

@@ -78,7 +78,7 @@ def begin_anew(obj: bpy.types.Object, findings: list[Finding]) -> None:
     """
     from ..store import mesh
 
-    mesh.forget(obj, mesh.NAMES)
+    mesh.clear(obj, mesh.NAMES)
     collection.clear(obj)
     obj.pop(framing.FRAMED, None)
     stored_report.drop_from(obj.data, "layout")

@@ -66,7 +66,7 @@ def taken(obj: bpy.types.Object) -> Reported:
     from ..store import settings as properties
 
     surface = mesh.read_surface(obj, bpy.context.scene)
-    return read(obj, snapshot.take(obj, surface, properties.read(obj.flexmaps, ObjectSettings)))
+    return read(obj, snapshot.take_snapshot(obj, surface, properties.read(obj.flexmaps, ObjectSettings)))
 
 
 def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
@@ -86,7 +86,7 @@ def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
         obj.update_from_editmode()
     now = states.read_states(obj, bpy.context.scene)
     blocks = states.current_blocks(obj, now)
-    if not scans.current(obj, bpy.context.scene):
+    if not scans.is_current(obj, bpy.context.scene):
         blocks.pop("scan", None)
     more = {"scan": attributes.read(obj.data, scans.NAME)} if "scan" in blocks else {}
     findings = guidance.read_guidance(obj, bpy.context.scene, now).findings()

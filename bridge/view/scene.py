@@ -81,13 +81,13 @@ def convert(obj: bpy.types.Object, context: bpy.types.Context) -> bpy.types.Obje
     obj : the object to convert
     context : Blender's context
     """
-    without = modifiers.sentence(obj)
+    without = modifiers.describe_ignored(obj)
     with modifiers.surface_only(obj):
         data = bpy.data.meshes.new_from_object(obj.evaluated_get(context.evaluated_depsgraph_get()))
     if not len(data.polygons):
         bpy.data.meshes.remove(data)
         return None
-    modifiers.note(data, without)
+    modifiers.write_note(data, without)
     made = bpy.data.objects.new(f"{obj.name} mesh", data)
     made.matrix_world = obj.matrix_world
     for one in obj.users_collection:
@@ -152,7 +152,7 @@ def put(
         raise FlexMapsError(f"'{obj.name}' has other faces than when it was read; read it again")
     if used is not None and hasattr(obj, "flexmaps"):
         settings.write(obj.flexmaps, used)
-        supports.put(obj, surface, result.supports, result.force)
+        supports.write_loads(obj, surface, result.supports, result.force)
     moved = surface.polygons.vertices[corners] - quads.vertices[quads.quads.ravel()]
     if np.abs(moved).max() > 1e-5 * quads.median_edge:
         mesh.write_vertices(obj, surface, quads)

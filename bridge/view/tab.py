@@ -56,7 +56,7 @@ def pressed() -> None:
 def follow(context: bpy.types.Context) -> None:
     """Open the section of the next step, unless the user has opened or folded a section since the last stage began."""
     tab, obj = bpy.context.window_manager.flexmaps_tab, context.object
-    if tab.by_hand or objects.unusable(obj) is not None:
+    if tab.by_hand or objects.usage_problem(obj) is not None:
         return
     act = guidance.read_guidance(obj, context.scene).act
     if act is not None:

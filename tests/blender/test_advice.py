@@ -332,7 +332,7 @@ def test_settings_that_change_meanwhile_make_it_out_of_date(strained: Any, monke
 
     monkeypatch.setattr(background, "run_here", busy)
     press("make_thinner")
-    assert states.read_states(strained, bpy.context.scene)["reach"].kind == states.OLD
+    assert states.read_states(strained, bpy.context.scene)["reach"].kind == states.STALE
 
 
 def test_the_sidebar_offers_what_is_advised(strained: Any, add: Any) -> None:

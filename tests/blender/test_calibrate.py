@@ -88,7 +88,7 @@ def test_mistakes_are_said_once(dome: bpy.types.Object, own_folder: Path, given:
 
 
 def test_a_name_cannot_leave_the_folder(own_folder: Path) -> None:
-    path = presets.keep("../../evil\nname", {"cut.kerf_outline": 0.1})
+    path = presets.write_preset("../../evil\nname", {"cut.kerf_outline": 0.1})
     assert path.parent == own_folder
     body = path.read_text(encoding="utf-8").splitlines()
     assert [line for line in body if line and not line.startswith(("#", "import bpy", "settings"))] == []

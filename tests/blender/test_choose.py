@@ -138,7 +138,7 @@ def test_undoable_settings_and_seams_make_it_out_of_date(chosen: Any) -> None:
     chosen.flexmaps.choose.match = 2.0  # what is wanted says how to search, not what was found
     assert states.read_states(chosen, scene)["choose"].kind == states.DONE
     chosen.data.edges[0].use_seam = not chosen.data.edges[0].use_seam
-    assert states.read_states(chosen, scene)["choose"].kind == states.OLD
+    assert states.read_states(chosen, scene)["choose"].kind == states.STALE
 
 
 def test_the_pictures_show_each_layout_in_its_square(chosen: Any) -> None:

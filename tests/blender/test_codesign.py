@@ -33,10 +33,10 @@ def test_flat_shapes_that_moved_are_written(add: Any) -> None:
     assert np.abs(after - before).max() > 0.05  # millimetres
     found = stored_report.read(obj.data)
     surface = mesh.read_surface(obj, bpy.context.scene)
-    flat = mesh.current_flat(surface, check.as_quad_mesh(surface.polygons))
+    flat = mesh.require_current_flat(surface, check.as_quad_mesh(surface.polygons))
     assert found["layout"]["energy_max"] == pytest.approx(layout_report(flat)["energy_max"], rel=1e-3)
     assert found["layout"]["energy_max"] < obj.flexmaps.optimise.distortion_limit
     # read back from the mesh, the piece takes the shape that the report tells
-    design = mesh.design_of(surface, flat, settings.read(obj.flexmaps.spiral, SpiralParams))
+    design = mesh.read_design(surface, flat, settings.read(obj.flexmaps.spiral, SpiralParams))
     again = simulate(design, flat.layout.mesh, material(obj.flexmaps.material.material), SimulateParams())
     assert again.report()["laplacian_rmse_mm"] == pytest.approx(found["optimise"]["laplacian_rmse_mm"], rel=2e-3)

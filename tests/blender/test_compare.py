@@ -86,7 +86,7 @@ def test_it_is_compared_with_the_simulated_shape(saddle: Any, tmp_path: Path) ->
     ).result.scan  # what the object holds, without simulating anew
     assert held.simulated and held.rms == pytest.approx(found.rms, rel=0.2, abs=1e-5)
     api.show(api.compare(simulated, scan, anywhere=False), obj)
-    assert stored_report.read(obj.data)["scan"]["against"] == "simulated shape" and scans.current(
+    assert stored_report.read(obj.data)["scan"]["against"] == "simulated shape" and scans.is_current(
         obj, bpy.context.scene
     )
 

@@ -22,7 +22,7 @@ def _unlike(obj: Any) -> tuple[SpiralDesign, Any]:
     """Spirals of four different widths, written to the object."""
     surface = mesh.read_surface(obj, bpy.context.scene)
     quads = check.as_quad_mesh(surface.polygons)
-    flat = mesh.current_flat(surface, quads)
+    flat = mesh.require_current_flat(surface, quads)
     width = 1e-3 * np.random.default_rng(0).uniform(1.0, 1.4, (len(quads.quads), 4)).astype(np.float32).astype(float)
     made = SpiralDesign(flat, SpiralParams(), width, np.radians(np.full(len(width), 90.0)))
     mesh.write_design(obj, surface, made)
@@ -54,7 +54,7 @@ def test_each_width_lies_at_its_side(add: Any, scale: Any, mode: str) -> None:
     press("flatten")
     made, _ = _unlike(obj)
     surface = mesh.read_surface(obj, bpy.context.scene)
-    again = mesh.design_of(surface, made.flat, SpiralParams())
+    again = mesh.read_design(surface, made.flat, SpiralParams())
     assert again is not None
     assert again.width == pytest.approx(made.width, rel=1e-6)
     bpy.ops.object.mode_set(mode="OBJECT")

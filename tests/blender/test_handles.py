@@ -25,7 +25,7 @@ def test_a_held_spiral_is_a_support_and_undo_is_one_step(simulated: Any) -> None
     assert bpy.ops.flexmaps.hold_spiral(quad=9) == {"FINISHED"}
     obj = bpy.context.object
     assert api.load(obj).result.supports.tolist() == [5, 9]  # type: ignore[union-attr]
-    assert states.read_states(obj, bpy.context.scene)["equilibrium"].kind == states.OLD
+    assert states.read_states(obj, bpy.context.scene)["equilibrium"].kind == states.STALE
     assert bpy.ops.flexmaps.hold_spiral(quad=5) == {"FINISHED"}
     assert api.load(obj).result.supports.tolist() == [9]  # type: ignore[union-attr]
     assert bpy.ops.flexmaps.clear_handles() == {"FINISHED"}

@@ -112,7 +112,7 @@ def test_panels_have_the_size_that_is_seen(tunnel: Any, frame: str, unit: float,
     assert flat == pytest.approx(seen, rel=2e-3)
     # seen from outside, no panel is a mirror image: the engine flattened what the world shows
     surface = mesh.read_surface(tunnel, bpy.context.scene)
-    flat_again = mesh.current_flat(surface, check.as_quad_mesh(surface.polygons))
+    flat_again = mesh.require_current_flat(surface, check.as_quad_mesh(surface.polygons))
     p = flat_again.corners
     a, b = p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]
     assert (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > 0).all()
@@ -193,12 +193,12 @@ def test_linked_duplicates(tunnel: Any) -> None:
     assert kinds(twin) == kinds(piece)
     assert kinds(twin)["spirals"] == states.DONE
     twin.scale = (2.0, 2.0, 2.0)
-    assert kinds(piece)["layout"] == states.DONE and kinds(twin)["layout"] == states.OLD
+    assert kinds(piece)["layout"] == states.DONE and kinds(twin)["layout"] == states.STALE
     activate(twin)
     with pytest.raises(RuntimeError):
         bpy.ops.flexmaps.spirals()
     press("flatten")
-    assert kinds(twin)["layout"] == states.DONE and kinds(piece)["layout"] == states.OLD
+    assert kinds(twin)["layout"] == states.DONE and kinds(piece)["layout"] == states.STALE
     assert flat_lengths(twin) == pytest.approx(lengths_in_metres(twin), rel=2e-3)
     press("regularise")
     assert piece.data == twin.data

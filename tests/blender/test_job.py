@@ -266,7 +266,7 @@ def test_what_is_changed_while_a_job_runs_is_no_part_of_its_result(
     move.go.set()
     assert drive(move, window) == {"FINISHED"}
     state = states.read_states(spiralled, bpy.context.scene)["equilibrium"]
-    assert (state.kind, state.part) == (states.OLD, "simulate")
+    assert (state.kind, state.part) == (states.STALE, "simulate")
     spiralled.flexmaps.simulate.gravity = not spiralled.flexmaps.simulate.gravity
     assert states.read_states(spiralled, bpy.context.scene)["equilibrium"].kind == states.DONE
 

@@ -93,12 +93,12 @@ def test_seams_patches_and_spirals_are_read_as_written(sphere: Any, with_loose: 
     assert sphere.mode == mode
 
     surface, quads = read(sphere)
-    assert (mesh.layout_of(surface, quads).cut == flat.layout.cut).all()
-    again = mesh.current_flat(surface, quads)
+    assert (mesh.read_layout(surface, quads).cut == flat.layout.cut).all()
+    again = mesh.require_current_flat(surface, quads)
     assert (again.layout.cut == flat.layout.cut).all()
     assert again.corners == pytest.approx(flat.corners, abs=1e-7)
     assert again.energy == pytest.approx(flat.energy, abs=1e-5)
-    spirals = mesh.design_of(surface, again, SpiralParams())
+    spirals = mesh.read_design(surface, again, SpiralParams())
     assert spirals is not None
     assert spirals.width == pytest.approx(made.width, rel=1e-6)
     assert spirals.twist == pytest.approx(made.twist, rel=1e-6)
@@ -155,7 +155,7 @@ def test_a_uv_map_edited_by_hand_is_noticed(dome: Any) -> None:
     mesh.write_flat(dome, surface, flat, arrange.side_by_side(flat))
     dome.data.uv_layers["flexmaps_flat"].uv[7].vector.x += 5.0
     with pytest.raises(FlexMapsError, match="flexmaps_flat"):
-        mesh.current_flat(*read(dome))
+        mesh.require_current_flat(*read(dome))
 
 
 def test_a_surface_changed_since_is_noticed(dome: Any) -> None:
@@ -164,7 +164,7 @@ def test_a_surface_changed_since_is_noticed(dome: Any) -> None:
     mesh.write_flat(dome, surface, flat, arrange.side_by_side(flat))
     dome.data.vertices[40].co.z += 0.01
     with pytest.raises(FlexMapsError, match="changed after"):
-        mesh.current_flat(*read(dome))
+        mesh.require_current_flat(*read(dome))
 
 
 def test_seams_edited_since_are_noticed(dome: Any) -> None:
@@ -174,7 +174,7 @@ def test_seams_edited_since_are_noticed(dome: Any) -> None:
     inner = np.flatnonzero(~quads.border & ~flat.layout.cut)[0]
     dome.data.edges[int(surface.edge_of[inner])].use_seam = True
     with pytest.raises(FlexMapsError, match="Update from seams") as caught:
-        mesh.current_flat(*read(dome))
+        mesh.require_current_flat(*read(dome))
     assert caught.value.edges == [inner]
 
 
@@ -194,7 +194,7 @@ def test_a_foreign_attribute_of_that_name_is_replaced(dome: Any) -> None:
     surface, quads = read(dome)
     flat = flat_of(quads)
     mesh.write_flat(dome, surface, flat, arrange.side_by_side(flat))
-    assert mesh.current_flat(*read(dome)).energy == pytest.approx(flat.energy, abs=1e-5)
+    assert mesh.require_current_flat(*read(dome)).energy == pytest.approx(flat.energy, abs=1e-5)
 
 
 def test_no_faces(add: Any) -> None:

@@ -77,18 +77,18 @@ def test_other_modifiers_of_the_stack_are_applied(bowl: Any) -> None:
     thick(bowl, "SUBSURF")
     assert faces_read(bowl) == 4 * count
     bowl.modifiers["Solidify"].show_viewport = False
-    assert not modifiers.left_out(bowl) and faces_read(bowl) == 4 * count
+    assert not modifiers.list_ignored(bowl) and faces_read(bowl) == 4 * count
 
 
 def test_divisions_within_the_stack_shape_what_follows(bowl: Any) -> None:
     bowl.modifiers.new("Split", "EDGE_SPLIT").split_angle = 0.01
     bowl.modifiers.new("Subsurf", "SUBSURF")
-    assert not modifiers.left_out(bowl)
+    assert not modifiers.list_ignored(bowl)
 
 
 def test_voxels_need_the_thickness(bowl: Any) -> None:
     thick(bowl, "REMESH")
-    assert not modifiers.left_out(bowl)
+    assert not modifiers.list_ignored(bowl)
 
 
 @pytest.mark.parametrize(("share", "is_body"), [(0.4, True), (0.005, False)])
@@ -98,15 +98,15 @@ def test_solidify_makes_a_body_of_something_flat(share: float, is_body: bool) ->
     bpy.context.view_layer.update()
     thick(sheet, share=share)
     bpy.context.view_layer.update()
-    assert (not modifiers.left_out(sheet)) == is_body
+    assert (not modifiers.list_ignored(sheet)) == is_body
 
 
 def test_nodes_that_only_shade_need_no_press(bowl: Any) -> None:
     before = offered(bowl)
     passing(bowl)
-    assert offered(bowl) == before and not modifiers.changing(bowl)
+    assert offered(bowl) == before and not modifiers.list_changing(bowl)
     nodes(bowl, "GeometryNodeFlipFaces")
-    assert modifiers.changing(bowl)
+    assert modifiers.list_changing(bowl)
 
 
 def test_new_quads_and_the_job_tell_what_was_left_out(bowl: Any) -> None:

@@ -170,7 +170,7 @@ def test_labels_and_status_are_short_enough(add: Any) -> None:
     piece = add(shapes.make("dome"))
     said = seen(piece)
     assert said.act is not None and len(said.act.label) <= 28 and len(said.status.text) <= 34
-    assert set(states.PARTS) >= set(guidance.STEPS)
+    assert set(states.INPUTS) >= set(guidance.STEPS)
 
 
 def test_groups_and_seams_hold_for_new_quads(add: Any) -> None:
@@ -259,7 +259,7 @@ def test_what_brings_a_piece_nearer_is_offered_with_its_figure(add: Any) -> None
     block = {"rms_percent": 1.6, "converged": True, "findings": []}
     reach = {"advice": "", "remedies": {}, "prospects": {"border": 0.25, "cut": 0.9, "lowest": 0.4, "round": 0.7}}
     blocks = {"equilibrium": block, "reach": reach}
-    found = notices._match(piece, blocks, {})
+    found = notices._poor_match(piece, blocks, {})
     assert [(cure.idname, cure.properties.get("where")) for cure in found[0].cures] == [
         ("flexmaps.stand_on", "border"),
         ("flexmaps.stand_on", "lowest"),
@@ -269,13 +269,13 @@ def test_what_brings_a_piece_nearer_is_offered_with_its_figure(add: Any) -> None
     ]
     assert found[0].cures[2].properties == {"what": "round"} and found[0].cures[2].label.endswith("0.7 %")
     assert found[0].kind == WORSE and found[0].cures[0].label.endswith("0.25 %")
-    assert not notices._match(piece, blocks | {"equilibrium": block | {"rms_percent": 0.9}}, {})
+    assert not notices._poor_match(piece, blocks | {"equilibrium": block | {"rms_percent": 0.9}}, {})
     piece.flexmaps.choose.match = 0.8  # "Within" under Layout
-    assert notices._match(piece, blocks | {"equilibrium": block | {"rms_percent": 0.9}}, {})
+    assert notices._poor_match(piece, blocks | {"equilibrium": block | {"rms_percent": 0.9}}, {})
     piece.flexmaps.choose.match = 2.0
-    assert not notices._match(piece, blocks, {})
+    assert not notices._poor_match(piece, blocks, {})
     piece.flexmaps.choose.goal = "panels"
-    assert notices._match(piece, blocks, {})
+    assert notices._poor_match(piece, blocks, {})
     piece.flexmaps.choose.goal = "match"
     bpy.ops.flexmaps.stand_on(**found[0].cures[0].properties)
     (group,) = piece.vertex_groups
@@ -314,7 +314,7 @@ def test_as_few_quads_as_somebody_asked_for_are_not_remeshed_again(add: Any) -> 
     assert len(made.data.polygons) < cures.MIN_QUADS
     act = seen(made).act
     assert act is not None and act.idname != "flexmaps.quad_remesh"
-    assert states.is_current_unnoted(
+    assert states.is_side_result_current(
         made, bpy.context.scene, "regularise"
     )  # what a remesh gives is not made squarer once more
 
@@ -353,7 +353,7 @@ def test_quads_that_are_too_small_are_made_larger_or_fewer(add: Any, larger: flo
         "edges": [],
         "larger": larger,
     }
-    (notice,) = notices._checks(piece, bpy.context.scene, [row])
+    (notice,) = notices._from_checks(piece, bpy.context.scene, [row])
     assert [cure.name for cure in notice.cures] == offered
     if larger < 2.0:
         assert notice.cures[0].properties == {"times": larger}

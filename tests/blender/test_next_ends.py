@@ -56,7 +56,7 @@ STARTS: dict[str, Callable[[Any], Any]] = {
 def _state(piece: Any, act: Any) -> tuple[Any, ...]:
     """What may not come twice: the mesh, the settings and what is offered."""
     sums = checksums.Checksums(piece, bpy.context.scene)
-    kept = ("shape", "seams", *sorted(states.OF_SETTINGS))
+    kept = ("shape", "seams", *sorted(states.SETTINGS_INPUTS))
     return (*(sums[part] for part in kept), act.idname, tuple(sorted(act.properties.items())))
 
 

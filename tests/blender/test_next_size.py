@@ -58,17 +58,17 @@ def test_who_wants_a_small_piece_goes_on(add: Any) -> None:
     piece = add(shapes.make("dome"))
     scene, blocks = bpy.context.scene, {"layout": {"strain_softest": 1e3}}
     assert not notices._too_small(piece, scene, blocks)  # of unknown settings
-    states.stamp_unnoted(piece, scene, "forecast")
+    states.stamp_side_result(piece, scene, "forecast")
     (notice,) = notices._too_small(piece, scene, blocks)
     assert notice.kind == BREAKS
-    for _ in range(next_button.RESIZED):  # each factor is limited, so one may not be enough
-        act = next_button._larger_size(piece.data, [notice])
+    for _ in range(next_button.MAX_ENLARGEMENTS):  # each factor is limited, so one may not be enough
+        act = next_button._enlarge_action(piece.data, [notice])
         assert act is not None and act.cure is not None
         failures.count_press(piece.data, act.cure.call)
-    assert next_button._larger_size(piece.data, [notice]) is None
+    assert next_button._enlarge_action(piece.data, [notice]) is None
     piece.data.pop("flexmaps_tried")
     failures.dismiss(piece.data, notice.key, notice.sentence)
-    assert next_button._larger_size(piece.data, [notices._downgrade_dismissed(piece.data, notice)]) is None
+    assert next_button._enlarge_action(piece.data, [notices._downgrade_dismissed(piece.data, notice)]) is None
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_who_wants_a_small_piece_goes_on(add: Any) -> None:
 def test_a_forecast_of_strains_is_forgotten_once_its_input_has_changed(add: Any, setting: str, value: Any) -> None:
     piece = add(shapes.make("dome"))
     scene, blocks = bpy.context.scene, {"layout": {"strain_softest": 3.0}}
-    states.stamp_unnoted(piece, scene, "forecast")
+    states.stamp_side_result(piece, scene, "forecast")
     assert notices._too_small(piece, scene, blocks)
     section, name = setting.split(".")
     setattr(getattr(piece.flexmaps, section), name, value)
@@ -87,6 +87,6 @@ def test_a_forecast_of_strains_is_forgotten_once_its_input_has_changed(add: Any,
 def test_a_shape_answers_the_forecast_of_its_strains_even_if_it_is_out_of_date(add: Any) -> None:
     piece = add(shapes.make("dome"))
     scene, blocks = bpy.context.scene, {"layout": {"strain_softest": 3.0}}
-    states.stamp_unnoted(piece, scene, "forecast")
+    states.stamp_side_result(piece, scene, "forecast")
     stored_report.write(piece.data, "equilibrium", {"strain_share_max": 0.9})
     assert not notices._too_small(piece, scene, blocks)

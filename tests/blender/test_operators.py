@@ -182,8 +182,8 @@ def test_outlines_beside_are_the_true_ones(dome: Any) -> None:
 
     assert dome.flexmaps.spiral.border == "left_out"  # of a layout for which nobody has chosen
     surface = bridge.read_surface(dome, bpy.context.scene)
-    flat = bridge.current_flat(surface, check.as_quad_mesh(surface.polygons))
-    design = bridge.design_of(surface, flat, SpiralParams(border="left_out"))
+    flat = bridge.require_current_flat(surface, check.as_quad_mesh(surface.polygons))
+    design = bridge.read_design(surface, flat, SpiralParams(border="left_out"))
     assert design is not None
     cut = sheets.make_sheets(design, SheetParams(labels=False, nesting="FAST"))
     assert measured == pytest.approx(cut.cut_length, rel=2e-3)

@@ -44,7 +44,7 @@ def test_the_piece_comes_nearer_to_its_target(piece: Any, attribute: Any) -> Non
     made = design(piece)
     assert not len(unfabricable_quads(made))
     assert block(piece, "spirals")["twist_deg"][0] == pytest.approx(np.degrees(made.twist.min()), abs=1e-3)
-    assert not states.is_old(piece, bpy.context.scene, "optimise")
+    assert not states.is_stale(piece, bpy.context.scene, "optimise")
     assert shape_keys.equilibrium_key(piece.data).value == 1.0
     distance = attribute(piece, "flexmaps_distance")
     press("simulate")
@@ -75,7 +75,7 @@ def test_changed_settings_are_kept_to(piece: Any, attribute: Any) -> None:
     press("optimise")
     assert attribute(piece, "flexmaps_width").max() > 1.5
     piece.flexmaps.spiral.width_max, piece.flexmaps.optimise.restart = 1.4, False
-    assert states.is_old(piece, bpy.context.scene, "optimise")
+    assert states.is_stale(piece, bpy.context.scene, "optimise")
     press("optimise")
     assert block(piece)["start"] == "given"
     assert attribute(piece, "flexmaps_width").max() <= 1.4 + 1e-5
@@ -220,5 +220,5 @@ def test_main_job_with_and_without(tmp_path: Path) -> None:
     assert {"spirals", "mismatch_share", "advice", "remedies"} == set(reports[True]["reach"])
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "3" / "model.blend"))
     obj = bpy.data.objects["saddle"]
-    assert not states.is_old(obj, bpy.context.scene, "optimise")
+    assert not states.is_stale(obj, bpy.context.scene, "optimise")
     assert block(obj)["history"] == found["history"]

@@ -98,7 +98,7 @@ def test_seams_have_the_colours_of_the_assembly_sheet(dome: Any, mode: str) -> N
 
     press("merge")
     surface = bridge.read_surface(dome, bpy.context.scene)
-    flat = bridge.current_flat(surface, check.as_quad_mesh(surface.polygons))
+    flat = bridge.require_current_flat(surface, check.as_quad_mesh(surface.polygons))
     bpy.ops.object.mode_set(mode=mode)
     quads = overlay._quads(dome, "PATCH")
     assert quads is not None

@@ -36,7 +36,7 @@ def test_a_stroke_leaves_the_spirals_done_and_later_stages_out_of_date(simulated
     after = attribute(simulated, "flexmaps_twist")
     assert (after[weight > 0.3] < before[weight > 0.3]).all() and (after[weight == 0] == before[weight == 0]).all()
     kinds = _kinds(simulated)
-    assert kinds["spirals"] == "DONE" and kinds["equilibrium"] == "OLD"
+    assert kinds["spirals"] == "DONE" and kinds["equilibrium"] == "STALE"
     assert stored_report.read(simulated.data)["spirals"]["painted"]
     assert bpy.context.window_manager.flexmaps_overlay == "STIFFNESS"
     assert easel.easel_of(simulated, bpy.context.scene) is on, "it stays from stroke to stroke"

@@ -31,7 +31,7 @@ def apply(path: Path) -> None:
 
 
 def values(obj: Any) -> dict[str, Any]:
-    return {name: eval(name, {"settings": obj.flexmaps}) for name in presets.values()}
+    return {name: eval(name, {"settings": obj.flexmaps}) for name in presets.list_expressions()}
 
 
 @pytest.fixture
@@ -124,12 +124,12 @@ def test_settings_of_earlier_versions_that_are_gone_are_ignored(dome: Any, tmp_p
     preset.write_text(f"{ASSIGN}{gone}settings.spiral.thickness = 3.25\n")
     apply(preset)
     assert dome.flexmaps.spiral.thickness == pytest.approx(3.25)  # what follows them is applied
-    assert "cut_joints" not in presets.values()
+    assert "cut_joints" not in presets.list_expressions()
 
 
 def test_a_saved_preset_holds_every_setting_of_a_way_to_work() -> None:
     every = {f"settings.{b.name}.{f.name}" for b in fields(ObjectSettings) for f in fields(b.default_factory)}  # type: ignore[arg-type]
-    left_out = every - set(presets.values())
+    left_out = every - set(presets.list_expressions())
     assert left_out == {n for n in every if n.startswith("settings.loads.")} | {
         "settings.export.folder",
         "settings.render.file",

@@ -96,7 +96,7 @@ def test_pressed_again_it_is_replaced(piece: Any) -> None:
 
 def test_it_says_when_it_is_old(piece: Any) -> None:
     def old() -> bool:
-        return states.is_old_unnoted(piece, bpy.context.scene, "preview")
+        return states.is_side_result_stale(piece, bpy.context.scene, "preview")
 
     press("preview")
     assert not old()

@@ -378,7 +378,7 @@ def test_drawing_for_the_report_needs_no_blender(strip: api.Piece) -> None:
 
     obj = api.show(strip)
     surface = mesh.read_surface(obj, bpy.context.scene)
-    found = pages.read(obj, snapshot.take(obj, surface, properties.read(obj.flexmaps, ObjectSettings)))
+    found = pages.read(obj, snapshot.take_snapshot(obj, surface, properties.read(obj.flexmaps, ObjectSettings)))
     wanted = pages.of_object(obj)
     bpy.data.objects.remove(obj)
     described, drawn = pages.drawn(found.taken.result(), found)

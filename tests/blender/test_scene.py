@@ -37,10 +37,10 @@ def test_a_finished_job_can_be_worked_on_in_blender(result: job.Result, tmp_path
     bpy.ops.wm.open_mainfile(filepath=str(path))
     obj = bpy.data.objects["strip"]
     surface = mesh.read_surface(obj, bpy.context.scene)
-    flat = mesh.current_flat(surface, check.as_quad_mesh(surface.polygons))
+    flat = mesh.require_current_flat(surface, check.as_quad_mesh(surface.polygons))
     assert result.flat is not None and result.design is not None
     assert flat.corners == pytest.approx(result.flat.corners, abs=1e-6)
-    spirals = mesh.design_of(surface, flat, result.design.params)
+    spirals = mesh.read_design(surface, flat, result.design.params)
     assert spirals is not None and spirals.twist == pytest.approx(result.design.twist, abs=1e-5)
     for button in ("update_from_seams", "spirals"):
         assert getattr(bpy.ops.flexmaps, button)() == {"FINISHED"}

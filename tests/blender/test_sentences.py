@@ -12,11 +12,13 @@ from flexmaps.engine.surface import shapes
 
 
 def test_sentences_of_one_kind_are_one_row() -> None:
-    (one,) = notices._sentences("layout", {"layout": {"remarks": ["Panel 1 keeps a neck"]}})
-    (more,) = notices._sentences("layout", {"layout": {"remarks": ["Panel 1 keeps a neck", "Panel 2 keeps a neck"]}})
+    (one,) = notices._from_warnings("layout", {"layout": {"remarks": ["Panel 1 keeps a neck"]}})
+    (more,) = notices._from_warnings(
+        "layout", {"layout": {"remarks": ["Panel 1 keeps a neck", "Panel 2 keeps a neck"]}}
+    )
     assert one.words != more.words and "2" in more.words and more.sentence.splitlines()[1] == "Panel 2 keeps a neck"
-    assert not notices._sentences("sheets", {"sheets": {"warnings": []}})
-    (plain,) = notices._sentences(
+    assert not notices._from_warnings("sheets", {"sheets": {"warnings": []}})
+    (plain,) = notices._from_warnings(
         "layout", {"layout": {"halved": "Its seam drives it", "remarks": ["Its seam drives it"]}}
     )
     assert plain.kind == finding_words.INFORMATION and plain.sentence == "Its seam drives it"
@@ -32,7 +34,7 @@ def test_what_is_hard_to_join_or_at_a_limit_has_a_cure() -> None:
     names = [
         [cure.idname for cure in one.cures]
         for source, blocks in (("layout", limits), ("layout", limits | {"choose": {}}), ("assembly", hard))
-        for one in notices._sentences(source, blocks)
+        for one in notices._from_warnings(source, blocks)
     ]
     assert names == [
         ["flexmaps.choose", "flexmaps.let_go"],
@@ -44,11 +46,11 @@ def test_what_is_hard_to_join_or_at_a_limit_has_a_cure() -> None:
 def test_overloaded_connectors_are_counted_by_seams_and_hold_in_a_larger_piece() -> None:
     """Also where the arms bear and nothing is advised: a connector's neck is narrower than its arm."""
     block = {"hard": 4, "warnings": ["1 of 9 seams: its sides differ", "4 of 9 seams: a connector"], "load_max": 1.4}
-    (found,) = notices._sentences("assembly", {"assembly": block, "reach": {"advice": "", "remedies": {}}})
+    (found,) = notices._from_warnings("assembly", {"assembly": block, "reach": {"advice": "", "remedies": {}}})
     assert found.words.endswith(": 4")
     larger = found.cures[0]
     assert larger.idname == "flexmaps.set_size" and larger.properties == {"times": 1.4}
-    (found,) = notices._sentences("assembly", {"assembly": block | {"load_max": 0.9, "hard": 1}})
+    (found,) = notices._from_warnings("assembly", {"assembly": block | {"load_max": 0.9, "hard": 1}})
     assert found.words == "Hard to assemble" and [cure.idname for cure in found.cures] == ["flexmaps.let_go"]
 
 
@@ -61,7 +63,7 @@ def test_closed_slots_have_no_cure_that_does_not_open_them(add: Any) -> None:
         "reach": {"advice": "", "remedies": {"larger": 1.25}},
         "optimise": {},
     }
-    (found,) = [one for one in notices._equilibrium(piece, blocks) if one.key == "equilibrium/slots-close"]
+    (found,) = [one for one in notices._from_equilibrium(piece, blocks) if one.key == "equilibrium/slots-close"]
     assert [cure.idname for cure in found.cures] == ["flexmaps.let_go"]
 
 
@@ -70,7 +72,7 @@ def test_information_hinders_nothing_that_could_be_dismissed(add: Any) -> None:
         {"code": code, "severity": "warning", "message": "", "faces": []}
         for code in ("several-bodies", "bodies-cross", "concave")
     ]
-    found = notices._checks(add(shapes.make("dome")), bpy.context.scene, rows)
+    found = notices._from_checks(add(shapes.make("dome")), bpy.context.scene, rows)
     dismissed = [one.key for one in found if "flexmaps.let_go" in {cure.idname for cure in one.cures}]
     assert dismissed == ["checks/concave"]
 

@@ -79,7 +79,7 @@ def test_shown_in_millimetres_and_degrees_whatever_the_scene(dome: Any) -> None:
 
 def test_every_property_says_what_it_is() -> None:
     for block in fields(ObjectSettings):
-        properties = settings.group(block.default_factory).bl_rna.properties  # type: ignore[arg-type]
+        properties = settings.property_group(block.default_factory).bl_rna.properties  # type: ignore[arg-type]
         for f in fields(block.default_factory):  # type: ignore[arg-type]
             assert properties[f.name].description
             unit = SHOWN[f.metadata["unit"]][1]

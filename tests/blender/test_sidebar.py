@@ -305,8 +305,8 @@ def test_no_notice_and_no_cure_is_cut_at_the_usual_width(
         for code in finding_words.LABELS
     ]
     made = [
-        *notices._checks(dome, bpy.context.scene, found),
-        *notices._findings("structure", found),
+        *notices._from_checks(dome, bpy.context.scene, found),
+        *notices._from_findings("structure", found),
         *(
             notices.Notice(
                 "failed",

@@ -120,7 +120,7 @@ def test_two_objects_may_share_the_mesh(piece: Any) -> None:
     twin = piece.copy()
     bpy.context.scene.collection.objects.link(twin)
     press("simulate")
-    assert twin.data == piece.data and not states.is_old(twin, bpy.context.scene, "equilibrium")
+    assert twin.data == piece.data and not states.is_stale(twin, bpy.context.scene, "equilibrium")
     press("spirals")
     assert piece.data.shape_keys is None
 
@@ -198,7 +198,7 @@ def test_saved_and_opened_again(piece: Any, all_of: Any, tmp_path: Path) -> None
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "piece.blend"))
     piece = bpy.data.objects["piece"]
     assert all_of(piece) == before
-    assert not states.is_old(piece, bpy.context.scene, "equilibrium")
+    assert not states.is_stale(piece, bpy.context.scene, "equilibrium")
 
 
 def test_the_published_model_knows_no_strain(piece: Any) -> None:

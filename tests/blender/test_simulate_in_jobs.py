@@ -73,7 +73,7 @@ def test_main_job_up_to_simulate(tmp_path: Path) -> None:
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "model.blend"))
     obj = bpy.data.objects["saddle"]
     assert shape_keys.equilibrium_key(obj.data) is not None
-    assert not states.is_old(obj, bpy.context.scene, "equilibrium")
+    assert not states.is_stale(obj, bpy.context.scene, "equilibrium")
 
 
 def test_main_job_goes_on_where_it_cannot_simulate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

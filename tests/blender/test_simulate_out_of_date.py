@@ -78,7 +78,7 @@ def test_what_was_changed_since_is_not_shown_as_current(piece: Any, change: str)
     press("overlay", kind="DISTANCE")
     CHANGES[change](piece)
     bpy.context.view_layer.update()
-    assert states.is_old(piece, bpy.context.scene, "equilibrium")
+    assert states.is_stale(piece, bpy.context.scene, "equilibrium")
     with pytest.raises(RuntimeError):
         bpy.ops.flexmaps.overlay(kind="SAFETY")
 
@@ -89,7 +89,7 @@ def test_what_does_not_matter_leaves_it_current(piece: Any) -> None:
     piece.flexmaps.sheet.margin = 7.0
     piece.data.shape_keys.key_blocks[equilibrium.EQUILIBRIUM_KEY].value = 0.3
     bpy.context.view_layer.update()
-    assert not states.is_old(piece, bpy.context.scene, "equilibrium")
+    assert not states.is_stale(piece, bpy.context.scene, "equilibrium")
 
 
 @pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])

@@ -10,8 +10,8 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge.store import attributes, guidance, next_button, states, stored_report
-from flexmaps.bridge.store.settings import unsaved
-from flexmaps.bridge.store.states import DONE, OLD, TODO
+from flexmaps.bridge.store.settings import is_relative_to_unsaved
+from flexmaps.bridge.store.states import DONE, STALE, TODO
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import QuadMesh
@@ -118,11 +118,11 @@ def test_traced_patches_are_to_be_joined_before_they_get_spirals(add: Any) -> No
 
 def test_an_unsaved_file_asks_once_for_a_folder(made: Any, tmp_path: Path) -> None:
     made.flexmaps.sheet.margin = 7.0
-    assert unsaved(made.flexmaps.export.folder)
+    assert is_relative_to_unsaved(made.flexmaps.export.folder)
     assert offered(made) == "export"  # no file is to be saved first
     with pytest.raises(RuntimeError, match="no spirals yet"):  # of the stage that begins at once
         press("choose_folder", directory=str(tmp_path))
-    assert not unsaved(made.flexmaps.export.folder)
+    assert not is_relative_to_unsaved(made.flexmaps.export.folder)
 
 
 @pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
@@ -209,18 +209,18 @@ CHANGES: dict[str, tuple[Any, set[str], str]] = {
 @pytest.mark.parametrize("change", CHANGES)
 def test_a_change_leaves_behind_what_was_made_from_it(made: Any, change: str) -> None:
     do, expected, part = CHANGES[change]
-    assert OLD not in kinds(made).values()
+    assert STALE not in kinds(made).values()
     do(made)
     found = kinds(made)
-    assert {stage for stage, kind in found.items() if kind == OLD} == expected
+    assert {stage for stage, kind in found.items() if kind == STALE} == expected
     if expected:
-        first = next(stage for stage in states.PARTS if stage in expected)
+        first = next(stage for stage in states.INPUTS if stage in expected)
         assert why(made, first).startswith(part)
 
 
 def test_taken_back_a_change_never_was(made: Any) -> None:
     made.flexmaps.spiral.blend = 0.2
-    assert kinds(made)["spirals"] == OLD
+    assert kinds(made)["spirals"] == STALE
     made.flexmaps.spiral.blend = 0.15
     assert kinds(made)["spirals"] == DONE
 
@@ -270,11 +270,11 @@ def test_a_later_stage_is_out_of_date_when_an_earlier_one_runs_again(piece: Any)
     press("simulate")
     press("merge")
     found = kinds(piece)
-    assert [found[s] for s in ("layout", "spirals", "equilibrium")] == [DONE, OLD, OLD]
+    assert [found[s] for s in ("layout", "spirals", "equilibrium")] == [DONE, STALE, STALE]
     assert "equilibrium" not in stored_report.read(piece.data) and why(piece, "equilibrium") == ""
     assert found["optimise"] == found["sheets"] == TODO  # they never ran
     press("spirals")
-    assert kinds(piece)["spirals"] == DONE and kinds(piece)["equilibrium"] == OLD
+    assert kinds(piece)["spirals"] == DONE and kinds(piece)["equilibrium"] == STALE
 
 
 def test_weight_makes_the_turn_matter(made: Any) -> None:
@@ -283,7 +283,7 @@ def test_weight_makes_the_turn_matter(made: Any) -> None:
     states.stamp(made, bpy.context.scene)
     assert kinds(made)["equilibrium"] == DONE
     made.rotation_euler = (0.4, 0.0, 0.0)
-    assert kinds(made)["equilibrium"] == OLD and why(made, "equilibrium") == "down"
+    assert kinds(made)["equilibrium"] == STALE and why(made, "equilibrium") == "down"
 
 
 def test_undo_brings_the_states_back(piece: Any) -> None:
@@ -312,14 +312,14 @@ def test_what_is_edited_is_noticed_before_edit_mode_is_left(made: Any) -> None:
     bm = bmesh.from_edit_mesh(made.data)
     bm.verts.ensure_lookup_table()
     before = bm.verts[40].co.copy()
-    assert OLD not in kinds(made).values()
+    assert STALE not in kinds(made).values()
     bm.verts[40].co.z += 0.01
-    assert kinds(made)["checks"] == OLD and why(made, "layout") == "shape"
+    assert kinds(made)["checks"] == STALE and why(made, "layout") == "shape"
     bm.verts[40].co = before
-    assert OLD not in kinds(made).values()
+    assert STALE not in kinds(made).values()
     next(edge for edge in bm.edges if not edge.seam).seam = True
-    assert kinds(made)["layout"] == OLD and kinds(made)["checks"] == DONE
+    assert kinds(made)["layout"] == STALE and kinds(made)["checks"] == DONE
     bm.faces.remove(next(iter(bm.faces)))
-    assert kinds(made)["checks"] == OLD
+    assert kinds(made)["checks"] == STALE
     bpy.ops.object.mode_set(mode="OBJECT")
-    assert kinds(made)["checks"] == OLD
+    assert kinds(made)["checks"] == STALE

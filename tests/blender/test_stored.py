@@ -33,7 +33,7 @@ def _warnings(obj: Any) -> list[str]:
     return [f.message for f in api.check(api.load(obj)) if f.code == "left-out"]
 
 
-@pytest.mark.parametrize("name", [stored_report.NAME, stored_report.MADE_FROM])
+@pytest.mark.parametrize("name", [stored_report.NAME, stored_report.INPUT_CHECKSUMS])
 def test_damaged_notes_count_as_nothing(random_calls: ModuleType, spiralled: Any, name: str) -> None:
     assert not _warnings(spiralled)
     for damage in NOTES.values():
@@ -56,7 +56,7 @@ def test_notes_that_were_changed_by_hand_are_not_believed(spiralled: Any) -> Non
     found["layout"]["patches"] = "many"
     spiralled.data[stored_report.NAME] = json.dumps(found)
     assert stored_report.read(spiralled.data) == {}
-    del spiralled.data[stored_report.NAME + stored_report.SUM]
+    del spiralled.data[stored_report.NAME + stored_report.CHECKSUM_SUFFIX]
     assert stored_report.read(spiralled.data) == {}
 
 

@@ -55,7 +55,7 @@ def test_cases_act_on_vertex_groups(piece: Any, attribute: Any) -> None:
     assert now["structure"].kind == states.DONE and now["equilibrium"].kind == states.DONE
     piece.flexmaps.structure.cases = "w: weight"
     now = states.read_states(piece, bpy.context.scene)
-    assert now["structure"].kind == states.OLD and now["equilibrium"].kind == states.DONE
+    assert now["structure"].kind == states.STALE and now["equilibrium"].kind == states.DONE
     assert not colouring.current(piece, "UTILISATION")
 
 

@@ -20,12 +20,12 @@ def older(tmp_path: Path) -> Path:
     """A file as the program wrote it before the version was noted, and before a part was looked at that counts today."""
     path = tmp_path / "older.blend"
     obj = api.show(api.spirals(api.load("shape:strip", edge=20)))
-    made = json.loads(obj.data[stored_report.MADE_FROM])
+    made = json.loads(obj.data[stored_report.INPUT_CHECKSUMS])
     for stamps in made.values():
         assert stamps.pop(stored_report.PROGRAM) == VERSION
-    gone = next(part for part in states.PARTS["spirals"] if part in states.OF_SETTINGS)
+    gone = next(part for part in states.INPUTS["spirals"] if part in states.SETTINGS_INPUTS)
     del made["spirals"][gone]
-    stored_report.put_text(obj.data, stored_report.MADE_FROM, made)
+    stored_report.put_text(obj.data, stored_report.INPUT_CHECKSUMS, made)
     bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
     return path
 
@@ -49,7 +49,7 @@ def test_files_that_were_written_by_earlier_versions(path: Path, tmp_path: Path)
     obj = first_mesh(path)
     with pytest.warns(versions.OtherVersion, match=r"0\.1, .*grain"):
         piece = api.load(obj)
-    assert stored_report.made_with(obj.data) == versions.FIRST_VERSION
+    assert stored_report.read_version(obj.data) == versions.FIRST_VERSION
     made = piece.result
     assert made.flat is not None and made.design is not None and made.design.width.shape == (8, 4)
     assert len(made.flat.layout.patches) == 2
@@ -65,7 +65,7 @@ def test_files_that_were_written_by_earlier_versions(path: Path, tmp_path: Path)
         assert api.export(api.load(obj), tmp_path / "sheets", formats=("svg",))
     for stage in ("check", "flatten", "spirals", "simulate"):
         assert getattr(bpy.ops.flexmaps, stage)() == {"FINISHED"}, stage
-    assert stored_report.made_with(obj.data) == VERSION and not stored_report.unsealed(obj.data)
+    assert stored_report.read_version(obj.data) == VERSION and not stored_report.lacks_checksums(obj.data)
     assert states.read_states(obj, bpy.context.scene)["spirals"].kind == states.DONE
     assert api.load(obj).result.findings == []
 
@@ -77,16 +77,16 @@ def opened(path: Path) -> Any:
 
 def test_an_older_file_says_what_changed_and_can_be_gone_on_with(older: Path) -> None:
     obj = opened(older)
-    assert stored_report.made_with(obj.data) == versions.FIRST_VERSION
+    assert stored_report.read_version(obj.data) == versions.FIRST_VERSION
     found = states.read_states(obj, bpy.context.scene)
-    assert (found["layout"].kind, found["spirals"].kind) == (states.DONE, states.OLD)
+    assert (found["layout"].kind, found["spirals"].kind) == (states.DONE, states.STALE)
     assert found["spirals"].part
     with pytest.warns(versions.OtherVersion, match=r"0\.1, .*grain"):
         piece = api.load(obj)
     count = len(piece.result.design.width)
     assert bpy.ops.flexmaps.update_from_seams() == {"FINISHED"}
     assert bpy.ops.flexmaps.spirals() == {"FINISHED"}
-    assert stored_report.made_with(obj.data) == VERSION, "nothing of the older version is left"
+    assert stored_report.read_version(obj.data) == VERSION, "nothing of the older version is left"
     assert states.read_states(obj, bpy.context.scene)["spirals"].kind == states.DONE
     assert len(api.load(obj).result.design.width) == count
 
@@ -100,9 +100,9 @@ def test_the_command_line_says_it_in_one_line(older: Path, capfd: pytest.Capture
 
 def test_a_newer_file_says_so(older: Path) -> None:
     obj = opened(older)
-    made = json.loads(obj.data[stored_report.MADE_FROM])
+    made = json.loads(obj.data[stored_report.INPUT_CHECKSUMS])
     made["layout"][stored_report.PROGRAM] = "99.1.0"
-    stored_report.put_text(obj.data, stored_report.MADE_FROM, made)
+    stored_report.put_text(obj.data, stored_report.INPUT_CHECKSUMS, made)
     with pytest.warns(versions.OtherVersion, match=r"99\.1\.0.*newer"):
         api.load(obj)
 

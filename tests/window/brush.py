@@ -105,7 +105,7 @@ def strokes():
     expect(10 < wider < len(first[1]) - 40, f"a stroke makes the spirals under it stiffer: {wider} of {len(first[1])}")
     states = hands.module("bridge.store.states").read_states(obj, bpy.context.scene)
     expect(states["spirals"].kind == "DONE", f"Spirals stays done, not {states['spirals']}")
-    expect(states["equilibrium"].kind == "OLD", "the simulation of the former spirals is out of date")
+    expect(states["equilibrium"].kind == "STALE", "the simulation of the former spirals is out of date")
     expect(blocks()["spirals"].get("painted"), "it is noted that a hand was at work")
     yield from picture("stiffer")
 

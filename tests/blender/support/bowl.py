@@ -48,5 +48,5 @@ def block(obj: Any, name: str = "optimise") -> dict[str, Any]:
 def design(obj: Any) -> Any:
     """The spirals as the mesh holds them, read anew."""
     surface = mesh.read_surface(obj, bpy.context.scene)
-    flat = mesh.current_flat(surface, check.as_quad_mesh(surface.polygons))
-    return mesh.design_of(surface, flat, settings.read(obj.flexmaps.spiral, SpiralParams))
+    flat = mesh.require_current_flat(surface, check.as_quad_mesh(surface.polygons))
+    return mesh.read_design(surface, flat, settings.read(obj.flexmaps.spiral, SpiralParams))
