@@ -19,7 +19,7 @@ from ..engine.runs import job
 from ..engine.runs.piece import Piece
 from ..engine.surface.checking import check as checking
 from ..engine.surface.checking.check import Finding
-from ..engine.surface.checking.overlaps import overlaps
+from ..engine.surface.checking.overlaps import overlap_findings
 from ..engine.surface.checking.sewing import border_sides, sew
 from ..engine.surface.checking.topology import sides_of
 from ..engine.surface.far import about_middle
@@ -77,9 +77,9 @@ def load(
     if edge is not None or height is not None or piece.made is None:
         piece = begun(piece, metres(edge), metres(height))
     piece = change(piece, settings)
-    others = checking.not_quads(piece.source) if remeshed and quads is None and piece.made is None else 0
+    others = checking.count_non_quads(piece.source) if remeshed and quads is None and piece.made is None else 0
     if others or quads is not None:
-        before = [replace(one, severity="warning", faces=(), edges=()) for one in overlaps(piece.source)]
+        before = [replace(one, severity="warning", faces=(), edges=()) for one in overlap_findings(piece.source)]
         piece = remesh(piece, quads=quads, progress=progress)
         if piece.made is not None:
             piece = replace(piece, made=piece.made.with_surface(findings=[*piece.made.findings, *before]))
@@ -205,7 +205,7 @@ def save(piece: Piece, path: str | Path, *, overwrite: bool = False) -> Path:
 
 def check(piece: Piece) -> list[Finding]:
     """Return all faults of the mesh, errors first. No other stage runs on a mesh with errors."""
-    return checking.everything(piece.source)
+    return checking.all_findings(piece.source)
 
 
 def remesh(piece: Piece, *, quads: int | None = None, progress: Tell = None) -> Piece:
@@ -231,7 +231,7 @@ def remesh(piece: Piece, *, quads: int | None = None, progress: Tell = None) -> 
     wanted = piece.settings if quads is None else with_values(piece.settings, {"remesh.quads": quads})
     remeshed = remeshing.quads_of(piece.source, wanted.remesh.quads, wanted, progress_of(progress))
     made = begun(
-        Piece(piece.name, replace(remeshed.polygons, cured=piece.source.cured), piece.settings, files=piece.files),
+        Piece(piece.name, replace(remeshed.polygons, repairs=piece.source.repairs), piece.settings, files=piece.files),
         piece.edge,
         piece.height,
     )

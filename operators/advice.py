@@ -219,7 +219,7 @@ class MakeFiner(Advised, bpy.types.Operator):
         remeshed = remesh.quads_of(polygons, round(self._amount), settings, progress.part(0.0, 0.5))
         begun = job.begin(remeshed.polygons)
         made = job.run_until(begun, settings, "design", progress=progress.part(0.5, 1.0), fresh=True)
-        return made.with_surface(findings=[*check.everything(PolygonMesh.from_quads(made.mesh)), *remeshed.findings])
+        return made.with_surface(findings=[*check.all_findings(PolygonMesh.from_quads(made.mesh)), *remeshed.findings])
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Made) -> str:
         from ..bridge.hosts import remesh

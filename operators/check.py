@@ -29,7 +29,7 @@ class Check(StageOperator["list[Finding]"], bpy.types.Operator):
             from ..engine.surface.checking import check
 
             progress(0.0, "Looking at every face")
-            return check.everything(surface.polygons)
+            return check.all_findings(surface.polygons)
 
         return work
 

@@ -41,7 +41,7 @@ class Regularise(ContinuedStage["MovedQuads"], bpy.types.Operator):
             from ..engine.surface.mesh import PolygonMesh
 
             after = job.run_stages(result, snapshot.settings, ("regularise",), progress).mesh
-            return result.mesh, after, check.everything(PolygonMesh.from_quads(after))
+            return result.mesh, after, check.all_findings(PolygonMesh.from_quads(after))
 
         return go_on
 

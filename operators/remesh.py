@@ -69,7 +69,7 @@ class QuadRemesh(AnyMesh, StageOperator["Requadded"], bpy.types.Operator):
         if self.size:
             replacing.resize(context, made, self.size)
         polygons = mesh.read_surface(made, context.scene).polygons
-        stored_report.write_checks(made.data, [*check.everything(polygons), *result.findings])
+        stored_report.write_checks(made.data, [*check.all_findings(polygons), *result.findings])
         states.stamp(made, context.scene)
         states.stamp_side_result(made, context.scene, "regularise")  # a remesh regularises its quads
         edge = check.median_edge(polygons)
@@ -107,7 +107,7 @@ class SetSize(StageOperator["tuple[float, float, list[Finding]]"], bpy.types.Ope
             if not 0 < now < float("inf"):
                 raise FlexMapsError("The mesh has no size: its edges have no length; scale it by hand first")
             edge = times * now or settings.remesh.edge
-            return edge / now, edge, check.everything(check.scale_to_metres(surface.polygons, edge=edge))
+            return edge / now, edge, check.all_findings(check.scale_to_metres(surface.polygons, edge=edge))
 
         return work
 

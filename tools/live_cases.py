@@ -20,7 +20,7 @@ from harness import EDGE
 
 def of_mesh(mesh: QuadMesh, border: str = "stubs") -> tuple[FlatPatches, SpiralDesign]:
     """Traced patches with the curvature's spirals, as they are first made of any surface."""
-    mesh = mesh.moved(mesh.vertices * (EDGE / mesh.median_edge))
+    mesh = mesh.with_vertices(mesh.vertices * (EDGE / mesh.median_edge))
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
     return flat, fabricable.design_from_curvature(flat, SpiralParams(border=border), rms_curvature(mesh))
 

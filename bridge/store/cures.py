@@ -112,9 +112,11 @@ def round_folds(percent: float | None = None, edge: float | None = None) -> Cure
     percent : predicted RMS distance from the target in percent of the size, if known
     edge : quad edge in metres, to show the radius on the button
     """
-    from ...engine.surface.checking.folds import radius  # imported here because it imports scipy
+    from ...engine.surface.checking.folds import min_bend_radius  # imported here because it imports scipy
 
-    words = interface("Round the folds") if edge is None else interface("Round to {:.0f} mm", 1e3 * radius(edge))
+    words = (
+        interface("Round the folds") if edge is None else interface("Round to {:.0f} mm", 1e3 * min_bend_radius(edge))
+    )
     return Cure(_with_percent(words, percent), "flexmaps.mend", {"what": "round"})
 
 

@@ -67,7 +67,7 @@ def repair(obj: bpy.types.Object, scene: bpy.types.Scene, what: str) -> str:
     surface = mesh.read_surface(obj, scene)
     if obj.data.shape_keys is not None and shape_keys.has_user_keys(obj.data):
         raise FlexMapsError("The mesh has shape keys of its own: apply or remove them first, they fix the vertices")
-    before = [finding for finding in check.everything(surface.polygons) if finding.code in codes]
+    before = [finding for finding in check.all_findings(surface.polygons) if finding.code in codes]
     if not before:
         raise FlexMapsError("There is nothing of this kind to mend; press Check again")
     made = obj.data.copy()
@@ -82,7 +82,7 @@ def repair(obj: bpy.types.Object, scene: bpy.types.Scene, what: str) -> str:
         bm.free()
     shared, old = objects.other_users(obj), obj.data
     obj.data = made
-    after = check.everything(mesh.read_surface(obj, scene).polygons) if len(made.polygons) else []
+    after = check.all_findings(mesh.read_surface(obj, scene).polygons) if len(made.polygons) else []
     if not len(made.polygons) or _count_faults(after, codes) >= _count_faults(before, codes):
         obj.data = old
         bpy.data.meshes.remove(made)

@@ -185,7 +185,7 @@ def write_checks(mesh: bpy.types.Mesh, findings: Sequence[Finding]) -> None:
     """
     count = len(mesh.polygons)
     blocks = [
-        finding.as_dict() | {"edges": list(finding.edges), "quads": count, "larger": finding.larger}
+        finding.as_dict() | {"edges": list(finding.edges), "quads": count, "larger": finding.growth_factor}
         for finding in findings
     ]
     codes = REMESH_CODES - {block["code"] for block in blocks}

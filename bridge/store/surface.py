@@ -42,7 +42,7 @@ class ObjectSurface:
     def edge_of(self) -> Int[np.ndarray, " edges"]:
         """Return the index of Blender's edge for every edge of the engine, which sorts edges by their vertex pair."""
         corners = self.polygons.corners
-        engine = _keys(np.stack([corners, corners[self.polygons.after]], axis=1), len(self.positions))
+        engine = _keys(np.stack([corners, corners[self.polygons.next_corner]], axis=1), len(self.positions))
         blender = _keys(self.pairs, len(self.positions))
         order = np.argsort(blender)
         return order[np.searchsorted(blender, np.unique(engine), sorter=order)]

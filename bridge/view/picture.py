@@ -277,7 +277,7 @@ def _add_target(place: Studio, obj: bpy.types.Object, finish: str) -> Group:
         data.materials.append(materials.material("FlexMaps clay", colours.linear(np.array(CLAY))))
     made = place.put(data)
     pairs, count = np.sort(surface.pairs, axis=1), np.array([len(polygons.vertices), 1])
-    sides = np.stack([polygons.corners, polygons.corners[polygons.after]], axis=1)
+    sides = np.stack([polygons.corners, polygons.corners[polygons.next_corner]], axis=1)
     number, used = np.unique(np.sort(sides, axis=1) @ count, return_counts=True)
     border = np.isin(pairs @ count, number[used == 1])
     return Group((made, *_add_lines(place, polygons.vertices, pairs, border | surface.seams)))

@@ -141,7 +141,7 @@ def begin(
     """
     start = time.perf_counter()
     source = check.scale_to_metres(polygons, edge=edge, height=height)
-    findings = check.everything(source)
+    findings = check.all_findings(source)
     mesh = check.as_quad_mesh(source, findings)
     held = None if supports is None else loads.parse_supports(mesh, supports)
     surface = Surface(source, findings, mesh, edge, height)
@@ -221,7 +221,7 @@ def scale_piece(
     """
     version = result.need(DesignVersion)
     design, flat = version.design, version.design.flat
-    mesh = result.mesh.moved(about + factor * (result.mesh.vertices - about))
+    mesh = result.mesh.with_vertices(about + factor * (result.mesh.vertices - about))
     begun = begin(PolygonMesh.from_quads(mesh)).with_user(supports=result.supports, force=result.force)
     notes = dict(flat.layout.notes)
     for key in ("expected_percent", "strain_softest"):

@@ -41,7 +41,7 @@ class Piece:
     def result(self) -> Result:
         """The outputs of the stages. Raises ``FlexMapsError`` with the first error of the mesh if there is one."""
         if self.made is None:
-            checking.as_quad_mesh(self.source, checking.everything(self.source))
+            checking.as_quad_mesh(self.source, checking.all_findings(self.source))
             raise FlexMapsError(f"{self.name} was not checked; load it again")
         return self.made
 

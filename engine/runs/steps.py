@@ -59,9 +59,9 @@ def _regularise(result: Result, settings: Settings, progress: Progress) -> Resul
 def _resized(mesh: QuadMesh, edge: float | None, height: float | None) -> QuadMesh:
     """Scale a mesh about the origin to the requested size, because regularising shrinks it a little."""
     if edge is not None:
-        return mesh.moved(mesh.vertices * (edge / mesh.median_edge))
+        return mesh.with_vertices(mesh.vertices * (edge / mesh.median_edge))
     if height is not None:
-        return mesh.moved(mesh.vertices * (height / np.ptp(mesh.vertices[:, 2])))
+        return mesh.with_vertices(mesh.vertices * (height / np.ptp(mesh.vertices[:, 2])))
     return mesh
 
 

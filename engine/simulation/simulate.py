@@ -27,7 +27,7 @@ from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from ..surface.checking.check import Finding
-from ..surface.checking.finding import joined_alike, with_count
+from ..surface.checking.finding import merge_alike, with_count
 from ..surface.mesh import QuadMesh
 from ..threads import one_thread
 from .band import ToleranceBand
@@ -178,7 +178,7 @@ class Simulation:
             faces = tuple((beside if len(beside) else piece.quads).tolist())
             text, code = piece.wrong + piece.help, "stays-flat" if piece.flat else "far-from-target"
             far.append(Finding(code, "warning", text, faces, tuple(piece.line.tolist())))
-        findings += joined_alike(far)  # findings about alike bodies, such as eyes, share one sentence
+        findings += merge_alike(far)  # findings about alike bodies, such as eyes, share one sentence
         alone = np.setdiff1d(np.arange(self.assembly.size), self.assembly.pairs)
         if len(alone):
             text = f"{with_count(len(alone), 'quad is', 'quads are')} joined to no other quad and {'bends' if len(alone) == 1 else 'bend'} nothing: delete such quads, or join them to the others"

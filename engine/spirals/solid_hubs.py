@@ -15,7 +15,7 @@ from ..arrays import Bool, Float, Int
 from ..errors import FlexMapsError
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
-from ..surface.checking.finding import Finding, finding, list_faces
+from ..surface.checking.finding import Finding, list_faces, make_finding
 from .clearance.slots import MIN_WIDTH_SHARE, SOLID_WIDTH_SHARE, width_range
 from .curves.spiral import LEFT, RIGHT, Arms, arms, centre_line, edge_points, same_width
 from .roots import SlotRoots, find_roots
@@ -77,7 +77,7 @@ def no_spiral(quads: Int[np.ndarray, " n"]) -> list[Finding]:
     if not len(quads):
         return []
     text = f"{list_faces(quads, 'has', 'have')} no room for a spiral and {'gets a solid hub' if len(quads) == 1 else 'get solid hubs'}, which will not bend: make the piece larger, or use fewer quads"
-    return [finding("no-spiral", text, quads, severity="warning")]
+    return [make_finding("no-spiral", text, quads, severity="warning")]
 
 
 def slot_roots(arms: Arms, fillet: float, solid: Bool[np.ndarray, " quads"]) -> SlotRoots:

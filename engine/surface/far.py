@@ -31,7 +31,7 @@ def about_middle(polygons: PolygonMesh) -> PolygonMesh:
 def near(mesh: QuadMesh) -> QuadMesh:
     """Centre a quad mesh at the origin if it lies far from the origin; otherwise return it unchanged."""
     moved = about_middle(PolygonMesh.from_quads(mesh)).vertices
-    return mesh if moved is mesh.vertices else mesh.moved(moved)
+    return mesh if moved is mesh.vertices else mesh.with_vertices(moved)
 
 
 def coarse_step(positions: Float[np.ndarray, "vertices 3"]) -> float:

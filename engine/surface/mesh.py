@@ -28,7 +28,7 @@ class PolygonMesh:
     corners: np.ndarray
     sizes: np.ndarray
     left_out: tuple[str, ...] = ()
-    cured: tuple[tuple[str, str], ...] = ()
+    repairs: tuple[tuple[str, str], ...] = ()
 
     @property
     def starts(self) -> Int[np.ndarray, " faces"]:
@@ -41,7 +41,7 @@ class PolygonMesh:
         return np.repeat(np.arange(len(self.sizes)), self.sizes)
 
     @property
-    def after(self) -> Int[np.ndarray, " corners"]:
+    def next_corner(self) -> Int[np.ndarray, " corners"]:
         """Index of the next corner of the same face, for every corner."""
         after, ends = np.arange(1, len(self.corners) + 1), np.cumsum(self.sizes)
         after[ends - 1] = ends - self.sizes
@@ -59,7 +59,7 @@ class PolygonMesh:
             return self
         return replace(self, corners=self.corners[np.repeat(faces, self.sizes)], sizes=self.sizes[faces])
 
-    def in_order(self) -> PolygonMesh:
+    def with_canonical_order(self) -> PolygonMesh:
         """Renumber vertices and faces by position, so that equal shapes always have equal numbering.
 
         Blender numbers its own primitives differently every time it makes them.
@@ -99,7 +99,7 @@ class QuadMesh:
     vertices: Float[np.ndarray, "vertices 3"]
     quads: Int[np.ndarray, "quads 4"]
 
-    def moved(self, vertices: Float[np.ndarray, "vertices 3"]) -> QuadMesh:
+    def with_vertices(self, vertices: Float[np.ndarray, "vertices 3"]) -> QuadMesh:
         """Return these quads with other vertex positions, metres; topology that is already computed is reused."""
         other = QuadMesh(np.asarray(vertices, dtype=float), self.quads)
         for name in TOPOLOGY:

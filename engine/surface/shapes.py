@@ -29,7 +29,7 @@ def make(name: str, edge: float = 0.02) -> QuadMesh:
     if name not in BUILDERS:
         raise FlexMapsError(f"There is no shape '{name}'; the shapes are {', '.join(NAMES)}")
     mesh = BUILDERS[name]()
-    return mesh.moved(mesh.vertices * (edge / mesh.median_edge))
+    return mesh.with_vertices(mesh.vertices * (edge / mesh.median_edge))
 
 
 # -- building blocks -------------------------------------------------------------------------------------------------
@@ -205,7 +205,7 @@ def demo(n: int = 12) -> QuadMesh:
     height = 0.62 * (1 - radius**2) + 0.58 * (1 - leg * radius**3.3)
     reach = radius * (1 - 0.05 * radius**2 * (1 + leg))
     angle = angle + 0.3 * np.sin(3 * angle) * radius**4  # broader feet
-    return mesh.moved(np.stack([reach * np.cos(angle), reach * np.sin(angle), height], axis=1))
+    return mesh.with_vertices(np.stack([reach * np.cos(angle), reach * np.sin(angle), height], axis=1))
 
 
 BUILDERS: dict[str, Callable[[], QuadMesh]] = {

@@ -25,7 +25,7 @@ SHORT = 5.0
 def short_edge(mesh: PolygonMesh) -> float:
     """Return the 5th percentile of the lengths of all faces' sides, without sides of length 0."""
     p = mesh.vertices[mesh.corners]
-    lengths = np.linalg.norm(p[mesh.after] - p, axis=1)
+    lengths = np.linalg.norm(p[mesh.next_corner] - p, axis=1)
     lengths = lengths[lengths > 0]
     return float(np.percentile(lengths, SHORT)) if len(lengths) else 0.0
 

@@ -126,7 +126,7 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
 
 def _spiralled(add: Add) -> Any:
     mesh = shapes.dome(8)  # is made once, and its panels keep their points in every stroke of a brush
-    dome = add(mesh.moved(mesh.vertices * (0.02 / mesh.median_edge)))
+    dome = add(mesh.with_vertices(mesh.vertices * (0.02 / mesh.median_edge)))
     dome.flexmaps.connect.connector = "none"
     dome.flexmaps.sheet.nesting = "FAST"
     for stage in ("trace", "spirals"):

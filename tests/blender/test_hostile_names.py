@@ -23,7 +23,7 @@ from flexmaps.command import main as command
 from flexmaps.engine import MARK
 from flexmaps.engine.extras.exploring.folder import escape_formula
 from flexmaps.engine.fabrication.writers import export
-from flexmaps.engine.surface.checking.finding import finding
+from flexmaps.engine.surface.checking.finding import make_finding
 from support.bowl import bowl
 
 # ends of places in HTML, XML, JSON, PDF, DXF, shell and templates, what a spreadsheet runs, and letters that XML knows not
@@ -39,7 +39,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     settings = {"sheet.nesting": "FAST", "structure.cases": f"{SHORT}: snow 500"}
     made = api.simulate(api.load("shape:strip", edge=20, settings=settings), supports="lowest")
     named = replace(made, name=f"{HOSTILE}.obj")
-    told = finding("undone", f"Load case '{SHORT}' in '{HOSTILE}'", severity="warning")
+    told = make_finding("undone", f"Load case '{SHORT}' in '{HOSTILE}'", severity="warning")
     named.result.surface.findings.append(told)
     api.export(named, folder / "out", formats=export.FORMATS)
     api.report(named, folder / "out")

@@ -52,7 +52,7 @@ def test_vertices_come_back_where_they_were(dome: Any) -> None:
     bpy.context.scene.unit_settings.scale_length = 0.001
     surface, quads = read(dome)
     raised = quads.vertices + np.array([0.0, 0.0, 0.001])
-    mesh.write_vertices(dome, surface, quads.moved(raised))
+    mesh.write_vertices(dome, surface, quads.with_vertices(raised))
     _, again = read(dome)
     assert again.vertices == pytest.approx(raised, abs=1e-9)
 

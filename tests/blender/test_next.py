@@ -56,7 +56,7 @@ FAULTS = {
 def _large() -> QuadMesh:
     """A dome of 192 quads: of few, fewer are not offered."""
     mesh = shapes.dome(8)
-    return mesh.moved(mesh.vertices * (0.02 / mesh.median_edge))
+    return mesh.with_vertices(mesh.vertices * (0.02 / mesh.median_edge))
 
 
 @pytest.mark.parametrize("code", FAULTS)

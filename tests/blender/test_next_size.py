@@ -20,7 +20,7 @@ def seen(obj: Any) -> guidance.Guidance:
 def _small(add: Any) -> Any:
     """Return a dome of quads of 6 mm."""
     dome = shapes.dome(4)
-    return add(dome.moved(dome.vertices * (0.006 / dome.median_edge)))
+    return add(dome.with_vertices(dome.vertices * (0.006 / dome.median_edge)))
 
 
 def test_a_piece_whose_arms_would_break_is_made_larger_before_any_search(add: Any, predicted_match: None) -> None:

@@ -87,7 +87,7 @@ def schwarz_p(rounds: int) -> QuadMesh:
     """A cell of Schwarz's P surface: six tubes that meet, moved onto cos x + cos y + cos z = 0."""
     mesh = branches("xXyYzZ", 1, rounds, reach=1)
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    cell = mesh.moved((mesh.vertices - 0.5 * (low + high)) / (high - low) * 2 * np.pi)
+    cell = mesh.with_vertices((mesh.vertices - 0.5 * (low + high)) / (high - low) * 2 * np.pi)
     return pieces.onto(cell, lambda p: np.cos(p).sum(axis=1))
 
 
@@ -196,13 +196,13 @@ def largest(mesh: QuadMesh) -> QuadMesh:
 def thirds(polygons: pieces.Polygons, shape: Shape | None = None) -> QuadMesh:
     """Cut every triangle into three quads: irregular vertices everywhere."""
     mesh = pieces.divided(polygons, smooth=False)
-    return mesh if shape is None else mesh.moved(shape(mesh.vertices))
+    return mesh if shape is None else mesh.with_vertices(shape(mesh.vertices))
 
 
 def catmull_clark(polygons: pieces.Polygons, rounds: int, shape: Shape | None = None) -> QuadMesh:
     """Subdivide polygons by Catmull and Clark's rule."""
     mesh = pieces.smoothed(pieces.divided(polygons, smooth=True), rounds - 1)
-    return mesh if shape is None else mesh.moved(shape(mesh.vertices))
+    return mesh if shape is None else mesh.with_vertices(shape(mesh.vertices))
 
 
 def ball_triangles(steps_: int) -> pieces.Polygons:

@@ -60,7 +60,7 @@ def star(sectors: int, size: int, place: Place, power: float = 3.0) -> QuadMesh:
         points.append(np.stack([radius * np.cos(angle), radius * np.sin(angle), 0 * angle], axis=1))
         quads.append(_cells(index) + k * len(i))
     flat = shapes.weld_quads(np.concatenate(points), np.concatenate(quads))
-    return flat.moved(_points(place, flat.vertices[:, 0], flat.vertices[:, 1]))
+    return flat.with_vertices(_points(place, flat.vertices[:, 0], flat.vertices[:, 1]))
 
 
 def without(mesh: QuadMesh, gone: np.ndarray) -> QuadMesh:
@@ -306,7 +306,7 @@ def soap_film(mesh: QuadMesh) -> QuadMesh:
     matrix = (diags_array(beside.sum(axis=1)) - beside).tocsr()[inner]
     found = mesh.vertices.copy()
     found[inner] = spsolve(matrix[:, inner].tocsc(), -matrix[:, rest] @ found[rest])
-    return mesh.moved(found)
+    return mesh.with_vertices(found)
 
 
 def onto(mesh: QuadMesh, value: Callable[[np.ndarray], np.ndarray], steps: int = 20) -> QuadMesh:
@@ -316,4 +316,4 @@ def onto(mesh: QuadMesh, value: Callable[[np.ndarray], np.ndarray], steps: int =
     for _ in range(steps):
         slope = np.stack([(value(points + d) - value(points - d)) / (2 * size) for d in size * np.eye(3)], axis=1)
         points -= (value(points) / np.maximum((slope**2).sum(axis=1), 1e-9))[:, None] * slope
-    return mesh.moved(points)
+    return mesh.with_vertices(points)

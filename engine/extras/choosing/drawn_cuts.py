@@ -14,7 +14,7 @@ import numpy as np
 from ...arrays import Bool, Float, Int
 from ...patches.layout import PatchLayout, groups, straight_on
 from ...patches.tracing.trace import make_disks
-from ...surface.checking.folds import SHARP, turns
+from ...surface.checking.folds import SHARP, fold_angles
 from ...surface.checking.topology import sides_of
 from ...surface.mesh import PolygonMesh, QuadMesh
 from ...surface.symmetry import Symmetry, close_under, keeping
@@ -167,7 +167,7 @@ def in_plane(mesh: QuadMesh, symmetry: Symmetry) -> Int[np.ndarray, " some"]:
 def along_folds(mesh: QuadMesh) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
     """Yield one set of cuts, name and (E,) bool: all folds that are sharper than spirals can bend, if there are any."""
     polygons = PolygonMesh.from_quads(mesh)
-    cut = (turns(polygons, sides_of(polygons)) > SHARP) & ~mesh.border
+    cut = (fold_angles(polygons, sides_of(polygons)) > SHARP) & ~mesh.border
     if cut.any():
         yield "along its folds", cut
 

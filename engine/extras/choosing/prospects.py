@@ -67,7 +67,7 @@ def prospects(
     ways: list[tuple[str, Any]] = [] if supports is not None else list(holding(found.target))
     ideas = with_cuts(found.design.flat.layout, weight_by_fixability(_mismatch(found), limits.kind))
     ways += [(CUT, idea) for idea in islice(ideas, IDEAS)]
-    design, smooth = found.design, found.target.moved(smooth_folds(PolygonMesh.from_quads(found.target)))
+    design, smooth = found.design, found.target.with_vertices(smooth_folds(PolygonMesh.from_quads(found.target)))
     piece = LayoutProblem(found.target, settings, supports, force, spirals=(design.width, design.twist))
     if not np.array_equal(smooth.vertices, found.target.vertices):
         ways.append((ROUND, replace(piece, mesh=smooth)))

@@ -105,12 +105,12 @@ def evaluate_candidate(base: ExplorationInput, values: Values) -> Candidate:
 def _scale_mesh(mesh: QuadMesh, values: Values) -> QuadMesh:
     """Scale the mesh to the median edge or the height, millimetres, in ``values``, if there is either."""
     if "edge" in values:
-        return mesh.moved(mesh.vertices * (values["edge"] / 1e3 / mesh.median_edge))
+        return mesh.with_vertices(mesh.vertices * (values["edge"] / 1e3 / mesh.median_edge))
     if "height" in values:
         tall = float(np.ptp(mesh.vertices[:, 2]))
         if tall <= 0.0:
             raise FlexMapsError("The piece lies flat and has no height; vary edge instead")
-        return mesh.moved(mesh.vertices * (values["height"] / 1e3 / tall))
+        return mesh.with_vertices(mesh.vertices * (values["height"] / 1e3 / tall))
     return mesh
 
 

@@ -148,7 +148,7 @@ def _mesh(given: LiveInput, old: LiveState | None) -> QuadMesh:
         return old.mesh
     mesh = check.as_quad_mesh(PolygonMesh(given.vertices, given.corners, given.sizes))
     if alike and old is not None and np.array_equal(mesh.quads, old.mesh.quads):
-        return old.mesh.moved(mesh.vertices)
+        return old.mesh.with_vertices(mesh.vertices)
     return mesh
 
 

@@ -59,7 +59,7 @@ def run(result: Result, settings: Settings, progress: Progress) -> Result:
         shape = result.simulation.vertices
     elif rest is not None and result.design is not None:
         shape = simulate.move_vertices(result.design, rest, mesh)
-    found = compare.compare(mesh if shape is None else mesh.moved(shape), scanned, shape is not None, progress)
+    found = compare.compare(mesh if shape is None else mesh.with_vertices(shape), scanned, shape is not None, progress)
     made = made_by("compare", settings, result.inputs("mesh", "simulation"))
     return result.with_outputs(ScanComparison(found, **made))
 

@@ -31,7 +31,7 @@ Codes of the findings; causes come before their consequences:
     loose-vertices            warning         vertices that belong to no face; they are ignored
     left-out                  warning         data of the file that were not read
 
-``everything`` adds the codes of ``overlaps``.
+``all_findings`` adds the codes of module ``overlaps``.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ import numpy as np
 
 from ...errors import FlexMapsError
 from ..mesh import PolygonMesh, QuadMesh
-from .finding import REMESH, Finding, finding, list_faces, with_count
-from .folds import SHARP, turns
-from .geometry import FOLDED, degenerate, far_out, in_unit, lengths_of, sizes
-from .overlaps import overlaps
-from .topology import Sides, bodies, inconsistent, repeated_faces, sides_of, split_vertices
+from .finding import REMESH, Finding, list_faces, make_finding, with_count
+from .folds import SHARP, fold_angles
+from .geometry import FOLDED, degeneracy_findings, edge_lengths, position_findings, scale_to_unit, size_findings
+from .overlaps import overlap_findings
+from .topology import Sides, bodies, non_manifold_vertices, orientation_faults, repeated_faces, sides_of
 
 
 def with_numeric_arrays(polygons: PolygonMesh) -> PolygonMesh:
@@ -68,8 +68,8 @@ def median_edge(polygons: PolygonMesh) -> float:
     """Return the median edge length in the vertices' unit; NaN if there are no faces or indices are invalid."""
     if not len(polygons.sizes) or not _indices_fit(polygons):
         return float("nan")
-    unit, power = in_unit(polygons)
-    return float(np.ldexp(np.median(lengths_of(unit, sides_of(unit))), power))
+    unit, power = scale_to_unit(polygons)
+    return float(np.ldexp(np.median(edge_lengths(unit, sides_of(unit))), power))
 
 
 def scale_to_metres(polygons: PolygonMesh, *, edge: float | None = None, height: float | None = None) -> PolygonMesh:
@@ -95,7 +95,7 @@ def scale_to_metres(polygons: PolygonMesh, *, edge: float | None = None, height:
         raise FlexMapsError(f"The {name} must be a positive length, not {wanted * 1e3:g} mm")
     if not len(polygons.sizes) or not _indices_fit(polygons):
         return polygons
-    unit, _ = in_unit(polygons)
+    unit, _ = scale_to_unit(polygons)
     if edge is not None:
         size = median_edge(unit)
     else:
@@ -120,7 +120,7 @@ def as_quad_mesh(polygons: PolygonMesh, findings: list[Finding] | None = None) -
     FlexMapsError : the mesh has errors; gives message and faces of the first error, and the codes of the others
     """
     if findings is None:
-        findings = _find(polygons, None)
+        findings = _collect_findings(polygons, None)
     errors = [f for f in findings if f.is_error]
     if errors:
         others = ", ".join(dict.fromkeys(f.code for f in errors[1:]))
@@ -139,32 +139,32 @@ def findings(polygons: PolygonMesh, edge: float | None = None) -> list[Finding]:
     polygons : unchecked mesh, metres
     edge : median edge length to which the mesh will be scaled, metres: sizes are checked at that scale
     """
-    return sorted(_find(polygons, edge), key=lambda f: not f.is_error)
+    return sorted(_collect_findings(polygons, edge), key=lambda f: not f.is_error)
 
 
-def everything(polygons: PolygonMesh) -> list[Finding]:
-    """Return all findings of a mesh, those of ``overlaps`` included, errors first."""
-    return sorted([*findings(polygons), *overlaps(polygons)], key=lambda f: not f.is_error)
+def all_findings(polygons: PolygonMesh) -> list[Finding]:
+    """Return all findings of a mesh, those of ``overlap_findings`` included, errors first."""
+    return sorted([*findings(polygons), *overlap_findings(polygons)], key=lambda f: not f.is_error)
 
 
-def not_quads(polygons: PolygonMesh) -> int:
+def count_non_quads(polygons: PolygonMesh) -> int:
     """Return the number of faces that are not quads."""
     return sum(len(found.faces) for found in findings(polygons) if found.code == "non-quad")
 
 
 def remeshing_warning(faces: int) -> Finding:
     """Return the warning that the mesh was remeshed because ``faces`` faces were not quads."""
-    return finding(
+    return make_finding(
         "remeshed",
         f"{with_count(faces, 'face was not a quad', 'faces were not quads')}, so the whole mesh was remeshed",
         severity="warning",
     )
 
 
-def _find(polygons: PolygonMesh, edge: float | None) -> list[Finding]:
+def _collect_findings(polygons: PolygonMesh, edge: float | None) -> list[Finding]:
     """Return all findings in the order of the module's table; ``edge`` as in ``findings``."""
     if not len(polygons.sizes):
-        return [finding("no-faces", "The mesh has no faces; choose an object with a surface")]
+        return [make_finding("no-faces", "The mesh has no faces; choose an object with a surface")]
     face_of = np.repeat(np.arange(len(polygons.sizes)), np.maximum(polygons.sizes, 0))
     if not _indices_fit(polygons):
         bad = (polygons.corners < 0) | (polygons.corners >= len(polygons.vertices))
@@ -174,31 +174,31 @@ def _find(polygons: PolygonMesh, edge: float | None) -> list[Finding]:
             if len(faces)
             else "Faces and corners do not fit together"
         )
-        return [finding("bad-index", f"{text}; export the mesh again", faces)]
+        return [make_finding("bad-index", f"{text}; export the mesh again", faces)]
     sides = sides_of(polygons)
     body = bodies(sides, len(polygons.sizes))
     finite = np.isfinite(polygons.vertices).all(axis=1)
-    found = [] if finite[polygons.corners].all() else [_not_finite(polygons, finite, face_of)]
-    unit, power = in_unit(polygons)
+    found = [] if finite[polygons.corners].all() else [_not_finite_finding(polygons, finite, face_of)]
+    unit, power = scale_to_unit(polygons)
     if not found:
-        found += far_out(unit, face_of)
+        found += position_findings(unit, face_of)
     measured = not found  # lengths and areas are meaningful only for positions that are finite and near the origin
-    found += _face_faults(polygons, sides, body)
+    found += _face_findings(polygons, sides, body)
     if measured:
-        found += degenerate(unit, sides) + _folds(unit, sides)
-    found += _topology_faults(polygons, sides, body)
+        found += degeneracy_findings(unit, sides) + _sharp_fold_findings(unit, sides)
+    found += _topology_findings(polygons, sides, body)
     if measured:
-        found += sizes(unit, sides, body, edge, power)
+        found += size_findings(unit, sides, body, edge, power)
     if body.max() > 0:
         text = f"The mesh has {body.max() + 1} separate bodies; each is laid out by itself"
         smallest = np.flatnonzero(body != np.argmax(np.bincount(body)))
-        found.append(finding("several-bodies", text, smallest, severity="warning"))
+        found.append(make_finding("several-bodies", text, smallest, severity="warning"))
     loose = len(polygons.vertices) - len(np.unique(polygons.corners))
     if loose:
         text = f"{with_count(loose, 'vertex belongs', 'vertices belong')} to no face and {'is' if loose == 1 else 'are'} left out"
-        found.append(finding("loose-vertices", text, severity="warning"))
-    found += [finding("left-out", text, severity="warning") for text in polygons.left_out]
-    found += [finding(code, text, severity="warning") for code, text in polygons.cured]
+        found.append(make_finding("loose-vertices", text, severity="warning"))
+    found += [make_finding("left-out", text, severity="warning") for text in polygons.left_out]
+    found += [make_finding(code, text, severity="warning") for code, text in polygons.repairs]
     return found
 
 
@@ -212,7 +212,7 @@ def _indices_fit(polygons: PolygonMesh) -> bool:
 # -- single checks ---------------------------------------------------------------------------------------------------
 
 
-def _not_finite(polygons: PolygonMesh, finite: np.ndarray, face_of: np.ndarray) -> Finding:
+def _not_finite_finding(polygons: PolygonMesh, finite: np.ndarray, face_of: np.ndarray) -> Finding:
     bad = ~finite[polygons.corners]
     faces, vertices = np.unique(face_of[bad]), np.unique(polygons.corners[bad])
     shown = ", ".join(str(v) for v in vertices[:5].tolist()) + (", ..." if len(vertices) > 5 else "")
@@ -220,10 +220,10 @@ def _not_finite(polygons: PolygonMesh, finite: np.ndarray, face_of: np.ndarray) 
     why = "have positions that are not numbers: delete them"
     if len(vertices) == 1:
         why = "has a position that is not a number: delete it"
-    return finding("not-finite", f"{what} ({shown}) of {list_faces(faces)} {why}", faces)
+    return make_finding("not-finite", f"{what} ({shown}) of {list_faces(faces)} {why}", faces)
 
 
-def _face_faults(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> list[Finding]:
+def _face_findings(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> list[Finding]:
     """Report faces that are not quads, repeat a vertex, or have the vertices of another face."""
     found = []
     others = np.flatnonzero(polygons.sizes != 4)
@@ -234,32 +234,32 @@ def _face_faults(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> list[
             kinds.append(with_count(len(others) - triangles, "n-gon", "n-gons"))
         parts = f", in a mesh of {body.max() + 1} separate bodies" if body.max() > 0 else ""
         text = f"{len(others)} of {with_count(len(polygons.sizes), 'face is not a quad', 'faces are not quads')} ({' and '.join(kinds)}{parts}): {REMESH}"
-        found.append(finding("non-quad", text, others))
+        found.append(make_finding("non-quad", text, others))
     order = np.lexsort((polygons.corners, sides.face))
     face, corner = sides.face[order], polygons.corners[order]
     twice = np.unique(face[1:][(face[1:] == face[:-1]) & (corner[1:] == corner[:-1])])
     if len(twice):
         text = f"{list_faces(twice, 'has', 'have')} the same vertex at two corners: merge vertices that lie in one place (Merge by Distance)"
-        found.append(finding("repeated-vertex", text, twice))
+        found.append(make_finding("repeated-vertex", text, twice))
     same = repeated_faces(polygons)
     if len(same):
         text = f"{list_faces(same, 'has', 'have')} the vertices of another face: delete one of the two"
-        found.append(finding("duplicate-faces", text, same))
+        found.append(make_finding("duplicate-faces", text, same))
     return found
 
 
-def _folds(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
+def _sharp_fold_findings(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
     """Report edges of a quad mesh that are too sharp for spirals, except where faces lie on each other ("folded")."""
-    turned = turns(polygons, sides)
+    turned = fold_angles(polygons, sides)
     sharp = np.flatnonzero((turned > SHARP) & (np.cos(turned) >= FOLDED))
     if not len(sharp) or (polygons.sizes != 4).any():
         return []
     faces = np.unique(sides.face[np.isin(sides.edge, sharp)])
     text = f"{with_count(len(sharp), 'edge turns', 'edges turn')} by more than {np.degrees(SHARP):.0f} degrees, up to {np.degrees(turned[sharp].max()):.0f}: spirals bend, but do not fold. Press Round the folds, or Propose layouts, which also cuts along them"
-    return [finding("sharp-folds", text, faces, sharp, severity="warning")]
+    return [make_finding("sharp-folds", text, faces, sharp, severity="warning")]
 
 
-def _topology_faults(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> list[Finding]:
+def _topology_findings(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> list[Finding]:
     """Report non-manifold edges and vertices, and faults of the orientation."""
     found = []
     uses = np.bincount(sides.edge, minlength=len(sides.edges))
@@ -267,19 +267,19 @@ def _topology_faults(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> l
     if len(many):
         faces = np.unique(sides.face[uses[sides.edge] > 2])
         text = f"{with_count(len(many), 'edge has', 'edges have')} three or more faces, at {list_faces(faces)}: delete the walls inside, or split the surface there"
-        found.append(finding("non-manifold-edge", text, faces, many))
+        found.append(make_finding("non-manifold-edge", text, faces, many))
         return found  # fans of faces and orientation are not defined at such edges
-    split = split_vertices(polygons, sides)
+    split = non_manifold_vertices(polygons, sides)
     if len(split):
         faces = np.unique(sides.face[np.isin(polygons.corners, split)])
         text = f"{with_count(len(split), 'vertex joins', 'vertices join')} faces that share no edge there, at {list_faces(faces)}: split the surface there (V in Edit Mode)"
-        found.append(finding("non-manifold-vertex", text, faces))
-    turned, one_sided, edges = inconsistent(sides, body)
+        found.append(make_finding("non-manifold-vertex", text, faces))
+    turned, one_sided, edges = orientation_faults(sides, body)
     if len(one_sided):
         faces = np.flatnonzero(np.isin(body, one_sided))
         text = f"The body of {list_faces(faces)} has only one side, like a Moebius strip: cut it open along a row of edges (V in Edit Mode)"
-        found.append(finding("non-orientable", text, faces, edges))
+        found.append(make_finding("non-orientable", text, faces, edges))
     if len(turned):
         text = f"{list_faces(turned, 'looks', 'look')} to the other side than the neighbours: turn the normals (Recalculate Outside, Shift+N in Edit Mode)"
-        found.append(finding("inconsistent-orientation", text, turned, edges))
+        found.append(make_finding("inconsistent-orientation", text, turned, edges))
     return found

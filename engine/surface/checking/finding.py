@@ -27,7 +27,7 @@ class Finding:
     message: str
     faces: tuple[int, ...] = ()
     edges: tuple[int, ...] = ()
-    larger: float | None = None
+    growth_factor: float | None = None
 
     @property
     def is_error(self) -> bool:
@@ -39,7 +39,7 @@ class Finding:
         return {"code": self.code, "severity": self.severity, "message": self.message, "faces": list(self.faces)}
 
 
-def finding(code: str, message: str, faces: Any = (), edges: Any = (), severity: str = "error") -> Finding:
+def make_finding(code: str, message: str, faces: Any = (), edges: Any = (), severity: str = "error") -> Finding:
     """Make a ``Finding`` from any sequences of indices.
 
     Parameters
@@ -53,7 +53,7 @@ def finding(code: str, message: str, faces: Any = (), edges: Any = (), severity:
     )
 
 
-def joined_alike(findings: Iterable[Finding]) -> list[Finding]:
+def merge_alike(findings: Iterable[Finding]) -> list[Finding]:
     """Merge findings with equal code and message; the merged finding lists the faces and edges of all."""
     by_words: dict[tuple[str, str], list[Finding]] = {}
     for one in findings:

@@ -19,7 +19,7 @@ PACE = 0.5  # share of the way to its neighbours' mean that a vertex moves in a 
 ROUNDS = 200  # largest number of rounds; a right angle takes 5
 
 
-def turns(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " edges"]:
+def fold_angles(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " edges"]:
     """Return the angle between the normals of the two faces at every edge, radians.
 
     The angle is 0 at edges that do not have exactly two faces.
@@ -38,7 +38,7 @@ def turns(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " edges"]:
     return found
 
 
-def radius(edge: float) -> float:
+def min_bend_radius(edge: float) -> float:
     """Return the smallest radius, metres, round which chords of length ``edge`` bend without making folds."""
     return edge / (2.0 * float(np.sin(0.5 * SHARP)))
 
@@ -60,7 +60,7 @@ def smooth_folds(polygons: PolygonMesh) -> Float[np.ndarray, "vertices 3"]:
     count = np.maximum(np.bincount(to, minlength=len(polygons.vertices)), 1)
     vertices = np.array(polygons.vertices, float)
     for _ in range(ROUNDS):
-        sharp = turns(PolygonMesh(vertices, polygons.corners, polygons.sizes), sides) > SHARP
+        sharp = fold_angles(PolygonMesh(vertices, polygons.corners, polygons.sizes), sides) > SHARP
         if not sharp.any():
             break
         share = np.zeros(len(vertices))

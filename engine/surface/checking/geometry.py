@@ -9,7 +9,7 @@ import numpy as np
 from ...arrays import Float
 from ...tolerances import SINGLE_TOL
 from ..mesh import PolygonMesh
-from .finding import REMESH, Finding, finding, list_faces, with_count
+from .finding import REMESH, Finding, list_faces, make_finding, with_count
 from .topology import Sides, sides_of
 
 # Ratio of the 99th to the 1st percentile of the faces' mean edge lengths, above which there is an error or a warning.
@@ -26,7 +26,7 @@ WARP = np.radians(60.0)
 THIN = 0.1
 
 
-def in_unit(polygons: PolygonMesh) -> tuple[PolygonMesh, int]:
+def scale_to_unit(polygons: PolygonMesh) -> tuple[PolygonMesh, int]:
     """Scale coordinates to about 1, so that their squares and cubes do not overflow.
 
     Returns
@@ -40,13 +40,13 @@ def in_unit(polygons: PolygonMesh) -> tuple[PolygonMesh, int]:
         return replace(polygons, vertices=np.ldexp(vertices, -power)), power
 
 
-def lengths_of(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " edges"]:
+def edge_lengths(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " edges"]:
     """Return the length of every edge, in the mesh's unit; ``sides`` belongs to the mesh."""
     a, b = polygons.vertices[sides.edges.T]
     return np.linalg.norm(np.asarray(b, float) - a, axis=1)
 
 
-def far_out(polygons: PolygonMesh, face_of: np.ndarray) -> list[Finding]:
+def position_findings(polygons: PolygonMesh, face_of: np.ndarray) -> list[Finding]:
     """Report vertices far from all others, or a mesh too far from the origin; ``face_of`` gives each corner's face."""
     used = np.unique(polygons.corners)
     p = polygons.vertices[used]
@@ -56,18 +56,18 @@ def far_out(polygons: PolygonMesh, face_of: np.ndarray) -> list[Finding]:
     if len(far):
         faces = np.unique(face_of[np.isin(polygons.corners, far)])
         text = f"{with_count(len(far), 'vertex lies', 'vertices lie')} more than {FAR:g} times as far out as the others, at {list_faces(faces)}: move or delete {'it' if len(far) == 1 else 'them'}"
-        return [finding("far-vertices", text, faces)]
-    edge = float(np.median(lengths_of(polygons, sides_of(polygons))))
+        return [make_finding("far-vertices", text, faces)]
+    edge = float(np.median(edge_lengths(polygons, sides_of(polygons))))
     if 0 < edge * SINGLE_TOL < np.abs(p).max() * np.finfo(float).eps:
         text = f"The mesh lies {np.abs(p).max() / edge:.1g} edges away from the origin, so far that its positions are rounded: move it to the origin and export it again"
-        return [finding("far-from-origin", text)]
+        return [make_finding("far-from-origin", text)]
     return []
 
 
-def degenerate(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
+def degeneracy_findings(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
     """Report edges without length, faces without area, and crossed, folded, concave, thin and warped quads."""
     found = []
-    lengths = lengths_of(polygons, sides)
+    lengths = edge_lengths(polygons, sides)
     middle = float(np.median(lengths))
     area_vectors = area_vectors_of(polygons, sides)
     areas = np.linalg.norm(area_vectors, axis=1)
@@ -75,16 +75,16 @@ def degenerate(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
     if len(short):
         faces = np.unique(sides.face[np.isin(sides.edge, short)])
         text = f"{with_count(len(short), 'edge has', 'edges have')} no length, at {list_faces(faces)}: merge both ends (Merge by Distance)"
-        found.append(finding("zero-edge", text, faces, short))
+        found.append(make_finding("zero-edge", text, faces, short))
     flat = np.flatnonzero(areas <= SINGLE_TOL * middle**2)
     # a crossed quad also has no area, as its two halves cancel each other
     bows = flat[_corner_areas(polygons, sides)[flat] > SINGLE_TOL * middle**2]
     flat = np.setdiff1d(flat, bows)
     if len(flat):
         text = f"{list_faces(flat, 'has', 'have')} no area: dissolve {'it' if len(flat) == 1 else 'them'}"
-        found.append(finding("zero-area", text, flat))
+        found.append(make_finding("zero-area", text, flat))
     quads = np.setdiff1d(np.flatnonzero(polygons.sizes == 4), flat)
-    found += _quad_faults(polygons, quads, area_vectors, bows, middle)
+    found += _quad_findings(polygons, quads, area_vectors, bows, middle)
     one, two = sides.pairs[sides.forward[sides.pairs[:, 0]] != sides.forward[sides.pairs[:, 1]]].T
     unit = area_vectors / np.maximum(areas, 1e-300)[:, None]
     f, g = sides.face[one], sides.face[two]
@@ -92,33 +92,35 @@ def degenerate(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
     if on.any():
         faces = np.unique([f[on], g[on]])
         text = f"{list_faces(faces, 'is', 'are')} folded back upon a neighbour, so that both lie in one place: delete one of the two, or open the fold"
-        found.append(finding("folded", text, faces, sides.edge[one[on]]))
+        found.append(make_finding("folded", text, faces, sides.edge[one[on]]))
     return found
 
 
 def _corner_areas(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " faces"]:
     """Return the area of the largest parallelogram that two adjacent sides of each face span."""
     p = polygons.vertices
-    side = p[sides.following] - p[polygons.corners]
-    return np.maximum.reduceat(np.linalg.norm(np.cross(side, side[sides.after]), axis=1), polygons.starts)
+    side = p[sides.end_vertex] - p[polygons.corners]
+    return np.maximum.reduceat(np.linalg.norm(np.cross(side, side[sides.next_side]), axis=1), polygons.starts)
 
 
-def sizes(polygons: PolygonMesh, sides: Sides, body: np.ndarray, edge: float | None, power: int) -> list[Finding]:
+def size_findings(
+    polygons: PolygonMesh, sides: Sides, body: np.ndarray, edge: float | None, power: int
+) -> list[Finding]:
     """Report sizes that are too small, too large or too uneven, and closed bodies turned inside out.
 
     Parameters
     ----------
-    polygons : mesh divided by 2^``power``, see ``in_unit``
+    polygons : mesh divided by 2^``power``, see ``scale_to_unit``
     sides, body : sides of that mesh, and body of each of its faces
     edge : median edge length to which the mesh will be scaled, metres; None to check its own size
-    power : exponent k of ``in_unit``
+    power : exponent k of ``scale_to_unit``
     """
     found = []
-    lengths = lengths_of(polygons, sides)
+    lengths = edge_lengths(polygons, sides)
     middle = float(np.median(lengths))
     area_vectors = area_vectors_of(polygons, sides)
     areas = np.linalg.norm(area_vectors, axis=1)
-    ratio = _size_ratio(polygons, sides, lengths)
+    ratio = _size_ratio_finding(polygons, sides, lengths)
     if ratio is not None:
         found.append(ratio)
     if edge is None or middle <= 0:
@@ -126,7 +128,7 @@ def sizes(polygons: PolygonMesh, sides: Sides, body: np.ndarray, edge: float | N
             scale = float(np.ldexp(1.0, power))
         if middle > 0 and not SIZES[0] <= middle * scale <= SIZES[1]:
             text = f"The edges measure {middle * scale * 1e3:.3g} mm, which cannot be cut: press Scale to quad edge"
-            return [*found, finding("size", text)]
+            return [*found, make_finding("size", text)]
     else:
         scale = edge / middle
     side = np.sqrt(areas) * scale
@@ -135,15 +137,15 @@ def sizes(polygons: PolygonMesh, sides: Sides, body: np.ndarray, edge: float | N
         least = float(side[small].min())
         text = f"{list_faces(small, 'is', 'are')} under {SMALL * 1e3:g} mm wide (the smallest {least * 1e3:.3g} mm), too small for a spiral that bends easily: make the piece larger, or use fewer quads"
         times = round(STEP * float(np.ceil(SMALL / least / STEP)), 2)
-        found.append(replace(finding("small-quads", text, small, severity="warning"), larger=times))
-    return found + _inside_out(polygons, sides, body, area_vectors)
+        found.append(replace(make_finding("small-quads", text, small, severity="warning"), growth_factor=times))
+    return found + _inside_out_findings(polygons, sides, body, area_vectors)
 
 
 def area_vectors_of(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, "faces 3"]:
     """Return the area vector (area times normal) of every face: half the sum of cross products about a corner."""
     p = np.asarray(polygons.vertices, float)
     origin = p[polygons.corners[polygons.starts]][sides.face]
-    crosses = np.cross(p[polygons.corners] - origin, p[sides.following] - origin)
+    crosses = np.cross(p[polygons.corners] - origin, p[sides.end_vertex] - origin)
     return 0.5 * np.add.reduceat(crosses, polygons.starts, axis=0)
 
 
@@ -161,7 +163,7 @@ def breadth(corners: Float[np.ndarray, "faces 4 3"]) -> Float[np.ndarray, " face
     return shorter * np.tan(0.5 * np.arctan2(across, np.abs(np.einsum("fi,fi->f", one, two))))
 
 
-def _quad_faults(
+def _quad_findings(
     polygons: PolygonMesh, quads: np.ndarray, area_vectors: np.ndarray, bows: np.ndarray, middle: float
 ) -> list[Finding]:
     """Report crossed, concave, thin and warped quads.
@@ -177,25 +179,25 @@ def _quad_faults(
     crossed, concave = np.union1d(quads[inward > 1], bows), np.setdiff1d(quads[inward == 1], bows)
     if len(crossed):
         text = f"{list_faces(crossed, 'has', 'have')} sides that cross: move the corners, or {REMESH}"
-        found.append(finding("crossed", text, crossed))
+        found.append(make_finding("crossed", text, crossed))
     if len(concave):
         text = f"{list_faces(concave, 'has', 'have')} a corner that points inwards, which leaves little room for a spiral: press Squarer quads, or use more quads"
-        found.append(finding("concave", text, concave, severity="warning"))
+        found.append(make_finding("concave", text, concave, severity="warning"))
     slim = np.setdiff1d(quads[(breadth(p) < THIN * middle) & (inward < 2)], bows)
     if len(slim):
         text = f"{list_faces(slim, 'is', 'are')} too narrow for a spiral, or pointed like a needle: press Squarer quads, or {REMESH}"
-        found.append(finding("thin", text, slim, severity="warning"))
+        found.append(make_finding("thin", text, slim, severity="warning"))
     unit = normals / np.maximum(np.linalg.norm(normals, axis=2), 1e-300)[..., None]
     bend = np.arccos(np.clip(np.einsum("qki,qki->qk", unit, np.roll(unit, -1, axis=1)), -1, 1)).max(axis=1)
     warped = np.setdiff1d(quads[(bend > WARP) & (inward == 0)], bows)
     if len(warped):
         worst = np.degrees(bend[inward == 0].max())
         text = f"{list_faces(warped, 'is', 'are')} far from flat, with up to {worst:.0f} degrees between corners, while a spiral is cut flat: press Squarer quads, or use more quads"
-        found.append(finding("warped", text, warped, severity="warning"))
+        found.append(make_finding("warped", text, warped, severity="warning"))
     return found
 
 
-def _size_ratio(polygons: PolygonMesh, sides: Sides, lengths: np.ndarray) -> Finding | None:
+def _size_ratio_finding(polygons: PolygonMesh, sides: Sides, lengths: np.ndarray) -> Finding | None:
     """Report uneven face sizes; a face's size is its mean edge length, which hardly depends on its shape."""
     size = np.bincount(sides.face, lengths[sides.edge]) / polygons.sizes
     low, high = np.percentile(size, [1, 99])
@@ -212,10 +214,12 @@ def _size_ratio(polygons: PolygonMesh, sides: Sides, lengths: np.ndarray) -> Fin
         text += f"; beyond {RATIO_ERROR:g} times no panels can be made: {REMESH}"
     else:
         text += f"; below {RATIO_WARNING:g} times the piece keeps its shape better: {REMESH}"
-    return finding("size-ratio", text, off, severity="error" if severe else "warning")
+    return make_finding("size-ratio", text, off, severity="error" if severe else "warning")
 
 
-def _inside_out(polygons: PolygonMesh, sides: Sides, body: np.ndarray, area_vectors: np.ndarray) -> list[Finding]:
+def _inside_out_findings(
+    polygons: PolygonMesh, sides: Sides, body: np.ndarray, area_vectors: np.ndarray
+) -> list[Finding]:
     """Report closed bodies with a negative volume, whose normals point inwards."""
     origin = np.asarray(polygons.vertices, float)[polygons.corners].mean(axis=0)
     volume = np.bincount(body, np.einsum("fi,fi->f", polygons.centres - origin, area_vectors))
@@ -226,4 +230,4 @@ def _inside_out(polygons: PolygonMesh, sides: Sides, body: np.ndarray, area_vect
     if not len(faces):
         return []
     text = f"{list_faces(faces, 'looks', 'look')} into the body, so that the engraved side comes inside: turn the normals (Recalculate Outside, Shift+N in Edit Mode) unless that is meant"
-    return [finding("inside-out", text, faces, severity="warning")]
+    return [make_finding("inside-out", text, faces, severity="warning")]

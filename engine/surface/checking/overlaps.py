@@ -21,8 +21,8 @@ from ...arrays import Bool, Float, Int
 from ...tolerances import SINGLE_TOL
 from ..mesh import PolygonMesh
 from ..welding import NEAR, short_edge
-from .finding import Finding, finding, list_faces, with_count
-from .sewing import border_twins, joinable, lying_on_each_other, places, t_junctions
+from .finding import Finding, list_faces, make_finding, with_count
+from .sewing import border_twins, coincident_faces, join_if_sound, position_labels, t_junctions
 from .topology import Sides, bodies, sides_of
 
 # Largest distance between the two skins of a shell, in median edges. Larger: opposite walls of a room count as skins.
@@ -32,29 +32,29 @@ SKINS = 0.6  # smallest share of a closed body's faces with another skin behind 
 ON_EACH_OTHER = 0.01  # smallest overlap of two coplanar triangles that counts, as a share of the smaller one's area
 
 
-def overlaps(mesh: PolygonMesh) -> list[Finding]:
+def overlap_findings(mesh: PolygonMesh) -> list[Finding]:
     """Return all findings of the module's table, for a mesh in metres; none if a corner is not finite."""
     if not len(mesh.sizes) or not np.isfinite(mesh.vertices[mesh.corners]).all():
         return []
     sides = sides_of(mesh)
     body = bodies(sides, len(mesh.sizes))
-    found = _coincident_faces(mesh, body)
+    found = _coincidence_findings(mesh, body)
     if not found:
-        found = [*_open_seams(mesh, sides), *_intersections(mesh, body)]
-    return found + _double_skin(mesh, sides, body)
+        found = [*_open_seam_findings(mesh, sides), *_intersection_findings(mesh, body)]
+    return found + _double_skin_findings(mesh, sides, body)
 
 
-def _spot(point: Float[np.ndarray, " 3"]) -> str:
+def _format_position(point: Float[np.ndarray, " 3"]) -> str:
     """Return a position as text in mm."""
     return "({:.4g}, {:.4g}, {:.4g}) mm".format(*(1e3 * point))
 
 
-def _coincident_faces(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> list[Finding]:
+def _coincidence_findings(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> list[Finding]:
     """Report faces that coincide with faces of another body, or of their own body, which then intersects itself."""
-    lying = lying_on_each_other(mesh)
+    lying = coincident_faces(mesh)
     if not len(lying):
         return []
-    place = places(mesh)
+    place = position_labels(mesh)
     several = np.zeros(len(mesh.sizes), bool)
     first: dict[tuple[int, ...], int] = {}
     pieces = np.split(place[mesh.corners], np.cumsum(mesh.sizes)[:-1])
@@ -66,34 +66,34 @@ def _coincident_faces(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> lis
     twice, own = lying[several[lying]], lying[~several[lying]]
     if len(twice):
         text = f"{list_faces(twice, 'lies', 'lie')} on faces of another shell, as of a shell that is there twice: delete one of the two"
-        found.append(finding("doubled-faces", text, twice))
+        found.append(make_finding("doubled-faces", text, twice))
     if len(own):
-        spot = _spot(mesh.vertices[pieces[int(own[0])]].mean(axis=0))
+        spot = _format_position(mesh.vertices[pieces[int(own[0])]].mean(axis=0))
         text = f"The surface cuts itself: {list_faces(own)} lie on each other, at {spot}: delete one of each two, or move them apart"
-        found.append(finding("cuts-itself", text, own, severity="warning"))
+        found.append(make_finding("cuts-itself", text, own, severity="warning"))
     return found
 
 
-def _open_seams(mesh: PolygonMesh, sides: Sides) -> list[Finding]:
+def _open_seam_findings(mesh: PolygonMesh, sides: Sides) -> list[Finding]:
     """Report doubled border vertices and T-junctions."""
     found = []
     label = border_twins(mesh, sides)
     # where joining would add faults, parts of the surface only touch, which is no fault
-    if joinable(mesh, label) is not None:
+    if join_if_sound(mesh, label) is not None:
         on = np.flatnonzero(np.bincount(label, minlength=len(label))[label] > 1)
         faces = np.unique(sides.face[np.isin(mesh.corners, on)])
-        text = f"{with_count(len(on), 'vertex of the border lies', 'vertices of the border lie')} in one place with others, the first at {_spot(mesh.vertices[on[0]])}, so that the surface is open there: merge them (Merge by Distance)"
-        found.append(finding("doubled-vertices", text, faces))
+        text = f"{with_count(len(on), 'vertex of the border lies', 'vertices of the border lie')} in one place with others, the first at {_format_position(mesh.vertices[on[0]])}, so that the surface is open there: merge them (Merge by Distance)"
+        found.append(make_finding("doubled-vertices", text, faces))
     at = t_junctions(mesh, sides)
     if len(at.vertex):
         faces = np.unique(sides.face[at.side])
         many = with_count(len(at.vertex), "T-junction: a vertex lies", "T-junctions: vertices lie")
-        text = f"{many} inside the edge of a neighbour, the first at {_spot(mesh.vertices[at.vertex[0]])}, so that the surface is open there: use Quad remesh, or give the neighbour that vertex too (Knife)"
-        found.append(finding("t-junction", text, faces, np.unique(sides.edge[at.side])))
+        text = f"{many} inside the edge of a neighbour, the first at {_format_position(mesh.vertices[at.vertex[0]])}, so that the surface is open there: use Quad remesh, or give the neighbour that vertex too (Knife)"
+        found.append(make_finding("t-junction", text, faces, np.unique(sides.edge[at.side])))
     return found
 
 
-def _double_skin(mesh: PolygonMesh, sides: Sides, body: Int[np.ndarray, " faces"]) -> list[Finding]:
+def _double_skin_findings(mesh: PolygonMesh, sides: Sides, body: Int[np.ndarray, " faces"]) -> list[Finding]:
     """Report closed bodies most of whose faces have another skin close behind them."""
     uses = np.bincount(sides.edge, minlength=len(sides.edges))
     closed = np.ones(int(body.max()) + 1, bool)
@@ -101,7 +101,7 @@ def _double_skin(mesh: PolygonMesh, sides: Sides, body: Int[np.ndarray, " faces"
     if not closed.any():
         return []
     p, middle = mesh.vertices, mesh.centres
-    across = np.cross(p[mesh.corners] - middle[sides.face], p[sides.following] - middle[sides.face])
+    across = np.cross(p[mesh.corners] - middle[sides.face], p[sides.end_vertex] - middle[sides.face])
     normal = np.add.reduceat(across, mesh.starts, axis=0)
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
     edge = float(np.median(np.linalg.norm(p[sides.edges[:, 1]] - p[sides.edges[:, 0]], axis=1)))
@@ -117,33 +117,33 @@ def _double_skin(mesh: PolygonMesh, sides: Sides, body: Int[np.ndarray, " faces"
         return []
     gap = 1e3 * float(np.median(np.linalg.norm(middle[a] - middle[b], axis=1)))
     text = f"{list_faces(faces)} form the two skins of a thin closed shell, {gap:.2g} mm apart, and each skin would get panels of its own: delete the inner skin and the rim (Keep the outer skin)"
-    return [finding("double-skin", text, faces, severity="warning")]
+    return [make_finding("double-skin", text, faces, severity="warning")]
 
 
-def _intersections(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> list[Finding]:
+def _intersection_findings(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> list[Finding]:
     """Report faces that intersect faces of their own body or of other bodies."""
-    pairs, points = crossing(mesh)
+    pairs, points = intersecting_faces(mesh)
     apart = body[pairs[:, 0]] != body[pairs[:, 1]]
     found = []
     if not apart.all():
-        faces, spot = np.unique(pairs[~apart]), _spot(points[~apart][0])
+        faces, spot = np.unique(pairs[~apart]), _format_position(points[~apart][0])
         text = f"The surface cuts itself: {list_faces(faces)} go through others, at {spot}, which sheets cannot do: move these parts apart"
-        found.append(finding("cuts-itself", text, faces, severity="warning"))
+        found.append(make_finding("cuts-itself", text, faces, severity="warning"))
     if apart.any():
-        faces, spot = np.unique(pairs[apart]), _spot(points[apart][0])
+        faces, spot = np.unique(pairs[apart]), _format_position(points[apart][0])
         text = f"Bodies go through each other: {list_faces(faces)}, at {spot}. Each body is made by itself; to put them together, move them apart, or join them with the modifier Boolean"
-        found.append(finding("bodies-cross", text, faces, severity="warning"))
+        found.append(make_finding("bodies-cross", text, faces, severity="warning"))
     return found
 
 
-def crossing(mesh: PolygonMesh) -> tuple[Int[np.ndarray, "pairs 2"], Float[np.ndarray, "pairs 3"]]:
+def intersecting_faces(mesh: PolygonMesh) -> tuple[Int[np.ndarray, "pairs 2"], Float[np.ndarray, "pairs 3"]]:
     """Return pairs of intersecting faces without a common corner, and a point of each intersection.
 
     A pair may be listed more than once.
     """
     from shapely import STRtree, box
 
-    face, rows = fans(mesh)
+    face, rows = fan_triangulate(mesh)
     p = mesh.vertices[rows]
     low, high = p.min(axis=1), p.max(axis=1)
     x, y, z = np.argsort(-np.ptp(mesh.vertices[mesh.corners], axis=0))
@@ -157,7 +157,7 @@ def crossing(mesh: PolygonMesh) -> tuple[Int[np.ndarray, "pairs 2"], Float[np.nd
     hit = np.zeros(len(a), bool)
     points = np.zeros((len(a), 3))
     for k in range(3):  # testing the edges of the first triangle is enough, as each pair is listed in both orders
-        own, where = _intersect(p[a, k], p[a, (k + 1) % 3], p[b])
+        own, where = _intersect_segments(p[a, k], p[a, (k + 1) % 3], p[b])
         points[own & ~hit] = where[own & ~hit]
         hit |= own
     level = np.flatnonzero(~hit & (a < b))
@@ -171,7 +171,7 @@ def crossing(mesh: PolygonMesh) -> tuple[Int[np.ndarray, "pairs 2"], Float[np.nd
 def _crossing_along_edges(mesh: PolygonMesh) -> Int[np.ndarray, "pairs 2"]:
     """Return pairs of faces of surface parts that cross along an edge: coincident edges that have two faces each."""
     sides = sides_of(mesh)
-    place = sides_of(replace(mesh, corners=places(mesh)[mesh.corners])).edge
+    place = sides_of(replace(mesh, corners=position_labels(mesh)[mesh.corners])).edge
     inner = np.flatnonzero(np.bincount(sides.edge)[sides.edge] == 2)
     order = inner[np.lexsort([sides.edge[inner], place[inner]])]
     following = np.roll(order, -2)  # each of these edges has two sides, which follow each other in the order
@@ -182,13 +182,13 @@ def _crossing_along_edges(mesh: PolygonMesh) -> Int[np.ndarray, "pairs 2"]:
 
 def _neighbours(mesh: PolygonMesh) -> Int[np.ndarray, " pairs"]:
     """Return all pairs of faces that share the position of a corner, encoded as first * number of faces + second."""
-    of_place = csr_array((np.ones(len(mesh.corners)), (mesh.face_of, places(mesh)[mesh.corners])))
+    of_place = csr_array((np.ones(len(mesh.corners)), (mesh.face_of, position_labels(mesh)[mesh.corners])))
     first, second = (of_place @ of_place.T).nonzero()
     found: Int[np.ndarray, " pairs"] = first.astype(np.int64) * len(mesh.sizes) + second
     return found
 
 
-def fans(mesh: PolygonMesh) -> tuple[Int[np.ndarray, " triangles"], Int[np.ndarray, "triangles 3"]]:
+def fan_triangulate(mesh: PolygonMesh) -> tuple[Int[np.ndarray, " triangles"], Int[np.ndarray, "triangles 3"]]:
     """Split every face into triangles about its first corner; return the face of each triangle, and its corners."""
     face = np.repeat(np.arange(len(mesh.sizes)), mesh.sizes - 2)
     within = np.arange(len(face)) - np.repeat(np.cumsum(mesh.sizes - 2) - (mesh.sizes - 2), mesh.sizes - 2)
@@ -219,7 +219,7 @@ def _coplanar_overlap(
     return found
 
 
-def _intersect(
+def _intersect_segments(
     start: Float[np.ndarray, "pairs 3"], end: Float[np.ndarray, "pairs 3"], triangle: Float[np.ndarray, "pairs 3 3"]
 ) -> tuple[Bool[np.ndarray, " pairs"], Float[np.ndarray, "pairs 3"]]:
     """Return whether segments go through triangles, and where (Moeller and Trumbore 1997)."""

@@ -16,7 +16,7 @@ from ...components import components
 from ..mesh import PolygonMesh
 from ..welding import NEAR, clusters, merge_labelled, short_edge
 from .finding import with_count
-from .topology import Sides, bodies, inconsistent, repeated_faces, sides_of, split_vertices
+from .topology import Sides, bodies, non_manifold_vertices, orientation_faults, repeated_faces, sides_of
 
 # Largest distance of a vertex from a border edge, and smallest from its ends, as shares of the edge's length, for a
 # T-junction. Smaller: misses T-junctions on curved borders; larger: takes narrow slits for T-junctions.
@@ -50,14 +50,14 @@ def border_twins(mesh: PolygonMesh, sides: Sides) -> Int[np.ndarray, " vertices"
     sides : sides of that mesh
     """
     rim = border_sides(sides)
-    ends = np.unique(np.concatenate([mesh.corners[rim], sides.following[rim]]))
+    ends = np.unique(np.concatenate([mesh.corners[rim], sides.end_vertex[rim]]))
     return clusters(mesh, ends, NEAR * short_edge(mesh)) if len(ends) else np.arange(len(mesh.vertices))
 
 
 def t_junctions(mesh: PolygonMesh, sides: Sides) -> TJunctions:
     """Find all T-junctions in O(n log n)."""
     rim = border_sides(sides)
-    a, b = mesh.corners[rim], sides.following[rim]
+    a, b = mesh.corners[rim], sides.end_vertex[rim]
     p, q = mesh.vertices[a], mesh.vertices[b]
     length = np.linalg.norm(q - p, axis=1)
     ends = np.unique(np.concatenate([a, b]))
@@ -101,10 +101,10 @@ def _continues_beyond(
     side : for every vertex, the index in ``rim`` of the side on which it lies
     """
     middle = mesh.centres
-    start, end = mesh.corners[rim], sides.following[rim]
-    along = _unit(mesh.vertices[end] - mesh.vertices[start])
+    start, end = mesh.corners[rim], sides.end_vertex[rim]
+    along = _normalise(mesh.vertices[end] - mesh.vertices[start])
     inward = middle[sides.face[rim]] - mesh.vertices[start]
-    inward = _unit(inward - np.einsum("ni,ni->n", inward, along)[:, None] * along)
+    inward = _normalise(inward - np.einsum("ni,ni->n", inward, along)[:, None] * along)
     at, other = np.concatenate([start, end]), np.tile(np.arange(len(rim)), 2)
     order = np.argsort(at, kind="stable")
     first, last = (np.searchsorted(at[order], vertex, which) for which in ("left", "right"))
@@ -115,7 +115,7 @@ def _continues_beyond(
     return np.bincount(row, parallel & beyond, minlength=len(vertex)) > 0
 
 
-def _unit(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+def _normalise(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
     """Return unit vectors."""
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)[:, None]
 
@@ -129,20 +129,20 @@ def sew(mesh: PolygonMesh) -> PolygonMesh:
     found = t_junctions(mesh, sides)
     if not len(found.vertex):
         return mesh
-    quads = _carry_cuts(mesh, sides, found)
+    quads = _split_strips(mesh, sides, found)
     more = 0 if quads is None else len(quads.sizes) - len(mesh.sizes)
     place = "({:.4g}, {:.4g}, {:.4g})".format(*mesh.vertices[found.vertex[0]])
     named = with_count(len(found.vertex), "T-junction", "T-junctions")
     if quads is None:
         text = f"{named}, the first at {place}, in the unit of the file: the edge was split there, and the mesh needs a Quad remesh"
-        return replace(_insert_vertices(mesh, found), cured=(*mesh.cured, ("t-junction", text)))
+        return replace(_insert_vertices(mesh, found), repairs=(*mesh.repairs, ("t-junction", text)))
     text = f"{named}, the first at {place}, in the unit of the file: the cut was carried on to the border, which took {more} more quads"
-    return replace(quads, cured=(*mesh.cured, ("t-junction", text)))
+    return replace(quads, repairs=(*mesh.repairs, ("t-junction", text)))
 
 
 def _without_duplicates(mesh: PolygonMesh) -> PolygonMesh:
     """Remove bodies that coincide with earlier bodies, even if the faces of the two bodies differ."""
-    one = replace(mesh, corners=places(mesh)[mesh.corners])
+    one = replace(mesh, corners=position_labels(mesh)[mesh.corners])
     again = np.zeros(len(mesh.sizes), bool)
     again[repeated_faces(one)] = True
     body = bodies(sides_of(mesh), len(mesh.sizes))
@@ -155,8 +155,8 @@ def _without_duplicates(mesh: PolygonMesh) -> PolygonMesh:
     left = mesh.subset(~gone)
     used = np.union1d(np.unique(left.corners), loose)
     corners = np.searchsorted(used, left.corners)
-    cured = (*mesh.cured, ("doubled-faces", text))
-    return replace(left, vertices=mesh.vertices[used], corners=corners, cured=cured)
+    cured = (*mesh.repairs, ("doubled-faces", text))
+    return replace(left, vertices=mesh.vertices[used], corners=corners, repairs=cured)
 
 
 def _duplicate_shells(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> Bool[np.ndarray, " faces"]:
@@ -166,7 +166,7 @@ def _duplicate_shells(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> Boo
     """
     middle = mesh.centres
     sides = sides_of(mesh)
-    p, q, m = mesh.vertices[mesh.corners], mesh.vertices[sides.following], middle[sides.face]
+    p, q, m = mesh.vertices[mesh.corners], mesh.vertices[sides.end_vertex], middle[sides.face]
     area = np.bincount(body[sides.face], 0.5 * np.linalg.norm(np.cross(p - m, q - m), axis=1))
     corners = np.unique(np.stack([body[sides.face], mesh.corners]), axis=1)
     known: dict[bytes, list[int]] = {}
@@ -182,21 +182,21 @@ def _join_doubled(mesh: PolygonMesh) -> PolygonMesh:
     """Join doubled border vertices, and reverse faces whose orientation then differs from their neighbours'."""
     label = border_twins(mesh, sides_of(mesh))
     count = int((label != np.arange(len(label))).sum())
-    one = joinable(mesh, label)
+    one = join_if_sound(mesh, label)
     if one is None:
         return mesh
     text = f"{with_count(count, 'doubled vertex was', 'doubled vertices were')} joined with others, as Merge by Distance does in Blender"
-    return replace(one, cured=(*mesh.cured, ("doubled-vertices", text)))
+    return replace(one, repairs=(*mesh.repairs, ("doubled-vertices", text)))
 
 
-def joinable(mesh: PolygonMesh, label: Int[np.ndarray, " vertices"]) -> PolygonMesh | None:
+def join_if_sound(mesh: PolygonMesh, label: Int[np.ndarray, " vertices"]) -> PolygonMesh | None:
     """Join vertices of equal label and make the orientation consistent; None if nothing is joined or faults arise."""
     if (label == np.arange(len(label))).all():
         return None
     one = merge_labelled(mesh, label)
     sides = sides_of(one)
-    turned = inconsistent(sides, bodies(sides, len(one.sizes)))[0]
-    if len(turned) and not len(inconsistent(sides_of(mesh), bodies(sides_of(mesh), len(mesh.sizes)))[0]):
+    turned = orientation_faults(sides, bodies(sides, len(one.sizes)))[0]
+    if len(turned) and not len(orientation_faults(sides_of(mesh), bodies(sides_of(mesh), len(mesh.sizes)))[0]):
         pieces = np.split(one.corners, np.cumsum(one.sizes)[:-1])
         for face in turned.tolist():
             pieces[face] = pieces[face][::-1]
@@ -212,21 +212,21 @@ def _adds_no_fault(before: PolygonMesh, after: PolygonMesh) -> bool:
 
     def faults(mesh: PolygonMesh) -> tuple[int, ...]:
         sides = sides_of(mesh)
-        turned, one_sided, _ = inconsistent(sides, bodies(sides, len(mesh.sizes)))
-        found = turned, one_sided, split_vertices(mesh, sides), lying_on_each_other(mesh)
+        turned, one_sided, _ = orientation_faults(sides, bodies(sides, len(mesh.sizes)))
+        found = turned, one_sided, non_manifold_vertices(mesh, sides), coincident_faces(mesh)
         return int((np.bincount(sides.edge) > 2).sum()), *map(len, found)
 
     return all(new <= old for new, old in zip(faults(after), faults(before), strict=True)) and not faults(after)[-1]
 
 
-def lying_on_each_other(mesh: PolygonMesh) -> Int[np.ndarray, " faces"]:
+def coincident_faces(mesh: PolygonMesh) -> Int[np.ndarray, " faces"]:
     """Return the faces, ascending, whose corners have the positions of another face's corners."""
-    label = places(mesh)
+    label = position_labels(mesh)
     one = replace(mesh, corners=label[mesh.corners])
     return np.union1d(repeated_faces(one), repeated_faces(one, later=False))
 
 
-def places(mesh: PolygonMesh) -> Int[np.ndarray, " vertices"]:
+def position_labels(mesh: PolygonMesh) -> Int[np.ndarray, " vertices"]:
     """Return for every vertex the index of the first vertex at its position."""
     used = np.unique(mesh.corners)
     return clusters(mesh, used, NEAR * short_edge(mesh))
@@ -240,7 +240,7 @@ def _insert_vertices(mesh: PolygonMesh, found: TJunctions) -> PolygonMesh:
     return replace(mesh, corners=np.insert(mesh.corners, after, found.vertex[order]), sizes=sizes)
 
 
-def _carry_cuts(mesh: PolygonMesh, sides: Sides, found: TJunctions) -> PolygonMesh | None:
+def _split_strips(mesh: PolygonMesh, sides: Sides, found: TJunctions) -> PolygonMesh | None:
     """Split strips of quads lengthwise, from the T-junctions to the border; None if impossible or too many quads arise.
 
     A split must go on to the border: where it ended, a face would have an odd number of sides, which quads cannot fill.
@@ -268,7 +268,7 @@ def _carry_cuts(mesh: PolygonMesh, sides: Sides, found: TJunctions) -> PolygonMe
     )
     if ((number + 1).prod(axis=1) - 1).sum() > MORE * len(mesh.sizes):
         return None
-    return _divide(mesh, sides, strip, turned, cuts, at)
+    return _split_quads(mesh, sides, strip, turned, cuts, at)
 
 
 def _strips(sides: Sides) -> tuple[np.ndarray, np.ndarray] | None:
@@ -293,7 +293,7 @@ def _strips(sides: Sides) -> tuple[np.ndarray, np.ndarray] | None:
     return strip, cover[:n] != strip
 
 
-def _divide(
+def _split_quads(
     mesh: PolygonMesh,
     sides: Sides,
     strip: np.ndarray,
@@ -312,14 +312,14 @@ def _divide(
     points = [np.asarray(mesh.vertices, float)]
     count, rows = len(mesh.vertices), []
 
-    def new(point: np.ndarray) -> int:
+    def add_vertex(point: np.ndarray) -> int:
         """Add a vertex and return its index."""
         nonlocal count
         points.append(point[None])
         count += 1
         return count - 1
 
-    def along(side: int, back: bool) -> list[int]:
+    def side_vertices(side: int, back: bool) -> list[int]:
         """Return the vertices on a side from its start to its end, or reversed."""
         edge = int(sides.edge[side])
         shares = cuts.get(int(strip[edge]), [])
@@ -328,22 +328,22 @@ def _divide(
         for k, share in enumerate(shares):
             t = 1.0 - share if turned[edge] else share
             if (edge, k) not in at:
-                at[edge, k] = new((1.0 - t) * low + t * high)
+                at[edge, k] = add_vertex((1.0 - t) * low + t * high)
             inner.append(at[edge, k])
         if bool(turned[edge]) == bool(sides.forward[side]):
             inner.reverse()
-        found = [int(mesh.corners[side]), *inner, int(sides.following[side])]
+        found = [int(mesh.corners[side]), *inner, int(sides.end_vertex[side])]
         return found[::-1] if back else found
 
     for face in range(len(mesh.sizes)):
-        south, east, north, west = (along(4 * face + k, k >= 2) for k in range(4))
+        south, east, north, west = (side_vertices(4 * face + k, k >= 2) for k in range(4))
         grid = [south]
         for j in range(1, len(east) - 1):
             t = j / (len(east) - 1)
             middle = []
             for i in range(1, len(south) - 1):
                 low, high = (np.concatenate(points)[one] for one in (south[i], north[i]))
-                middle.append(new((1.0 - t) * low + t * high))
+                middle.append(add_vertex((1.0 - t) * low + t * high))
             grid.append([west[j], *middle, east[j]])
         grid.append(north)
         for low_row, high_row in pairwise(grid):

@@ -25,15 +25,15 @@ class Sides:
     edges: Int[np.ndarray, "edges 2"]
     face: Int[np.ndarray, " corners"]
     edge: Int[np.ndarray, " corners"]
-    following: Int[np.ndarray, " corners"]
+    end_vertex: Int[np.ndarray, " corners"]
     forward: Bool[np.ndarray, " corners"]
-    after: Int[np.ndarray, " corners"]
+    next_side: Int[np.ndarray, " corners"]
     pairs: Int[np.ndarray, "pairs 2"]
 
 
 def sides_of(polygons: PolygonMesh) -> Sides:
     """Build the sides of a mesh with valid indices."""
-    corners, face, after = polygons.corners.astype(np.int64), polygons.face_of, polygons.after
+    corners, face, after = polygons.corners.astype(np.int64), polygons.face_of, polygons.next_corner
     following = corners[after]
     low, high = np.minimum(corners, following), np.maximum(corners, following)
     count = len(polygons.vertices)
@@ -60,12 +60,12 @@ def bodies(sides: Sides, faces: int) -> Int[np.ndarray, " faces"]:
     return components(faces, sides.face[order[1:][same]], sides.face[order[:-1][same]])
 
 
-def fans(sides: Sides) -> Int[np.ndarray, " corners"]:
+def corner_fans(sides: Sides) -> Int[np.ndarray, " corners"]:
     """Return the fan of every corner, numbered from 0.
 
     A fan is a set of corners at one vertex whose faces are connected over edges of this vertex.
     """
-    start, end = np.arange(len(sides.face)), sides.after
+    start, end = np.arange(len(sides.face)), sides.next_side
     one, two = sides.pairs.T
     flipped = sides.forward[one] != sides.forward[two]  # the usual case: the two sides run in opposite directions
     a = np.concatenate([start[one], end[one]])
@@ -73,7 +73,7 @@ def fans(sides: Sides) -> Int[np.ndarray, " corners"]:
     return components(len(start), a, b)
 
 
-def split_vertices(polygons: PolygonMesh, sides: Sides) -> np.ndarray:
+def non_manifold_vertices(polygons: PolygonMesh, sides: Sides) -> np.ndarray:
     """Return the non-manifold vertices, whose corners form several fans.
 
     Parameters
@@ -81,11 +81,11 @@ def split_vertices(polygons: PolygonMesh, sides: Sides) -> np.ndarray:
     polygons : mesh with valid indices
     sides : sides of that mesh
     """
-    found = np.unique(np.stack([polygons.corners, fans(sides)], axis=1), axis=0)[:, 0]
+    found = np.unique(np.stack([polygons.corners, corner_fans(sides)], axis=1), axis=0)[:, 0]
     return np.flatnonzero(np.bincount(found) > 1)
 
 
-def inconsistent(sides: Sides, body: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def orientation_faults(sides: Sides, body: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Find faces with inconsistent orientation, and bodies that cannot be oriented.
 
     The orientable double cover contains every face twice, once reversed; a body is not orientable if its two copies are

@@ -12,7 +12,7 @@ from ...arrays import Bool, Float, Int
 from ...errors import FlexMapsError
 from ...progress import Progress
 from ..checking.check import Finding
-from ..checking.topology import bodies, fans, inconsistent, sides_of, split_vertices
+from ..checking.topology import bodies, corner_fans, non_manifold_vertices, orientation_faults, sides_of
 from ..mesh import PolygonMesh
 from .mend import TargetSurface, of_rows
 from .tool import Tool
@@ -139,7 +139,7 @@ def apart(mesh: PolygonMesh) -> list[PolygonMesh]:
     """Split a triangle mesh into its connected components, each with its own vertices and consistent orientation."""
     sides = sides_of(mesh)
     body = bodies(sides, len(mesh.sizes))
-    turned, _, _ = inconsistent(sides, body)
+    turned, _, _ = orientation_faults(sides, body)
     corners = mesh.corners.reshape(-1, 3).copy()
     corners[turned] = corners[turned][:, ::-1]
     order = np.argsort(body, kind="stable")
@@ -149,7 +149,7 @@ def apart(mesh: PolygonMesh) -> list[PolygonMesh]:
 
 def cut_apart(mesh: PolygonMesh) -> PolygonMesh:
     """Duplicate vertices so that every fan of faces has its own; this separates edges of three or more faces."""
-    fan = fans(sides_of(mesh))
+    fan = corner_fans(sides_of(mesh))
     _, first = np.unique(fan, return_index=True)
     return PolygonMesh(mesh.vertices[mesh.corners[first]], fan.astype(np.int64), mesh.sizes)
 
@@ -157,7 +157,7 @@ def cut_apart(mesh: PolygonMesh) -> PolygonMesh:
 def has_one_side(mesh: PolygonMesh) -> bool:
     """Return whether a body is not orientable, like a Moebius strip."""
     sides = sides_of(mesh)
-    return bool(len(inconsistent(sides, bodies(sides, len(mesh.sizes)))[1]))
+    return bool(len(orientation_faults(sides, bodies(sides, len(mesh.sizes)))[1]))
 
 
 def is_closed(mesh: PolygonMesh) -> bool:
@@ -168,10 +168,10 @@ def is_closed(mesh: PolygonMesh) -> bool:
 def is_clean(mesh: PolygonMesh) -> bool:
     """Return whether a mesh is connected, manifold and consistently oriented."""
     sides = sides_of(mesh)
-    if not len(mesh.sizes) or np.bincount(sides.edge).max() > 2 or len(split_vertices(mesh, sides)):
+    if not len(mesh.sizes) or np.bincount(sides.edge).max() > 2 or len(non_manifold_vertices(mesh, sides)):
         return False
     body = bodies(sides, len(mesh.sizes))
-    turned, one_sided, _ = inconsistent(sides, body)
+    turned, one_sided, _ = orientation_faults(sides, body)
     return body.max() == 0 and not len(turned) and not len(one_sided)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..checking.finding import Finding, finding, with_count
+from ..checking.finding import Finding, make_finding, with_count
 from ..mesh import PolygonMesh
 from .mend import TargetSurface
 
@@ -57,4 +57,4 @@ def warn_of_gaps(
         f"The quads lie up to {away.max():.2g} edge lengths away from the surface and have {100.0 * ratio:.0f} % of its area, so that "
         f"parts are lost near {with_count(len(faces), 'face', 'faces')}: remesh to {finer(count)} quads"
     )
-    return [finding("surface-missed", text, faces, severity="warning")]
+    return [make_finding("surface-missed", text, faces, severity="warning")]

@@ -14,7 +14,7 @@ import numpy as np
 from ...arrays import Bool, Float, Int
 from ...tolerances import DOUBLE_TOL, SINGLE_TOL
 from ..checking.check import findings
-from ..checking.topology import sides_of, split_vertices
+from ..checking.topology import non_manifold_vertices, sides_of
 from ..mesh import PolygonMesh
 from ..triangle_tree import TriangleTree
 from .regularise import best_squares
@@ -335,7 +335,7 @@ def _is_sound(points: np.ndarray, corners: np.ndarray) -> bool:
         return False
     mesh = of_rows(points, corners)
     sides = sides_of(mesh)
-    return bool(np.bincount(sides.edge).max() <= 2) and not len(split_vertices(mesh, sides))
+    return bool(np.bincount(sides.edge).max() <= 2) and not len(non_manifold_vertices(mesh, sides))
 
 
 def of_rows(points: Float[np.ndarray, "vertices 3"], rows: Int[np.ndarray, "quads points"]) -> PolygonMesh:

@@ -26,7 +26,7 @@ def split(polygons: PolygonMesh) -> PolygonMesh:
     halves = polygons.vertices[sides.edges].mean(axis=1)
     on_side = len(polygons.vertices) + sides.edge
     before = np.empty_like(on_side)
-    before[sides.after] = on_side
+    before[sides.next_side] = on_side
     rows = np.stack([polygons.corners, on_side, len(polygons.vertices) + len(halves) + sides.face, before], axis=1)
     return of_rows(np.concatenate([polygons.vertices, halves, polygons.centres]), rows)
 

@@ -92,7 +92,7 @@ def regularise(mesh: QuadMesh, params: RegulariseParams, progress: Progress = SI
         points = min(points, other, key=lambda one: _mean_energy(mesh, one))
     points = _symmetrise(mesh, points, progress.part(0.9, 1.0))
     better = _mean_energy(mesh, points) < _mean_energy(mesh, mesh.vertices)
-    return mesh.moved(points) if better and not _tight_quads(mesh, points, 1.0 + DOUBLE_TOL).any() else mesh
+    return mesh.with_vertices(points) if better and not _tight_quads(mesh, points, 1.0 + DOUBLE_TOL).any() else mesh
 
 
 def _settle(
@@ -249,7 +249,7 @@ def flatter(mesh: QuadMesh) -> QuadMesh:
         """Return the largest allowed distance of corners from their quad's plane, metres."""
         return np.abs(off) * BEND / np.maximum(bends(corners), 1e-300)
 
-    return mesh.moved(_shorten_moves(mesh, _press_flat(mesh, mesh.vertices, allowed)))
+    return mesh.with_vertices(_shorten_moves(mesh, _press_flat(mesh, mesh.vertices, allowed)))
 
 
 def bends(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, " quads"]:
@@ -342,7 +342,7 @@ def _spoilt_quads(
     """
     before, after = square_energy(mesh.vertices[mesh.quads]), square_energy(points[mesh.quads])
     worse = after > np.maximum(GOOD * limit, (1 + (WORSE - 1) * limit) * before)
-    distance = distances(mesh.moved(points), samples(mesh))
+    distance = distances(mesh.with_vertices(points), samples(mesh))
     at_corners, at_middle = np.split(distance, [len(points)])
     away = np.maximum(at_corners[mesh.quads].max(axis=1), at_middle) > DEVIATION * limit * np.sqrt(mesh.areas)
     return worse, away

@@ -104,7 +104,7 @@ def requad(
     progress(0.0, "Looking for bodies")
     if not len(mesh.sizes) or not np.isfinite(mesh.vertices[mesh.corners]).all():
         raise FlexMapsError("The mesh has no faces, or vertices that are not finite: add faces, or delete these")
-    mesh = weld(mesh).in_order()
+    mesh = weld(mesh).with_canonical_order()
     low = mesh.vertices[mesh.corners].min(axis=0)
     scale = EXTENT / max(float(np.ptp(mesh.vertices[mesh.corners], axis=0).max()), 1e-300)
     sized = replace(mesh, vertices=(mesh.vertices - low) * scale)

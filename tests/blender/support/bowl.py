@@ -28,7 +28,7 @@ def bowl(*, closed: bool = False) -> QuadMesh:
         points.append(np.roll(np.stack([np.full(16, sign), u, v], axis=1), axis, axis=1))
     every, same = np.unique(np.round(np.concatenate(points), 9), axis=0, return_inverse=True)
     ball = QuadMesh(every / np.linalg.norm(every, axis=1, keepdims=True), same.ravel()[np.concatenate(quads)])
-    return ball.moved(ball.vertices * (EDGE / ball.median_edge))
+    return ball.with_vertices(ball.vertices * (EDGE / ball.median_edge))
 
 
 def spiralled(add: Any) -> Any:

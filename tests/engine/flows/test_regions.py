@@ -41,7 +41,7 @@ def grid(n: int, height: Height, keep: Callable[[int, int], bool] = lambda i, j:
     used, quads = np.unique(np.array(kept), return_inverse=True)
     points = np.column_stack([x, y, height(2 * x / n, 2 * y / n) * np.ones(len(x))])[used]
     mesh = QuadMesh(points, quads.reshape(-1, 4))
-    return mesh.moved(points * (0.02 / mesh.median_edge))
+    return mesh.with_vertices(points * (0.02 / mesh.median_edge))
 
 
 def flat(u: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -63,7 +63,7 @@ def thirds(mesh: QuadMesh) -> QuadMesh:
     points = np.concatenate([p, p[pairs].mean(axis=1), p[triangles].mean(axis=1)])
     around = [np.stack([triangles[:, k], middle[:, k], centre, middle[:, k - 1]], axis=1) for k in range(3)]
     made = QuadMesh(points, np.concatenate(around))
-    return made.moved(points * (0.02 / made.median_edge))
+    return made.with_vertices(points * (0.02 / made.median_edge))
 
 
 def merged(mesh: QuadMesh, *, held: bool = False) -> FlatPatches:
@@ -140,7 +140,7 @@ def test_a_wound_ribbon_is_one_panel_unless_it_lies_over_itself() -> None:
         index = np.arange(points.shape[0] * 3).reshape(-1, 3)
         quads = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1).reshape(-1, 4)
         mesh = QuadMesh(points.reshape(-1, 3), quads)
-        made = merged(mesh.moved(mesh.vertices * (0.02 / mesh.median_edge)), held=True)
+        made = merged(mesh.with_vertices(mesh.vertices * (0.02 / mesh.median_edge)), held=True)
         sound(made)
         assert len(made.layout.patches) <= most
 

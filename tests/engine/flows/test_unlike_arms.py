@@ -46,7 +46,7 @@ def _widths(pattern, quads, low, high):
 def _layout(name):
     """A surface with quads of 20 mm and its seams."""
     mesh = {"dome": shapes.dome, "saddle": shapes.saddle}.get(name, lambda _: shapes.torus(8, 5))(4)
-    mesh = mesh.moved(mesh.vertices * 0.02 / mesh.median_edge)
+    mesh = mesh.with_vertices(mesh.vertices * 0.02 / mesh.median_edge)
     if name != "saddle":
         return mesh, trace.trace(mesh, LayoutParams())
     across = np.abs(mesh.vertices[mesh.edges][:, :, 0]).max(axis=1) < 1e-6

@@ -121,7 +121,7 @@ def test_a_stage_that_runs_again_drops_what_came_of_it(made: Result, settings: O
     assert again.sheets is made.sheets and again.assembly is not None and again.assembly is not made.assembly
     assert there(job.run_stages(made, settings, ("spirals",))) == SPIRALS
     assert there(job.run_stages(made, settings, ("regularise",))) == there(made)  # it was regular, and nothing moved
-    assert there(made.with_surface(mesh=made.mesh.moved(2.0 * made.mesh.vertices))) == set()
+    assert there(made.with_surface(mesh=made.mesh.with_vertices(2.0 * made.mesh.vertices))) == set()
 
 
 def test_every_output_says_how_it_came_about(made: Result, settings: ObjectSettings) -> None:

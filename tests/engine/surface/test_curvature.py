@@ -20,7 +20,7 @@ def surface(columns, rows, position) -> QuadMesh:
 @pytest.mark.parametrize("radius", [0.01, 1.0, 300.0])
 def test_sphere(n, radius):
     mesh = shapes.cubesphere(n)
-    mesh = mesh.moved(radius * mesh.vertices)
+    mesh = mesh.with_vertices(radius * mesh.vertices)
     np.testing.assert_allclose(curvature.rms_curvature(mesh), 1 / radius, rtol=0.01)
     np.testing.assert_allclose(curvature.principal_curvatures(mesh), -1 / radius, rtol=0.03)
 
@@ -85,14 +85,14 @@ def test_noise_is_no_catastrophe():
     """Vertices off by 1 % of an edge change the curvature of a sphere by a small part of 1 / edge."""
     mesh = shapes.cubesphere(12)
     noise = np.random.default_rng(1).normal(size=mesh.vertices.shape) * 0.01 * mesh.median_edge
-    got = curvature.rms_curvature(mesh.moved(mesh.vertices + noise))
+    got = curvature.rms_curvature(mesh.with_vertices(mesh.vertices + noise))
     assert np.abs(got - 1).max() * mesh.median_edge < 0.05
 
 
 def test_turning_and_moving_changes_nothing():
     mesh = shapes.make("demo")
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
-    got = curvature.rms_curvature(mesh.moved(mesh.vertices @ turn.T + 5.0))
+    got = curvature.rms_curvature(mesh.with_vertices(mesh.vertices @ turn.T + 5.0))
     np.testing.assert_allclose(got, curvature.rms_curvature(mesh), rtol=1e-5)
 
 

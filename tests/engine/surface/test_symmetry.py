@@ -32,7 +32,7 @@ def test_they_are_permutations_that_belong_together() -> None:
 def test_turned_in_space_they_are_the_same() -> None:
     mesh = shapes.make("vault")
     q, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
-    turned = mesh.moved(mesh.vertices @ q.T + [1.0, 2.0, 3.0])
+    turned = mesh.with_vertices(mesh.vertices @ q.T + [1.0, 2.0, 3.0])
     assert len(symmetries(turned)) == len(symmetries(mesh))
 
 
@@ -48,7 +48,7 @@ def test_a_dent_breaks_them() -> None:
     mesh = shapes.make("vault")
     vertices = mesh.vertices.copy()
     vertices[41] += [0, 0, 0.4 * mesh.median_edge]
-    assert symmetries(mesh.moved(vertices)) == []
+    assert symmetries(mesh.with_vertices(vertices)) == []
 
 
 def test_names() -> None:

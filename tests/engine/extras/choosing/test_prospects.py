@@ -18,7 +18,7 @@ from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import Simulation, simulate
 from flexmaps.engine.spirals.fabricable import uniform_design
 from flexmaps.engine.surface import shapes
-from flexmaps.engine.surface.checking.folds import SHARP, turns
+from flexmaps.engine.surface.checking.folds import SHARP, fold_angles
 from flexmaps.engine.surface.checking.topology import sides_of
 from flexmaps.engine.surface.mesh import PolygonMesh
 
@@ -115,7 +115,7 @@ def test_folds_are_tried_rounded_under_the_same_seams(monkeypatch: pytest.Monkey
     assert told == {"round": pytest.approx(0.1)} and len(tried) == 1
     piece, laid = tried[0]
     sharpest = [
-        turns(PolygonMesh.from_quads(mesh), sides_of(PolygonMesh.from_quads(mesh))).max()
+        fold_angles(PolygonMesh.from_quads(mesh), sides_of(PolygonMesh.from_quads(mesh))).max()
         for mesh in (made.mesh, piece.mesh)
     ]
     assert sharpest[0] == pytest.approx(np.pi / 2) and sharpest[1] <= SHARP

@@ -114,7 +114,7 @@ def test_strips_may_be_a_little_longer_than_other_panels(zoo: ModuleType) -> Non
 def test_a_panel_of_one_quad_joins_a_more_distorted_one_where_the_match_bears_it() -> None:
     """A dome in one panel is distorted 1.5 times as much as allowed; one of its quads is cut off."""
     mesh = shapes.dome(4)
-    mesh = mesh.moved(mesh.vertices * (0.02 / mesh.median_edge))
+    mesh = mesh.with_vertices(mesh.vertices * (0.02 / mesh.median_edge))
     whole = flatten(PatchLayout(mesh, np.zeros(len(mesh.edges), dtype=bool)), SETTINGS.layout)
     first = np.flatnonzero(mesh.border[mesh.quad_edges].any(axis=1))[0]
     cut = np.zeros(len(mesh.edges), dtype=bool)
@@ -183,7 +183,7 @@ def _waist(around: int = 28, along: int = ALONG) -> QuadMesh:
     radius = np.cosh(height)
     points = np.c_[radius * np.cos(angle), radius * np.sin(angle), height]
     mesh = QuadMesh(points, quads)
-    return mesh.moved(points * 0.02 / mesh.median_edge)
+    return mesh.with_vertices(points * 0.02 / mesh.median_edge)
 
 
 def _merged(mesh: QuadMesh) -> tuple[PatchLayout, FlatPatches]:

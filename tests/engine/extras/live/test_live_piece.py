@@ -182,7 +182,7 @@ def bump(n: int, height: float) -> QuadMesh:
     z = height * np.cos(0.5 * np.pi * x) * np.cos(0.5 * np.pi * y)
     i = np.arange(n * n) // n * (n + 1) + np.arange(n * n) % n
     mesh = QuadMesh(np.stack([x, y, z], axis=2).reshape(-1, 3), np.stack([i, i + 1, i + n + 2, i + n + 1], axis=1))
-    return mesh.moved(mesh.vertices * (0.02 / mesh.median_edge))
+    return mesh.with_vertices(mesh.vertices * (0.02 / mesh.median_edge))
 
 
 def test_a_piece_that_snaps_is_told_and_comes_back() -> None:

@@ -196,7 +196,7 @@ def test_distances_from_the_table_are_those_of_the_tree():
     mesh = shapes.make("torus")
     vertices = mesh.vertices - (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
     surface = TriangleSurface.from_mesh(
-        mesh.moved(vertices), np.zeros(3), float(np.linalg.norm(np.ptp(vertices, axis=0)))
+        mesh.with_vertices(vertices), np.zeros(3), float(np.linalg.norm(np.ptp(vertices, axis=0)))
     )
     points = np.random.default_rng(0).uniform(surface.vertices.min(axis=0), surface.vertices.max(axis=0), (3000, 3))
     squared = igl.point_mesh_squared_distance(points, surface.vertices, surface.triangles)[0]

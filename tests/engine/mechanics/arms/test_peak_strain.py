@@ -196,7 +196,7 @@ def test_derivatives_by_loads_and_numbers(material: Material) -> None:
 def test_bars_end_before_the_first_fillets_of_the_arms_that_are_cut(clockwise: bool) -> None:
     """To within 0.4 of the arms' widths, against the fillets of whole spirals of unlike arms."""
     mesh = shapes.vault(4)
-    mesh = mesh.moved(mesh.vertices * 0.02 / mesh.median_edge)
+    mesh = mesh.with_vertices(mesh.vertices * 0.02 / mesh.median_edge)
     flat = flatten(PatchLayout(mesh, np.zeros(len(mesh.edges), dtype=bool)), LayoutParams())
     rng, count = np.random.default_rng(7), len(mesh.quads)
     width, twist = rng.uniform(0.0008, 0.0015, (count, 4)), rng.uniform(0.0, 3.5, count)
@@ -272,7 +272,7 @@ def test_arms_without_loads_have_no_strain_and_no_slopes(material: Material) -> 
 def checker() -> Simulation:
     """A sheet of thick spirals at rest, wound much and little in turn."""
     mesh = shapes.strip(4, 4)
-    mesh = mesh.moved(mesh.vertices * 0.02 / mesh.median_edge)
+    mesh = mesh.with_vertices(mesh.vertices * 0.02 / mesh.median_edge)
     flat = flatten(PatchLayout(mesh, np.zeros(len(mesh.edges), dtype=bool)), LayoutParams())
     odd = (np.arange(16) + np.arange(16) // 4) % 2 == 1
     params = SpiralParams(thickness=0.004)

@@ -93,7 +93,7 @@ def test_derivatives_are_differences(
 def rimmed() -> tuple[ArmModel, Pose]:
     """A sheet with a rim whose target is a strip, where it is out of equilibrium."""
     mesh = shapes.strip(3, 4)
-    mesh = mesh.moved(mesh.vertices * 0.02 / mesh.median_edge)
+    mesh = mesh.with_vertices(mesh.vertices * 0.02 / mesh.median_edge)
     flat = flatten(PatchLayout(mesh, np.zeros(len(mesh.edges), dtype=bool)), LayoutParams())
     made = SpiralDesign(flat, SpiralParams(border="rim"), np.full((12, 4), 0.0015), np.linspace(0.5, 2.0, 12))
     assert made.rim is not None

@@ -31,7 +31,7 @@ def singular_values(surface: np.ndarray, plane: np.ndarray) -> np.ndarray:
 def test_energy_is_the_one_of_the_singular_values() -> None:
     rng = np.random.default_rng(3)
     mesh = shapes.make("saddle")
-    mesh = mesh.moved(mesh.vertices + 0.002 * rng.normal(size=mesh.vertices.shape))
+    mesh = mesh.with_vertices(mesh.vertices + 0.002 * rng.normal(size=mesh.vertices.shape))
     problem = whole(mesh)
     points = mesh.vertices[:, 0] + 1j * mesh.vertices[:, 1]
     points = points + 0.002 * (rng.normal(size=len(points)) + 1j * rng.normal(size=len(points)))
@@ -96,7 +96,7 @@ def test_weighing_bad_quads_lowers_the_worst() -> None:
 @pytest.mark.parametrize("name", ["dome", "saddle", "strip"])
 def test_giving_up_early_loses_nothing_that_comes_within_the_limit(name: str, height: float) -> None:
     mesh = shapes.make(name)
-    problem = whole(mesh.moved(mesh.vertices * [1.0, 1.0, height]))
+    problem = whole(mesh.with_vertices(mesh.vertices * [1.0, 1.0, height]))
     start, solves = settle(problem), [0]
     problem.tick = lambda: solves.__setitem__(0, solves[0] + 1)
     least = minimax(problem, start).worst

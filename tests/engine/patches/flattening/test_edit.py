@@ -83,7 +83,7 @@ def test_a_panel_a_quad_lies_as_flat_as_its_quad_and_a_warped_one_spoils_no_othe
     warped = mesh.quads[20]
     spoilt = mesh.vertices.copy()
     spoilt[warped[2], 2] += 0.04
-    mesh = mesh.moved(spoilt)
+    mesh = mesh.with_vertices(spoilt)
     flat = flatten.flatten(PatchLayout(mesh, ~mesh.border), PARAMS)
     assert flat.energy[20] > PARAMS.distortion_limit
     beside = (mesh.quads == warped[2]).any(axis=1)

@@ -328,8 +328,8 @@ def test_small_quads_know_the_scale():
     assert "small-quads" not in found(mesh)
     small = found(mesh, edge=0.009)["small-quads"]
     assert len(small.faces) > 100
-    assert "small-quads" not in found(mesh, edge=0.009 * small.larger)
-    assert "small-quads" in found(mesh, edge=0.009 * (small.larger - 0.06))
+    assert "small-quads" not in found(mesh, edge=0.009 * small.growth_factor)
+    assert "small-quads" in found(mesh, edge=0.009 * (small.growth_factor - 0.06))
     assert "small-quads" not in found(of(shapes.make("vault", 2.0)), edge=0.02)
     assert "small-quads" in found(check.scale_to_metres(mesh, edge=0.009))
     assert "small-quads" not in found(of(shapes.make("cubesphere", 0.015)))

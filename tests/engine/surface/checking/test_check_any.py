@@ -64,5 +64,5 @@ def test_errors_come_before_warnings() -> None:
     flat = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 0, -1], [1, 0, -1]]
     through = [[0.2, 0.5, -1], [0.8, 0.5, -1], [0.8, 0.5, 1], [0.2, 0.5, 1]]
     mesh = polygons([*flat, *through], [[0, 1, 2, 3], [1, 0, 4, 5], [0, 1, 7, 6], [8, 9, 10, 11]])
-    found = [one.is_error for one in check.everything(mesh)]
+    found = [one.is_error for one in check.all_findings(mesh)]
     assert len(set(found)) == 2 and found == sorted(found, reverse=True)

@@ -44,7 +44,7 @@ def test_a_rounded_fold_is_an_arc_that_spirals_can_follow(degrees: float) -> Non
     polygons = roof(degrees)
     moved = folds.smooth_folds(polygons)
     after = PolygonMesh(moved, polygons.corners, polygons.sizes)
-    turned = np.degrees(folds.turns(after, sides_of(after)))
+    turned = np.degrees(folds.fold_angles(after, sides_of(after)))
     assert turned.max() <= 45.0
     row = moved.reshape(9, 6, 3)[:, 2]  # across the ridge, in the middle
     way = np.diff(row, axis=0)
@@ -59,5 +59,5 @@ def test_a_rounded_fold_is_an_arc_that_spirals_can_follow(degrees: float) -> Non
 
 def test_the_radius_is_that_of_an_arc_whose_edges_turn_as_sharply_as_may_be() -> None:
     angle = np.arange(4) * np.radians(45.0)
-    circle = folds.radius(0.02) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    circle = folds.min_bend_radius(0.02) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     assert np.linalg.norm(np.diff(circle, axis=0), axis=1) == pytest.approx(0.02)

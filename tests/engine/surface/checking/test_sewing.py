@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.check import as_quad_mesh, findings
-from flexmaps.engine.surface.checking.overlaps import overlaps
+from flexmaps.engine.surface.checking.overlaps import overlap_findings
 from flexmaps.engine.surface.checking.sewing import sew, t_junctions
-from flexmaps.engine.surface.checking.topology import bodies, inconsistent, sides_of
+from flexmaps.engine.surface.checking.topology import bodies, orientation_faults, sides_of
 from flexmaps.engine.surface.far import about_middle, coarse_step
 from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
@@ -54,7 +54,7 @@ def joined(*parts: PolygonMesh) -> PolygonMesh:
 
 
 def codes(mesh: PolygonMesh) -> set[str]:
-    return {one.code for one in overlaps(mesh)}
+    return {one.code for one in overlap_findings(mesh)}
 
 
 @pytest.mark.parametrize("noise", [1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 3e-3, 5e-3])
@@ -92,9 +92,9 @@ def test_quads_with_vertices_of_their_own(name: str) -> None:
     mesh = quads(name)
     apart = soup(mesh, 0.0, 0)
     assert "doubled-vertices" in codes(apart)
-    assert any("Merge by Distance" in one.message for one in overlaps(apart))
+    assert any("Merge by Distance" in one.message for one in overlap_findings(apart))
     made = sew(apart)
-    assert euler(made) == euler(mesh) and [code for code, _ in made.cured] == ["doubled-vertices"]
+    assert euler(made) == euler(mesh) and [code for code, _ in made.repairs] == ["doubled-vertices"]
     assert sew(mesh) is mesh and not codes(mesh)
 
 
@@ -150,7 +150,7 @@ def test_t_junctions_are_found_and_named(name: str) -> None:
     sides = sides_of(mesh)
     inner = np.bincount(sides.edge)[sides.edge[4 * (len(some) // 2) :][:4]] == 2
     assert len(t_junctions(made, sides_of(made)).vertex) == inner.sum()
-    found = next(one for one in overlaps(made) if one.code == "t-junction")
+    found = next(one for one in overlap_findings(made) if one.code == "t-junction")
     assert "T-junction" in found.message and "mm" in found.message and len(found.faces) == inner.sum()
     assert "V in Blender" not in found.message
 
@@ -162,15 +162,15 @@ def test_t_junctions_are_cured(name: str) -> None:
     some = np.zeros(len(mesh.sizes), bool)
     some[len(some) // 2] = True
     made = sew(finer(mesh, some))
-    assert [code for code, _ in made.cured] == ["t-junction"]
+    assert [code for code, _ in made.repairs] == ["t-junction"]
     assert euler(made) == euler(mesh)
     assert bodies(sides_of(made), len(made.sizes)).max() == bodies(sides_of(mesh), len(mesh.sizes)).max()
     if (made.sizes == 4).all():
         assert len(made.sizes) < 1.1 * len(mesh.sizes)
         assert not [one for one in findings(made) if one.is_error and one.code != "size-ratio"]
-        bare = replace(made, cured=())
+        bare = replace(made, repairs=())
         assert as_quad_mesh(bare).areas.sum() == pytest.approx(shapes.make(name).areas.sum(), rel=0.02)
-    assert not {"t-junction", "doubled-vertices"} & codes(replace(made, cured=()))
+    assert not {"t-junction", "doubled-vertices"} & codes(replace(made, repairs=()))
 
 
 def test_cuts_end_in_faces_of_five_corners_where_three_faces_meet_at_an_edge() -> None:
@@ -185,7 +185,7 @@ def test_cuts_end_in_faces_of_five_corners_where_three_faces_meet_at_an_edge() -
     assert (np.bincount(sides_of(finned).edge) == 3).sum() == 1
     for one, corners in ((mesh, {4}), (finned, {4, 5})):
         cured = sew(finer(one, np.arange(len(one.sizes)) == 300))
-        assert set(cured.sizes.tolist()) == corners and [code for code, _ in cured.cured] == ["t-junction"]
+        assert set(cured.sizes.tolist()) == corners and [code for code, _ in cured.repairs] == ["t-junction"]
 
 
 def test_triangles_beside_finer_ones() -> None:
@@ -205,7 +205,7 @@ def test_triangles_beside_finer_ones() -> None:
 def test_a_shell_that_is_there_twice(name: str) -> None:
     mesh = quads(name)
     twice = joined(mesh, mesh)
-    found = next(one for one in overlaps(twice) if one.code == "doubled-faces")
+    found = next(one for one in overlap_findings(twice) if one.code == "doubled-faces")
     assert f"{2 * len(mesh.sizes)} faces (" in found.message and "lie on faces of another shell" in found.message
     made = sew(twice)
     assert len(made.sizes) == len(mesh.sizes) and euler(made) == euler(mesh)
@@ -245,7 +245,7 @@ def test_a_surface_through_another(way: tuple[float, float, float], share: float
     step = 2 * radius * share * np.array(way) / np.linalg.norm(way)
     found = [
         one
-        for one in overlaps(joined(mesh, replace(mesh, vertices=mesh.vertices + step)))
+        for one in overlap_findings(joined(mesh, replace(mesh, vertices=mesh.vertices + step)))
         if one.code == "bodies-cross"
     ]
     if share < 0.95 or share > 1.0:
@@ -308,7 +308,7 @@ BODIES = {
 def test_a_surface_through_itself_is_named_and_not_sewn(name: str) -> None:
     mesh = (THEMSELVES | BODIES)[name]
     made = sew(mesh)
-    assert not made.cured and made.corners is mesh.corners
+    assert not made.repairs and made.corners is mesh.corners
     assert codes(mesh) == {"cuts-itself" if name in THEMSELVES else "bodies-cross"}
 
 
@@ -317,7 +317,7 @@ def test_a_body_through_itself_is_told_apart_from_bodies_through_each_other(name
     """Each finding names the faces of its own kind."""
     own = THEMSELVES["a figure of eight that crosses along edges"]
     aside = replace(own, vertices=own.vertices + np.array([1.0, 0.0, 0.0]))
-    found = {one.code: one for one in overlaps(joined(BODIES[name], aside))}
+    found = {one.code: one for one in overlap_findings(joined(BODIES[name], aside))}
     sheets = len(BODIES[name].sizes)
     assert set(found) == {"cuts-itself", "bodies-cross"}
     assert min(found["cuts-itself"].faces) >= sheets > max(found["bodies-cross"].faces)
@@ -330,14 +330,14 @@ def test_a_half_that_faces_the_other_way_is_turned_over() -> None:
     side = mesh.vertices[mesh.corners.reshape(-1, 4)].mean(axis=1)[:, 0] < 0
     other = mesh.subset(~side)
     made = sew(joined(mesh.subset(side), replace(other, corners=other.corners.reshape(-1, 4)[:, ::-1].ravel())))
-    assert euler(made) == euler(mesh) and "Merge by Distance" in made.cured[0][1]
+    assert euler(made) == euler(mesh) and "Merge by Distance" in made.repairs[0][1]
     sides = sides_of(made)
-    assert not len(inconsistent(sides, bodies(sides, len(made.sizes)))[0])
+    assert not len(orientation_faults(sides, bodies(sides, len(made.sizes)))[0])
 
 
 def test_a_shell_that_is_there_twice_in_other_faces() -> None:
     made = sew(joined(quads("dome"), triangles("dome")))
-    assert len(made.sizes) == len(quads("dome").sizes) and "lie on each other" in made.cured[0][1]
+    assert len(made.sizes) == len(quads("dome").sizes) and "lie on each other" in made.repairs[0][1]
 
 
 # -- far away -----------------------------------------------------------------------------------------------------------------

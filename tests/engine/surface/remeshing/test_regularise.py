@@ -48,7 +48,7 @@ def shaken(mesh: QuadMesh, amount: float, seed: int = 0) -> QuadMesh:
     step = rng.uniform(-1, 1, mesh.vertices.shape) * amount * mesh.median_edge
     step -= np.einsum("vi,vi->v", step, normal)[:, None] * normal
     step[mesh.on_border] = 0
-    return mesh.moved(mesh.vertices + step)
+    return mesh.with_vertices(mesh.vertices + step)
 
 
 def energy(mesh: QuadMesh) -> np.ndarray:
@@ -147,12 +147,12 @@ def test_free_border():
 
 def test_creases_of_a_box_stay():
     mesh = shapes.voxels(np.ones((8, 6, 4), dtype=bool))
-    mesh = mesh.moved(mesh.vertices - mesh.vertices.min(axis=0))
+    mesh = mesh.with_vertices(mesh.vertices - mesh.vertices.min(axis=0))
     inside = ((mesh.vertices > 0) & (mesh.vertices < [8, 6, 4])).sum(axis=1)
     step = np.random.default_rng(0).uniform(-0.25, 0.25, mesh.vertices.shape)
     on_face = (mesh.vertices == 0) | (mesh.vertices == [8, 6, 4])
     step[on_face] = 0.0
-    mesh = mesh.moved(mesh.vertices + step)
+    mesh = mesh.with_vertices(mesh.vertices + step)
     better = regularise(mesh, PARAMS)
     low, high = better.vertices.min(axis=0), better.vertices.max(axis=0)
     np.testing.assert_allclose([*low, *high], [0, 0, 0, 8, 6, 4], atol=1e-9)
@@ -189,7 +189,7 @@ def test_warped_quads_are_pressed_flat():
     at = len(mesh.vertices) // 2
     vertices = mesh.vertices.copy()
     vertices[at, 2] += 1.2 * mesh.median_edge
-    better = regularise(mesh.moved(vertices), PARAMS)
+    better = regularise(mesh.with_vertices(vertices), PARAMS)
     p = better.vertices[mesh.quads]
     off = 0.25 * np.abs(np.einsum("fi,fi->f", p[:, 0] - p[:, 1] + p[:, 2] - p[:, 3], better.normals))
     shortest = np.linalg.norm(np.roll(p, -1, axis=1) - p, axis=2).min(axis=1)
@@ -228,7 +228,7 @@ def test_progress_and_cancel():
 
 def test_scale_does_not_matter():
     mesh = shaken(shapes.make("demo", 1.0), 0.2)
-    small = mesh.moved(mesh.vertices * 1e-3)
+    small = mesh.with_vertices(mesh.vertices * 1e-3)
     one, two = regularise(mesh, PARAMS), regularise(small, PARAMS)
     np.testing.assert_allclose(energy(one), energy(two), atol=1e-6)
 
@@ -264,7 +264,7 @@ def test_no_quad_gets_less_room_for_a_spiral_than_the_narrowest_had():
     inner = ~mesh.on_border
     points = mesh.vertices.copy()
     points[inner] += 0.45 * mesh.median_edge * rng.uniform(-1.0, 1.0, (int(inner.sum()), 3))
-    mesh = mesh.moved(points)
+    mesh = mesh.with_vertices(points)
     better = regularise(mesh, PARAMS)
     rooms = [breadth(m.vertices[m.quads]).min() / m.median_edge for m in (mesh, better)]
     assert rooms[0] < 0.4 and rooms[1] >= rooms[0] * (1.0 - 1e-9)
@@ -282,7 +282,7 @@ def cap(sectors: int, rings: int, opening: float, height: float) -> QuadMesh:
     around = np.stack([at[:-1], at[1:], after[1:], after[:-1]], axis=2).reshape(-1, 4)
     middle = np.column_stack([np.zeros(sectors // 2, int), at[0, ::2], at[0, 1::2], np.roll(at[0, ::2], -1)])
     mesh = QuadMesh(points, np.vstack([middle, around]))
-    return mesh.moved(points * 0.02 / mesh.median_edge)
+    return mesh.with_vertices(points * 0.02 / mesh.median_edge)
 
 
 @pytest.mark.parametrize("height", [1.0, 0.25], ids=["round", "shallow"])
@@ -316,7 +316,7 @@ def test_quads_that_bend_are_pressed_flat(height):
     mesh = shapes.make("vault")
     vertices = mesh.vertices.copy()
     vertices[len(vertices) // 2, 2] += height * mesh.median_edge
-    bent = mesh.moved(vertices)
+    bent = mesh.with_vertices(vertices)
     flat = flatter(bent)
     before, after = (bends(m.vertices[m.quads]) for m in (bent, flat))
     assert before.max() > BEND and after.max() < before.max() and (after > BEND).sum() < (before > BEND).sum()

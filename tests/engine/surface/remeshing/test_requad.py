@@ -380,7 +380,7 @@ def test_one_shape_gives_one_numbering() -> None:
     def mesh(points: np.ndarray, faces: list[list[int]]) -> PolygonMesh:
         return PolygonMesh(points, np.concatenate(faces), np.array([len(face) for face in faces]))
 
-    once = mesh(points, faces).in_order()
+    once = mesh(points, faces).with_canonical_order()
     same = {frozenset(tuple(points[v]) for v in face) for face in faces}
     begins = np.cumsum(once.sizes)[:-1]
     assert {frozenset(tuple(once.vertices[v]) for v in face) for face in np.split(once.corners, begins)} == same
@@ -388,6 +388,6 @@ def test_one_shape_gives_one_numbering() -> None:
         new = rng.permutation(len(points))  # vertex k of the other numbering was vertex new[k]
         place = np.argsort(new)
         turned = [np.roll(place[face], rng.integers(len(face))).tolist() for face in faces]
-        again = mesh(points[new], [turned[k] for k in rng.permutation(len(faces))]).in_order()
+        again = mesh(points[new], [turned[k] for k in rng.permutation(len(faces))]).with_canonical_order()
         assert (again.vertices == once.vertices).all() and (again.sizes == once.sizes).all()
         assert (again.corners == once.corners).all()
