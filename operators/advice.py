@@ -22,11 +22,11 @@ from .continued import Continuation, ContinuedStage
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
     from ..bridge.store.surface import ObjectSurface
-    from ..bridge.view.advised import Made
+    from ..bridge.view.remedied_piece import RemediedPiece
     from ..engine.runs.result import Result
 
 
-class Advised(ContinuedStage["Made"]):
+class Advised(ContinuedStage["RemediedPiece"]):
     """Base of the remedies' operators: change the piece as advised, then rerun the stages that had run before.
 
     remedy : name of the remedy in the advice
@@ -54,9 +54,9 @@ class Advised(ContinuedStage["Made"]):
         """Return the settings with the remedy applied."""
         return snapshot.settings
 
-    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Made]:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[RemediedPiece]:
         from ..bridge.store import states
-        from ..bridge.view import advised, designing, live_shape
+        from ..bridge.view import live_shape, optimisation_shape, remedied_piece
         from ..bridge.view.flat_panels import PanelDrawing
 
         blocks = stored_report.read(obj.data)
@@ -66,27 +66,29 @@ class Advised(ContinuedStage["Made"]):
         assert amount is not None
         self._amount, self._figures = amount, blocks["equilibrium"]
         searched, wanted = "optimise" in blocks, self.settings(snapshot)
-        search = designing.searching(wanted)
+        search = optimisation_shape.make_optimiser(wanted)
 
-        def go_on(result: Result, progress: Progress) -> advised.Made:
+        def go_on(result: Result, progress: Progress) -> remedied_piece.RemediedPiece:
             from ..engine.runs import report
             from ..engine.runs.outputs import DesignVersion
 
             made = self.changed(result, snapshot, searched, progress.part(0.0, 0.3))
             if searched:
                 made = search(made, progress.part(0.3, 0.9))
-                made = live_shape.settle(
+                made = live_shape.simulate_and_show(
                     made, replace(wanted, simulate=replace(wanted.simulate, restarts=0)), progress.part(0.9, 0.92)
                 )
             else:
-                made = live_shape.settle(made, wanted, progress.part(0.3, 0.9))
+                made = live_shape.simulate_and_show(made, wanted, progress.part(0.3, 0.9))
             progress(0.92, "Drawing outlines")
             panels = PanelDrawing.from_design(made.need(DesignVersion).design, wanted, progress.part(0.92, 0.99))
-            return advised.Made(result, made, panels, report.blocks(made, progress=progress.part(0.99, 1.0)))
+            return remedied_piece.RemediedPiece(
+                result, made, panels, report.blocks(made, progress=progress.part(0.99, 1.0))
+            )
 
         return go_on
 
-    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Made) -> Iterator[None]:
+    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: RemediedPiece) -> Iterator[None]:
         return result.panels.show(obj, context.scene)
 
     def written(
@@ -94,7 +96,7 @@ class Advised(ContinuedStage["Made"]):
         context: bpy.types.Context,
         obj: bpy.types.Object,
         surface: ObjectSurface,
-        made: Made,
+        made: RemediedPiece,
         was: float,
         now: float,
     ) -> str:
@@ -102,9 +104,11 @@ class Advised(ContinuedStage["Made"]):
 
         ``was`` and ``now`` are the changed quantity before and after.
         """
-        from ..bridge.view import advised
+        from ..bridge.view import remedied_piece
 
-        text, good = advised.write(obj, context.scene, surface, made, (self.remedy, was, now), self._figures)
+        text, good = remedied_piece.write_remedied_piece(
+            obj, context.scene, surface, made, (self.remedy, was, now), self._figures
+        )
         self.level = "INFO" if good else "WARNING"
         return text
 
@@ -137,22 +141,24 @@ class MakeLarger(Advised, bpy.types.Operator):
             return made  # optimised or hand-made spirals are a better start than spirals computed from the curvature
         return job.run_stages(made, snapshot.settings, ("spirals",), progress.part(0.8, 1.0))
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Made) -> str:
+    def finish(
+        self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: RemediedPiece
+    ) -> str:
         from ..bridge.store import mesh, states
         from ..bridge.view import framing
-        from ..bridge.view.advised import alike
+        from ..bridge.view.remedied_piece import has_same_quads
 
         scale = obj.scale.copy()
         obj.scale = scale * self._amount
         context.view_layer.update()
         now = mesh.read_surface(obj, context.scene)
-        if not alike(now, result.after.mesh):
+        if not has_same_quads(now, result.after.mesh):
             obj.scale = scale
             context.view_layer.update()
             raise FlexMapsError(
                 f"Something else sets the scale of '{obj.name}', a constraint or a driver; scale it there"
             )
-        framing.follow(context, obj, self._amount)
+        framing.scale_views(context, obj, self._amount)
         # scaling changes the checksum of "down" as well, although the object was not turned
         self._made_from |= {"down": states.read_settings_checksums(obj, context.scene)["down"]}
         stored_report.write_checks(obj.data, result.after.findings)
@@ -179,7 +185,9 @@ class MakeThinner(Advised, bpy.types.Operator):
         self._was = snapshot.settings.spiral.thickness * MILLIMETRES
         return result.without_outdated(self.settings(snapshot))
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Made) -> str:
+    def finish(
+        self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: RemediedPiece
+    ) -> str:
         from ..bridge.store import states
         from ..engine.runs import stages
 
@@ -221,11 +229,13 @@ class MakeFiner(Advised, bpy.types.Operator):
         made = job.run_until(begun, settings, "design", progress=progress.part(0.5, 1.0), fresh=True)
         return made.with_surface(findings=[*check.all_findings(PolygonMesh.from_quads(made.mesh)), *remeshed.findings])
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Made) -> str:
+    def finish(
+        self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: RemediedPiece
+    ) -> str:
         from ..bridge.hosts import remesh
         from ..bridge.store import mesh, states
         from ..bridge.view import overlay, replacing
-        from ..bridge.view.advised import alike
+        from ..bridge.view.remedied_piece import has_same_quads
         from ..engine.surface.mesh import PolygonMesh
 
         quads = result.after.mesh
@@ -233,20 +243,20 @@ class MakeFiner(Advised, bpy.types.Operator):
         try:
             context.view_layer.update()
             now = mesh.read_surface(made, context.scene)
-            if not alike(now, quads):
+            if not has_same_quads(now, quads):
                 raise FlexMapsError(f"'{obj.name}' is sheared by its parents; apply its scale and rotation first")
             stored_report.write_checks(made.data, result.after.findings)
             text = self.written(context, made, now, result, len(surface.polygons.sizes), len(quads.quads))
         except FlexMapsError:
             bpy.data.meshes.remove(made.data)  # removes the object too
             raise
-        replacing.take_over(context, obj, made)
+        replacing.replace_object(context, obj, made)
         states.stamp(made, context.scene, self._made_from)
-        overlay.renew(made, self.shows)
+        overlay.update_after_stage(made, self.shows)
         self._made = made.session_uid
         return text
 
-    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Made) -> Iterator[None]:
+    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: RemediedPiece) -> Iterator[None]:
         return super().after(context, find_by_uid(self._made), result)
 
 

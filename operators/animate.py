@@ -52,7 +52,7 @@ class Animate(ContinuedStage["MadeFilm"], bpy.types.Operator):
             design = result.need(DesignVersion).design
             detail = DETAILS[settings.section(FilmParams).film_detail]
             table = arrange.on_table(design, stored)
-            tips = preview.tips_of(design, settings, progress.part(0.0, 0.2))
+            tips = preview.connector_tips(design, settings, progress.part(0.0, 0.2))
             rest = progress.part(0.2 if tips else 0.0, 1.0)
             material = settings.material.chosen
             made = assembly_film.film(design, stored, table, detail, material, settings.simulate, rest, tips)
@@ -69,7 +69,7 @@ class Animate(ContinuedStage["MadeFilm"], bpy.types.Operator):
         film, stored, settings = result
         colour, scene = settings.preview.colour, context.scene
         rgb = None if colour == "MATERIAL" else preview.quad_colours(obj, colour)
-        place = preview.shift(obj, scene, stored.centres.min(axis=0), stored.centres.max(axis=0))
+        place = preview.shift_beside(obj, scene, stored.centres.min(axis=0), stored.centres.max(axis=0))
         collection.clear(obj, (preview.KIND, preview.BASE))
         place *= settings.preview.place == "BESIDE"
         _, last = animation.show(obj, scene, film, settings.section(FilmParams).seconds, rgb, place)

@@ -61,13 +61,13 @@ def draw_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
 
 
 def register() -> None:
-    from ..bridge.view import easel
+    from ..bridge.view import paint_session
 
     brush_settings.register()
     handlers = bpy.app.handlers
-    handlers.load_pre.append(easel.forget)
-    handlers.undo_post.append(easel.renew)
-    handlers.redo_post.append(easel.renew)
+    handlers.load_pre.append(paint_session.discard_session)
+    handlers.undo_post.append(paint_session.schedule_update)
+    handlers.redo_post.append(paint_session.schedule_update)
     if not bpy.app.background:  # without a window there is no toolbar
         icons = Path(bpy.utils.system_resource("DATAFILES"), "icons")
         BrushTool.bl_icon = next((name for name in ICONS if (icons / f"{name}.dat").is_file()), ICONS[-1])
@@ -75,15 +75,15 @@ def register() -> None:
 
 
 def unregister() -> None:
-    from ..bridge.view import easel
+    from ..bridge.view import paint_session
 
     if not bpy.app.background:
         bpy.utils.unregister_tool(BrushTool)
     handlers = bpy.app.handlers
-    handlers.load_pre.remove(easel.forget)
-    handlers.undo_post.remove(easel.renew)
-    handlers.redo_post.remove(easel.renew)
-    easel.forget()
+    handlers.load_pre.remove(paint_session.discard_session)
+    handlers.undo_post.remove(paint_session.schedule_update)
+    handlers.redo_post.remove(paint_session.schedule_update)
+    paint_session.discard_session()
     brush_settings.unregister()
 
 

@@ -71,7 +71,7 @@ class ShowFinding(AtOnce, OnObject, bpy.types.Operator):
         if self.index >= len(findings):
             raise FlexMapsError("There is nothing to show; press Check first")
         finding = findings[self.index]
-        framing.show_place(context, finding["faces"], finding["edges"])
+        framing.select_and_frame(context, finding["faces"], finding["edges"])
         return str(finding["message"])
 
 

@@ -34,7 +34,7 @@ class ChooseStage(LayoutStage):
         pose = _optimised(obj, snapshot)
 
         def go_on(result: Result, progress: Progress) -> Any:
-            from ..bridge.view import choices
+            from ..bridge.view import thumbnails
             from ..engine.extras.choosing.choice_stage import LayoutChoice
             from ..engine.runs import job
             from ..engine.runs.outputs import DesignVersion
@@ -46,7 +46,7 @@ class ChooseStage(LayoutStage):
                 result = job.simulate_from_pose(optimised, pose, snapshot.settings, progress.part(0.0, 0.01))
             made = job.run_stages(result, snapshot.settings, ("choose",), progress.part(0.01, 1.0))
             choice = made.need(LayoutChoice).choice
-            strip = choices.pictures([one.flat for one in choice.proposals])
+            strip = thumbnails.draw_thumbnails([one.flat for one in choice.proposals])
             return None if made.flat is result.flat else reported(made), choice, strip
 
         return go_on
@@ -54,7 +54,7 @@ class ChooseStage(LayoutStage):
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Any) -> str:
         from ..bridge.store import choices as stored
         from ..bridge.store import mesh
-        from ..bridge.view import choices
+        from ..bridge.view import thumbnails
 
         flat, choice, strip = result
         said = translate("The layout stays")
@@ -62,7 +62,7 @@ class ChooseStage(LayoutStage):
             said = super().finish(context, obj, surface, flat)
             mesh.write_last_spirals(obj, surface, *choice.best.judged.spirals)
         stored.write_cuts(obj, surface, [one.flat.layout.cut for one in choice.proposals])
-        choices.keep(obj, strip)
+        thumbnails.store_thumbnails(obj, strip)
         stored_report.write(obj.data, "choose", choice.report())
         self.level = "INFO" if choice.reached else "WARNING"
         return f"{said}. {choice.note}"

@@ -78,7 +78,7 @@ class Compare(Asked, ContinuedStage["Result"], bpy.types.Operator):
         from ..bridge.view import scan_points
         from ..engine.runs import report
 
-        scans.write(obj, result.scan, scan_points.show(obj, context.scene, result.scan))
+        scans.write(obj, result.scan, scan_points.show_points(obj, context.scene, result.scan))
         blocks = report.blocks(result, ("scan",))
         stored_report.write_all(obj.data, blocks)
         return scans.describe_result(blocks["scan"])

@@ -21,7 +21,7 @@ class Example(AtOnce, NewObject, bpy.types.Operator):
 
         obj = scene.add_model(context.scene, shapes.make(NAME), "FlexMaps example")
         obj.location = context.scene.cursor.location
-        framing.select_alone(context, obj, context.view_layer)
+        framing.select_only(context, obj, context.view_layer)
 
 
 CLASSES = (Example,)

@@ -43,9 +43,9 @@ class Export(IntoFolder, ContinuedStage["SheetFiles"], bpy.types.Operator):
         from ..engine.fabrication.writers import export
 
         settings = snapshot.settings
-        formats, look = export.chosen_formats(settings.export), flat_panels.look_of(settings)
+        formats, look = export.chosen_formats(settings.export), flat_panels.connector_fingerprint(settings)
         # the panels drawn beside the model must be redrawn if their connectors differ from the settings
-        stale = any(o.get(flat_panels.LOOK, look) != look for o in flat_panels.panels_of(obj))
+        stale = any(o.get(flat_panels.FINGERPRINT_KEY, look) != look for o in flat_panels.panels_of(obj))
         base = resolve_folder(settings.export.folder) / file_name(snapshot.name)
         guard = self.guard(settings, export.present(base, formats), base.parent)
         letters.learn(snapshot.name)
@@ -72,7 +72,7 @@ class Export(IntoFolder, ContinuedStage["SheetFiles"], bpy.types.Operator):
             blocks["sheets"] |= {"files": [file.name for file in written]}
             cut = made.need(DesignVersion).design if sheets.base is None else sheets.base.design
             again = stale or sheets.base is not None
-            drawing = flat_panels.PanelDrawing.connected(cut, sheets.connections, settings) if again else None
+            drawing = flat_panels.PanelDrawing.from_connections(cut, sheets.connections, settings) if again else None
             return blocks, base.parent, drawing, estimate.assembly.warnings
 
         return go_on

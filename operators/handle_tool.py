@@ -6,12 +6,12 @@ import bpy
 
 from ..bridge.hosts import live
 from ..bridge.store.i18n import translate
-from ..bridge.view.handle_gizmos import Handles
+from ..bridge.view.handle_gizmos import HandleGizmoMixin
 from ..engine.errors import FlexMapsError
 from .stage import AtOnce, OnObject
 
 
-class HandleGizmos(Handles, bpy.types.GizmoGroup):
+class HandleGizmos(HandleGizmoMixin, bpy.types.GizmoGroup):
     bl_idname = "FLEXMAPS_GGT_handles"
     bl_label = "FlexMaps handles"
     bl_space_type, bl_region_type = "VIEW_3D", "WINDOW"

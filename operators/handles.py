@@ -44,8 +44,8 @@ class _OnSpiral(OnObject):
         mouse = event.mouse_region_x, event.mouse_region_y
         origin = view3d_utils.region_2d_to_origin_3d(context.region, context.region_data, mouse)
         way = view3d_utils.region_2d_to_vector_3d(context.region, context.region_data, mouse)
-        points, quads = picking.seen(context.object, live.shape_of(context.object))
-        hit = picking.quad_at(points, quads, origin, way)
+        points, quads = picking.visible_surface(context.object, live.shape_of(context.object))
+        hit = picking.hit_quad(points, quads, origin, way)
         self.quad = ALONE if hit is None else hit
         return hit is not None
 
@@ -135,10 +135,10 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         obj = context.object
         self._before = handles.read(obj, _name(self.kind))
         scale = context.scene.unit_settings.scale_length
-        points, quads = picking.seen(obj, live.shape_of(obj))
+        points, quads = picking.visible_surface(obj, live.shape_of(obj))
         middle = points[quads[self.quad]].mean(axis=0)
         if self.kind == "WISH":
-            self._from = 1e3 * scale * (middle - picking.target(obj)[quads[self.quad]].mean(axis=0))
+            self._from = 1e3 * scale * (middle - picking.target_vertices(obj)[quads[self.quad]].mean(axis=0))
             if self._before[self.quad].any():  # continue from an existing drag target
                 self._from = 1e3 * scale * (np.array(obj.matrix_world)[:3, :3] @ self._before[self.quad])
         else:
@@ -191,7 +191,7 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         start, middle = self._grip
         way = np.array(self._mouse(context, event, middle) - start)
         if self.kind == "PULL":
-            return self._from + way / picking.edge_of(context.object)
+            return self._from + way / picking.median_edge(context.object)
         return self._from + 1e3 * context.scene.unit_settings.scale_length * way
 
     def _put(self, context: bpy.types.Context, quads: list[int]) -> None:

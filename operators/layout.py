@@ -51,10 +51,10 @@ class LayoutStage(ContinuedStage):
         """Frame the object and its panels in the 3D views, but only after the first layout of its quads."""
         from ..bridge.view import collection, framing
 
-        own = collection.existing(obj)
-        if own is not None and framing.FRAMED not in obj:
-            obj[framing.FRAMED] = True
-            framing.frame(context, *own.objects)
+        own = collection.find(obj)
+        if own is not None and framing.FRAMED_KEY not in obj:
+            obj[framing.FRAMED_KEY] = True
+            framing.frame_views(context, *own.objects)
         return iter(())
 
 

@@ -107,7 +107,7 @@ class ShowNotice(AtOnce, OnObject, bpy.types.Operator):
 
         notice = _find_notice(context, self.key)
         if notice.faces or notice.edges:
-            framing.show_place(context, list(notice.faces), list(notice.edges))
+            framing.select_and_frame(context, list(notice.faces), list(notice.edges))
         return notice.sentence
 
 

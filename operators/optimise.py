@@ -44,11 +44,11 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
         return snapshot.start(result)
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[SearchedSpirals]:
-        from ..bridge.view import designing
+        from ..bridge.view import optimisation_shape
         from ..bridge.view.flat_panels import PanelDrawing
 
         once = replace(snapshot.settings, simulate=replace(snapshot.settings.simulate, restarts=0))
-        search = designing.searching(snapshot.settings)
+        search = optimisation_shape.make_optimiser(snapshot.settings)
 
         def go_on(result: Result, progress: Progress) -> SearchedSpirals:
             from ..engine.patches.flattening.flattening_report import layout_report
@@ -65,7 +65,7 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
                 spirals = design_report(better, progress.part(DRAWN, DRAWN))
                 made = job.run_stages(made, once, ("simulate",), progress.part(DRAWN, DRAWN))
             except Cancelled:  # after a cancel keep the spirals, but skip the slower figures
-                panels, spirals = PanelDrawing.plain(better), design_report(better, measured=False)
+                panels, spirals = PanelDrawing.without_connectors(better), design_report(better, measured=False)
             made = _with_prospects(made, snapshot.settings, progress.part(DRAWN, 1.0))
             layout = None if better.flat is result.flat else layout_report(better.flat)
             return panels, made, made.need(OptimisationRecord).optimisation.report(), spirals, layout

@@ -25,7 +25,7 @@ class Overlay(AtOnce, OnObject, bpy.types.Operator):
     bl_label = "Overlay"
 
     kind: bpy.props.EnumProperty(  # type: ignore[valid-type]
-        name="Kind", items=colouring.ITEMS, default="ENERGY"
+        name="Kind", items=colouring.OVERLAY_ITEMS, default="ENERGY"
     )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -36,21 +36,21 @@ class Overlay(AtOnce, OnObject, bpy.types.Operator):
     def act(self, context: bpy.types.Context) -> None:
         from ..bridge.view import overlay
 
-        if self.kind != "NONE" and not colouring.store(context.object, self.kind, afresh=True):
-            stage = "Simulate" if self.kind in colouring.SIMULATED else STAGES.get(self.kind, "Merge")
+        if self.kind != "NONE" and not colouring.store_colours(context.object, self.kind, recompute=True):
+            stage = "Simulate" if self.kind in colouring.SIMULATED_KINDS else STAGES.get(self.kind, "Merge")
             raise FlexMapsError(translate("There is nothing to show yet; press {} first", button_name(stage)))
-        overlay.switch(self.kind)
+        overlay.choose_kind(self.kind)
 
 
 def drawn() -> object:
     """Return what to draw over the 3D view: the running job's shape, the live simulation, or the painted spirals."""
     from ..bridge.hosts import background, live
-    from ..bridge.view import easel
+    from ..bridge.view import paint_session
 
     if background.current() is not None:
         return background.shown()
     following = live.shown()
-    return easel.shown() if following is None else following
+    return paint_session.shape_to_draw() if following is None else following
 
 
 def register() -> None:

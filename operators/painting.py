@@ -9,7 +9,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
 from ..bridge.hosts import preload
 from ..bridge.store import stored_report
 from ..bridge.store.i18n import translate
-from ..bridge.view.brush_settings import FROM, sources
+from ..bridge.view.brush_settings import QUANTITY_ITEMS, search_sources
 from ..engine.errors import FlexMapsError
 from .stage import TICK, AtOnce, OnObject, Polled, redraw, why_not
 
@@ -36,10 +36,10 @@ class PickBrush(AtOnce, _Painter, bpy.types.Operator):
     bl_options = {"REGISTER"}
 
     def act(self, context: bpy.types.Context) -> None:
-        from ..bridge.view import easel
+        from ..bridge.view import paint_session
 
-        easel.easel_of(context.object, context.scene)
-        bpy.ops.wm.tool_set_by_id(name=easel.TOOL)
+        paint_session.get_session(context.object, context.scene)
+        bpy.ops.wm.tool_set_by_id(name=paint_session.TOOL_ID)
 
 
 class PaintStroke(_Painter, bpy.types.Operator):
@@ -54,21 +54,21 @@ class PaintStroke(_Painter, bpy.types.Operator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         preload.wait()
-        from ..bridge.view import brush_path, dabs, easel
+        from ..bridge.view import brush_path, dab_queue, paint_session
 
         try:
-            self._easel = easel.easel_of(context.object, context.scene)
+            self._session = paint_session.get_session(context.object, context.scene)
         except FlexMapsError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        self._path = brush_path.BrushPath(context.object, self._easel)
+        self._path = brush_path.BrushPath(context.object, self._session)
         self._ending = False
-        if self._path.hit(context, event.mouse_region_x, event.mouse_region_y) is None:
+        if self._path.cast_ray(context, event.mouse_region_x, event.mouse_region_y) is None:
             return {"PASS_THROUGH"}
-        easel.stroke_begins()
+        paint_session.begin_stroke()
         brush = context.window_manager.flexmaps_brush.brush
         name = "smooth" if self.smooth and brush != "protect" else brush
-        self._dabs = dabs.Dabs(self._easel, name, self.inverted)
+        self._dabs = dab_queue.DabQueue(self._session, name, self.inverted)
         self._timer = context.window_manager.event_timer_add(TICK, window=context.window)
         context.window_manager.modal_handler_add(self)
         self._move(context, event)
@@ -79,16 +79,16 @@ class PaintStroke(_Painter, bpy.types.Operator):
         try:
             if taken_back:
                 self._dabs.close()
-                self._easel.revert()
+                self._session.revert()
             elif event.type == "MOUSEMOVE" and not self._ending:
                 self._move(context, event)
             elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
                 self._ending = True
             elif self._ending and _is_press(event):  # another stroke or key began: finish this stroke first
                 self._dabs.wait()
-            if not taken_back and self._dabs.look():
+            if not taken_back and self._dabs.poll():
                 redraw(context)
-            if self._ending and not taken_back and self._dabs.over():
+            if self._ending and not taken_back and self._dabs.try_finish():
                 return self._finish_stroke(context, event)
         except Exception:
             self._over(context)
@@ -99,19 +99,19 @@ class PaintStroke(_Painter, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def _move(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
-        made = self._path.move(context, event)
+        made = self._path.extend(context, event)
         if made is not None:
             self._dabs.add(*made)
 
     def _finish_stroke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Write the stroke into the object, and pass on the event if it is a new press."""
-        from ..bridge.view import easel
+        from ..bridge.view import paint_session
 
         try:
-            self._easel.write(context.scene)
+            self._session.write(context.scene)
         except FlexMapsError as error:  # the object was deleted
             self.report({"ERROR"}, str(error))
-            easel.forget()
+            paint_session.discard_session()
             return {"CANCELLED"}
         finally:
             self._over(context)
@@ -121,11 +121,11 @@ class PaintStroke(_Painter, bpy.types.Operator):
         self._over(context)
 
     def _over(self, context: bpy.types.Context) -> None:
-        from ..bridge.view import easel
+        from ..bridge.view import paint_session
 
         self._dabs.close()
         context.window_manager.event_timer_remove(self._timer)
-        easel.stroke_ends()
+        paint_session.end_stroke()
         redraw(context)
 
 
@@ -140,28 +140,28 @@ class PaintFrom(AtOnce, _Painter, bpy.types.Operator):
     bl_idname = "flexmaps.paint_from"
     bl_label = "Paint from weights or colours"
 
-    source: StringProperty(name="From", search=sources)  # type: ignore[valid-type]
-    what: EnumProperty(name="Sets", items=FROM)  # type: ignore[valid-type]
+    source: StringProperty(name="From", search=search_sources)  # type: ignore[valid-type]
+    what: EnumProperty(name="Sets", items=QUANTITY_ITEMS)  # type: ignore[valid-type]
     strength: FloatProperty(name="Strength", default=1.0, min=0.0, max=1.0, subtype="FACTOR")  # type: ignore[valid-type]
     inverted: BoolProperty(name="The other way round")  # type: ignore[valid-type]
     direction: EnumProperty(name="Along", items=(("x", "X", ""), ("y", "Y", ""), ("z", "Z", "")))  # type: ignore[valid-type]
 
     def act(self, context: bpy.types.Context) -> str:
         from ..bridge.store import fields, mesh
-        from ..bridge.view import easel
+        from ..bridge.view import paint_session
         from ..engine.spirals.painting import Stroke
 
         obj = context.object
         if not self.source:
             raise FlexMapsError("Choose a vertex group, a colour or other numbers of the object under From")
         values = fields.read_field(obj, mesh.read_surface(obj, context.scene), self.source)
-        on = easel.easel_of(obj, context.scene)
+        on = paint_session.get_session(obj, context.scene)
         way = np.eye(3)["xyz".index(self.direction)]
         weight = np.full(len(values), self.strength) if self.what == "stiffness" else self.strength * values
         if self.what == "protect":
             weight = values
         on.paint(self.what, weight, Stroke(self.inverted, way, values))
-        changed = int(on.changed.sum())
+        changed = int(on.changed_spirals.sum())
         on.write(context.scene)
         if self.what == "protect":
             kept = int(on.protected.sum())
@@ -177,10 +177,10 @@ class Unprotect(AtOnce, OnObject, bpy.types.Operator):
 
     def act(self, context: bpy.types.Context) -> None:
         from ..bridge.store import fields
-        from ..bridge.view import easel
+        from ..bridge.view import paint_session
 
         fields.write_protected(context.object, None)
-        easel.forget()
+        paint_session.discard_session()
 
 
 CLASSES = (PickBrush, PaintStroke, PaintFrom, Unprotect)

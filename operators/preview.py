@@ -13,12 +13,12 @@ from .continued import Continuation, ContinuedStage
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
     from ..bridge.store.surface import ObjectSurface
-    from ..bridge.view.preview import Built
+    from ..bridge.view.preview import AssembledPiece
     from ..engine.params import PreviewParams
     from ..engine.runs.result import Result
 
     # the assembled piece, the settings to show it with, and whether it is simulated
-    BuiltPreview = tuple[Built, PreviewParams, bool]
+    BuiltPreview = tuple[AssembledPiece, PreviewParams, bool]
 
 
 class Preview(ContinuedStage["BuiltPreview"], bpy.types.Operator):
@@ -43,11 +43,11 @@ class Preview(ContinuedStage["BuiltPreview"], bpy.types.Operator):
 
             design = result.need(DesignVersion).design
             wires = settings.preview.detail == "LINES"
-            tips = () if wires else preview.tips_of(design, settings, progress.part(0.2, 0.7))
+            tips = () if wires else preview.connector_tips(design, settings, progress.part(0.2, 0.7))
             bending = progress.part(0.7, 1.0)
             stand = target_pose(result.mesh, design.flat.corners) if stored is None else stored
-            base = preview.base_of(design, stand, result.supports, settings)
-            built = preview.build(design, stand, settings.preview.detail, tips, bending, base)
+            base = preview.make_base(design, stand, result.supports, settings)
+            built = preview.build_piece(design, stand, settings.preview.detail, tips, bending, base)
             return built, settings.preview, stored is not None
 
         return go_on
@@ -60,9 +60,9 @@ class Preview(ContinuedStage["BuiltPreview"], bpy.types.Operator):
 
         built, params, simulated = result
         animation.clear(obj)  # preview and animation are shown in the same place
-        preview.show(obj, context.scene, built, params, simulated)
+        preview.show_piece(obj, context.scene, built, params, simulated)
         states.stamp_side_result(obj, context.scene, "preview", self._made_from)
-        figures = preview.note_of(obj)
+        figures = preview.read_figures(obj)
         amounts = figures["spirals"], figures["triangles"], figures["seconds"]
         text = translate("{} spirals, {} triangles in {:.1f} s", *amounts)
         if not simulated:
@@ -83,7 +83,7 @@ class RemoveLeftOver(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..bridge.view import collection
 
-        orphans = collection.left_over(context.scene)
+        orphans = collection.find_orphans(context.scene)
         for own in orphans:
             collection.remove(own)
         return {"FINISHED"} if orphans else {"CANCELLED"}

@@ -59,7 +59,7 @@ class Regularise(ContinuedStage["MovedQuads"], bpy.types.Operator):
             states.stamp_side_result(obj, context.scene, "regularise", self._made_from)
             return translate("Nothing was moved: the quads cannot become squarer without taking room from a spiral")
         mesh.write_vertices(obj, surface, after)
-        replacing.begin_anew(obj, findings)
+        replacing.drop_results(obj, findings)
         states.stamp_side_result(obj, context.scene, "regularise", self._made_from)
         moved = np.linalg.norm(after.vertices - before.vertices, axis=1).max()
         return translate("Vertices moved by up to {:.0%} of an edge", moved / before.median_edge)

@@ -64,7 +64,7 @@ class QuadRemesh(AnyMesh, StageOperator["Requadded"], bpy.types.Operator):
         made = remesh.as_object(result.polygons, obj, context.scene)
         source = remesh_source.read_source(obj, context.scene)
         remesh_source.write_source(made, source)
-        replacing.take_over(context, obj, made)
+        replacing.replace_object(context, obj, made)
         modifiers.write_note(made.data, modifiers.describe_ignored(source))
         if self.size:
             replacing.resize(context, made, self.size)
@@ -121,8 +121,8 @@ class SetSize(StageOperator["tuple[float, float, list[Finding]]"], bpy.types.Ope
         factor, edge, findings = result
         if self.times:
             obj.flexmaps.remesh.edge = edge * 1e3
-        replacing.scale(context, obj, factor)
-        replacing.begin_anew(obj, findings)
+        replacing.scale_object(context, obj, factor)
+        replacing.drop_results(obj, findings)
         return translate("Scaled by {:.4g}", factor)
 
 

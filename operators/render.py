@@ -53,9 +53,9 @@ class Render(Writes, StageOperator["list[Path]"], bpy.types.Operator):
         frames = 0
         try:
             if params.film:
-                frames = picture.film(obj, made / self._path.name, params, pack)
+                frames = picture.render_film(obj, made / self._path.name, params, pack)
             else:
-                picture.together(obj, made / self._path.name, params, pack)
+                picture.render_together(obj, made / self._path.name, params, pack)
         except FlexMapsError:
             self._folder.cleanup()
             raise
@@ -93,11 +93,11 @@ class Render(Writes, StageOperator["list[Path]"], bpy.types.Operator):
             guard = self.guard(used, list_pictures(path))
             if params.film:
                 path.parent.mkdir(parents=True, exist_ok=True)
-                count = picture.film(context.object, path, params)
+                count = picture.render_film(context.object, path, params)
                 self.report({"INFO"}, translate("{} frames in {}", count, path.parent))
                 return {"FINISHED"}
             with files.write_atomically(path, guard) as new:
-                picture.together(context.object, new, params)
+                picture.render_together(context.object, new, params)
         except FlexMapsError as error:
             return self._refused(context, error)
         self._report_picture(path)

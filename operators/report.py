@@ -53,7 +53,7 @@ class Report(IntoFolder, ContinuedStage["Plots"], bpy.types.Operator):
         from ..bridge.view import report as held
         from ..engine.runs import report_page
 
-        content = held.read(obj, snapshot)
+        content = held.complete_input(obj, snapshot)
         letters = self._letters = Future()
         export_folder, folder = snapshot.settings.export.folder, None
         if self.files and not is_relative_to_unsaved(export_folder):
@@ -65,7 +65,7 @@ class Report(IntoFolder, ContinuedStage["Plots"], bpy.types.Operator):
             from ..engine.display import raster
 
             page = pages.of_object(result, content, progress.part(0.0, 0.2))
-            drawn, view = page.drawn, page.piece(progress.part(0.2, 0.5)) if folder is not None else None
+            drawn, view = page.plots, page.view_json(progress.part(0.2, 0.5)) if folder is not None else None
             while not letters.done():  # keep reporting progress, so that a cancel is noticed
                 progress(0.5, "Waiting for letters")
                 time.sleep(0.02)
@@ -103,7 +103,7 @@ class Report(IntoFolder, ContinuedStage["Plots"], bpy.types.Operator):
 
         name, shown, _ = result
         for kind, pixels in shown.items():
-            made = images.image(f"{name} {kind}", pixels)
+            made = images.store_image(f"{name} {kind}", pixels)
             for window in context.window_manager.windows:
                 for area in window.screen.areas:
                     if area.type == "IMAGE_EDITOR" and area.spaces.active.image is None:
@@ -127,7 +127,7 @@ class Share(IntoFolder, ContinuedStage["tuple[Path, bool]"], bpy.types.Operator)
         from ..bridge.hosts import pages
         from ..bridge.view import report as held
 
-        content = held.read(obj, snapshot)
+        content = held.complete_input(obj, snapshot)
         path = resolve_folder(snapshot.settings.export.folder) / f"{file_name(snapshot.name)}-share.html"
         guard = self.guard(snapshot.settings, [path])
 

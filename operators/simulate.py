@@ -27,7 +27,7 @@ class Simulate(ContinuedStage["Result"], bpy.types.Operator):
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Result]:
         from ..bridge.view import live_shape
 
-        return lambda result, progress: live_shape.settle(result, snapshot.settings, progress)
+        return lambda result, progress: live_shape.simulate_and_show(result, snapshot.settings, progress)
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Result) -> str:
         from ..bridge.store import equilibrium

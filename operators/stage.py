@@ -148,7 +148,7 @@ class StageOperator(Polled, HandsOver[Made]):
 
     _job: background.Job | None = None
     _timer: Any = None
-    _pace: Any = None  # a ``progress.Pace``, which limits redraws
+    _pacer: Any = None  # a ``progress.RedrawPacer``, which limits redraws
     _helped = False  # whether ``meanwhile`` was called
     _writing: Any = None  # iterator over the remaining steps of writing the result
     _made_from: Any = None  # checksums of the settings when the work began
@@ -214,16 +214,16 @@ class StageOperator(Polled, HandsOver[Made]):
         self._timer = manager.event_timer_add(TICK, window=context.window)
         manager.progress_begin(0, 100)
         manager.modal_handler_add(self)
-        self._pace = progress.Pace()
-        self._pace.due(time.perf_counter())
-        progress.show(context, self._job)
+        self._pacer = progress.RedrawPacer()
+        self._pacer.is_due(time.perf_counter())
+        progress.show_progress(context, self._job)
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         assert self._job is not None
         if event.type == "ESC" and event.value == "PRESS" and self._writing is None:
             self._job.stop()
-            progress.show(context, self._job)
+            progress.show_progress(context, self._job)
             return {"RUNNING_MODAL"}
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
@@ -231,8 +231,8 @@ class StageOperator(Polled, HandsOver[Made]):
             self._helped = True
             self.meanwhile()
         if not self._job.finished:
-            if self._pace.due(time.perf_counter()):
-                progress.show(context, self._job)
+            if self._pacer.is_due(time.perf_counter()):
+                progress.show_progress(context, self._job)
             return {"PASS_THROUGH"}
         going_on = False
         try:
@@ -292,7 +292,7 @@ class StageOperator(Polled, HandsOver[Made]):
         finally:  # also after an error, because the mesh check writes its findings before it raises
             states.stamp(obj, context.scene, self._made_from)
         failures.clear(obj, idname_of(self))
-        overlay.renew(obj, self.shows)
+        overlay.update_after_stage(obj, self.shows)
         redraw(context)
         yield
         with suppress(FlexMapsError):  # if the object was deleted, there is nothing to draw
@@ -328,8 +328,8 @@ class StageOperator(Polled, HandsOver[Made]):
 
         if self._surface is not None and (error.faces or error.edges):
             with suppress(FlexMapsError):  # if the object was deleted, there is nothing to select
-                framing.reveal(context, find_by_uid(self._surface.uid), self._surface, error.faces, error.edges)
-                framing.frame(context)
+                framing.select_places(context, find_by_uid(self._surface.uid), self._surface, error.faces, error.edges)
+                framing.frame_views(context)
         with suppress(FlexMapsError):  # if the object was deleted, there is nowhere to store it
             self._note(context, find_by_uid(self.uid), error)
         redraw(context)

@@ -33,7 +33,7 @@ class Tutorial(AtOnce, NewObject, bpy.types.Operator):
         obj = next(o for o in scene.objects if o.type == "MESH" and o.name.startswith(NAME))
         if context.window is not None:
             context.window.scene = scene
-        framing.select_alone(context, obj, scene.view_layers[0])
+        framing.select_only(context, obj, scene.view_layers[0])
 
 
 CLASSES = (Tutorial,)

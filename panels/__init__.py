@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..bridge.view import choices, plot, tab
+from ..bridge.view import history_plot, tab, thumbnails
 from . import sidebar, translations
 
 CLASSES = sidebar.CLASSES
@@ -21,6 +21,6 @@ def unregister() -> None:
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)
     tab.unregister()
-    plot.unregister()
-    choices.unregister()
+    history_plot.unregister()
+    thumbnails.unregister()
     translations.unregister()

@@ -55,7 +55,7 @@ def draw(layout: Any, context: bpy.types.Context, problem: str | None) -> None:
     shown.menu("FLEXMAPS_MT_colours", text="", icon="OVERLAY")
     _size(layout, context, problem is None and running is None)
     seen = look(context).guidance if problem is None else None
-    content = head_text.current(context, problem or "", seen, running, live.current())
+    content = head_text.head_content(context, problem or "", seen, running, live.current())
     _next(layout, content, running)
     box = layout.box().column(align=True)
     row = box.row()
@@ -66,7 +66,7 @@ def draw(layout: Any, context: bpy.types.Context, problem: str | None) -> None:
     if content.notices:
         _rows(box, context, content.notices)
     else:
-        words = lines(content.about, room(context), SLOTS)
+        words = lines(content.hint, room(context), SLOTS)
         for k in range(SLOTS):
             row = box.row()
             row.active = False
@@ -97,7 +97,7 @@ def _size(layout: Any, context: bpy.types.Context, editable: bool) -> None:
         unit.label(text="mm", translate=False)
 
 
-def _next(layout: Any, content: head_text.Head, running: Any) -> None:
+def _next(layout: Any, content: head_text.HeadContent, running: Any) -> None:
     """Draw the button *Next* with its menu; while a job runs, draw its progress and a stop button in their place."""
     whole = layout.row(align=True)
     row = whole.row(align=True)
@@ -108,8 +108,8 @@ def _next(layout: Any, content: head_text.Head, running: Any) -> None:
         _highlight_stop(whole)
         return
     main = row.row(align=True)
-    main.active_default, main.enabled = True, bool(content.press)
-    pressed = button(main, content.press or "flexmaps.next", content.label, "PLAY")
+    main.active_default, main.enabled = True, bool(content.operator)
+    pressed = button(main, content.operator or "flexmaps.next", content.label, "PLAY")
     for name, value in content.properties:
         setattr(pressed, name, value)
     row.menu("FLEXMAPS_MT_next", text="", icon="DOWNARROW_HLT")
@@ -195,7 +195,7 @@ class AllNotices(bpy.types.Panel):
     bl_ui_units_x = 20
 
     def draw(self, context: bpy.types.Context) -> None:
-        for notice in (*look(context).guidance.notices, *head_text.around(context)):
+        for notice in (*look(context).guidance.notices, *head_text.general_notices(context)):
             box = self.layout.box().column(align=True)
             _words(box, notice)
             sentence(box, context, notice.sentence, units=self.bl_ui_units_x)
@@ -217,7 +217,7 @@ def _steps(layout: Any, context: bpy.types.Context) -> None:
 
 
 def _colours(layout: Any, context: bpy.types.Context) -> None:
-    shown, names = context.window_manager.flexmaps_overlay, {kind: name for kind, name, _ in colouring.ITEMS}
+    shown, names = context.window_manager.flexmaps_overlay, {kind: name for kind, name, _ in colouring.OVERLAY_ITEMS}
     for number, group in enumerate(GROUPS):
         if number:
             layout.separator()

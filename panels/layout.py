@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 
 from ..bridge.store.i18n import panels, quads, sheets
-from ..bridge.view import choices
+from ..bridge.view import thumbnails
 from ..engine.extras import registry
 from ..engine.figures import format_figure
 from .rows import A_ROW, LOW, button, duration, figures, menu, percent, settings_popover, tr, value
@@ -58,7 +58,7 @@ def _cards(body: Any, context: bpy.types.Context) -> None:
         return
     layout, block = stored
     rows = block["proposals"][:CARDS]
-    pictures = choices.icons(context.object, len(block["proposals"]))
+    pictures = thumbnails.icon_numbers(context.object, len(block["proposals"]))
     for first in range(0, len(rows), A_ROW):
         grid = layout.row(align=True)
         for number in range(first, first + A_ROW):

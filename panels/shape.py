@@ -9,7 +9,7 @@ import bpy
 from ..bridge.hosts import background, live
 from ..bridge.store import equilibrium, fields, handles
 from ..bridge.store.i18n import format_range
-from ..bridge.view import easel, plot
+from ..bridge.view import history_plot, paint_session
 from ..engine.extras import registry
 from ..engine.figures import format_figure
 from .rows import button, decimals, figures, line, menu, pair, popover, settings_of, tr, value
@@ -33,7 +33,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
         own = following is not None and following.uid == obj.session_uid
         button(row, "flexmaps.live", tr("Live"), "PAUSE" if own else "PLAY", depress=own)
     row = body.row(align=True)
-    in_hand = easel.active(context)
+    in_hand = paint_session.is_brush_active(context)
     button(row, "flexmaps.pick_brush", tr("Brush"), "BRUSH_DATA", depress=in_hand)
     row.separator()
     button(row, "flexmaps.use_handles", tr("Handles"), "GIZMO")
@@ -72,7 +72,7 @@ def _search(body: Any, history: Any) -> None:
     """
     seconds, distance = history[-1]
     row = body.box().row()
-    row.template_icon(icon_value=plot.icon([away for _, away in history]), scale=PLOT)
+    row.template_icon(icon_value=history_plot.icon_number([away for _, away in history]), scale=PLOT)
     column = row.column(align=True)
     column.separator(factor=2.0)  # centres the text beside the plot
     for text in (tr("Step {}", len(history) - 1), f"{seconds:.1f} s", tr("Distance {}", f"{1e3 * distance:.3g} mm")):

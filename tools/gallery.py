@@ -130,7 +130,7 @@ def make(name: str) -> None:
     view = {"azimuth": item.azimuth, "elevation": item.elevation}
     shown = api.change(piece, {f"render.{key}": value for key, value in view.items()}).settings.render
     with job_folder.quiet_blender():
-        picture.together(obj, folder / "picture.png", replace(shown, pixels_x=WIDTH, samples=16))
+        picture.render_together(obj, folder / "picture.png", replace(shown, pixels_x=WIDTH, samples=16))
     assert isinstance(shown, RenderParams)
     api.report(piece, folder)
     if item.film:
@@ -152,7 +152,7 @@ def film(obj: Any, folder: Path, view: Any) -> None:
     frames = folder / "film"
     frames.mkdir()
     with job_folder.quiet_blender():
-        picture.film(obj, frames / "frame.png", replace(view, pixels_x=FILM[0], pixels_y=FILM[1], samples=8))
+        picture.render_film(obj, frames / "frame.png", replace(view, pixels_x=FILM[0], pixels_y=FILM[1], samples=8))
     pictures = np.stack([np.array(Image.open(file).convert("RGB")) for file in sorted(frames.glob("*.png"))])
     ground = np.median(pictures[0], axis=(0, 1))
     seen = (np.abs(pictures - ground) > ALIKE).any(axis=(0, 3))

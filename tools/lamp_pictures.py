@@ -57,12 +57,12 @@ def scene(piece: Any, look: str = "pom") -> tuple[Any, Any, list[Any]]:
     api.show(replace(piece, uid=None), obj)
     design = picture.stored_design(obj)
     assert design is not None
-    tips = preview.tips_of(design, piece.settings)
-    built = preview.build(design, picture._stand(obj, design), "FINE", tips)
+    tips = preview.connector_tips(design, piece.settings)
+    built = preview.build_piece(design, picture._hub_pose(obj, design), "FINE", tips)
     assert built.panels is not None
     for other in place.objects:
         other.hide_render |= other is obj or "flexmaps_kind" in other
-    white = materials.of_material(look)
+    white = materials.sheet_material(look)
     shade = preview.piece_mesh("Shade", built.panels, built.vertices, None)
     shade.materials.append(translucent(white))
     flat = built.panels.flat(np.zeros((len(design.flat.layout.patches), 2)))
@@ -87,7 +87,7 @@ def _alone(panels: Any, flat: np.ndarray, faces: np.ndarray, look: Any) -> Any:
     used, index = np.unique(corners, return_inverse=True)
     points = flat[used]
     points = points - np.append(0.5 * (points[:, :2].min(axis=0) + points[:, :2].max(axis=0)), points[:, 2].min())
-    data = meshes.polygons("Panel", points, index.ravel(), panels.sizes[faces])
+    data = meshes.make_polygon_mesh("Panel", points, index.ravel(), panels.sizes[faces])
     data.materials.append(look)
     return bpy.data.objects.new("Panel", data)
 
@@ -145,15 +145,17 @@ def step(piece: Any, kind: str, path: Path, size: tuple[int, int]) -> None:
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     path.parent.mkdir(parents=True, exist_ok=True)
     if kind == "target":  # the surface as the file has it
-        picture.layout(api.show(api.load(lamp_shade.surface())), path, size, STUDIO)
+        picture.render_layout(api.show(api.load(lamp_shade.surface())), path, size, STUDIO)
         return
     obj = api.show(replace(piece, uid=None))
     if kind == "together":
         x, y = size
         view = RenderParams(pixels_x=x, pixels_y=y, samples=STUDIO, elevation=np.radians(24.0))
-        picture.together(obj, path, view)
+        picture.render_together(obj, path, view)
     else:
-        {"layout": picture.layout, "panels": picture.panels, "shape": picture.shape}[kind](obj, path, size, STUDIO)
+        {"layout": picture.render_layout, "panels": picture.render_panels, "shape": picture.render_shape}[kind](
+            obj, path, size, STUDIO
+        )
 
 
 def sheet(path: Path, pixels: int) -> None:
@@ -179,10 +181,10 @@ def icon(path: Path) -> None:
     design = picture.stored_design(obj)
     assert design is not None
     with picture.studio((2 * ICON, 2 * ICON), 16) as place:
-        built = preview.build(design, picture._stand(obj, design), "FINE")
+        built = preview.build_piece(design, picture._hub_pose(obj, design), "FINE")
         assert built.panels is not None
         data = preview.piece_mesh("Spiral", built.panels, built.panels.flat(np.zeros((1, 2))), None)
-        data.materials.append(materials.of_material("pom"))
+        data.materials.append(materials.sheet_material("pom"))
         place.put(data)
         place.set_up(picture.ABOVE)
         for other in place.scene.objects:

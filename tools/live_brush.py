@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import numpy as np
 import responsiveness
-from flexmaps.bridge.view import dabs, easel
+from flexmaps.bridge.view import dab_queue, paint_session
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import QuadMesh
 from harness import Row, at_most, timed
@@ -49,13 +49,13 @@ def strokes(obj: bpy.types.Object, share: float, count: int = STROKES) -> Held:
     rng = np.random.default_rng(0)
     held = Held()
     for k in range(count):
-        on = easel.easel_of(obj, bpy.context.scene)
-        radius = 0.9 * np.sqrt(share * 4.0 * on.ground.reach.mean() ** 2 * len(on.ground.reach) / np.pi)
-        work = dabs.Dabs(on, ("softer", "stiffer")[k % 2], False)
-        at = rng.integers(len(on.ground.centres))
+        on = paint_session.get_session(obj, bpy.context.scene)
+        radius = 0.9 * np.sqrt(share * 4.0 * on.brush_surface.reach.mean() ** 2 * len(on.brush_surface.reach) / np.pi)
+        work = dab_queue.DabQueue(on, ("softer", "stiffer")[k % 2], False)
+        at = rng.integers(len(on.brush_surface.centres))
         for _ in range(DABS):
             held.dabs.append(_seconds(_dab, work, on, at, radius))
-            while not work.look():
+            while not work.poll():
                 time.sleep(0.001)
         work.wait()
         work.close()
@@ -66,17 +66,17 @@ def strokes(obj: bpy.types.Object, share: float, count: int = STROKES) -> Held:
         held.undone.append(_seconds(_taken_again, obj))
         bpy.ops.ed.redo()
         obj = bpy.context.object
-    easel.forget()
+    paint_session.discard_session()
     return held
 
 
 def _taken_again(obj: bpy.types.Object) -> None:
-    """Measure the work after an undo: the easel takes the former spirals and computes their colours, as the next redraw does."""
-    easel.easel_of(obj, bpy.context.scene).shape.prepared(bpy.context.scene.unit_settings.scale_length)
+    """Measure the work after an undo: the session takes the former spirals and computes their colours, as the next redraw does."""
+    paint_session.get_session(obj, bpy.context.scene).shape.prepare(bpy.context.scene.unit_settings.scale_length)
 
 
-def _dab(work: dabs.Dabs, on: easel.Easel, at: int, radius: float) -> None:
-    ground = on.ground
+def _dab(work: dab_queue.DabQueue, on: paint_session.PaintSession, at: int, radius: float) -> None:
+    ground = on.brush_surface
     work.add([FLOW * ground.weight(ground.centres[at], ground.normals[at], radius)], np.zeros(3))
 
 

@@ -39,7 +39,7 @@ class Followed:
                 return first, time.process_time() - began, shape
 
     def _step(self, call: LiveRequest) -> LiveEquilibrium:
-        from flexmaps.bridge.view.followed import Followed as Picture
+        from flexmaps.bridge.view.live_mode_shape import LiveModeShape as Picture
 
         shape = step_piece(pickle.loads(pickle.dumps(call)))
         assert shape is not None

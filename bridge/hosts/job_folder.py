@@ -103,7 +103,7 @@ def write(
         if pictures:
             simulated = result.simulation is not None
             made = (True, result.flat is not None, simulated, simulated)
-            draws = (picture.layout, picture.panels, picture.shape, picture.overview)
+            draws = (picture.render_layout, picture.render_panels, picture.render_shape, picture.render_overview)
             shares = (0.3, 0.42, 0.55, 0.73)
             for share, wanted, draw, (file, says) in zip(shares, made, draws, PICTURES.items(), strict=True):
                 if wanted:

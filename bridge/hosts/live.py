@@ -17,7 +17,7 @@ from . import background
 if TYPE_CHECKING:
     from ...engine.extras.live.given import LiveInput
     from ...engine.extras.live.live_piece import LiveEquilibrium
-    from ..view.followed import Followed
+    from ..view.live_mode_shape import LiveModeShape
     from .companion import Companion
 
 # seconds between two reads of the object while Blender reports no change, because scripts may change data silently;
@@ -41,7 +41,7 @@ def shape_of(obj: bpy.types.Object) -> LiveEquilibrium | None:
     return following.shape if following is not None and following.uid == obj.session_uid and following.shown else None
 
 
-def shown() -> Followed | None:
+def shown() -> LiveModeShape | None:
     """Return the picture of the live shape that is drawn over the 3D view, or None."""
     return _running[0].shown if _running else None
 
@@ -95,7 +95,7 @@ class ObjectWatcher:
 
     def __init__(self, uid: int):
         self.uid, self.touched = uid, True
-        self.shown: Followed | None = None
+        self.shown: LiveModeShape | None = None
         self.slowest = 0.0
         self.final = False
         self._companion: Companion | None = None
@@ -172,10 +172,10 @@ class ObjectWatcher:
         from .companion import Companion
 
         if self._companion is None:
-            from ..view.followed import Followed
+            from ..view.live_mode_shape import LiveModeShape
 
             unit = bpy.context.scene.unit_settings.scale_length
-            self._companion = Companion(lambda shape: Followed.from_shape(shape, unit))
+            self._companion = Companion(lambda shape: LiveModeShape.from_shape(shape, unit))
         return self._companion
 
     def _take(self) -> None:

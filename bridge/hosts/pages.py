@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
+class PageContent:
     """Content of an HTML page.
 
     described : the report
@@ -35,16 +35,16 @@ class Told:
     """
 
     described: dict[str, Any]
-    drawn: dict[str, Drawing]
-    shown: ViewContent | None
+    plots: dict[str, Drawing]
+    view_content: ViewContent | None
     settings: ObjectSettings
-    lost: FlexMapsError | None = None
+    failure: FlexMapsError | None = None
 
-    def piece(self, progress: Progress = SILENT) -> str | None:
+    def view_json(self, progress: Progress = SILENT) -> str | None:
         """Return the 3D view's data as JSON; None without spirals, or if the settings ask for no 3D view."""
-        if self.shown is None or not self.settings.page.viewer:
+        if self.view_content is None or not self.settings.page.viewer:
             return None
-        return page_data.to_json(self.shown, self.settings, report_page.title_of(self.described), progress)
+        return page_data.to_json(self.view_content, self.settings, report_page.title_of(self.described), progress)
 
 
 def described(piece: Piece | bpy.types.Object) -> dict[str, Any]:
@@ -66,9 +66,9 @@ def write(piece: Piece | bpy.types.Object, out: Path, guard: Guard, progress: Pr
     """
     guard.check([*report_page.stale(out), out / "report.json"], out)
     content = _content_of(piece)
-    view = content.piece(progress.part(0.0, 0.9))
+    view = content.view_json(progress.part(0.0, 0.9))
     with files.write_all_atomically(report_page.stale(out), out, guard) as new:
-        report_page.write(content.described, content.drawn, out, new, progress=progress.part(0.9, 1.0), piece=view)
+        report_page.write(content.described, content.plots, out, new, progress=progress.part(0.9, 1.0), piece=view)
         new(out / "report.json").write_text(json.dumps(content.described, indent=2) + "\n", encoding="utf-8")
     return content.described
 
@@ -90,7 +90,7 @@ def share(piece: Piece | bpy.types.Object, path: Path, guard: Guard, progress: P
     return save(_content_of(piece), path, guard, progress)
 
 
-def save(content: Told, path: Path, guard: Guard, progress: Progress = SILENT) -> Path:
+def save(content: PageContent, path: Path, guard: Guard, progress: Progress = SILENT) -> Path:
     """Write the page to share from its content, and return its path; touches no Blender data.
 
     Parameters
@@ -114,16 +114,16 @@ def save(content: Told, path: Path, guard: Guard, progress: Progress = SILENT) -
     return path
 
 
-def _content_of(piece: Piece | bpy.types.Object) -> Told:
+def _content_of(piece: Piece | bpy.types.Object) -> PageContent:
     if isinstance(piece, Piece):
         figures = described(piece)
         drawn = report_page.draw_plots(piece.result, figures, piece.settings.layout.distortion_limit)
-        return Told(figures, drawn, ViewContent.from_result(piece.result), piece.settings)
-    read = held.taken(piece)
-    return of_object(read.taken.result(), read)
+        return PageContent(figures, drawn, ViewContent.from_result(piece.result), piece.settings)
+    read = held.read_input(piece)
+    return of_object(read.snapshot.result(), read)
 
 
-def of_object(result: Result, read: held.Reported, progress: Progress = SILENT) -> Told:
+def of_object(result: Result, read: held.ReportInput, progress: Progress = SILENT) -> PageContent:
     """Build a page's content from data read of an object; touches no Blender data.
 
     Parameters
@@ -132,5 +132,7 @@ def of_object(result: Result, read: held.Reported, progress: Progress = SILENT) 
     read : data read of the object
     progress : called with a fraction and a text
     """
-    figures, drawn = held.drawn(result, read, progress)
-    return Told(figures, drawn, held.shown(result, read), read.taken.settings, result.lost.get("design"))
+    figures, drawn = held.build_from_input(result, read, progress)
+    return PageContent(
+        figures, drawn, held.view_content(result, read), read.snapshot.settings, result.lost.get("design")
+    )

@@ -81,7 +81,7 @@ def as_object(quads: PolygonMesh, obj: bpy.types.Object, scene: bpy.types.Scene)
     if np.linalg.det(frame[:3, :3]) < 0:
         corners = corners[:, [0, 3, 2, 1]]
     local = (quads.vertices - frame[:3, 3]) @ np.linalg.inv(frame[:3, :3]).T
-    mesh = meshes.polygons(f"{obj.name} quads", local, corners.ravel(), quads.sizes)
+    mesh = meshes.make_polygon_mesh(f"{obj.name} quads", local, corners.ravel(), quads.sizes)
     made = bpy.data.objects.new(mesh.name, mesh)
     made.matrix_world = obj.matrix_world.copy()
     for collection in obj.users_collection or (scene.collection,):

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ...engine.extras.film.assembly_film import Film, Track
 
 KIND, ROOT = "film", "Assembly"
-LAST = "flexmaps_last_frame"  # custom property of the empty: last frame of the animation
+LAST_FRAME = "flexmaps_last_frame"  # custom property of the empty: last frame of the animation
 # seconds of rest before the first panel moves and after the last one has arrived; longer leaves less time for the
 # motion in between; chosen by eye
 LEAD, TAIL = 0.4, 1.2
@@ -68,24 +68,24 @@ def show(
     quad_of, patch_of = film.panels.quad_of, film.panels.design.flat.layout.patch_of
     try:
         for track in film.tracks:
-            made = _panel(obj, scene, film, track, whole)
+            made = _make_panel(obj, scene, film, track, whole)
             if rgb is None:
-                made.data.materials.append(materials.of_material(obj.flexmaps.material.material))
+                made.data.materials.append(materials.sheet_material(obj.flexmaps.material.material))
             else:
-                materials.wear(made.data, rgb[quad_of[patch_of[quad_of] == track.patch]])
+                materials.assign_colours(made.data, rgb[quad_of[patch_of[quad_of] == track.patch]])
             made.parent = root
             _animate_shape(made, track, frame)
             _animate_motion(made, track, frame)
     finally:
         bpy.data.meshes.remove(whole)
     last = int(np.ceil(frame(film.length) + rate * TAIL))
-    root[LAST] = last
+    root[LAST_FRAME] = last
     return root, last
 
 
 def clear(obj: bpy.types.Object) -> None:
     """Remove a model's animation: objects, meshes and unused actions."""
-    for other in collection.of_kinds(obj, KIND):
+    for other in collection.objects_of_kinds(obj, KIND):
         # an object and its shape keys may share an action
         actions = {holder.animation_data.action.name for holder in _animated_data(other)}
         data = other.data
@@ -103,20 +103,20 @@ def _animated_data(obj: bpy.types.Object) -> list[Any]:
     return [holder for holder in held if holder.animation_data.action is not None]
 
 
-def existing(obj: bpy.types.Object) -> list[bpy.types.Object]:
+def find_objects(obj: bpy.types.Object) -> list[bpy.types.Object]:
     """Return the objects of a model's animation, the parent empty first; [] without an animation."""
-    return sorted(collection.of_kinds(obj, KIND), key=lambda o: o.type != "EMPTY")
+    return sorted(collection.objects_of_kinds(obj, KIND), key=lambda o: o.type != "EMPTY")
 
 
 def last_frame(obj: bpy.types.Object) -> int:
     """Return the last frame of a model's animation, which has to exist."""
-    return int(existing(obj)[0][LAST])
+    return int(find_objects(obj)[0][LAST_FRAME])
 
 
 # -- one panel ---------------------------------------------------------------------------------------------------------
 
 
-def _panel(
+def _make_panel(
     obj: bpy.types.Object, scene: bpy.types.Scene, film: Film, track: Track, whole: bpy.types.Mesh
 ) -> bpy.types.Object:
     """Make the object of a panel: its faces, UV map and colours are taken from the mesh of all panels, ``whole``."""
@@ -128,15 +128,15 @@ def _panel(
     corners = np.repeat(faces, panels.sizes)
     number = panel_numbers(panels.design.flat.layout)[track.patch]
     name = f"{obj.name} {ROOT} {number:02d}"
-    mesh = meshes.polygons(name, track.shapes[0], index[panels.corners[corners]], panels.sizes[faces])
+    mesh = meshes.make_polygon_mesh(name, track.shapes[0], index[panels.corners[corners]], panels.sizes[faces])
     uv = np.empty(2 * len(whole.loops), np.float32)
     whole.attributes["flexmaps_flat"].data.foreach_get("vector", uv)
-    meshes.put(mesh, "flexmaps_flat", "CORNER", uv.reshape(-1, 2)[corners])
+    meshes.put_attribute(mesh, "flexmaps_flat", "CORNER", uv.reshape(-1, 2)[corners])
     colour = attributes.read(whole, "flexmaps_colour")
     if colour is not None:
-        meshes.put(mesh, "flexmaps_colour", "POINT", colour[track.vertices])
+        meshes.put_attribute(mesh, "flexmaps_colour", "POINT", colour[track.vertices])
         mesh.attributes.active_color_name = "flexmaps_colour"
-    meshes.smooth(mesh, panels.section[track.vertices])
+    meshes.shade_arms(mesh, panels.section[track.vertices])
     made = bpy.data.objects.new(name, mesh)
     made["flexmaps_kind"] = KIND
     collection.collection_of(obj, scene).objects.link(made)
@@ -154,7 +154,7 @@ def _animate_shape(made: bpy.types.Object, track: Track, frame: Callable[[float]
     for which, time in zip(track.which.tolist(), track.shape_times.tolist(), strict=True):
         keys.eval_time = keys.key_blocks[which].frame
         keys.keyframe_insert("eval_time", frame=frame(time))
-    _set_linear(keys)
+    _interpolate_linearly(keys)
 
 
 def _animate_motion(made: bpy.types.Object, track: Track, frame: Callable[[float], float]) -> None:
@@ -170,17 +170,17 @@ def _animate_motion(made: bpy.types.Object, track: Track, frame: Callable[[float
         made.rotation_quaternion = before = turned
         made.keyframe_insert("location", frame=frame(time))
         made.keyframe_insert("rotation_quaternion", frame=frame(time))
-    _set_linear(made)
+    _interpolate_linearly(made)
 
 
-def _set_linear(holder: bpy.types.ID) -> None:
+def _interpolate_linearly(holder: bpy.types.ID) -> None:
     """Set linear interpolation between keyframes, which are dense enough for it."""
-    for curve in _curves(holder.animation_data):
+    for curve in _fcurves(holder.animation_data):
         for point in curve.keyframe_points:
             point.interpolation = "LINEAR"
 
 
-def _curves(data: bpy.types.ID) -> list[Any]:
+def _fcurves(data: bpy.types.ID) -> list[Any]:
     """Return the action's F-curves; Blender 4.4 and later keep them in layers and slots."""
     action = data.action
     if hasattr(action, "layers") and len(action.layers):

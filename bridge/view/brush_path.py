@@ -10,7 +10,7 @@ from bpy_extras import view3d_utils
 from mathutils import Vector
 
 if TYPE_CHECKING:
-    from .easel import Easel
+    from .paint_session import PaintSession
 
 SPACING = 0.25  # distance between dabs along the path, in brush radii; smaller paints more evenly and takes longer
 # fraction of the brush's strength that one dab applies; with 0.4 the four dabs of a passing brush reach 0.9 of the
@@ -21,13 +21,13 @@ FLOW = 0.4
 class BrushPath:
     """The pointer's path during one stroke over a painted object."""
 
-    def __init__(self, obj: bpy.types.Object, easel: Easel):
+    def __init__(self, obj: bpy.types.Object, session: PaintSession):
         self._object: bpy.types.Object = obj
-        self._easel = easel
+        self._session = session
         self._last: np.ndarray | None = None  # the pointer's last position, in pixels of the region
         self._place: np.ndarray | None = None  # the last dab's position, in the object's frame
 
-    def hit(self, context: bpy.types.Context, x: float, y: float) -> tuple[Any, Any] | None:
+    def cast_ray(self, context: bpy.types.Context, x: float, y: float) -> tuple[Any, Any] | None:
         """Cast a ray through a pixel; return where it hits the object, and the normal there, in the object's frame.
 
         The normal points towards the viewer. Return None if the ray misses.
@@ -47,7 +47,7 @@ class BrushPath:
             return None
         return place, normal if normal.dot(way) < 0.0 else -normal
 
-    def move(self, context: bpy.types.Context, event: bpy.types.Event) -> tuple[list[np.ndarray], np.ndarray] | None:
+    def extend(self, context: bpy.types.Context, event: bpy.types.Event) -> tuple[list[np.ndarray], np.ndarray] | None:
         """Return the dabs that a movement adds; None if it adds none.
 
         Parameters
@@ -70,11 +70,11 @@ class BrushPath:
         self._last = here
         weights, ways = list[np.ndarray](), list[np.ndarray]()
         for k in range(steps):
-            hit = self.hit(context, *(last + (here - last) * (k + 1) / steps))
+            hit = self.cast_ray(context, *(last + (here - last) * (k + 1) / steps))
             if hit is None:
                 self._place = None
                 continue
-            weights.append(self._dab(context, *hit, size))
+            weights.append(self._dab_weights(context, *hit, size))
             place = np.array(hit[0])
             if self._place is not None:
                 ways.append(place - self._place)
@@ -86,7 +86,7 @@ class BrushPath:
         way = np.array(self._object.matrix_world.to_3x3()) @ np.sum([np.zeros(3), *ways], axis=0)
         return [strength * weight for weight in weights], way
 
-    def _dab(self, context: bpy.types.Context, place: Vector, normal: Vector, size: float) -> np.ndarray:
+    def _dab_weights(self, context: bpy.types.Context, place: Vector, normal: Vector, size: float) -> np.ndarray:
         """Return a dab's weights on the quads, including its mirror image in x if the brush mirrors.
 
         ``place`` and ``normal`` are in the object's frame, ``size`` is the radius in pixels.
@@ -102,5 +102,5 @@ class BrushPath:
         for side in sides:
             over = Vector((side, 1.0, 1.0))
             where = np.array(frame @ (place * over)) * scale
-            weights.append(self._easel.ground.weight(where, np.array(turned @ (normal * over)), radius))
+            weights.append(self._session.brush_surface.weight(where, np.array(turned @ (normal * over)), radius))
         return np.max(weights, axis=0)

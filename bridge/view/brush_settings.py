@@ -7,7 +7,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 
 from ..store.objects import usage_problem
 
-PAINTS = (
+BRUSH_ITEMS = (
     ("stiffer", "Stiffer", "Wider arms, less wound; with Ctrl softer"),
     ("softer", "Softer", "Thinner arms, more wound; with Ctrl stiffer"),
     ("smooth", "Smooth", "More like the neighbours; with Shift every brush does that"),
@@ -16,13 +16,13 @@ PAINTS = (
     ("along", "Along", "Arms along the stroke wider and those across it thinner: stiff that way, soft the other; with Ctrl the other way round"),
     ("protect", "Protect", "Optimise and every other brush leave these spirals exactly as they are; with Ctrl not any longer"),
 )  # fmt: skip
-FROM = (
+QUANTITY_ITEMS = (
     ("stiffness", "Stiffness", "Stiffness relative to the allowed range: 0 is the softest, 1 the stiffest"),
-    *PAINTS,
+    *BRUSH_ITEMS,
 )
 
 
-def sources(self: bpy.types.PropertyGroup, context: bpy.types.Context, text: str) -> list[str]:
+def search_sources(self: bpy.types.PropertyGroup, context: bpy.types.Context, text: str) -> list[str]:
     """List vertex groups, colours and other attributes of the active object, as choices of the field *From*.
 
     Parameters
@@ -38,7 +38,7 @@ def sources(self: bpy.types.PropertyGroup, context: bpy.types.Context, text: str
 class BrushSettings(bpy.types.PropertyGroup):
     """Settings of the brush, stored in the window manager because they do not belong to a file."""
 
-    brush: EnumProperty(name="Brush", items=PAINTS)  # type: ignore[valid-type]
+    brush: EnumProperty(name="Brush", items=BRUSH_ITEMS)  # type: ignore[valid-type]
     size: IntProperty(  # type: ignore[valid-type]
         name="Size",
         description="Radius of the brush in pixels; F changes it in the view",
@@ -65,9 +65,9 @@ class BrushSettings(bpy.types.PropertyGroup):
         default=True,
     )
     mirror: BoolProperty(name="Mirror X", description="Paint the other side of the object's x too")  # type: ignore[valid-type]
-    what: EnumProperty(name="Sets", items=FROM)  # type: ignore[valid-type]
+    what: EnumProperty(name="Sets", items=QUANTITY_ITEMS)  # type: ignore[valid-type]
     source: StringProperty(  # type: ignore[valid-type]
-        name="From", description="A vertex group, a colour or other numbers of this object", search=sources
+        name="From", description="A vertex group, a colour or other numbers of this object", search=search_sources
     )
     direction: EnumProperty(  # type: ignore[valid-type]
         name="Along",

@@ -13,7 +13,7 @@ from ...engine.arrays import Float
 
 def collection_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Collection:
     """Return the model's collection; create it if missing, and rename it if the model was renamed."""
-    own = existing(obj)
+    own = find(obj)
     if own is None:
         own = bpy.data.collections.new(f"FlexMaps {obj.name}")
     if own not in scene.collection.children_recursive:  # new, or appended from another file
@@ -25,7 +25,7 @@ def collection_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Co
     return own
 
 
-def existing(obj: bpy.types.Object) -> bpy.types.Collection | None:
+def find(obj: bpy.types.Object) -> bpy.types.Collection | None:
     """Return the model's collection, or None; a duplicate of a model does not get the original's collection."""
     own = obj.get("flexmaps_collection")
     if not isinstance(own, bpy.types.Collection):
@@ -37,15 +37,15 @@ def existing(obj: bpy.types.Object) -> bpy.types.Collection | None:
     return own
 
 
-def left_over(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
+def find_orphans(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
     """Return the collections in the scene whose model was deleted; quick enough for every redraw of the sidebar."""
-    owned = {own.session_uid for own in map(_pointed_at, bpy.data.objects) if own is not None}
+    owned = {own.session_uid for own in map(_stored_collection, bpy.data.objects) if own is not None}
     return [
         one for one in scene.collection.children_recursive if "flexmaps_owner" in one and one.session_uid not in owned
     ]
 
 
-def _pointed_at(obj: bpy.types.Object) -> bpy.types.Collection | None:
+def _stored_collection(obj: bpy.types.Object) -> bpy.types.Collection | None:
     own = obj.get("flexmaps_collection")
     return own if isinstance(own, bpy.types.Collection) else None
 
@@ -59,7 +59,7 @@ def remove(own: bpy.types.Collection) -> None:
     bpy.data.batch_remove([one for one in dict.fromkeys(data) if one.users == 0])
 
 
-def of_kinds(obj: bpy.types.Object, *kinds: str) -> list[bpy.types.Object]:
+def objects_of_kinds(obj: bpy.types.Object, *kinds: str) -> list[bpy.types.Object]:
     """Return objects in the model's collection by kind.
 
     Parameters
@@ -67,7 +67,7 @@ def of_kinds(obj: bpy.types.Object, *kinds: str) -> list[bpy.types.Object]:
     obj : the model
     kinds : values of the custom property ``flexmaps_kind`` to look for
     """
-    own = existing(obj)
+    own = find(obj)
     return [] if own is None else [o for o in own.objects if o.get("flexmaps_kind") in kinds]
 
 
@@ -79,14 +79,14 @@ def clear(obj: bpy.types.Object, kinds: tuple[str, ...] = ("panels", "backs", "s
     obj : the model
     kinds : values of the custom property ``flexmaps_kind`` to delete
     """
-    for other in of_kinds(obj, *kinds):
+    for other in objects_of_kinds(obj, *kinds):
         data = other.data
         bpy.data.objects.remove(other)
         if data is not None and data.users == 0:
             (bpy.data.meshes if isinstance(data, bpy.types.Mesh) else bpy.data.curves).remove(data)
 
 
-def origin(obj: bpy.types.Object, scene: bpy.types.Scene, gap: float) -> Float[np.ndarray, " 3"]:
+def layout_corner(obj: bpy.types.Object, scene: bpy.types.Scene, gap: float) -> Float[np.ndarray, " 3"]:
     """Return the upper left corner of the flat layout in metres: right of the model, at its lowest height.
 
     Parameters
@@ -94,12 +94,12 @@ def origin(obj: bpy.types.Object, scene: bpy.types.Scene, gap: float) -> Float[n
     obj, scene : the model and its scene
     gap : distance from the model, metres
     """
-    box = box_of(obj) * scene.unit_settings.scale_length
+    box = bounding_corners(obj) * scene.unit_settings.scale_length
     low, high = box.min(axis=0), box.max(axis=0)
     return np.array([high[0] + gap, high[1], low[2]])
 
 
-def box_of(obj: bpy.types.Object) -> Float[np.ndarray, "8 3"]:
+def bounding_corners(obj: bpy.types.Object) -> Float[np.ndarray, "8 3"]:
     """Return the corners of the object's bounding box in world axes, in the scene's unit."""
     from mathutils import Vector
 

@@ -17,7 +17,7 @@ from ..store.columns import column
 from .legend import Legend
 
 
-class Kind(NamedTuple):
+class ValueKind(NamedTuple):
     """A kind of value that quads can be coloured by.
 
     attribute : attribute of the mesh with the values
@@ -33,52 +33,55 @@ class Kind(NamedTuple):
 
 
 KINDS = {
-    "PATCH": Kind("flexmaps_patch", "Panels", "", "Panels", "One colour per panel"),
-    "ENERGY": Kind("flexmaps_energy", "Distortion E", "", "Distortion", "Distortion of every quad when it is flattened"),
-    "SQUARE": Kind("flexmaps_square", "Distance from a square", "", "Squareness", "Difference of every quad from a square"),
-    "STIFFNESS": Kind(
+    "PATCH": ValueKind("flexmaps_patch", "Panels", "", "Panels", "One colour per panel"),
+    "ENERGY": ValueKind("flexmaps_energy", "Distortion E", "", "Distortion", "Distortion of every quad when it is flattened"),
+    "SQUARE": ValueKind("flexmaps_square", "Distance from a square", "", "Squareness", "Difference of every quad from a square"),
+    "STIFFNESS": ValueKind(
         "flexmaps_stiffness", "Stiffness of the arms", "N\u00b7mm/rad", "Stiffness",
         "Mean bending stiffness of the arms of every spiral",
     ),
-    "WIDTH": Kind("flexmaps_width", "Width", "mm", "Arm width", "Mean width of the spirals' arms"),
-    "ANISOTROPY": Kind(
+    "WIDTH": ValueKind("flexmaps_width", "Width", "mm", "Arm width", "Mean width of the spirals' arms"),
+    "ANISOTROPY": ValueKind(
         "flexmaps_width", "Anisotropy", "%", "Anisotropy",
         "Difference between the two pairs of opposite arms; the length of a bar is the width of a pair",
     ),
-    "TWIST": Kind("flexmaps_twist", "Twist", "\N{DEGREE SIGN}", "Twist", "Twist of the spirals"),
-    "DISTANCE": Kind(
+    "TWIST": ValueKind("flexmaps_twist", "Twist", "\N{DEGREE SIGN}", "Twist", "Twist of the spirals"),
+    "DISTANCE": ValueKind(
         "flexmaps_distance", "Distance to target", "mm", "Distance", "Distance of the simulated shape from the target"
     ),
-    "STRAIN_ENERGY": Kind(
+    "STRAIN_ENERGY": ValueKind(
         "flexmaps_strain_energy", "Strain energy", "mJ", "Energy", "Elastic energy in every spiral of the simulated shape"
     ),
-    "SAFETY": Kind(
+    "SAFETY": ValueKind(
         "flexmaps_strain", "Strain", "%", "Strain",
         "Largest strain on the surface of every spiral's arms, without fillets, against what the material bears",
     ),
-    "SLOT": Kind(
+    "SLOT": ValueKind(
         "flexmaps_slot", "Slots", "mm", "Gaps", "Narrowest gap beside the arms of every spiral in the simulated shape"
     ),
-    "REACH": Kind(
+    "REACH": ValueKind(
         "flexmaps_reach", "What limits the match", "", "Limits", "Reason why each spiral does not bend as the target does"
     ),
-    "UTILISATION": Kind(
+    "UTILISATION": ValueKind(
         "flexmaps_utilisation", "Utilisation", "%", "Loads",
         "Largest strain of every spiral's arms under the load cases, as a share of the limit",
     ),
-    "SCAN": Kind(
+    "SCAN": ValueKind(
         "flexmaps_scan", "Distance of the scan", "mm", "Scan",
         "Distance of the scanned piece from the simulated shape",
     ),
 }  # fmt: skip
-ITEMS = [("NONE", "No colours", "No colours"), *((kind, one.name, one.explanation) for kind, one in KINDS.items())]
-SIMULATED = ("DISTANCE", "STRAIN_ENERGY", "REACH", "SAFETY", "SLOT")
+OVERLAY_ITEMS = [
+    ("NONE", "No colours", "No colours"),
+    *((kind, one.name, one.explanation) for kind, one in KINDS.items()),
+]
+SIMULATED_KINDS = ("DISTANCE", "STRAIN_ENERGY", "REACH", "SAFETY", "SLOT")
 # upper end of the colour scale of "SQUARE" (dimensionless); larger hides differences between good quads, smaller
 # saturates bad ones
 SQUARE_HIGH = 0.25
 
 
-def per_quad(kind: str, values: np.ndarray) -> Shaped[np.ndarray, " quads"]:
+def to_quad_values(kind: str, values: np.ndarray) -> Shaped[np.ndarray, " quads"]:
     """Convert an attribute's values to one value per quad.
 
     The attribute of widths has four values per quad: "WIDTH" takes their mean, "ANISOTROPY" the difference between the
@@ -91,7 +94,7 @@ def per_quad(kind: str, values: np.ndarray) -> Shaped[np.ndarray, " quads"]:
     return 100 * anisotropy(attributes.corners_by_face(values)) if kind == "ANISOTROPY" else values
 
 
-def painted(
+def colours_and_legend(
     obj: bpy.types.Object, kind: str, values: Shaped[np.ndarray, " quads"]
 ) -> tuple[Float[np.ndarray, "quads 3"], Legend]:
     """Return linear colours of the quads, (F, 3), and the legend.
@@ -100,37 +103,37 @@ def painted(
     ----------
     obj : the mesh object
     kind : a key of ``KINDS``
-    values : one value per quad, from ``per_quad``
+    values : one value per quad, from ``to_quad_values``
     """
     _, label, unit, *_ = KINDS[kind]
     if kind == "PATCH":
         count = int(values.max()) + 1
         return colours.patch_colours(count)[values.astype(int)], Legend("1 panel" if count == 1 else f"{count} panels")
     if kind == "REACH":
-        return _limits(values.astype(int))
+        return _reason_colours(values.astype(int))
     low, high = float(values.min()), float(values.max())
     if kind == "STIFFNESS":
         shares = stiffness_share(values, low, high)
         return colours.map_to_scale(shares, 0.0, 1.0, colours.QUANTITY_SCALE), stiffness_legend(low, high)
     if kind in {"ENERGY", "SQUARE"}:
         limit = obj.flexmaps.layout.distortion_limit if kind == "ENERGY" else SQUARE_HIGH
-        return _errors(values, limit, f"{label}, largest {values.max():.3f}", f"{limit:.3g}")
+        return _error_colours(values, limit, f"{label}, largest {values.max():.3f}", f"{limit:.3g}")
     if kind in {"SAFETY", "UTILISATION"}:
         what = "Strain" if kind == "SAFETY" else "Under loads"
-        return _errors(values, 1.0, f"{what}, largest {100 * values.max():.0f} % of the limit", "limit")
+        return _error_colours(values, 1.0, f"{what}, largest {100 * values.max():.0f} % of the limit", "limit")
     if kind == "SLOT":
         high = max(high, colours.LEAST_SLOT)
         text = f"Slots in this shape, narrowest {low:.2f} mm"
-        return _errors(high - values, high, text, "closed", f"{high:.2g} mm")
+        return _error_colours(high - values, high, text, "closed", f"{high:.2g} mm")
     if kind == "SCAN":
         high = max(high, colours.LEAST_DISTANCE)
         text = f"{label}, grey where there is none"
-        rgb, legend = _errors(np.maximum(values, 0.0), high, text, f"{high:.3g} mm")
+        rgb, legend = _error_colours(np.maximum(values, 0.0), high, text, f"{high:.3g} mm")
         rgb[values < 0] = colours.linear(colours.MISSING_GREY)
         return rgb, legend
     if kind == "DISTANCE":
         high = max(high, colours.LEAST_DISTANCE)
-        return _errors(values, high, label, f"{high:.3g} mm")
+        return _error_colours(values, high, label, f"{high:.3g} mm")
     if kind == "ANISOTROPY":
         low, high = 0.0, max(high, colours.LEAST_ANISOTROPY)
     if kind == "STRAIN_ENERGY":
@@ -140,7 +143,7 @@ def painted(
     return colours.map_to_scale(values, low, high, colours.QUANTITY_SCALE), legend
 
 
-def _errors(
+def _error_colours(
     values: np.ndarray, high: float, text: str, most: str, least: str = "0"
 ) -> tuple[Float[np.ndarray, "quads 3"], Legend]:
     """Map values to the error colour scale, and return colours and legend.
@@ -167,7 +170,7 @@ def stiffness_legend(low: float, high: float) -> Legend:
     return Legend(f"{label} (logarithmic)", f"{low:.3g} {unit}", f"{high:.3g} {unit}", colours.QUANTITY_SCALE)
 
 
-def _limits(kinds: Int[np.ndarray, " quads"]) -> tuple[Float[np.ndarray, "quads 3"], Legend]:
+def _reason_colours(kinds: Int[np.ndarray, " quads"]) -> tuple[Float[np.ndarray, "quads 3"], Legend]:
     """Return colours and legend of the reasons why spirals miss the target; ``kinds`` are indices of the reasons."""
     from ...engine.optimisation.reach import REASON_NAMES
 
@@ -179,14 +182,14 @@ def _limits(kinds: Int[np.ndarray, " quads"]) -> tuple[Float[np.ndarray, "quads 
 
 
 def legend_of(obj: bpy.types.Object, kind: str) -> Legend:
-    """Return the legend of the colours of a kind that ``store`` has written into the mesh."""
+    """Return the legend of the colours of a kind that ``store_colours`` has written into the mesh."""
     with attributes.readable_mesh(obj) as mesh:
         values = attributes.read(mesh, KINDS[kind].attribute)
     assert values is not None
-    return painted(obj, kind, per_quad(kind, values))[1]
+    return colours_and_legend(obj, kind, to_quad_values(kind, values))[1]
 
 
-def store(obj: bpy.types.Object, kind: str, *, afresh: bool = False) -> bool:
+def store_colours(obj: bpy.types.Object, kind: str, *, recompute: bool = False) -> bool:
     """Write the colours of a kind into the mesh's active colour attribute.
 
     Return False if there are no up-to-date values of this kind, for example because their stage has not run.
@@ -195,19 +198,19 @@ def store(obj: bpy.types.Object, kind: str, *, afresh: bool = False) -> bool:
     ----------
     obj : the mesh object
     kind : a key of ``KINDS``
-    afresh : recompute the stiffness, which is stored for colours only, such as after a change of material
+    recompute : recompute the stiffness, which is stored for colours only, such as after a change of material
     """
-    if not current(obj, kind):
+    if not is_current(obj, kind):
         return False
-    if kind == "STIFFNESS" and (afresh or not attributes.has(obj, KINDS[kind].attribute)):
-        _measure_stiffness(obj)
+    if kind == "STIFFNESS" and (recompute or not attributes.has(obj, KINDS[kind].attribute)):
+        _store_stiffness(obj)
     with attributes.readable_mesh(obj) as mesh:
         values = attributes.read(mesh, KINDS[kind].attribute)
         sizes = column(mesh.polygons, "loop_total")
     if values is None or (sizes != 4).any():
         return False
-    values = per_quad(kind, values)
-    rgb, _ = painted(obj, kind, values)
+    values = to_quad_values(kind, values)
+    rgb, _ = colours_and_legend(obj, kind, values)
     rgba = np.repeat(np.c_[rgb, np.ones(len(rgb))], sizes, axis=0)
     attributes.write(obj, "flexmaps_colour", "CORNER", "FLOAT_COLOR", rgba)
     if not obj.data.is_editmode:
@@ -215,7 +218,7 @@ def store(obj: bpy.types.Object, kind: str, *, afresh: bool = False) -> bool:
     return True
 
 
-def _measure_stiffness(obj: bpy.types.Object) -> None:
+def _store_stiffness(obj: bpy.types.Object) -> None:
     """Compute and store the spirals' stiffness; remove it if there are no spirals or the arm model excludes them."""
     from ...engine.mechanics.arms.spiral_stiffness import spiral_stiffness
     from ..store import mesh, snapshot
@@ -230,10 +233,10 @@ def _measure_stiffness(obj: bpy.types.Object) -> None:
             fields.write_stiffness(obj, values)
 
 
-def current(obj: bpy.types.Object, kind: str) -> bool:
+def is_current(obj: bpy.types.Object, kind: str) -> bool:
     """Return whether the values of a kind are up to date; out-of-date values are not shown."""
     if kind == "SCAN":
         return scans.is_current(obj, bpy.context.scene)
     if kind == "UTILISATION":
         return not states.is_stale(obj, bpy.context.scene, "structure")
-    return kind not in SIMULATED or not states.is_stale(obj, bpy.context.scene, "equilibrium")
+    return kind not in SIMULATED_KINDS or not states.is_stale(obj, bpy.context.scene, "equilibrium")

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ...engine.spirals.curves.arcs import Curve
 
 
-def lines(name: str, polylines: list[Float[np.ndarray, "_ 3"]], radius: float, sides: int = 8) -> bpy.types.Curve:
+def make_lines(name: str, polylines: list[Float[np.ndarray, "_ 3"]], radius: float, sides: int = 8) -> bpy.types.Curve:
     """Make a curve of round lines along polylines; a polyline with equal first and last points is closed.
 
     Parameters
@@ -38,7 +38,7 @@ def lines(name: str, polylines: list[Float[np.ndarray, "_ 3"]], radius: float, s
     return curve
 
 
-def chains(pairs: Int[np.ndarray, "edges 2"]) -> list[Int[np.ndarray, " _"]]:
+def join_chains(pairs: Int[np.ndarray, "edges 2"]) -> list[Int[np.ndarray, " _"]]:
     """Join edges (vertex pairs) into chains of vertices; chains end at vertices of one, or of more than two edges."""
     import shapely
 
@@ -47,7 +47,7 @@ def chains(pairs: Int[np.ndarray, "edges 2"]) -> list[Int[np.ndarray, " _"]]:
     return [shapely.get_coordinates(line)[:, 0].astype(int) for line in shapely.get_parts(merged)]
 
 
-def drawing(name: str, curves: Sequence[Curve]) -> bpy.types.Curve:
+def make_outlines(name: str, curves: Sequence[Curve]) -> bpy.types.Curve:
     """Convert closed curves of circular arcs to Blender's Bezier curves, without thickness."""
     made = bpy.data.curves.new(name, "CURVE")
     made.dimensions = "2D"
@@ -56,14 +56,14 @@ def drawing(name: str, curves: Sequence[Curve]) -> bpy.types.Curve:
     for curve in curves:
         spline = made.splines.new("BEZIER")
         spline.bezier_points.add(len(curve.points) - 1)
-        for attribute, values in zip(("co", "handle_left", "handle_right"), bezier(curve), strict=True):
+        for attribute, values in zip(("co", "handle_left", "handle_right"), to_bezier(curve), strict=True):
             flat = np.c_[values, np.zeros(len(values))].astype(np.float32)
             spline.bezier_points.foreach_set(attribute, flat.ravel())
         spline.use_cyclic_u = True
     return made
 
 
-def bezier(
+def to_bezier(
     curve: Curve,
 ) -> tuple[Float[np.ndarray, "knots 2"], Float[np.ndarray, "knots 2"], Float[np.ndarray, "knots 2"]]:
     """Return knots, left and right handles of the Bezier curve that approximates a closed curve of circular arcs.

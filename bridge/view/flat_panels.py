@@ -18,9 +18,9 @@ from ...engine.progress import SILENT, Progress
 from ..store import stored_report
 from ..store.objects import find_by_uid
 from . import collection
-from .curves import chains, drawing, lines
-from .materials import material, wear
-from .meshes import paint, polygons, quads
+from .curves import join_chains, make_lines, make_outlines
+from .materials import assign_colours, plain_material
+from .meshes import make_polygon_mesh, make_quad_mesh, set_corner_colours
 
 if TYPE_CHECKING:
     from ...engine.display.solids import PolygonSolid
@@ -30,17 +30,21 @@ if TYPE_CHECKING:
     from ...engine.spirals.design import SpiralDesign
     from ..store.surface import ObjectSurface
 
-LOOK = "flexmaps_look"  # custom property of the panels' object: settings that its connectors were drawn with
-PLAIN = "plain"  # value of LOOK for panels drawn without connectors and outlines; Export redraws them
+FINGERPRINT_KEY = "flexmaps_look"  # custom property of the panels' object: settings that its connectors were drawn with
+NO_CONNECTORS = (
+    "plain"  # value of FINGERPRINT_KEY for panels drawn without connectors and outlines; Export redraws them
+)
 # fraction of white in the filled patches below the spirals, which show the colours from afar, where the spirals' lines
 # are too thin; larger is paler; chosen by eye
-PALE = 0.35
-LINE = 0.03  # radius of a drawn line, in median edge lengths; larger is easier to see and hides more; chosen by eye
+WHITE_SHARE = 0.35
+LINE_RADIUS = (
+    0.03  # radius of a drawn line, in median edge lengths; larger is easier to see and hides more; chosen by eye
+)
 
 
 def panels_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
     """Return the objects that show the panels of a model."""
-    return collection.of_kinds(obj, "panels")
+    return collection.objects_of_kinds(obj, "panels")
 
 
 def show_flat(
@@ -56,26 +60,26 @@ def show_flat(
     """
     collection.clear(obj)
     edge = flat.layout.mesh.median_edge
-    place = collection.origin(obj, scene, 3 * edge)
-    points = _points(flat, centres)
+    place = collection.layout_corner(obj, scene, 3 * edge)
+    points = _points_in_space(flat, centres)
     collection.add(obj, scene, "panels", "panels", _filled_mesh(f"{obj.name} panels", flat, points), place)
 
     sides = flat.layout.outline_sides
     quad, side = np.nonzero(sides)
     seams = flat.layout.seam_of[flat.layout.mesh.quad_edges[quad, side]]  # -1 at the border
     pairs = flat.layout.flat_corners[quad[:, None], np.stack([side, (side + 1) % 4], axis=1)]
-    runs = [(points[run], seam) for seam in np.unique(seams).tolist() for run in chains(pairs[seams == seam])]
-    curve = lines(f"{obj.name} seams", [r[0] for r in runs], LINE * edge)
+    runs = [(points[run], seam) for seam in np.unique(seams).tolist() for run in join_chains(pairs[seams == seam])]
+    curve = make_lines(f"{obj.name} seams", [r[0] for r in runs], LINE_RADIUS * edge)
     palette = colours.seam_colours(len(flat.layout.seams))  # same colours as on the assembly sheet
     for k, colour in enumerate(palette):
-        curve.materials.append(material(f"FlexMaps seam {k + 1:02d}", colour))
-    curve.materials.append(material("FlexMaps border", colours.linear(colours.SEAM)))
+        curve.materials.append(plain_material(f"FlexMaps seam {k + 1:02d}", colour))
+    curve.materials.append(plain_material("FlexMaps border", colours.linear(colours.SEAM)))
     for spline, (_, seam) in zip(curve.splines, runs, strict=True):
         spline.material_index = seam if seam >= 0 else len(palette)
     collection.add(obj, scene, "seams", "seams", curve, place)
 
 
-def _points(flat: FlatPatches, centres: Float[np.ndarray, "patches 2"]) -> Float[np.ndarray, "vertices 3"]:
+def _points_in_space(flat: FlatPatches, centres: Float[np.ndarray, "patches 2"]) -> Float[np.ndarray, "vertices 3"]:
     """Return the flat vertices in metres; ``centres`` are the positions of the patches' origins."""
     points = np.zeros((len(flat.points), 3))
     points[flat.layout.flat_corners, :2] = flat.corners + centres[flat.layout.patch_of][:, None]
@@ -86,15 +90,15 @@ def _filled_mesh(
     name: str, flat: FlatPatches, points: Float[np.ndarray, "vertices 3"], white: float = 0.0
 ) -> bpy.types.Mesh:
     """Make a mesh of the flat patches in their colours, mixed with a fraction of white (0 to 1)."""
-    mesh = quads(name, points, flat.layout.flat_corners)
+    mesh = make_quad_mesh(name, points, flat.layout.flat_corners)
     rgb = colours.patch_colours(len(flat.layout.patches))[flat.layout.patch_of]
     rgb = white + (1.0 - white) * rgb
-    paint(mesh, np.repeat(rgb, 4, axis=0))
-    wear(mesh, rgb)
+    set_corner_colours(mesh, np.repeat(rgb, 4, axis=0))
+    assign_colours(mesh, rgb)
     return mesh
 
 
-def look_of(settings: ObjectSettings) -> str:
+def connector_fingerprint(settings: ObjectSettings) -> str:
     """Return all settings that the drawn connectors depend on, as a text to compare."""
     return f"{settings.connect}, mill {settings.cut.mill:g}"
 
@@ -103,14 +107,14 @@ def look_of(settings: ObjectSettings) -> str:
 class PanelDrawing:
     """The panels of a design as solids and as exact outlines, computed and ready to be shown beside the model.
 
-    look : settings of the connectors (from ``look_of``), ``PLAIN`` without connectors, or "" if drawn as on the sheets
+    fingerprint : settings of the connectors (from ``connector_fingerprint``), ``NO_CONNECTORS`` without connectors, or "" if drawn as on the sheets
     centres : position of every panel's origin, metres
     solid : mesh of all panels
     outlines : for every panel the outer curve, then its holes, in its patch's frame
     """
 
     design: SpiralDesign
-    look: str
+    fingerprint: str
     centres: Float[np.ndarray, "patches 2"]
     solid: PolygonSolid
     outlines: Sequence[Sequence[Curve]]
@@ -133,10 +137,10 @@ class PanelDrawing:
             made = connect.connect(design, settings.connect, tolerance, progress, settings.cut.mill)
         except FlexMapsError:  # Export reports the reason
             made = connect.connect(design, ConnectorParams(connector="none"), tolerance)
-        return cls.connected(design, made, settings)
+        return cls.from_connections(design, made, settings)
 
     @classmethod
-    def connected(cls, design: SpiralDesign, connections: Connections, settings: ObjectSettings) -> PanelDrawing:
+    def from_connections(cls, design: SpiralDesign, connections: Connections, settings: ObjectSettings) -> PanelDrawing:
         """Draw the panels with connectors that are already computed.
 
         Parameters
@@ -149,15 +153,17 @@ class PanelDrawing:
 
         centres = arrange.side_by_side(design.flat)
         outlines = [(o.outer, *o.holes) for o in connections.outlines]
-        return cls(design, look_of(settings), centres, solids.light(design, centres, connections.tips), outlines)
+        return cls(
+            design, connector_fingerprint(settings), centres, solids.light(design, centres, connections.tips), outlines
+        )
 
     @classmethod
-    def plain(cls, design: SpiralDesign) -> PanelDrawing:
+    def without_connectors(cls, design: SpiralDesign) -> PanelDrawing:
         """Draw the panels quickly, without connectors and outlines; Export replaces this drawing."""
         from ...engine.display import arrange, solids
 
         centres = arrange.side_by_side(design.flat)
-        return cls(design, PLAIN, centres, solids.light(design, centres), [])
+        return cls(design, NO_CONNECTORS, centres, solids.light(design, centres), [])
 
     def write(
         self, obj: bpy.types.Object, surface: ObjectSurface, spirals: dict[str, Any], layout: dict[str, Any] | None
@@ -178,16 +184,16 @@ class PanelDrawing:
         mesh.write_design(obj, surface, self.design)
         stored_report.write(obj.data, "spirals", spirals)
 
-    def mesh(self, name: str) -> bpy.types.Mesh:
+    def make_mesh(self, name: str) -> bpy.types.Mesh:
         """Make the coloured mesh of all panels, in metres."""
-        mesh = polygons(f"{name} panels", self.solid.vertices, self.solid.corners, self.solid.sizes)
-        rgb, palette, of = self.coloured
-        paint(mesh, rgb)
-        wear(mesh, palette, of)
+        mesh = make_polygon_mesh(f"{name} panels", self.solid.vertices, self.solid.corners, self.solid.sizes)
+        rgb, palette, of = self.colour_arrays
+        set_corner_colours(mesh, rgb)
+        assign_colours(mesh, palette, of)
         return mesh
 
     @cached_property
-    def coloured(
+    def colour_arrays(
         self,
     ) -> tuple[Float[np.ndarray, "corners 3"], Float[np.ndarray, "colours 3"], Int[np.ndarray, " faces"]]:
         """Return the linear colour of every face corner, the list of colours in use, and each face's index into it."""
@@ -200,7 +206,9 @@ class PanelDrawing:
         used = np.flatnonzero(np.bincount(row))
         return np.repeat(palette[row], self.solid.sizes, axis=0), palette[used], np.searchsorted(used, row)
 
-    def stand(self, obj: bpy.types.Object, scene: bpy.types.Scene, mesh: bpy.types.Mesh) -> Float[np.ndarray, " 3"]:
+    def place_mesh(
+        self, obj: bpy.types.Object, scene: bpy.types.Scene, mesh: bpy.types.Mesh
+    ) -> Float[np.ndarray, " 3"]:
         """Put the panels' mesh beside the model, replacing earlier panels; return its position in metres.
 
         Parameters
@@ -210,13 +218,13 @@ class PanelDrawing:
         mesh : mesh of the panels
         """
         collection.clear(obj)
-        place = collection.origin(obj, scene, 3 * self.design.flat.layout.mesh.median_edge)
+        place = collection.layout_corner(obj, scene, 3 * self.design.flat.layout.mesh.median_edge)
         made = collection.add(obj, scene, "panels", "panels", mesh, place)
-        if self.look:
-            made[LOOK] = self.look
+        if self.fingerprint:
+            made[FINGERPRINT_KEY] = self.fingerprint
         flat = self.design.flat
-        below = place - np.array([0.0, 0.0, LINE * flat.layout.mesh.median_edge])
-        back = _filled_mesh(f"{obj.name} backs", flat, _points(flat, self.centres), PALE)
+        below = place - np.array([0.0, 0.0, LINE_RADIUS * flat.layout.mesh.median_edge])
+        back = _filled_mesh(f"{obj.name} backs", flat, _points_in_space(flat, self.centres), WHITE_SHARE)
         shown = collection.add(obj, scene, "backs", "backs", back, below)
         shown.hide_render = shown.hide_select = True
         if self.solid.flat:  # only the upper side is modelled: add the thickness in renders
@@ -237,11 +245,11 @@ class PanelDrawing:
         FlexMapsError : the model was deleted between two steps
         """
         uid = obj.session_uid
-        place = self.stand(obj, scene, self.mesh(obj.name))
+        place = self.place_mesh(obj, scene, self.make_mesh(obj.name))
         for k, curves in enumerate(self.outlines):
             yield
             obj = find_by_uid(uid)
-            data = drawing(f"{obj.name} outline {k + 1}", curves)
+            data = make_outlines(f"{obj.name} outline {k + 1}", curves)
             lift = np.array([*self.centres[k], 1.02 * self.design.params.thickness])
             made = collection.add(obj, scene, "outlines", f"outline {k + 1}", data, place + lift)
             made.hide_render = True

@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from ..store.surface import ObjectSurface
 
 
-FRAMED = "flexmaps_framed"  # custom property of a model: the views were already framed on its panels
+FRAMED_KEY = "flexmaps_framed"  # custom property of a model: the views were already framed on its panels
 
 
-def follow(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> None:
+def scale_views(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> None:
     """Move every 3D view so that an object, scaled about its origin, looks as large as before; camera views stay.
 
     Otherwise a sphere of 2 m that is scaled to 0.2 m would become a dot.
@@ -29,14 +29,14 @@ def follow(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> 
     factor : scale factor of the object
     """
     origin = obj.matrix_world.translation
-    for _, area in _views(context):
+    for _, area in _view_areas(context):
         region = area.spaces.active.region_3d
         if region is not None and region.view_perspective != "CAMERA":
             region.view_location = origin + (region.view_location - origin) * factor
             region.view_distance *= factor
 
 
-def frame(context: bpy.types.Context, *others: bpy.types.Object) -> None:
+def frame_views(context: bpy.types.Context, *others: bpy.types.Object) -> None:
     """Frame the selection and further objects in all 3D views, in the part that sidebar and toolbar leave free.
 
     Blender's *Frame Selected* runs first, because it leaves camera views and works in every mode.
@@ -51,16 +51,16 @@ def frame(context: bpy.types.Context, *others: bpy.types.Object) -> None:
     beside = [other for other in others if not other.select_get() and other.visible_get()]
     for other in beside:
         other.select_set(True)
-    for window, area in _views(context):
+    for window, area in _view_areas(context):
         region = next(region for region in area.regions if region.type == "WINDOW")
         with context.temp_override(window=window, area=area, region=region):
             bpy.ops.view3d.view_selected()
-            free_part.fill(context, area, region)
+            free_part.frame_selection(context, area, region)
     for other in beside:
         other.select_set(False)
 
 
-def select_alone(context: bpy.types.Context, obj: bpy.types.Object, layer: bpy.types.ViewLayer) -> None:
+def select_only(context: bpy.types.Context, obj: bpy.types.Object, layer: bpy.types.ViewLayer) -> None:
     """Make an object active and the only selected one, and frame it in the views.
 
     Parameters
@@ -73,16 +73,16 @@ def select_alone(context: bpy.types.Context, obj: bpy.types.Object, layer: bpy.t
         other.select_set(other == obj, view_layer=layer)
     layer.objects.active = obj
     layer.update()
-    frame(context)
+    frame_views(context)
 
 
-def _views(context: bpy.types.Context) -> Iterator[tuple[Any, Any]]:
+def _view_areas(context: bpy.types.Context) -> Iterator[tuple[Any, Any]]:
     """Yield window and area of every 3D view."""
     for window in context.window_manager.windows:
         yield from ((window, area) for area in window.screen.areas if area.type == "VIEW_3D")
 
 
-def reveal(
+def select_places(
     context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, faces: list[int], edges: list[int]
 ) -> None:
     """Select faces and edges of an object's mesh.
@@ -108,7 +108,7 @@ def reveal(
     attributes.select(obj, np.asarray(faces, dtype=int), surface.edge_of[culprits] if len(culprits) else culprits)
 
 
-def show_place(context: bpy.types.Context, faces: list[int], edges: list[int]) -> None:
+def select_and_frame(context: bpy.types.Context, faces: list[int], edges: list[int]) -> None:
     """Select faces and edges of the active object, and frame them in the views.
 
     Parameters
@@ -125,8 +125,8 @@ def show_place(context: bpy.types.Context, faces: list[int], edges: list[int]) -
     surface = mesh.read_surface(context.object, context.scene)
     if any(face >= len(surface.polygons.sizes) for face in faces):
         raise FlexMapsError("The mesh was changed since; press Check again")
-    reveal(context, context.object, surface, faces, edges)
-    frame(context)
+    select_places(context, context.object, surface, faces, edges)
+    frame_views(context)
 
 
 def in_scene(context: bpy.types.Context, uid: int) -> AbstractContextManager[Any]:

@@ -11,7 +11,7 @@ from ...engine.display.view_fit import Rectangle, free_part, place_view
 from ..store.columns import column
 
 
-def fill(context: bpy.types.Context, area: bpy.types.Area, region: bpy.types.Region) -> None:
+def frame_selection(context: bpy.types.Context, area: bpy.types.Area, region: bpy.types.Region) -> None:
     """Pan and zoom a view so that the selection fills its free part; leave camera views and quad views unchanged.
 
     Parameters

@@ -15,12 +15,12 @@ from . import picking
 
 # largest number of gizmos of each kind; more show every handle of a piece held along its whole border, and slow drawing
 # down; chosen by eye
-MOST = 200
+MAX_GIZMOS = 200
 # sRGB of held spirals, forces and drag targets ("wish"), distinct in Blender's light and dark theme; chosen by eye
 COLOURS = {"held": (0.95, 0.35, 0.30), "pull": (0.25, 0.65, 0.95), "wish": (0.45, 0.80, 0.35)}
 
 
-class Handles:
+class HandleGizmoMixin:
     """Mixin of a gizmo group: a ring for each held spiral, an arrow for a force, an arrow with a box for a drag target.
 
     shape_of : function that returns the live shape of an object, or None if no live shape is drawn
@@ -61,9 +61,9 @@ class Handles:
         if not self._existing:
             return
         # scale arrows by the median edge, which sets the size of their heads; lengths are divided by it
-        edge = picking.edge_of(context.object)
+        edge = picking.median_edge(context.object)
         for one, (kind, _, place, way) in zip(self.gizmos, _handles(context, self.shape_of), strict=False):
-            one.matrix_basis = _frame(place, way, 1.0 if kind == "held" else edge)
+            one.matrix_basis = _gizmo_matrix(place, way, 1.0 if kind == "held" else edge)
             if kind != "held":
                 one.length = max(way.length / edge, 1e-3)
 
@@ -77,7 +77,7 @@ def _handles(
         handles.PREFIXED[name] in obj.data.attributes for name in handles.NAMES
     ):
         return []
-    points, quads = picking.seen(obj, shape_of(obj))
+    points, quads = picking.visible_surface(obj, shape_of(obj))
     if not len(quads):
         return []
     result: list[tuple[str, int, Any, Any]] = []
@@ -86,18 +86,18 @@ def _handles(
         values = handles.read(obj, name)
         if len(values) != len(quads):
             continue
-        for quad in np.flatnonzero(values if name == handles.HELD else values.any(axis=1))[:MOST].tolist():
+        for quad in np.flatnonzero(values if name == handles.HELD else values.any(axis=1))[:MAX_GIZMOS].tolist():
             place = points[quads[quad]].mean(axis=0)
             way = np.zeros(3)
             if name == handles.PULL:
-                way = picking.edge_of(obj) * values[quad]
+                way = picking.median_edge(obj) * values[quad]
             elif name == handles.WISH:
                 # from the quad's present centre to its target centre plus the offset of the drag target
-                way = picking.target(obj)[quads[quad]].mean(axis=0) + matrix @ values[quad] - place
+                way = picking.target_vertices(obj)[quads[quad]].mean(axis=0) + matrix @ values[quad] - place
             result.append((name, quad, Vector(place), Vector(way)))
     return result
 
 
-def _frame(place: Vector, way: Vector, size: float) -> Matrix:
+def _gizmo_matrix(place: Vector, way: Vector, size: float) -> Matrix:
     turn = way.to_track_quat("Z", "Y").to_matrix().to_4x4() if way.length else Matrix.Identity(4)
     return Matrix.Translation(place) @ turn @ Matrix.Scale(size, 4)

@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from .progress import RunningJob
 
 SIGNS = {NEUTRAL: "INFO", TICK: "CHECKMARK", LOOK: "ERROR", STOPPED: "CANCEL", REDO: "FILE_REFRESH"}
-REMOVE = "flexmaps.remove_left_over"
+REMOVE_LEFT_OVER = "flexmaps.remove_left_over"
 WELCOME = "Welcome to FlexMaps"
 ABOUT = "It turns a surface into flat panels that spring into its shape. Select a mesh, or press Next for an example."
 
 
 @dataclass(frozen=True)
-class Head:
+class HeadContent:
     """Content of the head: the button *Next*, the status line with its icon, and either notices or a sentence.
 
     label : text of the button
@@ -38,18 +38,18 @@ class Head:
     """
 
     label: str
-    press: str
+    operator: str
     icon: str
     status: str
-    about: str = ""
+    hint: str = ""
     notices: tuple[Notice, ...] = ()
     properties: tuple[tuple[str, Any], ...] = ()
     alert: bool = False
 
 
-def current(
-    context: bpy.types.Context, problem: str, seen: Guidance | None, job: RunningJob | None, following: Any
-) -> Head:
+def head_content(
+    context: bpy.types.Context, problem: str, guidance: Guidance | None, job: RunningJob | None, watcher: Any
+) -> HeadContent:
     """Return the present content of the head.
 
     Parameters
@@ -61,88 +61,100 @@ def current(
     following : the ``live.ObjectWatcher`` of live mode, or None
     """
     if job is not None:
-        return _running(job)
-    if seen is None:
-        return _nothing(context, problem)
-    return _live(context, seen, following) or _idle(context, seen)
+        return _job_head(job)
+    if guidance is None:
+        return _unusable_head(context, problem)
+    return _live_head(context, guidance, watcher) or _idle_head(context, guidance)
 
 
-def _running(job: RunningJob) -> Head:
+def _job_head(job: RunningJob) -> HeadContent:
     name = bpy.app.translations.pgettext_iface(job.title, "Operator")
     label = interface("{}, {} %", name, f"{100 * job.fraction:.0f}")
     left = interface("About {} left", job.left) if job.left else interface("Begun")
     step = interface(job.text) if job.text else interface("starting")
     status = interface("Stopping") if job.stopping else left
-    return Head(
+    return HeadContent(
         label, "", "SORTTIME", status, f"{step}. {interface('Esc or the cross stops; {}.', interface(job.on_stop))}"
     )
 
 
-def _live(context: bpy.types.Context, seen: Guidance, following: Any) -> Head | None:
+def _live_head(context: bpy.types.Context, seen: Guidance, watcher: Any) -> HeadContent | None:
     """Return the head if live mode follows the active object, else None."""
     obj = context.object
-    if following is None or obj is None or following.uid != obj.session_uid:
+    if watcher is None or obj is None or watcher.uid != obj.session_uid:
         return None
     label = seen.act.label if seen.act else interface("Next")
-    press, shape = "flexmaps.next" if seen.act else "", following.shape
-    if following.problem:
-        return Head(label, press, "ERROR", interface("Live: stopped short"), interface(following.problem), alert=True)
-    if shape is None or not following.resting:
-        return Head(
+    press, shape = "flexmaps.next" if seen.act else "", watcher.shape
+    if watcher.problem:
+        return HeadContent(
+            label, press, "ERROR", interface("Live: stopped short"), interface(watcher.problem), alert=True
+        )
+    if shape is None or not watcher.resting:
+        return HeadContent(
             label, press, "SORTTIME", interface("Live: on its way"), interface("The shape follows what you change.")
         )
     if shape.snapped:
         jumped = interface("Jumped by up to {} mm", f"{shape.snapped:.0f}")
-        return Head(
+        return HeadContent(
             label, press, "ERROR", jumped, interface("Spirals jumped to another shape. Undo brings the piece back.")
         )
-    final = "" if following.final else interface("Press Simulate for the final shape and its figures.")
-    return Head(label, press, "CHECKMARK", interface("Live: at rest"), final)
+    final = "" if watcher.final else interface("Press Simulate for the final shape and its figures.")
+    return HeadContent(label, press, "CHECKMARK", interface("Live: at rest"), final)
 
 
-def _idle(context: bpy.types.Context, seen: Guidance) -> Head:
+def _idle_head(context: bpy.types.Context, seen: Guidance) -> HeadContent:
     obj = context.object
-    notices = (*seen.notices, *around(context))
+    notices = (*seen.notices, *general_notices(context))
     act, (status, sign) = seen.act, (seen.status.text, seen.status.sign)
     about = act.tooltip if act else interface("Only you can mend this mesh. The rows tell where.")
     others = sum(other.type == "MESH" for other in context.selected_objects if other != obj)
     if others and not seen.open:
         status = interface("{} selected; works on the active one", others + 1)
     label = act.label if act else interface("Next")
-    return Head(label, "flexmaps.next" if act else "", SIGNS[sign], status, about, notices, alert=sign == STOPPED)
+    return HeadContent(
+        label, "flexmaps.next" if act else "", SIGNS[sign], status, about, notices, alert=sign == STOPPED
+    )
 
 
-def _nothing(context: bpy.types.Context, problem: str) -> Head:
+def _unusable_head(context: bpy.types.Context, problem: str) -> HeadContent:
     """Return the head if the active object cannot be used; ``problem`` says why."""
     obj = context.object
     if obj is None:
         label = interface("Next: {}", interface("Add an example"))
-        return Head(label, "flexmaps.example", "INFO", interface(WELCOME), interface(ABOUT), around(context))
+        return HeadContent(
+            label, "flexmaps.example", "INFO", interface(WELCOME), interface(ABOUT), general_notices(context)
+        )
     sentence = interface(problem)
     if obj.type in CONVERTIBLE:
         label = interface("Next: {}", interface("Convert to a mesh"))
-        return Head(label, "flexmaps.to_mesh", "INFO", interface("Not a mesh yet"), sentence)
+        return HeadContent(label, "flexmaps.to_mesh", "INFO", interface("Not a mesh yet"), sentence)
     if obj.type == "MESH" and obj.library is None and obj.data.library is None:
         label = interface("Next: {}", interface("Object Mode"))
-        return Head(
+        return HeadContent(
             label, "object.mode_set", "INFO", interface("In another mode"), sentence, properties=(("mode", "OBJECT"),)
         )
-    return Head(interface("Next"), "", "INFO", interface("Nothing to work on"), sentence)
+    return HeadContent(interface("Next"), "", "INFO", interface("Nothing to work on"), sentence)
 
 
-def around(context: bpy.types.Context) -> tuple[Notice, ...]:
+def general_notices(context: bpy.types.Context) -> tuple[Notice, ...]:
     """Return notices of the kind "information" that do not come from the object's stages.
 
     They concern panels left over from deleted models, a mesh that several objects share, and results written by another
     version of FlexMaps.
     """
     obj, notices = context.object, []
-    left = collection.left_over(context.scene)
+    left = collection.find_orphans(context.scene)
     if left:
         names = ", ".join(f"'{one.get('flexmaps_owner')}'" for one in left[:2]) + ", ..." * (len(left) > 2)
         sentence = interface("{} was deleted, its panels are still there", names)
         notices.append(
-            Notice("left", interface("Old panels"), sentence, INFORMATION, cures=(Cure(interface("Remove"), REMOVE),))
+            Notice(
+                "left",
+                interface("Old panels"),
+                sentence,
+                INFORMATION,
+                cures=(Cure(interface("Remove"), REMOVE_LEFT_OVER),),
+            )
         )
     if usage_problem(obj) is not None:
         return tuple(notices)

@@ -10,7 +10,7 @@ import numpy as np
 from ...engine import colours
 from ...engine.arrays import Float
 
-ROW = 18  # height of a legend entry, pixels at an interface scale of 1
+ROW_HEIGHT = 18  # height of a legend entry, pixels at an interface scale of 1
 
 
 @dataclass(frozen=True)
@@ -37,21 +37,21 @@ def draw(legend: Legend) -> None:
     x, y, width = 90 * unit, 30 * unit + _covered_pixels(bpy.context), 180 * unit
     blf.size(0, 12 * unit)
     blf.color(0, 1.0, 1.0, 1.0, 1.0)
-    below = 34 * unit if legend.scale is not None else ROW * unit * len(legend.entries)
+    below = 34 * unit if legend.scale is not None else ROW_HEIGHT * unit * len(legend.entries)
     broad = blf.dimensions(0, legend.title)[0]
     if legend.scale is not None:
         broad = max(broad, width)
     for _, text in legend.entries:
         broad = max(broad, 20 * unit + blf.dimensions(0, text)[0])
-    _rectangle(x - 10 * unit, y - 10 * unit, broad + 20 * unit, below + 32 * unit, (0.1, 0.1, 0.1), 0.5)
-    _text(x, y + below, legend.title)
+    _draw_rectangle(x - 10 * unit, y - 10 * unit, broad + 20 * unit, below + 32 * unit, (0.1, 0.1, 0.1), 0.5)
+    _draw_text(x, y + below, legend.title)
     for k, (rgb, text) in enumerate(reversed(legend.entries)):
-        _rectangle(x, y + ROW * k * unit, 12 * unit, 12 * unit, rgb)
-        _text(x + 20 * unit, y + (ROW * k + 1) * unit, text)
+        _draw_rectangle(x, y + ROW_HEIGHT * k * unit, 12 * unit, 12 * unit, rgb)
+        _draw_text(x + 20 * unit, y + (ROW_HEIGHT * k + 1) * unit, text)
     if legend.scale is not None:
-        _bar(x, y + 14 * unit, width, 12 * unit, legend.scale)
-        _text(x, y, legend.low)
-        _text(x + width - blf.dimensions(0, legend.high)[0], y, legend.high)
+        _draw_bar(x, y + 14 * unit, width, 12 * unit, legend.scale)
+        _draw_text(x, y, legend.low)
+        _draw_text(x + width - blf.dimensions(0, legend.high)[0], y, legend.high)
 
 
 def _covered_pixels(context: bpy.types.Context) -> int:
@@ -61,7 +61,7 @@ def _covered_pixels(context: bpy.types.Context) -> int:
     return max(tops, default=0)
 
 
-def _bar(x: float, y: float, width: float, height: float, scale: Float[np.ndarray, "colours 3"]) -> None:
+def _draw_bar(x: float, y: float, width: float, height: float, scale: Float[np.ndarray, "colours 3"]) -> None:
     """Draw a colour bar; ``scale`` are its sRGB colours from left to right."""
     import gpu
     from gpu_extras.batch import batch_for_shader
@@ -75,7 +75,9 @@ def _bar(x: float, y: float, width: float, height: float, scale: Float[np.ndarra
     batch_for_shader(shader, "TRI_STRIP", {"pos": points, "color": rgba}).draw(shader)
 
 
-def _rectangle(x: float, y: float, width: float, height: float, rgb: tuple[float, ...], alpha: float = 1.0) -> None:
+def _draw_rectangle(
+    x: float, y: float, width: float, height: float, rgb: tuple[float, ...], alpha: float = 1.0
+) -> None:
     import gpu
     from gpu_extras.batch import batch_for_shader
 
@@ -89,7 +91,7 @@ def _rectangle(x: float, y: float, width: float, height: float, rgb: tuple[float
     gpu.state.blend_set("NONE")
 
 
-def _text(x: float, y: float, text: str) -> None:
+def _draw_text(x: float, y: float, text: str) -> None:
     import blf
 
     blf.enable(0, blf.SHADOW)

@@ -84,19 +84,19 @@ class LiveShape:
         """
         return None
 
-    def prepared(self, unit: float) -> LiveShape:
+    def prepare(self, unit: float) -> LiveShape:
         """Compute the arrays for drawing and return ``self``; may run in a thread."""
-        self._arrays = (*self.drawn(unit), self.bands(unit))
+        self._arrays = (*self.faces_and_lines(unit), self.bands(unit))
         return self
 
     @property
-    def is_drawn(self) -> bool:
+    def is_prepared(self) -> bool:
         """Return whether the arrays for drawing are computed."""
         return self._arrays is not None
 
     @property
-    def drawn_bands(self) -> tuple[Any, Any] | None:
-        """Return the bands computed by ``prepared``; None before, or if there are none."""
+    def prepared_bands(self) -> tuple[Any, Any] | None:
+        """Return the bands computed by ``prepare``; None before, or if there are none."""
         return None if self._arrays is None else self._arrays[3]
 
     def batches(self, unit: float) -> tuple[Any, Any, Any]:
@@ -106,7 +106,7 @@ class LiveShape:
             from gpu_extras.batch import batch_for_shader
 
             if self._arrays is None:
-                self.prepared(unit)
+                self.prepare(unit)
             assert self._arrays is not None
             points, rgba, ends, dark = self._arrays
             faces = batch_for_shader(gpu.shader.from_builtin("FLAT_COLOR"), "TRIS", {"pos": points, "color": rgba})
@@ -118,33 +118,33 @@ class LiveShape:
             self._batches = faces, bands, lines
         return self._batches
 
-    def frame(self, unit: float) -> tuple[Float[np.ndarray, "quads 4 3"], Float[np.ndarray, "quads 3"]]:
+    def corners_and_normals(self, unit: float) -> tuple[Float[np.ndarray, "quads 4 3"], Float[np.ndarray, "quads 3"]]:
         """Return corners (F, 4, 3) in the scene's units and unit normals (F, 3) of the quads."""
         corners = self._vertices[self._quads] / unit
         normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
         return corners, normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
 
-    def drawn(self, unit: float) -> tuple[Any, Any, Any]:
+    def faces_and_lines(self, unit: float) -> tuple[Any, Any, Any]:
         """Return triangle corners (12 F, 3) in the scene's units, their colours (12 F, 4), and line ends (8 F, 3).
 
         Each quad is drawn as four triangles around its centre, so that a warped quad shows no diagonal.
         """
-        corners, normal = self.frame(unit)
+        corners, normal = self.corners_and_normals(unit)
         rgb = self.colours * (0.74 + 0.26 * normal @ colours.LIGHT)[:, None]
         rgba = np.repeat(np.c_[rgb, np.ones(len(rgb))], 12, axis=0).astype(np.float32)
-        lifted = corners + LIFT * middle_edge(corners) * normal[:, None]
+        lifted = corners + LIFT * median_edge(corners) * normal[:, None]
         ends = np.stack([lifted, np.roll(lifted, -1, axis=1)], axis=2).reshape(-1, 3)
         middle = np.broadcast_to(corners.mean(axis=1, keepdims=True), corners.shape)
         fan = np.stack([corners, np.roll(corners, -1, axis=1), middle], axis=2).reshape(-1, 3)
         return fan.astype(np.float32), rgba, ends.astype(np.float32)
 
 
-def middle_edge(corners: Float[np.ndarray, "quads 4 3"]) -> float:
+def median_edge(corners: Float[np.ndarray, "quads 4 3"]) -> float:
     """Return the median length of the quads' first sides, as a measure of the mesh's edge length."""
     return float(np.median(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)))
 
 
-def settle(result: Result, settings: ObjectSettings, progress: Progress) -> Result:
+def simulate_and_show(result: Result, settings: ObjectSettings, progress: Progress) -> Result:
     """Run the stage "simulate", and show the shape while it moves.
 
     Parameters

@@ -12,11 +12,11 @@ from ...engine import colours
 from ...engine.arrays import Float, Int
 
 # UV map of the flat panels in millimetres, so that a wood grain has its true size and one direction in all panels
-UV = "flexmaps_flat"
+UV_MAP = "flexmaps_flat"
 
 # largest number of plain-colour materials on an object, more than a person can tell apart; larger clutters the file,
 # smaller makes solid view lose colours; not measured
-FEW = 64
+MAX_MATERIALS = 64
 
 
 @dataclass(frozen=True)
@@ -26,9 +26,9 @@ class SheetAppearance:
     label : part of the name of Blender's material
     colour : sRGB
     roughness, coat, sheen : inputs of Blender's Principled BSDF, 0 to 1
-    glass : fraction of light that passes through
+    transmission : fraction of light that passes through
     grain : sRGB of the darker grain; None without grain
-    lines : distance of 3D-printed strands, millimetres; 0 without strands
+    strand_spacing : distance of 3D-printed strands, millimetres; 0 without strands
     """
 
     label: str
@@ -36,32 +36,32 @@ class SheetAppearance:
     roughness: float
     coat: float = 0.0
     sheen: float = 0.0
-    glass: float = 0.0
+    transmission: float = 0.0
     grain: tuple[float, float, float] | None = None
-    lines: float = 0.0
+    strand_spacing: float = 0.0
 
 
 # key of the material in the settings -> appearance; chosen by eye
-LOOKS: dict[str, SheetAppearance] = {
+APPEARANCES: dict[str, SheetAppearance] = {
     "pom": SheetAppearance("Delrin", (0.95, 0.95, 0.93), 0.35),
     "vero": SheetAppearance("VeroWhite", (0.90, 0.89, 0.85), 0.5),
-    "acrylic": SheetAppearance("acrylic", (0.86, 0.15, 0.11), 0.32, coat=0.15, glass=0.25),
-    "pla": SheetAppearance("PLA", (0.16, 0.47, 0.60), 0.42, lines=0.4),
-    "petg": SheetAppearance("PETG", (0.20, 0.52, 0.42), 0.22, coat=0.3, lines=0.4),
+    "acrylic": SheetAppearance("acrylic", (0.86, 0.15, 0.11), 0.32, coat=0.15, transmission=0.25),
+    "pla": SheetAppearance("PLA", (0.16, 0.47, 0.60), 0.42, strand_spacing=0.4),
+    "petg": SheetAppearance("PETG", (0.20, 0.52, 0.42), 0.22, coat=0.3, strand_spacing=0.4),
     "birch": SheetAppearance("birch plywood", (0.91, 0.82, 0.67), 0.6, grain=(0.80, 0.67, 0.49)),
     "mdf": SheetAppearance("MDF", (0.62, 0.47, 0.32), 0.8, sheen=0.2),
     "custom": SheetAppearance("plain", (0.80, 0.80, 0.78), 0.5),
 }
 
 
-def of_material(key: str) -> bpy.types.Material:
+def sheet_material(key: str) -> bpy.types.Material:
     """Return the Blender material of a sheet; ``key`` is the material's key in the settings, such as "birch"."""
-    look = LOOKS[key]
+    look = APPEARANCES[key]
     name = f"FlexMaps {look.label}"
     if name in bpy.data.materials:
         return bpy.data.materials[name]
-    made, shader = _new(name)
-    rgba = _rgba(look.colour)
+    made, shader = _new_material(name)
+    rgba = _to_rgba(look.colour)
     made.diffuse_color, made.roughness = rgba, look.roughness
     inputs = {
         "Base Color": rgba,
@@ -69,19 +69,19 @@ def of_material(key: str) -> bpy.types.Material:
         "Coat Weight": look.coat,
         "Coat Roughness": 0.4,
         "Sheen Weight": look.sheen,
-        "Transmission Weight": look.glass,
+        "Transmission Weight": look.transmission,
         "IOR": 1.49,
     }
     for socket, value in inputs.items():
         shader.inputs[socket].default_value = value
     if look.grain is not None:
-        _grain(made.node_tree, shader, look)
-    if look.lines:
-        _strands(made.node_tree, shader, look.lines)
+        _add_grain(made.node_tree, shader, look)
+    if look.strand_spacing:
+        _add_strands(made.node_tree, shader, look.strand_spacing)
     return made
 
 
-def material(name: str, rgb: Float[np.ndarray, " 3"] | None) -> bpy.types.Material:
+def plain_material(name: str, rgb: Float[np.ndarray, " 3"] | None) -> bpy.types.Material:
     """Return the matt material of this name; make it if the file lacks it.
 
     Parameters
@@ -91,7 +91,7 @@ def material(name: str, rgb: Float[np.ndarray, " 3"] | None) -> bpy.types.Materi
     """
     if name in bpy.data.materials:
         return bpy.data.materials[name]
-    made, shader = _new(name)
+    made, shader = _new_material(name)
     shader.inputs["Roughness"].default_value = 0.55
     if rgb is None:
         source = made.node_tree.nodes.new("ShaderNodeAttribute")
@@ -105,17 +105,17 @@ def material(name: str, rgb: Float[np.ndarray, " 3"] | None) -> bpy.types.Materi
     return made
 
 
-def _new(name: str) -> tuple[bpy.types.Material, bpy.types.Node]:
+def _new_material(name: str) -> tuple[bpy.types.Material, bpy.types.Node]:
     """Make a material with nodes; return it with its Principled BSDF."""
     made = bpy.data.materials.new(name)
     made.use_nodes = True
     return made, made.node_tree.nodes["Principled BSDF"]
 
 
-def glowing(name: str, rgb: Float[np.ndarray, " 3"] | None) -> bpy.types.Material:
+def emissive_material(name: str, rgb: Float[np.ndarray, " 3"] | None) -> bpy.types.Material:
     """Return a material like ``material`` that emits its colour, so that lighting does not change it."""
     known = name in bpy.data.materials
-    made = material(name, rgb)
+    made = plain_material(name, rgb)
     if not known:
         shader, nodes, links = made.node_tree.nodes["Principled BSDF"], made.node_tree.nodes, made.node_tree.links
         light = nodes.new("ShaderNodeEmission")
@@ -127,14 +127,14 @@ def glowing(name: str, rgb: Float[np.ndarray, " 3"] | None) -> bpy.types.Materia
     return made
 
 
-def wear(
+def assign_colours(
     data: bpy.types.Mesh | bpy.types.Curve,
     rgb: Float[np.ndarray, "colours 3"],
     of: Int[np.ndarray, " faces"] | None = None,
 ) -> None:
     """Assign a material of its colour to every face or line, so that the colours also show in solid view.
 
-    With more than ``FEW`` colours, a mesh gets one material that shows its colour attribute; a curve has no colour
+    With more than ``MAX_MATERIALS`` colours, a mesh gets one material that shows its colour attribute; a curve has no colour
     attribute, so its colours are rounded to fewer shades.
 
     Parameters
@@ -145,15 +145,15 @@ def wear(
     """
     distinct, which = np.unique(np.round(rgb, 5), axis=0, return_inverse=True)
     lines = isinstance(data, bpy.types.Curve)
-    shades = FEW
-    while lines and len(distinct) > FEW:
+    shades = MAX_MATERIALS
+    while lines and len(distinct) > MAX_MATERIALS:
         shades //= 2
         distinct, which = np.unique(np.round(rgb * shades) / shades, axis=0, return_inverse=True)
-    if len(distinct) > FEW:
-        data.materials.append(material("FlexMaps panel", None))
+    if len(distinct) > MAX_MATERIALS:
+        data.materials.append(plain_material("FlexMaps panel", None))
         return
     for name, colour in zip(colours.hexadecimal(distinct), distinct, strict=True):
-        data.materials.append(material(f"FlexMaps {name}", colour))
+        data.materials.append(plain_material(f"FlexMaps {name}", colour))
     index = (which.ravel() if of is None else which.ravel()[of]).astype(np.int32)
     if lines:
         data.splines.foreach_set("material_index", index)
@@ -161,11 +161,11 @@ def wear(
         data.attributes.new("material_index", "INT", "FACE").data.foreach_set("value", index)
 
 
-def _rgba(srgb: tuple[float, float, float]) -> tuple[float, ...]:
+def _to_rgba(srgb: tuple[float, float, float]) -> tuple[float, ...]:
     return (*map(float, colours.linear(np.array(srgb))), 1.0)
 
 
-def _node(tree: bpy.types.NodeTree, kind: str, place: tuple[float, float], **inputs: Any) -> bpy.types.Node:
+def _add_node(tree: bpy.types.NodeTree, kind: str, place: tuple[float, float], **inputs: Any) -> bpy.types.Node:
     node = tree.nodes.new(kind)
     node.location = place
     for name, value in inputs.items():
@@ -173,34 +173,34 @@ def _node(tree: bpy.types.NodeTree, kind: str, place: tuple[float, float], **inp
     return node
 
 
-def _millimetres(
+def _add_coordinates(
     tree: bpy.types.NodeTree, scale: tuple[float, float, float], place: tuple[float, float]
 ) -> bpy.types.Node:
     """Add shader nodes for the coordinates in the flat panel, in millimetres times ``scale``; return their output."""
-    source = _node(tree, "ShaderNodeUVMap", (place[0] - 400, place[1]))
-    source.uv_map = UV
-    mapping = _node(tree, "ShaderNodeMapping", (place[0] - 200, place[1]), Scale=scale)
+    source = _add_node(tree, "ShaderNodeUVMap", (place[0] - 400, place[1]))
+    source.uv_map = UV_MAP
+    mapping = _add_node(tree, "ShaderNodeMapping", (place[0] - 200, place[1]), Scale=scale)
     tree.links.new(source.outputs["UV"], mapping.inputs["Vector"])
     return mapping.outputs["Vector"]
 
 
-def _grain(tree: bpy.types.NodeTree, shader: bpy.types.Node, look: SheetAppearance) -> None:
+def _add_grain(tree: bpy.types.NodeTree, shader: bpy.types.Node, look: SheetAppearance) -> None:
     """Add shader nodes of a wood grain: long fibres along x, in uneven bands."""
     assert look.grain is not None
-    fibres = _node(tree, "ShaderNodeTexNoise", (-700, 200), Scale=1.0, Detail=6.0, Roughness=0.65, Distortion=0.3)
-    tree.links.new(_millimetres(tree, (0.02, 0.55, 1.0), (-900, 200)), fibres.inputs["Vector"])
-    ramp = _node(tree, "ShaderNodeValToRGB", (-450, 200))
-    ramp.color_ramp.elements[0].color, ramp.color_ramp.elements[1].color = _rgba(look.grain), _rgba(look.colour)
+    fibres = _add_node(tree, "ShaderNodeTexNoise", (-700, 200), Scale=1.0, Detail=6.0, Roughness=0.65, Distortion=0.3)
+    tree.links.new(_add_coordinates(tree, (0.02, 0.55, 1.0), (-900, 200)), fibres.inputs["Vector"])
+    ramp = _add_node(tree, "ShaderNodeValToRGB", (-450, 200))
+    ramp.color_ramp.elements[0].color, ramp.color_ramp.elements[1].color = _to_rgba(look.grain), _to_rgba(look.colour)
     ramp.color_ramp.elements[0].position, ramp.color_ramp.elements[1].position = 0.25, 0.65
     tree.links.new(fibres.outputs["Fac"], ramp.inputs["Fac"])
     tree.links.new(ramp.outputs["Color"], shader.inputs["Base Color"])
 
 
-def _strands(tree: bpy.types.NodeTree, shader: bpy.types.Node, apart: float) -> None:
+def _add_strands(tree: bpy.types.NodeTree, shader: bpy.types.Node, apart: float) -> None:
     """Add shader nodes of fine ridges, like strands of a 3D printer, ``apart`` millimetres apart."""
-    wave = _node(tree, "ShaderNodeTexWave", (-700, -200), Scale=1.0, Distortion=0.0)
+    wave = _add_node(tree, "ShaderNodeTexWave", (-700, -200), Scale=1.0, Distortion=0.0)
     wave.bands_direction = "DIAGONAL"
-    tree.links.new(_millimetres(tree, (0.5 / apart,) * 3, (-900, -200)), wave.inputs["Vector"])
-    bump = _node(tree, "ShaderNodeBump", (-350, -200), Strength=0.25, Distance=0.0001)
+    tree.links.new(_add_coordinates(tree, (0.5 / apart,) * 3, (-900, -200)), wave.inputs["Vector"])
+    bump = _add_node(tree, "ShaderNodeBump", (-350, -200), Strength=0.25, Distance=0.0001)
     tree.links.new(wave.outputs["Fac"], bump.inputs["Height"])
     tree.links.new(bump.outputs["Normal"], shader.inputs["Normal"])

@@ -9,12 +9,14 @@ from ...engine.arrays import Float, Int
 from ..store import attributes
 
 
-def quads(name: str, points: Float[np.ndarray, "vertices 3"], corners: Int[np.ndarray, "quads 4"]) -> bpy.types.Mesh:
+def make_quad_mesh(
+    name: str, points: Float[np.ndarray, "vertices 3"], corners: Int[np.ndarray, "quads 4"]
+) -> bpy.types.Mesh:
     """Make a mesh of quads, flat-shaded."""
-    return polygons(name, points, corners.ravel(), np.full(len(corners), 4))
+    return make_polygon_mesh(name, points, corners.ravel(), np.full(len(corners), 4))
 
 
-def polygons(
+def make_polygon_mesh(
     name: str,
     points: Float[np.ndarray, "vertices 3"],
     corners: Int[np.ndarray, " corners"],
@@ -44,7 +46,7 @@ def polygons(
     return mesh
 
 
-def paint(mesh: bpy.types.Mesh, rgb: Float[np.ndarray, "corners 3"]) -> None:
+def set_corner_colours(mesh: bpy.types.Mesh, rgb: Float[np.ndarray, "corners 3"]) -> None:
     """Set the linear colour of every face corner, in the colour attribute that FlexMaps' materials show."""
     attribute = mesh.attributes.get("flexmaps_colour")
     if attribute is None:
@@ -55,7 +57,7 @@ def paint(mesh: bpy.types.Mesh, rgb: Float[np.ndarray, "corners 3"]) -> None:
     mesh.attributes.active_color_name = "flexmaps_colour"
 
 
-def put(mesh: bpy.types.Mesh, name: str, domain: str, values: np.ndarray) -> None:
+def put_attribute(mesh: bpy.types.Mesh, name: str, domain: str, values: np.ndarray) -> None:
     """Add an attribute to a mesh, or overwrite it.
 
     Parameters
@@ -76,7 +78,7 @@ def put(mesh: bpy.types.Mesh, name: str, domain: str, values: np.ndarray) -> Non
     mesh.attributes[name].data.foreach_set(prop, np.ascontiguousarray(values, dtype=dtype).ravel())
 
 
-def smooth(mesh: bpy.types.Mesh, section: Int[np.ndarray, " vertices"]) -> None:
+def shade_arms(mesh: bpy.types.Mesh, section: Int[np.ndarray, " vertices"]) -> None:
     """Shade arms smoothly along their length, with sharp edges between their four sides.
 
     ``section`` numbers the cross-section of every vertex: edges within a cross-section are smooth, all others sharp.
@@ -84,5 +86,5 @@ def smooth(mesh: bpy.types.Mesh, section: Int[np.ndarray, " vertices"]) -> None:
     pairs = np.empty(2 * len(mesh.edges), np.int32)
     mesh.attributes[".edge_verts"].data.foreach_get("value", pairs)
     ends = section[pairs.reshape(-1, 2)]
-    put(mesh, "sharp_edge", "EDGE", ends[:, 0] != ends[:, 1])
+    put_attribute(mesh, "sharp_edge", "EDGE", ends[:, 0] != ends[:, 1])
     mesh.shade_smooth()

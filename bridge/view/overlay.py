@@ -22,16 +22,16 @@ from .live_shape import LIFT, LiveShape
 
 # opacity of the colours in edit mode; smaller shows the mesh below better and the colours worse; chosen by eye
 EDIT_ALPHA = 0.55
-SEAMS = "flexmaps_seam"  # edge attribute with the index of the seam
-KEPT = "flexmaps_overlay"  # custom property of the scene: the kind of colours shown
-BEFORE = ("DISTANCE", "TWIST", "PATCH")  # kinds of colours that stages switch on, the latest stage first
+SEAM_ATTRIBUTE = "flexmaps_seam"  # edge attribute with the index of the seam
+KIND_KEY = "flexmaps_overlay"  # custom property of the scene: the kind of colours shown
+FALLBACK_KINDS = ("DISTANCE", "TWIST", "PATCH")  # kinds of colours that stages switch on, the latest stage first
 NO_SEAM = -2  # seam index of an edge that is not a seam; -1 is a seam without an index
 # sRGB and alpha of the bars that show the widths of a spiral's pairs of opposite arms
-CROSS = (0.05, 0.05, 0.05, 1.0)
-BAR = 0.8  # length of the longest bar, as a fraction of its quad; larger bars run together; chosen by eye
+BAR_COLOUR = (0.05, 0.05, 0.05, 1.0)
+BAR_LENGTH = 0.8  # length of the longest bar, as a fraction of its quad; larger bars run together; chosen by eye
 
 
-def renew(obj: bpy.types.Object, made: str = "") -> None:
+def update_after_stage(obj: bpy.types.Object, new_kind: str = "") -> None:
     """Recolour the object after a stage: with the stage's new values, or else with the kind of colours shown before.
 
     A kind that the user chose stays while it is available; if the user chose no colours, none appear.
@@ -43,15 +43,15 @@ def renew(obj: bpy.types.Object, made: str = "") -> None:
     """
     manager = bpy.context.window_manager
     shown, chosen = manager.flexmaps_overlay, manager.flexmaps_chosen
-    kinds = (shown,) if chosen and shown == "NONE" else (shown, made) if chosen else (made, shown)
-    kind = next((kind for kind in kinds if kind not in {"", "NONE"} and colouring.store(obj, kind)), shown)
+    kinds = (shown,) if chosen and shown == "NONE" else (shown, new_kind) if chosen else (new_kind, shown)
+    kind = next((kind for kind in kinds if kind not in {"", "NONE"} and colouring.store_colours(obj, kind)), shown)
     if kind == shown:
         _redraw(manager)
     else:
         manager.flexmaps_overlay, manager.flexmaps_chosen = kind, False
 
 
-def switch(kind: str) -> None:
+def choose_kind(kind: str) -> None:
     """Show the kind of colours that the user chose; "NONE" shows no colours until the user chooses again."""
     manager = bpy.context.window_manager
     manager.flexmaps_overlay, manager.flexmaps_chosen = kind, True
@@ -69,12 +69,12 @@ def register(running: Callable[[], Any]) -> None:
     ``running`` returns the intermediate result of the running job or live mode; a ``LiveShape`` is drawn.
     """
     bpy.types.WindowManager.flexmaps_overlay = bpy.props.EnumProperty(
-        items=colouring.ITEMS, name="Overlay", update=_on_switch
+        items=colouring.OVERLAY_ITEMS, name="Overlay", update=_on_switch
     )
     bpy.types.WindowManager.flexmaps_chosen = bpy.props.BoolProperty(name="The user chose the colours, or none")
     handlers = bpy.app.handlers
     handlers.depsgraph_update_post.append(_on_change)
-    handlers.load_pre.append(_forget)
+    handlers.load_pre.append(_clear_cache)
     handlers.load_post.append(_on_load)
     handlers.undo_post.append(_on_undo)
     handlers.redo_post.append(_on_undo)
@@ -90,7 +90,7 @@ def unregister() -> None:
         bpy.types.SpaceView3D.draw_handler_remove(_handles.pop(), "WINDOW")
     handlers = bpy.app.handlers
     handlers.depsgraph_update_post.remove(_on_change)
-    handlers.load_pre.remove(_forget)
+    handlers.load_pre.remove(_clear_cache)
     handlers.load_post.remove(_on_load)
     for which in (handlers.undo_post, handlers.redo_post):
         which.remove(_on_undo)
@@ -100,14 +100,14 @@ def unregister() -> None:
 
 def _on_switch(manager: bpy.types.WindowManager, context: bpy.types.Context) -> None:
     """Store the kind of colours in the scene, so that it is shown again when the file is opened."""
-    if context.scene is not None and context.scene.get(KEPT, "NONE") != manager.flexmaps_overlay:
-        context.scene[KEPT] = manager.flexmaps_overlay
+    if context.scene is not None and context.scene.get(KIND_KEY, "NONE") != manager.flexmaps_overlay:
+        context.scene[KIND_KEY] = manager.flexmaps_overlay
     _redraw(manager)
 
 
 @bpy.app.handlers.persistent
 def _on_load(*_: object) -> None:
-    kept = bpy.context.scene.get(KEPT, "NONE")
+    kept = bpy.context.scene.get(KIND_KEY, "NONE")
     if kept in colouring.KINDS:
         bpy.context.window_manager.flexmaps_overlay = kept
 
@@ -120,8 +120,8 @@ def _on_undo(*_: object) -> None:
     shown = manager.flexmaps_overlay
     if shown == "NONE" or obj is None or obj.type != "MESH":
         return
-    there = [kind for kind in (shown, *BEFORE) if attributes.has(obj, colouring.KINDS[kind].attribute)]
-    if there and there[0] != shown and colouring.current(obj, there[0]):
+    there = [kind for kind in (shown, *FALLBACK_KINDS) if attributes.has(obj, colouring.KINDS[kind].attribute)]
+    if there and there[0] != shown and colouring.is_current(obj, there[0]):
         manager.flexmaps_overlay = there[0]
 
 
@@ -142,30 +142,30 @@ def _on_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
 
 
 @bpy.app.handlers.persistent
-def _forget(*_: object) -> None:
+def _clear_cache(*_: object) -> None:
     _cache.clear()
 
 
-def _drawn_batch(context: bpy.types.Context) -> tuple[bpy.types.Object, Any, Any, Legend] | None:
+def _current_batch(context: bpy.types.Context) -> tuple[bpy.types.Object, Any, Any, Legend] | None:
     """Return the object, GPU batches of its faces and lines, and the legend; None if there is nothing to draw."""
     obj, kind = context.object, context.window_manager.flexmaps_overlay
     if kind == "NONE" or obj is None or obj.type != "MESH" or not obj.visible_get():
         return None
     key = (obj.session_uid, kind, obj.data.is_editmode)
     if key not in _cache:
-        _cache[key] = _batch(obj, kind)
+        _cache[key] = _make_batch(obj, kind)
     batch = _cache[key]
     return None if batch is None else (obj, *batch)
 
 
-def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
+def _make_batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
     import gpu
     from gpu_extras.batch import batch_for_shader
 
-    quads = _quads(obj, kind)
-    if quads is None or not len(quads.values) or not colouring.current(obj, kind):
+    quads = _read_quads(obj, kind)
+    if quads is None or not len(quads.values) or not colouring.is_current(obj, kind):
         return None
-    rgb, legend = colouring.painted(obj, kind, quads.values)
+    rgb, legend = colouring.colours_and_legend(obj, kind, quads.values)
     seams, corners = quads.seams, quads.positions[quads.corners]
     up, normal = _normals(quads)
     lifted = on_both_sides(corners, up[quads.corners])
@@ -181,8 +181,8 @@ def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
     ends = np.stack([higher, np.roll(higher, -1, axis=1)], axis=2)[np.tile(sides, (2, 1))]
     pens = np.tile(_seam_colours(seams[sides], kind), (2, 1)) if sides.any() else np.zeros((0, 4))
     if kind == "ANISOTROPY" and quads.width is not None:
-        bars = crosses(higher, np.tile(quads.width, (2, 1)))
-        ends, pens = np.concatenate([ends, bars]), np.concatenate([pens, np.tile(CROSS, (len(bars), 1))])
+        bars = width_bars(higher, np.tile(quads.width, (2, 1)))
+        ends, pens = np.concatenate([ends, bars]), np.concatenate([pens, np.tile(BAR_COLOUR, (len(bars), 1))])
     if len(ends):
         pen = gpu.shader.from_builtin("POLYLINE_FLAT_COLOR")
         look = {"pos": ends.reshape(-1, 3), "color": np.repeat(pens, 2, axis=0)}
@@ -204,17 +204,17 @@ def on_both_sides(
     return np.concatenate([corners + lift, corners - lift])
 
 
-def crosses(
+def width_bars(
     corners: Float[np.ndarray, "quads 4 3"], width: Float[np.ndarray, "quads 4"]
 ) -> Float[np.ndarray, "bars 2 3"]:
     """Return two bars per quad, which join the middles of opposite sides and show the widths of the arms there.
 
-    A bar's length is proportional to the sum of the two arms' widths; the longest bar covers ``BAR`` of its quad. Each
+    A bar's length is proportional to the sum of the two arms' widths; the longest bar covers ``BAR_LENGTH`` of its quad. Each
     bar is given by its two ends, in the frame of the corners.
     """
     middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
     centre, share = corners.mean(axis=1), width[:, :2] + width[:, 2:]
-    long = BAR * share / max(float(share.max()), 1e-30)
+    long = BAR_LENGTH * share / max(float(share.max()), 1e-30)
     half = 0.5 * (middles[:, :2] - middles[:, 2:]) * long[:, :, None]
     return np.stack([centre[:, None] - half, centre[:, None] + half], axis=2).reshape(-1, 2, 3)
 
@@ -231,7 +231,7 @@ def _seam_colours(seams: Int[np.ndarray, " sides"], kind: str) -> Float[np.ndarr
     return np.c_[rgb, np.ones(len(rgb))]
 
 
-def _normals(quads: _Quads) -> tuple[Float[np.ndarray, "vertices 3"], Float[np.ndarray, "quads 3"]]:
+def _normals(quads: _ColouredQuads) -> tuple[Float[np.ndarray, "vertices 3"], Float[np.ndarray, "quads 3"]]:
     """Return unit normals of vertices and of quads.
 
     Quads are lifted along the vertex normals: along their own normals, neighbours would separate.
@@ -240,15 +240,15 @@ def _normals(quads: _Quads) -> tuple[Float[np.ndarray, "vertices 3"], Float[np.n
     normal = np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
     up = np.zeros_like(quads.positions)
     np.add.at(up, quads.corners, normal[:, None])
-    return _unit(up), _unit(normal)
+    return _normalise(up), _normalise(normal)
 
 
-def _unit(vectors: Float[np.ndarray, "vectors 3"]) -> Float[np.ndarray, "vectors 3"]:
+def _normalise(vectors: Float[np.ndarray, "vectors 3"]) -> Float[np.ndarray, "vectors 3"]:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-30)
 
 
 @dataclass(frozen=True, eq=False)
-class _Quads:
+class _ColouredQuads:
     """The quads to colour.
 
     positions : vertices in the object's frame
@@ -264,7 +264,7 @@ class _Quads:
     width: Float[np.ndarray, "quads 4"] | None = None
 
 
-def _quads(obj: bpy.types.Object, kind: str) -> _Quads | None:
+def _read_quads(obj: bpy.types.Object, kind: str) -> _ColouredQuads | None:
     """Return the object's quads as they are seen, with the values of a kind.
 
     Return None if the object has no such values, or faces that are not quads.
@@ -288,22 +288,24 @@ def _quads(obj: bpy.types.Object, kind: str) -> _Quads | None:
             own = np.repeat(own, 4) if name == "flexmaps_width" else own  # older files store one width per face
         if not attributes.is_valid(name, own):
             return None
-        number = bm.edges.layers.int.get(SEAMS)
-        if number is not None and not attributes.is_valid(SEAMS, np.array([e[number] for e in bm.edges])):
+        number = bm.edges.layers.int.get(SEAM_ATTRIBUTE)
+        if number is not None and not attributes.is_valid(SEAM_ATTRIBUTE, np.array([e[number] for e in bm.edges])):
             number = None
         seam = {e: NO_SEAM if not e.seam else -1 if number is None else e[number] for e in bm.edges}
         seams = np.array([[seam[loop.edge] for loop in face.loops] for face in bm.faces])
-        return _Quads(positions, corners, colouring.per_quad(kind, own), seams, _widths(kind, own))
+        return _ColouredQuads(positions, corners, colouring.to_quad_values(kind, own), seams, _widths(kind, own))
     mesh = obj.data
     values = attributes.read(mesh, name)
     if values is None or len(mesh.loops) != 4 * len(mesh.polygons):
         return None
     index, edges = column(mesh.loops, "vertex_index"), column(mesh.loops, "edge_index")
-    number = attributes.read(mesh, SEAMS)
+    number = attributes.read(mesh, SEAM_ATTRIBUTE)
     numbers = np.full(len(mesh.edges), -1) if number is None else number
     sides = np.where(column(mesh.edges, "use_seam"), numbers, NO_SEAM)[edges].reshape(-1, 4)
     seen = vertex_positions.read_displayed(obj).astype(float)
-    return _Quads(seen, index.reshape(-1, 4), colouring.per_quad(kind, values), sides, _widths(kind, values))
+    return _ColouredQuads(
+        seen, index.reshape(-1, 4), colouring.to_quad_values(kind, values), sides, _widths(kind, values)
+    )
 
 
 def _widths(kind: str, values: np.ndarray) -> Float[np.ndarray, "quads 4"] | None:
@@ -313,7 +315,7 @@ def _widths(kind: str, values: np.ndarray) -> Float[np.ndarray, "quads 4"] | Non
 def _draw_colours() -> None:
     import gpu
 
-    shown = _drawn_batch(bpy.context)
+    shown = _current_batch(bpy.context)
     if shown is None:
         return
     obj, faces, lines, _ = shown
@@ -342,7 +344,7 @@ def _draw_live(running: Callable[[], Any]) -> None:
 
 def _draw_legend(running: Callable[[], Any]) -> None:
     """Draw the legend of the running simulation's shape if there is one, else of the model's colours."""
-    shape, shown = running(), _drawn_batch(bpy.context)
+    shape, shown = running(), _current_batch(bpy.context)
     wanted = shape.legend if isinstance(shape, LiveShape) else None if shown is None else shown[3]
     if wanted is not None:
         legend.draw(wanted)

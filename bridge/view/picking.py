@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ...engine.extras.live.live_piece import LiveEquilibrium
 
 
-def seen(
+def visible_surface(
     obj: bpy.types.Object, shape: LiveEquilibrium | None = None
 ) -> tuple[Float[np.ndarray, "vertices 3"], Int[np.ndarray, "quads 4"]]:
     """Return the visible surface: vertices in the scene's units and world axes, and quads.
@@ -43,7 +43,7 @@ def seen(
     return _to_world(obj, points), corners.reshape(-1, 4) if whole else np.zeros((0, 4), np.int32)
 
 
-def target(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
+def target_vertices(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
     """Return the target's vertices in the scene's units and world axes."""
     with attributes.readable_mesh(obj) as mesh:
         return _to_world(obj, column(mesh.vertices, "co"))
@@ -54,26 +54,26 @@ def _to_world(obj: bpy.types.Object, points: Float[np.ndarray, "vertices 3"]) ->
     return points.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def quad_at(
-    points: Float[np.ndarray, "vertices 3"], quads: Int[np.ndarray, "quads 4"], origin: Vector, way: Vector
+def hit_quad(
+    points: Float[np.ndarray, "vertices 3"], quads: Int[np.ndarray, "quads 4"], origin: Vector, direction: Vector
 ) -> int | None:
     """Return the index of the first quad that a ray hits; None if it misses.
 
     Parameters
     ----------
-    points, quads : the surface, from ``vertex_positions``
+    points, quads : the surface, from ``visible_surface``
     origin, way : start and direction of the ray
     """
     from mathutils.bvhtree import BVHTree
 
     tree = BVHTree.FromPolygons(points.tolist(), quads.tolist())
-    hit = tree.ray_cast(origin, way)
+    hit = tree.ray_cast(origin, direction)
     return None if hit[2] is None else int(hit[2])
 
 
-def edge_of(obj: bpy.types.Object) -> float:
+def median_edge(obj: bpy.types.Object) -> float:
     """Return the target's median edge length in the scene's units; a force arrow of one newton has this length."""
     with attributes.readable_mesh(obj) as mesh:
         pairs = column(mesh.edges, "vertices")
-    points = target(obj)[pairs]
+    points = target_vertices(obj)[pairs]
     return max(float(np.median(np.linalg.norm(points[:, 1] - points[:, 0], axis=1))), 1e-12)

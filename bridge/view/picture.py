@@ -32,11 +32,15 @@ Size = tuple[int, int] | None
 ABOVE, ASIDE = (0.0, 0.0, 1.0), (0.62, -1.0, 0.80)  # directions from the piece to the camera
 CLAY = (0.80, 0.79, 0.76)  # sRGB of a target without colours
 GAP = 0.12  # gap between objects side by side, as a fraction of the widest object's width; chosen by eye
-PAGE = 1.05  # width of the panels in front, as a fraction of the total width of the objects behind; chosen by eye
-MANY = 1200  # number of spirals from which arms are drawn in medium detail; larger is rounder and slower; by eye
+PANELS_WIDTH = (
+    1.05  # width of the panels in front, as a fraction of the total width of the objects behind; chosen by eye
+)
+MANY_SPIRALS = (
+    1200  # number of spirals from which arms are drawn in medium detail; larger is rounder and slower; by eye
+)
 
 
-def layout(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
+def render_layout(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
     """Render the target in the colours of its patches, with quad edges as thin lines and seams as dark lines.
 
     Parameters
@@ -52,7 +56,7 @@ def layout(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: 
         place.take(path)
 
 
-def panels(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
+def render_panels(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
     """Render the flat panels straight from above; without spirals, render the flat patches.
 
     Parameters
@@ -68,7 +72,7 @@ def panels(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: 
     """
     with studio(size or SIZE, samples or SAMPLES) as place:
         design = stored_design(obj)
-        own = collection.existing(obj)
+        own = collection.find(obj)
         shown = [o for o in own.objects if not o.hide_render] if own is not None else []
         solid = next((o for o in shown if o.get("flexmaps_kind") == "panels" and not o.modifiers), None)
         if design is not None and solid is not None:
@@ -84,7 +88,7 @@ def panels(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: 
         place.take(path)
 
 
-def shape(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
+def render_shape(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
     """Render the assembled piece in its simulated shape, coloured by distance to the target, with a legend.
 
     Parameters
@@ -108,7 +112,7 @@ def shape(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: i
         place.take(path)
 
 
-def overview(obj: bpy.types.Object, path: str | Path) -> None:
+def render_overview(obj: bpy.types.Object, path: str | Path) -> None:
     """Render target, assembled piece and flat panels in one picture, in the colours of the patches.
 
     Parameters
@@ -120,10 +124,10 @@ def overview(obj: bpy.types.Object, path: str | Path) -> None:
     ------
     FlexMapsError : there are no spirals yet
     """
-    together(obj, path, RenderParams(pixels_x=SIZE[0], samples=SAMPLES))
+    render_together(obj, path, RenderParams(pixels_x=SIZE[0], samples=SAMPLES))
 
 
-def together(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack: Path | None = None) -> None:
+def render_together(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack: Path | None = None) -> None:
     """Render target, assembled piece and flat panels on a common ground; the settings choose which of them.
 
     Connectors are drawn if the settings of the preview ask for them.
@@ -147,11 +151,11 @@ def together(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack
     finish = obj.flexmaps.material.material if params.finish == "SHEET" else params.finish
     size = (params.pixels_x, max(params.pixels_y, 16))
     tips = (
-        preview.tips_of(design, settings.read(obj.flexmaps, ObjectSettings))
+        preview.connector_tips(design, settings.read(obj.flexmaps, ObjectSettings))
         if params.assembled or params.panels
         else ()
     )
-    with studio(size, params.samples, "GREY" if finish in materials.LOOKS else "WHITE", pack=pack) as place:
+    with studio(size, params.samples, "GREY" if finish in materials.APPEARANCES else "WHITE", pack=pack) as place:
         standing = []
         if params.target:
             standing.append(_add_target(place, obj, finish))
@@ -159,15 +163,17 @@ def together(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack
             standing.append(_add_assembled(place, obj, design, finish, tips))
         wide, depth = _line_up(standing, params.azimuth)
         if params.panels:
-            flat = _add_panels(place, obj, design, finish, tips, PAGE * wide if standing else None, params.azimuth)
+            flat = _add_panels(
+                place, obj, design, finish, tips, PANELS_WIDTH * wide if standing else None, params.azimuth
+            )
             _place_in_front(flat, wide, depth, params.azimuth)
-        place.set_up(_direction(params), tight=not params.pixels_y)
+        place.set_up(_camera_direction(params), tight=not params.pixels_y)
         if finish in colouring.KINDS and finish != "PATCH":
             _add_legend(place, colouring.legend_of(obj, finish))
         place.take(path)
 
 
-def film(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack: Path | None = None) -> int:
+def render_film(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack: Path | None = None) -> int:
     """Render the animation of the assembly as PNG files or as a film, and return the number of frames.
 
     Parameters
@@ -181,7 +187,7 @@ def film(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack: Pa
     ------
     FlexMapsError : there is no animation
     """
-    shown, scene = animation.existing(obj), bpy.context.scene
+    shown, scene = animation.find_objects(obj), bpy.context.scene
     if not shown:
         raise FlexMapsError("There is no animation yet; press Animate the assembly first")
     frames = (scene.frame_start, animation.last_frame(obj))
@@ -189,12 +195,12 @@ def film(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack: Pa
         for other in shown:
             place.show(other)
         seen = place.points_in(np.linspace(*frames, 24).astype(int).tolist())
-        place.set_up(_direction(params), seen)
+        place.set_up(_camera_direction(params), seen)
         place.film(path, frames, (scene.render.fps, scene.render.fps_base))
     return frames[1] - frames[0] + 1
 
 
-def _direction(params: RenderParams) -> tuple[float, float, float]:
+def _camera_direction(params: RenderParams) -> tuple[float, float, float]:
     """Return the unit vector from the piece to the camera, for the settings' azimuth and elevation."""
     c, s = np.cos(params.elevation), np.sin(params.elevation)
     return c * np.sin(params.azimuth), -c * np.cos(params.azimuth), s
@@ -210,32 +216,32 @@ def stored_design(obj: bpy.types.Object) -> SpiralDesign | None:
 
 
 @dataclass(frozen=True)
-class Group:
+class ObjectGroup:
     """Objects in the studio that are moved together; its size is that of its meshes, without its lines (curves)."""
 
     objects: tuple[bpy.types.Object, ...]
 
-    def seen(self, azimuth: float) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
-        """Return the lower and upper corner of the meshes' bounding box in the axes of ``_axes(azimuth)``, metres."""
+    def bounds(self, azimuth: float) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
+        """Return the lower and upper corner of the meshes' bounding box in the axes of ``_camera_axes(azimuth)``, metres."""
         bodies = [points_of(obj) for obj in self.objects if obj.type == "MESH"]
-        there = np.concatenate(bodies) @ _axes(azimuth).T
+        there = np.concatenate(bodies) @ _camera_axes(azimuth).T
         return there.min(axis=0), there.max(axis=0)
 
     def move(self, shift: Float[np.ndarray, " 3"], azimuth: float) -> None:
-        """Shift the group by a vector in the axes of ``_axes(azimuth)``, metres."""
+        """Shift the group by a vector in the axes of ``_camera_axes(azimuth)``, metres."""
         for obj in self.objects:
-            obj.location = np.array(obj.location) + shift @ _axes(azimuth)
+            obj.location = np.array(obj.location) + shift @ _camera_axes(azimuth)
 
 
-def _axes(azimuth: float) -> Float[np.ndarray, "3 3"]:
+def _camera_axes(azimuth: float) -> Float[np.ndarray, "3 3"]:
     """Return the unit vectors to the right, to the back and up, as seen by a level camera at an azimuth, as rows."""
     c, s = np.cos(azimuth), np.sin(azimuth)
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _line_up(groups: list[Group], azimuth: float) -> tuple[float, float]:
+def _line_up(groups: list[ObjectGroup], azimuth: float) -> tuple[float, float]:
     """Place groups side by side on a common ground, seen from an azimuth; return their width and depth in metres."""
-    boxes = [group.seen(azimuth) for group in groups]
+    boxes = [group.bounds(azimuth) for group in groups]
     gap = GAP * max((float((high - low)[0]) for low, high in boxes), default=0.0)
     at = depth = 0.0
     for group, (low, high) in zip(groups, boxes, strict=True):
@@ -245,60 +251,64 @@ def _line_up(groups: list[Group], azimuth: float) -> tuple[float, float]:
     return max(at - gap, 0.0), depth
 
 
-def _place_in_front(flat: Group, wide: float, depth: float, azimuth: float) -> None:
+def _place_in_front(flat: ObjectGroup, wide: float, depth: float, azimuth: float) -> None:
     """Place the panels on the ground in front of the other groups, whose width and depth are given in metres."""
-    low, high = flat.seen(azimuth)
+    low, high = flat.bounds(azimuth)
     aside = 0.5 * wide - 0.5 * (low + high)[0]
     flat.move(np.array([aside, -0.5 * depth - GAP * wide - high[1], -low[2]]), azimuth)
 
 
 def _set_finish(data: bpy.types.ID, finish: str) -> None:
-    """Give mesh data a material: a sheet's if ``finish`` is a key of ``LOOKS``, else its own colour attribute."""
-    chosen = materials.of_material(finish) if finish in materials.LOOKS else materials.material("FlexMaps panel", None)
+    """Give mesh data a material: a sheet's if ``finish`` is a key of ``APPEARANCES``, else its own colour attribute."""
+    chosen = (
+        materials.sheet_material(finish)
+        if finish in materials.APPEARANCES
+        else materials.plain_material("FlexMaps panel", None)
+    )
     data.materials.append(chosen)
 
 
 def _colours(obj: bpy.types.Object, finish: str) -> Float[np.ndarray, "quads 3"] | None:
     """Return linear colours of the quads; None if ``finish`` is a sheet's material."""
-    return None if finish in materials.LOOKS else preview.quad_colours(obj, finish)
+    return None if finish in materials.APPEARANCES else preview.quad_colours(obj, finish)
 
 
-def _add_target(place: Studio, obj: bpy.types.Object, finish: str) -> Group:
+def _add_target(place: Studio, obj: bpy.types.Object, finish: str) -> ObjectGroup:
     """Add the target with its quad edges, seams and borders as lines; coloured by patch if ``finish`` is "PATCH"."""
     surface = mesh.read_surface(obj, bpy.context.scene)
     polygons = surface.polygons
-    data = meshes.polygons("FlexMaps target", polygons.vertices, polygons.corners, polygons.sizes)
+    data = meshes.make_polygon_mesh("FlexMaps target", polygons.vertices, polygons.corners, polygons.sizes)
     with attributes.readable_mesh(obj) as own:
         known = attributes.read(own, colouring.KINDS["PATCH"].attribute) is not None
     if known and finish == "PATCH":
-        meshes.paint(data, np.repeat(preview.quad_colours(obj, "PATCH"), polygons.sizes, axis=0))
-        data.materials.append(materials.material("FlexMaps panel", None))
+        meshes.set_corner_colours(data, np.repeat(preview.quad_colours(obj, "PATCH"), polygons.sizes, axis=0))
+        data.materials.append(materials.plain_material("FlexMaps panel", None))
     else:
-        data.materials.append(materials.material("FlexMaps clay", colours.linear(np.array(CLAY))))
+        data.materials.append(materials.plain_material("FlexMaps clay", colours.linear(np.array(CLAY))))
     made = place.put(data)
     pairs, count = np.sort(surface.pairs, axis=1), np.array([len(polygons.vertices), 1])
     sides = np.stack([polygons.corners, polygons.corners[polygons.next_corner]], axis=1)
     number, used = np.unique(np.sort(sides, axis=1) @ count, return_counts=True)
     border = np.isin(pairs @ count, number[used == 1])
-    return Group((made, *_add_lines(place, polygons.vertices, pairs, border | surface.seams)))
+    return ObjectGroup((made, *_add_lines(place, polygons.vertices, pairs, border | surface.seams)))
 
 
 def _add_assembled(
     place: Studio, obj: bpy.types.Object, design: SpiralDesign, finish: str, tips: Sequence[Tip] = ()
-) -> Group:
+) -> ObjectGroup:
     """Add the assembled piece, bent as in the last simulation; without a simulation, hubs lie on the target."""
     rgb = _colours(obj, finish)
-    built = preview.build(design, _stand(obj, design), _detail(design), tips, base=_base(obj, design))
+    built = preview.build_piece(design, _hub_pose(obj, design), _detail(design), tips, base=_make_base(obj, design))
     assert built.panels is not None
     data = preview.piece_mesh("FlexMaps assembled", built.panels, built.vertices, rgb)
     _set_finish(data, finish)
     piece = place.put(data)
     if built.base is None:
-        return Group((piece,))
-    return Group((piece, place.put(preview.plates_mesh("FlexMaps base", built.base))))
+        return ObjectGroup((piece,))
+    return ObjectGroup((piece, place.put(preview.plates_mesh("FlexMaps base", built.base))))
 
 
-def _stand(obj: bpy.types.Object, design: SpiralDesign) -> Pose:
+def _hub_pose(obj: bpy.types.Object, design: SpiralDesign) -> Pose:
     """Return the hubs' pose of the last simulation; without a simulation, their pose on the target."""
     from ...engine.mechanics.assembly import target_pose
 
@@ -306,13 +316,13 @@ def _stand(obj: bpy.types.Object, design: SpiralDesign) -> Pose:
     return target_pose(design.flat.layout.mesh, design.flat.corners) if stand is None else stand
 
 
-def _base(obj: bpy.types.Object, design: SpiralDesign) -> Base | None:
+def _make_base(obj: bpy.types.Object, design: SpiralDesign) -> Base | None:
     """Return the base; None if the settings ask for none or it cannot be made."""
     used = settings.read(obj.flexmaps, ObjectSettings)
     if used.base.base == "none":
         return None
     held = supports.read_supports(obj, mesh.read_surface(obj, bpy.context.scene), used.loads)
-    return preview.base_of(design, _stand(obj, design), held, used)
+    return preview.make_base(design, _hub_pose(obj, design), held, used)
 
 
 def _add_panels(
@@ -323,21 +333,21 @@ def _add_panels(
     tips: Sequence[Tip] = (),
     width: float | None = None,
     azimuth: float = 0.0,
-) -> Group:
+) -> ObjectGroup:
     """Add the flat panels side by side, about ``width`` metres wide and turned towards a camera at an azimuth."""
     from ...engine.display.panel_mesh import DETAILS, panel_mesh
 
-    rgb, base = _colours(obj, finish), _base(obj, design)
+    rgb, base = _colours(obj, finish), _make_base(obj, design)
     design = design if base is None else base.design
     made = panel_mesh(design, DETAILS[_detail(design)], tips)
-    flat = made.flat(arrange.side_by_side(design.flat, width)) @ _axes(azimuth)
+    flat = made.flat(arrange.side_by_side(design.flat, width)) @ _camera_axes(azimuth)
     data = preview.piece_mesh("FlexMaps panels", made, flat, rgb)
     _set_finish(data, finish)
-    return Group((place.put(data),))
+    return ObjectGroup((place.put(data),))
 
 
 def _detail(design: SpiralDesign) -> str:
-    return "FINE" if len(design.width) < MANY else "MEDIUM"
+    return "FINE" if len(design.width) < MANY_SPIRALS else "MEDIUM"
 
 
 def _add_lines(
@@ -350,9 +360,11 @@ def _add_lines(
     edge = float(np.median(np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)))
     thick = max(0.05 * edge, 0.0022 * float(np.linalg.norm(np.ptp(points, axis=0))))
     for name, chosen, radius, grey in (("quad", ~bold, 0.014 * edge, 0.32), ("seam", bold, thick, 0.1)):
-        curve = curves.lines(f"FlexMaps {name} lines", [points[p] for p in curves.chains(pairs[chosen])], radius)
+        curve = curves.make_lines(
+            f"FlexMaps {name} lines", [points[p] for p in curves.join_chains(pairs[chosen])], radius
+        )
         colour = colours.linear(np.array([grey, grey, 1.25 * grey]))
-        curve.materials.append(materials.material(f"FlexMaps {name} line", colour))
+        curve.materials.append(materials.plain_material(f"FlexMaps {name} line", colour))
         yield place.put(curve, framed=False)
 
 
@@ -380,17 +392,19 @@ def _add_legend(studio: Studio, legend: Legend) -> None:
     ):
         letters = bpy.data.curves.new("FlexMaps legend", "FONT")
         letters.body, letters.size, letters.align_x = text, 1.9, align
-        letters.materials.append(materials.glowing("FlexMaps ink", colours.linear(colours.SEAM)))
+        letters.materials.append(materials.emissive_material("FlexMaps ink", colours.linear(colours.SEAM)))
         place(letters, x, y)
     if legend.scale is not None:
         steps = np.linspace(0.0, 1.0, 41)
         low, high = np.c_[20.0 * steps, 0 * steps, 0 * steps], np.c_[20.0 * steps, 0 * steps + 1.6, 0 * steps]
         index = np.arange(40)
-        bar = meshes.quads(
+        bar = meshes.make_quad_mesh(
             "FlexMaps legend",
             np.concatenate([low, high]),
             np.stack([index, index + 1, index + 42, index + 41], axis=1),
         )
-        meshes.paint(bar, np.repeat(colours.map_to_scale(steps[:-1] + 0.0125, 0.0, 1.0, legend.scale), 4, axis=0))
-        bar.materials.append(materials.glowing("FlexMaps scale", None))
+        meshes.set_corner_colours(
+            bar, np.repeat(colours.map_to_scale(steps[:-1] + 0.0125, 0.0, 1.0, legend.scale), 4, axis=0)
+        )
+        bar.materials.append(materials.emissive_material("FlexMaps scale", None))
         place(bar, left, top - 2.4)

@@ -33,19 +33,19 @@ if TYPE_CHECKING:
 
 KIND, NAME = "assembled", "Assembled"
 BASE, BASE_NAME = "base", "Base"
-GREY = 0.42  # linear grey of the base's plates, which have no patch colour
-NOTE = "flexmaps_preview"  # custom property of the object: its figures as JSON
-WIRE = 9  # points along an arm drawn as a wire; more is smoother and slower; chosen by eye
+PLATE_GREY = 0.42  # linear grey of the base's plates, which have no patch colour
+FIGURES_KEY = "flexmaps_preview"  # custom property of the object: its figures as JSON
+WIRE_POINTS = 9  # points along an arm drawn as a wire; more is smoother and slower; chosen by eye
 
 
 @dataclass(frozen=True, eq=False)
-class Built:
+class AssembledPiece:
     """An assembled piece, computed and ready to be shown.
 
     design : the spirals
     pose : pose of their hubs
     panels : mesh of the arms and hubs; None if arms are drawn as wires
-    vertices : vertices of the mesh (V, 3), or points of the wires (A, WIRE, 3), metres
+    vertices : vertices of the mesh (V, 3), or points of the wires (A, WIRE_POINTS, 3), metres
     seconds : computing time
     base : mesh of the base's plates, or None
     """
@@ -58,7 +58,7 @@ class Built:
     base: BaseMesh | None = None
 
 
-def tips_of(design: SpiralDesign, settings: ObjectSettings, progress: Progress = SILENT) -> tuple[Tip, ...]:
+def connector_tips(design: SpiralDesign, settings: ObjectSettings, progress: Progress = SILENT) -> tuple[Tip, ...]:
     """Return the arm ends with connectors; () if the settings of the preview ask for no connectors.
 
     Parameters
@@ -79,7 +79,7 @@ def tips_of(design: SpiralDesign, settings: ObjectSettings, progress: Progress =
     return connect(design, settings.connect, DRAWN, progress, settings.cut.mill).tips
 
 
-def base_of(
+def make_base(
     design: SpiralDesign, pose: Pose, supports: Int[np.ndarray, " supports"] | None, settings: ObjectSettings
 ) -> Base | None:
     """Return the base of a piece.
@@ -103,14 +103,14 @@ def base_of(
         return None
 
 
-def build(
+def build_piece(
     design: SpiralDesign,
     pose: Pose,
     detail: str,
     tips: Sequence[Tip] = (),
     progress: Progress = SILENT,
     base: Base | None = None,
-) -> Built:
+) -> AssembledPiece:
     """Compute the geometry of an assembled piece; touches no Blender data, so it may run in a thread.
 
     Parameters
@@ -130,52 +130,52 @@ def build(
     arms = bend_arms(design, pose, progress=progress.part(0.0, 0.4))
     below = None if base is None or not base.plates else base_mesh(base)
     if detail == "LINES":
-        return Built(design, pose, None, wires(design, arms), time.perf_counter() - began, below)
+        return AssembledPiece(design, pose, None, wire_points(design, arms), time.perf_counter() - began, below)
     design = design if base is None else base.design
     panels = panel_mesh(design, DETAILS[detail], tips, progress.part(0.4, 0.8))
     progress(0.8, "Drawing the arms")
     vertices = panels.at_pose(arms, pose)
-    return Built(design, pose, panels, vertices, time.perf_counter() - began, below)
+    return AssembledPiece(design, pose, panels, vertices, time.perf_counter() - began, below)
 
 
-def wires(design: SpiralDesign, arms: BentArms) -> Float[np.ndarray, "arms points 3"]:
-    """Return ``WIRE`` points on each bent arm's centre line, from the joint to the hub's centre, metres."""
+def wire_points(design: SpiralDesign, arms: BentArms) -> Float[np.ndarray, "arms points 3"]:
+    """Return ``WIRE_POINTS`` points on each bent arm's centre line, from the joint to the hub's centre, metres."""
     from ...engine.mechanics.arms.bent import flat_centre
 
-    arm = np.repeat(np.arange(4 * len(design.width)), WIRE)
+    arm = np.repeat(np.arange(4 * len(design.width)), WIRE_POINTS)
     begin = np.where(design.absent, design.begin, 0.0).reshape(-1, 1)
-    t = (begin + (1.0 - begin) * np.linspace(0.0, 1.0, WIRE)).ravel()
+    t = (begin + (1.0 - begin) * np.linspace(0.0, 1.0, WIRE_POINTS)).ravel()
     flat = flat_centre(design, arm // 4, arm % 4, t[:, None])[:, 0]
-    return arms.at(arm, t, flat)[0].reshape(-1, WIRE, 3)
+    return arms.at(arm, t, flat)[0].reshape(-1, WIRE_POINTS, 3)
 
 
 # -- the object --------------------------------------------------------------------------------------------------------
 
 
-def existing(obj: bpy.types.Object) -> bpy.types.Object | None:
+def find_piece(obj: bpy.types.Object) -> bpy.types.Object | None:
     """Return the object that shows a model's assembled piece, or None."""
-    return next(iter(collection.of_kinds(obj, KIND)), None)
+    return next(iter(collection.objects_of_kinds(obj, KIND)), None)
 
 
-def note_of(obj: bpy.types.Object) -> dict[str, Any]:
+def read_figures(obj: bpy.types.Object) -> dict[str, Any]:
     """Return the figures of a model's assembled piece; {} without a piece.
 
     The keys are "spirals" and "triangles" (counts), "seconds" (computing time) and "simulated" (whether the pose is
     from a simulation).
     """
-    piece = existing(obj)
-    return json.loads(piece.get(NOTE, "{}")) if piece is not None else {}
+    piece = find_piece(obj)
+    return json.loads(piece.get(FIGURES_KEY, "{}")) if piece is not None else {}
 
 
-def show(
-    obj: bpy.types.Object, scene: bpy.types.Scene, built: Built, params: PreviewParams, simulated: bool
+def show_piece(
+    obj: bpy.types.Object, scene: bpy.types.Scene, built: AssembledPiece, params: PreviewParams, simulated: bool
 ) -> bpy.types.Object:
     """Make the object of the assembled piece beside its model, replacing an earlier one, and return it.
 
     Parameters
     ----------
     obj, scene : the model and its scene
-    built : the piece, from ``build``
+    built : the piece, from ``build_piece``
     params : settings of the preview
     simulated : whether the pose is from a simulation
 
@@ -191,16 +191,18 @@ def show(
     name = f"{obj.name} {NAME}"
     moved = replace(built, vertices=built.vertices - anchor)
     if built.panels is None:
-        data = _curve(name, moved)
+        data = _wire_curve(name, moved)
     else:
         data = piece_mesh(name, built.panels, moved.vertices, rgb)
         for kind, domain_values in _face_values(obj, built.panels.quad_of).items():
-            meshes.put(data, kind, "FACE", domain_values)
+            meshes.put_attribute(data, kind, "FACE", domain_values)
     if rgb is None:
-        data.materials.append(materials.of_material(obj.flexmaps.material.material))
+        data.materials.append(materials.sheet_material(obj.flexmaps.material.material))
     else:
-        materials.wear(data, rgb, np.arange(4 * len(rgb)) // 4 if built.panels is None else built.panels.quad_of)
-    place = anchor + shift(obj, scene, low, high) * (params.place == "BESIDE")
+        materials.assign_colours(
+            data, rgb, np.arange(4 * len(rgb)) // 4 if built.panels is None else built.panels.quad_of
+        )
+    place = anchor + shift_beside(obj, scene, low, high) * (params.place == "BESIDE")
     made = _put_object(obj, scene, data, place)
     collection.clear(obj, (BASE,))
     if built.base is not None:
@@ -213,11 +215,11 @@ def show(
         "seconds": round(built.seconds + time.perf_counter() - began, 3),
         "simulated": simulated,
     }
-    made[NOTE] = json.dumps(figures)
+    made[FIGURES_KEY] = json.dumps(figures)
     return made
 
 
-def shift(
+def shift_beside(
     obj: bpy.types.Object, scene: bpy.types.Scene, low: Float[np.ndarray, " 3"], high: Float[np.ndarray, " 3"]
 ) -> Float[np.ndarray, " 3"]:
     """Return the shift that puts a piece to the left of its model, at the model's lowest height, metres.
@@ -227,7 +229,7 @@ def shift(
     obj, scene : the model and its scene
     low, high : lower and upper corner of the piece's bounding box, metres
     """
-    box = collection.box_of(obj) * scene.unit_settings.scale_length
+    box = collection.bounding_corners(obj) * scene.unit_settings.scale_length
     gap = 0.15 * float(np.linalg.norm(high - low))
     middle = 0.5 * (box.min(axis=0) + box.max(axis=0) - low - high)
     return np.array([box[:, 0].min() - gap - high[0], middle[1], box[:, 2].min() - low[2]])
@@ -237,7 +239,7 @@ def _put_object(
     obj: bpy.types.Object, scene: bpy.types.Scene, data: bpy.types.ID, place: Float[np.ndarray, " 3"]
 ) -> bpy.types.Object:
     """Put data into the object of the assembled piece, and return it; an existing object keeps its other properties."""
-    made = existing(obj)
+    made = find_piece(obj)
     if made is not None and made.type != ("MESH" if isinstance(data, bpy.types.Mesh) else "CURVE"):
         collection.clear(obj, (KIND, BASE))
         made = None
@@ -267,7 +269,7 @@ def quad_colours(obj: bpy.types.Object, kind: str) -> Float[np.ndarray, "quads 3
         values = attributes.read(mesh, colouring.KINDS[kind].attribute)
     if values is None:
         raise FlexMapsError(f"There is no {colouring.KINDS[kind].label.lower()} to show yet; press Simulate first")
-    return colouring.painted(obj, kind, values)[0]
+    return colouring.colours_and_legend(obj, kind, values)[0]
 
 
 def _face_values(obj: bpy.types.Object, quad_of: Int[np.ndarray, " faces"]) -> dict[str, np.ndarray]:
@@ -296,27 +298,27 @@ def piece_mesh(
     vertices : (V, 3), metres, bent or flat
     rgb : linear colours of the quads; None for no colours
     """
-    mesh = meshes.polygons(name, vertices, panels.corners, panels.sizes)
+    mesh = meshes.make_polygon_mesh(name, vertices, panels.corners, panels.sizes)
     centres = arrange.side_by_side(panels.design.flat)
     uv = (1e3 * panels.flat(centres)[:, :2]).astype(np.float32)[panels.corners]
-    meshes.put(mesh, "flexmaps_flat", "CORNER", uv)
+    meshes.put_attribute(mesh, "flexmaps_flat", "CORNER", uv)
     if rgb is not None:
         rgba = np.ones((len(panels.vertex_quad), 4), np.float32)
         rgba[:, :3] = rgb[panels.vertex_quad]
-        meshes.put(mesh, "flexmaps_colour", "POINT", rgba)
+        meshes.put_attribute(mesh, "flexmaps_colour", "POINT", rgba)
         mesh.attributes.active_color_name = "flexmaps_colour"
-    meshes.smooth(mesh, panels.section)
+    meshes.shade_arms(mesh, panels.section)
     return mesh
 
 
 def plates_mesh(name: str, base: BaseMesh, shift: Float[np.ndarray, " 3"] | float = 0.0) -> bpy.types.Mesh:
     """Make a grey mesh of a base's plates, shifted by a vector in metres."""
     vertices, faces = base.vertices + shift, base.triangles
-    data = meshes.polygons(name, vertices, faces.ravel(), np.full(len(faces), 3))
-    data.materials.append(materials.material("FlexMaps base", np.full(3, GREY)))
+    data = meshes.make_polygon_mesh(name, vertices, faces.ravel(), np.full(len(faces), 3))
+    data.materials.append(materials.plain_material("FlexMaps base", np.full(3, PLATE_GREY)))
     return data
 
 
-def _curve(name: str, built: Built) -> bpy.types.Curve:
+def _wire_curve(name: str, built: AssembledPiece) -> bpy.types.Curve:
     """Make a curve of the arms as wires, as thick as the mean arm width; four-sided, because there are thousands."""
-    return curves.lines(name, list(built.vertices), 0.5 * float(built.design.width.mean()), sides=4)
+    return curves.make_lines(name, list(built.vertices), 0.5 * float(built.design.width.mean()), sides=4)

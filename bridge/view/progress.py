@@ -8,10 +8,10 @@ import bpy
 
 from ..store.i18n import button_name, translate
 
-LEAST = 0.2  # shortest time between two redraws of the progress, seconds; smaller is smoother and slower; by eye
+MIN_INTERVAL = 0.2  # shortest time between two redraws of the progress, seconds; smaller is smoother and slower; by eye
 # largest fraction of the time spent on redrawing; larger is smoother and slows the job down, above all without a
 # graphics card
-SHARE = 0.1
+MAX_SHARE = 0.1
 
 
 class RunningJob(Protocol):
@@ -30,7 +30,7 @@ class RunningJob(Protocol):
     def stopping(self) -> bool: ...
 
 
-class Pace:
+class RedrawPacer:
     """Decide when to redraw the progress: the longer the last redraw took, the later the next one.
 
     Blender draws before it sends the next timer event, so the delay until this event is taken as the drawing time.
@@ -40,13 +40,13 @@ class Pace:
         self._asked: float | None = None
         self._next = 0.0
 
-    def due(self, now: float) -> bool:
+    def is_due(self, now: float) -> bool:
         """Return whether to redraw now; call it at every timer event, and redraw if it returns True.
 
         ``now`` is the time in seconds of any steady clock.
         """
         if self._asked is not None:
-            self._next = self._asked + max(LEAST, (now - self._asked) / SHARE)
+            self._next = self._asked + max(MIN_INTERVAL, (now - self._asked) / MAX_SHARE)
             self._asked = None
         if now < self._next:
             return False
@@ -54,7 +54,7 @@ class Pace:
         return True
 
 
-def show(context: bpy.types.Context, running: RunningJob) -> None:
+def show_progress(context: bpy.types.Context, running: RunningJob) -> None:
     """Show a job's progress in status bar, cursor and sidebar; redraw the 3D views if the job shows a shape.
 
     Parameters

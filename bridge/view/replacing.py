@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ...engine.surface.checking.check import Finding
 
 
-def take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types.Object) -> None:
+def replace_object(context: bpy.types.Context, obj: bpy.types.Object, new: bpy.types.Object) -> None:
     """Replace an object by a new one, which gets its settings and becomes active; the old object is hidden.
 
     Parameters
@@ -26,18 +26,18 @@ def take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types
     from ..store import mark_transfer  # imported here because it imports scipy
 
     leave_edit_mode(context)
-    settings.write(made.flexmaps, settings.read(obj.flexmaps, ObjectSettings))
+    settings.write(new.flexmaps, settings.read(obj.flexmaps, ObjectSettings))
     if not obj.flexmaps.spiral.is_property_set("border"):
-        made.flexmaps.spiral.property_unset("border")
-        derived_properties.store_border_setting(made)
-    failures.transfer(obj.data, made.data)
-    mark_transfer.transfer_marks(obj, made)
+        new.flexmaps.spiral.property_unset("border")
+        derived_properties.store_border_setting(new)
+    failures.transfer(obj.data, new.data)
+    mark_transfer.transfer_marks(obj, new)
     collection.clear(obj)
     obj.select_set(False)
     obj.hide_set(True)
     obj.hide_render = True
-    context.view_layer.objects.active = made
-    made.select_set(True)
+    context.view_layer.objects.active = new
+    new.select_set(True)
 
 
 def resize(context: bpy.types.Context, obj: bpy.types.Object, millimetres: float) -> None:
@@ -51,10 +51,10 @@ def resize(context: bpy.types.Context, obj: bpy.types.Object, millimetres: float
     """
     context.view_layer.update()
     factor = millimetres * 1e-3 / (max(obj.dimensions) * context.scene.unit_settings.scale_length)
-    scale(context, obj, factor)
+    scale_object(context, obj, factor)
 
 
-def scale(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> None:
+def scale_object(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> None:
     """Scale an object about its origin; the 3D views zoom with it.
 
     Parameters
@@ -64,11 +64,11 @@ def scale(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> N
     factor : scale factor
     """
     obj.scale = [s * factor for s in obj.scale]
-    framing.follow(context, obj, factor)
+    framing.scale_views(context, obj, factor)
     context.view_layer.update()
 
 
-def begin_anew(obj: bpy.types.Object, findings: list[Finding]) -> None:
+def drop_results(obj: bpy.types.Object, findings: list[Finding]) -> None:
     """Delete all results of an object whose quads have changed, and store the findings of a check.
 
     Parameters
@@ -80,7 +80,7 @@ def begin_anew(obj: bpy.types.Object, findings: list[Finding]) -> None:
 
     mesh.clear(obj, mesh.NAMES)
     collection.clear(obj)
-    obj.pop(framing.FRAMED, None)
+    obj.pop(framing.FRAMED_KEY, None)
     stored_report.drop_from(obj.data, "layout")
     stored_report.write_checks(obj.data, findings)
 

@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     from ...engine.mechanics.assembly import Pose
     from ..store.snapshot import Snapshot
 
-SIMULATED = ("equilibrium", "reach", "optimise", "structure")
+SIMULATED_BLOCKS = ("equilibrium", "reach", "optimise", "structure")
 
 
 @dataclass(frozen=True, eq=False)
-class Reported:
+class ReportInput:
     """Input of a report, read from an object in Blender: plain arrays and texts, which other threads may use.
 
-    taken : snapshot of the object's surface, settings and stored results
+    snapshot : the object's surface, settings and stored results
     blocks : notes (stored results) of the stages that are up to date, by stage
     shape : simulated vertices (V, 3) in the object's own frame; None without an up-to-date simulation
     values : arrays (F,) of the simulation, or None, by field of ``MapValues``
@@ -38,7 +38,7 @@ class Reported:
     findings : the notices, each with its remedies
     """
 
-    taken: Snapshot
+    snapshot: Snapshot
     blocks: dict[str, Any]
     shape: np.ndarray | None = None
     values: dict[str, Any] = field(default_factory=dict)
@@ -47,18 +47,18 @@ class Reported:
     findings: list[dict[str, Any]] = field(default_factory=list)
 
 
-def of_object(obj: bpy.types.Object) -> tuple[dict[str, Any], dict[str, Drawing]]:
+def build_from_object(obj: bpy.types.Object) -> tuple[dict[str, Any], dict[str, Drawing]]:
     """Return the report and the plots of an object, without results that are out of date.
 
     Raises
     ------
     FlexMapsError : the object cannot be used, the check finds errors, or there is no layout yet
     """
-    content = taken(obj)
-    return drawn(content.taken.result(), content)
+    content = read_input(obj)
+    return build_from_input(content.snapshot.result(), content)
 
 
-def taken(obj: bpy.types.Object) -> Reported:
+def read_input(obj: bpy.types.Object) -> ReportInput:
     """Read the input of an object's report, on Blender's main thread; raise ``FlexMapsError`` if it cannot be used."""
     import bpy
 
@@ -66,16 +66,16 @@ def taken(obj: bpy.types.Object) -> Reported:
     from ..store import settings as properties
 
     surface = mesh.read_surface(obj, bpy.context.scene)
-    return read(obj, snapshot.take_snapshot(obj, surface, properties.read(obj.flexmaps, ObjectSettings)))
+    return complete_input(obj, snapshot.take_snapshot(obj, surface, properties.read(obj.flexmaps, ObjectSettings)))
 
 
-def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
+def complete_input(obj: bpy.types.Object, stored: Snapshot) -> ReportInput:
     """Complete a snapshot of an object to the input of its report; runs on Blender's main thread, in milliseconds.
 
     Parameters
     ----------
     obj : the mesh object
-    taken : snapshot of the object
+    stored : snapshot of the object
     """
     import bpy
 
@@ -90,61 +90,63 @@ def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
         blocks.pop("scan", None)
     more = {"scan": attributes.read(obj.data, scans.NAME)} if "scan" in blocks else {}
     findings = guidance.read_guidance(obj, bpy.context.scene, now).findings()
-    content = Reported(taken, blocks, more=more, findings=findings)
+    content = ReportInput(stored, blocks, more=more, findings=findings)
     if "equilibrium" not in blocks:
         return content
     key = shape_keys.equilibrium_key(obj.data)
-    shape = taken.surface.positions if key is None else column(key.data, "co")
+    shape = stored.surface.positions if key is None else column(key.data, "co")
     if not np.isfinite(shape).all():
-        return replace(content, blocks={name: block for name, block in blocks.items() if name not in SIMULATED})
+        return replace(content, blocks={name: block for name, block in blocks.items() if name not in SIMULATED_BLOCKS})
     names = {"distance": "distance", "strain": "strain", "slot": "slot", "kind": "reach"}
     values = {name: attributes.read(obj.data, attributes.PREFIX + kept) for name, kept in names.items()}
     more["utilisation"] = attributes.read(obj.data, attributes.PREFIX + "utilisation")
-    return replace(content, shape=shape, values=values, more=more, pose=pose.read(obj, taken.surface.to_metres))
+    return replace(content, shape=shape, values=values, more=more, pose=pose.read(obj, stored.surface.to_metres))
 
 
-def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple[dict[str, Any], dict[str, Drawing]]:
+def build_from_input(
+    result: Result, content: ReportInput, progress: Progress = SILENT
+) -> tuple[dict[str, Any], dict[str, Drawing]]:
     """Return the report and the plots of an object from its input; touches no Blender data.
 
     Parameters
     ----------
     result : result of the object's snapshot
-    found : input of the report, read from the object
+    content : input of the report, read from the object
     progress : called with a fraction and a text
 
     Raises
     ------
     FlexMapsError : there is no layout yet
     """
-    taken = found.taken
+    stored = content.snapshot
     result.need(FinalLayout)
-    described = report.build(result, source=taken.name, settings=taken.settings, progress=progress)
-    measured = _measured_values(result, found)
-    described |= {name: block for name, block in found.blocks.items() if name != "checks"}
-    described["checks"] = found.blocks.get("checks", described["checks"])
-    described["findings"] = found.findings
-    return described, report_page.all_drawings(measured, described, taken.settings.layout.distortion_limit)
+    described = report.build(result, source=stored.name, settings=stored.settings, progress=progress)
+    measured = _measured_values(result, content)
+    described |= {name: block for name, block in content.blocks.items() if name != "checks"}
+    described["checks"] = content.blocks.get("checks", described["checks"])
+    described["findings"] = content.findings
+    return described, report_page.all_drawings(measured, described, stored.settings.layout.distortion_limit)
 
 
-def shown(result: Result, found: Reported) -> ViewContent | None:
+def view_content(result: Result, content: ReportInput) -> ViewContent | None:
     """Return the content of the HTML page's 3D view; None without spirals.
 
     Parameters
     ----------
     result : result of the object's snapshot
-    found : input of the report, read from the object
+    content : input of the report, read from the object
     """
     if result.design is None:
         return None
-    return ViewContent(result.design, _measured_values(result, found), found.pose)
+    return ViewContent(result.design, _measured_values(result, content), content.pose)
 
 
-def _measured_values(result: Result, content: Reported) -> run_plots.MapValues:
+def _measured_values(result: Result, content: ReportInput) -> run_plots.MapValues:
     more = {name: values for name, values in content.more.items() if values is not None}
     measured = replace(report_page.collect_values(result), more=more)
     if content.shape is None:
         return measured
-    to_metres = content.taken.surface.to_metres
+    to_metres = content.snapshot.surface.to_metres
     world = content.shape.astype(float) @ to_metres[:3, :3].T + to_metres[:3, 3]
-    used = np.unique(content.taken.surface.polygons.corners)  # the engine's mesh has no loose vertices
+    used = np.unique(content.snapshot.surface.polygons.corners)  # the engine's mesh has no loose vertices
     return replace(measured, shape=world[used], **content.values)

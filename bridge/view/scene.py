@@ -34,7 +34,7 @@ from ..store import (
 )
 from ..store.objects import CONVERTIBLE
 from ..store.surface import ObjectSurface
-from . import choices, collection, colouring, flat_panels, materials, meshes, one_scene, scan_points
+from . import collection, colouring, flat_panels, materials, meshes, one_scene, scan_points, thumbnails
 
 if TYPE_CHECKING:
     from ...engine.extras.choosing.choice import Choice
@@ -166,13 +166,13 @@ def put(
     if choice is not None:
         layouts = [one.flat for one in choice.proposals]
         stored.write_cuts(obj, surface, [flat.layout.cut for flat in layouts])
-        choices.keep(obj, choices.pictures(layouts))
+        thumbnails.store_thumbnails(obj, thumbnails.draw_thumbnails(layouts))
     progress(0.9, "notes in the Blender file")
     if result.simulation is not None and result.limits is not None:
         equilibrium.write(obj, surface, result.simulation, result.limits)
     scan = cast("Comparison | None", result.value("scan"))
     if scan is not None:
-        scans.write(obj, scan, scan_points.show(obj, scene, scan))
+        scans.write(obj, scan, scan_points.show_points(obj, scene, scan))
     fields.write_protected(obj, result.protected)
     examined = cast("Structure | None", result.value("structure"))
     if examined is not None:
@@ -194,7 +194,7 @@ def _put_flat(
     centres = arrange.side_by_side(flat)
     progress(0.1, "flat panels in the Blender file")
     mesh.write_flat(obj, surface, flat, centres)
-    colouring.store(obj, "PATCH")
+    colouring.store_colours(obj, "PATCH")
     if result.design is None:
         mesh.shelve_design(obj)
         flat_panels.show_flat(obj, scene, flat, centres)
@@ -224,8 +224,8 @@ def add_model(scene: bpy.types.Scene, quads: QuadMesh, name: str) -> bpy.types.O
     quads : the surface, metres
     name : name of the object
     """
-    data = meshes.quads(name, quads.vertices / scene.unit_settings.scale_length, quads.quads)
-    data.materials.append(materials.material("FlexMaps panel", None))
+    data = meshes.make_quad_mesh(name, quads.vertices / scene.unit_settings.scale_length, quads.quads)
+    data.materials.append(materials.plain_material("FlexMaps panel", None))
     obj = bpy.data.objects.new(name, data)
     scene.collection.objects.link(obj)
     layer = scene.view_layers[0]
@@ -272,7 +272,7 @@ def save_alone(path: str | Path, result: Result, name: str, used: Settings | Non
         _fill(scene, result, name, used)
         path.unlink(missing_ok=True)
         try:
-            one_scene.write(path, scene, compress=True)
+            one_scene.write_scene(path, scene, compress=True)
         except (OSError, RuntimeError) as error:
             raise FlexMapsError(f"{path} cannot be written; choose another folder or make room on the disk") from error
     finally:
@@ -288,7 +288,7 @@ def _all_data() -> set[bpy.types.ID]:
 def _frame_views() -> None:
     """Frame all objects in the 3D views, so that the file opens with everything in view, even a small piece."""
     objects = bpy.context.scene.objects
-    boxes = [collection.box_of(o) for o in objects]
+    boxes = [collection.bounding_corners(o) for o in objects]
     if not boxes:
         return
     points = np.concatenate(boxes)

@@ -87,7 +87,7 @@ class Studio:
 
     def points(self) -> Float[np.ndarray, "points 3"]:
         """Return points to which the camera is fitted: vertices and bounding boxes of the content."""
-        boxes = map(collection.box_of, self._theirs)
+        boxes = map(collection.bounding_corners, self._theirs)
         return np.concatenate([*(points_of(o) for o in self._shown), *boxes])
 
     def points_in(self, frames: Iterable[int]) -> Float[np.ndarray, "points 3"]:
@@ -157,7 +157,7 @@ class Studio:
         if self._pack is None:
             bpy.ops.render.render(scene=self.scene.name, **how)
         else:
-            one_scene.write(self._pack, self.scene)
+            one_scene.write_scene(self._pack, self.scene)
 
     def clear(self) -> None:
         world = self.scene.world
@@ -186,7 +186,7 @@ class Studio:
             self.keep(sun, lamp)
         reach = 60 * radius
         square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], dtype=float)
-        ground = meshes.quads("FlexMaps ground", reach * square, np.array([[0, 1, 2, 3]]))
+        ground = meshes.make_quad_mesh("FlexMaps ground", reach * square, np.array([[0, 1, 2, 3]]))
         paper = bpy.data.materials.new("FlexMaps ground")
         paper.use_nodes = True
         shader = paper.node_tree.nodes["Principled BSDF"]

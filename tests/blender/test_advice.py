@@ -236,7 +236,7 @@ def test_stopped_or_failed_everything_is_as_it_was(
     def refused(*_: Any, **__: Any) -> None:
         raise FlexMapsError("no shape")
 
-    monkeypatch.setattr("flexmaps.bridge.view.live_shape.settle", refused)
+    monkeypatch.setattr("flexmaps.bridge.view.live_shape.simulate_and_show", refused)
     with pytest.raises(RuntimeError, match="no shape"):
         press(BUTTONS[remedy][0])
     assert everything(obj, all_of) == before

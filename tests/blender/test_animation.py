@@ -48,14 +48,14 @@ def previewed(piece: Any) -> np.ndarray:
     """(V, 3) where the vertices of its preview, which this makes, are seen."""
     press("preview")
     bpy.context.view_layer.update()
-    return seen(preview.existing(piece), bpy.context.scene.frame_current)
+    return seen(preview.find_piece(piece), bpy.context.scene.frame_current)
 
 
 def test_it_begins_flat_and_ends_assembled(piece: Any) -> None:
     points = previewed(piece)
     press("animate")
-    assert preview.existing(piece) is None
-    root, *panels = animation.existing(piece)
+    assert preview.find_piece(piece) is None
+    root, *panels = animation.find_objects(piece)
     assert root.type == "EMPTY" and len(panels) == int(np.max(_patches(piece))) + 1
     scene = bpy.context.scene
     thickness = 1e-3 * piece.flexmaps.spiral.thickness
@@ -88,7 +88,7 @@ def _film_and_preview(piece: Any) -> np.ndarray:
     """(V, 3) the film's last frame, which is the preview."""
     points = previewed(piece)
     press("animate")
-    last = np.concatenate([seen(o, bpy.context.scene.frame_end) for o in animation.existing(piece)[1:]])
+    last = np.concatenate([seen(o, bpy.context.scene.frame_end) for o in animation.find_objects(piece)[1:]])
     assert len(last) == len(points)
     assert _nearest(last, points).max() < 2e-5 * np.linalg.norm(np.ptp(points, axis=0))
     return last
@@ -99,7 +99,7 @@ def test_half_finished_pieces_that_find_no_rest_are_told_of(piece: Any, capsys: 
     monkeypatch.setattr(unfinished_pieces, "WEAKER", ())
     press("animate")
     assert "find no rest" in capsys.readouterr().out
-    assert len(animation.existing(piece)) > 2
+    assert len(animation.find_objects(piece)) > 2
 
 
 def _patches(obj: Any) -> np.ndarray:
@@ -117,7 +117,7 @@ def _nearest(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def test_panels_bend_without_being_stretched(animated: Any) -> None:
     """On the way the hubs' plates stay as large as they are, and arms nearly as long."""
     scene = bpy.context.scene
-    panel = animation.existing(animated)[1]
+    panel = animation.find_objects(animated)[1]
     edges = np.array([tuple(e.vertices) for e in panel.data.edges])
     flat = None
     for frame in np.linspace(scene.frame_start, scene.frame_end, 9).astype(int).tolist():
@@ -135,7 +135,7 @@ def test_pressed_again_it_is_replaced(animated: Any) -> None:
     press("animate")
     assert counts() == before
     press("preview")
-    assert animation.existing(animated) == [] and preview.existing(animated) is not None
+    assert animation.find_objects(animated) == [] and preview.find_piece(animated) is not None
 
 
 def test_it_needs_a_simulation(add: Any) -> None:
@@ -154,7 +154,7 @@ def test_scene_units(add: Any) -> None:
         press(stage)
     obj.flexmaps.preview.place = "ON"
     press("animate")
-    ends = np.concatenate([seen(o, bpy.context.scene.frame_end) for o in animation.existing(obj)[1:]])
+    ends = np.concatenate([seen(o, bpy.context.scene.frame_end) for o in animation.find_objects(obj)[1:]])
     hubs = pose.read(obj, to_metres(obj, bpy.context.scene))
     assert hubs is not None
     assert np.ptp(ends, axis=0) == pytest.approx(100 * np.ptp(hubs.centres, axis=0), rel=0.3)

@@ -31,7 +31,7 @@ def _standing(obj: Any, every: int = 2) -> np.ndarray:
 
 
 def _base_of(obj: Any) -> Any:
-    own = collection.existing(obj)
+    own = collection.find(obj)
     return next((o for o in own.objects if o.get("flexmaps_kind") == preview.BASE), None)
 
 
@@ -55,7 +55,7 @@ def test_from_spirals_to_files(piece: Any, tmp_path: Path) -> None:
     assert (twist > 0.1).any()
     press("simulate")
     press("preview")
-    made, below = preview.existing(piece), _base_of(piece)
+    made, below = preview.find_piece(piece), _base_of(piece)
     assert below is not None
     bpy.context.view_layer.update()
     top, low = max(v.co[2] for v in below.data.vertices), min(v.co[2] for v in made.data.vertices)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from flexmaps import api
 from flexmaps.bridge.store import mesh, next_button, states
-from flexmaps.bridge.view import choices
+from flexmaps.bridge.view import thumbnails
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import PolygonMesh
 from support.bowl import bowl
@@ -144,13 +144,13 @@ def test_undoable_settings_and_seams_make_it_out_of_date(chosen: Any) -> None:
 def test_the_pictures_show_each_layout_in_its_square(chosen: Any) -> None:
     count = len(report(chosen)["choose"]["proposals"])
     strip = bpy.data.images[f"{chosen.data.name} layouts"]
-    assert tuple(strip.size) == (choices.SIZE * count, choices.SIZE) and strip.packed_file is not None
-    pixels = np.array(strip.pixels[:]).reshape(choices.SIZE, -1, 4)
+    assert tuple(strip.size) == (thumbnails.SIZE * count, thumbnails.SIZE) and strip.packed_file is not None
+    pixels = np.array(strip.pixels[:]).reshape(thumbnails.SIZE, -1, 4)
     for k in range(count):
-        filled = pixels[:, k * choices.SIZE : (k + 1) * choices.SIZE, 3] > 0.5
+        filled = pixels[:, k * thumbnails.SIZE : (k + 1) * thumbnails.SIZE, 3] > 0.5
         assert 0.2 < filled.mean() < 0.95  # a bowl fills most of its square, and not its corners
         assert not filled[[0, 0, -1, -1], [0, -1, 0, -1]].any()
-    assert choices.icons(chosen, count) == [0] * count  # there is no window
+    assert thumbnails.icon_numbers(chosen, count) == [0] * count  # there is no window
 
 
 def test_the_sidebar_shows_the_proposals(chosen: Any) -> None:

@@ -48,7 +48,9 @@ def test_the_button_measures_shows_and_is_dropped(saddle: Any, tmp_path: Path, a
     distance = attribute(obj, "flexmaps_scan")
     assert (distance < 0).mean() == pytest.approx(1 - block["covered"], abs=1e-3)
     assert distance.max() == pytest.approx(block["max_mm"], abs=1e-3)
-    assert colouring.store(obj, "SCAN") and colouring.legend_of(obj, "SCAN").title.startswith("Distance of the scan")
+    assert colouring.store_colours(obj, "SCAN") and colouring.legend_of(obj, "SCAN").title.startswith(
+        "Distance of the scan"
+    )
     points = obj[scans.POINTS]
     assert len(points.data.vertices) == block["points"] and points.name in bpy.context.scene.objects
     described = api.report(obj, tmp_path / "report")
@@ -61,11 +63,11 @@ def test_the_button_measures_shows_and_is_dropped(saddle: Any, tmp_path: Path, a
         and scans.POINTS not in obj
         and "flexmaps_scan" not in obj.data.attributes
     )
-    assert not colouring.store(obj, "SCAN")
+    assert not colouring.store_colours(obj, "SCAN")
     press("compare", filepath=str(scan), anywhere=False)
     assert stored_report.read(obj.data)["scan"]["against"] == "simulated shape"
     obj.flexmaps.spiral.thickness *= 1.2  # the shape that it was compared with is no longer that of the piece
-    assert not colouring.store(obj, "SCAN") and "scan" not in api.report(obj)
+    assert not colouring.store_colours(obj, "SCAN") and "scan" not in api.report(obj)
 
 
 @pytest.mark.thorough

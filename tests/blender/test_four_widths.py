@@ -126,7 +126,7 @@ def test_one_width_a_face_of_an_older_file(dome: Any, mode: str) -> None:
     assert piece.result.design is not None
     assert piece.result.design.width == pytest.approx(1e-3 * np.repeat(one[:, None], 4, axis=1), rel=1e-6)
     press("overlay", kind="WIDTH")
-    quads = overlay._quads(dome, "WIDTH")
+    quads = overlay._read_quads(dome, "WIDTH")
     assert quads is not None and quads.values == pytest.approx(one, rel=1e-6)
     press("spirals")
     bpy.ops.object.mode_set(mode="OBJECT")
@@ -185,13 +185,15 @@ def test_overlay_of_anisotropy(dome: Any) -> None:
     press("flatten")
     made, _ = _unlike(dome)
     press("overlay", kind="ANISOTROPY")
-    quads = overlay._quads(dome, "ANISOTROPY")
+    quads = overlay._read_quads(dome, "ANISOTROPY")
     assert quads is not None and quads.width is not None
     w = 1e3 * made.width
     assert quads.values == pytest.approx(100 * abs(w[:, 0] + w[:, 2] - w[:, 1] - w[:, 3]) / w.sum(axis=1), abs=1e-3)
-    bars = overlay.crosses(quads.positions[quads.corners], quads.width).reshape(len(w), 2, 2, 3)
+    bars = overlay.width_bars(quads.positions[quads.corners], quads.width).reshape(len(w), 2, 2, 3)
     long = np.linalg.norm(bars[:, :, 1] - bars[:, :, 0], axis=2)
     p = quads.positions[quads.corners]
     middle = 0.5 * (p + np.roll(p, -1, axis=1))
     across = np.linalg.norm(middle[:, :2] - middle[:, 2:], axis=2)
-    assert (long / across) / (w[:, :2] + w[:, 2:]) == pytest.approx(overlay.BAR / (w[:, :2] + w[:, 2:]).max(), rel=1e-4)
+    assert (long / across) / (w[:, :2] + w[:, 2:]) == pytest.approx(
+        overlay.BAR_LENGTH / (w[:, :2] + w[:, 2:]).max(), rel=1e-4
+    )

@@ -16,7 +16,7 @@ from mathutils import Matrix, Vector
 @pytest.fixture
 def area() -> Any:
     """The 3D view of Blender's start screen, with its toolbar on the left."""
-    return next(area for _, area in framing._views(bpy.context))
+    return next(area for _, area in framing._view_areas(bpy.context))
 
 
 def at(area: Any, points: np.ndarray) -> np.ndarray:
@@ -46,8 +46,8 @@ def free_size(area: Any) -> tuple[float, np.ndarray]:
 def test_objects_fill_the_part_beside_the_toolbar(add: Any, area: Any) -> None:
     dome, other = add(shapes.make("dome"), "dome"), add(shapes.make("dome"), "other")
     other.location = (0.3, 2.5, 0.0)
-    framing.select_alone(bpy.context, dome, bpy.context.view_layer)
-    framing.frame(bpy.context, other)
+    framing.select_only(bpy.context, dome, bpy.context.view_layer)
+    framing.frame_views(bpy.context, other)
     assert dome.select_get() and not other.select_get()
     left, size = free_size(area)
     seen = (at(area, np.concatenate([world(dome), world(other)])) - [left, 0]) / size
@@ -61,7 +61,7 @@ def test_selected_faces_are_in_the_middle(add: Any, area: Any) -> None:
     attributes.select(dome, np.array([3]), np.array([], dtype=int))
     corners = np.array([dome.matrix_world @ dome.data.vertices[v].co for v in dome.data.polygons[3].vertices])
     bpy.ops.object.mode_set(mode="EDIT")
-    framing.frame(bpy.context)
+    framing.frame_views(bpy.context)
     left, size = free_size(area)
     seen = (at(area, corners) - [left, 0]) / size
     assert np.ptp(seen, axis=0).max() == pytest.approx(0.88, abs=0.01)
@@ -73,5 +73,5 @@ def test_nothing_selected_moves_no_view(add: Any, area: Any) -> None:
     bpy.ops.object.select_all(action="DESELECT")
     view = area.spaces.active.region_3d
     before = (*view.view_location, view.view_distance)
-    framing.frame(bpy.context)
+    framing.frame_views(bpy.context)
     assert (*view.view_location, view.view_distance) == before

@@ -85,14 +85,14 @@ def test_scripts_pull_and_wish_and_files_keep_it(spiralled: Any, tmp_path: Any) 
 
 def test_the_spiral_under_the_mouse_is_that_of_the_shown_shape(simulated: Any, content: Callable[[Any], Any]) -> None:
     before = content(simulated)
-    points, quads = picking.seen(simulated)
+    points, quads = picking.visible_surface(simulated)
     middle = points[quads[17]].mean(axis=0)
     normal = np.cross(*(points[quads[17]][k] - points[quads[17]][0] for k in (1, 2)))
     normal /= np.linalg.norm(normal)
-    assert picking.quad_at(points, quads, middle + 0.05 * normal, -normal) == 17
-    assert picking.quad_at(points, quads, middle + 10.0 * normal, normal) is None
+    assert picking.hit_quad(points, quads, middle + 0.05 * normal, -normal) == 17
+    assert picking.hit_quad(points, quads, middle + 10.0 * normal, normal) is None
     assert content(simulated) == before
-    assert np.abs(points - picking.target(simulated)).max() > 1e-4  # the simulated one, not the target
+    assert np.abs(points - picking.target_vertices(simulated)).max() > 1e-4  # the simulated one, not the target
 
 
 def test_the_commands_pull_and_wish(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -274,12 +274,12 @@ def test_what_is_changed_while_a_job_runs_is_no_part_of_its_result(
 @pytest.mark.parametrize("frame", [0.0, 0.015, 0.09, 0.4, 3.0])
 def test_drawing_takes_a_tenth_of_the_time(frame: float) -> None:
     """However long one drawing takes; a clock stands for the window."""
-    pace, now, drawn = progress.Pace(), 0.0, []
+    pace, now, drawn = progress.RedrawPacer(), 0.0, []
     while now < 120.0:
         if pace.due(now):
             drawn.append(now)
             now += frame
         now += stage.TICK
-    assert len(drawn) * frame <= progress.SHARE * now + frame
-    longest = max(progress.LEAST, (frame + stage.TICK) / progress.SHARE) + 2 * stage.TICK
+    assert len(drawn) * frame <= progress.MAX_SHARE * now + frame
+    longest = max(progress.MIN_INTERVAL, (frame + stage.TICK) / progress.MAX_SHARE) + 2 * stage.TICK
     assert len(drawn) >= now / longest - 1  # and yet as often as that allows

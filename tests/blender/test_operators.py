@@ -304,7 +304,7 @@ def test_export_follows_the_connectors_and_the_kerf(dome: Any, tmp_path: Path) -
 def test_the_report_on_the_mesh_is_plain_json(dome: Any) -> None:
     press("merge")
     assert json.loads(dome.data["flexmaps_report"])["layout"]["patches"] >= 1
-    assert collection.existing(dome) is not None
+    assert collection.find(dome) is not None
 
 
 def test_merge_cuts_what_is_larger_than_the_sheet(dome: Any) -> None:

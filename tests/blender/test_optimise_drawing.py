@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge.view import colouring, designing, plot
+from flexmaps.bridge.view import colouring, history_plot, optimisation_shape
 from flexmaps.engine import colours
 from flexmaps.engine.display import arrange, solids
 from flexmaps.engine.optimisation import optimise as engine
@@ -35,7 +35,7 @@ def test_arms_are_drawn_where_they_are() -> None:
     vertices = np.c_[points, np.zeros(6)]
     width, twist = np.array([0.001, 0.002]), np.array([0.0, np.pi / 2])
     look = engine.OptimisationStep(vertices, np.repeat(width[:, None], 4, axis=1), twist, 0.0012, 3)
-    shape = designing.Designing(look, quads, SpiralParams(), ((0.0, 0.003), (0.1, 0.0012)))
+    shape = optimisation_shape.OptimisationShape(look, quads, SpiralParams(), ((0.0, 0.003), (0.1, 0.0012)))
     for unit in (1.0, 0.001):
         found, triangles = shape.bands(unit)
         pieces = len(found) // (2 * 4 * 2) - 1
@@ -70,9 +70,9 @@ def test_arms_lie_on_warped_quads() -> None:
     vertices = np.array([[0, 0, 0.2], [1, 0, -0.15], [1.2, 1, 0.25], [0, 1, -0.2]]) * EDGE
     quads = np.array([[0, 1, 2, 3]])
     look = engine.OptimisationStep(vertices, np.full((1, 4), 0.001), np.array([4.0]), 0.001, 0)
-    shape = designing.Designing(look, quads, SpiralParams(), ((0.0, 0.001),))
-    triangles = shape.drawn(1.0)[0].reshape(-1, 3, 3).astype(float)
-    corners, normal = shape.frame(1.0)
+    shape = optimisation_shape.OptimisationShape(look, quads, SpiralParams(), ((0.0, 0.001),))
+    triangles = shape.faces_and_lines(1.0)[0].reshape(-1, 3, 3).astype(float)
+    corners, normal = shape.corners_and_normals(1.0)
     found = shape.bands(1.0)[0].astype(float)
     heights = []
     for point in found:
@@ -82,30 +82,30 @@ def test_arms_lie_on_warped_quads() -> None:
                 heights.append(height)
                 break
     assert len(heights) > 0.9 * len(found)  # but for the corners of the tips
-    lift = designing.LIFT * float(np.linalg.norm(corners[0, 1] - corners[0, 0]))
+    lift = optimisation_shape.LIFT * float(np.linalg.norm(corners[0, 1] - corners[0, 0]))
     assert heights == pytest.approx([lift] * len(heights), rel=0.01)
 
 
 def test_plot_of_the_history() -> None:
-    margin = round(0.05 * plot.SIZE)
+    margin = round(0.05 * history_plot.SIZE)
 
     def height(picture: np.ndarray, share: float) -> int:
         """The row of the highest point of the curve at a share of the way."""
-        column = margin + int(share * (plot.SIZE - 2 * margin - 8)) + 4
+        column = margin + int(share * (history_plot.SIZE - 2 * margin - 8)) + 4
         curve = (picture[:, column, 3] > 0.9) & (picture[:, column, 0] > 0.9)
         return int(np.flatnonzero(curve).max())
 
-    falling = plot.picture([4.0, 3.0, 2.0])
+    falling = history_plot.draw_pixels([4.0, 3.0, 2.0])
     assert height(falling, 0.0) > height(falling, 0.5) > height(falling, 1.0)
     # in proportion, as the scale begins at zero
     low = margin
     assert (height(falling, 1.0) - low) / (height(falling, 0.0) - low) == pytest.approx(0.5, abs=0.06)
-    assert height(plot.picture([1.0, 1e-3]), 1.0) < height(plot.picture([1.0, 1e-3]), 0.5)
+    assert height(history_plot.draw_pixels([1.0, 1e-3]), 1.0) < height(history_plot.draw_pixels([1.0, 1e-3]), 0.5)
     for odd in ([], [1.0], [0.0, 0.0], [1.0, np.nan, 0.5], [2.0] * 1000):
-        picture = plot.picture(odd)
-        assert picture.shape == (plot.SIZE, plot.SIZE, 4) and np.isfinite(picture).all()
+        picture = history_plot.draw_pixels(odd)
+        assert picture.shape == (history_plot.SIZE, history_plot.SIZE, 4) and np.isfinite(picture).all()
         assert ((picture >= 0.0) & (picture <= 1.0)).all()
-    assert plot.icon([3.0, 2.0]) == plot.icon([3.0, 2.0, 1.0])  # one icon, drawn anew
+    assert history_plot.icon_number([3.0, 2.0]) == history_plot.icon_number([3.0, 2.0, 1.0])  # one icon, drawn anew
 
 
 def test_limits_as_colours(piece: Any, attribute: Any) -> None:

@@ -83,7 +83,7 @@ def test_who_stops_it_does_not_wait_for_the_true_panels(
         in_background(piece, lambda job: job.shown is not None and len(job.shown.history) > 2)
     (plain,) = flat_panels.panels_of(piece)
     # they stand where the new spirals are, and tell that they are not the last word
-    assert plain[flat_panels.LOOK] == flat_panels.PLAIN
+    assert plain[flat_panels.FINGERPRINT_KEY] == flat_panels.NO_CONNECTORS
     assert not [o for o in bpy.data.objects if o.get("flexmaps_kind") == "outlines"]
     assert "slot_min_mm" not in block(piece, "spirals") and "reach" not in stored_report.read(piece.data)
     light = solids.light(design(piece), arrange.side_by_side(design(piece).flat))
@@ -94,7 +94,7 @@ def test_who_stops_it_does_not_wait_for_the_true_panels(
     piece.flexmaps.export.folder = str(tmp_path)
     press("export")
     (drawn,) = flat_panels.panels_of(piece)
-    assert drawn[flat_panels.LOOK] != flat_panels.PLAIN
+    assert drawn[flat_panels.FINGERPRINT_KEY] != flat_panels.NO_CONNECTORS
     assert [o for o in bpy.data.objects if o.get("flexmaps_kind") == "outlines"]
 
 

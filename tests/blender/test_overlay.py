@@ -80,7 +80,7 @@ def test_colours_lie_closely_on_the_surface(dome: Any, mode: str) -> None:
 
     press("trace")
     bpy.ops.object.mode_set(mode=mode)
-    quads = overlay._quads(dome, "PATCH")
+    quads = overlay._read_quads(dome, "PATCH")
     bpy.ops.object.mode_set(mode="OBJECT")
     assert quads is not None
     assert np.array_equal(quads.positions, [v.co for v in dome.data.vertices])
@@ -100,7 +100,7 @@ def test_seams_have_the_colours_of_the_assembly_sheet(dome: Any, mode: str) -> N
     surface = bridge.read_surface(dome, bpy.context.scene)
     flat = bridge.require_current_flat(surface, check.as_quad_mesh(surface.polygons))
     bpy.ops.object.mode_set(mode=mode)
-    quads = overlay._quads(dome, "PATCH")
+    quads = overlay._read_quads(dome, "PATCH")
     assert quads is not None
     seams = quads.seams
     bpy.ops.object.mode_set(mode="OBJECT")
@@ -125,8 +125,8 @@ def test_colours_follow_the_stages_until_somebody_chooses(dome: Any) -> None:
 def test_one_panel_is_one(dome: Any) -> None:
     from flexmaps.bridge.view import colouring
 
-    assert colouring.painted(dome, "PATCH", np.zeros(5))[1].title == "1 panel"
-    assert colouring.painted(dome, "PATCH", np.arange(2.0))[1].title == "2 panels"
+    assert colouring.colours_and_legend(dome, "PATCH", np.zeros(5))[1].title == "1 panel"
+    assert colouring.colours_and_legend(dome, "PATCH", np.arange(2.0))[1].title == "2 panels"
 
 
 def test_colours_outlive_the_file_and_an_undo(spiralled: Any, tmp_path: Any) -> None:

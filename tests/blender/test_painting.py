@@ -1,4 +1,4 @@
-"""Painted spirals in Blender: the easel between strokes, weights and colours, protection, and scripts and the command line."""
+"""Painted spirals in Blender: the session between strokes, weights and colours, protection, and scripts and the command line."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from flexmaps import api
 from flexmaps.bridge.store import fields, mesh, states, stored_report
-from flexmaps.bridge.view import dabs, easel, flat_panels
+from flexmaps.bridge.view import dab_queue, flat_panels, paint_session
 from flexmaps.command.main import main
 from flexmaps.engine.display.moving_panels import MovingPanels
 from flexmaps.engine.errors import FlexMapsError
@@ -27,9 +27,9 @@ def _kinds(obj: Any) -> dict[str, str]:
 def test_a_stroke_leaves_the_spirals_done_and_later_stages_out_of_date(simulated: Any, attribute: Any) -> None:
     assert _kinds(simulated)["equilibrium"] == "DONE"
     before = attribute(simulated, "flexmaps_twist")
-    on = easel.easel_of(simulated, bpy.context.scene)
-    centre = on.ground.centres[12]
-    weight = on.ground.weight(centre, on.ground.normals[12], 0.05)
+    on = paint_session.get_session(simulated, bpy.context.scene)
+    centre = on.brush_surface.centres[12]
+    weight = on.brush_surface.weight(centre, on.brush_surface.normals[12], 0.05)
     assert 0 < (weight > 0).sum() < len(weight) and weight[12] == 1.0
     on.paint("stiffer", 0.8 * weight, Stroke())
     on.write(bpy.context.scene)
@@ -39,14 +39,14 @@ def test_a_stroke_leaves_the_spirals_done_and_later_stages_out_of_date(simulated
     assert kinds["spirals"] == "DONE" and kinds["equilibrium"] == "STALE"
     assert stored_report.read(simulated.data)["spirals"]["painted"]
     assert bpy.context.window_manager.flexmaps_overlay == "STIFFNESS"
-    assert easel.easel_of(simulated, bpy.context.scene) is on, "it stays from stroke to stroke"
+    assert paint_session.get_session(simulated, bpy.context.scene) is on, "it stays from stroke to stroke"
     simulated.flexmaps.optimise.iterations, simulated.flexmaps.optimise.codesign = 1, False
     press("optimise")  # from these spirals, and no others
     assert stored_report.read(simulated.data)["optimise"]["start"] == "given"
-    on = easel.easel_of(simulated, bpy.context.scene)  # something else changed the spirals
+    on = paint_session.get_session(simulated, bpy.context.scene)  # something else changed the spirals
     np.testing.assert_allclose(np.degrees(on.design.twist), attribute(simulated, "flexmaps_twist"), rtol=1e-6)
     np.testing.assert_allclose(on.design.width.ravel() * 1e3, attribute(simulated, "flexmaps_width"), rtol=1e-6)
-    assert not on.changed.any()
+    assert not on.changed_spirals.any()
     press("spirals")
     assert "painted" not in stored_report.read(simulated.data)["spirals"]
 
@@ -58,11 +58,11 @@ def test_panels_move_with_strokes_and_an_undo_brings_the_former_spirals(spiralle
         (panels,) = flat_panels.panels_of(obj)
         return panels.data, np.array([v.co for v in panels.data.vertices])
 
-    on = easel.easel_of(spiralled, scene)
+    on = paint_session.get_session(spiralled, scene)
     seen, states_of = [], []
     for brush, quad in (("stiffer", 3), ("softer", 20)):
-        work = dabs.Dabs(on, brush, inverted=False)
-        weight = on.ground.weight(on.ground.centres[quad], on.ground.normals[quad], 0.06)
+        work = dab_queue.DabQueue(on, brush, inverted=False)
+        weight = on.brush_surface.weight(on.brush_surface.centres[quad], on.brush_surface.normals[quad], 0.06)
         for _ in range(3):
             work.add([0.4 * weight], np.zeros(3))
         work.wait()
@@ -76,13 +76,13 @@ def test_panels_move_with_strokes_and_an_undo_brings_the_former_spirals(spiralle
     assert seen[0][0] == seen[1][0] and not np.array_equal(seen[0][1], seen[1][1]), "one mesh, other points"
     bpy.ops.ed.undo()
     obj = bpy.context.object
-    assert easel.easel_of(obj, bpy.context.scene) is on, "only spirals have changed"
+    assert paint_session.get_session(obj, bpy.context.scene) is on, "only spirals have changed"
     np.testing.assert_allclose(on.design.twist, states_of[0].twist, rtol=1e-6)
     np.testing.assert_array_equal(beside(obj)[1], seen[0][1])
-    full = easel.Easel(obj, bpy.context.scene)
+    full = paint_session.PaintSession(obj, bpy.context.scene)
     np.testing.assert_allclose(on.stiffness, full.stiffness, rtol=1e-5)
-    full.put_away()
-    wrong = dabs.Dabs(on, "nothing", inverted=False)
+    full.discard()
+    wrong = dab_queue.DabQueue(on, "nothing", inverted=False)
     with pytest.raises(FlexMapsError, match="no brush"):
         wrong.add([np.ones(len(on.design.twist))], np.zeros(3))
         wrong.wait()
@@ -92,15 +92,15 @@ def test_panels_move_with_strokes_and_an_undo_brings_the_former_spirals(spiralle
 def test_panels_with_a_rim_follow_strokes_at_the_border(spiralled: Any) -> None:
     spiralled.flexmaps.spiral.border = "rim"
     press("spirals")
-    on = easel.easel_of(spiralled, bpy.context.scene)
+    on = paint_session.get_session(spiralled, bpy.context.scene)
     border = on.design.flat.layout.mesh.border[on.design.flat.layout.mesh.quad_edges].any(axis=1)
     before: Any = None
     for brush in ("softer", "stiffer"):
-        work = dabs.Dabs(on, brush, inverted=False)
+        work = dab_queue.DabQueue(on, brush, inverted=False)
         work.add([0.5 * border], np.zeros(3))
         work.wait()
         work.close()
-        assert "coloured" in vars(on._panels._drawing), "beside the window's thread"
+        assert "colour_arrays" in vars(on._panels._drawing), "beside the window's thread"
         on.write(bpy.context.scene)
         (panels,) = flat_panels.panels_of(spiralled)
         points = np.empty((len(panels.data.vertices), 3))
@@ -117,26 +117,28 @@ def test_spirals_that_were_there_before_are_taken_without_asking_whether_they_ca
     asked = []
     monkeypatch.setattr(fabricable, "unfabricable_quads", lambda *given: asked.append(given) or ())
     scene = bpy.context.scene
-    on = easel.easel_of(spiralled, scene)
+    on = paint_session.get_session(spiralled, scene)
     first, stiff = on.design, on.stiffness
-    on.paint("softer", on.ground.weight(on.ground.centres[3], on.ground.normals[3], 0.06), Stroke())
+    on.paint(
+        "softer", on.brush_surface.weight(on.brush_surface.centres[3], on.brush_surface.normals[3], 0.06), Stroke()
+    )
     on.write(scene)
     mesh.write_design(spiralled, on._surface, first)  # as an undo leaves it
-    assert easel.easel_of(spiralled, scene) is on and not asked
+    assert paint_session.get_session(spiralled, scene) is on and not asked
     np.testing.assert_allclose(on.design.twist, first.twist, rtol=1e-6)
     np.testing.assert_array_equal(on.stiffness, stiff)
     mesh.write_design(spiralled, on._surface, replace(first, twist=0.9 * first.twist))
-    assert easel.easel_of(spiralled, scene) is on and len(asked) == 1, "nobody had these before"
+    assert paint_session.get_session(spiralled, scene) is on and len(asked) == 1, "nobody had these before"
 
 
 def test_a_stroke_taken_back_leaves_everything_as_it_was(spiralled: Any, content: Any) -> None:
     before = content(spiralled)
-    on = easel.easel_of(spiralled, bpy.context.scene)
+    on = paint_session.get_session(spiralled, bpy.context.scene)
     on.paint("softer", np.ones(len(on.design.twist)), Stroke())
     on.paint("protect", np.ones(len(on.design.twist)), Stroke())
-    assert on.changed.any() and on.protected.all()
+    assert on.changed_spirals.any() and on.protected.all()
     on.revert()
-    assert not on.changed.any() and not on.protected.any() and content(spiralled) == before
+    assert not on.changed_spirals.any() and not on.protected.any() and content(spiralled) == before
 
 
 def test_stiffness_from_weights_and_colours(spiralled: Any, attribute: Any) -> None:

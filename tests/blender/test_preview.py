@@ -34,9 +34,9 @@ def test_needs_spirals(add: Any) -> None:
 def test_before_a_simulation_it_lies_on_the_target(piece: Any) -> None:
     piece.flexmaps.preview.place = "ON"
     press("preview")
-    made = preview.existing(piece)
+    made = preview.find_piece(piece)
     assert made.name == "piece Assembled" and made.type == "MESH"
-    assert not preview.note_of(piece)["simulated"]
+    assert not preview.read_figures(piece)["simulated"]
     bpy.context.view_layer.update()
     size = np.linalg.norm(np.ptp(points_of(piece), axis=0))
     assert points_of(made).min(axis=0) == pytest.approx(points_of(piece).min(axis=0), abs=0.03 * size)
@@ -48,7 +48,7 @@ def test_after_a_simulation_it_follows_the_hubs(piece: Any) -> None:
     piece.flexmaps.preview.place = "ON"
     piece.flexmaps.preview.detail = "COARSE"
     press("preview")
-    made, figures = preview.existing(piece), preview.note_of(piece)
+    made, figures = preview.find_piece(piece), preview.read_figures(piece)
     assert figures["simulated"] and figures["spirals"] == len(piece.data.polygons)
     assert figures["triangles"] == sum(len(p.vertices) - 2 for p in made.data.polygons)
     surface = mesh.read_surface(piece, bpy.context.scene)
@@ -114,7 +114,7 @@ def test_it_says_when_it_is_old(piece: Any) -> None:
 def test_wires_have_the_colours_of_their_patches(piece: Any) -> None:
     piece.flexmaps.preview.detail = "LINES"
     press("preview")
-    made = preview.existing(piece).data
+    made = preview.find_piece(piece).data
     patches = attributes.read(piece.data, "flexmaps_patch")
     worn = np.array([spline.material_index for spline in made.splines]).reshape(-1, 4)
     assert (worn == worn[:, :1]).all() and len(made.materials) == len(np.unique(patches))
@@ -122,25 +122,25 @@ def test_wires_have_the_colours_of_their_patches(piece: Any) -> None:
     press("simulate")
     piece.flexmaps.preview.colour = "DISTANCE"
     press("preview")
-    made = preview.existing(piece).data
-    assert 3 < len(made.materials) <= materials.FEW
+    made = preview.find_piece(piece).data
+    assert 3 < len(made.materials) <= materials.MAX_MATERIALS
 
 
 def test_colours_that_are_not_there_are_refused(piece: Any) -> None:
     piece.flexmaps.preview.colour = "SAFETY"
     with pytest.raises(RuntimeError, match="press Simulate first"):
         bpy.ops.flexmaps.preview()
-    assert preview.existing(piece) is None
+    assert preview.find_piece(piece) is None
     press("simulate")
     press("preview")
-    made = preview.existing(piece)
+    made = preview.find_piece(piece)
     assert len(set(np.round([c.color[0] for c in made.data.attributes["flexmaps_colour"].data], 4))) > 3
 
 
 def test_patches_are_told_apart_in_solid_view(piece: Any) -> None:
     """There a face has its material's colour, which must be that of the renders."""
     press("preview")
-    made = preview.existing(piece).data
+    made = preview.find_piece(piece).data
     slots = np.array([m.diffuse_color[:3] for m in made.materials])
     patches = np.array([value.value for value in piece.data.attributes["flexmaps_patch"].data])
     assert len(slots) == len(np.unique(patches)) > 1
@@ -157,7 +157,7 @@ def test_connectors_are_drawn_on_request(piece: Any) -> None:
     for joined in (False, True):
         piece.flexmaps.preview.joined = joined
         press("preview")
-        counts.append(preview.note_of(piece)["triangles"])
+        counts.append(preview.read_figures(piece)["triangles"])
     joints = sum(edge.use_seam for edge in piece.data.edges)
     assert counts[1] - counts[0] > 20 * joints  # rounded heads and sockets on both sides of every joint
 
@@ -172,7 +172,7 @@ def test_scene_units_and_a_mirrored_object(add: Any) -> None:
         press(stage)
     obj.flexmaps.preview.place = "ON"
     press("preview")
-    made = preview.existing(obj)
+    made = preview.find_piece(obj)
     bpy.context.view_layer.update()
     # the shape that was simulated, as the shape key has it
     key = np.array(

@@ -60,17 +60,17 @@ def test_only_what_is_asked_for(piece: Any, tmp_path: Path) -> None:
     wide = {}
     for name in ("target", "assembled", "panels"):
         shown = {key: key == name for key in ("target", "assembled", "panels")}
-        picture.together(piece, tmp_path / f"{name}.png", RenderParams(**SMALL, pixels_y=192, **shown))
+        picture.render_together(piece, tmp_path / f"{name}.png", RenderParams(**SMALL, pixels_y=192, **shown))
         wide[name] = (np.ptp(pixels(tmp_path / f"{name}.png"), axis=2) > 0.12).mean()
     assert wide["target"] > 1.2 * wide["assembled"] > 0.02  # spirals have holes
     with pytest.raises(FlexMapsError, match="switch"):
-        picture.together(piece, tmp_path / "x.png", RenderParams(target=False, assembled=False, panels=False))
+        picture.render_together(piece, tmp_path / "x.png", RenderParams(target=False, assembled=False, panels=False))
 
 
 @pytest.mark.parametrize("finish", ["acrylic", "SAFETY"])
 def test_finishes(piece: Any, tmp_path: Path, finish: str) -> None:
     params = RenderParams(**SMALL, finish=finish, target=False, panels=False)
-    picture.together(piece, tmp_path / "a.png", params)
+    picture.render_together(piece, tmp_path / "a.png", params)
     seen = pixels(tmp_path / "a.png")
     red = (seen[..., 0] - seen[..., 2]) > 0.25
     assert (red.mean() > 0.03) == (finish == "acrylic") or finish == "SAFETY"
@@ -80,10 +80,10 @@ def test_finishes(piece: Any, tmp_path: Path, finish: str) -> None:
 def test_every_material_has_a_look() -> None:
     from flexmaps.engine.materials import MATERIALS
 
-    assert set(MATERIALS) | {"custom"} == set(materials.LOOKS)
-    for key in materials.LOOKS:
-        made = materials.of_material(key)
-        assert made is materials.of_material(key)
+    assert set(MATERIALS) | {"custom"} == set(materials.APPEARANCES)
+    for key in materials.APPEARANCES:
+        made = materials.sheet_material(key)
+        assert made is materials.sheet_material(key)
         assert made.node_tree.nodes["Principled BSDF"].outputs["BSDF"].is_linked
 
 
@@ -166,7 +166,7 @@ def test_with_connectors(piece: Any, tmp_path: Path) -> None:
     seen = []
     for joined in (False, True):
         piece.flexmaps.preview.joined = joined
-        picture.together(piece, tmp_path / "a.png", params)
+        picture.render_together(piece, tmp_path / "a.png", params)
         seen.append(pixels(tmp_path / "a.png"))
     changed = np.abs(seen[1] - seen[0]).max(axis=2) > 0.1
     assert 0.0 < changed.mean() < 0.2
@@ -180,11 +180,11 @@ def test_a_second_blender_makes_the_same_picture(piece: Any, tmp_path: Path) -> 
 
     before, params = everything(), RenderParams(**SMALL)  # type: ignore[arg-type]
     pack, made, told = tmp_path / "scene.blend", tmp_path / "made", list[str]()
-    picture.together(piece, made / "all.png", params, pack)
+    picture.render_together(piece, made / "all.png", params, pack)
     assert everything() == before and pack.is_file()
     found = second_render.render(pack, made, 0, Progress(lambda _, text: told.append(text)))
     assert [one.name for one in found] == ["all.png"] and "setting up the picture" in told
-    picture.together(piece, tmp_path / "here.png", params)
+    picture.render_together(piece, tmp_path / "here.png", params)
     apart = np.abs(pixels(found[0]) - pixels(tmp_path / "here.png"))
     assert apart.mean() < 0.005 and np.ptp(pixels(found[0])) > 0.5
 

@@ -310,7 +310,7 @@ def test_letters_stand_where_they_are_asked_to() -> None:
 def test_letters_are_those_of_blender_as_it_sets_them() -> None:
     """A whole line, made by Blender at once, has the same corners and the same area."""
     text = "RMS 0.312 mm (6.83 %), gÄW"
-    letters, alone = images.glyphs(), images._set(text.replace("Ä", raster.UNKNOWN))
+    letters, alone = images.glyphs(), images._text_triangles(text.replace("Ä", raster.UNKNOWN))
     placed = raster._text_triangles(drawing.Text((0, 0), text, 1 / 1.05), letters) * np.array([1, -1])
     area = [np.abs(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])).sum() for t in (placed, alone)]
     assert area[0] == pytest.approx(area[1], rel=1e-4)
@@ -319,7 +319,7 @@ def test_letters_are_those_of_blender_as_it_sets_them() -> None:
 
 
 def test_every_letter_of_the_plots_is_known(strip: api.Piece) -> None:
-    drawn = pages.of_object(api.show(strip))[1]
+    drawn = pages.build_from_object(api.show(strip))[1]
     texts = [item.text for made in drawn.values() for item in made.items if isinstance(item, drawing.Text)]
     assert set(drawn) == DRAWN and not set("".join(texts)) - set(images.LETTERS)
 
@@ -378,10 +378,10 @@ def test_drawing_for_the_report_needs_no_blender(strip: api.Piece) -> None:
 
     obj = api.show(strip)
     surface = mesh.read_surface(obj, bpy.context.scene)
-    found = pages.read(obj, snapshot.take_snapshot(obj, surface, properties.read(obj.flexmaps, ObjectSettings)))
-    wanted = pages.of_object(obj)
+    found = pages.complete_input(obj, snapshot.take_snapshot(obj, surface, properties.read(obj.flexmaps, ObjectSettings)))
+    wanted = pages.build_from_object(obj)
     bpy.data.objects.remove(obj)
-    described, drawn = pages.drawn(found.taken.result(), found)
+    described, drawn = pages.build_from_input(found.snapshot.result(), found)
     for block in ("layout", "spirals", "equilibrium", "optimise", "settings"):
         assert described[block] == wanted[0][block]
     assert {name: drawing.svg(one) for name, one in drawn.items()} == {
@@ -391,8 +391,8 @@ def test_drawing_for_the_report_needs_no_blender(strip: api.Piece) -> None:
 
 def test_an_old_simulation_is_not_reported(strip: api.Piece) -> None:
     obj = api.show(strip)
-    assert "equilibrium" in pages.of_object(obj)[0]
+    assert "equilibrium" in pages.build_from_object(obj)[0]
     obj.flexmaps.material.material = "birch"
-    described, drawn = pages.of_object(obj)
+    described, drawn = pages.build_from_object(obj)
     assert not {"equilibrium", "reach", "optimise"} & set(described)
     assert not {"distance", "safety", "history"} & set(drawn)

@@ -198,13 +198,13 @@ def test_bezier_curves_are_arcs() -> None:
 
     quarter = np.tan(np.pi / 8)
     circle = Curve(np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]]), np.full(4, quarter))
-    knots, left, right = curves.bezier(circle)
+    knots, left, right = curves.to_bezier(circle)
     t = np.linspace(0, 1, 20)[:, None, None]
     a, b, c, d = knots, right, np.roll(left, -1, axis=0), np.roll(knots, -1, axis=0)
     points = (1 - t) ** 3 * a + 3 * t * (1 - t) ** 2 * b + 3 * t**2 * (1 - t) * c + t**3 * d
     assert np.linalg.norm(points, axis=-1) == pytest.approx(1.0, abs=3e-4)
     straight = Curve(np.array([[0.0, 0], [3, 0], [3, 3]]), np.zeros(3))
-    knots, left, right = curves.bezier(straight)
+    knots, left, right = curves.to_bezier(straight)
     assert right[0] == pytest.approx([1.0, 0.0]) and left[1] == pytest.approx([2.0, 0.0])
 
 
@@ -213,7 +213,7 @@ def test_pictures_show_something_and_leave_the_scene_alone(result: job.Result, t
     scenes, objects = len(bpy.data.scenes), {o.name for o in bpy.data.objects}
     folder = tmp_path / "{blend_name} a{b {{x}}"  # Blender reads braces as templates
     folder.mkdir()
-    for draw in (picture.layout, picture.panels, picture.shape):
+    for draw in (picture.render_layout, picture.render_panels, picture.render_shape):
         path = folder / f"{draw.__name__}.png"
         draw(obj, path, size=(320, 180), samples=1)
         image = bpy.data.images.load(str(path))
@@ -230,22 +230,22 @@ def test_pictures_show_something_and_leave_the_scene_alone(result: job.Result, t
 
 def test_a_picture_of_nothing_is_refused(dome: Any, tmp_path: Path) -> None:
     with pytest.raises(FlexMapsError, match="no flat panels"):
-        picture.panels(dome, tmp_path / "x.png")
+        picture.render_panels(dome, tmp_path / "x.png")
     with pytest.raises(FlexMapsError, match="no simulated shape"):
-        picture.shape(dome, tmp_path / "x.png")
+        picture.render_shape(dome, tmp_path / "x.png")
 
 
 def test_panels_of_a_deleted_model_can_be_removed(spiralled: Any) -> None:
     from flexmaps.bridge.view import collection
 
     scene = bpy.context.scene
-    assert collection.left_over(scene) == []
+    assert collection.find_orphans(scene) == []
     assert bpy.ops.flexmaps.remove_left_over() == {"CANCELLED"}
     other = bpy.data.objects.new("other", bpy.data.meshes.new("other"))
     scene.collection.objects.link(other)
     bpy.data.objects.remove(spiralled)
-    assert [one.name for one in collection.left_over(scene)] == ["FlexMaps piece"]
+    assert [one.name for one in collection.find_orphans(scene)] == ["FlexMaps piece"]
     assert bpy.ops.flexmaps.remove_left_over() == {"FINISHED"}
-    assert collection.left_over(scene) == [] and list(scene.objects) == [other]
+    assert collection.find_orphans(scene) == [] and list(scene.objects) == [other]
     assert not [c for c in bpy.data.collections if c.name.startswith("FlexMaps")]
     assert not [m for m in bpy.data.meshes if m.users == 0 and "panels" in m.name]

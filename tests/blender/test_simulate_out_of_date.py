@@ -146,7 +146,7 @@ def test_a_running_simulation_shows_its_shape_and_touches_nothing(
             said = running.text
             time.sleep(0.001)
         assert isinstance(running.shown, live_shape.LiveShape)
-        points, rgba, lines = running.shown.drawn(1.0)
+        points, rgba, lines = running.shown.faces_and_lines(1.0)
         assert points.shape == (12 * LENGTH * WIDTH, 3) and len(lines) == 8 * LENGTH * WIDTH
         assert np.isfinite(points).all() and ((rgba >= 0) & (rgba <= 1)).all()
         assert "Coming to rest" in said

@@ -129,16 +129,16 @@ def test_every_attribute_of_ours_is_known(simulated: Any) -> None:
 
 def test_properties_of_another_kind(spiralled: Any) -> None:
     """By these the pieces beside the model are found; without them new ones are made."""
-    found = collection.existing(spiralled)
+    found = collection.find(spiralled)
     assert found is not None
     for value in (5, "x", [1, 2], {"a": 1}):
         for owner, name in ((found, "flexmaps_owner"), *((o, "flexmaps_kind") for o in found.objects)):
             owner[name] = value
-        collection.existing(spiralled)
+        collection.find(spiralled)
         collection.clear(spiralled)
     for value in (5, "x", [1, 2], {"a": 1}):
         spiralled["flexmaps_collection"] = value
-        assert collection.existing(spiralled) is None
+        assert collection.find(spiralled) is None
     assert bpy.ops.flexmaps.spirals() == {"FINISHED"}
 
 

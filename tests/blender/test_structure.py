@@ -56,7 +56,7 @@ def test_cases_act_on_vertex_groups(piece: Any, attribute: Any) -> None:
     piece.flexmaps.structure.cases = "w: weight"
     now = states.read_states(piece, bpy.context.scene)
     assert now["structure"].kind == states.STALE and now["equilibrium"].kind == states.DONE
-    assert not colouring.current(piece, "UTILISATION")
+    assert not colouring.is_current(piece, "UTILISATION")
 
 
 def test_loads_are_added_and_taken_out_by_buttons(piece: Any) -> None:

@@ -193,7 +193,10 @@ def protects():
 
 def held_up(what):
     """From now on the slowest of every event of a stroke, and of every upload of what is drawn, in seconds of this thread's processor."""
-    stroke, drawing = hands.module("operators.painting").PaintStroke, hands.module("bridge.view.easel").Painting
+    stroke, drawing = (
+        hands.module("operators.painting").PaintStroke,
+        hands.module("bridge.view.paint_session").PaintedShape,
+    )
 
     def timed(name, action, *given):
         begun = time.thread_time()

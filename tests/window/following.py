@@ -161,7 +161,9 @@ def wished():
     top = shape.centres[int(np.argmax(shape.centres[:, 2]))]
     quad = int(np.argmin(np.linalg.norm(shape.centres - (2.0 * top - shape.centres[pulled]), axis=1)))
     corners = shape.quads[quad]
-    away = shape.vertices[corners].mean(axis=0) - hands.module("bridge.view.picking").target(obj)[corners].mean(axis=0)
+    away = shape.vertices[corners].mean(axis=0) - hands.module("bridge.view.picking").target_vertices(obj)[
+        corners
+    ].mean(axis=0)
     here, there = on_screen(quad), on_screen(pulled)
     pixel = np.linalg.norm(shape.centres[quad] - shape.centres[pulled]) / np.linalg.norm(np.subtract(here, there))
     yield from dragged(here, "ctrl")

@@ -28,15 +28,15 @@ def shot(name):
 
 def brush(obj):
     """Half of a ring painted stiffer, by the brush that is in hand."""
-    module, painting = hands.module("bridge.view.easel"), hands.module("engine.spirals.painting")
+    module, painting = hands.module("bridge.view.paint_session"), hands.module("engine.spirals.painting")
     bpy.context.window_manager.flexmaps_tab.open_shape = True
     yield from hands.click("operator", "flexmaps.pick_brush")
     yield 0.5
-    easel = module.easel_of(obj, bpy.context.scene)
-    share = (easel.ground.centres[:, 0] > 0.0).astype(float)
-    easel.paint("stiffer", 0.8 * share, painting.Stroke())
+    session = module.get_session(obj, bpy.context.scene)
+    share = (session.brush_surface.centres[:, 0] > 0.0).astype(float)
+    session.paint("stiffer", 0.8 * share, painting.Stroke())
     with hands.in_view():
-        easel.write(bpy.context.scene)
+        session.write(bpy.context.scene)
     yield from hands.aside()
     yield from shot("brush")
     with hands.in_view():
@@ -64,11 +64,11 @@ def walk():
     panels = [other for other in bpy.data.objects if other.get("flexmaps_kind") == "panels"]
     yield 0.5
     with hands.in_view():
-        hands.module("bridge.view.framing").frame(bpy.context, *panels)
+        hands.module("bridge.view.framing").frame_views(bpy.context, *panels)
     yield from hands.aside()
     yield from shot("sidebar")
     collection = hands.module("bridge.view.collection")
-    collection.remove(collection.existing(obj))
+    collection.remove(collection.find(obj))
     bpy.data.objects.remove(obj)
     bpy.context.window_manager.flexmaps_tab.open_piece = True
     obj = shown(api.simulate(api.load("shape:torus", edge=20)))

@@ -10,27 +10,27 @@ import numpy as np
 from ...engine.arrays import Float
 
 if TYPE_CHECKING:
-    from .easel import Easel
+    from .paint_session import PaintSession
 
 
-class Dabs:
+class DabQueue:
     """Queue of the dabs of one stroke.
 
     Parameters
     ----------
-    easel : the painted object
+    session : the painted object
     brush : name of the brush
     inverted : whether to apply the brush's opposite effect
     """
 
-    def __init__(self, easel: Easel, brush: str, inverted: bool):
-        self._easel, self._brush, self._inverted = easel, brush, inverted
+    def __init__(self, session: PaintSession, brush: str, inverted: bool):
+        self._session, self._brush, self._inverted = session, brush, inverted
         self._weights: list[np.ndarray] = []
         self._way = np.zeros(3)
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="FlexMaps brush")
         self._running: Future[None] | None = None
 
-    def add(self, weights: list[Float[np.ndarray, " quads"]], way: Float[np.ndarray, " 3"]) -> None:
+    def add(self, weights: list[Float[np.ndarray, " quads"]], displacement: Float[np.ndarray, " 3"]) -> None:
         """Add dabs to the queue.
 
         Parameters
@@ -39,36 +39,36 @@ class Dabs:
         way : displacement of the brush during these dabs (3,), in world axes; only its direction matters
         """
         self._weights += weights
-        self._way = self._way + way
-        self.look()
+        self._way = self._way + displacement
+        self.poll()
 
-    def look(self) -> bool:
+    def poll(self) -> bool:
         """Poll the thread: start the queued dabs if it is idle.
 
         Return whether a run has ended since the last call; raise the run's error, if any.
         """
         done = self._running is not None and self._running.done()
         if done:
-            self._end()
+            self._join()
         if self._running is None and self._weights and (self._brush != "along" or self._way.any()):
             weights, way = self._weights, self._way
             self._weights, self._way = [], np.zeros(3)
             self._running = self._pool.submit(self._paint, weights, way)
         return done
 
-    def over(self) -> bool:
-        """Return whether all dabs are applied and ``Easel.ready`` has run; call it after ``look``."""
-        if self._running is None and not self._easel.is_ready:
-            self._running = self._pool.submit(self._easel.ready)
+    def try_finish(self) -> bool:
+        """Return whether all dabs are applied and ``PaintSession.prepare_write`` has run; call it after ``poll``."""
+        if self._running is None and not self._session.is_prepared:
+            self._running = self._pool.submit(self._session.prepare_write)
         return self._running is None
 
     def wait(self) -> None:
         """Block until all dabs are applied."""
         while True:
-            self.look()
-            if self.over():
+            self.poll()
+            if self.try_finish():
                 return
-            self._end()
+            self._join()
 
     def close(self) -> None:
         """Drop the queued dabs, and wait until the running ones end."""
@@ -76,7 +76,7 @@ class Dabs:
         self._pool.shutdown()
         self._running = None
 
-    def _end(self) -> None:
+    def _join(self) -> None:
         running, self._running = self._running, None
         if running is not None:
             running.result()
@@ -87,4 +87,4 @@ class Dabs:
 
         protect = self._brush == "protect"
         weight = np.max(weights, axis=0) if protect else combine_weights(weights)
-        self._easel.paint(self._brush, weight, Stroke(self._inverted, None if protect else way))
+        self._session.paint(self._brush, weight, Stroke(self._inverted, None if protect else way))

@@ -11,23 +11,23 @@ from .legend import Legend
 from .live_shape import LiveShape
 
 # possible upper ends of the colour scale, millimetres; with a continuous end, colours would flicker while a piece moves
-ENDS = np.array([1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0])
+SCALE_ENDS = np.array([1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0])
 
 
-class Followed(LiveShape):
+class LiveModeShape(LiveShape):
     """Picture of a live shape; the shape must have vertices."""
 
     def __init__(self, shape: LiveEquilibrium):
         assert shape.vertices is not None and shape.quads is not None and shape.distance is not None
         super().__init__(shape.vertices, shape.quads)
         far = 1e3 * shape.distance
-        self._end = float(ENDS[min(int(np.searchsorted(ENDS, far.max(initial=0.0))), len(ENDS) - 1)])
+        self._end = float(SCALE_ENDS[min(int(np.searchsorted(SCALE_ENDS, far.max(initial=0.0))), len(SCALE_ENDS) - 1)])
         self._share = np.clip(far / self._end, 0.0, 1.0)
         title = translate("Live: distance to the target, RMS {:.2f} mm", 1e3 * shape.rms)
         self.legend = Legend(title, "0", f"{self._end:g} mm", colours.pale(colours.ERROR_SCALE))
 
     @classmethod
-    def from_shape(cls, shape: LiveEquilibrium, unit: float) -> Followed | None:
+    def from_shape(cls, shape: LiveEquilibrium, unit: float) -> LiveModeShape | None:
         """Make the picture of a shape, ready to be drawn; return None if the shape has no vertices yet.
 
         Parameters
@@ -38,7 +38,7 @@ class Followed(LiveShape):
         if shape.vertices is None:
             return None
         made = cls(shape)
-        made.prepared(unit)
+        made.prepare(unit)
         return made
 
     @property

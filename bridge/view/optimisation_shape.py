@@ -13,7 +13,7 @@ import numpy as np
 from ...engine import colours
 from ...engine.display import bands
 from .legend import Legend
-from .live_shape import LIFT, LiveShape, middle_edge
+from .live_shape import LIFT, LiveShape, median_edge
 
 if TYPE_CHECKING:
     from ...engine.optimisation.optimise import OptimisationStep
@@ -22,22 +22,22 @@ if TYPE_CHECKING:
     from ...engine.runs.result import Result
 
 
-class Designing(LiveShape):
+class OptimisationShape(LiveShape):
     """Picture of the shape after a step of the optimisation.
 
     history : (seconds since the start, RMS distance from the target in metres) of every step so far
     """
 
     def __init__(
-        self, look: OptimisationStep, quads: np.ndarray, params: SpiralParams, history: tuple[tuple[float, float], ...]
+        self, step: OptimisationStep, quads: np.ndarray, params: SpiralParams, history: tuple[tuple[float, float], ...]
     ):
-        super().__init__(look.vertices, quads)
+        super().__init__(step.vertices, quads)
         self.history = history
-        self._width, self._twist = look.width, look.twist
-        self._wind = -look.twist if params.clockwise else look.twist
+        self._width, self._twist = step.width, step.twist
+        self._wind = -step.twist if params.clockwise else step.twist
         self._highest = params.twist_max
         high = f"{np.degrees(params.twist_max):.3g}\N{DEGREE SIGN}"
-        title = f"Twist of the spirals; step {look.step}, {1e3 * look.distance:.3g} mm from the target"
+        title = f"Twist of the spirals; step {step.step}, {1e3 * step.distance:.3g} mm from the target"
         self.legend = Legend(title, "0\N{DEGREE SIGN}", high, colours.pale(colours.QUANTITY_SCALE))
 
     @property
@@ -48,16 +48,16 @@ class Designing(LiveShape):
 
     def bands(self, unit: float) -> tuple[np.ndarray, np.ndarray]:
         """Return points (N, 3) in the scene's units, and triangles (T, 3), of the arms."""
-        corners, normal = self.frame(unit)
-        lift = LIFT * middle_edge(corners)
+        corners, normal = self.corners_and_normals(unit)
+        lift = LIFT * median_edge(corners)
         points, triangles = bands.bands(corners, normal, self._width / unit, self._wind, lift)
         return points.astype(np.float32), triangles.astype(np.int32)
 
 
-def searching(settings: ObjectSettings) -> Callable[[Result, Progress], Result]:
+def make_optimiser(settings: ObjectSettings) -> Callable[[Result, Progress], Result]:
     """Return a function that optimises spirals and shows every step.
 
-    Call ``searching`` on the main thread; the returned function may run in another thread.
+    Call it on the main thread; the returned function may run in another thread.
     """
     unit = bpy.context.scene.unit_settings.scale_length
     once = replace(settings, simulate=replace(settings.simulate, restarts=0))
@@ -69,7 +69,7 @@ def searching(settings: ObjectSettings) -> Callable[[Result, Progress], Result]:
 
         def seen(look: OptimisationStep) -> LiveShape:
             history.append((time.perf_counter() - began, look.distance))
-            return Designing(look, start.mesh.quads, settings.spiral, tuple(history)).prepared(unit)
+            return OptimisationShape(look, start.mesh.quads, settings.spiral, tuple(history)).prepare(unit)
 
         return job.run_stages(start, once, ("optimise",), progress.showing(seen))
 

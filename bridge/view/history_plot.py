@@ -14,33 +14,33 @@ from ...engine.display import plots, raster
 
 SIZE = 192  # width and height of the icon, pixels; larger is sharper and slower
 
-_kept: dict[str, Any] = {}  # "previews": Blender's preview collection; "icon": its icon; "values": plotted values
+_cache: dict[str, Any] = {}  # "previews": Blender's preview collection; "icon": its icon; "values": plotted values
 
 
-def icon(distances: Sequence[float]) -> int:
+def icon_number(distances: Sequence[float]) -> int:
     """Return Blender's number of the icon, redrawn to plot these values; 0 without a window, as there are no icons."""
     import bpy.utils.previews
 
-    if not _kept:
-        _kept["previews"] = bpy.utils.previews.new()
-        _kept["icon"] = _kept["previews"].new("history")
-        _kept["icon"].image_size = (SIZE, SIZE)
-    if tuple(distances) != _kept.get("values"):
-        _kept["values"] = tuple(distances)
-        pixels = np.round(255 * picture(distances)).astype(np.uint8)
-        _kept["icon"].image_pixels.foreach_set(pixels.view(np.int32).ravel())
-    return int(_kept["icon"].icon_id)
+    if not _cache:
+        _cache["previews"] = bpy.utils.previews.new()
+        _cache["icon"] = _cache["previews"].new("history")
+        _cache["icon"].image_size = (SIZE, SIZE)
+    if tuple(distances) != _cache.get("values"):
+        _cache["values"] = tuple(distances)
+        pixels = np.round(255 * draw_pixels(distances)).astype(np.uint8)
+        _cache["icon"].image_pixels.foreach_set(pixels.view(np.int32).ravel())
+    return int(_cache["icon"].icon_id)
 
 
 def unregister() -> None:
-    if _kept:
+    if _cache:
         import bpy.utils.previews
 
-        bpy.utils.previews.remove(_kept["previews"])
-        _kept.clear()
+        bpy.utils.previews.remove(_cache["previews"])
+        _cache.clear()
 
 
-def picture(distances: Sequence[float]) -> np.ndarray:
+def draw_pixels(distances: Sequence[float]) -> np.ndarray:
     """Draw the plot; return sRGB with premultiplied alpha (SIZE, SIZE, 4), bottom row first, as icons need it."""
     drawn = plots.sparkline(distances, SIZE / raster.SCALE)
     return np.ascontiguousarray(raster.pixels(drawn, {}, paper=None)[::-1])

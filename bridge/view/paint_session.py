@@ -1,6 +1,6 @@
-"""Easel: the state of an object whose spirals are painted with the brush (design, changes by a stroke, picture).
+"""Paint session: the state of an object whose spirals are painted with the brush (design, changes by a stroke, picture).
 
-Reading an object takes a while, so its easel is kept between strokes as long as the object is unchanged.
+Reading an object takes a while, so its session is kept between strokes as long as the object is unchanged.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ...engine.params import ObjectSettings
 from ..store import attributes, equilibrium, fields, objects, settings, states, stored_report, vertex_positions
 from ..store.checksums import Checksums
 from .colouring import stiffness_legend, stiffness_share
-from .live_shape import LIFT, LiveShape, middle_edge
+from .live_shape import LIFT, LiveShape, median_edge
 
 if TYPE_CHECKING:
     from ...engine.spirals.brush_weights import PaintSurface
@@ -28,32 +28,34 @@ if TYPE_CHECKING:
     from ..store.snapshot import Snapshot
     from ..store.surface import ObjectSurface
 
-TOOL = "flexmaps.brush"  # id of the tool in Blender's toolbar
+TOOL_ID = "flexmaps.brush"  # id of the tool in Blender's toolbar
 PROTECTED = np.array([0.55, 0.60, 0.68])  # sRGB of protected spirals, a grey that is not on the colour scale; by eye
 # number of designs whose stiffness is kept for undo and redo (Blender's default is 32 undo steps); larger takes more
 # memory, smaller recomputes the stiffness after long undos
-STEPS = 64
+UNDO_STEPS = 64
 
-_easels: list[Easel] = []
+_sessions: list[PaintSession] = []
 
 
-class Painting(LiveShape):
+class PaintedShape(LiveShape):
     """Picture of the painted surface: coloured by stiffness, arms dark, protected spirals grey.
 
     Parameters
     ----------
-    easel : the painted object
+    session : the painted object
     vertices : vertices to draw, metres and world axes
-    former : previous picture of the same vertices; only the arms of changed spirals are recomputed
+    previous : earlier picture of the same vertices; only the arms of changed spirals are recomputed
     """
 
-    def __init__(self, easel: Easel, vertices: Float[np.ndarray, "vertices 3"], former: Painting | None = None):
-        super().__init__(vertices, easel.quads)
-        self._design, self._stiffness, self._range = easel.design, easel.stiffness, easel.range
-        self._protected = easel.protected
-        self._former = former if former is not None and former.is_drawn else None
-        self.legend = stiffness_legend(*easel.range)
-        if easel.protected.any():
+    def __init__(
+        self, session: PaintSession, vertices: Float[np.ndarray, "vertices 3"], previous: PaintedShape | None = None
+    ):
+        super().__init__(vertices, session.quads)
+        self._design, self._stiffness, self._range = session.design, session.stiffness, session.stiffness_range
+        self._protected = session.protected
+        self._former = previous if previous is not None and previous.is_prepared else None
+        self.legend = stiffness_legend(*session.stiffness_range)
+        if session.protected.any():
             self.legend = replace(self.legend, title=f"{self.legend.title}; grey: protected")
 
     @property
@@ -66,10 +68,10 @@ class Painting(LiveShape):
         from ...engine.display import bands
 
         former, self._former = self._former, None
-        corners, normal = self.frame(unit)
-        lift, design = LIFT * middle_edge(corners), self._design
+        corners, normal = self.corners_and_normals(unit)
+        lift, design = LIFT * median_edge(corners), self._design
         wind = -design.twist if design.params.clockwise else design.twist
-        known = None if former is None else former.drawn_bands
+        known = None if former is None else former.prepared_bands
         if former is None or known is None:
             arrays = bands.bands(corners, normal, design.width / unit, wind, lift)
             return arrays[0].astype(np.float32), arrays[1].astype(np.int32)
@@ -82,34 +84,34 @@ class Painting(LiveShape):
 
 
 @dataclass(frozen=True, eq=False)
-class SeenSurface:
+class VisibleSurface:
     """An object's surface in one shape: vertices (metres, world axes), the surface for the brush, and the picture."""
 
     vertices: Float[np.ndarray, "vertices 3"]
-    ground: PaintSurface
-    shape: Painting
+    brush_surface: PaintSurface
+    shape: PaintedShape
 
     @classmethod
-    def from_easel(cls, easel: Easel, vertices: Float[np.ndarray, "vertices 3"]) -> SeenSurface:
+    def from_session(cls, session: PaintSession, vertices: Float[np.ndarray, "vertices 3"]) -> VisibleSurface:
         from ...engine.spirals.brush_weights import PaintSurface
 
-        return cls(vertices, PaintSurface.from_mesh(vertices, easel.quads), Painting(easel, vertices))
+        return cls(vertices, PaintSurface.from_mesh(vertices, session.quads), PaintedShape(session, vertices))
 
 
-class Easel:
+class PaintSession:
     """One object being painted.
 
     design : the painted spirals
-    before : the spirals stored in the object
+    stored_design : the spirals stored in the object
     vertices, quads : the surface as it is seen, metres and world axes
     protected : whether each spiral is protected from the brush and the optimisation (F,)
     stiffness : stiffness of each spiral (F,), N mm/rad
-    range : smallest and largest stiffness seen so far, the ends of the colour scale
+    stiffness_range : smallest and largest stiffness seen so far, the ends of the colour scale
     """
 
     design: SpiralDesign
-    before: SpiralDesign
-    shape: Painting
+    stored_design: SpiralDesign
+    shape: PaintedShape
 
     def __init__(self, obj: bpy.types.Object, scene: bpy.types.Scene):
         from ...engine.mechanics.arms.spiral_stiffness import spiral_stiffness
@@ -118,50 +120,50 @@ class Easel:
         from .painted_panels import PaintedPanels
 
         self.uid = obj.session_uid
-        self._used = settings.read(obj.flexmaps, ObjectSettings)
+        self._settings = settings.read(obj.flexmaps, ObjectSettings)
         self._surface = mesh.read_surface(obj, scene)
-        taken = self._taken(obj, self._surface)
+        taken = self._take_snapshot(obj, self._surface)
         result = taken.result()
         result.need(FinalLayout)
-        self._hold(taken.start(result).need(DesignVersion).design, taken)
-        measured = spiral_stiffness(self.design, self._used.material.chosen)
+        self._reset(taken.start(result).need(DesignVersion).design, taken)
+        measured = spiral_stiffness(self.design, self._settings.material.chosen)
         self.stiffness = np.ones(len(self.design.twist)) if measured is None else measured
-        self.range = float(self.stiffness.min()), float(self.stiffness.max())
+        self.stiffness_range = float(self.stiffness.min()), float(self.stiffness.max())
         self._panels = PaintedPanels(obj.name, self.design)
-        self._readied: SpiralDesign | None = None  # the design for which ``ready`` has run
+        self._prepared_design: SpiralDesign | None = None  # the design for which ``prepare_write`` has run
         self._unit = scene.unit_settings.scale_length
         self.quads = self._surface.polygons.corners.reshape(-1, 4)
-        self._take(SeenSurface.from_easel(self, self._to_world(vertex_positions.read_displayed(obj))))
-        self._known: dict[object, np.ndarray] = {}
-        self._keep(self._now(obj, scene))
+        self._set_visible_surface(VisibleSurface.from_session(self, self._to_world(vertex_positions.read_displayed(obj))))
+        self._stiffness_by_design: dict[object, np.ndarray] = {}
+        self._store_checksums(self._compute_checksums(obj, scene))
 
-    def _taken(self, obj: bpy.types.Object, surface: ObjectSurface) -> Snapshot:
+    def _take_snapshot(self, obj: bpy.types.Object, surface: ObjectSurface) -> Snapshot:
         from ..store import snapshot
 
         missing = stored_report.missing_result(obj.data, "flat")
         if missing:
             raise FlexMapsError(missing)
-        return snapshot.take_snapshot(obj, surface, self._used, loaded=False)
+        return snapshot.take_snapshot(obj, surface, self._settings, loaded=False)
 
-    def _hold(self, design: SpiralDesign, taken: Snapshot) -> None:
+    def _reset(self, design: SpiralDesign, taken: Snapshot) -> None:
         """Reset the painted spirals and the protected ones to the object's stored state."""
-        self.design = self.before = design
+        self.design = self.stored_design = design
         self.protected = np.zeros(len(design.twist), bool)
         self.protected[[] if taken.protected is None else taken.protected] = True
-        self._marked = self.protected
+        self._stored_protected = self.protected
 
-    def renewed(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
+    def try_update(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
         """Adopt the object's stored spirals and protection if they changed, such as by an undo.
 
-        Return False if anything else has changed, so that a new easel is needed. This is quick enough for the main
-        thread, unlike making a new easel.
+        Return False if anything else has changed, so that a new session is needed. This is quick enough for the main
+        thread, unlike making a new session.
         """
         from ...engine.spirals.fabricable import unfabricable_quads
         from ..store import mesh
 
         if obj.session_uid != self.uid or obj.mode != "OBJECT":
             return False
-        now = self._now(obj, scene)
+        now = self._compute_checksums(obj, scene)
         changed = {name for name in now if now[name] != self._sums[name]}
         if not changed <= {"design", "protected", "moved"}:
             return False
@@ -172,52 +174,52 @@ class Easel:
         if any(a is None or b is None or not np.array_equal(a, b) for a, b in zip(*flat, strict=True)):
             return False
         old, design = self.design, mesh.read_design(surface, self.design.flat, self.design.params)
-        known = self._known.get(now["design"])
+        known = self._stiffness_by_design.get(now["design"])
         if (
             design is None
             or len(surface.spoilt)
             or (known is None and len(unfabricable_quads(design, design.unlike(old))))
         ):
             return False
-        taken, self._surface = self._taken(obj, surface), surface
-        self._hold(replace(design, painted=bool((taken.note or {}).get("painted"))), taken)
+        taken, self._surface = self._take_snapshot(obj, surface), surface
+        self._reset(replace(design, painted=bool((taken.note or {}).get("painted"))), taken)
         stored = surface.values.get("stiffness")  # up to date if present: any other change of design removes it
         if known is not None:
             self.stiffness = known
         elif stored is not None:
             self.stiffness = stored.astype(float)
         else:
-            self._renew_stiffness(old)
-        moved = self._picture_at(vertex_positions.read_displayed(obj))
+            self._update_stiffness(old)
+        moved = self._visible_surface_at(vertex_positions.read_displayed(obj))
         if moved is None:
-            self.shape = Painting(self, self.vertices, self.shape)
+            self.shape = PaintedShape(self, self.vertices, self.shape)
         else:
-            self._take(moved)
-        self._keep(now)
+            self._set_visible_surface(moved)
+        self._store_checksums(now)
         return True
 
-    def _keep(self, sums: dict[str, object]) -> None:
+    def _store_checksums(self, sums: dict[str, object]) -> None:
         """Store the object's checksums, and its spirals' stiffness so that undo and redo need not recompute it."""
         self._sums = sums
-        self._known.pop(sums["design"], None)
-        self._known[sums["design"]] = self.stiffness
-        if len(self._known) > STEPS:
-            del self._known[next(iter(self._known))]
+        self._stiffness_by_design.pop(sums["design"], None)
+        self._stiffness_by_design[sums["design"]] = self.stiffness
+        if len(self._stiffness_by_design) > UNDO_STEPS:
+            del self._stiffness_by_design[next(iter(self._stiffness_by_design))]
 
     def _to_world(self, positions: Float[np.ndarray, "vertices 3"]) -> Float[np.ndarray, "vertices 3"]:
         """Convert positions in the object's frame to metres and world axes."""
         frame = self._surface.to_metres
         return positions.astype(float) @ frame[:3, :3].T + frame[:3, 3]
 
-    def _picture_at(self, positions: Float[np.ndarray, "vertices 3"]) -> SeenSurface | None:
+    def _visible_surface_at(self, positions: Float[np.ndarray, "vertices 3"]) -> VisibleSurface | None:
         """Return the surface with vertices at these positions (object's frame); None if they have not moved."""
         vertices = self._to_world(positions)
-        return None if np.array_equal(vertices, self.vertices) else SeenSurface.from_easel(self, vertices)
+        return None if np.array_equal(vertices, self.vertices) else VisibleSurface.from_session(self, vertices)
 
-    def _take(self, seen: SeenSurface) -> None:
-        self.vertices, self.ground, self.shape = seen.vertices, seen.ground, seen.shape
+    def _set_visible_surface(self, seen: VisibleSurface) -> None:
+        self.vertices, self.brush_surface, self.shape = seen.vertices, seen.brush_surface, seen.shape
 
-    def _now(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, object]:
+    def _compute_checksums(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, object]:
         sums = Checksums(obj, scene)
         marks = attributes.read(obj.data, fields.PROTECT)
         moved = tuple(key.value for key in equilibrium.simulated_keys(obj.data))
@@ -226,9 +228,11 @@ class Easel:
         placed = (*(x for row in obj.matrix_world for x in row), scene.unit_settings.scale_length)
         return {part: sums[part] for part in names} | own | {"placed": placed}
 
-    def fresh(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
+    def is_current(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
         """Return whether the object is unchanged since it was read or written."""
-        return obj.session_uid == self.uid and obj.mode == "OBJECT" and self._now(obj, scene) == self._sums
+        return (
+            obj.session_uid == self.uid and obj.mode == "OBJECT" and self._compute_checksums(obj, scene) == self._sums
+        )
 
     # -- painting ----------------------------------------------------------------------------------------------------
 
@@ -244,57 +248,57 @@ class Easel:
         if brush == "protect":
             self.protected = np.where(weight >= 0.5, not stroke.inverted, self.protected)
         else:
-            self._paint(brush, weight, stroke)
-        shape = Painting(self, self.vertices, self.shape)
-        shape.prepared(self._unit)  # compute the arrays here, because this method may run in a thread
+            self._paint_design(brush, weight, stroke)
+        shape = PaintedShape(self, self.vertices, self.shape)
+        shape.prepare(self._unit)  # compute the arrays here, because this method may run in a thread
         self.shape = shape
 
-    def _paint(self, brush: str, weight: np.ndarray, stroke: Stroke) -> None:
+    def _paint_design(self, brush: str, weight: np.ndarray, stroke: Stroke) -> None:
         from ...engine.spirals.painting import paint_spirals
 
         old, self.design = (
             self.design,
             paint_spirals(self.design, brush, weight, stroke, kept=np.flatnonzero(self.protected)),
         )
-        self._renew_stiffness(old)
+        self._update_stiffness(old)
 
-    def _renew_stiffness(self, old: SpiralDesign) -> None:
+    def _update_stiffness(self, old: SpiralDesign) -> None:
         from ...engine.mechanics.arms.spiral_stiffness import update_stiffness
 
         changed = self.design.unlike(old)
         if changed.any():
-            self.stiffness = update_stiffness(self.stiffness, self.design, self._used.material.chosen, changed)
-            low, high = self.range
-            self.range = min(low, float(self.stiffness.min())), max(high, float(self.stiffness.max()))
+            self.stiffness = update_stiffness(self.stiffness, self.design, self._settings.material.chosen, changed)
+            low, high = self.stiffness_range
+            self.stiffness_range = min(low, float(self.stiffness.min())), max(high, float(self.stiffness.max()))
 
     def revert(self) -> None:
         """Discard the painting since the object was last read or written."""
-        old, self.design, self.protected = self.design, self.before, self._marked
-        self._renew_stiffness(old)
-        self.shape = Painting(self, self.vertices, self.shape)
+        old, self.design, self.protected = self.design, self.stored_design, self._stored_protected
+        self._update_stiffness(old)
+        self.shape = PaintedShape(self, self.vertices, self.shape)
 
     @property
-    def changed(self) -> Bool[np.ndarray, " quads"]:
+    def changed_spirals(self) -> Bool[np.ndarray, " quads"]:
         """Return a mask of the spirals that differ from the object's stored spirals."""
-        return self.design.unlike(self.before)
+        return self.design.unlike(self.stored_design)
 
     @property
-    def is_ready(self) -> bool:
-        """Return whether ``ready`` has run for the present design."""
-        return self._readied is self.design or self.design is self.before
+    def is_prepared(self) -> bool:
+        """Return whether ``prepare_write`` has run for the present design."""
+        return self._prepared_design is self.design or self.design is self.stored_design
 
-    def ready(self) -> None:
+    def prepare_write(self) -> None:
         """Compute everything that ``write`` needs; touches no Blender data, so it may run in a thread."""
         from ...engine.spirals.design_report import design_report
 
-        if not self.is_ready:
+        if not self.is_prepared:
             self._block = design_report(self.design, measured=False)
-            self._panels.follow(self.design)
+            self._panels.update(self.design)
             # writing changed spirals removes the simulated shape, so that the object shows the target again
-            self._target = self._picture_at(self._surface.positions)
+            self._target = self._visible_surface_at(self._surface.positions)
             if self._target is not None:
-                self._target.shape.prepared(self._unit)
-            self._readied = self.design
+                self._target.shape.prepare(self._unit)
+            self._prepared_design = self.design
 
     def write(self, scene: bpy.types.Scene) -> None:
         """Write the painted spirals and the protection into the object; results of the old spirals go out of date."""
@@ -302,30 +306,30 @@ class Easel:
         from . import overlay
 
         obj = objects.find_by_uid(self.uid)
-        if self.changed.any():
-            self.ready()
+        if self.changed_spirals.any():
+            self.prepare_write()
             mesh.write_design(obj, self._surface, self.design)
             fields.write_stiffness(obj, self.stiffness)
             stored_report.write(obj.data, "spirals", self._block)
             states.stamp(obj, scene)
             self._panels.show(obj, scene)
-            overlay.renew(obj, "STIFFNESS")
+            overlay.update_after_stage(obj, "STIFFNESS")
             if self._target is not None:
-                self._take(self._target)
-        if (self._marked != self.protected).any():
+                self._set_visible_surface(self._target)
+        if (self._stored_protected != self.protected).any():
             fields.write_protected(obj, np.flatnonzero(self.protected))
-        self.before, self._marked = self.design, self.protected
-        self._keep(self._now(obj, scene))
+        self.stored_design, self._stored_protected = self.design, self.protected
+        self._store_checksums(self._compute_checksums(obj, scene))
 
-    def put_away(self) -> None:
-        self._panels.put_away()
-
-
-# -- the current easel -------------------------------------------------------------------------------------------------
+    def discard(self) -> None:
+        self._panels.discard()
 
 
-def easel_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> Easel:
-    """Return the object's easel; make a new one if the object has changed.
+# -- the current session -----------------------------------------------------------------------------------------------
+
+
+def get_session(obj: bpy.types.Object, scene: bpy.types.Scene) -> PaintSession:
+    """Return the object's session; make a new one if the object has changed.
 
     Parameters
     ----------
@@ -336,61 +340,61 @@ def easel_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> Easel:
     ------
     FlexMapsError : the object cannot be used, or nothing was laid out yet
     """
-    if not (_easels and _easels[0].renewed(obj, scene)):
-        forget()
-        _easels[:] = [Easel(obj, scene)]
-    return _easels[0]
+    if not (_sessions and _sessions[0].try_update(obj, scene)):
+        discard_session()
+        _sessions[:] = [PaintSession(obj, scene)]
+    return _sessions[0]
 
 
 @bpy.app.handlers.persistent
-def forget(*_: object) -> None:
-    """Delete the easel, for example before another file is opened."""
-    while _easels:
-        _easels.pop().put_away()
+def discard_session(*_: object) -> None:
+    """Delete the session, for example before another file is opened."""
+    while _sessions:
+        _sessions.pop().discard()
 
 
-def active(context: bpy.types.Context) -> bool:
+def is_brush_active(context: bpy.types.Context) -> bool:
     """Return whether the brush is the active tool of the 3D view in object mode."""
     tool = context.workspace.tools.from_space_view3d_mode("OBJECT") if context.workspace is not None else None
-    return tool is not None and tool.idname == TOOL
+    return tool is not None and tool.idname == TOOL_ID
 
 
-def shown() -> Painting | None:
+def shape_to_draw() -> PaintedShape | None:
     """Return the picture to draw over the 3D view.
 
-    Return None if the brush is not the active tool, or the active object is not the easel's or has changed.
+    Return None if the brush is not the active tool, or the active object is not the session's or has changed.
     """
     context = bpy.context
     obj = context.object
-    if not _easels or obj is None or obj.type != "MESH" or not active(context) or not obj.visible_get():
+    if not _sessions or obj is None or obj.type != "MESH" or not is_brush_active(context) or not obj.visible_get():
         return None
     with suppress(FlexMapsError, ReferenceError):
-        if _busy or _easels[0].fresh(obj, context.scene):
-            return _easels[0].shape
+        if _in_stroke or _sessions[0].is_current(obj, context.scene):
+            return _sessions[0].shape
     return None
 
 
 @bpy.app.handlers.persistent
-def renew(*_: object) -> None:
-    """Handle undo and redo: update the easel from the object as soon as Blender has finished the step."""
-    if _easels and not bpy.app.timers.is_registered(_renew):
-        bpy.app.timers.register(_renew, first_interval=0.0)
+def schedule_update(*_: object) -> None:
+    """Handle undo and redo: update the session from the object as soon as Blender has finished the step."""
+    if _sessions and not bpy.app.timers.is_registered(_update_session):
+        bpy.app.timers.register(_update_session, first_interval=0.0)
 
 
-def _renew() -> None:
+def _update_session() -> None:
     context = bpy.context
     obj = context.object
-    if _easels and obj is not None and obj.session_uid == _easels[0].uid and active(context):
+    if _sessions and obj is not None and obj.session_uid == _sessions[0].uid and is_brush_active(context):
         with suppress(FlexMapsError):
-            easel_of(obj, context.scene)
+            get_session(obj, context.scene)
 
 
-_busy: list[bool] = []  # not empty during a stroke, while nothing else can change the object
+_in_stroke: list[bool] = []  # not empty during a stroke, while nothing else can change the object
 
 
-def stroke_begins() -> None:
-    _busy[:] = [True]
+def begin_stroke() -> None:
+    _in_stroke[:] = [True]
 
 
-def stroke_ends() -> None:
-    _busy.clear()
+def end_stroke() -> None:
+    _in_stroke.clear()

@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from ...engine.patches.flattening.flatten import FlatPatches
 
 SIZE = 128  # width and height of an icon, pixels; larger is sharper and takes more room in the file
-PREVIEWS = ""  # key of Blender's preview collection in ``_kept``; all other keys are names of images
+PREVIEWS = ""  # key of Blender's preview collection in ``_cache``; all other keys are names of images
 
-_kept: dict[str, Any] = {}  # Blender's preview collection under PREVIEWS, and lists of icon numbers by image name
+_cache: dict[str, Any] = {}  # Blender's preview collection under PREVIEWS, and lists of icon numbers by image name
 
 
-def pictures(layouts: Sequence[FlatPatches]) -> Float[np.ndarray, "rows columns 4"]:
+def draw_thumbnails(layouts: Sequence[FlatPatches]) -> Float[np.ndarray, "rows columns 4"]:
     """Draw layouts side by side, each in a square of ``SIZE`` pixels; return sRGB with alpha, top row first."""
     drawn = []
     for flat in layouts:
@@ -31,24 +31,24 @@ def pictures(layouts: Sequence[FlatPatches]) -> Float[np.ndarray, "rows columns 
     return np.concatenate(drawn, axis=1)
 
 
-def keep(obj: bpy.types.Object, strip: Float[np.ndarray, "rows columns 4"]) -> None:
+def store_thumbnails(obj: bpy.types.Object, strip: Float[np.ndarray, "rows columns 4"]) -> None:
     """Store the pictures in the .blend file as an image named after the object's mesh.
 
     Parameters
     ----------
     obj : the mesh object
-    strip : pictures of all layouts side by side, from ``pictures``
+    strip : pictures of all layouts side by side, from ``draw_thumbnails``
     """
-    kept = images.image(_name(obj), strip.astype(np.float32))
+    kept = images.store_image(_image_name(obj), strip.astype(np.float32))
     kept.use_fake_user = True  # Blender drops data without users when it saves
-    _kept.pop(_name(obj), None)
+    _cache.pop(_image_name(obj), None)
 
 
-def _name(obj: bpy.types.Object) -> str:
+def _image_name(obj: bpy.types.Object) -> str:
     return f"{obj.data.name} layouts"
 
 
-def icons(obj: bpy.types.Object, count: int) -> list[int]:
+def icon_numbers(obj: bpy.types.Object, count: int) -> list[int]:
     """Return Blender's icon numbers for the layouts; 0 for a layout without a picture, and in background mode.
 
     Parameters
@@ -56,10 +56,10 @@ def icons(obj: bpy.types.Object, count: int) -> list[int]:
     obj : the mesh object
     count : number of layouts
     """
-    name = _name(obj)
-    if name not in _kept:
-        _kept[name] = _make_icons(name, count)
-    numbers = _kept[name]
+    name = _image_name(obj)
+    if name not in _cache:
+        _cache[name] = _make_icons(name, count)
+    numbers = _cache[name]
     return [*numbers, *[0] * count][:count]
 
 
@@ -69,9 +69,9 @@ def _make_icons(name: str, count: int) -> list[int]:
         return []
     from bpy.utils import previews
 
-    kept = _kept.get(PREVIEWS)
+    kept = _cache.get(PREVIEWS)
     if kept is None:
-        kept = _kept[PREVIEWS] = previews.new()
+        kept = _cache[PREVIEWS] = previews.new()
     strip = np.empty((SIZE, SIZE * count, 4), np.float32)
     image.pixels.foreach_get(strip.ravel())
     numbers = []
@@ -90,7 +90,7 @@ def _make_icons(name: str, count: int) -> list[int]:
 def unregister() -> None:
     from bpy.utils import previews
 
-    kept = _kept.pop(PREVIEWS, None)
-    _kept.clear()
+    kept = _cache.pop(PREVIEWS, None)
+    _cache.clear()
     if kept is not None:
         previews.remove(kept)

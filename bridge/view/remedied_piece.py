@@ -17,11 +17,11 @@ from .flat_panels import PanelDrawing
 
 # tolerance of vertex positions in median edge lengths, for Blender's single precision; larger takes moved meshes for
 # unchanged ones, smaller takes rounding for a change
-LIKE = 1e-3
+POSITION_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Made:
+class RemediedPiece:
     """A piece recomputed with a remedy.
 
     before, after : results without and with the remedy
@@ -35,11 +35,11 @@ class Made:
     blocks: dict[str, Any]
 
 
-def write(
+def write_remedied_piece(
     obj: bpy.types.Object,
     scene: bpy.types.Scene,
     surface: ObjectSurface,
-    made: Made,
+    piece: RemediedPiece,
     change: tuple[str, float, float],
     figures: dict[str, Any],
 ) -> tuple[str, bool]:
@@ -57,17 +57,17 @@ def write(
     -------
     A text for the user, and whether the remedy helped without a warning.
     """
-    blocks, kept = dict(made.blocks), stored_report.read(obj.data).get("layout", {})
-    if made.after.flat is made.before.flat:
+    blocks, kept = dict(piece.blocks), stored_report.read(obj.data).get("layout", {})
+    if piece.after.flat is piece.before.flat:
         del blocks["layout"]
     else:
-        mesh.write_flat(obj, surface, made.panels.design.flat, made.panels.centres)
+        mesh.write_flat(obj, surface, piece.panels.design.flat, piece.panels.centres)
         blocks["layout"] |= {key: kept[key] for key in (stored_report.TRACED,) if key in kept}
-    if made.after.design is made.before.design:
+    if piece.after.design is piece.before.design:
         del blocks["spirals"]
     else:
-        mesh.write_design(obj, surface, made.panels.design)
-    shape = made.after.need(SimulatedShape)
+        mesh.write_design(obj, surface, piece.panels.design)
+    shape = piece.after.need(SimulatedShape)
     equilibrium.write(obj, surface, shape.simulation, shape.limits)
     brought = advice.effect_of(*change, figures, blocks["equilibrium"])
     blocks["reach"] |= {advice.EFFECT: brought}
@@ -77,7 +77,7 @@ def write(
     return ". ".join(lines), advice.has_helped(brought) and not warning
 
 
-def alike(surface: ObjectSurface, mesh: QuadMesh) -> bool:
+def has_same_quads(surface: ObjectSurface, mesh: QuadMesh) -> bool:
     """Return whether an object has the quads of an engine mesh: in the same order, with equal corner positions.
 
     Parameters
@@ -89,4 +89,4 @@ def alike(surface: ObjectSurface, mesh: QuadMesh) -> bool:
     if len(corners) != mesh.quads.size:
         return False
     away = surface.polygons.vertices[corners] - mesh.vertices[mesh.quads.ravel()]
-    return float(np.abs(away).max()) <= LIKE * mesh.median_edge
+    return float(np.abs(away).max()) <= POSITION_TOLERANCE * mesh.median_edge
