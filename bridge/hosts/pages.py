@@ -28,10 +28,10 @@ class PageContent:
     """Content of an HTML page.
 
     described : the report
-    drawn : plots by name
-    shown : content of the 3D view; None without spirals
+    plots : by name
+    view_content : content of the 3D view; None without spirals
     settings : settings of the piece
-    lost : why there are no spirals, if known
+    failure : why there are no spirals, if known
     """
 
     described: dict[str, Any]
@@ -104,11 +104,11 @@ def save(content: PageContent, path: Path, guard: Guard, progress: Progress = SI
     ------
     FlexMapsError : there are no spirals
     """
-    if content.shown is None:
-        raise content.lost or FlexMapsError(stages.MISSING["design"])
+    if content.view_content is None:
+        raise content.failure or FlexMapsError(stages.MISSING["design"])
     title = report_page.title_of(content.described)
-    view = page_data.to_json(content.shown, content.settings, title, progress.part(0.0, 0.95))
-    text = share_page.page(view, title, content.described, content.drawn)
+    view = page_data.to_json(content.view_content, content.settings, title, progress.part(0.0, 0.95))
+    text = share_page.page(view, title, content.described, content.plots)
     with files.write_atomically(path, guard) as new:
         new.write_text(text, encoding="utf-8")
     return path
