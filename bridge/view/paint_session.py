@@ -133,7 +133,9 @@ class PaintSession:
         self._prepared_design: SpiralDesign | None = None  # the design for which ``prepare_write`` has run
         self._unit = scene.unit_settings.scale_length
         self.quads = self._surface.polygons.corners.reshape(-1, 4)
-        self._set_visible_surface(VisibleSurface.from_session(self, self._to_world(vertex_positions.read_displayed(obj))))
+        self._set_visible_surface(
+            VisibleSurface.from_session(self, self._to_world(vertex_positions.read_displayed(obj)))
+        )
         self._stiffness_by_design: dict[object, np.ndarray] = {}
         self._store_checksums(self._compute_checksums(obj, scene))
 

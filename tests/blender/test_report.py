@@ -378,7 +378,9 @@ def test_drawing_for_the_report_needs_no_blender(strip: api.Piece) -> None:
 
     obj = api.show(strip)
     surface = mesh.read_surface(obj, bpy.context.scene)
-    found = pages.complete_input(obj, snapshot.take_snapshot(obj, surface, properties.read(obj.flexmaps, ObjectSettings)))
+    found = pages.complete_input(
+        obj, snapshot.take_snapshot(obj, surface, properties.read(obj.flexmaps, ObjectSettings))
+    )
     wanted = pages.build_from_object(obj)
     bpy.data.objects.remove(obj)
     described, drawn = pages.build_from_input(found.snapshot.result(), found)
