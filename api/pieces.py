@@ -163,7 +163,7 @@ def show(piece: Piece, obj: bpy.types.Object | None = None) -> bpy.types.Object:
         obj = objects.find_by_uid(piece.uid)
     elif obj is None:
         obj = scene.add_model(bpy.context.scene, piece.mesh, piece.name)
-    scene.put(piece.result, obj, bpy.context.scene, piece.settings)
+    scene.write_result(piece.result, obj, bpy.context.scene, piece.settings)
     return obj
 
 
@@ -197,9 +197,9 @@ def save(piece: Piece, path: str | Path, *, overwrite: bool = False) -> Path:
         show(piece)
     with files.write_atomically(path, guard) as new:
         if piece.uid is None:
-            scene.save_alone(new, piece.result, piece.name, piece.settings)
+            scene.save_result(new, piece.result, piece.name, piece.settings)
         else:
-            scene.save(new)
+            scene.save_file(new)
     return Path(path)
 
 

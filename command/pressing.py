@@ -42,7 +42,7 @@ def _run(args: argparse.Namespace, console: Any) -> dict[str, Any]:
     if args.object:
         named = bpy.context.scene.objects.get(args.object)
         if named is not None and named.type in CONVERTIBLE:
-            named = scene.convert(named, bpy.context)
+            named = scene.convert_to_mesh(named, bpy.context)
         if named is None or named.type != "MESH":
             raise FlexMapsError(
                 f"{args.mesh} holds no object '{args.object}' with faces; look at the names in the outliner"

@@ -17,7 +17,7 @@ from ..engine.errors import FlexMapsError
 from ..engine.optimisation.remedies import FINER, LARGER, MILLIMETRES, THINNER
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
-from .continued import Continuation, ContinuedStage
+from .continued_stage import Continuation, ContinuedStage
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from ..engine.runs.result import Result
 
 
-class Advised(ContinuedStage["RemediedPiece"]):
+class RemedyStage(ContinuedStage["RemediedPiece"]):
     """Base of the remedies' operators: change the piece as advised, then rerun the stages that had run before.
 
     remedy : name of the remedy in the advice
     """
 
     needs = "flat"
-    loaded = True
+    reads_loads = True
     remedy = ""
 
     _amount = 0.0  # amount from the advice, see ``remedies.remedy_amounts``
@@ -43,7 +43,7 @@ class Advised(ContinuedStage["RemediedPiece"]):
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
         return stored_report.missing_result(obj.data, "design") or advice.refusal(obj.data, cls.remedy)
 
-    def changed(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
+    def apply_remedy(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
         """Return the result with the remedy applied and spirals made; runs outside Blender's main thread.
 
         ``searched``: whether the spirals were optimised before.
@@ -72,7 +72,7 @@ class Advised(ContinuedStage["RemediedPiece"]):
             from ..engine.runs import report
             from ..engine.runs.outputs import DesignVersion
 
-            made = self.changed(result, snapshot, searched, progress.part(0.0, 0.3))
+            made = self.apply_remedy(result, snapshot, searched, progress.part(0.0, 0.3))
             if searched:
                 made = search(made, progress.part(0.3, 0.9))
                 made = live_shape.simulate_and_show(
@@ -91,7 +91,7 @@ class Advised(ContinuedStage["RemediedPiece"]):
     def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: RemediedPiece) -> Iterator[None]:
         return result.panels.show(obj, context.scene)
 
-    def written(
+    def write_piece(
         self,
         context: bpy.types.Context,
         obj: bpy.types.Object,
@@ -113,7 +113,7 @@ class Advised(ContinuedStage["RemediedPiece"]):
         return text
 
 
-class MakeLarger(Advised, bpy.types.Operator):
+class MakeLarger(RemedyStage, bpy.types.Operator):
     """Enlarge the object by the advised factor and update panels, spirals and shape; optimised spirals are optimised again. Reports how much nearer the shape is"""
 
     bl_idname = "flexmaps.make_larger"
@@ -126,7 +126,7 @@ class MakeLarger(Advised, bpy.types.Operator):
             "The object's scale is locked; unlock it first" if any(obj.lock_scale) else None
         )
 
-    def changed(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
+    def apply_remedy(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
         from ..bridge.store import mesh
         from ..engine.runs import job
         from ..engine.runs.outputs import DesignVersion
@@ -162,10 +162,10 @@ class MakeLarger(Advised, bpy.types.Operator):
         # scaling changes the checksum of "down" as well, although the object was not turned
         self._made_from |= {"down": states.read_settings_checksums(obj, context.scene)["down"]}
         stored_report.write_checks(obj.data, result.after.findings)
-        return self.written(context, obj, now, result, 1.0, self._amount)
+        return self.write_piece(context, obj, now, result, 1.0, self._amount)
 
 
-class MakeThinner(Advised, bpy.types.Operator):
+class MakeThinner(RemedyStage, bpy.types.Operator):
     """Take the next thinner sheet and simulate again; optimised spirals are optimised again. Reports how much nearer the shape is"""
 
     bl_idname = "flexmaps.make_thinner"
@@ -178,7 +178,7 @@ class MakeThinner(Advised, bpy.types.Operator):
         spiral = replace(snapshot.settings.spiral, thickness=self._amount / MILLIMETRES)
         return replace(snapshot.settings, spiral=spiral)
 
-    def changed(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
+    def apply_remedy(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
         from ..engine.runs.outputs import DesignVersion
 
         result.need(DesignVersion)
@@ -196,10 +196,10 @@ class MakeThinner(Advised, bpy.types.Operator):
         # accept the new thickness as an input, unless the user changed another setting of the spirals meanwhile
         if all(now[part] == self._made_from[part] for part in others):
             self._made_from |= {"spiral": now["spiral"]}
-        return self.written(context, obj, surface, result, self._was, self._amount)
+        return self.write_piece(context, obj, surface, result, self._was, self._amount)
 
 
-class MakeFiner(Advised, bpy.types.Operator):
+class MakeFiner(RemedyStage, bpy.types.Operator):
     """Make a new object of about twice as many quads, hide this one, and make again what there was. Its seams are made anew: those marked by hand, and a layout that was chosen, stay with the old object"""
 
     bl_idname = "flexmaps.make_finer"
@@ -217,7 +217,7 @@ class MakeFiner(Advised, bpy.types.Operator):
             return "Supports and forces belong to the old quads: use Quad remesh, and choose them anew"
         return problem
 
-    def changed(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
+    def apply_remedy(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
         from ..bridge.hosts import remesh
         from ..engine.runs import job
         from ..engine.surface.checking import check
@@ -246,7 +246,7 @@ class MakeFiner(Advised, bpy.types.Operator):
             if not has_same_quads(now, quads):
                 raise FlexMapsError(f"'{obj.name}' is sheared by its parents; apply its scale and rotation first")
             stored_report.write_checks(made.data, result.after.findings)
-            text = self.written(context, made, now, result, len(surface.polygons.sizes), len(quads.quads))
+            text = self.write_piece(context, made, now, result, len(surface.polygons.sizes), len(quads.quads))
         except FlexMapsError:
             bpy.data.meshes.remove(made.data)  # removes the object too
             raise

@@ -9,7 +9,7 @@ import bpy
 from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
-from .continued import Continuation, ContinuedStage
+from .continued_stage import Continuation, ContinuedStage
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from ..engine.runs.result import Result
 
     # the film, the pose at its end, and the settings
-    MadeFilm = tuple[Film, Pose, ObjectSettings]
+    FinishedFilm = tuple[Film, Pose, ObjectSettings]
 
 
-class Animate(ContinuedStage["MadeFilm"], bpy.types.Operator):
+class Animate(ContinuedStage["FinishedFilm"], bpy.types.Operator):
     """Animate the assembly: the panels fly from the table to their places and are joined seam by seam, and what is joined rests in its simulated shape. Play it with the space bar"""
 
     bl_idname = "flexmaps.animate"
@@ -31,7 +31,7 @@ class Animate(ContinuedStage["MadeFilm"], bpy.types.Operator):
 
     needs = "simulation"
 
-    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[MadeFilm]:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[FinishedFilm]:
         from ..bridge.store import pose
         from ..bridge.view import preview
         from ..engine.runs import stages
@@ -42,7 +42,7 @@ class Animate(ContinuedStage["MadeFilm"], bpy.types.Operator):
         if settings.preview.colour != "MATERIAL":
             preview.quad_colours(obj, settings.preview.colour)
 
-        def go_on(result: Result, progress: Progress) -> MadeFilm:
+        def go_on(result: Result, progress: Progress) -> FinishedFilm:
             from ..engine.display import arrange
             from ..engine.display.panel_mesh import DETAILS
             from ..engine.extras.film import assembly_film
@@ -61,7 +61,7 @@ class Animate(ContinuedStage["MadeFilm"], bpy.types.Operator):
         return go_on
 
     def finish(
-        self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: MadeFilm
+        self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: FinishedFilm
     ) -> str:
         from ..bridge.view import animation, collection, preview
         from ..engine.extras.film.film_params import FilmParams

@@ -16,7 +16,7 @@ ICONS = ("brush.generic", "brush.paint_weight.draw", "ops.generic.select_circle"
 SETTINGS = "window_manager.flexmaps_brush"  # data path for Blender's own keys F (size) and Shift F (strength)
 
 
-def _keys(operator: str, **keys: Any) -> tuple[str, dict[str, Any], Any]:
+def _keymap_item(operator: str, **keys: Any) -> tuple[str, dict[str, Any], Any]:
     properties = keys.pop("properties", [])
     return operator, {"type": "LEFTMOUSE", "value": "PRESS"} | keys, {"properties": properties}
 
@@ -30,11 +30,13 @@ class BrushTool(bpy.types.WorkSpaceTool):
     bl_icon = ""  # set at registration
     bl_cursor = "CROSSHAIR"
     bl_keymap = (
-        _keys("flexmaps.paint_stroke"),
-        _keys("flexmaps.paint_stroke", ctrl=True, properties=[("inverted", True)]),
-        _keys("flexmaps.paint_stroke", shift=True, properties=[("smooth", True)]),
-        _keys("wm.radial_control", type="F", properties=[("data_path_primary", f"{SETTINGS}.size")]),
-        _keys("wm.radial_control", type="F", shift=True, properties=[("data_path_primary", f"{SETTINGS}.strength")]),
+        _keymap_item("flexmaps.paint_stroke"),
+        _keymap_item("flexmaps.paint_stroke", ctrl=True, properties=[("inverted", True)]),
+        _keymap_item("flexmaps.paint_stroke", shift=True, properties=[("smooth", True)]),
+        _keymap_item("wm.radial_control", type="F", properties=[("data_path_primary", f"{SETTINGS}.size")]),
+        _keymap_item(
+            "wm.radial_control", type="F", shift=True, properties=[("data_path_primary", f"{SETTINGS}.strength")]
+        ),
     )
 
     @staticmethod

@@ -45,7 +45,7 @@ def _formats(wanted: ObjectSettings) -> tuple[str, ...]:
     return tuple(key for key in export.chosen_formats(wanted.export) if key in WRITERS) or USUAL
 
 
-def _reading(name: str, description: str) -> object:
+def _reading_property(name: str, description: str) -> object:
     return bpy.props.StringProperty(name=name, description=description, options={"SKIP_SAVE"})
 
 
@@ -56,20 +56,20 @@ class Calibrated(AtOnce, OnObject, bpy.types.Operator):
     bl_label = "Enter measurements"
 
     several = "Several readings with commas between them are better than one"
-    kerf_comb: _reading("Kerf comb (mm)", f"Gap with the squares pushed to one side. {several}")  # type: ignore[valid-type]
-    clearance: _reading("Rung that fits (mm)", "Value of the rung whose parts snap together and hold")  # type: ignore[valid-type]
+    kerf_comb: _reading_property("Kerf comb (mm)", f"Gap with the squares pushed to one side. {several}")  # type: ignore[valid-type]
+    clearance: _reading_property("Rung that fits (mm)", "Value of the rung whose parts snap together and hold")  # type: ignore[valid-type]
     kind: bpy.props.EnumProperty(  # type: ignore[valid-type]
         name="Connectors",
         items=(("dovetail", "Dovetails", ""), ("key", "Keys", ""), ("tab", "Tabs", "")),
         description="Ladder that this rung belongs to",
     )
-    thickness: _reading("Sheet's thickness (mm)", f"At several places. {several}")  # type: ignore[valid-type]
-    strip_sag: _reading("Strip's sag (mm)", f"Distance by which its end sinks under the weight. {several}")  # type: ignore[valid-type]
-    strip_weight: _reading("Strip's weight (g)", "Weight that hung on it; empty: as engraved")  # type: ignore[valid-type]
-    strip_mass: _reading("Strip's own mass (g)", "Mass of the whole strip, for the density")  # type: ignore[valid-type]
-    sag_a: _reading("Sag of spiral A (mm)", f"Distance by which its hub sinks under the weight. {several}")  # type: ignore[valid-type]
-    sag_b: _reading("Sag of spiral B (mm)", f"Distance by which its hub sinks under the weight. {several}")  # type: ignore[valid-type]
-    weights: _reading("Weights of A, B (g)", "Both weights; empty: as engraved")  # type: ignore[valid-type]
+    thickness: _reading_property("Sheet's thickness (mm)", f"At several places. {several}")  # type: ignore[valid-type]
+    strip_sag: _reading_property("Strip's sag (mm)", f"Distance by which its end sinks under the weight. {several}")  # type: ignore[valid-type]
+    strip_weight: _reading_property("Strip's weight (g)", "Weight that hung on it; empty: as engraved")  # type: ignore[valid-type]
+    strip_mass: _reading_property("Strip's own mass (g)", "Mass of the whole strip, for the density")  # type: ignore[valid-type]
+    sag_a: _reading_property("Sag of spiral A (mm)", f"Distance by which its hub sinks under the weight. {several}")  # type: ignore[valid-type]
+    sag_b: _reading_property("Sag of spiral B (mm)", f"Distance by which its hub sinks under the weight. {several}")  # type: ignore[valid-type]
+    weights: _reading_property("Weights of A, B (g)", "Both weights; empty: as engraved")  # type: ignore[valid-type]
     preset: bpy.props.StringProperty(name="Keep as", description="Name of the preset; empty: none is kept")  # type: ignore[valid-type]
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:

@@ -10,8 +10,8 @@ import bpy
 from ..bridge.store import stored_report
 from ..bridge.store.i18n import translate
 from ..engine.progress import Progress
-from .continued import Continuation
-from .layout import LayoutStage, reported
+from .continued_stage import Continuation
+from .layout import LayoutStage, with_report
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
@@ -28,10 +28,10 @@ class ChooseStage(LayoutStage):
 
     on_stop = "the best so far is kept"
     needs = "flat"
-    loaded = True
+    reads_loads = True
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
-        pose = _optimised(obj, snapshot)
+        pose = _optimised_pose(obj, snapshot)
 
         def go_on(result: Result, progress: Progress) -> Any:
             from ..bridge.view import thumbnails
@@ -47,7 +47,7 @@ class ChooseStage(LayoutStage):
             made = job.run_stages(result, snapshot.settings, ("choose",), progress.part(0.01, 1.0))
             choice = made.need(LayoutChoice).choice
             strip = thumbnails.draw_thumbnails([one.flat for one in choice.proposals])
-            return None if made.flat is result.flat else reported(made), choice, strip
+            return None if made.flat is result.flat else with_report(made), choice, strip
 
         return go_on
 
@@ -68,7 +68,7 @@ class ChooseStage(LayoutStage):
         return f"{said}. {choice.note}"
 
 
-def _optimised(obj: bpy.types.Object, snapshot: Snapshot) -> Pose | None:
+def _optimised_pose(obj: bpy.types.Object, snapshot: Snapshot) -> Pose | None:
     """Return the simulated pose of optimised spirals; None unless search and simulation are up to date."""
     from ..bridge.store import equilibrium, states
 
@@ -151,7 +151,7 @@ class TakeChoice(LayoutStage, bpy.types.Operator):
             from ..engine.runs import by_hand
 
             cut = choices.read_cuts(snapshot.surface, number)
-            return reported(by_hand.flatten_by_hand(result, cut, snapshot.settings, progress)), block | {
+            return with_report(by_hand.flatten_by_hand(result, cut, snapshot.settings, progress)), block | {
                 "taken": number
             }
 

@@ -11,7 +11,7 @@ from ..bridge.store import stored_report
 from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
-from .continued import Continuation, ContinuedStage
+from .continued_stage import Continuation, ContinuedStage
 from .stage import AtOnce
 from .writes import FromDialog, begin
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..engine.runs.result import Result
 
 
-class Asked:
+class ScanProperties:
     """Properties of the comparison: the scan's file, its unit, and whether its pose is arbitrary."""
 
     filepath: bpy.props.StringProperty(  # type: ignore[valid-type]
@@ -49,12 +49,12 @@ class Asked:
     )
 
 
-class Compare(Asked, ContinuedStage["Result"], bpy.types.Operator):
+class Compare(ScanProperties, ContinuedStage["Result"], bpy.types.Operator):
     """Lay a scan of the built piece over the simulated shape and show how far it is from it"""
 
     bl_idname = "flexmaps.compare"
     bl_label = "Compare with a scan"
-    loaded = True
+    reads_loads = True
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Result]:
         from ..bridge.store import equilibrium
@@ -86,7 +86,7 @@ class Compare(Asked, ContinuedStage["Result"], bpy.types.Operator):
     shows = "SCAN"
 
 
-class CompareFile(Asked, FromDialog, AtOnce, bpy.types.Operator):
+class CompareFile(ScanProperties, FromDialog, AtOnce, bpy.types.Operator):
     """Choose the file of a scan of the built piece, and compare it with the simulated shape"""
 
     bl_idname = "flexmaps.compare_file"

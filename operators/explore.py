@@ -9,7 +9,7 @@ import bpy
 from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
-from .continued import Continuation, ContinuedStage
+from .continued_stage import Continuation, ContinuedStage
 from .stage import AnyMesh, AtOnce
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ class Explore(ContinuedStage["Exploration"], bpy.types.Operator):
     bl_label = "Explore"
     on_stop = "what was found is kept"
     needs = "flat"
-    loaded = True
+    reads_loads = True
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Exploration]:
         def go_on(result: Result, progress: Progress) -> Exploration:
@@ -64,10 +64,10 @@ class UseCandidate(AtOnce, AnyMesh, bpy.types.Operator):
     def act(self, context: bpy.types.Context) -> str:
         from ..bridge.store import exploration
 
-        kept = exploration.read(context.object)
-        if kept is None or self.number >= len(kept["rows"]):
+        stored = exploration.read(context.object)
+        if stored is None or self.number >= len(stored["rows"]):
             raise FlexMapsError("There is no such candidate; press Explore first")
-        exploration.apply_candidate(context.object, context.scene, kept["rows"][self.number]["values"])
+        exploration.apply_candidate(context.object, context.scene, stored["rows"][self.number]["values"])
         return translate("Settings and size of the candidate were taken")
 
 

@@ -13,7 +13,7 @@ from ..bridge.store.i18n import translate
 from ..bridge.store.paths import file_name, resolve_folder
 from ..engine import files
 from ..engine.progress import Progress
-from .continued import Continuation, ContinuedStage
+from .continued_stage import Continuation, ContinuedStage
 from .writes import IntoFolder
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class Export(IntoFolder, ContinuedStage["SheetFiles"], bpy.types.Operator):
     bl_label = "Export sheets"
 
     needs = "design"
-    loaded = True
+    reads_loads = True
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[SheetFiles]:
         from ..bridge.store import equilibrium

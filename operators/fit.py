@@ -9,7 +9,7 @@ import bpy
 from ..bridge.store.flat_target import can_skip_simulation
 from ..bridge.store.i18n import translate
 from ..engine.progress import Progress
-from .continued import Continuation
+from .continued_stage import Continuation
 from .optimise import SearchStage
 from .spirals import Spirals
 
@@ -35,11 +35,11 @@ class Fit(SearchStage, bpy.types.Operator):
         self._start = states.read_states(obj, bpy.context.scene)["spirals"].kind == states.DONE
         return Spirals.continuation(self, obj, snapshot) if self._flat else super().continuation(obj, snapshot)  # type: ignore[arg-type]
 
-    def begun(self, result: Result, snapshot: Snapshot, progress: Progress) -> Result:
+    def initial_result(self, result: Result, snapshot: Snapshot, progress: Progress) -> Result:
         from ..engine.runs import job
 
         if self._start:
-            return super().begun(result, snapshot, progress)
+            return super().initial_result(result, snapshot, progress)
         return job.run_stages(result, snapshot.settings, ("spirals",), progress)
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Any) -> str:

@@ -20,7 +20,7 @@ KINDS = (
     ("PULL", "Pull", "A force: as many newtons as edges of a quad that you drag it"),
     ("WISH", "Wish", "A place: Optimise brings the spiral there, as near as the piece lets it"),
 )
-ALONE = -1  # value of ``quad`` that stands for the quad under the mouse
+UNDER_MOUSE = -1  # value of ``quad`` that stands for the quad under the mouse
 
 
 class _OnSpiral(OnObject):
@@ -31,13 +31,13 @@ class _OnSpiral(OnObject):
     quad: int
     report: Any
 
-    def _pick(self, context: bpy.types.Context, event: bpy.types.Event) -> bool:
+    def _pick_quad(self, context: bpy.types.Context, event: bpy.types.Event) -> bool:
         """Set ``quad`` to the quad under the mouse unless it is set; return whether there is a quad."""
         from bpy_extras import view3d_utils
 
         from ..bridge.view import picking
 
-        if self.quad != ALONE:
+        if self.quad != UNDER_MOUSE:
             return True
         if context.region_data is None:
             return False
@@ -46,10 +46,10 @@ class _OnSpiral(OnObject):
         way = view3d_utils.region_2d_to_vector_3d(context.region, context.region_data, mouse)
         points, quads = picking.visible_surface(context.object, live.shape_of(context.object))
         hit = picking.hit_quad(points, quads, origin, way)
-        self.quad = ALONE if hit is None else hit
+        self.quad = UNDER_MOUSE if hit is None else hit
         return hit is not None
 
-    def _quads(self, obj: bpy.types.Object) -> list[int]:
+    def _affected_quads(self, obj: bpy.types.Object) -> list[int]:
         """Return ``quad``, or all selected quads if it is selected in edit mode; [] where it does not exist."""
         count = len(obj.data.polygons)
         if obj.mode == "EDIT":
@@ -73,15 +73,15 @@ class HoldSpiral(_OnSpiral, bpy.types.Operator):
     bl_idname = "flexmaps.hold_spiral"
     bl_label = "Hold or let go"
 
-    quad: bpy.props.IntProperty(name="Quad", default=ALONE, min=ALONE, options={"SKIP_SAVE"})  # type: ignore[valid-type]
+    quad: bpy.props.IntProperty(name="Quad", default=UNDER_MOUSE, min=UNDER_MOUSE, options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        return self.execute(context) if self._pick(context, event) else {"PASS_THROUGH"}
+        return self.execute(context) if self._pick_quad(context, event) else {"PASS_THROUGH"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..bridge.store import handles
 
-        quads = self._quads(context.object)
+        quads = self._affected_quads(context.object)
         if not quads:
             return self._warn_no_spiral()
         values = handles.read(context.object, handles.HELD)
@@ -98,7 +98,7 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
     bl_label = "Pull or wish"
     bl_options = {"REGISTER", "UNDO", "BLOCKING"}
 
-    quad: bpy.props.IntProperty(name="Quad", default=ALONE, min=ALONE, options={"SKIP_SAVE"})  # type: ignore[valid-type]
+    quad: bpy.props.IntProperty(name="Quad", default=UNDER_MOUSE, min=UNDER_MOUSE, options={"SKIP_SAVE"})  # type: ignore[valid-type]
     kind: bpy.props.EnumProperty(name="Kind", items=KINDS, default="PULL")  # type: ignore[valid-type]
     by: bpy.props.FloatVectorProperty(  # type: ignore[valid-type]
         name="By",
@@ -111,17 +111,17 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         description="A press that does not move holds the spiral, or lets it go",
         options={"SKIP_SAVE", "HIDDEN"},
     )
-    _began: Any = None  # mouse position at the press, pixels of the window
-    _moves = False  # whether the mouse has moved far enough for a drag
-    _before: Any = None  # stored values of all quads before the drag
+    _press_position: Any = None  # mouse position at the press, pixels of the window
+    _is_drag = False  # whether the mouse has moved far enough for a drag
+    _stored_values: Any = None  # stored values of all quads before the drag
     _grip: Any = None  # the mouse's start point in 3D, and the quad's centre, in the scene's units
-    _from: Any = None  # the handle's value at the start of the drag, in the units of ``by``
+    _start_value: Any = None  # the handle's value at the start of the drag, in the units of ``by``
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        quads = self._quads(context.object)
+        quads = self._affected_quads(context.object)
         if not quads:
             return self._warn_no_spiral()
-        self._put(context, quads)
+        self._write_value(context, quads)
         return {"FINISHED"}
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -130,21 +130,21 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         from ..bridge.store import handles
         from ..bridge.view import picking
 
-        if not self._pick(context, event):
+        if not self._pick_quad(context, event):
             return {"PASS_THROUGH"}
         obj = context.object
-        self._before = handles.read(obj, _name(self.kind))
+        self._stored_values = handles.read(obj, _handle_name(self.kind))
         scale = context.scene.unit_settings.scale_length
         points, quads = picking.visible_surface(obj, live.shape_of(obj))
         middle = points[quads[self.quad]].mean(axis=0)
         if self.kind == "WISH":
-            self._from = 1e3 * scale * (middle - picking.target_vertices(obj)[quads[self.quad]].mean(axis=0))
-            if self._before[self.quad].any():  # continue from an existing drag target
-                self._from = 1e3 * scale * (np.array(obj.matrix_world)[:3, :3] @ self._before[self.quad])
+            self._start_value = 1e3 * scale * (middle - picking.target_vertices(obj)[quads[self.quad]].mean(axis=0))
+            if self._stored_values[self.quad].any():  # continue from an existing drag target
+                self._start_value = 1e3 * scale * (np.array(obj.matrix_world)[:3, :3] @ self._stored_values[self.quad])
         else:
-            self._from = self._before[self.quad].copy()
-        self._grip = self._mouse(context, event, middle), middle
-        self._began, self._moves = (event.mouse_x, event.mouse_y), not self.tap
+            self._start_value = self._stored_values[self.quad].copy()
+        self._grip = self._mouse_in_space(context, event, middle), middle
+        self._press_position, self._is_drag = (event.mouse_x, event.mouse_y), not self.tap
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
@@ -152,30 +152,30 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         from ..bridge.store import handles
 
         if event.type in {"ESC", "RIGHTMOUSE"} and event.value == "PRESS":
-            handles.write(context.object, _name(self.kind), self._before)
-            self._end(context)
+            handles.write(context.object, _handle_name(self.kind), self._stored_values)
+            self._end_drag(context)
             return {"CANCELLED"}
-        far = max(abs(event.mouse_x - self._began[0]), abs(event.mouse_y - self._began[1]))
-        self._moves |= far > context.preferences.inputs.drag_threshold_mouse
-        if event.type == "MOUSEMOVE" and self._moves:
+        far = max(abs(event.mouse_x - self._press_position[0]), abs(event.mouse_y - self._press_position[1]))
+        self._is_drag |= far > context.preferences.inputs.drag_threshold_mouse
+        if event.type == "MOUSEMOVE" and self._is_drag:
             self.by = self._dragged_value(context, event)
-            self._put(context, self._quads(context.object))
-            _say(context, self.kind, self.by)
+            self._write_value(context, self._affected_quads(context.object))
+            _show_value(context, self.kind, self.by)
         if event.type == "LEFTMOUSE" and event.value == "RELEASE":
-            self._end(context)
-            if self._moves:
+            self._end_drag(context)
+            if self._is_drag:
                 return {"FINISHED"}
             bpy.ops.flexmaps.hold_spiral(quad=self.quad)
             return {"CANCELLED"}
         return {"RUNNING_MODAL"}
 
-    def _end(self, context: bpy.types.Context) -> None:
+    def _end_drag(self, context: bpy.types.Context) -> None:
         if context.area is not None:
             context.area.header_text_set(None)
             context.workspace.status_text_set(None)
         redraw(context)
 
-    def _mouse(self, context: bpy.types.Context, event: bpy.types.Event, depth: Sequence[float]) -> Vector:
+    def _mouse_in_space(self, context: bpy.types.Context, event: bpy.types.Event, depth: Sequence[float]) -> Vector:
         from bpy_extras import view3d_utils
         from mathutils import Vector
 
@@ -189,17 +189,17 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         from ..bridge.view import picking
 
         start, middle = self._grip
-        way = np.array(self._mouse(context, event, middle) - start)
+        way = np.array(self._mouse_in_space(context, event, middle) - start)
         if self.kind == "PULL":
-            return self._from + way / picking.median_edge(context.object)
-        return self._from + 1e3 * context.scene.unit_settings.scale_length * way
+            return self._start_value + way / picking.median_edge(context.object)
+        return self._start_value + 1e3 * context.scene.unit_settings.scale_length * way
 
-    def _put(self, context: bpy.types.Context, quads: list[int]) -> None:
+    def _write_value(self, context: bpy.types.Context, quads: list[int]) -> None:
         import numpy as np
 
         from ..bridge.store import handles
 
-        obj, name = context.object, _name(self.kind)
+        obj, name = context.object, _handle_name(self.kind)
         values, by = handles.read(obj, name), np.array(self.by, dtype=float)
         if self.kind == "WISH":
             scale = 1e-3 / context.scene.unit_settings.scale_length
@@ -224,13 +224,13 @@ class ClearHandles(AtOnce, OnObject, bpy.types.Operator):
             handles.write(context.object, name, np.zeros(0))
 
 
-def _name(kind: str) -> str:
+def _handle_name(kind: str) -> str:
     from ..bridge.store import handles
 
     return handles.PULL if kind == "PULL" else handles.WISH
 
 
-def _say(context: bpy.types.Context, kind: str, by: Iterable[float]) -> None:
+def _show_value(context: bpy.types.Context, kind: str, by: Iterable[float]) -> None:
     size = sum(x * x for x in by) ** 0.5
     text = translate("Pull: {:.2f} N", size) if kind == "PULL" else translate("Wish: {:.1f} mm beside the target", size)
     if context.area is not None:

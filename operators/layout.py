@@ -10,7 +10,7 @@ import bpy
 from ..bridge.store import derived_properties, stored_report
 from ..bridge.store.i18n import panels, translate
 from ..engine.progress import Progress
-from .continued import Continuation, ContinuedStage
+from .continued_stage import Continuation, ContinuedStage
 from .stage import Work
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class LayoutStage(ContinuedStage):
         return iter(())
 
 
-def reported(result: Result, **more: object) -> FlatReported:
+def with_report(result: Result, **more: object) -> FlatReported:
     """Return the flat patches and their report block; too slow for the main thread with thousands of quads.
 
     Parameters
@@ -85,7 +85,7 @@ class Trace(LayoutStage, bpy.types.Operator):
             from ..engine.runs.outputs import TracedLayout
 
             made = job.run_stages(result, snapshot.settings, ("trace",), progress)
-            return reported(made, **{stored_report.TRACED: len(made.need(TracedLayout).layout.patches) > 1})
+            return with_report(made, **{stored_report.TRACED: len(made.need(TracedLayout).layout.patches) > 1})
 
         return go_on
 
@@ -95,14 +95,14 @@ class Merge(LayoutStage, bpy.types.Operator):
 
     bl_idname = "flexmaps.merge"
     bl_label = "Merge"
-    loaded = True
+    reads_loads = True
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         def go_on(result: Result, progress: Progress) -> FlatReported:
             from ..engine.runs import by_hand, job
 
             traced = by_hand.traced_at(result, snapshot.seams(result), snapshot.settings, progress.part(0.0, 0.1))
-            return reported(job.run_stages(traced, snapshot.settings, ("merge", "split"), progress.part(0.1, 1.0)))
+            return with_report(job.run_stages(traced, snapshot.settings, ("merge", "split"), progress.part(0.1, 1.0)))
 
         return go_on
 
@@ -121,7 +121,7 @@ class FlattenStage(LayoutStage):
             from ..engine.runs import by_hand
 
             previous = mesh.read_flat(snapshot.surface, result.mesh) if reuse else None
-            return reported(
+            return with_report(
                 by_hand.flatten_by_hand(result, snapshot.seams(result), snapshot.settings, progress, previous)
             )
 

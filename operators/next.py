@@ -16,8 +16,10 @@ from .stage import AnyMesh, AtOnce, OnObject, message_of
 if TYPE_CHECKING:
     from ..bridge.store.notices import Notice
 
-CUTTING = {"flexmaps.merge", "flexmaps.flatten"}  # operators before which *Next* checks the mesh
-CALM = 0.4  # seconds after a change of the label in which presses are ignored, against double clicks; larger feels slow
+CUTTING_OPERATORS = {"flexmaps.merge", "flexmaps.flatten"}  # operators before which *Next* checks the mesh
+DEBOUNCE_SECONDS = (
+    0.4  # seconds after a change of the label in which presses are ignored, against double clicks; larger feels slow
+)
 
 
 class Next(AnyMesh, bpy.types.Operator):
@@ -27,7 +29,7 @@ class Next(AnyMesh, bpy.types.Operator):
     bl_label = "Next"
     bl_options = {"REGISTER"}
 
-    _seen = ("", 0.0)  # the last label, and when it first appeared
+    _label_change = ("", 0.0)  # the last label, and when it first appeared
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
@@ -35,20 +37,20 @@ class Next(AnyMesh, bpy.types.Operator):
         return translate(cls.__doc__ or "") if act is None else act.tooltip
 
     @classmethod
-    def see(cls, label: str) -> None:
+    def note_label(cls, label: str) -> None:
         """Store when the button's label last changed; called whenever the sidebar is drawn."""
-        if label != cls._seen[0]:
-            cls._seen = label, time.monotonic()
+        if label != cls._label_change[0]:
+            cls._label_change = label, time.monotonic()
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if time.monotonic() - self._seen[1] < CALM:
+        if time.monotonic() - self._label_change[1] < DEBOUNCE_SECONDS:
             return {"CANCELLED"}
-        return self._press(context, "INVOKE_DEFAULT")
+        return self._run_action(context, "INVOKE_DEFAULT")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        return self._press(context, "EXEC_DEFAULT")
+        return self._run_action(context, "EXEC_DEFAULT")
 
-    def _press(self, context: bpy.types.Context, how: str) -> set[str]:
+    def _run_action(self, context: bpy.types.Context, how: str) -> set[str]:
         seen = self._check_before_cut(context, guidance.read_guidance(context.object, context.scene))
         if seen.act is None:
             stopped = next((notice.sentence for notice in seen.notices), translate("There is nothing to make of it"))
@@ -72,7 +74,7 @@ class Next(AnyMesh, bpy.types.Operator):
         from ..bridge.store import states
 
         known = states.read_states(context.object, context.scene)
-        cuts = seen.act is not None and seen.act.idname in CUTTING
+        cuts = seen.act is not None and seen.act.idname in CUTTING_OPERATORS
         if not cuts or known["checks"].kind == states.DONE or bpy.ops.flexmaps.check.poll() is False:
             return seen
         with suppress(RuntimeError):  # errors of the mesh are shown as notices

@@ -15,7 +15,7 @@ from ..engine.extras import registry
 from ..engine.figures import format_figure
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
-from .continued import Continuation, ContinuedStage
+from .continued_stage import Continuation, ContinuedStage
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
@@ -28,18 +28,21 @@ if TYPE_CHECKING:
 
 
 # share of the progress bar before the search starts; matches the share of time (7 to 9 %)
-FIRST = 0.07
-SEARCHED, DRAWN = 0.8, 0.85  # progress at the end of the search, and with outlines drawn; then remedies are tried
+SEARCH_START = 0.07
+SEARCH_END, OUTLINES_END = (
+    0.8,
+    0.85,
+)  # progress at the end of the search, and with outlines drawn; then remedies are tried
 
 
 class SearchStage(ContinuedStage["SearchedSpirals"]):
-    """Base of operators that optimise the spirals, starting from the result of ``begun``."""
+    """Base of operators that optimise the spirals, starting from the result of ``initial_result``."""
 
     on_stop = "the best so far is kept"
     needs = "flat"
-    loaded = True
+    reads_loads = True
 
-    def begun(self, result: Result, snapshot: Snapshot, progress: Progress) -> Result:
+    def initial_result(self, result: Result, snapshot: Snapshot, progress: Progress) -> Result:
         """Return the result with initial spirals; runs outside Blender's main thread."""
         return snapshot.start(result)
 
@@ -56,17 +59,17 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
             from ..engine.runs.outputs import DesignVersion, OptimisationRecord
             from ..engine.spirals.design_report import design_report
 
-            begun = self.begun(result, snapshot, progress.part(0.0, FIRST))
-            made = search(begun, progress.part(FIRST, SEARCHED))
+            begun = self.initial_result(result, snapshot, progress.part(0.0, SEARCH_START))
+            made = search(begun, progress.part(SEARCH_START, SEARCH_END))
             better = made.need(DesignVersion).design
             try:
-                progress(SEARCHED, "Drawing outlines")
-                panels = PanelDrawing.from_design(better, snapshot.settings, progress.part(SEARCHED, DRAWN))
-                spirals = design_report(better, progress.part(DRAWN, DRAWN))
-                made = job.run_stages(made, once, ("simulate",), progress.part(DRAWN, DRAWN))
+                progress(SEARCH_END, "Drawing outlines")
+                panels = PanelDrawing.from_design(better, snapshot.settings, progress.part(SEARCH_END, OUTLINES_END))
+                spirals = design_report(better, progress.part(OUTLINES_END, OUTLINES_END))
+                made = job.run_stages(made, once, ("simulate",), progress.part(OUTLINES_END, OUTLINES_END))
             except Cancelled:  # after a cancel keep the spirals, but skip the slower figures
                 panels, spirals = PanelDrawing.without_connectors(better), design_report(better, measured=False)
-            made = _with_prospects(made, snapshot.settings, progress.part(DRAWN, 1.0))
+            made = _with_remedy_effects(made, snapshot.settings, progress.part(OUTLINES_END, 1.0))
             layout = None if better.flat is result.flat else layout_report(better.flat)
             return panels, made, made.need(OptimisationRecord).optimisation.report(), spirals, layout
 
@@ -104,7 +107,7 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
         return ". ".join(lines)
 
 
-def _with_prospects(made: Result, settings: ObjectSettings, progress: Progress) -> Result:
+def _with_remedy_effects(made: Result, settings: ObjectSettings, progress: Progress) -> Result:
     """Return the result with the predicted effect of remedies; unchanged after a cancel or with drag targets."""
     if not registry.has("choosing"):
         return made

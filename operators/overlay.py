@@ -9,7 +9,7 @@ from ..bridge.view import colouring
 from ..engine.errors import FlexMapsError
 from .stage import AtOnce, OnObject
 
-STAGES = {
+BUTTON_OF_KIND = {
     "WIDTH": "Spirals",
     "ANISOTROPY": "Spirals",
     "STIFFNESS": "Spirals",
@@ -37,12 +37,12 @@ class Overlay(AtOnce, OnObject, bpy.types.Operator):
         from ..bridge.view import overlay
 
         if self.kind != "NONE" and not colouring.store_colours(context.object, self.kind, recompute=True):
-            stage = "Simulate" if self.kind in colouring.SIMULATED_KINDS else STAGES.get(self.kind, "Merge")
+            stage = "Simulate" if self.kind in colouring.SIMULATED_KINDS else BUTTON_OF_KIND.get(self.kind, "Merge")
             raise FlexMapsError(translate("There is nothing to show yet; press {} first", button_name(stage)))
         overlay.choose_kind(self.kind)
 
 
-def drawn() -> object:
+def shape_to_draw() -> object:
     """Return what to draw over the 3D view: the running job's shape, the live simulation, or the painted spirals."""
     from ..bridge.hosts import background, live
     from ..bridge.view import paint_session
@@ -56,7 +56,7 @@ def drawn() -> object:
 def register() -> None:
     from ..bridge.view import overlay
 
-    overlay.register(drawn)
+    overlay.register(shape_to_draw)
 
 
 def unregister() -> None:

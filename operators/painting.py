@@ -71,7 +71,7 @@ class PaintStroke(_Painter, bpy.types.Operator):
         self._dabs = dab_queue.DabQueue(self._session, name, self.inverted)
         self._timer = context.window_manager.event_timer_add(TICK, window=context.window)
         context.window_manager.modal_handler_add(self)
-        self._move(context, event)
+        self._add_dabs(context, event)
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -81,7 +81,7 @@ class PaintStroke(_Painter, bpy.types.Operator):
                 self._dabs.close()
                 self._session.revert()
             elif event.type == "MOUSEMOVE" and not self._ending:
-                self._move(context, event)
+                self._add_dabs(context, event)
             elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
                 self._ending = True
             elif self._ending and _is_press(event):  # another stroke or key began: finish this stroke first
@@ -91,14 +91,14 @@ class PaintStroke(_Painter, bpy.types.Operator):
             if self._ending and not taken_back and self._dabs.try_finish():
                 return self._finish_stroke(context, event)
         except Exception:
-            self._over(context)
+            self._end_stroke(context)
             raise
         if taken_back:
-            self._over(context)
+            self._end_stroke(context)
             return {"CANCELLED"}
         return {"RUNNING_MODAL"}
 
-    def _move(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
+    def _add_dabs(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
         made = self._path.extend(context, event)
         if made is not None:
             self._dabs.add(*made)
@@ -114,13 +114,13 @@ class PaintStroke(_Painter, bpy.types.Operator):
             paint_session.discard_session()
             return {"CANCELLED"}
         finally:
-            self._over(context)
+            self._end_stroke(context)
         return {"FINISHED", "PASS_THROUGH"} if _is_press(event) else {"FINISHED"}
 
     def cancel(self, context: bpy.types.Context) -> None:
-        self._over(context)
+        self._end_stroke(context)
 
-    def _over(self, context: bpy.types.Context) -> None:
+    def _end_stroke(self, context: bpy.types.Context) -> None:
         from ..bridge.view import paint_session
 
         self._dabs.close()

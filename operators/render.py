@@ -28,7 +28,7 @@ class Render(Writes, StageOperator["list[Path]"], bpy.types.Operator):
     bl_idname = "flexmaps.render"
     bl_label = "Render"
 
-    _folder: Any = None  # temporary folder for the second process
+    _temporary_folder: Any = None  # temporary folder for the second process
     _path = Path()  # file of the picture or film
     _guard: Any = None  # an ``engine.own_files.Guard`` against overwriting the user's files
 
@@ -48,8 +48,8 @@ class Render(Writes, StageOperator["list[Path]"], bpy.types.Operator):
         obj, params = find_by_uid(surface.uid), settings.render
         self._path = resolve_picture(params.file, params.film)
         self._guard = self.guard(settings, list_pictures(self._path))
-        self._folder = tempfile.TemporaryDirectory(prefix="flexmaps-")
-        pack, made = Path(self._folder.name) / "scene.blend", Path(self._folder.name) / "made"
+        self._temporary_folder = tempfile.TemporaryDirectory(prefix="flexmaps-")
+        pack, made = Path(self._temporary_folder.name) / "scene.blend", Path(self._temporary_folder.name) / "made"
         frames = 0
         try:
             if params.film:
@@ -57,7 +57,7 @@ class Render(Writes, StageOperator["list[Path]"], bpy.types.Operator):
             else:
                 picture.render_together(obj, made / self._path.name, params, pack)
         except FlexMapsError:
-            self._folder.cleanup()
+            self._temporary_folder.cleanup()
             raise
         return lambda progress: second_render.render(pack, made, frames, progress)
 
@@ -78,9 +78,9 @@ class Render(Writes, StageOperator["list[Path]"], bpy.types.Operator):
 
     def _clear(self, context: bpy.types.Context) -> None:
         super()._clear(context)
-        if self._folder is not None:
-            self._folder.cleanup()
-            self._folder = None
+        if self._temporary_folder is not None:
+            self._temporary_folder.cleanup()
+            self._temporary_folder = None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..bridge.store import settings

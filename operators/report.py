@@ -13,7 +13,7 @@ from ..bridge.store.i18n import translate
 from ..bridge.store.paths import file_name, resolve_folder
 from ..bridge.store.settings import is_relative_to_unsaved
 from ..engine.progress import Progress
-from .continued import Continuation, ContinuedStage
+from .continued_stage import Continuation, ContinuedStage
 from .writes import IntoFolder
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ class Report(IntoFolder, ContinuedStage["Plots"], bpy.types.Operator):
     _letters: Any = None
 
     needs = "flat"
-    loaded = True
+    reads_loads = True
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Plots]:
         from ..bridge.hosts import pages

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ..bridge.store import stored_report
-from .continued import Continuation, ContinuedStage
+from .continued_stage import Continuation, ContinuedStage
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
@@ -22,7 +22,7 @@ class Simulate(ContinuedStage["Result"], bpy.types.Operator):
     bl_label = "Simulate"
     shows = "DISTANCE"
     needs = "design"
-    loaded = True
+    reads_loads = True
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Result]:
         from ..bridge.view import live_shape

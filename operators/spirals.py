@@ -9,7 +9,7 @@ import bpy
 
 from ..bridge.store.i18n import format_range, translate
 from ..engine.progress import Progress
-from .continued import Continuation, ContinuedStage
+from .continued_stage import Continuation, ContinuedStage
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot

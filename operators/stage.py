@@ -207,7 +207,7 @@ class StageOperator(Polled, HandsOver[Made]):
             work = self._read(context)
         except FlexMapsError as error:
             return self._refused(context, error)
-        tab.pressed()
+        tab.on_stage_start()
         self._job = background.Job(self.bl_label, work, self.on_stop)
         self._job.start()
         manager = context.window_manager
@@ -244,7 +244,7 @@ class StageOperator(Polled, HandsOver[Made]):
         finally:
             if not going_on:
                 self._clear(context)
-                tab.follow(context)
+                tab.open_next_section(context)
         return {"PASS_THROUGH"} if going_on else {"FINISHED"}
 
     def cancel(self, context: bpy.types.Context) -> None:

@@ -10,7 +10,7 @@ from ..bridge.store import stored_report
 from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
-from .continued import Continuation, ContinuedStage
+from .continued_stage import Continuation, ContinuedStage
 from .stage import AtOnce, OnObject
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ class CheckStructure(ContinuedStage["Structure"], bpy.types.Operator):
     bl_idname = "flexmaps.structure"
     bl_label = "Check structure"
     needs = "simulation"
-    loaded = True
+    reads_loads = True
     shows = "UTILISATION"
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Structure]:

@@ -14,7 +14,7 @@ from ..bridge.store.finding_words import INFORMATION, STOPS
 from ..bridge.store.i18n import quads
 from ..bridge.store.notices import FEW_QUADS, Notice
 from ..bridge.view import colouring, head_text
-from ..bridge.view.widths import lines, room, wide
+from ..bridge.view.text_layout import break_lines, line_width, text_width
 from .rows import button, menu, sentence, tr
 from .stages import look
 
@@ -66,7 +66,7 @@ def draw(layout: Any, context: bpy.types.Context, problem: str | None) -> None:
     if content.notices:
         _rows(box, context, content.notices)
     else:
-        words = lines(content.hint, room(context), SLOTS)
+        words = break_lines(content.hint, line_width(context), SLOTS)
         for k in range(SLOTS):
             row = box.row()
             row.active = False
@@ -79,7 +79,7 @@ def _faces(mesh: bpy.types.Mesh) -> str:
 
 
 def _size(layout: Any, context: bpy.types.Context, editable: bool) -> None:
-    narrow = room(context) < NARROW
+    narrow = line_width(context) < NARROW
     outer = layout if narrow else layout.split(factor=0.17)
     if not narrow:
         outer.label(text=tr("Size"), translate=False)
@@ -164,10 +164,10 @@ def _share(context: bpy.types.Context, notices: tuple[Notice, ...]) -> float:
 
     Room that neither text nor buttons need is split evenly between them.
     """
-    words = max((wide(notice.words) for notice in notices), default=0) + SIGN
-    cures = max((wide(cure.label) for notice in notices for cure in notice.cures[:SLOTS]), default=0) + CURE
-    free = max(0.0, room(context) - words - cures)
-    return max(WORDS[0], min(WORDS[1], (words + 0.5 * free) / room(context)))
+    words = max((text_width(notice.words) for notice in notices), default=0) + SIGN
+    cures = max((text_width(cure.label) for notice in notices for cure in notice.cures[:SLOTS]), default=0) + CURE
+    free = max(0.0, line_width(context) - words - cures)
+    return max(WORDS[0], min(WORDS[1], (words + 0.5 * free) / line_width(context)))
 
 
 def _words(layout: Any, notice: Notice) -> None:

@@ -9,7 +9,7 @@ import bpy
 
 from ..bridge.store.i18n import CONTEXT
 from ..bridge.store.i18n import interface as tr
-from ..bridge.view.widths import lines, room
+from ..bridge.view.text_layout import break_lines, line_width
 
 NAMES = 0.4  # fraction of a row's width for the label before its value, as in Blender's own panels
 A_ROW = 3  # toggles or cards side by side; more would truncate their labels
@@ -176,7 +176,7 @@ def sentence(layout: Layout, context: bpy.types.Context, text: str, most: int = 
     units : width of the popover in Blender's UI units; 0 for the sidebar
     """
     column = layout.column(align=True)
-    for line in lines(text, room(context) if not units else 20 * units - 20, most):
+    for line in break_lines(text, line_width(context) if not units else 20 * units - 20, most):
         row = column.row()
         row.scale_y = LOW
         row.label(text=line, translate=False)

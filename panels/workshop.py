@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 
 from ..bridge.store import presets
-from ..bridge.view.tab import HABITS
+from ..bridge.view.tab import WORKSHOP_ITEMS
 from ..engine.extras import registry
 from .rows import button, pair, tr, value
 
@@ -67,7 +67,7 @@ SOLVER = {
 def draw(body: Any, context: bpy.types.Context) -> None:
     tab, wanted = context.window_manager.flexmaps_tab, context.object.flexmaps
     row = body.row(align=True)
-    for kind, *_ in HABITS:
+    for kind, *_ in WORKSHOP_ITEMS:
         if kind != "SOLVER" or expert(context):
             row.prop_enum(tab, "habits", kind)
     column = body.column(align=True)

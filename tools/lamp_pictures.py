@@ -185,13 +185,13 @@ def icon(path: Path) -> None:
         assert built.panels is not None
         data = preview.piece_mesh("Spiral", built.panels, built.panels.flat(np.zeros((1, 2))), None)
         data.materials.append(materials.sheet_material("pom"))
-        place.put(data)
+        place.add_data(data)
         place.set_up(picture.ABOVE)
         for other in place.scene.objects:
             if other.name.startswith("FlexMaps ground"):
                 shader = other.data.materials[0].node_tree.nodes["Principled BSDF"]
                 shader.inputs["Base Color"].default_value = (0.78, 0.16, 0.02, 1.0)
-        place.take(path)
+        place.render_picture(path)
     drawn = Image.open(path).convert("RGBA")
     corners = Image.new("L", drawn.size, 0)
     ImageDraw.Draw(corners).rounded_rectangle((0, 0, drawn.width - 1, drawn.height - 1), drawn.width // 5, fill=255)

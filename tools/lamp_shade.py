@@ -174,7 +174,7 @@ def main() -> None:
         sys.exit("Make this file with Blender 4.5: python3 tools/dev.py --python 3.11 python tools/lamp_shade.py")
     flexmaps.register()
     begin()
-    scene.save(FILE)
+    scene.save_file(FILE)
     print(f"{FILE.relative_to(ROOT)}  {FILE.stat().st_size / 1e3:.0f} kB")
 
 

@@ -146,7 +146,7 @@ def _of_lines() -> Found:
         *guidance.RERUN_REASONS.values(),
     ):
         yield "", text, "what there is to look at, and its cure"
-    for _, *texts in (*tab.CHECKS, *tab.HABITS, *derived_properties.SUPPORT_KINDS):
+    for _, *texts in (*tab.CHECK_ITEMS, *tab.WORKSHOP_ITEMS, *derived_properties.SUPPORT_KINDS):
         yield from (("", text, "choice in the sidebar") for text in texts)
     for text in finding_words.FAILURE_LABELS.values():
         yield "", text, "what there is to look at, and its cure"

@@ -96,10 +96,10 @@ def write(
             letters.learn(title)
             written = write_sheets(result, title, out / SHEET, formats, new, out / GUIDE, part)
         progress(0.2, "building the Blender file")
-        model = scene.show(result, name, settings, progress.part(0.2, 0.28))
+        model = scene.show_result(result, name, settings, progress.part(0.2, 0.28))
         findings = _findings(model)
         progress(0.28, "saving the Blender file")
-        scene.save(new(out / MODEL))
+        scene.save_file(new(out / MODEL))
         if pictures:
             simulated = result.simulation is not None
             made = (True, result.flat is not None, simulated, simulated)

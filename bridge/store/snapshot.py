@@ -1,4 +1,4 @@
-"""Read everything stored on a Blender object as the engine's ``Result``; ``scene.put`` writes it."""
+"""Read everything stored on a Blender object as the engine's ``Result``; ``scene.write_result`` writes it."""
 
 from __future__ import annotations
 

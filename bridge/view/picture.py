@@ -53,7 +53,7 @@ def render_layout(obj: bpy.types.Object, path: str | Path, size: Size = None, sa
     with studio(size or SIZE, samples or SAMPLES) as place:
         _add_target(place, obj, "PATCH")
         place.set_up(ASIDE)
-        place.take(path)
+        place.render_picture(path)
 
 
 def render_panels(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
@@ -76,16 +76,16 @@ def render_panels(obj: bpy.types.Object, path: str | Path, size: Size = None, sa
         shown = [o for o in own.objects if not o.hide_render] if own is not None else []
         solid = next((o for o in shown if o.get("flexmaps_kind") == "panels" and not o.modifiers), None)
         if design is not None and solid is not None:
-            place.put(solid.data.copy())  # the panels beside the model, drawn with their connectors
+            place.add_data(solid.data.copy())  # the panels beside the model, drawn with their connectors
         elif design is not None:
             _add_panels(place, obj, design, "PATCH")
         else:
             if not shown:
                 raise FlexMapsError("There are no flat panels yet; merge or flatten first")
             for other in shown:
-                place.show(other)
+                place.add_object(other)
         place.set_up(ABOVE)
-        place.take(path)
+        place.render_picture(path)
 
 
 def render_shape(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
@@ -109,7 +109,7 @@ def render_shape(obj: bpy.types.Object, path: str | Path, size: Size = None, sam
         _add_assembled(place, obj, design, "DISTANCE")
         place.set_up(ASIDE)
         _add_legend(place, colouring.legend_of(obj, "DISTANCE"))
-        place.take(path)
+        place.render_picture(path)
 
 
 def render_overview(obj: bpy.types.Object, path: str | Path) -> None:
@@ -170,7 +170,7 @@ def render_together(obj: bpy.types.Object, path: str | Path, params: RenderParam
         place.set_up(_camera_direction(params), tight=not params.pixels_y)
         if finish in colouring.KINDS and finish != "PATCH":
             _add_legend(place, colouring.legend_of(obj, finish))
-        place.take(path)
+        place.render_picture(path)
 
 
 def render_film(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack: Path | None = None) -> int:
@@ -193,10 +193,10 @@ def render_film(obj: bpy.types.Object, path: str | Path, params: RenderParams, p
     frames = (scene.frame_start, animation.last_frame(obj))
     with studio((params.pixels_x, params.pixels_y or params.pixels_x * 9 // 16), params.samples, pack=pack) as place:
         for other in shown:
-            place.show(other)
+            place.add_object(other)
         seen = place.points_in(np.linspace(*frames, 24).astype(int).tolist())
         place.set_up(_camera_direction(params), seen)
-        place.film(path, frames, (scene.render.fps, scene.render.fps_base))
+        place.render_film(path, frames, (scene.render.fps, scene.render.fps_base))
     return frames[1] - frames[0] + 1
 
 
@@ -285,7 +285,7 @@ def _add_target(place: Studio, obj: bpy.types.Object, finish: str) -> ObjectGrou
         data.materials.append(materials.plain_material("FlexMaps panel", None))
     else:
         data.materials.append(materials.plain_material("FlexMaps clay", colours.linear(np.array(CLAY))))
-    made = place.put(data)
+    made = place.add_data(data)
     pairs, count = np.sort(surface.pairs, axis=1), np.array([len(polygons.vertices), 1])
     sides = np.stack([polygons.corners, polygons.corners[polygons.next_corner]], axis=1)
     number, used = np.unique(np.sort(sides, axis=1) @ count, return_counts=True)
@@ -302,10 +302,10 @@ def _add_assembled(
     assert built.panels is not None
     data = preview.piece_mesh("FlexMaps assembled", built.panels, built.vertices, rgb)
     _set_finish(data, finish)
-    piece = place.put(data)
+    piece = place.add_data(data)
     if built.base is None:
         return ObjectGroup((piece,))
-    return ObjectGroup((piece, place.put(preview.plates_mesh("FlexMaps base", built.base))))
+    return ObjectGroup((piece, place.add_data(preview.plates_mesh("FlexMaps base", built.base))))
 
 
 def _hub_pose(obj: bpy.types.Object, design: SpiralDesign) -> Pose:
@@ -343,7 +343,7 @@ def _add_panels(
     flat = made.flat(arrange.side_by_side(design.flat, width)) @ _camera_axes(azimuth)
     data = preview.piece_mesh("FlexMaps panels", made, flat, rgb)
     _set_finish(data, finish)
-    return ObjectGroup((place.put(data),))
+    return ObjectGroup((place.add_data(data),))
 
 
 def _detail(design: SpiralDesign) -> str:
@@ -365,7 +365,7 @@ def _add_lines(
         )
         colour = colours.linear(np.array([grey, grey, 1.25 * grey]))
         curve.materials.append(materials.plain_material(f"FlexMaps {name} line", colour))
-        yield place.put(curve, framed=False)
+        yield place.add_data(curve, framed=False)
 
 
 def _add_legend(studio: Studio, legend: Legend) -> None:
@@ -383,7 +383,7 @@ def _add_legend(studio: Studio, legend: Legend) -> None:
         item = bpy.data.objects.new("FlexMaps legend", data)
         item.parent, item.location, item.scale = camera, (x * percent, y * percent, -near), (percent,) * 3
         item.visible_shadow = item.visible_diffuse = item.visible_glossy = False
-        studio.keep(item, data)
+        studio.add_temporary(item, data)
 
     for text, x, y, align in (
         (legend.title, left, top, "LEFT"),

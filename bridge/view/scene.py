@@ -34,7 +34,7 @@ from ..store import (
 )
 from ..store.objects import CONVERTIBLE
 from ..store.surface import ObjectSurface
-from . import collection, colouring, flat_panels, materials, meshes, one_scene, scan_points, thumbnails
+from . import collection, colouring, flat_panels, materials, meshes, scan_points, scene_file, thumbnails
 
 if TYPE_CHECKING:
     from ...engine.extras.choosing.choice import Choice
@@ -63,7 +63,7 @@ def open_blend(path: str | Path) -> bpy.types.Object:
     active = context.view_layer.objects.active
     candidates = [active, *context.scene.objects] if active is not None else list(context.scene.objects)
     obj = next((o for o in candidates if o.type == "MESH" and len(o.data.polygons)), None)
-    obj = obj or next(filter(None, (convert(o, context) for o in candidates if o.type in CONVERTIBLE)), None)
+    obj = obj or next(filter(None, (convert_to_mesh(o, context) for o in candidates if o.type in CONVERTIBLE)), None)
     if obj is None:
         raise FlexMapsError(f"{path.name} holds no object with faces; add a mesh, or give another file")
     if obj.mode != "OBJECT":
@@ -71,7 +71,7 @@ def open_blend(path: str | Path) -> bpy.types.Object:
     return obj
 
 
-def convert(obj: bpy.types.Object, context: bpy.types.Context) -> bpy.types.Object | None:
+def convert_to_mesh(obj: bpy.types.Object, context: bpy.types.Context) -> bpy.types.Object | None:
     """Convert a text, curve, surface or metaball to a mesh object, and hide the original.
 
     Return None if the mesh would have no faces.
@@ -97,8 +97,8 @@ def convert(obj: bpy.types.Object, context: bpy.types.Context) -> bpy.types.Obje
     return made
 
 
-def show(
-    result: Result, name: str = "FlexMaps", used: Settings | None = None, progress: Progress = SILENT
+def show_result(
+    result: Result, name: str = "FlexMaps", job_settings: Settings | None = None, progress: Progress = SILENT
 ) -> bpy.types.Object:
     """Replace the open file by a new one with a job's results: the model with attributes and colours, and its panels.
 
@@ -110,26 +110,26 @@ def show(
     progress : called with a fraction and a text
     """
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True, load_ui=True)
-    return _fill(bpy.context.scene, result, name, used, progress)
+    return _fill_scene(bpy.context.scene, result, name, job_settings, progress)
 
 
-def _fill(
+def _fill_scene(
     scene: bpy.types.Scene, result: Result, name: str, used: Settings | None, progress: Progress = SILENT
 ) -> bpy.types.Object:
     """Put a job's results into an empty scene, and return the model."""
     scene.unit_settings.length_unit = "MILLIMETERS"
     obj = add_model(scene, result.mesh, name)
-    put(result, obj, scene, used, progress)
+    write_result(result, obj, scene, used, progress)
     if shape_keys.equilibrium_key(obj.data) is not None:
         shape_keys.equilibrium_key(obj.data).value = 0.0  # type: ignore[union-attr]  # the file opens at the target
     return obj
 
 
-def put(
+def write_result(
     result: Result,
     obj: bpy.types.Object,
     scene: bpy.types.Scene,
-    used: Settings | None = None,
+    job_settings: Settings | None = None,
     progress: Progress = SILENT,
 ) -> None:
     """Write a job's results into an object, as the operators of all its stages would.
@@ -150,8 +150,8 @@ def put(
     quads, corners = result.mesh, surface.polygons.corners
     if not np.array_equal(np.unique(corners, return_inverse=True)[1].ravel(), quads.quads.ravel()):
         raise FlexMapsError(f"'{obj.name}' has other faces than when it was read; read it again")
-    if used is not None and hasattr(obj, "flexmaps"):
-        settings.write(obj.flexmaps, used)
+    if job_settings is not None and hasattr(obj, "flexmaps"):
+        settings.write(obj.flexmaps, job_settings)
         supports.write_loads(obj, surface, result.supports, result.force)
     moved = surface.polygons.vertices[corners] - quads.vertices[quads.quads.ravel()]
     if np.abs(moved).max() > 1e-5 * quads.median_edge:
@@ -161,7 +161,7 @@ def put(
     handles.write_wishes(obj, surface.to_metres, offsets)
     stored_report.write_checks(obj.data, result.findings)
     if result.flat is not None:
-        _put_flat(result, result.flat, obj, scene, surface, progress.part(0.1, 0.9))
+        _write_flat(result, result.flat, obj, scene, surface, progress.part(0.1, 0.9))
     choice = cast("Choice | None", result.value("choice"))
     if choice is not None:
         layouts = [one.flat for one in choice.proposals]
@@ -181,7 +181,7 @@ def put(
     states.stamp(obj, scene)
 
 
-def _put_flat(
+def _write_flat(
     result: Result,
     flat: FlatPatches,
     obj: bpy.types.Object,
@@ -235,7 +235,7 @@ def add_model(scene: bpy.types.Scene, quads: QuadMesh, name: str) -> bpy.types.O
     return obj
 
 
-def save(path: str | Path) -> None:
+def save_file(path: str | Path) -> None:
     """Save a compressed copy of the open file, with its 3D views framed on all objects, replacing an existing file.
 
     Raises
@@ -251,7 +251,7 @@ def save(path: str | Path) -> None:
         raise FlexMapsError(f"{path} cannot be written; choose another folder or make room on the disk") from error
 
 
-def save_alone(path: str | Path, result: Result, name: str, used: Settings | None = None) -> None:
+def save_result(path: str | Path, result: Result, name: str, job_settings: Settings | None = None) -> None:
     """Save a job's results as a .blend file of their own; the open file does not change.
 
     Parameters
@@ -269,10 +269,10 @@ def save_alone(path: str | Path, result: Result, name: str, used: Settings | Non
     there = _all_data()
     scene = bpy.data.scenes.new(name)
     try:
-        _fill(scene, result, name, used)
+        _fill_scene(scene, result, name, job_settings)
         path.unlink(missing_ok=True)
         try:
-            one_scene.write_scene(path, scene, compress=True)
+            scene_file.write_scene(path, scene, compress=True)
         except (OSError, RuntimeError) as error:
             raise FlexMapsError(f"{path} cannot be written; choose another folder or make room on the disk") from error
     finally:

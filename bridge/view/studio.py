@@ -16,11 +16,11 @@ from ...engine import colours
 from ...engine.arrays import Float
 from ...engine.errors import FlexMapsError
 from ..store.columns import column
-from . import collection, meshes, one_scene
+from . import collection, meshes, scene_file
 
 MARGIN = 1.06  # size of the picture divided by the size of its content; larger leaves a wider margin
 # factor on the number of samples without a denoiser; noise falls with its square root, rendering time grows with it
-UNDENOISED = 4
+NO_DENOISER_FACTOR = 4
 LENS = 85.0  # focal length, millimetres (a portrait lens); longer has less perspective
 GROUNDS = {"WHITE": (0.93, 0.93, 0.93), "GREY": (0.66, 0.67, 0.69)}  # name of a ground -> its sRGB
 
@@ -42,24 +42,27 @@ def studio(
     scene = bpy.data.scenes.new("FlexMaps picture")
     made = Studio(scene, ground, pack)
     try:
-        _settings(scene, size, samples, "CYCLES" if pack is not None else engine)
+        _set_up_render(scene, size, samples, "CYCLES" if pack is not None else engine)
         yield made
     finally:
         made.clear()
 
 
 class Studio:
-    """Temporary scene for pictures: add objects (``put``, ``show``), call ``set_up``, then ``take`` or ``film``."""
+    """Temporary scene for pictures.
+
+    Add objects with ``add_data`` and ``add_object``, call ``set_up``, then ``render_picture`` or ``render_film``.
+    """
 
     def __init__(self, scene: bpy.types.Scene, ground: str, pack: Path | None = None):
         self.scene = scene
         self._pack = pack
         self._ground = ground
-        self._made: list[bpy.types.ID] = []
-        self._shown: list[bpy.types.Object] = []
-        self._theirs: list[bpy.types.Object] = []
+        self._temporary: list[bpy.types.ID] = []
+        self._framed_objects: list[bpy.types.Object] = []
+        self._user_objects: list[bpy.types.Object] = []
 
-    def put(self, data: bpy.types.ID, framed: bool = True) -> bpy.types.Object:
+    def add_data(self, data: bpy.types.ID, framed: bool = True) -> bpy.types.Object:
         """Add a temporary object with this data (metres); it is removed with the studio.
 
         Parameters
@@ -68,34 +71,34 @@ class Studio:
         framed : whether the camera is fitted to it
         """
         made = bpy.data.objects.new(data.name, data)
-        self.keep(made, data)
+        self.add_temporary(made, data)
         if framed:
-            self._shown.append(made)
+            self._framed_objects.append(made)
         return made
 
-    def show(self, obj: bpy.types.Object) -> None:
+    def add_object(self, obj: bpy.types.Object) -> None:
         """Add an object of the user's file, with its own position and animation."""
         self.scene.collection.objects.link(obj)
-        self._theirs.append(obj)
+        self._user_objects.append(obj)
 
-    def keep(self, *items: bpy.types.ID) -> None:
+    def add_temporary(self, *items: bpy.types.ID) -> None:
         """Add data-blocks that are removed with the studio; the camera is not fitted to them."""
-        self._made += items
+        self._temporary += items
         for item in items:
             if isinstance(item, bpy.types.Object):
                 self.scene.collection.objects.link(item)
 
     def points(self) -> Float[np.ndarray, "points 3"]:
         """Return points to which the camera is fitted: vertices and bounding boxes of the content."""
-        boxes = map(collection.bounding_corners, self._theirs)
-        return np.concatenate([*(points_of(o) for o in self._shown), *boxes])
+        boxes = map(collection.bounding_corners, self._user_objects)
+        return np.concatenate([*(points_of(o) for o in self._framed_objects), *boxes])
 
     def points_in(self, frames: Iterable[int]) -> Float[np.ndarray, "points 3"]:
         """Return every fifth vertex of the user's meshes in these frames, in world axes."""
         visible, graph = [], self.scene.view_layers[0].depsgraph
         for frame in frames:
             self.scene.frame_set(frame)
-            for obj in self._theirs:
+            for obj in self._user_objects:
                 if obj.type == "MESH":
                     there = obj.evaluated_get(graph)
                     points, matrix = vertices_of(there.data)[::5], np.array(there.matrix_world)
@@ -117,18 +120,18 @@ class Studio:
         tight : whether to fit the picture's height to the points
         """
         shown = self.points() if points is None else points
-        self._light(shown)
-        self._camera(shown, np.asarray(direction, dtype=float), tight)
+        self._add_light(shown)
+        self._add_camera(shown, np.asarray(direction, dtype=float), tight)
 
-    def take(self, path: str | Path) -> None:
+    def render_picture(self, path: str | Path) -> None:
         """Render a picture to a PNG file; raise ``FlexMapsError`` if it cannot be written."""
-        self.scene.render.filepath = _literal(Path(path).absolute())
+        self.scene.render.filepath = _escape_braces(Path(path).absolute())
         try:
             self._render(write_still=True)
         except RuntimeError as error:
             raise FlexMapsError(f"The picture {path} could not be made: {error}") from error
 
-    def film(self, path: str | Path, frames: tuple[int, int], rate: tuple[int, float]) -> None:
+    def render_film(self, path: str | Path, frames: tuple[int, int], rate: tuple[int, float]) -> None:
         """Render frames to an .mp4 film, or to numbered PNG files.
 
         Parameters
@@ -144,10 +147,10 @@ class Studio:
         path, render = Path(path).absolute(), self.scene.render
         self.scene.frame_start, self.scene.frame_end = frames
         render.fps, render.fps_base = rate
-        render.filepath = _literal(path.with_suffix("")) + "-"
+        render.filepath = _escape_braces(path.with_suffix("")) + "-"
         if path.suffix.lower() == ".mp4":
-            _as_film(render)
-            render.filepath, render.use_file_extension = _literal(path), False
+            _set_film_output(render)
+            render.filepath, render.use_file_extension = _escape_braces(path), False
         try:
             self._render(animation=True)
         except RuntimeError as error:
@@ -157,24 +160,24 @@ class Studio:
         if self._pack is None:
             bpy.ops.render.render(scene=self.scene.name, **how)
         else:
-            one_scene.write_scene(self._pack, self.scene)
+            scene_file.write_scene(self._pack, self.scene)
 
     def clear(self) -> None:
         world = self.scene.world
         bpy.data.scenes.remove(self.scene)
-        for item in self._made:
+        for item in self._temporary:
             bpy.data.batch_remove([item])
         if world is not None:
             bpy.data.worlds.remove(world)
 
     # -- light ---------------------------------------------------------------------------------------------------------
 
-    def _light(self, points: Float[np.ndarray, "points 3"]) -> None:
+    def _add_light(self, points: Float[np.ndarray, "points 3"]) -> None:
         """Add a bright sky, a soft lamp from the upper left, a weak back lamp, and a ground below the lowest point."""
         low, high = points.min(axis=0), points.max(axis=0)
         radius = float(np.linalg.norm(high - low)) / 2
         middle = (low + high) / 2
-        self.scene.world = _sky()
+        self.scene.world = _make_sky()
         for name, strength, angle, turn in (
             ("FlexMaps lamp", 2.2, 0.45, (0.62, -0.48, 0.0)),
             ("FlexMaps back lamp", 0.4, 1.0, (-0.9, 0.55, 0.0)),
@@ -183,7 +186,7 @@ class Studio:
             lamp.energy, lamp.angle = strength, angle
             sun = bpy.data.objects.new(name, lamp)
             sun.rotation_euler = turn
-            self.keep(sun, lamp)
+            self.add_temporary(sun, lamp)
         reach = 60 * radius
         square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], dtype=float)
         ground = meshes.make_quad_mesh("FlexMaps ground", reach * square, np.array([[0, 1, 2, 3]]))
@@ -196,17 +199,19 @@ class Studio:
         ground.materials.append(paper)
         floor = bpy.data.objects.new("FlexMaps ground", ground)
         floor.location = (middle[0], middle[1], low[2] - 0.001 * radius)
-        self.keep(floor, ground, paper)
+        self.add_temporary(floor, ground, paper)
 
     # -- camera --------------------------------------------------------------------------------------------------------
 
-    def _camera(self, points: Float[np.ndarray, "points 3"], direction: Float[np.ndarray, " 3"], tight: bool) -> None:
+    def _add_camera(
+        self, points: Float[np.ndarray, "points 3"], direction: Float[np.ndarray, " 3"], tight: bool
+    ) -> None:
         """Add a camera that sees all points with a margin; a view straight from above is orthographic."""
         from mathutils import Vector
 
         data = bpy.data.cameras.new("FlexMaps camera")
         camera = bpy.data.objects.new("FlexMaps camera", data)
-        self.keep(camera, data)
+        self.add_temporary(camera, data)
         scene = self.scene
         scene.camera = camera
         low, high = points.min(axis=0), points.max(axis=0)
@@ -217,7 +222,7 @@ class Studio:
         if abs(direction[2]) > 0.999 * np.linalg.norm(direction):
             extent = MARGIN * np.ptp(points, axis=0)[:2]
             if tight:
-                scene.render.resolution_y = _pixels(width, extent[1] / extent[0])
+                scene.render.resolution_y = _height_in_pixels(width, extent[1] / extent[0])
             height = scene.render.resolution_y
             data.type = "ORTHO"  # its scale is the extent along the picture's longer side
             data.ortho_scale = float((extent / np.array([width, height])).max()) * max(width, height)
@@ -229,8 +234,8 @@ class Studio:
         axes = np.array(camera.rotation_euler.to_matrix())
         seen, half = points @ axes, 0.5 * data.sensor_width / data.lens
         if tight:
-            scene.render.resolution_y = _pixels(width, _least_tangent(seen, half) / half)
-        camera.location = axes @ _fit(seen, half, half * scene.render.resolution_y / width)
+            scene.render.resolution_y = _height_in_pixels(width, _least_tangent(seen, half) / half)
+        camera.location = axes @ _fit_camera(seen, half, half * scene.render.resolution_y / width)
 
     def clear_corner(self, right: float, below: float) -> None:
         """Shift the content to the right, out of the picture's upper left corner, but not beyond the right margin.
@@ -247,13 +252,13 @@ class Studio:
         camera.data.shift_x = -float(max(min(overlap, 0.5 / MARGIN - across.max()), 0.0))
 
 
-def _literal(path: Path) -> str:
+def _escape_braces(path: Path) -> str:
     """Return the path as Blender's renderer needs it: since 4.5, braces mark templates unless they are doubled."""
     text = str(path)
     return text.replace("{", "{{").replace("}", "}}") if bpy.app.version >= (4, 5) else text
 
 
-def _fit(points: Float[np.ndarray, "points 3"], across: float, up: float) -> Float[np.ndarray, " 3"]:
+def _fit_camera(points: Float[np.ndarray, "points 3"], across: float, up: float) -> Float[np.ndarray, " 3"]:
     """Return the nearest position from which a camera sees all points.
 
     Parameters
@@ -274,15 +279,15 @@ def _least_tangent(points: Float[np.ndarray, "points 3"], across: float) -> floa
 
     ``across`` and the result are tangents of half the horizontal and half the vertical angle of view.
     """
-    far = _fit(points, across, 1e3)[2]
+    far = _fit_camera(points, across, 1e3)[2]
     low, high = 1e-3 * across, 1e3 * across
     for _ in range(60):
         middle = np.sqrt(low * high)
-        low, high = (low, middle) if _fit(points, across, middle)[2] <= far * (1 + 1e-9) else (middle, high)
+        low, high = (low, middle) if _fit_camera(points, across, middle)[2] <= far * (1 + 1e-9) else (middle, high)
     return high
 
 
-def _pixels(width: int, aspect: float) -> int:
+def _height_in_pixels(width: int, aspect: float) -> int:
     return int(np.clip(np.ceil(width * aspect), 0.15 * width, 2.0 * width))
 
 
@@ -297,7 +302,7 @@ def vertices_of(mesh: bpy.types.Mesh) -> Float[np.ndarray, "vertices 3"]:
     return column(mesh.vertices, "co").astype(float)
 
 
-def _settings(scene: bpy.types.Scene, size: tuple[int, int], samples: int, engine: str) -> None:
+def _set_up_render(scene: bpy.types.Scene, size: tuple[int, int], samples: int, engine: str) -> None:
     render = scene.render
     render.resolution_x, render.resolution_y = size
     render.resolution_percentage = 100
@@ -307,13 +312,13 @@ def _settings(scene: bpy.types.Scene, size: tuple[int, int], samples: int, engin
     scene.view_settings.view_transform = "Standard"
     scene.view_settings.look = "None"
     if engine == "EEVEE" or (engine == "AUTO" and not bpy.app.background):
-        _eevee(scene, samples)
+        _use_eevee(scene, samples)
         return
     render.engine = "CYCLES"
     cycles = scene.cycles
     cycles.device = "CPU"
-    denoise = _denoises()
-    cycles.samples = samples if denoise else UNDENOISED * samples
+    denoise = _has_denoiser()
+    cycles.samples = samples if denoise else NO_DENOISER_FACTOR * samples
     cycles.use_adaptive_sampling = False
     cycles.use_denoising = denoise
     cycles.denoising_prefilter = "FAST"
@@ -327,7 +332,7 @@ def _settings(scene: bpy.types.Scene, size: tuple[int, int], samples: int, engin
     cycles.seed = 0
 
 
-def _as_film(render: bpy.types.RenderSettings) -> None:
+def _set_film_output(render: bpy.types.RenderSettings) -> None:
     """Set the output to an MP4 film in H.264, which needs an even width and height, in pixels.
 
     Raise ``FlexMapsError`` if this Blender cannot write films.
@@ -344,14 +349,14 @@ def _as_film(render: bpy.types.RenderSettings) -> None:
     render.resolution_y += render.resolution_y % 2
 
 
-def _denoises() -> bool:
+def _has_denoiser() -> bool:
     """Return whether this Blender has a denoiser; some Linux distributions' builds lack it, and a render would fail."""
     import _cycles
 
     return bool(_cycles.with_openimagedenoise)
 
 
-def _eevee(scene: bpy.types.Scene, samples: int) -> None:
+def _use_eevee(scene: bpy.types.Scene, samples: int) -> None:
     """Select EEVEE, whose name differs between Blender's versions, and set its quality."""
     known = {item.identifier for item in bpy.types.RenderSettings.bl_rna.properties["engine"].enum_items_static_ui}
     scene.render.engine = "BLENDER_EEVEE_NEXT" if "BLENDER_EEVEE_NEXT" in known else "BLENDER_EEVEE"
@@ -361,7 +366,7 @@ def _eevee(scene: bpy.types.Scene, samples: int) -> None:
     eevee.use_raytracing = True
 
 
-def _sky() -> bpy.types.World:
+def _make_sky() -> bpy.types.World:
     """Make a sky that is white above and darker towards the horizon, so that glossy surfaces show reflections."""
     world = bpy.data.worlds.new("FlexMaps picture")
     world.use_nodes = True

@@ -11,17 +11,17 @@ from ..store import guidance, objects
 from ..store.i18n import CONTEXT
 
 SECTIONS = ("piece", "layout", "shape", "check", "make", "show", "workshop")
-CHECKS = (("LOADS", "Loads", "What the piece bears"), ("BUILT", "As built", "The built piece beside the predicted one"),
+CHECK_ITEMS = (("LOADS", "Loads", "What the piece bears"), ("BUILT", "As built", "The built piece beside the predicted one"),
           ("EXPLORE", "Explore", "Other sizes, sheets and materials beside each other"))  # fmt: skip
-HABITS = (("CUT", "Cut", "What the machine takes away"), ("JOINTS", "Joints", "Connectors of the panels"),
+WORKSHOP_ITEMS = (("CUT", "Cut", "What the machine takes away"), ("JOINTS", "Joints", "Connectors of the panels"),
           ("SHEET", "Sheet", "How panels lie on their sheets"), ("FILES", "Files", "What the files hold"),
           ("PRICE", "Price", "What sheets and hours cost"), ("SOLVER", "Solver", "Numbers of the searches"))  # fmt: skip
-_folding: list[bool] = []  # not empty while the program, not the user, opens and folds sections
+_updating: list[bool] = []  # not empty while the program, not the user, opens and folds sections
 
 
 def _on_open(key: str) -> Callable[[bpy.types.PropertyGroup, bpy.types.Context], None]:
     def update(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-        if not _folding:
+        if not _updating:
             self.by_hand = True
             if getattr(self, f"open_{key}"):
                 _show_only(self, key)
@@ -34,26 +34,26 @@ class Tab(bpy.types.PropertyGroup):
 
     __annotations__ = {
         "by_hand": BoolProperty(),  # the user opened or folded a section since a stage's button was last pressed
-        "check": EnumProperty(items=CHECKS, name="Check", translation_context=CONTEXT),
-        "habits": EnumProperty(items=HABITS, name="Workshop", translation_context=CONTEXT),
+        "check": EnumProperty(items=CHECK_ITEMS, name="Check", translation_context=CONTEXT),
+        "habits": EnumProperty(items=WORKSHOP_ITEMS, name="Workshop", translation_context=CONTEXT),
     }
 
 
 def _show_only(tab: bpy.types.PropertyGroup, key: str) -> None:
-    _folding.append(True)
+    _updating.append(True)
     try:
         for other in SECTIONS:
             setattr(tab, f"open_{other}", other == key)
     finally:
-        _folding.pop()
+        _updating.pop()
 
 
-def pressed() -> None:
+def on_stage_start() -> None:
     """Handle the start of a stage: at its end, ``follow`` may open another section."""
     bpy.context.window_manager.flexmaps_tab.by_hand = False
 
 
-def follow(context: bpy.types.Context) -> None:
+def open_next_section(context: bpy.types.Context) -> None:
     """Open the section of the next step, unless the user has opened or folded a section since the last stage began."""
     tab, obj = bpy.context.window_manager.flexmaps_tab, context.object
     if tab.by_hand or objects.usage_problem(obj) is not None:

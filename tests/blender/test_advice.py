@@ -17,7 +17,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.progress import Progress
 from flexmaps.operators import advice as operators
 from flexmaps.operators import stage
-from flexmaps.operators.continued import ContinuedStage
+from flexmaps.operators.continued_stage import ContinuedStage
 from support.arch import group
 from support.bowl import QUADS, bowl
 from support.buttons import press, report
@@ -263,7 +263,7 @@ def test_a_search_that_is_stopped_is_not_kept(add: Any, all_of: Any, monkeypatch
 def test_they_run_beside_the_window(strained: Any, all_of: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     played = SimpleNamespace(app=SimpleNamespace(background=False), ops=bpy.ops, types=bpy.types)
     monkeypatch.setattr(stage, "bpy", played)
-    parts = (stage.StageOperator, ContinuedStage, operators.Advised, operators.MakeThinner)
+    parts = (stage.StageOperator, ContinuedStage, operators.RemedyStage, operators.MakeThinner)
     hidden = {"__dict__", "__weakref__", "bl_rna", "__annotations__"}
     body = {key: value for part in parts for key, value in vars(part).items() if key not in hidden}
     kind, said = type("MakeThinner", (), body), list[tuple[str, str]]()

@@ -189,12 +189,12 @@ def test_a_failing_read_starts_nothing(window: Window, dome: Any) -> None:
 def test_real_merge_in_the_background(window: Window, add: Any, seams_of: Any) -> None:
     """The same result as at once."""
     from flexmaps.operators import layout
-    from flexmaps.operators.continued import ContinuedStage
+    from flexmaps.operators.continued_stage import ContinuedStage
 
     class Merge(layout.Merge.__mro__[1], Move):  # type: ignore[misc]  # LayoutStage without bpy.types.Operator
         bl_idname = "flexmaps.merge"
         bl_label = "Merge"
-        loaded = layout.Merge.loaded
+        reads_loads = layout.Merge.reads_loads
         prepare = ContinuedStage.prepare
         continuation = layout.Merge.continuation
         finish = layout.LayoutStage.finish

@@ -86,7 +86,7 @@ def test_another_file_is_loaded_during_a_remesh(remesh: Any, window: Window) -> 
 def report(dome: Any) -> Any:
     """Report as a window runs it, on a dome with patches."""
     from flexmaps.operators import report as module
-    from flexmaps.operators.continued import ContinuedStage
+    from flexmaps.operators.continued_stage import ContinuedStage
 
     assert bpy.ops.flexmaps.trace() == {"FINISHED"}
     dome.flexmaps.export.folder = "//"

@@ -31,7 +31,7 @@ class Button(operators.Optimise.__mro__[1]):  # type: ignore[misc, name-defined]
     """The operator without Blender's part of it."""
 
     bl_label, bl_idname = "Optimise", operators.Optimise.bl_idname
-    needs, loaded = operators.Optimise.needs, operators.Optimise.loaded
+    needs, reads_loads = operators.Optimise.needs, operators.Optimise.reads_loads
     continuation, finish, after = (getattr(operators.Optimise, name) for name in ("continuation", "finish", "after"))
 
     def __init__(self) -> None:

@@ -91,13 +91,13 @@ def test_the_camera_sees_all_and_no_more() -> None:
     """The nearest place from which random points are within both half angles."""
     rng = np.random.default_rng(3)
     points = rng.normal(0, 1, (500, 3)) * [3, 1, 2]
-    place = studio._fit(points, 0.3, 0.2)
+    place = studio._fit_camera(points, 0.3, 0.2)
     away = points - place
     assert (away[:, 2] < 0).all()
     share = np.abs(away[:, :2]) / -away[:, 2:] / np.array([0.3, 0.2])
     assert share.max() == pytest.approx(1 / studio.MARGIN, rel=1e-9)
     up = studio._least_tangent(points, 0.3)
-    place = studio._fit(points, 0.3, up)
+    place = studio._fit_camera(points, 0.3, up)
     share = np.abs(points - place)[:, :2] / (place[2] - points[:, 2:]) / np.array([0.3, up])
     assert share.max(axis=0) == pytest.approx(1 / studio.MARGIN, rel=1e-6)
 
@@ -112,7 +112,7 @@ def test_content_leaves_the_corner_of_the_legend_free(wide: float) -> None:
         data = bpy.data.meshes.new("content")
         points = np.random.default_rng(1).uniform([-wide, -0.1, -1.0], [wide, 0.1, 1.0], (400, 3))
         data.from_pydata(points.tolist(), [], [])
-        place.put(data)
+        place.add_data(data)
         place.set_up((0.0, -1.0, 0.0))
         place.scene.view_layers[0].update()
 

@@ -30,10 +30,10 @@ def result() -> job.Result:
 
 def test_a_finished_job_can_be_worked_on_in_blender(result: job.Result, tmp_path: Path) -> None:
     used = Settings(spiral=SpiralParams(thickness=0.003))
-    obj = scene.show(result, "strip", used)
+    obj = scene.show_result(result, "strip", used)
     assert settings.read(obj.flexmaps, ObjectSettings).spiral.thickness == pytest.approx(0.003)
     path = tmp_path / "model.blend"
-    scene.save(path)
+    scene.save_file(path)
     bpy.ops.wm.open_mainfile(filepath=str(path))
     obj = bpy.data.objects["strip"]
     surface = mesh.read_surface(obj, bpy.context.scene)
@@ -49,7 +49,7 @@ def test_a_finished_job_can_be_worked_on_in_blender(result: job.Result, tmp_path
 @pytest.mark.parametrize("stage", ["check", "merge"])
 def test_a_job_that_was_stopped_early(stage: str) -> None:
     early = job.run(PolygonMesh.from_quads(shapes.make("strip")), Settings(), stop_after=stage)
-    obj = scene.show(early)
+    obj = scene.show_result(early)
     kinds = {o.get("flexmaps_kind") for o in bpy.data.objects} - {None}
     assert kinds == (set() if stage == "check" else {"panels", "seams"})
     assert ("flexmaps_flat" in obj.data.attributes) == (stage == "merge")
@@ -209,7 +209,7 @@ def test_bezier_curves_are_arcs() -> None:
 
 
 def test_pictures_show_something_and_leave_the_scene_alone(result: job.Result, tmp_path: Path) -> None:
-    obj = scene.show(result)
+    obj = scene.show_result(result)
     scenes, objects = len(bpy.data.scenes), {o.name for o in bpy.data.objects}
     folder = tmp_path / "{blend_name} a{b {{x}}"  # Blender reads braces as templates
     folder.mkdir()

@@ -11,7 +11,7 @@ import bpy
 import pytest
 from flexmaps.bridge.hosts import background
 from flexmaps.bridge.store import catalogue, finding_words, notices, stored_report
-from flexmaps.bridge.view import widths
+from flexmaps.bridge.view import text_layout
 from flexmaps.bridge.view.tab import SECTIONS
 from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.surface import shapes
@@ -20,7 +20,7 @@ from support.buttons import press, report
 from support.drawing import Drawn, draw, everything
 
 FRAME, MARGIN = 56, 6  # pixels, read off pictures: of the tab beside its rows; beside words in their part of a row
-ROOM = widths.UNKNOWN - widths.FRAMES
+ROOM = text_layout.DEFAULT_WIDTH - text_layout.FRAME_WIDTH
 # settings that stand nowhere in the tab: for the command line, and what the size in the head and the object's border say better
 OUT = {("ChooseParams", "near"), ("RemeshParams", "edge"), ("SpiralParams", "border")}
 TODAY = {  # operators that a person finds in the tab
@@ -325,8 +325,8 @@ def test_no_notice_and_no_cure_is_cut_at_the_usual_width(
             for text, free in (
                 (notice.words, share * ROOM - head.SIGN), (cure.label, (1.0 - share) * ROOM - head.CURE)
             ):  # fmt: skip
-                if widths.wide(text) > free:
-                    cut.add((text, round(widths.wide(text)), round(free)))
+                if text_layout.text_width(text) > free:
+                    cut.add((text, round(text_layout.text_width(text)), round(free)))
     assert not cut
 
 
@@ -337,10 +337,10 @@ def test_no_name_is_cut_at_the_usual_width(dome: Any, language: str, monkeypatch
     for button in ("flatten", "spirals"):
         press(button)
     monkeypatch.setattr(workshop, "expert", lambda context: True)
-    width = widths.UNKNOWN - FRAME
+    width = text_layout.DEFAULT_WIDTH - FRAME
     cut = {
-        (words, round(share * width - MARGIN), round(widths.wide(words)))
+        (words, round(share * width - MARGIN), round(text_layout.text_width(words)))
         for words, share in everything().tight
-        if widths.wide(words) > share * width - MARGIN
+        if text_layout.text_width(words) > share * width - MARGIN
     }
     assert not cut

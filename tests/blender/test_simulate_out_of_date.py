@@ -31,7 +31,7 @@ class Button(operators.Simulate.__mro__[1]):  # type: ignore[misc, name-defined]
 
     bl_idname = "flexmaps.simulate"
     bl_label = "Simulate"
-    needs, loaded = operators.Simulate.needs, operators.Simulate.loaded
+    needs, reads_loads = operators.Simulate.needs, operators.Simulate.reads_loads
     continuation, finish = operators.Simulate.continuation, operators.Simulate.finish
 
 

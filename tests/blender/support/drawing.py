@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 from flexmaps import panels
 from flexmaps.bridge.store.i18n import interface
-from flexmaps.bridge.view.tab import CHECKS, HABITS, SECTIONS
+from flexmaps.bridge.view.tab import CHECK_ITEMS, SECTIONS, WORKSHOP_ITEMS
 from flexmaps.panels.sidebar import MainPanel
 
 
@@ -137,7 +137,7 @@ def everything() -> Drawn:
     """All sections with all of their tabs, all popovers and menus."""
     layout, tab = Drawn(), bpy.context.window_manager.flexmaps_tab
     for section in SECTIONS:
-        names = {"check": CHECKS, "workshop": HABITS}.get(section, (("",),))
+        names = {"check": CHECK_ITEMS, "workshop": WORKSHOP_ITEMS}.get(section, (("",),))
         for kind, *_ in names:
             if kind:
                 setattr(tab, {"check": "check", "workshop": "habits"}[section], kind)

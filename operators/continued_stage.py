@@ -24,11 +24,11 @@ class ContinuedStage(StageOperator[Made]):
     """Base of operators that implement ``continuation`` instead of ``prepare``.
 
     needs : output of an earlier stage that must exist, as named in ``stages.TABLE``; "" if any quad mesh will do
-    loaded : also read supports and forces
+    reads_loads : also read supports and forces
     """
 
     needs = ""
-    loaded = False
+    reads_loads = False
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
@@ -47,7 +47,7 @@ class ContinuedStage(StageOperator[Made]):
 
         obj, needs = find_by_uid(surface.uid), self.needs
         # supports are needed too if there is a base, which changes the spirals of supported quads
-        loaded = self.loaded or settings.base.base != "none"
+        loaded = self.reads_loads or settings.base.base != "none"
         snapshot = snapshots.take_snapshot(obj, surface, settings, loaded=loaded)
         go_on = self.continuation(obj, snapshot)
 
