@@ -30,7 +30,7 @@ def pull(piece: Piece, quads: str | Sequence[int], force: Sequence[float]) -> Pi
     ------
     FlexMapsError where ``force`` is not three finite numbers, or ``quads`` names no quads.
     """
-    made, by = piece.result, _vector(force, "force")
+    made, by = piece.result, _parse_vector(force, "force")
     total = np.zeros((len(made.mesh.quads), 3)) if made.force is None else made.force.copy()
     total[parse_supports(made.mesh, quads)] += by
     return replace(piece, made=made.with_user(force=total if total.any() else None))
@@ -53,13 +53,13 @@ def wish(piece: Piece, quads: str | Sequence[int], by: Sequence[float]) -> Piece
     ------
     FlexMapsError where ``by`` is not three finite numbers, or ``quads`` names no quads.
     """
-    made, shift = piece.result, _vector(by, "offset")
+    made, shift = piece.result, _parse_vector(by, "offset")
     offsets = np.zeros((len(made.mesh.quads), 3)) if made.wishes is None else made.wishes.offsets(made.mesh)
     offsets[parse_supports(made.mesh, quads)] = 1e-3 * shift
     return replace(piece, made=made.with_user(wishes=Wishes.from_offsets(made.mesh, offsets)))
 
 
-def _vector(values: Sequence[float], name: str) -> np.ndarray:
+def _parse_vector(values: Sequence[float], name: str) -> np.ndarray:
     try:
         vector = np.array(values, dtype=float)
     except (TypeError, ValueError):

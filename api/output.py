@@ -17,7 +17,7 @@ from ..engine.runs.outputs import LAYOUTS, SheetPlan
 from ..engine.runs.piece import Piece
 from ..engine.surface.far import near
 from ..engine.surface.formats.meshio import SHAPE
-from .pieces import Supports, Tell, go_on, go_to, guard_of, load, progress_of, remnants_of
+from .pieces import ProgressLike, Supports, as_progress, load, make_guard, remnant_files, run_stages, run_until
 from .steps import sheets, spirals
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def export(
     formats: Sequence[str] = USUAL,
     name: str = "sheet",
     overwrite: bool = False,
-    progress: Tell = None,
+    progress: ProgressLike = None,
 ) -> list[Path]:
     """Write the sheets and the assembly sheet into a folder; on an error, no file is written.
 
@@ -60,30 +60,30 @@ def export(
     from ..engine import files
     from ..engine.fabrication.writers import export as exporting
 
-    reporter, base = progress_of(progress), Path(folder) / name
+    reporter, base = as_progress(progress), Path(folder) / name
     pieces = [piece] if isinstance(piece, Piece) else list(piece)
-    guard = guard_of(pieces, overwrite)
+    guard = make_guard(pieces, overwrite)
     guard.check(exporting.present(base, formats), base.parent)
-    letters.learn(*(one.name for one in pieces))
+    letters.add_outlines(*(one.name for one in pieces))
     if len(pieces) != 1 or pieces[0].settings.export.copies > 1:
-        made = _together(pieces, reporter.part(0.0, 0.8))
+        made = _nest_together(pieces, reporter.part(0.0, 0.8))
         with files.write_all_atomically(exporting.stale(base, made.sheets.count), base.parent, guard) as new:
             return job_folder.write_batch(made, base, tuple(formats), new, True, reporter.part(0.8, 1.0))
     one = pieces[0]
     ready = one if one.result.sheets is not None else sheets(one, progress=reporter.part(0.0, 0.8))
     packed = ready.result.need(SheetPlan).sheets
     with files.write_all_atomically(exporting.stale(base, packed.count), base.parent, guard) as new:
-        title, guide, rest = Path(one.name).stem, job_folder.guide_of(base), reporter.part(0.8, 1.0)
+        title, guide, rest = Path(one.name).stem, job_folder.assembly_sheet_path(base), reporter.part(0.8, 1.0)
         return job_folder.write_sheets(ready.result, title, base, tuple(formats), new, guide, rest)
 
 
-def _together(pieces: Sequence[Piece], progress: Progress) -> Batch:
+def _nest_together(pieces: Sequence[Piece], progress: Progress) -> Batch:
     """Nest several pieces on common sheets; first run their missing stages up to the spirals."""
     registry.need("together")
     from ..engine.extras.together.nest_together import nest_together
 
     shares = [progress.part(0.7 * k / len(pieces), 0.7 * (k + 1) / len(pieces)) for k in range(len(pieces))]
-    ready = [go_to(piece, "design", share) for piece, share in zip(pieces, shares, strict=True)]
+    ready = [run_until(piece, "design", share) for piece, share in zip(pieces, shares, strict=True)]
     settings = [piece.settings for piece in ready]
     return nest_together(
         [Path(p.name).stem for p in ready], [p.result for p in ready], settings, progress.part(0.7, 1.0)
@@ -95,7 +95,7 @@ def report(
     folder: str | Path | None = None,
     *,
     overwrite: bool = False,
-    progress: Tell = None,
+    progress: ProgressLike = None,
 ) -> dict[str, Any]:
     """Return the figures of all stages that have run, as in report.json; with a folder, also write the report there.
 
@@ -120,11 +120,13 @@ def report(
     from ..bridge.hosts import pages
 
     if folder is None:
-        return pages.described(piece)
-    return pages.write(piece, Path(folder), _guard(piece, overwrite), progress_of(progress))
+        return pages.build_report(piece)
+    return pages.write(piece, Path(folder), _make_guard(piece, overwrite), as_progress(progress))
 
 
-def share(piece: Piece | bpy.types.Object, path: str | Path, *, overwrite: bool = False, progress: Tell = None) -> Path:
+def share(
+    piece: Piece | bpy.types.Object, path: str | Path, *, overwrite: bool = False, progress: ProgressLike = None
+) -> Path:
     """Write a single HTML file that shows the piece in 3D.
 
     A piece without a simulation is shown as flat panels and target. Missing spirals are computed first.
@@ -146,17 +148,17 @@ def share(piece: Piece | bpy.types.Object, path: str | Path, *, overwrite: bool 
     """
     from ..bridge.hosts import pages
 
-    reporter, guard = progress_of(progress), _guard(piece, overwrite)
+    reporter, guard = as_progress(progress), _make_guard(piece, overwrite)
     guard.check([Path(path)])
     if isinstance(piece, Piece) and piece.result.design is None:
         piece, reporter = spirals(piece, progress=reporter.part(0.0, 0.5)), reporter.part(0.5, 1.0)
-    return pages.share(piece, Path(path), guard, reporter)
+    return pages.write_share_page(piece, Path(path), guard, reporter)
 
 
-def _guard(piece: Piece | bpy.types.Object, overwrite: bool) -> Guard:
+def _make_guard(piece: Piece | bpy.types.Object, overwrite: bool) -> Guard:
     """Return a guard that keeps the input files of a piece or object, and the user's files, from being overwritten."""
     if isinstance(piece, Piece):
-        return guard_of([piece], overwrite)
+        return make_guard([piece], overwrite)
     from ..bridge.store import objects
 
     return Guard(objects.list_open_files(), overwrite)
@@ -169,7 +171,7 @@ def calibration_sheet(
     formats: Sequence[str] | None = None,
     name: str = "calibration",
     overwrite: bool = False,
-    progress: Tell = None,
+    progress: ProgressLike = None,
 ) -> list[Path]:
     """Write a small test sheet for measuring a machine and a material.
 
@@ -196,8 +198,8 @@ def calibration_sheet(
     from ..engine.extras.calibrating import sheet_files
 
     wanted = settings if isinstance(settings, ObjectSettings) else with_values(ObjectSettings(), settings or {})
-    guard, kinds = Guard(remnants_of(wanted), overwrite), sheet_files.USUAL if formats is None else formats
-    return sheet_files.write(sheet_files.make(wanted), Path(folder), kinds, name, progress_of(progress), guard)
+    guard, kinds = Guard(remnant_files(wanted), overwrite), sheet_files.USUAL if formats is None else formats
+    return sheet_files.write(sheet_files.make(wanted), Path(folder), kinds, name, as_progress(progress), guard)
 
 
 def calibrated(sheet: str | Path, *, name: str | None = None, **readings: Any) -> Calibration:
@@ -248,7 +250,7 @@ def run(
     formats: Sequence[str] = USUAL,
     pictures: bool = True,
     overwrite: bool = False,
-    progress: Tell = None,
+    progress: ProgressLike = None,
 ) -> dict[str, Any]:
     """Run the whole main job, from a source to a folder with all files.
 
@@ -274,26 +276,26 @@ def run(
     """
     from ..bridge.hosts import job_folder
 
-    reporter = progress_of(progress)
+    reporter = as_progress(progress)
     names = job.stages(stop_after, optimised, chosen, structured)
-    guard = Guard(_named_files(source, settings), overwrite)
+    guard = Guard(_input_files(source, settings), overwrite)
     written = tuple(formats) if "sheets" in names else ()
     # Open the folder first, so that a read-only folder fails before the work.
-    with job_folder.folder(Path(out), guard, written, pictures) as new:
+    with job_folder.open_folder(Path(out), guard, written, pictures) as new:
         piece = load(source, edge=edge, height=height, up=up, quads=quads, remeshed=remeshed, settings=settings,
                      supports=supports, progress=reporter.part(0.0, 0.2))  # fmt: skip
-        guard.also([*piece.files, *remnants_of(piece.settings)])
-        job_folder.refuse(Path(out), guard, written, pictures)
+        guard.also([*piece.files, *remnant_files(piece.settings)])
+        job_folder.refuse_to_replace(Path(out), guard, written, pictures)
         piece = replace(piece, made=piece.result.without(*LAYOUTS).with_surface(mesh=near(piece.mesh)))
-        piece = go_on(piece, names[1:], reporter.part(0.2, 0.6), lenient=True)
+        piece = run_stages(piece, names[1:], reporter.part(0.2, 0.6), lenient=True)
         return job_folder.write(
             piece.result, piece.settings, piece.name, Path(out), new, tuple(formats), pictures, reporter.part(0.6, 1.0)
         )
 
 
-def _named_files(source: Any, settings: ObjectSettings | Mapping[str, Any] | None) -> list[str]:
+def _input_files(source: Any, settings: ObjectSettings | Mapping[str, Any] | None) -> list[str]:
     """Return the paths of the input files: the source and the remnants in the settings."""
     paths = [str(source)] if isinstance(source, str | Path) and not str(source).startswith(SHAPE) else []
-    return paths + remnants_of(
+    return paths + remnant_files(
         settings if isinstance(settings, ObjectSettings) else with_values(ObjectSettings(), settings or {})
     )

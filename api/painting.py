@@ -16,7 +16,7 @@ from ..engine.runs.piece import Piece
 from ..engine.runs.stages import BY_HAND
 from ..engine.spirals import painting
 from ..engine.spirals.fabricable import resolve_contacts
-from .pieces import Tell, go_to, progress_of
+from .pieces import ProgressLike, as_progress, run_until
 
 # axis name -> unit vector in the surface's axes
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -31,7 +31,7 @@ def paint(
     strength: float = 1.0,
     inverted: bool = False,
     direction: str | Sequence[float] | None = None,
-    progress: Tell = None,
+    progress: ProgressLike = None,
 ) -> Piece:
     """Change the spirals by a brush stroke, within what can be cut; drop later results.
 
@@ -57,12 +57,12 @@ def paint(
     ------
     FlexMapsError where ``where``, ``strength`` or ``direction`` cannot be read.
     """
-    reporter = progress_of(progress)
-    ready = go_to(piece, "design", reporter.part(0.0, 0.8))
+    reporter = as_progress(progress)
+    ready = run_until(piece, "design", reporter.part(0.0, 0.8))
     design, kept = ready.result.need(DesignVersion).design, ready.result.protected
-    weight, share = field(ready, where), _share(strength)
+    weight, share = _parse_weight_field(ready, where), _parse_strength(strength)
     level = weight if brush == "stiffness" else None
-    stroke = painting.Stroke(inverted, None if direction is None else _direction(direction), level)
+    stroke = painting.Stroke(inverted, None if direction is None else _parse_direction(direction), level)
     weight = np.full(len(weight), share) if level is not None else share * weight
     changed = painting.paint_spirals(design, brush, weight, stroke, kept=kept)
     free = np.ones(len(weight), dtype=bool)
@@ -87,11 +87,11 @@ def protect(piece: Piece, where: Where | None) -> Piece:
     ------
     FlexMapsError where ``where`` cannot be read.
     """
-    quads = None if where is None else np.flatnonzero(field(piece, where) >= 0.5)
+    quads = None if where is None else np.flatnonzero(_parse_weight_field(piece, where) >= 0.5)
     return replace(piece, made=piece.result.with_user(protected=quads if quads is not None and len(quads) else None))
 
 
-def field(piece: Piece, where: Where) -> np.ndarray:
+def _parse_weight_field(piece: Piece, where: Where) -> np.ndarray:
     """Return the weights that ``where`` describes, (F,) from 0 to 1.
 
     Parameters
@@ -118,7 +118,7 @@ def field(piece: Piece, where: Where) -> np.ndarray:
         chosen = np.zeros(count)
         chosen[quads] = 1.0
         return chosen
-    values = _numbers(where)
+    values = _parse_weights(where)
     if values.shape not in ((), (count,)):
         raise FlexMapsError(f"{piece.name} has {count} quads; give one number for all of them, or {count}")
     if not ((values >= 0.0) & (values <= 1.0)).all():
@@ -126,21 +126,21 @@ def field(piece: Piece, where: Where) -> np.ndarray:
     return np.broadcast_to(values, (count,)).astype(float)
 
 
-def _numbers(where: Any) -> np.ndarray:
+def _parse_weights(where: Any) -> np.ndarray:
     try:
         return np.asarray(where, dtype=float)
     except (TypeError, ValueError):
         raise FlexMapsError(f"'{where!s:.60}' is not a number, or an array of numbers, from 0 to 1") from None
 
 
-def _share(strength: Any) -> float:
-    value = _numbers(strength)
+def _parse_strength(strength: Any) -> float:
+    value = _parse_weights(strength)
     if value.shape or not 0.0 <= float(value) <= 1.0:
         raise FlexMapsError(f"Strength '{strength!s:.30}': give a number from 0 to 1")
     return float(value)
 
 
-def _direction(direction: str | Sequence[float]) -> np.ndarray:
+def _parse_direction(direction: str | Sequence[float]) -> np.ndarray:
     """Return an axis name or three numbers as a vector, (3,)."""
     way = AXES.get(direction) if isinstance(direction, str) else direction
     try:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 Source = "bpy.types.Object | str | Path | QuadMesh | PolygonMesh"
 Supports = str | Sequence[int] | None
-Tell = Callable[[float, str], None] | Progress | None
+ProgressLike = Callable[[float, str], None] | Progress | None
 
 
 def load(
@@ -44,7 +44,7 @@ def load(
     remeshed: bool = False,
     settings: ObjectSettings | Mapping[str, Any] | None = None,
     supports: Supports = None,
-    progress: Tell = None,
+    progress: ProgressLike = None,
 ) -> Piece:
     """Read a piece from a Blender object, a file, a built-in shape or a mesh of the engine.
 
@@ -73,9 +73,9 @@ def load(
     FlexMapsError where the source cannot be read, or a setting is out of its bounds.
     """
     from_blender = hasattr(source, "bl_rna") or str(source).lower().endswith(".blend")
-    piece = _from_blender(source) if from_blender else _from_elsewhere(source, up)
+    piece = _read_blender(source) if from_blender else _read_file_or_mesh(source, up)
     if edge is not None or height is not None or piece.made is None:
-        piece = begun(piece, metres(edge), metres(height))
+        piece = begin_piece(piece, parse_millimetres(edge), parse_millimetres(height))
     piece = change(piece, settings)
     others = checking.count_non_quads(piece.source) if remeshed and quads is None and piece.made is None else 0
     if others or quads is not None:
@@ -191,7 +191,7 @@ def save(piece: Piece, path: str | Path, *, overwrite: bool = False) -> Path:
     from ..bridge.view import scene
     from ..engine import files
 
-    guard = guard_of([piece], overwrite)
+    guard = make_guard([piece], overwrite)
     guard.check([Path(path)])
     if piece.uid is not None:
         show(piece)
@@ -208,7 +208,7 @@ def check(piece: Piece) -> list[Finding]:
     return checking.all_findings(piece.source)
 
 
-def remesh(piece: Piece, *, quads: int | None = None, progress: Tell = None) -> Piece:
+def remesh(piece: Piece, *, quads: int | None = None, progress: ProgressLike = None) -> Piece:
     """Remesh any mesh into quads with Blender's own tools, in the piece's size.
 
     Parameters
@@ -229,8 +229,8 @@ def remesh(piece: Piece, *, quads: int | None = None, progress: Tell = None) -> 
     from ..bridge.hosts import remesh as remeshing
 
     wanted = piece.settings if quads is None else with_values(piece.settings, {"remesh.quads": quads})
-    remeshed = remeshing.quads_of(piece.source, wanted.remesh.quads, wanted, progress_of(progress))
-    made = begun(
+    remeshed = remeshing.make_quads(piece.source, wanted.remesh.quads, wanted, as_progress(progress))
+    made = begin_piece(
         Piece(piece.name, replace(remeshed.polygons, repairs=piece.source.repairs), piece.settings, files=piece.files),
         piece.edge,
         piece.height,
@@ -240,7 +240,7 @@ def remesh(piece: Piece, *, quads: int | None = None, progress: Tell = None) -> 
     return replace(made, made=made.made.with_surface(findings=[*made.made.findings, *remeshed.findings]))
 
 
-def guard_of(pieces: Sequence[Piece], overwrite: bool) -> Guard:
+def make_guard(pieces: Sequence[Piece], overwrite: bool) -> Guard:
     """Return a guard against overwriting the pieces' input files, remnants included, and the user's files.
 
     Parameters
@@ -249,25 +249,25 @@ def guard_of(pieces: Sequence[Piece], overwrite: bool) -> Guard:
     overwrite : whether other files that FlexMaps did not write, or that changed since, may be replaced
     """
     sources = [path for piece in pieces for path in piece.files]
-    return Guard([*sources, *(path for piece in pieces for path in remnants_of(piece.settings))], overwrite)
+    return Guard([*sources, *(path for piece in pieces for path in remnant_files(piece.settings))], overwrite)
 
 
-def remnants_of(settings: ObjectSettings) -> list[str]:
+def remnant_files(settings: ObjectSettings) -> list[str]:
     """Return the paths of the remnant drawings that the settings name."""
     return [path.strip() for path in settings.sheet.remnants.split(SEPARATOR) if path.strip()]
 
 
-def progress_of(tell: Tell) -> Progress:
+def as_progress(tell: ProgressLike) -> Progress:
     return tell if isinstance(tell, Progress) else SILENT if tell is None else Progress(tell)
 
 
-def metres(millimetres: float | None) -> float | None:
+def parse_millimetres(millimetres: float | None) -> float | None:
     if not isinstance(millimetres, Real | None) or isinstance(millimetres, bool):
         raise FlexMapsError(f"'{millimetres}' is not a length; give a number of millimetres")
     return None if millimetres is None else float(millimetres) / 1e3
 
 
-def begun(piece: Piece, edge: float | None, height: float | None) -> Piece:
+def begin_piece(piece: Piece, edge: float | None, height: float | None) -> Piece:
     """Return the piece scaled to a size and without results; if its size changed, it no longer belongs to its object.
 
     Parameters
@@ -285,7 +285,7 @@ def begun(piece: Piece, edge: float | None, height: float | None) -> Piece:
     return Piece(piece.name, source, piece.settings, edge, height, made, uid, seams, piece.files)
 
 
-def go_on(piece: Piece, names: Sequence[str], progress: Tell, *, lenient: bool = False) -> Piece:
+def run_stages(piece: Piece, names: Sequence[str], progress: ProgressLike, *, lenient: bool = False) -> Piece:
     """Run stages by name.
 
     Parameters
@@ -296,11 +296,11 @@ def go_on(piece: Piece, names: Sequence[str], progress: Tell, *, lenient: bool =
     lenient : go on if an optional stage fails, unless it is the last; ``Result.undone`` names failed stages
     """
     return replace(
-        piece, made=job.run_stages(piece.result, piece.settings, names, progress_of(progress), lenient=lenient)
+        piece, made=job.run_stages(piece.result, piece.settings, names, as_progress(progress), lenient=lenient)
     )
 
 
-def go_to(piece: Piece, name: str, progress: Tell, *after: str) -> Piece:
+def run_until(piece: Piece, name: str, progress: ProgressLike, *after: str) -> Piece:
     """Run the missing stages up to an output, then the stages ``after``.
 
     A mesh that was not read from an object is regularised first if it was not yet; an object's vertices move only when
@@ -314,11 +314,11 @@ def go_to(piece: Piece, name: str, progress: Tell, *after: str) -> Piece:
     after : names of stages to run afterwards
     """
     fresh = piece.uid is None and not piece.result.surface.regularised
-    made = job.run_until(piece.result, piece.settings, name, after, progress_of(progress), fresh=fresh)
+    made = job.run_until(piece.result, piece.settings, name, after, as_progress(progress), fresh=fresh)
     return replace(piece, made=made)
 
 
-def _from_blender(source: Any) -> Piece:
+def _read_blender(source: Any) -> Piece:
     from ..bridge.store import objects, snapshot, stored_report
     from ..bridge.view import scene
     from ..engine import versions
@@ -344,7 +344,7 @@ def _from_blender(source: Any) -> Piece:
     )
 
 
-def _from_elsewhere(source: Any, up: str | None) -> Piece:
+def _read_file_or_mesh(source: Any, up: str | None) -> Piece:
     if isinstance(source, QuadMesh | PolygonMesh):
         polygons = checking.with_numeric_arrays(
             source if isinstance(source, PolygonMesh) else PolygonMesh.from_quads(source)

@@ -11,7 +11,7 @@ from ..engine.errors import FlexMapsError
 if TYPE_CHECKING:
     import bpy
 
-MOST = 14  # most presses until the files are written; pieces that need more only repeat themselves
+MAX_PRESSES = 14  # most presses until the files are written; pieces that need more only repeat themselves
 
 
 def press(obj: bpy.types.Object, *, cure: bool | str = False) -> dict[str, Any] | None:
@@ -21,12 +21,12 @@ def press(obj: bpy.types.Object, *, cure: bool | str = False) -> dict[str, Any] 
     ----------
     obj : a mesh object
     cure : False presses *Next*; True presses the first cure of an open finding that was not pressed yet, else *Next*; a
-        name such as "make_larger" or "stand_on-lowest" presses the cure of that name, see ``told``
+        name such as "make_larger" or "stand_on-lowest" presses the cure of that name, see ``describe_object``
 
     Returns
     -------
     None where nothing is left to press. Otherwise a dict: ``pressed`` (label), ``call`` (Python call), ``error`` ("" on
-    success), ``seconds`` of processor time with child processes, and the entries of ``told`` after the press. The
+    success), ``seconds`` of processor time with child processes, and the entries of ``describe_object`` after the press. The
     resulting object is active.
 
     Raises
@@ -56,7 +56,7 @@ def press(obj: bpy.types.Object, *, cure: bool | str = False) -> dict[str, Any] 
     act = chosen or seen.act
     if act is None or act.idname == "wm.path_open":
         return None
-    began, error = _seconds(), ""
+    began, error = _processor_seconds(), ""
     try:
         if chosen is not None:
             failures.count_press(obj.data, chosen.call)
@@ -67,13 +67,15 @@ def press(obj: bpy.types.Object, *, cure: bool | str = False) -> dict[str, Any] 
     except RuntimeError as problem:
         error = str(problem).strip().removeprefix("Error: ")
     layer.update()
-    spent = round(_seconds() - began, 2)
+    spent = round(_processor_seconds() - began, 2)
     call = f"bpy.ops.{act.idname}({', '.join(f'{key}={value!r}' for key, value in act.properties.items())})"
-    return {"pressed": act.label, "call": call, "error": error, "seconds": spent} | told(layer.objects.active)
+    return {"pressed": act.label, "call": call, "error": error, "seconds": spent} | describe_object(
+        layer.objects.active
+    )
 
 
 def presses(
-    obj: bpy.types.Object, *, cures: int = 0, named: Sequence[str] = (), most: int = MOST
+    obj: bpy.types.Object, *, cures: int = 0, named: Sequence[str] = (), most: int = MAX_PRESSES
 ) -> Iterator[dict[str, Any]]:
     """Press *Next* until nothing is left to press.
 
@@ -111,7 +113,7 @@ def presses(
         obj = bpy.context.view_layer.objects.active
 
 
-def told(obj: bpy.types.Object) -> dict[str, Any]:
+def describe_object(obj: bpy.types.Object) -> dict[str, Any]:
     """Return an object's name, status line, findings and figures as plain values.
 
     ``findings`` have a text, a kind, faces and edges, and cures with name, label and call.
@@ -133,7 +135,7 @@ def told(obj: bpy.types.Object) -> dict[str, Any]:
     return {"object": obj.name, "status": status, "findings": seen.findings(), "figures": figures}
 
 
-def _seconds() -> float:
+def _processor_seconds() -> float:
     """Return the processor time in seconds of this process and (except on Windows) its finished child processes."""
     try:
         import resource

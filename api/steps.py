@@ -13,13 +13,24 @@ from ..engine.params import goal_values, with_values
 from ..engine.runs import by_hand
 from ..engine.runs.outputs import LAYOUTS
 from ..engine.runs.piece import Piece
-from .pieces import Supports, Tell, begun, change, go_on, go_to, guard_of, metres, progress_of, remesh
+from .pieces import (
+    ProgressLike,
+    Supports,
+    as_progress,
+    begin_piece,
+    change,
+    make_guard,
+    parse_millimetres,
+    remesh,
+    run_stages,
+    run_until,
+)
 
 if TYPE_CHECKING:
     from ..engine.extras.exploring.explore import Exploration
 
 
-def regularise(piece: Piece, *, progress: Tell = None) -> Piece:
+def regularise(piece: Piece, *, progress: ProgressLike = None) -> Piece:
     """Move the vertices along the surface to make the quads squarer; drop the layout and later results.
 
     Parameters
@@ -27,10 +38,10 @@ def regularise(piece: Piece, *, progress: Tell = None) -> Piece:
     piece : the piece
     progress : called with a fraction and a text
     """
-    return go_on(piece, ("regularise",), progress)
+    return run_stages(piece, ("regularise",), progress)
 
 
-def layout(piece: Piece, *, keep_seams: bool = False, progress: Tell = None) -> Piece:
+def layout(piece: Piece, *, keep_seams: bool = False, progress: ProgressLike = None) -> Piece:
     """Cut the surface into flat patches.
 
     A mesh that was not read from an object is regularised first if it was not yet, as in the main job.
@@ -46,14 +57,14 @@ def layout(piece: Piece, *, keep_seams: bool = False, progress: Tell = None) -> 
     FlexMapsError where ``keep_seams`` is set and the piece has no seams.
     """
     if not keep_seams:
-        return go_to(replace(piece, made=piece.result.without(*LAYOUTS)), "flat", progress)
+        return run_until(replace(piece, made=piece.result.without(*LAYOUTS)), "flat", progress)
     if piece.seams is None:
         raise FlexMapsError(f"{piece.name} has no seams to keep; load an object, or let the panels be traced")
-    made = by_hand.flatten_by_hand(piece.result, piece.seams, piece.settings, progress_of(progress))
+    made = by_hand.flatten_by_hand(piece.result, piece.seams, piece.settings, as_progress(progress))
     return replace(piece, made=made)
 
 
-def spirals(piece: Piece, *, progress: Tell = None) -> Piece:
+def spirals(piece: Piece, *, progress: ProgressLike = None) -> Piece:
     """Compute the width and twist of every spiral from the surface's curvature.
 
     Parameters
@@ -61,10 +72,12 @@ def spirals(piece: Piece, *, progress: Tell = None) -> Piece:
     piece : the piece; missing flat patches are computed first
     progress : called with a fraction and a text
     """
-    return go_to(replace(piece, made=piece.result.without("design")), "design", progress)
+    return run_until(replace(piece, made=piece.result.without("design")), "design", progress)
 
 
-def choose(piece: Piece, *, panels: int | None = None, match: float | None = None, progress: Tell = None) -> Piece:
+def choose(
+    piece: Piece, *, panels: int | None = None, match: float | None = None, progress: ProgressLike = None
+) -> Piece:
     """Compare many layouts by their simulated shapes and use the best; ``result.choice`` holds all of them.
 
     Parameters
@@ -76,7 +89,7 @@ def choose(piece: Piece, *, panels: int | None = None, match: float | None = Non
     """
     registry.need("choosing")
     wanted = with_values(piece.settings, goal_values(panels=panels, match=match))
-    return go_to(replace(piece, settings=wanted), "flat", progress, "choose")
+    return run_until(replace(piece, settings=wanted), "flat", progress, "choose")
 
 
 def take(piece: Piece, proposal: int) -> Piece:
@@ -93,7 +106,7 @@ def take(piece: Piece, proposal: int) -> Piece:
     return replace(piece, made=choice_stage.take_proposal(piece.result, proposal, piece.settings))
 
 
-def simulate(piece: Piece, *, supports: Supports = None, progress: Tell = None) -> Piece:
+def simulate(piece: Piece, *, supports: Supports = None, progress: ProgressLike = None) -> Piece:
     """Compute the shape that the assembled panels take.
 
     Parameters
@@ -103,10 +116,12 @@ def simulate(piece: Piece, *, supports: Supports = None, progress: Tell = None) 
     progress : called with a fraction and a text
     """
     held = change(piece, supports=supports)
-    return go_to(held, "design", progress, "simulate")
+    return run_until(held, "design", progress, "simulate")
 
 
-def compare(piece: Piece, scan: str | Path, *, unit: str = "", anywhere: bool = True, progress: Tell = None) -> Piece:
+def compare(
+    piece: Piece, scan: str | Path, *, unit: str = "", anywhere: bool = True, progress: ProgressLike = None
+) -> Piece:
     """Align a 3D scan of the built piece with the simulated shape (or, without one, the target) and compare them.
 
     Parameters
@@ -133,7 +148,7 @@ def compare(piece: Piece, scan: str | Path, *, unit: str = "", anywhere: bool = 
         from ..bridge.store import snapshot
 
         ready = ready.with_user(rest=snapshot.read_rest_pose(piece.uid))
-    return go_on(replace(piece, made=ready, files=(*piece.files, Path(scan))), ("compare",), progress)
+    return run_stages(replace(piece, made=ready, files=(*piece.files, Path(scan))), ("compare",), progress)
 
 
 def structure(
@@ -141,7 +156,7 @@ def structure(
     *cases: str,
     combinations: Sequence[str] = (),
     supports: Supports = None,
-    progress: Tell = None,
+    progress: ProgressLike = None,
 ) -> Piece:
     """Analyse a piece under load: deflection, utilisation of arms and joints, and the load factor at which it snaps.
 
@@ -164,10 +179,10 @@ def structure(
     registry.need("structure")
     texts = {"structure.cases": ";".join(cases), "structure.combinations": ";".join(combinations)}
     held = change(piece, {name: text for name, text in texts.items() if text}, supports=supports)
-    return go_to(held, "simulation", progress, "structure")
+    return run_until(held, "simulation", progress, "structure")
 
 
-def optimise(piece: Piece, *, supports: Supports = None, progress: Tell = None) -> Piece:
+def optimise(piece: Piece, *, supports: Supports = None, progress: ProgressLike = None) -> Piece:
     """Optimise the spirals so that the assembled piece comes closest to the target, then simulate.
 
     The search starts from the present spirals.
@@ -179,10 +194,10 @@ def optimise(piece: Piece, *, supports: Supports = None, progress: Tell = None) 
     progress : called with a fraction and a text
     """
     held = change(piece, supports=supports)
-    return go_to(held, "design", progress, "optimise", "simulate")
+    return run_until(held, "design", progress, "optimise", "simulate")
 
 
-def sheets(piece: Piece, *, progress: Tell = None) -> Piece:
+def sheets(piece: Piece, *, progress: ProgressLike = None) -> Piece:
     """Draw the panels with connectors and kerf, and nest them on sheets.
 
     Parameters
@@ -190,7 +205,7 @@ def sheets(piece: Piece, *, progress: Tell = None) -> Piece:
     piece : the piece
     progress : called with a fraction and a text
     """
-    return go_to(piece, "design", progress, "sheets")
+    return run_until(piece, "design", progress, "sheets")
 
 
 def explore(
@@ -201,7 +216,7 @@ def explore(
     goals: Sequence[str] | None = None,
     minimised: Sequence[str] | None = None,
     overwrite: bool = False,
-    progress: Tell = None,
+    progress: ProgressLike = None,
     **search: Any,
 ) -> Exploration:
     """Evaluate many variants (candidates) of a piece, and report which meet the goals; ``use`` applies a candidate.
@@ -229,11 +244,11 @@ def explore(
 
     if search.get("scheduler"):
         _refuse_offline()
-    guard = guard_of([piece], overwrite)
+    guard = make_guard([piece], overwrite)
     if folder is not None:
         refuse_to_replace(Path(folder), guard)
     wanted, least = GOALS if goals is None else goals, MINIMISED if minimised is None else minimised
-    reporter, question = progress_of(progress), make_space(vary, piece.settings, wanted, least)
+    reporter, question = as_progress(progress), make_space(vary, piece.settings, wanted, least)
     pieces = {count: remesh(piece, quads=count) if count else piece for count in question.quads}
     laid_out = {count: one if one.result.flat is not None else layout(one) for count, one in pieces.items()}
     results = {count: one.result for count, one in laid_out.items()}
@@ -265,4 +280,8 @@ def use(piece: Piece, values: Mapping[str, Any]) -> Piece:
     wanted = change(piece, {name: value for name, value in values.items() if name not in SIZES})
     wanted = remesh(wanted, quads=values["quads"]) if "quads" in values else wanted
     sized = {"edge", "height"} & set(values)
-    return begun(wanted, metres(values.get("edge")), metres(values.get("height"))) if sized else wanted
+    return (
+        begin_piece(wanted, parse_millimetres(values.get("edge")), parse_millimetres(values.get("height")))
+        if sized
+        else wanted
+    )

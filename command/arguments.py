@@ -15,9 +15,9 @@ from ..engine.params import SHOWN, ChooseParams, ObjectSettings, Settings, every
 from ..engine.progress import Progress
 from ..engine.runs import job
 from . import extras, handles, painting, pressing, summary
-from .sources import command, source
+from .sources import add_mesh_command, load_arguments
 
-CHOSEN = {f"choose.{f.name}" for f in fields(ChooseParams)}  # settings that make ``run`` compare layouts
+CHOOSE_SETTINGS = {f"choose.{f.name}" for f in fields(ChooseParams)}  # settings that make ``run`` compare layouts
 
 
 class Parser(argparse.ArgumentParser):
@@ -27,11 +27,13 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"flexmaps: {message}; {self.prog} --help tells more\n")
 
 
-def parser() -> argparse.ArgumentParser:
+def make_parser() -> argparse.ArgumentParser:
     made = Parser(prog="flexmaps", description="From a surface to flat, flexible panels, step by step or in one go.")
     commands = made.add_subparsers(dest="command", metavar="COMMAND", required=True)
 
-    whole = command(commands, "run", _run, summary.whole, "the whole way: sheets, a .blend, pictures and a report")
+    whole = add_mesh_command(
+        commands, "run", _run, summary.print_report, "the whole way: sheets, a .blend, pictures and a report"
+    )
     whole.epilog = (
         "Exit status: 0 all is done; 2 nothing could be made, one line says why; 3 the files are there, but it could not "
         "be optimised, or no equilibrium was found, see the warnings; 130 stopped; 1 a fault of the program."
@@ -50,62 +52,74 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     whole.add_argument("--structure", action="store_true", help="examine it under the load cases (--cases) too")
     whole.add_argument("--pictures", action=argparse.BooleanOptionalAction, default=True, help="render the pictures")
-    _formats(whole)
-    _flags(whole)
+    _add_formats(whole)
+    _add_flags(whole)
 
-    command(commands, "check", _check, summary.whole, "say what is wrong with a mesh; 2 where it cannot be made")
-    flat = command(commands, "layout", _layout, summary.whole, "cut it into panels and flatten them")
+    add_mesh_command(
+        commands, "check", _check, summary.print_report, "say what is wrong with a mesh; 2 where it cannot be made"
+    )
+    flat = add_mesh_command(commands, "layout", _layout, summary.print_report, "cut it into panels and flatten them")
     flat.add_argument(
         "--keep-seams", action="store_true", help="take the seams of the .blend file's object as they are"
     )
     if registry.has("choosing"):
-        command(commands, "choose", _choose, summary.whole, "compare many layouts, and take the best")
+        add_mesh_command(commands, "choose", _choose, summary.print_report, "compare many layouts, and take the best")
         for name in ("goal", "match", "panels"):
             setting = next(f for f in fields(ChooseParams) if f.name == name)
-            _flag(commands.choices["choose"], name, f"choose.{name}", setting, get_type_hints(ChooseParams)[name])
-    command(commands, "simulate", _simulate, summary.whole, "the shape that the assembled panels take")
-    command(commands, "optimise", _optimise, summary.whole, "better spirals, from those that are there on")
-    commands.choices["optimise"].add_argument("--protect", metavar="NAME", help=f"spirals that stay exactly as they are: {painting.WHERE}")  # fmt: skip
-    painting.add(
-        command(commands, "paint", _paint, summary.whole, "change spirals by hand: stiffer, softer, protected")
+            _add_flag(commands.choices["choose"], name, f"choose.{name}", setting, get_type_hints(ChooseParams)[name])
+    add_mesh_command(commands, "simulate", _simulate, summary.print_report, "the shape that the assembled panels take")
+    add_mesh_command(
+        commands, "optimise", _optimise, summary.print_report, "better spirals, from those that are there on"
     )
-    handles.add(
-        command(commands, "pull", _pull, summary.whole, "pull at single spirals with a force"),
-        command(commands, "wish", _wish, summary.whole, "say where 'optimise' shall bring single spirals"),
+    commands.choices["optimise"].add_argument("--protect", metavar="NAME", help=f"spirals that stay exactly as they are: {painting.WHERE_HELP}")  # fmt: skip
+    painting.add_arguments(
+        add_mesh_command(
+            commands, "paint", _paint, summary.print_report, "change spirals by hand: stiffer, softer, protected"
+        )
+    )
+    handles.add_arguments(
+        add_mesh_command(commands, "pull", _pull, summary.print_report, "pull at single spirals with a force"),
+        add_mesh_command(
+            commands, "wish", _wish, summary.print_report, "say where 'optimise' shall bring single spirals"
+        ),
     )
     for name in {"layout", "choose", "simulate", "optimise"} & commands.choices.keys():
         commands.choices[name].add_argument("--out", metavar="FILE.blend", help="save the result in this Blender file")
-    _writing(commands)
-    extras.add(commands)
-    pressing.add(commands)
+    _add_writing_commands(commands)
+    extras.add_commands(commands)
+    pressing.add_command(commands)
     listed = commands.add_parser("settings", help="list every setting: name, default, bounds, unit")
     listed.add_argument("--json", action="store_true", help="as JSON")
-    listed.set_defaults(keeps=False, run=lambda args, tell: _list_settings(), tell=summary.settings)
+    listed.set_defaults(
+        is_resumable=False, run=lambda args, progress: _list_settings(), print_result=summary.print_settings
+    )
     return made
 
 
-def _writing(commands: Any) -> None:
+def _add_writing_commands(commands: Any) -> None:
     """Add the commands that write files: ``export``, ``report`` and ``share``."""
-    sheets = command(commands, "export", _export, summary.whole, "nest the panels on sheets and write them")
+    sheets = add_mesh_command(
+        commands, "export", _export, summary.print_report, "nest the panels on sheets and write them"
+    )
     sheets.add_argument("others", nargs="*", metavar="MESH", help="more pieces, on common sheets with the first")
     sheets.add_argument(
         "--copies", type=int, nargs="+", default=[], metavar="N", help="how often each piece is made, or all of them"
     )
     sheets.add_argument("--out", required=True, metavar="FOLDER", help="folder for the files")
-    _formats(sheets)
-    page = command(
-        commands, "report", _report, summary.whole, "simulate where needed; a page with figures, plots and maps"
+    _add_formats(sheets)
+    page = add_mesh_command(
+        commands, "report", _report, summary.print_report, "simulate where needed; a page with figures, plots and maps"
     )
     page.add_argument(
         "--out", required=True, metavar="FOLDER", help="folder for report.html, report.json and the plots"
     )
-    share = command(
-        commands, "share", _share, summary.whole, "simulate where needed; the piece in 3D as one page to send"
+    share = add_mesh_command(
+        commands, "share", _share, summary.print_report, "simulate where needed; the piece in 3D as one page to send"
     )
     share.add_argument("--out", required=True, metavar="FILE.html", help="the page")
 
 
-def _formats(made: argparse.ArgumentParser) -> None:
+def _add_formats(made: argparse.ArgumentParser) -> None:
     made.add_argument("--formats", nargs="+", choices=export.FORMATS, default=list(export.USUAL), metavar="NAME",
                       help=f"kinds of files: {', '.join(export.FORMATS)} (default: {' '.join(export.USUAL)})")  # fmt: skip
 
@@ -113,20 +127,20 @@ def _formats(made: argparse.ArgumentParser) -> None:
 # -- a flag for every setting -------------------------------------------------------------------------------
 
 
-def _flags(made: argparse.ArgumentParser) -> None:
+def _add_flags(made: argparse.ArgumentParser) -> None:
     names = Counter(f.name for _, f in every_setting(Settings))
     for section, kind in sections(Settings).items():
         group = made.add_argument_group(f"{section} settings")
         for f in fields(kind):  # type: ignore[arg-type]
             # prefix names that occur in several sections, so that every flag is unique
             name = f"{section}_{f.name}" if names[f.name] > 1 else f.name
-            _flag(group, name, f"{section}.{f.name}", f, get_type_hints(kind)[f.name])
+            _add_flag(group, name, f"{section}.{f.name}", f, get_type_hints(kind)[f.name])
         for name in kind.WERE:
             switch = argparse.BooleanOptionalAction
             group.add_argument(f"--{name}", dest=f"{section}.{name}", action=switch, help=argparse.SUPPRESS)
 
 
-def _flag(group: argparse._ActionsContainer, name: str, dest: str, f: Field, kind: type) -> None:
+def _add_flag(group: argparse._ActionsContainer, name: str, dest: str, f: Field, kind: type) -> None:
     flag, meta = "--" + name.replace("_", "-"), f.metadata
     help = f"{meta['help']} (default {format_value(f, f.default)})" if kind in (int, float) else meta["help"]  # type: ignore[arg-type]
     help = help.replace("%", "%%")  # argparse treats % as a format character
@@ -142,48 +156,48 @@ def _flag(group: argparse._ActionsContainer, name: str, dest: str, f: Field, kin
 # -- one function for each command -------------------------------------------------------------------------------------
 
 
-def _run(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    inputs = source(args)
-    chosen = args.choose or args.stop_after == "choose" or not CHOSEN.isdisjoint(inputs["settings"])
+def _run(args: argparse.Namespace, progress: Any) -> dict[str, Any]:
+    inputs = load_arguments(args)
+    chosen = args.choose or args.stop_after == "choose" or not CHOOSE_SETTINGS.isdisjoint(inputs["settings"])
     return api.run(args.mesh, args.out, **inputs, remeshed=args.remeshed, optimised=args.optimise, chosen=chosen, structured=args.structure, stop_after=args.stop_after,
-                   formats=args.formats, pictures=args.pictures, overwrite=args.overwrite, progress=tell)  # fmt: skip
+                   formats=args.formats, pictures=args.pictures, overwrite=args.overwrite, progress=progress)  # fmt: skip
 
 
-def _check(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    piece = api.load(args.mesh, **source(args))
+def _check(args: argparse.Namespace, progress: Any) -> dict[str, Any]:
+    piece = api.load(args.mesh, **load_arguments(args))
     if piece.made is not None:
         return api.report(piece)
     return {"checks": [finding.as_dict() for finding in api.check(piece)]}
 
 
-def _layout(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    piece = api.load(args.mesh, **source(args))
-    return _save_and_report(args, api.layout(piece, keep_seams=args.keep_seams, progress=tell))
+def _layout(args: argparse.Namespace, progress: Any) -> dict[str, Any]:
+    piece = api.load(args.mesh, **load_arguments(args))
+    return _save_and_report(args, api.layout(piece, keep_seams=args.keep_seams, progress=progress))
 
 
-def _choose(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    return _save_and_report(args, api.choose(api.load(args.mesh, **source(args)), progress=tell))
+def _choose(args: argparse.Namespace, progress: Any) -> dict[str, Any]:
+    return _save_and_report(args, api.choose(api.load(args.mesh, **load_arguments(args)), progress=progress))
 
 
-def _simulate(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    return _save_and_report(args, api.simulate(api.load(args.mesh, **source(args)), progress=tell))
+def _simulate(args: argparse.Namespace, progress: Any) -> dict[str, Any]:
+    return _save_and_report(args, api.simulate(api.load(args.mesh, **load_arguments(args)), progress=progress))
 
 
-def _optimise(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    piece = painting.protected(args, api.load(args.mesh, **source(args)))
-    return _save_and_report(args, api.optimise(piece, progress=tell))
+def _optimise(args: argparse.Namespace, progress: Any) -> dict[str, Any]:
+    piece = painting.protect(args, api.load(args.mesh, **load_arguments(args)))
+    return _save_and_report(args, api.optimise(piece, progress=progress))
 
 
-def _paint(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    return _save_and_report(args, painting.paint(args, api.load(args.mesh, **source(args)), tell))
+def _paint(args: argparse.Namespace, progress: Any) -> dict[str, Any]:
+    return _save_and_report(args, painting.paint(args, api.load(args.mesh, **load_arguments(args)), progress))
 
 
-def _pull(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    return _save_and_report(args, handles.pull(args, api.load(args.mesh, **source(args))))
+def _pull(args: argparse.Namespace, progress: Any) -> dict[str, Any]:
+    return _save_and_report(args, handles.pull(args, api.load(args.mesh, **load_arguments(args))))
 
 
-def _wish(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    return _save_and_report(args, handles.wish(args, api.load(args.mesh, **source(args))))
+def _wish(args: argparse.Namespace, progress: Any) -> dict[str, Any]:
+    return _save_and_report(args, handles.wish(args, api.load(args.mesh, **load_arguments(args))))
 
 
 def _save_and_report(args: argparse.Namespace, piece: Any) -> dict[str, Any]:
@@ -192,60 +206,60 @@ def _save_and_report(args: argparse.Namespace, piece: Any) -> dict[str, Any]:
     return api.report(piece)
 
 
-def _export(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+def _export(args: argparse.Namespace, progress: Any) -> dict[str, Any]:
     meshes = [args.mesh, *args.others]
     if len(args.copies) not in (0, 1, len(meshes)):
         raise FlexMapsError(f"--copies: give one number, or one for each of the {len(meshes)} pieces")
     if len(meshes) > 1 or args.copies:
-        return _export_together(args, meshes, tell)
-    piece = api.sheets(api.load(args.mesh, **source(args)), progress=Progress(tell).part(0.0, 0.9))
+        return _export_together(args, meshes, progress)
+    piece = api.sheets(api.load(args.mesh, **load_arguments(args)), progress=Progress(progress).part(0.0, 0.9))
     written = api.export(piece, args.out, formats=args.formats, overwrite=args.overwrite)
     described = api.report(piece)
     described["sheets"]["files"] = [path.name for path in written]
     return described
 
 
-def _export_together(args: argparse.Namespace, meshes: list[str], tell: Any) -> dict[str, Any]:
+def _export_together(args: argparse.Namespace, meshes: list[str], progress: Any) -> dict[str, Any]:
     """Export several pieces or copies on common sheets; return the pieces' names and copies, and the files."""
     copies = args.copies * (len(meshes) if len(args.copies) == 1 else 1) or [1] * len(meshes)
     pieces = []
     for mesh, count in zip(meshes, copies, strict=True):
-        inputs = source(argparse.Namespace(**{**vars(args), "mesh": mesh}))
+        inputs = load_arguments(argparse.Namespace(**{**vars(args), "mesh": mesh}))
         inputs["settings"] = {**inputs["settings"], "export.copies": count}
         pieces.append(api.load(mesh, **inputs))
-    written = api.export(pieces, args.out, formats=args.formats, overwrite=args.overwrite, progress=tell)
-    args.tell = summary.together
+    written = api.export(pieces, args.out, formats=args.formats, overwrite=args.overwrite, progress=progress)
+    args.print_result = summary.print_batch
     return {
         "files": [path.name for path in written],
         "pieces": [{"name": p.name, "copies": n} for p, n in zip(pieces, copies, strict=True)],
     }
 
 
-def _report(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    reporter = Progress(tell)
+def _report(args: argparse.Namespace, progress: Any) -> dict[str, Any]:
+    reporter = Progress(progress)
     piece = _simulate_if_needed(args, reporter.part(0.0, 0.7))
     return api.report(piece, args.out, overwrite=args.overwrite, progress=reporter.part(0.7, 1.0))
 
 
-def _share(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    reporter = Progress(tell)
+def _share(args: argparse.Namespace, progress: Any) -> dict[str, Any]:
+    reporter = Progress(progress)
     piece = _simulate_if_needed(args, reporter.part(0.0, 0.7))
     api.share(piece, args.out, overwrite=args.overwrite, progress=reporter.part(0.7, 1.0))
     return api.report(piece)
 
 
-def _simulate_if_needed(args: argparse.Namespace, tell: Any) -> Any:
+def _simulate_if_needed(args: argparse.Namespace, progress: Any) -> Any:
     """Return a Blender object that holds an up-to-date simulation, else the piece after simulating it."""
     import bpy
 
     from ..bridge.store import objects, states, stored_report
 
-    piece = api.load(args.mesh, **source(args))
+    piece = api.load(args.mesh, **load_arguments(args))
     if piece.uid is not None and not args.settings and not args.supports:
         obj = objects.find_by_uid(piece.uid)
         if "equilibrium" in stored_report.read(obj.data) and not states.is_stale(obj, bpy.context.scene, "equilibrium"):
             return obj
-    return api.simulate(piece, progress=tell)
+    return api.simulate(piece, progress=progress)
 
 
 def _list_settings() -> dict[str, Any]:

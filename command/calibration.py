@@ -11,7 +11,7 @@ from ..engine.extras.calibrating.sheet_files import USUAL, WRITERS
 from .sources import parse_assignments
 
 
-def add(commands: Any) -> None:
+def add_commands(commands: Any) -> None:
     """Add both commands to the parser."""
     help = "draw a small sheet to measure kerf, clearances and stiffness with"
     made = commands.add_parser("calibrate", help=help, description=f"{help.capitalize()}.")
@@ -23,7 +23,7 @@ def add(commands: Any) -> None:
     made.add_argument("--overwrite", action="store_true",
                       help="also replace files that FlexMaps did not write, or that were changed since")  # fmt: skip
     made.add_argument("--json", action="store_true", help="print the paths as JSON")
-    made.set_defaults(keeps=False, run=_draw, tell=_tell_files)
+    made.set_defaults(is_resumable=False, run=_run_calibrate, print_result=_print_files)
     help = "kerf, clearance and stiffness from what was measured on a calibration sheet"
     read = commands.add_parser(
         "calibrated", help=help, description=f"{help.capitalize()}. Lengths in mm, weights in g."
@@ -46,22 +46,22 @@ def add(commands: Any) -> None:
     )
     read.add_argument("--name", help="keep the result among Blender's presets of FlexMaps under this name")
     read.add_argument("--json", action="store_true", help="print the result as JSON")
-    read.set_defaults(keeps=False, run=_read, tell=_tell)
+    read.set_defaults(is_resumable=False, run=_run_calibrated, print_result=_print_calibration)
 
 
-def _draw(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+def _run_calibrate(args: argparse.Namespace, progress: Any) -> dict[str, Any]:
     wanted = parse_assignments(args.settings)
-    written = api.calibration_sheet(args.out, wanted, formats=args.formats, overwrite=args.overwrite, progress=tell)
+    written = api.calibration_sheet(args.out, wanted, formats=args.formats, overwrite=args.overwrite, progress=progress)
     return {"files": [path.name for path in written]}
 
 
-def _tell_files(described: dict[str, Any], args: argparse.Namespace) -> None:
+def _print_files(described: dict[str, Any], args: argparse.Namespace) -> None:
     print(
         f"{', '.join(described['files'])} in {args.out}; cut, measure, then: flexmaps calibrated {args.out} --kerf-comb ..."
     )
 
 
-def _read(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+def _run_calibrated(args: argparse.Namespace, progress: Any) -> dict[str, Any]:
     names = (
         "kerf_comb",
         "clearance",
@@ -76,7 +76,7 @@ def _read(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     return api.calibrated(args.sheet, name=args.name, **{name: getattr(args, name) for name in names}).report()
 
 
-def _tell(described: dict[str, Any], args: argparse.Namespace) -> None:
+def _print_calibration(described: dict[str, Any], args: argparse.Namespace) -> None:
     """Print each calibrated value with its error on a line, then warnings and the settings to pass on."""
     rows = (("kerf_mm", "kerf", "mm"), ("clearance_mm", "clearance", "mm"), ("thickness_mm", "thickness", "mm"),
             ("youngs_strip_gpa", "strip says", "GPa"), ("youngs_spirals_gpa", "spirals say", "GPa"),

@@ -10,29 +10,33 @@ from ..engine.errors import FlexMapsError
 from ..engine.extras import registry
 from ..engine.progress import Progress
 from . import summary
-from .sources import command, source
+from .sources import add_mesh_command, load_arguments
 
 
-def add(commands: Any) -> None:
+def add_commands(commands: Any) -> None:
     """Add the commands to the parser."""
     if registry.has("scanning"):
-        _comparing(
-            command(commands, "compare", _compare, summary.whole, "lay a scan of the built piece over its shape")
+        _add_compare_arguments(
+            add_mesh_command(
+                commands, "compare", _compare, summary.print_report, "lay a scan of the built piece over its shape"
+            )
         )
     if registry.has("structure"):
-        _cases(
-            command(commands, "structure", _structure, summary.whole, "what it bears: load cases, and when it snaps")
+        _add_case_arguments(
+            add_mesh_command(
+                commands, "structure", _structure, summary.print_report, "what it bears: load cases, and when it snaps"
+            )
         )
     if registry.has("exploring"):
         says = "try many sizes, materials or settings at once"
-        _exploring(command(commands, "explore", _explore, summary.explored, says))
+        _add_explore_arguments(add_mesh_command(commands, "explore", _explore, summary.print_exploration, says))
     if registry.has("calibrating"):
         from . import calibration
 
-        calibration.add(commands)
+        calibration.add_commands(commands)
 
 
-def _comparing(made: argparse.ArgumentParser) -> None:
+def _add_compare_arguments(made: argparse.ArgumentParser) -> None:
     from ..engine.extras.scanning.reading import UNITS
 
     made.add_argument("scan", help="an .ply, .obj, .stl or .off file of points or of a mesh")
@@ -42,7 +46,7 @@ def _comparing(made: argparse.ArgumentParser) -> None:
     made.add_argument("--simulate", action="store_true", help="simulate first; without, a shape that the .blend holds, or the target")  # fmt: skip
 
 
-def _cases(made: argparse.ArgumentParser) -> None:
+def _add_case_arguments(made: argparse.ArgumentParser) -> None:
     from ..engine.extras.structure.cases import KINDS
 
     made.add_argument("--out", metavar="FOLDER", help="folder for report.html, report.json and the plots")
@@ -52,7 +56,7 @@ def _cases(made: argparse.ArgumentParser) -> None:
                       help="a sum of cases with factors")  # fmt: skip
 
 
-def _exploring(made: argparse.ArgumentParser) -> None:
+def _add_explore_arguments(made: argparse.ArgumentParser) -> None:
     from ..engine.extras.exploring.space import GOALS, MEASURES, MINIMISED
 
     made.add_argument("--out", required=True, metavar="FOLDER",
@@ -69,8 +73,8 @@ def _exploring(made: argparse.ArgumentParser) -> None:
     made.add_argument("--seed", type=int, default=0, metavar="NUMBER", help="another number tries others")
 
 
-def _compare(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    piece, reporter = api.load(args.mesh, **source(args)), Progress(tell)
+def _compare(args: argparse.Namespace, progress: Any) -> dict[str, Any]:
+    piece, reporter = api.load(args.mesh, **load_arguments(args)), Progress(progress)
     if args.simulate:
         piece = api.simulate(piece, progress=reporter.part(0.0, 0.6))
     compared = api.compare(
@@ -79,20 +83,20 @@ def _compare(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     return api.report(compared, args.out, overwrite=args.overwrite)
 
 
-def _structure(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    piece = api.load(args.mesh, **source(args))
-    made = api.structure(piece, *args.cases, combinations=args.combinations, progress=tell)
+def _structure(args: argparse.Namespace, progress: Any) -> dict[str, Any]:
+    piece = api.load(args.mesh, **load_arguments(args))
+    made = api.structure(piece, *args.cases, combinations=args.combinations, progress=progress)
     return api.report(made, args.out, overwrite=args.overwrite)
 
 
-def _explore(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+def _explore(args: argparse.Namespace, progress: Any) -> dict[str, Any]:
     pairs = [text.partition("=") for text in args.vary]
     wrong = [text for text, (_, equals, _) in zip(args.vary, pairs, strict=True) if not equals]
     if wrong:
         raise FlexMapsError(f"--vary {wrong[0]}: give it as NAME=LOW:HIGH or NAME=A,B,C")
     vary = {name.strip(): values.strip() for name, _, values in pairs}
     made = api.explore(
-        api.load(args.mesh, **source(args)), vary, args.out, candidates=args.candidates, goals=args.goals,
-        minimised=args.minimise, scheduler=args.scheduler, cores=args.cores, seed=args.seed, overwrite=args.overwrite, progress=tell,
+        api.load(args.mesh, **load_arguments(args)), vary, args.out, candidates=args.candidates, goals=args.goals,
+        minimised=args.minimise, scheduler=args.scheduler, cores=args.cores, seed=args.seed, overwrite=args.overwrite, progress=progress,
     )  # fmt: skip
     return made.report()

@@ -11,24 +11,24 @@ from ..engine.own_files import Guard
 from ..engine.runs import report_page
 from ..engine.surface.formats.meshio import SHAPE
 
-PAGES = {"compare", "structure", "report"}  # commands that write a report into their folder
+REPORT_COMMANDS = {"compare", "structure", "report"}  # commands that write a report into their folder
 
 
-def run_guarded(run: Any, args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+def run_guarded(run: Any, args: argparse.Namespace, progress: Any) -> dict[str, Any]:
     """Run a command, but first raise ``UserFileError`` if it would overwrite the user's files.
 
     Parameters
     ----------
     run : the command's function
     args : its arguments
-    tell : called with a fraction and a text
+    progress : called with a fraction and a text
     """
     read = [args.mesh, *getattr(args, "others", ()), *filter(None, [getattr(args, "scan", None)]), *args.remnants_given]
     guard = Guard([path for path in read if not path.startswith(SHAPE)], args.overwrite)
     if args.command == "export":
         guard.check(export.present(Path(args.out) / "sheet", args.formats), Path(args.out))
-    elif args.command in PAGES and args.out:
+    elif args.command in REPORT_COMMANDS and args.out:
         guard.check([*report_page.stale(Path(args.out)), Path(args.out) / "report.json"], Path(args.out))
     elif getattr(args, "out", None):
         guard.check([Path(args.out)])
-    return run(args, tell)
+    return run(args, progress)

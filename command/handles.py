@@ -7,16 +7,16 @@ from typing import Any
 
 from .. import api
 
-AT = "numbers of quads (1,2,3), or 'lowest'"
+AT_HELP = "numbers of quads (1,2,3), or 'lowest'"
 
 
-def add(pulled: argparse.ArgumentParser, wished: argparse.ArgumentParser) -> None:
+def add_arguments(pulled: argparse.ArgumentParser, wished: argparse.ArgumentParser) -> None:
     """Add the arguments of ``pull`` and ``wish`` to their parsers."""
     way: dict[str, Any] = {"required": True, "nargs": 3, "type": float, "metavar": ("X", "Y", "Z")}
     pulled.add_argument("--force", **way, help="newtons at each of them, in world axes; beside what pulls already")
     wished.add_argument("--by", **way, help="millimetres beside the target, in world axes; 0 0 0 takes the wish back")
     for made in (pulled, wished):
-        made.add_argument("--at", required=True, metavar="QUADS", help=AT)
+        made.add_argument("--at", required=True, metavar="QUADS", help=AT_HELP)
         made.add_argument("--out", metavar="FILE.blend", help="save the result in this Blender file")
 
 

@@ -19,7 +19,7 @@ from typing import Any
 from ..engine.remaining import Remaining, format_seconds
 
 NAME = "flexmaps"
-UNDONE = 3  # exit status: files are written, but the report lists something as undone
+UNDONE_STATUS = 3  # exit status: files are written, but the report lists something as undone
 _registered: list[Any] = []
 
 
@@ -48,18 +48,18 @@ def main(argv: list[str]) -> int:
     for stream in (sys.stdout, sys.stderr):  # old consoles cannot print every character
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
-    from ..bridge.hosts.job_folder import quiet_blender
+    from ..bridge.hosts.job_folder import suppress_output
     from ..engine import packages
     from ..engine.errors import Cancelled, FlexMapsError
     from . import arguments
 
     try:
-        args = arguments.parser().parse_args(argv)
+        args = arguments.make_parser().parse_args(argv)
     except SystemExit as end:
         return int(end.code or 0)
     console = Console()
     try:
-        with stoppable(console if args.keeps else None), quiet_blender(), _show_version_warnings(console):
+        with interruptible(console if args.is_resumable else None), suppress_output(), _show_version_warnings(console):
             described = args.run(args, console)
         status = _status(args.command, described)
     except FlexMapsError as error:
@@ -83,7 +83,7 @@ def main(argv: list[str]) -> int:
     if args.json:
         print(json.dumps(described, indent=2))
     else:
-        args.tell(described, args)
+        args.print_result(described, args)
     sys.stdout.flush()
     return status
 
@@ -94,7 +94,7 @@ def _status(command: str, described: dict[str, Any]) -> int:
         return 2
     if described.get("stuck"):
         return 2
-    return UNDONE if described.get("undone") else 0
+    return UNDONE_STATUS if described.get("undone") else 0
 
 
 @contextmanager
@@ -117,7 +117,7 @@ def _show_version_warnings(console: Console) -> Iterator[None]:
 
 
 @contextmanager
-def stoppable(console: Console | None) -> Iterator[None]:
+def interruptible(console: Console | None) -> Iterator[None]:
     """Context manager: let Ctrl-C interrupt Python; Blender itself would ignore the first press and quit at the second.
 
     Parameters

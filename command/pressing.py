@@ -12,7 +12,7 @@ from ..api import pressing
 from ..engine.errors import FlexMapsError
 
 
-def add(commands: Any) -> None:
+def add_command(commands: Any) -> None:
     """Add the command ``next`` and its arguments to the parser."""
     words = "press Next on an object of a .blend file until its files are written, and save it"
     made = commands.add_parser("next", help=words, description=words[0].upper() + words[1:] + ".")
@@ -23,7 +23,7 @@ def add(commands: Any) -> None:
     words = "before files are written, press this cure where it is offered, as --json names it; 'first' is the first of what speaks against it"
     made.add_argument("--cure", action="append", default=[], metavar="NAME", help=words)
     made.add_argument("--json", action="store_true", help="print one JSON object a press")
-    made.set_defaults(keeps=False, run=_run, tell=_tell)
+    made.set_defaults(is_resumable=False, run=_run, print_result=_print_presses)
 
 
 def _run(args: argparse.Namespace, console: Any) -> dict[str, Any]:
@@ -55,7 +55,7 @@ def _run(args: argparse.Namespace, console: Any) -> dict[str, Any]:
             for o in seen
             if o.type == "MESH" and len(o.data.polygons) and o.visible_get() and "flexmaps_kind" not in o
         ]
-    # ``_tell`` prints the JSON lines at the end, because Blender's own output is suppressed until then
+    # ``_print_presses`` prints the JSON lines at the end, because Blender's own output is suppressed until then
     args.lines, args.json = args.json, False
     presses = [report for obj in objects for report in _press_until_done(obj, args.cure)]
     ended = {report["object"]: report for report in presses}
@@ -74,12 +74,12 @@ def _press_until_done(obj: Any, cures: list[str]) -> list[dict[str, Any]]:
     bpy.context.view_layer.objects.active = obj
     named = [name for name in cures if name != "first"]
     reports = list(pressing.presses(obj, cures=len(cures) - len(named), named=named))
-    reports = reports or [{"pressed": "", "call": "", "error": "", "seconds": 0.0} | pressing.told(obj)]
+    reports = reports or [{"pressed": "", "call": "", "error": "", "seconds": 0.0} | pressing.describe_object(obj)]
     bpy.ops.wm.save_mainfile()
     return [report | {"last": report is reports[-1]} for report in reports]
 
 
-def _tell(described: dict[str, Any], args: argparse.Namespace) -> None:
+def _print_presses(described: dict[str, Any], args: argparse.Namespace) -> None:
     for report in described["presses"]:
         if args.lines:
             print(json.dumps(report))

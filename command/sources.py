@@ -15,10 +15,10 @@ from ..engine.surface import shapes
 from ..engine.surface.formats.meshio import SHAPE
 from .guarding import run_guarded
 
-KEEP = {"choose", "optimise", "explore"}  # commands that return an unfinished result after Ctrl-C
+RESUMABLE = {"choose", "optimise", "explore"}  # commands that return an unfinished result after Ctrl-C
 
 
-def number(text: str) -> float:
+def parse_number(text: str) -> float:
     """Parse a finite number in ASCII digits; else raise ``ValueError``, which argparse reports."""
     value = float(text)
     if not text.isascii() or "_" in text or not math.isfinite(value):
@@ -26,7 +26,7 @@ def number(text: str) -> float:
     return value
 
 
-def command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argparse.ArgumentParser:
+def add_mesh_command(commands: Any, name: str, run: Any, print_result: Any, help: str) -> argparse.ArgumentParser:
     """Add a command that reads a mesh, with the arguments that all such commands share.
 
     Parameters
@@ -34,21 +34,21 @@ def command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argpars
     commands : argparse's object of subparsers
     name : name of the command
     run : function of arguments and progress that returns a report
-    tell : function that prints the report
+    print_result : function that prints the report
     help : one line of help
     """
     made = commands.add_parser(name, help=help, description=help[0].upper() + help[1:] + ".")
-    made.set_defaults(run=partial(run_guarded, run), tell=tell, keeps=name in KEEP)
+    made.set_defaults(run=partial(run_guarded, run), print_result=print_result, is_resumable=name in RESUMABLE)
     made.add_argument(
         "mesh", help=f"an .obj, .ply, .stl, .off or .blend file, or {SHAPE}NAME ({', '.join(shapes.NAMES)})"
     )
     size = made.add_mutually_exclusive_group()
-    size.add_argument("--edge", type=number, metavar="MM", help="scale the mesh to this median quad edge")
-    size.add_argument("--height", type=number, metavar="MM", help="scale the mesh to this extent along z")
+    size.add_argument("--edge", type=parse_number, metavar="MM", help="scale the mesh to this median quad edge")
+    size.add_argument("--height", type=parse_number, metavar="MM", help="scale the mesh to this extent along z")
     made.add_argument(
         "--up", choices="xyz", help="axis of the file that points up (default: y for .obj, else z, as in Blender)"
     )
-    made.add_argument("--remesh", type=number, metavar="QUADS",
+    made.add_argument("--remesh", type=parse_number, metavar="QUADS",
                       help="first make about so many quads of any mesh, as the sidebar's Quad remesh does")  # fmt: skip
     made.add_argument("--supports", metavar="QUADS",
                       help="what holds it: 'lowest', numbers of quads from 0 on (1,2,3), or a vertex group of the .blend")  # fmt: skip
@@ -73,7 +73,7 @@ def parse_assignments(texts: Sequence[str]) -> dict[str, str]:
     return values
 
 
-def settings(args: argparse.Namespace) -> dict[str, Any]:
+def parse_settings(args: argparse.Namespace) -> dict[str, Any]:
     """Return the settings from flags and ``--set`` as "section.name" -> value, for ``api.load``."""
     values = {name: value for name, value in vars(args).items() if "." in name and value is not None}
     values |= parse_assignments(args.settings)
@@ -83,7 +83,7 @@ def settings(args: argparse.Namespace) -> dict[str, Any]:
     return values | goal_values(**wished)
 
 
-def source(args: argparse.Namespace) -> dict[str, Any]:
+def load_arguments(args: argparse.Namespace) -> dict[str, Any]:
     edge = args.edge
     if edge is None and args.height is None and args.mesh.startswith(SHAPE):
         edge = 1e3 * RemeshParams.edge
@@ -92,6 +92,6 @@ def source(args: argparse.Namespace) -> dict[str, Any]:
         "height": args.height,
         "up": args.up,
         "quads": args.remesh,
-        "settings": settings(args),
+        "settings": parse_settings(args),
         "supports": args.supports,
     }

@@ -8,10 +8,10 @@ from typing import Any
 from ..engine.figures import format_figure
 from ..engine.surface.checking.finding import with_count
 
-FAULTS = 5  # maximum number of different faults to print, so that the candidates stay in sight; by eye
+MAX_FAULTS = 5  # maximum number of different faults to print, so that the candidates stay in sight; by eye
 
 
-def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
+def print_report(described: dict[str, Any], args: argparse.Namespace) -> None:
     """Print the result of every stage that ran, the computing time and the folder of the files."""
     if "input" in described:
         source = described["input"]
@@ -55,7 +55,7 @@ def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
         sheets = described["sheets"]
         print(f"  {with_count(sheets['sheets'], 'sheet', 'sheets')}, {sheets['cut_length_m']:.1f} m of cuts")
         if "base" in sheets:
-            print(f"  {_held(sheets['base'])}")
+            print(f"  {_format_held(sheets['base'])}")
         for warning in sheets["warnings"]:
             print(f"  warning: {warning}")
     out = getattr(args, "out", None)
@@ -75,7 +75,7 @@ def _structure(block: dict[str, Any]) -> None:
         print(f"  warning: {finding['message']}")
 
 
-def explored(described: dict[str, Any], args: argparse.Namespace) -> None:
+def print_exploration(described: dict[str, Any], args: argparse.Namespace) -> None:
     """Print the candidates of the Pareto front line by line, then faults and conclusion."""
     rows, faults = described["candidates"], [one["fault"] for one in described["candidates"] if one["fault"]]
     print(
@@ -87,19 +87,19 @@ def explored(described: dict[str, Any], args: argparse.Namespace) -> None:
         values = ", ".join(f"{name} {value}" for name, value in one["values"].items())
         measured = ", ".join(f"{name} {one['measures'].get(name, '-')}" for name in described["minimised"])
         print(f"  {mark} {number:3d}: {measured}: {values}")
-    for fault in list(dict.fromkeys(faults))[:FAULTS]:
+    for fault in list(dict.fromkeys(faults))[:MAX_FAULTS]:
         print(f"  {faults.count(fault)} could not be made: {fault}")
     print(f"{described['note']}\n  everything is in {args.out}")
 
 
-def together(described: dict[str, Any], args: argparse.Namespace) -> None:
+def print_batch(described: dict[str, Any], args: argparse.Namespace) -> None:
     """Print the pieces nested on common sheets with their numbers of copies, and the files."""
     for piece in described["pieces"]:
         print(f"  {piece['copies']} x {piece['name']}")
     print(f"  {', '.join(described['files'])} in {args.out}")
 
 
-def settings(described: dict[str, Any], args: argparse.Namespace) -> None:
+def print_settings(described: dict[str, Any], args: argparse.Namespace) -> None:
     """Print a line for every setting: name, default, bounds or choices, and help."""
     for name, row in described["settings"].items():
         low, high = row["bounds"]
@@ -108,7 +108,7 @@ def settings(described: dict[str, Any], args: argparse.Namespace) -> None:
         print(f"{name:28} {value + (' ' + row['unit'] if row['unit'] else ''):14} {span:24} {row['help']}")
 
 
-def _held(base: dict[str, Any]) -> str:
+def _format_held(base: dict[str, Any]) -> str:
     """Return a text on what the piece stands on or hangs by."""
     if "eyelets" in base:
         most = max((sum(x * x for x in force) ** 0.5 for force in base.get("forces_N", [])), default=None)

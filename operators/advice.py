@@ -224,7 +224,7 @@ class MakeFiner(RemedyStage, bpy.types.Operator):
         from ..engine.surface.mesh import PolygonMesh
 
         settings, polygons = snapshot.settings, snapshot.surface.polygons
-        remeshed = remesh.quads_of(polygons, round(self._amount), settings, progress.part(0.0, 0.5))
+        remeshed = remesh.make_quads(polygons, round(self._amount), settings, progress.part(0.0, 0.5))
         begun = job.begin(remeshed.polygons)
         made = job.run_until(begun, settings, "design", progress=progress.part(0.5, 1.0), fresh=True)
         return made.with_surface(findings=[*check.all_findings(PolygonMesh.from_quads(made.mesh)), *remeshed.findings])

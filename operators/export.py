@@ -48,7 +48,7 @@ class Export(IntoFolder, ContinuedStage["SheetFiles"], bpy.types.Operator):
         stale = any(o.get(flat_panels.FINGERPRINT_KEY, look) != look for o in flat_panels.panels_of(obj))
         base = resolve_folder(settings.export.folder) / file_name(snapshot.name)
         guard = self.guard(settings, export.present(base, formats), base.parent)
-        letters.learn(snapshot.name)
+        letters.add_outlines(snapshot.name)
         # the assembly sheet lists joints overloaded in the simulated shape, and a base stands under that shape
         asked = settings.export.guide or settings.base.base != "none"
         rest = equilibrium.read_rest_pose(obj, bpy.context.scene, snapshot.surface) if asked else None
@@ -64,7 +64,7 @@ class Export(IntoFolder, ContinuedStage["SheetFiles"], bpy.types.Operator):
             sheets, estimate = made.need(SheetPlan).sheets, made.need(MakingEstimate)
             progress(0.85, "Writing files")
             with files.write_all_atomically(export.stale(base, sheets.count), base.parent, guard) as new:
-                guide = job_folder.guide_of(base) if settings.export.guide else None
+                guide = job_folder.assembly_sheet_path(base) if settings.export.guide else None
                 written = job_folder.write_sheets(
                     made, snapshot.name, base, formats, new, guide, progress.part(0.85, 1.0)
                 )

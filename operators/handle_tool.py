@@ -16,7 +16,7 @@ class HandleGizmos(HandleGizmoMixin, bpy.types.GizmoGroup):
     bl_label = "FlexMaps handles"
     bl_space_type, bl_region_type = "VIEW_3D", "WINDOW"
     bl_options = {"3D", "PERSISTENT"}
-    shape_of = staticmethod(live.shape_of)
+    shape_of = staticmethod(live.live_shape_of)
 
 
 class _HandleTool:

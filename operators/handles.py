@@ -44,7 +44,7 @@ class _OnSpiral(OnObject):
         mouse = event.mouse_region_x, event.mouse_region_y
         origin = view3d_utils.region_2d_to_origin_3d(context.region, context.region_data, mouse)
         way = view3d_utils.region_2d_to_vector_3d(context.region, context.region_data, mouse)
-        points, quads = picking.visible_surface(context.object, live.shape_of(context.object))
+        points, quads = picking.visible_surface(context.object, live.live_shape_of(context.object))
         hit = picking.hit_quad(points, quads, origin, way)
         self.quad = UNDER_MOUSE if hit is None else hit
         return hit is not None
@@ -135,7 +135,7 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         obj = context.object
         self._stored_values = handles.read(obj, _handle_name(self.kind))
         scale = context.scene.unit_settings.scale_length
-        points, quads = picking.visible_surface(obj, live.shape_of(obj))
+        points, quads = picking.visible_surface(obj, live.live_shape_of(obj))
         middle = points[quads[self.quad]].mean(axis=0)
         if self.kind == "WISH":
             self._start_value = 1e3 * scale * (middle - picking.target_vertices(obj)[quads[self.quad]].mean(axis=0))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..bridge.hosts import live
-from .stage import TICK, AtOnce, OnObject, redraw
+from .stage import POLL_INTERVAL, AtOnce, OnObject, redraw
 
 
 class Live(AtOnce, OnObject, bpy.types.Operator):
@@ -16,7 +16,7 @@ class Live(AtOnce, OnObject, bpy.types.Operator):
     bl_options = {"REGISTER"}
 
     def act(self, context: bpy.types.Context) -> None:
-        following = live.current()
+        following = live.current_watcher()
         if following is not None and following.uid == context.object.session_uid:
             live.stop()
             return
@@ -26,7 +26,7 @@ class Live(AtOnce, OnObject, bpy.types.Operator):
 
 
 def _tick() -> float | None:
-    following = live.current()
+    following = live.current_watcher()
     if following is None:
         return None
     before = following.resting, following.problem
@@ -34,23 +34,23 @@ def _tick() -> float | None:
         redraw(bpy.context, "WINDOW")
     if before != (following.resting, following.problem):
         redraw(bpy.context, "UI")
-    return TICK
+    return POLL_INTERVAL
 
 
 def register() -> None:
     handlers = bpy.app.handlers
     handlers.load_pre.append(live.stop)
-    handlers.depsgraph_update_post.append(live.changed)
+    handlers.depsgraph_update_post.append(live.on_depsgraph_update)
     for which in (handlers.undo_post, handlers.redo_post):
-        which.append(live.stepped)
+        which.append(live.on_undo)
 
 
 def unregister() -> None:
     live.stop()
     handlers = bpy.app.handlers
     for which in (handlers.undo_post, handlers.redo_post):
-        which.remove(live.stepped)
-    handlers.depsgraph_update_post.remove(live.changed)
+        which.remove(live.on_undo)
+    handlers.depsgraph_update_post.remove(live.on_depsgraph_update)
     handlers.load_pre.remove(live.stop)
     if bpy.app.timers.is_registered(_tick):
         bpy.app.timers.unregister(_tick)

@@ -47,9 +47,9 @@ def shape_to_draw() -> object:
     from ..bridge.hosts import background, live
     from ..bridge.view import paint_session
 
-    if background.current() is not None:
-        return background.shown()
-    following = live.shown()
+    if background.current_job() is not None:
+        return background.latest_result()
+    following = live.shown_picture()
     return paint_session.shape_to_draw() if following is None else following
 
 

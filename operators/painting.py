@@ -11,7 +11,7 @@ from ..bridge.store import stored_report
 from ..bridge.store.i18n import translate
 from ..bridge.view.brush_settings import QUANTITY_ITEMS, search_sources
 from ..engine.errors import FlexMapsError
-from .stage import TICK, AtOnce, OnObject, Polled, redraw, why_not
+from .stage import POLL_INTERVAL, AtOnce, OnObject, Polled, redraw, why_not
 
 
 class _Painter(Polled):
@@ -69,7 +69,7 @@ class PaintStroke(_Painter, bpy.types.Operator):
         brush = context.window_manager.flexmaps_brush.brush
         name = "smooth" if self.smooth and brush != "protect" else brush
         self._dabs = dab_queue.DabQueue(self._session, name, self.inverted)
-        self._timer = context.window_manager.event_timer_add(TICK, window=context.window)
+        self._timer = context.window_manager.event_timer_add(POLL_INTERVAL, window=context.window)
         context.window_manager.modal_handler_add(self)
         self._add_dabs(context, event)
         return {"RUNNING_MODAL"}

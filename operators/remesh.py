@@ -52,8 +52,8 @@ class QuadRemesh(AnyMesh, StageOperator["Requadded"], bpy.types.Operator):
         self._source = context.object.session_uid
         replacing.leave_edit_mode(context)
         wanted = settings.read(context.object.flexmaps, ObjectSettings)
-        polygons, count = remesh.seen(context.object, context), self.quads or wanted.remesh.quads
-        return lambda progress: remesh.quads_of(polygons, count, wanted, progress)
+        polygons, count = remesh.read_polygons(context.object, context), self.quads or wanted.remesh.quads
+        return lambda progress: remesh.make_quads(polygons, count, wanted, progress)
 
     def _write(self, context: bpy.types.Context, result: Requadded) -> Iterator[None]:
         from ..bridge.hosts import remesh

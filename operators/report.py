@@ -64,7 +64,7 @@ class Report(IntoFolder, ContinuedStage["Plots"], bpy.types.Operator):
             from ..engine import files
             from ..engine.display import raster
 
-            page = pages.of_object(result, content, progress.part(0.0, 0.2))
+            page = pages.content_of_object(result, content, progress.part(0.0, 0.2))
             drawn, view = page.plots, page.view_json(progress.part(0.2, 0.5)) if folder is not None else None
             while not letters.done():  # keep reporting progress, so that a cancel is noticed
                 progress(0.5, "Waiting for letters")
@@ -132,8 +132,8 @@ class Share(IntoFolder, ContinuedStage["tuple[Path, bool]"], bpy.types.Operator)
         guard = self.guard(snapshot.settings, [path])
 
         def go_on(result: Result, progress: Progress) -> tuple[Path, bool]:
-            page = pages.of_object(result, content, progress.part(0.0, 0.2))
-            return pages.save(page, path, guard, progress.part(0.2, 1.0)), content.pose is not None
+            page = pages.content_of_object(result, content, progress.part(0.0, 0.2))
+            return pages.write_share_content(page, path, guard, progress.part(0.2, 1.0)), content.pose is not None
 
         return go_on
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import bpy
 
 from ..bridge.hosts import background, preload
-from ..bridge.hosts.background import TICK
+from ..bridge.hosts.background import POLL_INTERVAL
 from ..bridge.store.i18n import button_name, translate
 from ..bridge.view import framing, progress, tab
 from ..bridge.view.progress import redraw
@@ -61,7 +61,7 @@ class AnyMesh(OnObject):
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str | None:
-        running = background.current()
+        running = background.current_job()
         return super().problem(context) if running is None else still_running(running)
 
 
@@ -115,7 +115,7 @@ class NewObject(Polled):
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str | None:
-        running = background.current()
+        running = background.current_job()
         if running is not None:
             return still_running(running)
         return None if context.mode == "OBJECT" else "Go to Object Mode: a new object is made"
@@ -192,7 +192,7 @@ class StageOperator(Polled, HandsOver[Made]):
         try:
             work = self._read(context)
             self.meanwhile()
-            for _ in self._write(context, background.run_here(self.bl_label, work)):
+            for _ in self._write(context, background.run_blocking(self.bl_label, work)):
                 pass
             return {"FINISHED"}
         except Cancelled:
@@ -211,7 +211,7 @@ class StageOperator(Polled, HandsOver[Made]):
         self._job = background.Job(self.bl_label, work, self.on_stop)
         self._job.start()
         manager = context.window_manager
-        self._timer = manager.event_timer_add(TICK, window=context.window)
+        self._timer = manager.event_timer_add(POLL_INTERVAL, window=context.window)
         manager.progress_begin(0, 100)
         manager.modal_handler_add(self)
         self._pacer = progress.RedrawPacer()
@@ -359,7 +359,7 @@ def why_not(obstacle: Callable[[bpy.types.Object], str | None], obj: bpy.types.O
     """
     from ..bridge.store.objects import modifier_problem, usage_problem
 
-    running = background.current()
+    running = background.current_job()
     if running is not None:
         return still_running(running)
     problem = usage_problem(obj)

@@ -21,7 +21,7 @@ class Stop(bpy.types.Operator):
     bl_options = {"INTERNAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        running = background.current()
+        running = background.current_job()
         if running is not None:
             running.stop()
         redraw(context, "UI")

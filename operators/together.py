@@ -43,7 +43,7 @@ class ExportTogether(IntoFolder, AnyMesh, StageOperator["BatchFiles"], bpy.types
 
         objects = _selected(context)
         stored = [snapshot.read_piece(obj) for obj in objects]
-        letters.learn(*(obj.name for obj in objects))
+        letters.add_outlines(*(obj.name for obj in objects))
         names, settings = [obj.name for obj in objects], [one.settings for one in stored]
         missing = [
             name for name, one in zip(names, stored, strict=True) if one.result is None or one.result.design is None

@@ -43,7 +43,7 @@ def draw(layout: Any, context: bpy.types.Context, problem: str | None) -> None:
     context : Blender's context
     problem : why the active object cannot be used; None if it can
     """
-    running, obj = background.current(), context.object
+    running, obj = background.current_job(), context.object
     row = layout.row()
     row.label(text=obj.name if obj else tr("No mesh selected"), icon="MESH_DATA" if obj else "BLANK1", translate=False)
     right = row.row(align=True)
@@ -55,7 +55,7 @@ def draw(layout: Any, context: bpy.types.Context, problem: str | None) -> None:
     shown.menu("FLEXMAPS_MT_colours", text="", icon="OVERLAY")
     _size(layout, context, problem is None and running is None)
     seen = look(context).guidance if problem is None else None
-    content = head_text.head_content(context, problem or "", seen, running, live.current())
+    content = head_text.head_content(context, problem or "", seen, running, live.current_watcher())
     _next(layout, content, running)
     box = layout.box().column(align=True)
     row = box.row()

@@ -29,7 +29,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     row.menu("FLEXMAPS_MT_steps", text="", icon="DOWNARROW_HLT")
     if registry.has("live"):
         row.separator()
-        following = live.current()
+        following = live.current_watcher()
         own = following is not None and following.uid == obj.session_uid
         button(row, "flexmaps.live", tr("Live"), "PAUSE" if own else "PLAY", depress=own)
     row = body.row(align=True)
@@ -41,7 +41,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
         row.operator("flexmaps.clear_handles", text="", icon="X")
     if in_hand:
         _brush(body.column(align=True), context)
-    running = background.current()
+    running = background.current_job()
     history = getattr(running.shown, "history", None) if running is not None else None
     if history:
         _search(body, history)

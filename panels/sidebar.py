@@ -80,7 +80,7 @@ def _section(panel: Any, context: bpy.types.Context, key: str, title: str, gear:
     if gear:
         right.emboss = "NONE"
         right.popover(f"FLEXMAPS_PT_{gear}", text="", icon="OPTIONS")
-    body.enabled = background.current() is None
+    body.enabled = background.current_job() is None
     module.draw(body, context)
 
 

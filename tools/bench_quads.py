@@ -52,7 +52,7 @@ def remeshed(triangles: PolygonMesh, count: int, *tries: Any) -> tuple[float, Qu
     usual = requad.CANDIDATES, requad.ENOUGH, requad.OWN
     requad.CANDIDATES, requad.ENOUGH, requad.OWN = tries
     try:
-        spent, found = timed(lambda: remesh.quads_of(triangles, count, ObjectSettings()), processor)
+        spent, found = timed(lambda: remesh.make_quads(triangles, count, ObjectSettings()), processor)
     finally:
         requad.CANDIDATES, requad.ENOUGH, requad.OWN = usual
     return spent, as_quad_mesh(found.polygons)

@@ -28,7 +28,7 @@ class Gaps(list[tuple[float, str, str]]):
     text, last = "", 0.0
 
     def run_here(self, title: str, work: Any) -> Any:
-        """Run the work of an operator, as ``background.run_here`` does."""
+        """Run the work of an operator, as ``background.run_blocking`` does."""
         self.last = time.process_time()
         try:
             return work(Progress(self._report, self._look))
@@ -57,12 +57,12 @@ def measure(stage: str, options: Options) -> Rows:
         saddle().flexmaps.export.folder = str(ROOT / "out" / "bench-stop")
     for one in STAGES[len(run) : STAGES.index(stage) + 1]:
         run.append(one)
-        gaps, kept = Gaps(), background.run_here
-        background.run_here = gaps.run_here
+        gaps, kept = Gaps(), background.run_blocking
+        background.run_blocking = gaps.run_here
         try:
             getattr(bpy.ops.flexmaps, one)()
         finally:
-            background.run_here = kept
+            background.run_blocking = kept
     seconds, text, place = max(gaps, key=lambda gap: gap[0])
     others = sum(gap[0] > WANTED for gap in gaps)
     peer = {"while": text or "-", "until": place, "such gaps": others, "in all": f"{sum(gap[0] for gap in gaps):.1f} s"}

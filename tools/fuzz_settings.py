@@ -74,9 +74,9 @@ def play(number: int, whole: bool) -> str:
     told = io.StringIO()
     try:
         with contextlib.redirect_stderr(told), contextlib.redirect_stdout(told):
-            args = arguments.parser().parse_args(words)
+            args = arguments.make_parser().parse_args(words)
             if args.command != "settings":
-                with_values(ObjectSettings(), sources.settings(args))
+                with_values(ObjectSettings(), sources.parse_settings(args))
     except FlexMapsError:
         return f"{outcome}, words refused"
     except SystemExit as end:

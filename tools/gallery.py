@@ -112,12 +112,12 @@ def make(name: str) -> None:
     import bpy
     from flexmaps import api
     from flexmaps.bridge.hosts import job_folder
-    from flexmaps.bridge.hosts.background import Ticks
+    from flexmaps.bridge.hosts.background import ConsoleProgress
     from flexmaps.bridge.view import picture
     from flexmaps.engine.params import RenderParams
 
     item, folder = ITEMS[name], OUT / name
-    tell = Ticks(item.title)
+    tell = ConsoleProgress(item.title)
     bpy.ops.wm.read_factory_settings(use_empty=True)
     source = item.source if isinstance(item.source, str) else item.source()
     piece = api.load(source, edge=20, settings=item.settings, **item.options)
@@ -129,7 +129,7 @@ def make(name: str) -> None:
     obj = api.show(replace(piece, uid=None))
     view = {"azimuth": item.azimuth, "elevation": item.elevation}
     shown = api.change(piece, {f"render.{key}": value for key, value in view.items()}).settings.render
-    with job_folder.quiet_blender():
+    with job_folder.suppress_output():
         picture.render_together(obj, folder / "picture.png", replace(shown, pixels_x=WIDTH, samples=16))
     assert isinstance(shown, RenderParams)
     api.report(piece, folder)
@@ -151,7 +151,7 @@ def film(obj: Any, folder: Path, view: Any) -> None:
     bpy.ops.flexmaps.animate()
     frames = folder / "film"
     frames.mkdir()
-    with job_folder.quiet_blender():
+    with job_folder.suppress_output():
         picture.render_film(obj, frames / "frame.png", replace(view, pixels_x=FILM[0], pixels_y=FILM[1], samples=8))
     pictures = np.stack([np.array(Image.open(file).convert("RGB")) for file in sorted(frames.glob("*.png"))])
     ground = np.median(pictures[0], axis=(0, 1))

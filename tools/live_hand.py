@@ -59,7 +59,7 @@ class Hand:
     @property
     def process(self) -> int:
         """Return the process beside Blender."""
-        companion = live.current()._companion  # type: ignore[union-attr]
+        companion = live.current_watcher()._companion  # type: ignore[union-attr]
         return next(iter(companion._workers._all))._popen.pid  # type: ignore[union-attr]
 
     def close(self) -> None:
@@ -73,7 +73,7 @@ class Hand:
             self.done[name] += 1
             self.obj = next(o for o in bpy.data.objects if o.session_uid == self.uid)
             if self.rng.random() < 0.2:  # a hand does not wait
-                live.current().tick()  # type: ignore[union-attr]
+                live.current_watcher().tick()  # type: ignore[union-attr]
             else:
                 self._settle()
         except Exception:
@@ -81,7 +81,7 @@ class Hand:
 
     def _settle(self) -> None:
         """Tick as the window does, until the piece rests; what is shown then is compared with what was shown of the same state."""
-        following = live.current()
+        following = live.current_watcher()
         assert following is not None
         following.touched = True
         following._next = 0.0
@@ -93,7 +93,7 @@ class Hand:
             if time.monotonic() > end:
                 self.lost += 1
                 return
-            time.sleep(background.TICK)
+            time.sleep(background.POLL_INTERVAL)
         self.slowest = max(self.slowest, following.slowest)
         now = live_input.read(self.obj, bpy.context.scene)
         if following._companion.error or following._given is None or now.changes(following._given):  # type: ignore[union-attr]

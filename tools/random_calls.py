@@ -126,7 +126,7 @@ def _call(rng: random.Random, name: str, log: Log) -> str:
     options = _options(rng, operator)
     log.lines.append(f"bpy.ops.flexmaps.{name}({', '.join(f'{k}={v!r}' for k, v in options.items())})")
     began = time.monotonic()
-    kept, background.run_here = background.run_here, _impatient(began)
+    kept, background.run_blocking = background.run_blocking, _impatient(began)
     try:
         with contextlib.redirect_stdout(io.StringIO()):
             result = operator(**options)
@@ -139,12 +139,12 @@ def _call(rng: random.Random, name: str, log: Log) -> str:
             return "fault"
         return "refused"
     finally:
-        background.run_here = kept
+        background.run_blocking = kept
     return "stopped" if result == {"CANCELLED"} else "done"
 
 
 def _impatient(began: float) -> Any:
-    """``background.run_here`` with somebody who presses ESC."""
+    """``background.run_blocking`` with somebody who presses ESC."""
 
     def run_here(title: str, work: Any) -> Any:
         return work(Progress(lambda fraction, text: None, lambda: time.monotonic() - began > PATIENCE))
@@ -327,7 +327,7 @@ def _meddle_in_object_mode(rng: random.Random, obj: Any, what: str) -> None:
 
 def _faults() -> list[str]:
     found = []
-    if background.current() is not None:
+    if background.current_job() is not None:
         found.append("a job is left running")
     if (
         sum(not scene.name.startswith("Lamp shade") for scene in bpy.data.scenes) > 1

@@ -142,7 +142,7 @@ def _refused(words: list[str]) -> str:
         said = io.StringIO()
         try:
             with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
-                arguments.parser().parse_args(words[1:])
+                arguments.make_parser().parse_args(words[1:])
         except SystemExit as end:
             return said.getvalue().strip() if end.code else ""
         return ""
@@ -197,7 +197,7 @@ def _unknown(span: str) -> list[str]:
         import site_pages
         from flexmaps.command import arguments
 
-        there = dict(site_pages.subparsers(arguments.parser()))
+        there = dict(site_pages.subparsers(arguments.make_parser()))
         if command.group(1) not in there:
             found.append(f"there is no command {command.group(1)}")
         else:

@@ -157,7 +157,7 @@ def commands() -> str:
     """The command line's help, command by command."""
     from flexmaps.command import arguments
 
-    made = arguments.parser()
+    made = arguments.make_parser()
     lines = [
         "# Commands", "", "As Blender's own command, `blender --command flexmaps ...`, or `flexmaps ...` where it was installed by pip.",
         "What they have in common stands in the [guide](guide.md#command-line); what every setting means, under [settings](settings.md).", "",

@@ -1,7 +1,7 @@
 """The background job, one at a time: a worker thread runs engine code; the main thread polls it and updates Blender.
 
 The worker thread never touches Blender's data. ``Job`` is the thread with its progress and a way to cancel it.
-``run_here`` runs the work without a thread, for scripts and for Blender without a window.
+``run_blocking`` runs the work without a thread, for scripts and for Blender without a window.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from ...engine.remaining import Remaining, format_seconds
 Work = Callable[[Progress], Any]
 
 # polling interval of threads and processes, seconds; smaller reacts sooner and takes more of the window's time
-TICK = 0.02
+POLL_INTERVAL = 0.02
 # switch interval of Python's global interpreter lock while a job runs, seconds (Python's default: 5 ms); smaller keeps
 # the window more responsive and slows the worker down
-SWITCH = 0.0003
+SWITCH_INTERVAL = 0.0003
 
 _running: list[Job] = []
 
 
-def current() -> Job | None:
+def current_job() -> Job | None:
     """Return the running job, or None; panels read it to draw the progress line."""
     return _running[0] if _running else None
 
 
-def shown() -> Any:
+def latest_result() -> Any:
     """Return the running job's latest intermediate result, such as a shape that is still moving; None without one."""
     return _running[0].shown if _running else None
 
@@ -61,7 +61,7 @@ class Job:
             raise RuntimeError(f"{_running[0].title} is still running")
         _running.append(self)
         self._interval = sys.getswitchinterval()
-        sys.setswitchinterval(min(SWITCH, self._interval))
+        sys.setswitchinterval(min(SWITCH_INTERVAL, self._interval))
         self._began = time.monotonic()
         self._thread.start()
 
@@ -106,7 +106,7 @@ class Job:
         self.shown = value
 
 
-class Ticks:
+class ConsoleProgress:
     """Progress callback that prints to the console: a line for every new step, then at most one line a second.
 
     The step's name is the text before the first colon; the rest is a detail of the step.
@@ -131,7 +131,7 @@ class Ticks:
         print(f"{self._title} {100 * fraction:3.0f} % {text}".rstrip() + left, file=sys.stdout, flush=True)
 
 
-def run_here(title: str, work: Work) -> Any:
+def run_blocking(title: str, work: Work) -> Any:
     """Run the work on the calling thread and return its result; Ctrl-C raises ``Cancelled``.
 
     Parameters
@@ -140,7 +140,7 @@ def run_here(title: str, work: Work) -> Any:
     work : function that takes a ``Progress``
     """
     try:
-        return work(Progress(Ticks(title)))
+        return work(Progress(ConsoleProgress(title)))
     except KeyboardInterrupt:
         raise Cancelled(title) from None
     except Exception as error:

@@ -16,10 +16,10 @@ from ...engine.extras.live.session import LiveRequest, step_piece
 from ...engine.mechanics.assembly import Pose
 from ...engine.workers import Workers
 
-TRIES = 2  # attempts to compute a shape when the process has lost the piece; more attempts delay the error
+MAX_ATTEMPTS = 2  # attempts to compute a shape when the process has lost the piece; more attempts delay the error
 
 
-class Companion:
+class LiveProcess:
     """Handle of the process and of the thread that talks to it.
 
     Call ``follow`` with each new input; ``latest`` is the newest shape with the picture to draw.
@@ -97,7 +97,7 @@ class Companion:
         return not self._closed
 
     def _compute_shape(self, state: LiveInput, start: Pose | None) -> LiveEquilibrium:
-        for _ in range(TRIES):
+        for _ in range(MAX_ATTEMPTS):
             whole = self._sent is None
             changes = None if state is self._sent else state.changes(self._sent)
             shape: LiveEquilibrium | None = self._workers.submit(

@@ -37,7 +37,7 @@ TITLE = "together.png"  # picture at the top of the report
 
 
 @contextmanager
-def folder(out: Path, guard: Guard, formats: tuple[str, ...], pictures: bool) -> Iterator[files.NewFile]:
+def open_folder(out: Path, guard: Guard, formats: tuple[str, ...], pictures: bool) -> Iterator[files.NewFile]:
     """Open the folder for writing: all new files appear together on success; on an error the old files stay.
 
     Parameters
@@ -55,8 +55,8 @@ def folder(out: Path, guard: Guard, formats: tuple[str, ...], pictures: bool) ->
     ------
     FlexMapsError : another run is writing into the folder, or ``guard`` forbids replacing a file
     """
-    refuse(out, guard, formats, pictures)
-    with files.write_all_atomically(_stale(out), out, guard) as new:
+    refuse_to_replace(out, guard, formats, pictures)
+    with files.write_all_atomically(_list_stale(out), out, guard) as new:
         new(out / REPORT)  # fail before the work begins if the folder is read-only
         yield new
 
@@ -79,7 +79,7 @@ def write(
     settings : settings of the job
     name : name of the piece
     out : the folder
-    new : function yielded by ``folder``
+    new : function yielded by ``open_folder``
     formats : file formats of the sheets
     pictures : whether to render pictures
     progress : called with a fraction and a text
@@ -89,11 +89,11 @@ def write(
 
     written: list[Path] = []
     shown: list[tuple[str, Path]] = []
-    with quiet_blender():
+    with suppress_output():
         if result.sheets is not None:
             progress(0.0, "writing the sheets")
             title, part = Path(name).stem, progress.part(0.0, 0.2)
-            letters.learn(title)
+            letters.add_outlines(title)
             written = write_sheets(result, title, out / SHEET, formats, new, out / GUIDE, part)
         progress(0.2, "building the Blender file")
         model = scene.show_result(result, name, settings, progress.part(0.2, 0.28))
@@ -215,12 +215,12 @@ def write_batch(
     return written
 
 
-def guide_of(base: Path) -> Path:
+def assembly_sheet_path(base: Path) -> Path:
     """Return the path of the assembly sheet that belongs to sheets named base-01.svg, ..."""
     return base.with_name(f"{base.name}-assembly.pdf")
 
 
-def refuse(out: Path, guard: Guard, formats: tuple[str, ...], pictures: bool) -> None:
+def refuse_to_replace(out: Path, guard: Guard, formats: tuple[str, ...], pictures: bool) -> None:
     """Raise ``FlexMapsError`` if ``write`` would replace a file that ``guard`` protects.
 
     Parameters
@@ -230,16 +230,16 @@ def refuse(out: Path, guard: Guard, formats: tuple[str, ...], pictures: bool) ->
     formats : file formats of the sheets
     pictures : whether pictures will be written
     """
-    guard.check(_present(out, formats, pictures), out)
+    guard.check(_list_replaced(out, formats, pictures), out)
 
 
-def _present(out: Path, formats: tuple[str, ...], pictures: bool) -> list[Path]:
+def _list_replaced(out: Path, formats: tuple[str, ...], pictures: bool) -> list[Path]:
     """Return the existing files that ``write`` would replace, and the names that it always writes."""
     names = [out / name for name in (MODEL, REPORT, *(PICTURES if pictures else ()))]
     return [*export.present(out / SHEET, formats), *names, *report_page.stale(out)]
 
 
-def _stale(out: Path) -> list[Path]:
+def _list_stale(out: Path) -> list[Path]:
     """Return the files that an earlier run may have left; those that FlexMaps wrote are removed by this one."""
     return [
         *export.present(out / SHEET, export.FORMATS),
@@ -251,7 +251,7 @@ def _stale(out: Path) -> list[Path]:
 
 
 @contextmanager
-def quiet_blender() -> Iterator[None]:
+def suppress_output() -> Iterator[None]:
     """Suppress Blender's own output, such as a line per render step; Blender writes it from C, past ``sys.stdout``."""
     sys.stdout.flush()
     kept = os.dup(1)
@@ -261,12 +261,12 @@ def quiet_blender() -> Iterator[None]:
             with redirect_stdout(nowhere):
                 yield
         finally:
-            _flush()
+            _flush_c_output()
             os.dup2(kept, 1)
             os.close(kept)
 
 
-def _flush() -> None:
+def _flush_c_output() -> None:
     """Flush the C library's buffer; otherwise Blender's suppressed output would appear later."""
     with suppress(OSError, AttributeError, TypeError):
         (ctypes.cdll.ucrtbase if sys.platform == "win32" else ctypes.CDLL(None)).fflush(None)

@@ -9,10 +9,10 @@ import numpy as np
 
 from ...engine.fabrication.writers.glyphs import Outlines, known, plain, runs
 
-END = "|"  # letter set after a run of text: its left edge marks where the run ends
+END_MARK = "|"  # letter set after a run of text: its left edge marks where the run ends
 
 
-def learn(*texts: str) -> None:
+def add_outlines(*texts: str) -> None:
     """Store outlines of all runs of letters in these texts that the PDFs' own font lacks."""
     for run in {run for text in texts for run in runs(text) if not plain(run) and run not in known}:
         shown = run
@@ -22,7 +22,7 @@ def learn(*texts: str) -> None:
 
 
 def _outlines(run: str) -> Outlines:
-    bar, both = _splines(END), _splines(run + END)
+    bar, both = _splines(END_MARK), _splines(run + END_MARK)
     if not bar or len(both) < len(bar):
         return Outlines(0.5 * len(run), ())
     width = float(both[-1][:, 1, 0].min() - bar[-1][:, 1, 0].min())

@@ -18,30 +18,30 @@ if TYPE_CHECKING:
     from ...engine.extras.live.given import LiveInput
     from ...engine.extras.live.live_piece import LiveEquilibrium
     from ..view.live_mode_shape import LiveModeShape
-    from .companion import Companion
+    from .companion import LiveProcess
 
 # seconds between two reads of the object while Blender reports no change, because scripts may change data silently;
 # longer notices such changes later, shorter takes more processor time
-SELDOM = 0.2
+IDLE_INTERVAL = 0.2
 # largest fraction of the main thread's time spent on reading the object, because a drag reports a change at every tick;
 # larger follows a drag more closely and slows the window down
-SHARE = 0.2
+READ_SHARE = 0.2
 
 _running: list[ObjectWatcher] = []
 
 
-def current() -> ObjectWatcher | None:
+def current_watcher() -> ObjectWatcher | None:
     """Return the watcher of the followed object; None while Live is off."""
     return _running[0] if _running else None
 
 
-def shape_of(obj: bpy.types.Object) -> LiveEquilibrium | None:
+def live_shape_of(obj: bpy.types.Object) -> LiveEquilibrium | None:
     """Return the live shape of an object; None if no live shape is drawn for it."""
-    following = current()
+    following = current_watcher()
     return following.shape if following is not None and following.uid == obj.session_uid and following.shown else None
 
 
-def shown() -> LiveModeShape | None:
+def shown_picture() -> LiveModeShape | None:
     """Return the picture of the live shape that is drawn over the 3D view, or None."""
     return _running[0].shown if _running else None
 
@@ -61,7 +61,7 @@ def stop(*_: object) -> None:
 
 
 @bpy.app.handlers.persistent
-def changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Handle Blender's ``depsgraph_update_post``: mark the followed object to be read again.
 
     Parameters
@@ -77,7 +77,7 @@ def changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
 
 
 @bpy.app.handlers.persistent
-def stepped(*_: object) -> None:
+def on_undo(*_: object) -> None:
     """Handle undo and redo, which replace Blender's data: mark the followed object to be read again."""
     if _running:
         _running[0].touched = True
@@ -98,7 +98,7 @@ class ObjectWatcher:
         self.shown: LiveModeShape | None = None
         self.slowest = 0.0
         self.final = False
-        self._companion: Companion | None = None
+        self._companion: LiveProcess | None = None
         self._given: LiveInput | None = None
         self._next, self._look = 0.0, 0.0
         self._gone = False
@@ -139,11 +139,13 @@ class ObjectWatcher:
     def _tick(self, now: float) -> None:
         from ..store.objects import find_by_uid
 
-        if background.current() is not None:  # leave the processor to the job; its result will be a change to follow
+        if (
+            background.current_job() is not None
+        ):  # leave the processor to the job; its result will be a change to follow
             self.touched = True
             return
         self._gone = not any(obj.session_uid == self.uid for obj in bpy.context.scene.objects)
-        # read a deleted object at once (to report it), and a changed one as often as ``SHARE`` allows
+        # read a deleted object at once (to report it), and a changed one as often as ``READ_SHARE`` allows
         if (self._gone and not self._refused) or (now >= self._next and (self.touched or now >= self._look)):
             self.touched = False
             try:
@@ -151,7 +153,7 @@ class ObjectWatcher:
             except FlexMapsError as error:
                 self._refused = str(error)
             spent = time.perf_counter() - now
-            self._next, self._look = now + spent / SHARE, now + SELDOM
+            self._next, self._look = now + spent / READ_SHARE, now + IDLE_INTERVAL
         self._take()
 
     def _read(self, obj: bpy.types.Object) -> None:
@@ -168,14 +170,14 @@ class ObjectWatcher:
         block = stored_report.read(obj.data).get("equilibrium")
         self.final = block is not None and not states.is_stale(obj, scene, "equilibrium")
 
-    def _beside(self) -> Companion:
-        from .companion import Companion
+    def _beside(self) -> LiveProcess:
+        from .companion import LiveProcess
 
         if self._companion is None:
             from ..view.live_mode_shape import LiveModeShape
 
             unit = bpy.context.scene.unit_settings.scale_length
-            self._companion = Companion(lambda shape: LiveModeShape.from_shape(shape, unit))
+            self._companion = LiveProcess(lambda shape: LiveModeShape.from_shape(shape, unit))
         return self._companion
 
     def _take(self) -> None:

@@ -17,7 +17,7 @@ from ...engine.runs import page_data, report, report_page, share_page, stages
 from ...engine.runs.page_data import ViewContent
 from ...engine.runs.piece import Piece
 from ...engine.runs.result import Result
-from ..view import report as held
+from ..view import report as object_report
 
 if TYPE_CHECKING:
     import bpy
@@ -47,7 +47,7 @@ class PageContent:
         return page_data.to_json(self.view_content, self.settings, report_page.title_of(self.described), progress)
 
 
-def described(piece: Piece | bpy.types.Object) -> dict[str, Any]:
+def build_report(piece: Piece | bpy.types.Object) -> dict[str, Any]:
     """Return the report of a piece or an object."""
     if isinstance(piece, Piece):
         return report.build(piece.result, source=piece.name, settings=piece.settings)
@@ -73,7 +73,7 @@ def write(piece: Piece | bpy.types.Object, out: Path, guard: Guard, progress: Pr
     return content.described
 
 
-def share(piece: Piece | bpy.types.Object, path: Path, guard: Guard, progress: Progress = SILENT) -> Path:
+def write_share_page(piece: Piece | bpy.types.Object, path: Path, guard: Guard, progress: Progress = SILENT) -> Path:
     """Write the page to share (one HTML file with the 3D view) of a piece or an object, and return its path.
 
     Parameters
@@ -87,15 +87,15 @@ def share(piece: Piece | bpy.types.Object, path: Path, guard: Guard, progress: P
     ------
     FlexMapsError : there are no spirals
     """
-    return save(_content_of(piece), path, guard, progress)
+    return write_share_content(_content_of(piece), path, guard, progress)
 
 
-def save(content: PageContent, path: Path, guard: Guard, progress: Progress = SILENT) -> Path:
+def write_share_content(content: PageContent, path: Path, guard: Guard, progress: Progress = SILENT) -> Path:
     """Write the page to share from its content, and return its path; touches no Blender data.
 
     Parameters
     ----------
-    content : content of the page, such as from ``of_object``
+    content : content of the page, such as from ``content_of_object``
     path : the .html file
     guard : protects the user's files from being replaced
     progress : called with a fraction and a text
@@ -116,14 +116,14 @@ def save(content: PageContent, path: Path, guard: Guard, progress: Progress = SI
 
 def _content_of(piece: Piece | bpy.types.Object) -> PageContent:
     if isinstance(piece, Piece):
-        figures = described(piece)
+        figures = build_report(piece)
         drawn = report_page.draw_plots(piece.result, figures, piece.settings.layout.distortion_limit)
         return PageContent(figures, drawn, ViewContent.from_result(piece.result), piece.settings)
-    read = held.read_input(piece)
-    return of_object(read.snapshot.result(), read)
+    read = object_report.read_input(piece)
+    return content_of_object(read.snapshot.result(), read)
 
 
-def of_object(result: Result, read: held.ReportInput, progress: Progress = SILENT) -> PageContent:
+def content_of_object(result: Result, read: object_report.ReportInput, progress: Progress = SILENT) -> PageContent:
     """Build a page's content from data read of an object; touches no Blender data.
 
     Parameters
@@ -132,7 +132,7 @@ def of_object(result: Result, read: held.ReportInput, progress: Progress = SILEN
     read : data read of the object
     progress : called with a fraction and a text
     """
-    figures, drawn = held.build_from_input(result, read, progress)
+    figures, drawn = object_report.build_from_input(result, read, progress)
     return PageContent(
-        figures, drawn, held.view_content(result, read), read.snapshot.settings, result.lost.get("design")
+        figures, drawn, object_report.view_content(result, read), read.snapshot.settings, result.lost.get("design")
     )

@@ -19,7 +19,7 @@ from ..view import meshes
 from .second_blender import SecondBlender
 
 
-def seen(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonMesh:
+def read_polygons(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonMesh:
     """Return the polygons to remesh in metres: the object as it is seen, without its simulated shape.
 
     If the object holds unchanged quads of an earlier remesh, return the polygons that the quads were made from, moved
@@ -47,7 +47,7 @@ def seen(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonMesh:
     return replace(polygons, vertices=polygons.vertices @ there[:3, :3].T + there[:3, 3])
 
 
-def quads_of(
+def make_quads(
     polygons: PolygonMesh, count: int, settings: ObjectSettings, progress: Progress = SILENT
 ) -> requad.Requadded:
     """Make about ``count`` quads in the shape of a polygon mesh; callable from any thread.

@@ -21,13 +21,13 @@ import numpy as np
 from ...engine.errors import FlexMapsError
 from ...engine.progress import SILENT, Progress
 from ...engine.surface.mesh import PolygonMesh
-from .background import TICK
+from .background import POLL_INTERVAL
 
 SCRIPT = Path(__file__).with_name("second_blender_script.py")
 # timeout of a request, seconds (runs take up to 3 s); a longer one suits slower machines, and waits longer for runs
 # that never end
-LIMIT = 30.0
-START = 120.0  # seconds added to the timeout if Blender has to start (about 4 s); longer suits slower machines
+TIMEOUT = 30.0
+START_TIMEOUT = 120.0  # seconds added to the timeout if Blender has to start (about 4 s); longer suits slower machines
 # folders of Blender's user files that are set by environment variables BLENDER_USER_...
 USER_FILES = ("RESOURCES", "CONFIG", "SCRIPTS", "EXTENSIONS", "DATAFILES")
 
@@ -104,9 +104,9 @@ class SecondBlender:
         base = Path(self._folder.name) / str(self._asked)
         file, answer = base.with_suffix(".npz"), base.with_suffix(".answer.npz")
         np.savez(file, **arrays)  # type: ignore[arg-type]
-        limit = LIMIT
+        limit = TIMEOUT
         if self._process is None:
-            self._process, limit = started(Path(self._folder.name), SCRIPT), LIMIT + START
+            self._process, limit = start_blender(Path(self._folder.name), SCRIPT), TIMEOUT + START_TIMEOUT
         wanted = {"tool": tool, "options": options, "given": str(file), "answer": str(answer)}
         ends = time.monotonic() + limit
         try:
@@ -117,7 +117,7 @@ class SecondBlender:
                 if self._process.poll() is not None or time.monotonic() > ends:
                     self._end()
                     return None
-                time.sleep(TICK)
+                time.sleep(POLL_INTERVAL)
                 progress(0.0, tool)
         except OSError:  # the process ended before the request arrived
             self._end()
@@ -137,7 +137,7 @@ class SecondBlender:
             self._process = None
 
 
-def started(
+def start_blender(
     folder: Path, script: Path, words: Sequence[str] = (), out: IO[bytes] | int = subprocess.DEVNULL
 ) -> subprocess.Popen[str]:
     """Start a Blender that runs a script and reads requests from standard input.

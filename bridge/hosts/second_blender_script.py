@@ -107,7 +107,7 @@ def as_arrays(mesh):
 TOOLS: dict = {"triangles": triangles, "voxels": voxels, "cells": cells, "quads": quads}
 
 
-def answer(wanted, arrays):
+def run_tool(wanted, arrays):
     """Run the requested tool and return the arrays of its result; {} if Blender's operator fails."""
     if wanted["tool"] == "touching":
         return {"pairs": touching(arrays["vertices"], arrays["corners"], arrays["body"])}
@@ -127,7 +127,7 @@ def main():
     for line in sys.stdin:  # ends when the first Blender ends
         wanted = json.loads(line)
         with np.load(wanted["given"]) as arrays:
-            answers = answer(wanted, arrays)
+            answers = run_tool(wanted, arrays)
         unfinished = wanted["answer"] + ".part.npz"
         np.savez(unfinished, **answers)
         os.replace(unfinished, wanted["answer"])

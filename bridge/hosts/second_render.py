@@ -8,12 +8,12 @@ from pathlib import Path
 
 from ...engine.errors import FlexMapsError
 from ...engine.progress import Progress
-from .background import TICK
-from .second_blender import started
+from .background import POLL_INTERVAL
+from .second_blender import start_blender
 
 SCRIPT = Path(__file__).with_name("second_render_script.py")
-SAMPLE = re.compile(rb"Sample (\d+)/(\d+)")
-TAIL = 4000  # bytes at the end of the log that are searched for the last progress line, of about 150 bytes
+SAMPLE_PATTERN = re.compile(rb"Sample (\d+)/(\d+)")
+TAIL_BYTES = 4000  # bytes at the end of the log that are searched for the last progress line, of about 150 bytes
 
 
 def render(pack: Path, made: Path, frames: int, progress: Progress) -> list[Path]:
@@ -35,11 +35,11 @@ def render(pack: Path, made: Path, frames: int, progress: Progress) -> list[Path
     made.mkdir(exist_ok=True)
     log = pack.with_suffix(".txt")
     with log.open("wb") as stream:
-        process = started(pack.parent, SCRIPT, (str(pack), "film" if frames else "picture"), stream)
+        process = start_blender(pack.parent, SCRIPT, (str(pack), "film" if frames else "picture"), stream)
         try:
             while process.poll() is None:
-                progress(*_progress_of(log, made, frames))
-                time.sleep(TICK)
+                progress(*_read_progress(log, made, frames))
+                time.sleep(POLL_INTERVAL)
         finally:
             process.kill()
             process.wait()
@@ -52,12 +52,12 @@ def render(pack: Path, made: Path, frames: int, progress: Progress) -> list[Path
     return pictures
 
 
-def _progress_of(log: Path, made: Path, frames: int) -> tuple[float, str]:
+def _read_progress(log: Path, made: Path, frames: int) -> tuple[float, str]:
     """Return the fraction done and a progress text, from the render's log or the number of files in ``made``."""
     if frames:
         done = sum(1 for _ in made.iterdir())
         return min(done / frames, 1.0), f"frame {min(done + 1, frames)} of {frames}"
-    samples = SAMPLE.findall(log.read_bytes()[-TAIL:])
+    samples = SAMPLE_PATTERN.findall(log.read_bytes()[-TAIL_BYTES:])
     if not samples:
         return 0.0, "setting up the picture"
     done, count = (int(word) for word in samples[-1])

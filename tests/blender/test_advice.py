@@ -212,7 +212,7 @@ def test_slots_that_opened_count_as_help(closed: list[Any], helped: bool) -> Non
 
 
 def stopping(after: int) -> Callable[[str, Any], Any]:
-    """In place of ``background.run_here``: work that is stopped when it has told so often how far it is."""
+    """In place of ``background.run_blocking``: work that is stopped when it has told so often how far it is."""
     told: list[float] = []
 
     def run(title: str, work: Any) -> Any:
@@ -229,7 +229,7 @@ def test_stopped_or_failed_everything_is_as_it_was(
     before = everything(obj, all_of)
     for after in (1, 25):
         with monkeypatch.context() as patch:
-            patch.setattr(background, "run_here", stopping(after))
+            patch.setattr(background, "run_blocking", stopping(after))
             assert getattr(bpy.ops.flexmaps, BUTTONS[remedy][0])() == {"CANCELLED"}
         assert everything(obj, all_of) == before and bpy.context.object == obj
 
@@ -255,7 +255,7 @@ def test_a_search_that_is_stopped_is_not_kept(add: Any, all_of: Any, monkeypatch
         seen: list[Any] = []
         return work(Progress(stopped=lambda: len(seen) > 0, shown=seen.append))
 
-    monkeypatch.setattr(background, "run_here", run)
+    monkeypatch.setattr(background, "run_blocking", run)
     assert bpy.ops.flexmaps.make_larger() == {"CANCELLED"}
     assert everything(obj, all_of) == before
 
@@ -273,7 +273,7 @@ def test_they_run_beside_the_window(strained: Any, all_of: Any, monkeypatch: pyt
         operator.report = lambda level, text: said.append((*level, text))
         assert operator.invoke(window, None) == {"RUNNING_MODAL"}
         operator.modal(window, event)
-        assert drive(operator, window) == {wanted} and clean(window) and background.current() is None
+        assert drive(operator, window) == {wanted} and clean(window) and background.current_job() is None
         assert (everything(strained, all_of) == before) == (wanted == "CANCELLED")
     assert said[0] == ("WARNING", "Thinner sheet was stopped; nothing was changed")
     assert "Sheet of 1.5 mm instead of 2 mm" in said[1][1]
@@ -324,13 +324,13 @@ def test_advice_that_is_out_of_date_is_not_followed(strained: Any, all_of: Any) 
 
 
 def test_settings_that_change_meanwhile_make_it_out_of_date(strained: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    run = background.run_here
+    run = background.run_blocking
 
     def busy(title: str, work: Any) -> Any:
         strained.flexmaps.spiral.slot_min = 0.35  # by hand, while the work goes on
         return run(title, work)
 
-    monkeypatch.setattr(background, "run_here", busy)
+    monkeypatch.setattr(background, "run_blocking", busy)
     press("make_thinner")
     assert states.read_states(strained, bpy.context.scene)["reach"].kind == states.STALE
 

@@ -77,7 +77,7 @@ def test_a_mistake_is_told_in_one_line(
 def test_a_flag_of_a_name_that_several_sections_have_names_its_own() -> None:
     """``--iterations`` by itself would be taken for those of any of them."""
     words = ["--regularise-iterations", "3", "--simulate-iterations", "4", "--optimise-iterations", "5"]
-    given = vars(arguments.parser().parse_args(["run", "shape:strip", "--out", "x", *words]))
+    given = vars(arguments.make_parser().parse_args(["run", "shape:strip", "--out", "x", *words]))
     assert [given[f"{name}.iterations"] for name in ("regularise", "simulate", "optimise")] == ["3", "4", "5"]
 
 
@@ -186,9 +186,9 @@ def test_every_setting_is_listed_and_can_be_set(capsys: pytest.CaptureFixture[st
     names = {f"{block.name}.{f.name}" for block in fields(ObjectSettings) for f in fields(block.default_factory)}  # type: ignore[arg-type, misc]
     assert set(rows) == names
     words = [f"--set={name}={row['default']}" for name, row in rows.items()]
-    args = arguments.parser().parse_args(["check", "shape:strip", *words])
+    args = arguments.make_parser().parse_args(["check", "shape:strip", *words])
     from flexmaps import api
 
-    assert api.load("shape:strip", settings=sources.settings(args)).settings == ObjectSettings()
+    assert api.load("shape:strip", settings=sources.parse_settings(args)).settings == ObjectSettings()
     assert run("settings") == 0
     assert "spiral.thickness" in capsys.readouterr().out

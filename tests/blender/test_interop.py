@@ -311,7 +311,7 @@ def test_saving_meanwhile_keeps_the_file_as_it_was(
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "meanwhile.blend"))
     again = bpy.data.objects["piece"]
     assert content(again) == before and kinds(again) == found
-    assert background.current() is None
+    assert background.current_job() is None
     press("spirals")
 
 

@@ -68,7 +68,7 @@ def move(dome: Any) -> Any:
 
 def test_a_job_that_ends_writes_the_mesh(move: Any, window: Window, dome: Any) -> None:
     assert move.invoke(window, None) == {"RUNNING_MODAL"}
-    assert background.current() is not None and window.window_manager.handlers == [move]
+    assert background.current_job() is not None and window.window_manager.handlers == [move]
     assert "ESC" in (window.status[-1] or "")
     move.begun.wait(5)
     assert move.modal(window, TIMER) == {"PASS_THROUGH"}
@@ -78,7 +78,7 @@ def test_a_job_that_ends_writes_the_mesh(move: Any, window: Window, dome: Any) -
     assert drive(move, window) == {"FINISHED"}
     assert dome.data.edges[0].use_seam
     assert move.said == [("INFO", "got 7")]
-    assert clean(window) and background.current() is None
+    assert clean(window) and background.current_job() is None
 
 
 def test_escape_stops_and_changes_nothing(move: Any, window: Window, dome: Any, content: Any) -> None:
@@ -89,7 +89,7 @@ def test_escape_stops_and_changes_nothing(move: Any, window: Window, dome: Any, 
     assert drive(move, window) == {"CANCELLED"}
     assert content(dome) == before
     assert move.said[0][0] == "WARNING"
-    assert clean(window) and background.current() is None
+    assert clean(window) and background.current_job() is None
 
 
 def test_an_error_of_the_engine_is_reported(move: Any, window: Window, dome: Any, content: Any) -> None:
@@ -99,7 +99,7 @@ def test_an_error_of_the_engine_is_reported(move: Any, window: Window, dome: Any
     move.invoke(window, None)
     assert drive(move, window) == {"CANCELLED"}
     assert move.said == [("ERROR", "Face 3 is wrong; mend it")]
-    assert clean(window) and background.current() is None
+    assert clean(window) and background.current_job() is None
     assert dome.mode == "EDIT"  # where the culprits are seen
     dome.update_from_editmode()
     assert [f.index for f in dome.data.polygons if f.select] == [3]
@@ -112,7 +112,7 @@ def test_a_bug_propagates_and_leaves_nothing_running(move: Any, window: Window) 
     move.invoke(window, None)
     with pytest.raises(ZeroDivisionError):
         drive(move, window)
-    assert clean(window) and background.current() is None
+    assert clean(window) and background.current_job() is None
 
 
 def test_the_object_may_be_renamed_meanwhile(move: Any, window: Window, dome: Any) -> None:
@@ -129,7 +129,7 @@ def test_the_object_may_be_deleted_meanwhile(move: Any, window: Window, dome: An
     move.go.set()
     assert drive(move, window) == {"CANCELLED"}
     assert "deleted" in move.said[0][1]
-    assert clean(window) and background.current() is None
+    assert clean(window) and background.current_job() is None
 
 
 @pytest.mark.parametrize("change", ["vertex", "scale", "seam", "face"])
@@ -163,10 +163,10 @@ def test_a_mesh_changed_meanwhile_is_not_overwritten(
 def test_another_file_is_loaded_meanwhile(move: Any, window: Window) -> None:
     move.invoke(window, None)
     move.begun.wait(5)
-    running = background.current()
+    running = background.current_job()
     assert running is not None
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)  # load_pre stops the job and waits for it
-    assert running.finished and background.current() is None
+    assert running.finished and background.current_job() is None
     move.cancel(window)  # what Blender then calls
     assert clean(window)
 
@@ -183,7 +183,7 @@ def test_a_failing_read_starts_nothing(window: Window, dome: Any) -> None:
     operator = Move()
     assert operator.invoke(window, None) == {"CANCELLED"}
     assert "Fine" in operator.said[0][1]
-    assert background.current() is None and not window.window_manager.timers
+    assert background.current_job() is None and not window.window_manager.timers
 
 
 def test_real_merge_in_the_background(window: Window, add: Any, seams_of: Any) -> None:
@@ -215,7 +215,7 @@ def test_ticks_are_one_line_a_step(capsys: pytest.CaptureFixture[str]) -> None:
         progress(0.9, "second")
         return 3
 
-    assert background.run_here("Merge", work) == 3
+    assert background.run_blocking("Merge", work) == 3
     assert [line.split("% ")[1] for line in capsys.readouterr().out.splitlines()] == ["first: 0", "second"]
 
 
@@ -224,7 +224,7 @@ def test_control_c_becomes_cancelled() -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(Cancelled):
-        background.run_here("Merge", work)
+        background.run_blocking("Merge", work)
 
 
 def test_the_numerics_are_imported_once_and_only_with_a_window(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -279,7 +279,7 @@ def test_drawing_takes_a_tenth_of_the_time(frame: float) -> None:
         if pace.due(now):
             drawn.append(now)
             now += frame
-        now += stage.TICK
+        now += stage.POLL_INTERVAL
     assert len(drawn) * frame <= progress.MAX_SHARE * now + frame
-    longest = max(progress.MIN_INTERVAL, (frame + stage.TICK) / progress.MAX_SHARE) + 2 * stage.TICK
+    longest = max(progress.MIN_INTERVAL, (frame + stage.POLL_INTERVAL) / progress.MAX_SHARE) + 2 * stage.POLL_INTERVAL
     assert len(drawn) >= now / longest - 1  # and yet as often as that allows

@@ -42,25 +42,27 @@ def remesh(add: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
 def test_a_remesh_runs_beside_the_window(remesh: Any, window: Window) -> None:
     objects = len(bpy.data.objects)
     assert remesh.invoke(window, None) == {"RUNNING_MODAL"}
-    assert background.current() is not None and "ESC" in (window.status[-1] or "") and len(bpy.data.objects) == objects
+    assert (
+        background.current_job() is not None and "ESC" in (window.status[-1] or "") and len(bpy.data.objects) == objects
+    )
     assert not bpy.ops.flexmaps.check.poll()
     assert remesh.modal(window, MOUSE) == {"PASS_THROUGH"}  # the user goes on working
     remesh._job._thread.join()
     assert drive(remesh, window) == {"FINISHED"}
     assert remesh.said[0][0] == "INFO" and bpy.context.object.name == "piece quads"
-    assert clean(window) and background.current() is None
+    assert clean(window) and background.current_job() is None
 
 
 def test_a_remesh_that_is_stopped_leaves_nothing(remesh: Any, window: Window, monkeypatch: pytest.MonkeyPatch) -> None:
     """Though QuadriFlow itself cannot be stopped, and here never comes back."""
     from flexmaps.bridge.hosts import second_blender
 
-    started, start = [], second_blender.started
-    monkeypatch.setattr(second_blender, "started", lambda *given: started.append(start(*given)) or started[-1])
+    started, start = [], second_blender.start_blender
+    monkeypatch.setattr(second_blender, "start_blender", lambda *given: started.append(start(*given)) or started[-1])
     monkeypatch.setattr(
         second_blender.json, "dumps", lambda wanted: "["
     )  # nothing is ever asked: Blender waits for the rest
-    monkeypatch.setattr(second_blender, "LIMIT", 1e6)
+    monkeypatch.setattr(second_blender, "TIMEOUT", 1e6)
     before = {o.name for o in bpy.data.objects}, {m.name for m in bpy.data.meshes}
     remesh.invoke(window, None)
     while not started:
@@ -70,14 +72,14 @@ def test_a_remesh_that_is_stopped_leaves_nothing(remesh: Any, window: Window, mo
     assert drive(remesh, window) == {"CANCELLED"}
     assert ({o.name for o in bpy.data.objects}, {m.name for m in bpy.data.meshes}) == before
     assert remesh.said == [("WARNING", "Quad remesh was stopped; nothing was changed")]
-    assert bpy.context.object.name == "piece" and clean(window) and background.current() is None
+    assert bpy.context.object.name == "piece" and clean(window) and background.current_job() is None
     assert all(process.poll() is not None for process in started)
 
 
 def test_another_file_is_loaded_during_a_remesh(remesh: Any, window: Window) -> None:
     remesh.invoke(window, None)
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    assert background.current() is None
+    assert background.current_job() is None
     remesh.cancel(window)
     assert clean(window)
 
@@ -116,4 +118,4 @@ def test_a_report_is_seen_before_its_letters_are_made(
 def test_a_report_that_waits_for_letters_can_be_stopped(report: Any, window: Window) -> None:
     report.invoke(window, None)
     background.stop_current()  # as when another file is loaded: the letters never come
-    assert background.current() is None
+    assert background.current_job() is None

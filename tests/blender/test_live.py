@@ -17,7 +17,7 @@ from flexmaps.bridge.store import attributes, states
 def following(spiralled: Any) -> Iterator[live.ObjectWatcher]:
     bpy.ops.ed.undo_push(message="begin")
     assert bpy.ops.flexmaps.live() == {"FINISHED"}
-    found = live.current()
+    found = live.current_watcher()
     assert found is not None
     settled(found)
     yield found
@@ -81,7 +81,7 @@ def test_undo_redo_modes_and_the_end_of_the_object(following: live.ObjectWatcher
     bpy.ops.ed.undo()
     assert np.abs(settled(following) - second).max() < 1e-6 and following.shown is not None
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    assert live.current() is None and live.shown() is None
+    assert live.current_watcher() is None and live.shown_picture() is None
 
 
 def test_it_stands_back_after_the_final_simulation(following: live.ObjectWatcher) -> None:
@@ -107,4 +107,4 @@ def test_what_cannot_be_followed_is_said(following: live.ObjectWatcher) -> None:
     obj.flexmaps.simulate.gravity = False
     settled(following)
     assert following.problem == ""
-    assert bpy.ops.flexmaps.live() == {"FINISHED"} and live.current() is None  # pressed again
+    assert bpy.ops.flexmaps.live() == {"FINISHED"} and live.current_watcher() is None  # pressed again

@@ -86,7 +86,7 @@ def test_no_state_comes_twice(
     monkeypatch.setattr(operator, "_read", fails)
     seen: list[tuple[Any, ...]] = []
     failures: list[str] = []
-    for _ in range(pressing.MOST):
+    for _ in range(pressing.MAX_PRESSES):
         piece = bpy.context.view_layer.objects.active
         act = guidance.read_guidance(piece, bpy.context.scene).act
         if act is None or act.idname == "wm.path_open":
@@ -97,7 +97,7 @@ def test_no_state_comes_twice(
         assert seen.count(seen[-1]) == 1, [one[-2:] for one in seen]
         pressing.press(piece)
     else:
-        pytest.fail(f"{pressing.MOST} presses lead to no end: {[one[-2:] for one in seen]}")
+        pytest.fail(f"{pressing.MAX_PRESSES} presses lead to no end: {[one[-2:] for one in seen]}")
     if not failures:
         pytest.skip(f"Next never offers {broken} from {start}")
     failed = [one for one in guidance.read_guidance(piece, bpy.context.scene).notices if one.key == f"failed/{broken}"]

@@ -115,7 +115,7 @@ def test_stopped_at_any_moment_the_scene_is_sound(piece: Any, all_of: Any, tmp_p
             assert all_of(piece) == before
         else:
             kept += 1
-        assert background.current() is None
+        assert background.current_job() is None
         assert not piece.data.validate(verbose=False)
         assert not len(unfabricable_quads(design(piece)))
         assert len(equilibrium.simulated_keys(piece.data)) == 1

@@ -46,9 +46,9 @@ def test_what_hangs_is_ended_and_the_next_one_starts_anew(dome: PolygonMesh, mon
         triangles = tool.triangles(dome, 1e-9)
         assert triangles is not None and (triangles.sizes == 3).all() and len(triangles.sizes) == 2 * len(dome.sizes)
         first = tool._process
-        monkeypatch.setattr(second_blender, "LIMIT", 0.0)
+        monkeypatch.setattr(second_blender, "TIMEOUT", 0.0)
         assert tool.quads(triangles, 100, 0, False) is None and first.poll() is not None
-        monkeypatch.setattr(second_blender, "LIMIT", 30.0)
+        monkeypatch.setattr(second_blender, "TIMEOUT", 30.0)
         quads = tool.quads(triangles, 100, 0, False)
         assert quads is not None and (quads.sizes == 4).all() and tool._process is not first
         assert np.ptp(quads.vertices, axis=0) == pytest.approx(np.ptp(dome.vertices, axis=0), rel=0.15)
@@ -62,8 +62,8 @@ def test_a_letter_on_which_quadriflow_comes_apart_is_cut_into_quads() -> None:
     curve.body = "M"
     obj = bpy.data.objects.new("M", curve)
     bpy.context.scene.collection.objects.link(obj)
-    letter = remesh.seen(obj, bpy.context)
-    made = remesh.quads_of(letter, 300, ObjectSettings(remesh=RemeshParams(smooth=True)))
+    letter = remesh.read_polygons(obj, bpy.context)
+    made = remesh.make_quads(letter, 300, ObjectSettings(remesh=RemeshParams(smooth=True)))
     assert not [f for f in check.findings(made.polygons) if f.is_error]
     assert 150 < len(made.polygons.sizes) < 600
     expected, area = (requad.target_of(mesh).area for mesh in (letter, made.polygons))

@@ -79,7 +79,7 @@ def test_main_job_up_to_simulate(tmp_path: Path) -> None:
 def test_main_job_goes_on_where_it_cannot_simulate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Weight without supports: the files are there, the exit status and the report say what is missing."""
     arguments = ("shape:saddle", "--edge", 20, "--gravity", "--out", tmp_path, "--no-pictures", "--nesting", "FAST")
-    assert run(*arguments) == command.UNDONE == 3
+    assert run(*arguments) == command.UNDONE_STATUS == 3
     report = json.loads((tmp_path / "report.json").read_text())
     assert "equilibrium" not in report and report["sheets"]["sheets"] >= 1 and report["undone"] == ["simulate"]
     warning = next(c for c in report["checks"] if c["code"] == "not-simulated")
@@ -91,7 +91,7 @@ def test_main_job_goes_on_where_it_cannot_simulate(tmp_path: Path, capsys: pytes
 
 def test_main_job_says_that_it_found_no_equilibrium(tmp_path: Path) -> None:
     given = ("shape:saddle", "--edge", 20, "--out", tmp_path, "--no-pictures", "--stop-after", "simulate")
-    assert run(*given, "--set", "simulate.iterations=1") == command.UNDONE
+    assert run(*given, "--set", "simulate.iterations=1") == command.UNDONE_STATUS
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["undone"] == ["simulate"] and not report["equilibrium"]["converged"]
     assert [f["code"] for f in report["equilibrium"]["findings"]] == ["no-equilibrium"]

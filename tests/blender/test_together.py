@@ -97,7 +97,7 @@ def test_names_in_any_script_are_drawn(name: str, tmp_path: Path) -> None:
     from flexmaps.engine.fabrication.writers import glyphs, pdf
 
     before = len(bpy.data.curves), len(bpy.data.objects)
-    letters.learn(name)
+    letters.add_outlines(name)
     assert (len(bpy.data.curves), len(bpy.data.objects)) == before
     unlike = [run for run in glyphs.runs(name) if not glyphs.plain(run)]
     assert unlike and all(glyphs.known[run].splines and glyphs.known[run].width > 0.3 * len(run) for run in unlike)

@@ -33,7 +33,7 @@ package.register()
 from flexmaps import api
 from flexmaps.bridge.store import stored_report
 from flexmaps.command import arguments
-arguments.parser()
+arguments.make_parser()
 buttons = dir(bpy.ops.flexmaps)
 bpy.ops.wm.open_mainfile(filepath=blend)
 obj = bpy.context.view_layer.objects.active

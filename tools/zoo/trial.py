@@ -115,8 +115,8 @@ def remeshed(polygons: PolygonMesh, count: int) -> PolygonMesh:
     """Quads by Blender's tools, as ``run --remesh`` makes them."""
     from flexmaps.bridge.hosts import job_folder, remesh
 
-    with job_folder.quiet_blender():
-        return remesh.quads_of(polygons, count, ObjectSettings()).polygons
+    with job_folder.suppress_output():
+        return remesh.make_quads(polygons, count, ObjectSettings()).polygons
 
 
 def describe(result: job.Result, settings: Settings) -> dict[str, Any]:
