@@ -18,10 +18,11 @@ from flexmaps.engine.mechanics.assembly import assembly_from_design, target_pose
 from flexmaps.engine.mechanics.clearance.slots_in_space import SpaceSlots
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.optimisation import optimise, task
+from flexmaps.engine.optimisation.design_point import DesignPoint
 from flexmaps.engine.optimisation.design_space import DesignSpace
-from flexmaps.engine.optimisation.inverse import DesignPoint, InverseProblem
+from flexmaps.engine.optimisation.gauss_newton import SearchRecord, run_gauss_newton
+from flexmaps.engine.optimisation.inverse import InverseProblem
 from flexmaps.engine.optimisation.objective import Target
-from flexmaps.engine.optimisation.optimisers import SearchRecord, gauss_newton
 from flexmaps.engine.params import OptimiseParams, SimulateParams
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.simulation.simulate import build_model
@@ -128,7 +129,7 @@ def published_problem(name: str, piece: Any) -> Rows:
     _, result = search(piece, OptimiseParams(strain_share=0.0, codesign=False, open_slots=False))
     block = result.report()
     # the line search of L-BFGS-B needs exact equilibria: with ours it ends at once
-    ours, seconds = _optimiser(piece, gauss_newton, OptimiseParams(patience=0.0), task.COARSE_TOLERANCE)
+    ours, seconds = _optimiser(piece, run_gauss_newton, OptimiseParams(patience=0.0), task.COARSE_TOLERANCE)
     theirs, baseline = _optimiser(piece, lbfgs, OptimiseParams(iterations=BASELINE_STEPS), SimulateParams().tolerance)
     if name in PUBLISHED:
         then, rmse, faster = PUBLISHED[name]
@@ -149,7 +150,9 @@ def _optimiser(piece: Any, method: Any, params: OptimiseParams, tolerance: float
     x, pose = space.coordinates(design.width, design.twist), target_pose(piece.mesh, design.flat.corners)
     quick = lambda piece, progress: build_model(piece, MATERIAL, "arm", quick=True, progress=progress)  # noqa: E731
     problem = InverseProblem(assembly, space, aim, loads, quick, SimulateParams(tolerance=tolerance))
-    seconds, best = timed(lambda: method(problem, problem.at(x, pose), params, SearchRecord(), lambda point: None))
+    seconds, best = timed(
+        lambda: method(problem, problem.point_at(x, pose), params, SearchRecord(), lambda point: None)
+    )
     return best, seconds
 
 

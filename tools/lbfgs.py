@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from flexmaps.engine.newton import CONVERGED, ITERATIONS, TIME
-from flexmaps.engine.optimisation.inverse import DesignPoint, InverseProblem
-from flexmaps.engine.optimisation.optimisers import MAX_NEWTON_ITERATIONS, Accepted, SearchRecord
+from flexmaps.engine.optimisation.design_point import DesignPoint
+from flexmaps.engine.optimisation.gauss_newton import MAX_NEWTON_ITERATIONS, Accepted, SearchRecord
+from flexmaps.engine.optimisation.inverse import InverseProblem
 from flexmaps.engine.params import OptimiseParams
 from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.threads import one_thread
@@ -20,7 +21,7 @@ def lbfgs(
     accepted: Accepted,
     progress: Progress = SILENT,
 ) -> DesignPoint:
-    """Run L-BFGS-B with an equilibrium at every evaluation, as in the publication; parameters as of ``gauss_newton``.
+    """Run L-BFGS-B with an equilibrium at every evaluation, as in the publication; parameters as of ``run_gauss_newton``.
 
     Without an equilibrium, and beyond the limits of flat shapes, the objective is replaced by ten times the start's.
     """
@@ -35,12 +36,12 @@ def lbfgs(
         trace.evaluations += 1
         if problem.work.over:
             raise StopIteration
-        point = problem.at(x, last.equilibrium.pose, within, MAX_NEWTON_ITERATIONS)
+        point = problem.point_at(x, last.equilibrium.pose, within, MAX_NEWTON_ITERATIONS)
         if not (point.equilibrium.converged and np.isfinite(point.value)):
             trace.unstable += 1
             return 10.0 * start.value, np.zeros_like(x)
         last = point
-        point.prepare(within)
+        point.precompute(within)
         gradient = point.gradient.copy()
         if point.value < best.value:
             best = point

@@ -6,7 +6,7 @@ flexmaps_distance        face        distance of the hub from the target, millim
 flexmaps_strain_energy   face        elastic energy of the spiral, millijoules
 flexmaps_strain          face        largest strain as a share of the material's limit, if the arm model yields strains
 flexmaps_slot            face        narrowest slot beside the spiral's arms, millimetres; negative where arms overlap
-flexmaps_reach           face        why the quad misses the target: an index into ``engine/optimisation/reach.REASONS``
+flexmaps_reach           face        why the quad misses the target: an index into ``engine/optimisation/match_limits.REASONS``
 flexmaps_utilisation     face        largest utilisation of the arms over all load cases, as a share of the limit
 flexmaps_hub             face        position of the hub, see ``pose``
 """
@@ -28,7 +28,7 @@ from .shape_keys import EQUILIBRIUM_KEY, OTHER_KEY, simulated_keys
 
 if TYPE_CHECKING:
     from ...engine.mechanics.assembly import Pose
-    from ...engine.optimisation.reach import MatchLimits
+    from ...engine.optimisation.match_limits import MatchLimits
     from ...engine.simulation.simulate import Simulation
     from .surface import ObjectSurface
 

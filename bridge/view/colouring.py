@@ -172,7 +172,7 @@ def stiffness_legend(low: float, high: float) -> Legend:
 
 def _reason_colours(kinds: Int[np.ndarray, " quads"]) -> tuple[Float[np.ndarray, "quads 3"], Legend]:
     """Return colours and legend of the reasons why spirals miss the target; ``kinds`` are indices of the reasons."""
-    from ...engine.optimisation.reach import REASON_NAMES
+    from ...engine.optimisation.match_limits import REASON_NAMES
 
     looks = [colours.LIMITS[name] for name in REASON_NAMES]
     count = np.bincount(kinds, minlength=len(looks))

@@ -11,8 +11,8 @@ import numpy as np
 from .. import colours
 from ..arrays import Bool, Float, Int
 from ..figures import format_figure
-from ..optimisation import reach
-from ..optimisation.reach import MatchLimits
+from ..optimisation import match_limits
+from ..optimisation.match_limits import MatchLimits
 from ..patches.flattening.flatten import FlatPatches
 from ..simulation.simulate import Simulation
 from ..spirals.curves.spiral import anisotropy
@@ -37,7 +37,7 @@ class MapValues:
     shape, distance : vertices of the simulated shape, metres; distance of each spiral to the target, mm
     strain : strain of the arms, as a share of the strain limit
     slot : narrowest slot in space beside the spiral's arms, mm
-    kind : what limits the match at the spiral, index into ``reach.REASON_NAMES``
+    kind : what limits the match at the spiral, index into ``match_limits.REASON_NAMES``
     more : values of optional features (``engine.extras``), by name
     """
 
@@ -196,7 +196,7 @@ def _match(m: MapValues, described: Mapping[str, Any]) -> dict[str, Drawing]:
         room = Colouring.from_values("Slots in the simulated shape", m.slot, "mm", colours.ERROR_SCALE[::-1], low, high)
         found["slots"] = plots.flat_map(m.corners, m.sides, room)
     if m.kind is not None:
-        looks = [colours.LIMITS[name] for name in reach.REASON_NAMES]
+        looks = [colours.LIMITS[name] for name in match_limits.REASON_NAMES]
         counts = np.bincount(m.kind, minlength=len(looks)).tolist()
         named = zip(hexes(np.array([colour for colour, _ in looks])), looks, counts)
         rows = tuple((name, f"{text}: {count}") for name, (_, text), count in named if count)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Bool, Float
-from .polytope import LinearClearances, Nearest, Polytope, Projection, scale_columns
+from .polytope import LinearClearances, NearestPoint, Polytope, Projection, scale_columns
 
 Product = Callable[[np.ndarray], np.ndarray]
 # These values bring 86 % of the exact decrease in the median, with a mean of 72 products per step (docs/tuning.md)
@@ -17,12 +17,12 @@ MAX_ROUNDS = 10  # largest number of rounds in a step
 MIN_GAIN = 0.1
 # Iterations of conjugate gradients: in a short solve, which finds the bounds that a direction would cross, and in the
 # full solve within these bounds. More and fewer of either bring less (docs/tuning.md)
-PROBE_ITERATIONS, ITERATIONS = 5, 15
+PROBE_ITERATIONS, FULL_ITERATIONS = 5, 15
 # Norm of the residual over the right-hand side at which conjugate gradients stop. Larger: fewer products, smaller
 # decrease
-PRECISION = 0.1
+CG_TOL = 0.1
 # Largest factor by which the projected gradient step grows or shrinks between two rounds. Smaller: smaller decrease
-STRETCH = 10.0
+MAX_LENGTH_CHANGE = 10.0
 MAX_HALVINGS = 6  # largest number of halvings of a direction until its projection lowers the model
 # Distance of a coordinate from its bound, as a share of its range, and clearance of a gap, in scaled coordinates, below
 # which the bound counts as reached and the gap as closed. Larger: slightly smaller decrease (docs/tuning.md)
@@ -33,7 +33,7 @@ def bounded_step(
     x: Float[np.ndarray, " coordinates"],
     gradient: Float[np.ndarray, " coordinates"],
     product: Product,
-    rooms: LinearClearances,
+    linear_clearances: LinearClearances,
     units: Float[np.ndarray, " coordinates"] | None = None,
 ) -> Float[np.ndarray, " coordinates"]:
     """Return the step that nearly minimises a convex quadratic model within the box and the clearances.
@@ -46,7 +46,7 @@ def bounded_step(
     x : present coordinates, in [0, 1]
     gradient : of the model at ``x``
     product : of the model's matrix with a vector (coordinates,)
-    rooms : linearised clearances at ``x``
+    linear_clearances : linearised clearances at ``x``
     units : of the coordinates, which precondition the search and define the norm of projections; ones if None
 
     Returns
@@ -54,13 +54,13 @@ def bounded_step(
     The step; ``x`` plus the step lies in the box.
     """
     unit = np.ones_like(x) if units is None else units
-    bounds = Polytope(-x / unit, (1.0 - x) / unit, rooms.in_units(unit))
+    bounds = Polytope(-x / unit, (1.0 - x) / unit, linear_clearances.scaled(unit))
     model = _Model(lambda way: unit * product(unit * way), np.zeros_like(x), unit * gradient)
     length = 1.0
     for _ in range(MAX_ROUNDS):
         before = model.decrease
         ahead = bounds.nearest(model.step - length * model.slope)
-        length *= np.clip(model.descend(ahead.point - model.step), 1.0 / STRETCH, STRETCH)
+        length *= np.clip(model.descend(ahead.point - model.step), 1.0 / MAX_LENGTH_CHANGE, MAX_LENGTH_CHANGE)
         way = _search_direction(model, bounds, ahead)
         for turn in range(MAX_HALVINGS):
             change = bounds.nearest(model.step + 0.5**turn * way).point - model.step
@@ -83,31 +83,31 @@ class _Model:
 
     def descend(self, change: np.ndarray) -> float:
         """Minimise along a change, at most by the whole change; return the unbounded minimiser as a multiple of it."""
-        along = -float(change @ self.slope)
-        if along <= 0.0:
+        project = -float(change @ self.slope)
+        if project <= 0.0:
             return 1.0
         image = self.product(change)
         bend = float(change @ image)
-        whole = along / bend if bend > 0.0 else np.inf
+        whole = project / bend if bend > 0.0 else np.inf
         share = min(whole, 1.0)
         self.step, self.slope = self.step + share * change, self.slope + share * image
-        self.decrease += share * (along - 0.5 * share * bend)
+        self.decrease += share * (project - 0.5 * share * bend)
         return whole
 
 
-def _search_direction(model: _Model, bounds: Polytope, ahead: Nearest) -> Float[np.ndarray, " coordinates"]:
+def _search_direction(model: _Model, bounds: Polytope, ahead: NearestPoint) -> Float[np.ndarray, " coordinates"]:
     """Return the direction to the model's minimum on the polytope's face that the projected gradient step leads to."""
     step, span = model.step, bounds.high - bounds.low
     low, high = step <= bounds.low + AT_BOUND * span, step >= bounds.high - AT_BOUND * span
     fixed = (low & (ahead.point <= bounds.low)) | (high & (ahead.point >= bounds.high))
-    held = ahead.closed & (bounds.room(step) < CLOSED_BELOW)
-    trial = step + _solve(model, bounds, fixed, held, PROBE_ITERATIONS)
+    held = ahead.active & (bounds.clearances(step) < CLOSED_BELOW)
+    trial = step + _minimise_on_face(model, bounds, fixed, held, PROBE_ITERATIONS)
     fixed |= (trial < bounds.low) | (trial > bounds.high)
-    held |= bounds.room(trial) < 0.0
-    return _solve(model, bounds, fixed, held, ITERATIONS)
+    held |= bounds.clearances(trial) < 0.0
+    return _minimise_on_face(model, bounds, fixed, held, FULL_ITERATIONS)
 
 
-def _solve(
+def _minimise_on_face(
     model: _Model,
     bounds: Polytope,
     fixed: Bool[np.ndarray, " coordinates"],
@@ -120,35 +120,35 @@ def _solve(
     """
     onto = Projection(scale_columns(bounds.slope[held], ~fixed)) if held.any() else None
 
-    def along(way: np.ndarray) -> np.ndarray:
+    def project(way: np.ndarray) -> np.ndarray:
         way = np.where(fixed, 0.0, way)
-        return way if onto is None else onto.along(way)
+        return way if onto is None else onto.project(way)
 
-    return conjugate_gradients(model.product, along, -along(model.slope), most)
+    return conjugate_gradients(model.product, project, -project(model.slope), most)
 
 
 def conjugate_gradients(
     product: Product,
-    along: Callable[[np.ndarray], np.ndarray],
+    project: Callable[[np.ndarray], np.ndarray],
     rhs: np.ndarray,
     most: int,
 ) -> np.ndarray:
-    """Solve product(v) = rhs in a subspace, to a relative residual of ``PRECISION``.
+    """Solve product(v) = rhs in a subspace, to a relative residual of ``CG_TOL``.
 
     Parameters
     ----------
     product : of a symmetric matrix with a vector
-    along : projection onto the subspace
+    project : projection onto the subspace
     rhs : right-hand side, in the subspace
     most : largest number of iterations
     """
     v, r = np.zeros_like(rhs), rhs.copy()
     p, rr = r.copy(), float(r @ r)
-    goal = PRECISION**2 * float(rhs @ rhs)
+    goal = CG_TOL**2 * float(rhs @ rhs)
     for _ in range(most):
         if rr <= goal or rr == 0.0:
             break
-        q = along(product(p))
+        q = project(product(p))
         bend = float(p @ q)
         if bend <= 0.0:
             break

@@ -18,8 +18,9 @@ from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from ..spirals.fabricable import make_fabricable
 from .codesign_problem import BARRIER_WEIGHT, FlatPoint, FlatProblem, FlatRange
-from .inverse import DesignPoint, InverseProblem
-from .optimisers import MAX_NEWTON_ITERATIONS, Accepted, SearchRecord, gauss_newton
+from .design_point import DesignPoint
+from .gauss_newton import MAX_NEWTON_ITERATIONS, Accepted, SearchRecord, run_gauss_newton
+from .inverse import InverseProblem
 
 MAX_SHIFT = 0.5  # largest shift of a flat vertex along x or y, as a share of the shortest mean edge of its quads
 # Largest difference in length between both sides of a cut edge, as a share of its length, unless it was larger before
@@ -44,7 +45,7 @@ def refine_flat_shapes(
     problem : with the spirals as unknowns
     start : point of ``design`` in ``problem``, at equilibrium
     design, params : the design to begin with, and the settings
-    trace, accepted : as in ``gauss_newton``
+    trace, accepted : as in ``run_gauss_newton``
     progress : reports progress and raises Cancelled
     first : the flat patches before earlier runs moved them; limits that these exceed are relaxed to their values, not
         to the values of ``design``, which would drift from run to run
@@ -53,17 +54,17 @@ def refine_flat_shapes(
     ------
     FlexMapsError : the elastic model is not the arm model
     """
-    if start.arms is None:
+    if start.arm_model is None:
         raise FlexMapsError(
             "Flat shapes can be moved with the elastic model Arms only; choose it, or leave them as they are"
         )
     weight, first = BARRIER_WEIGHT * start.mismatch.value, first or design.flat
-    limits, free = (params.distortion_limit, MAX_SEAM_MISMATCH), problem.space.free
+    limits, free = (params.distortion_limit, MAX_SEAM_MISMATCH), problem.space.free_spirals
     # a rim is made for the border's flat shape, so the border must not move
     flat = FlatRange.from_patches(design.flat, MAX_SHIFT, *limits, weight, first, free, border=design.rim is None)
     whole = FlatProblem.from_problem(problem, flat)
-    here = whole.unmoved(start, progress.at(0.0, FLAT_SHAPES))
-    found = gauss_newton(whole, here, params, trace, accepted, progress)
+    here = whole.convert_point(start, progress.at(0.0, FLAT_SHAPES))
+    found = run_gauss_newton(whole, here, params, trace, accepted, progress)
     assert isinstance(found, FlatPoint)
     return found
 
@@ -78,9 +79,9 @@ def interpolate(start: DesignPoint, found: FlatPoint, share: float, progress: Pr
     share : 0 at the start, 1 at the result
     progress : reports progress and raises Cancelled
     """
-    here = found.problem.unmoved(start, progress)
-    x = found.problem.within(here.x + share * (found.x - here.x), here)
-    return found.problem.at(x, start.equilibrium.pose, progress, MAX_NEWTON_ITERATIONS)
+    here = found.problem.convert_point(start, progress)
+    x = found.problem.restore_clearances(here.x + share * (found.x - here.x), here)
+    return found.problem.point_at(x, start.equilibrium.pose, progress, MAX_NEWTON_ITERATIONS)
 
 
 def to_design(point: DesignPoint, design: SpiralDesign) -> SpiralDesign | None:
@@ -93,8 +94,8 @@ def to_design(point: DesignPoint, design: SpiralDesign) -> SpiralDesign | None:
     point : the result of the search
     design : the design that the search began with
     """
-    flat, (width, twist) = flat_shapes_of(point, design), point.spirals
-    free = point.problem.space.free
+    flat, (width, twist) = flat_shapes_of(point, design), point.width_and_twist
+    free = point.problem.space.free_spirals
     return None if flat is None else make_fabricable(flat, design.params, width, twist, prove=False, free=free)
 
 

@@ -135,7 +135,7 @@ class FlatCost:
     @cached_property
     def hessian(self) -> csr_array:
         """Gauss-Newton Hessian (2 P, 2 P), without second derivatives of the strains; order: point, then x and y."""
-        (rooms, gaps), (a, b), t = self._slopes, self.maps, self.limits.triangles
+        (linear_clearances, gaps), (a, b), t = self._slopes, self.maps, self.limits.triangles
         n, w = len(a), self.limits.share
         # d, before: (8, 4) derivatives of both edges of the corner triangles with respect to the quad's 8 coordinates
         unit = np.zeros((8, 4), dtype=complex)
@@ -147,8 +147,8 @@ class FlatCost:
         stretch = (a.conj()[:, None] * da).real / np.abs(a)[:, None]
         slope = (w[:, None] * ((np.abs(a) - 1.0)[:, None] * stretch + (b.conj()[:, None] * db).real)).sum(axis=2)
         # the last column adds the second derivative of the logarithm, which is its slope squared
-        root = np.sqrt(rooms[:, None] * w)[:, None]
-        steeper = np.sqrt(n) * rooms[:, None, None] * slope[:, :, None]
+        root = np.sqrt(linear_clearances[:, None] * w)[:, None]
+        steeper = np.sqrt(n) * linear_clearances[:, None, None] * slope[:, :, None]
         factor = np.concatenate([root * stretch, root * db.real, root * db.imag, steeper], axis=2)
         corner, (start, end) = self.limits.layout.flat_corners, self.limits.ends
         along = self._directions * np.array([1.0, -1.0])[:, None] / self.limits.surface[:, None, None]

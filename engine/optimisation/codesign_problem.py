@@ -22,15 +22,16 @@ from ..patches.flattening.flatten import FlatPatches
 from ..patches.loops import NEXT
 from ..progress import SILENT, Progress
 from ..spirals.clearance.clearance_model import ClearanceModel
-from .bounds import narrowest_per_pair
+from .clearance_restoration import narrowest_per_pair
 from .codesign_cost import FlatCost, FlatLimits
 from .codesign_geometry import geometry_jacobian, joint_derivatives
 from .costs import Cost
-from .inverse import DesignPoint, InverseProblem
-from .open_slots import NarrowSlots, SlotRequirement
-from .other_weights import copy_state, with_problem
+from .design_point import DesignPoint
+from .inverse import InverseProblem
+from .point_copy import copy_state, with_problem
 from .polytope import LinearClearances
-from .terms import Rows
+from .slot_penalty import NarrowSlots, SlotRequirement
+from .terms import Jacobian
 from .work import CURVED, GEOMETRY, VARIED
 
 # Weight of the barriers over the mismatch. Smaller: longer steps, but quads get stuck at their limits (docs/tuning.md)
@@ -102,38 +103,38 @@ class FlatRange:
         """Return the barriers at coordinates (P, 2) of the flat vertices."""
         return FlatCost.from_points(self.limits, self.points(x))
 
-    def within(self, x: np.ndarray, inner: np.ndarray) -> Float[np.ndarray, "points 2"]:
+    def clip_to_limits(self, x: np.ndarray, feasible: np.ndarray) -> Float[np.ndarray, "points 2"]:
         """Return coordinates near x at which every quad and cut edge keeps at least ``SLACK_SHARE`` of its slack.
 
-        Only vertices with less slack move back towards ``inner``, which is within the limits; all vertices if that
+        Only vertices with less slack move back towards ``feasible``, which is within the limits; all vertices if that
         fails.
 
         Parameters
         ----------
-        x, inner : (P, 2) coordinates of flat vertices
+        x, feasible : (P, 2) coordinates of flat vertices
 
         Returns
         -------
-        (P, 2) coordinates, each between ``x`` and ``inner``
+        (P, 2) coordinates, each between ``x`` and ``feasible``
         """
         share, corner, ends = np.ones(len(x)), self.flat.layout.flat_corners, np.concatenate(self.limits.ends, axis=1)
-        least = [SLACK_SHARE * slack for slack in self.cost(inner).left]
+        least = [SLACK_SHARE * slack for slack in self.cost(feasible).left]
         for turn in range(MAX_ROUNDS):
-            found = inner + share[:, None] * (x - inner)
+            found = feasible + share[:, None] * (x - feasible)
             quads, cuts = (slack <= enough for slack, enough in zip(self.cost(found).left, least, strict=True))
             if not (quads.any() or cuts.any()):
                 return found
             share[np.union1d(corner[quads], ends[cuts])] *= SHORTENING if turn < SHORTENINGS else 0.0
-        return inner
+        return feasible
 
 
 @dataclass(frozen=True, eq=False)
 class FlatBarriers:
-    """Barriers of the flat shapes, as a cost; own : number of the spirals' coordinates, which come first."""
+    """Barriers of the flat shapes, as a cost; n_spiral_x : number of the spirals' coordinates, which come first."""
 
     range: FlatRange
     cost: FlatCost
-    own: int
+    n_spiral_x: int
 
     @property
     def value(self) -> float:
@@ -143,8 +144,8 @@ class FlatBarriers:
     def gradient(self) -> Float[np.ndarray, " coordinates"]:
         return self._pad(self.cost.gradient)
 
-    def product(self, change: np.ndarray) -> np.ndarray:
-        return np.concatenate([np.zeros(self.own), self._hessian @ change[self.own :]])
+    def hessian_product(self, change: np.ndarray) -> np.ndarray:
+        return np.concatenate([np.zeros(self.n_spiral_x), self._hessian @ change[self.n_spiral_x :]])
 
     @cached_property
     def _hessian(self) -> csr_array:
@@ -154,7 +155,7 @@ class FlatBarriers:
 
     def _pad(self, by_points: np.ndarray) -> np.ndarray:
         """Convert derivatives (P, 2) with respect to points to weighted derivatives with respect to all coordinates."""
-        return np.concatenate([np.zeros(self.own), self.range.weight * self.range.shift(by_points).ravel()])
+        return np.concatenate([np.zeros(self.n_spiral_x), self.range.weight * self.range.shift(by_points).ravel()])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -174,7 +175,7 @@ class FlatProblem(InverseProblem):
         """
         return cls(**{one.name: getattr(problem, one.name) for one in fields(InverseProblem)}, flat=flat)
 
-    def unmoved(self, start: DesignPoint, progress: Progress = SILENT) -> FlatPoint:
+    def convert_point(self, start: DesignPoint, progress: Progress = SILENT) -> FlatPoint:
         """Convert a point of the problem without flat vertices to this problem, reusing its values.
 
         Parameters
@@ -188,45 +189,44 @@ class FlatProblem(InverseProblem):
             equilibrium=start.equilibrium,
             mismatch=start.mismatch,
             factors=start.factors,
-            assembly=self.assembly.with_spirals(*start.spirals),
+            assembly=self.assembly.with_spirals(*start.width_and_twist),
             stance=self.stance,
             progress=progress,
         )
         copy_state(start, found)
         return found
 
-    def rooms(self, x: np.ndarray) -> LinearClearances:
+    def linear_clearances(self, x: np.ndarray) -> LinearClearances:
         if self.room is None:
-            return LinearClearances.none(len(x))
-        terms = narrowest_per_pair(self._room(x).terms(*self.space.design(x), flat=True, least=True))
+            return LinearClearances.empty(len(x))
+        terms = narrowest_per_pair(self._clearances_at(x).terms(*self.space.width_and_twist(x), flat=True, least=True))
         by_points = terms.by_flat @ diags_array(np.repeat(2.0 * self.flat.span, 2))
-        by_spirals = terms.by_design @ self.space.jacobian(x[: self.own])
+        by_spirals = terms.by_design @ self.space.jacobian(x[: self.n_spiral_x])
         return LinearClearances.from_clearances(terms.value, csr_array(hstack([by_spirals, by_points])))
 
-    def _room(self, x: np.ndarray) -> ClearanceModel:
-        return (
-            super()._room(x).with_flat(replace(self.flat.flat, points=self.flat.points(x[self.own :].reshape(-1, 2))))
-        )
+    def _clearances_at(self, x: np.ndarray) -> ClearanceModel:
+        points = self.flat.points(x[self.n_spiral_x :].reshape(-1, 2))
+        return super()._clearances_at(x).with_flat(replace(self.flat.flat, points=points))
 
-    def within(self, x: np.ndarray, inner: DesignPoint) -> Float[np.ndarray, " coordinates"]:
-        return super().within(self.inside(x, inner.x), inner)
+    def restore_clearances(self, x: np.ndarray, feasible: DesignPoint) -> Float[np.ndarray, " coordinates"]:
+        return super().restore_clearances(self.clip_flat_shapes(x, feasible.x), feasible)
 
-    def inside(self, x: np.ndarray, inner: np.ndarray) -> Float[np.ndarray, " coordinates"]:
-        n = self.own
-        flat = self.flat.within(x[n:].reshape(-1, 2), inner[n:].reshape(-1, 2))
+    def clip_flat_shapes(self, x: np.ndarray, feasible: np.ndarray) -> Float[np.ndarray, " coordinates"]:
+        n = self.n_spiral_x
+        flat = self.flat.clip_to_limits(x[n:].reshape(-1, 2), feasible[n:].reshape(-1, 2))
         return np.concatenate([x[:n], flat.ravel()])
 
-    def _repeat(self, share: np.ndarray) -> np.ndarray:
+    def _repeat_per_coordinate(self, share: np.ndarray) -> np.ndarray:
         flat = self.flat.flat
         at_points = np.ones(len(flat.points))
         np.minimum.at(at_points, flat.layout.flat_corners, share[:, None])
-        return np.concatenate([super()._repeat(share), np.repeat(at_points, 2)])
+        return np.concatenate([super()._repeat_per_coordinate(share), np.repeat(at_points, 2)])
 
     def costs(self, x: np.ndarray) -> tuple[Cost, ...]:
-        cost = self.flat.cost(x[self.own :].reshape(-1, 2))
-        return (*super().costs(x), FlatBarriers(self.flat, cost, self.own))
+        cost = self.flat.cost(x[self.n_spiral_x :].reshape(-1, 2))
+        return (*super().costs(x), FlatBarriers(self.flat, cost, self.n_spiral_x))
 
-    def at(
+    def point_at(
         self,
         x: np.ndarray,
         start: Pose,
@@ -238,19 +238,19 @@ class FlatProblem(InverseProblem):
 
         Parameters
         ----------
-        x, start, progress, iterations, step : as for ``InverseProblem.at``
+        x, start, progress, iterations, step : as for ``InverseProblem.point_at``
         """
-        n = self.own
+        n = self.n_spiral_x
         points = self.flat.points(x[n:].reshape(-1, 2))
         layout = self.flat.flat.layout
         lever, axes = rest_joints(layout.mesh, points[layout.flat_corners])
-        assembly = self.assembly.with_rest_geometry(lever, axes).with_spirals(*self.space.design(x))
+        assembly = self.assembly.with_rest_geometry(lever, axes).with_spirals(*self.space.width_and_twist(x))
         if assembly.rim is not None:
             shift = (points - self.flat.flat.points)[layout.flat_corners].mean(axis=1)
             assembly = replace(assembly, rim=assembly.rim.with_hubs_moved(shift))
-        model = self.build(assembly, progress)
+        model = self.build_model(assembly, progress)
         stance = None if self.stance is None else self.stance.with_corners(points[layout.flat_corners])
-        found, factors = self.rest(model, stance, start, progress, iterations, step)
+        found, factors = self.find_equilibrium(model, stance, start, progress, iterations, step)
         return FlatPoint(
             x=x,
             problem=self,
@@ -276,45 +276,45 @@ class FlatPoint(DesignPoint):
     stance: Stance | None
     progress: Progress = SILENT
 
-    def reweighted(self) -> FlatPoint:
+    def with_barrier_weight(self) -> FlatPoint:
         """Return this point with the barriers of flat shapes weighted by its mismatch."""
         flat = replace(self.problem.flat, weight=BARRIER_WEIGHT * self.mismatch.value)
         return with_problem(self, replace(self.problem, flat=flat))
 
-    def renewed(self) -> FlatPoint:
+    def with_updated_weights(self) -> FlatPoint:
         """Return this point with barriers weighted by its mismatch, and strain multipliers updated from its strains."""
-        return self.reweighted().pressed()
+        return self.with_barrier_weight().with_updated_multipliers()
 
     @property
-    def own(self) -> int:
+    def n_spiral_x(self) -> int:
         """Number of the spirals' coordinates; the coordinates of flat vertices follow."""
-        return self.problem.own
+        return self.problem.n_spiral_x
 
     @property
     def flat_x(self) -> Float[np.ndarray, "points 2"]:
         """Coordinates of the flat vertices."""
-        return self.x[self.own :].reshape(-1, 2)
+        return self.x[self.n_spiral_x :].reshape(-1, 2)
 
     @cached_property
     def _rest_changes(self) -> RestChanges:
         """Derivatives of all joints with respect to the rest geometry of their sides."""
-        assert self.arms is not None and self._changes is not None
+        assert self.arm_model is not None and self._joint_derivatives is not None
         self.progress(0.0)
         self.problem.work.add(GEOMETRY, self.assembly.size)
-        return RestChanges(self.arms, self._state, self._changes.constant_curving)
+        return RestChanges(self.arm_model, self._state, self._joint_derivatives.constant_curving)
 
     @property
-    def _opening(self) -> SlotRequirement | None:
-        known, flat = self.problem.opening, self.problem.flat
-        return None if known is None else known.moved(replace(flat.flat, points=flat.points(self.flat_x)))
+    def _slot_requirement(self) -> SlotRequirement | None:
+        known, flat = self.problem.slot_requirement, self.problem.flat
+        return None if known is None else known.with_flat(replace(flat.flat, points=flat.points(self.flat_x)))
 
-    def _slots_by_x(self, closing: NarrowSlots) -> csr_array:
-        by_spirals = closing.by_design @ self.problem.space.jacobian(self.x[: self.own])
-        by_points = closing.by_flat(np.swapaxes(self._rest_changes.tips, 1, 2), self._by_points)
-        return csr_array(hstack([by_spirals, by_points @ self._per_coordinate]))
+    def _slot_widths_by_x(self, closing: NarrowSlots) -> csr_array:
+        by_spirals = closing.widths_by_design @ self.problem.space.jacobian(self.x[: self.n_spiral_x])
+        by_points = closing.widths_by_flat(np.swapaxes(self._rest_changes.tips, 1, 2), self._geometry_by_points)
+        return csr_array(hstack([by_spirals, by_points @ self._points_by_flat_x]))
 
     @cached_property
-    def _by_points(self) -> csr_array:
+    def _geometry_by_points(self) -> csr_array:
         """Derivatives (6 m, 2 P) of the rest geometry with respect to the flat vertices."""
         flat = self.problem.flat
         return geometry_jacobian(flat.flat.layout, flat.points(self.flat_x), self.assembly.rim)
@@ -325,17 +325,17 @@ class FlatPoint(DesignPoint):
         return self.assembly.without_strips.pairs
 
     @property
-    def _per_coordinate(self) -> dia_array:
+    def _points_by_flat_x(self) -> dia_array:
         """Derivatives (2 P, 2 P) of the flat vertices, metres, with respect to their coordinates."""
         return diags_array(np.repeat(2.0 * self.problem.flat.span, 2))
 
     @cached_property
-    def _by_flats(self) -> csr_array:
+    def _geometry_by_flat_x(self) -> csr_array:
         """Derivatives (6 m, 2 P) of the rest geometry with respect to the coordinates of the flat vertices."""
-        return csr_array(self._by_points @ self._per_coordinate)
+        return csr_array(self._geometry_by_points @ self._points_by_flat_x)
 
     @cached_property
-    def _forces(self) -> csr_array:
+    def _forces_by_x(self) -> csr_array:
         pairs = self._joint_pairs
         self.problem.work.add(CURVED, len(self._rest_changes.curving.joints))
         joints, values = np.arange(len(pairs)), np.swapaxes(self._rest_changes.gradient[: len(pairs)], 1, 2)
@@ -343,22 +343,22 @@ class FlatPoint(DesignPoint):
         column = 6 * joints[:, None, None] + np.arange(6)
         entries = tuple(part.ravel() for part in np.broadcast_arrays(values, row, column))
         by_geometry = csr_array((entries[0], entries[1:]), shape=(6 * self.assembly.whole.size, 6 * len(pairs)))
-        by_flats = by_geometry @ self._by_flats
-        if self._support_motion is not None:
-            by_flats += self._by_supports @ self._support_motion[:, self.own :]
-        return csr_array(hstack([self._forces_by_spirals(), by_flats]))
+        by_flats = by_geometry @ self._geometry_by_flat_x
+        if self._supports_by_x is not None:
+            by_flats += self._support_hessian @ self._supports_by_x[:, self.n_spiral_x :]
+        return csr_array(hstack([self._forces_by_spiral_x(), by_flats]))
 
     @cached_property
-    def _support_motion(self) -> csr_array | None:
+    def _supports_by_x(self) -> csr_array | None:
         """Derivatives (6 n, coordinates) of clamped supports' poses with respect to coordinates; None without any."""
         if self.stance is None or not self.stance.loads.fixed[:, 3].any():
             return None
         bodies = self.assembly.whole.size
-        by_points = self.stance.by_points(self.problem.flat.flat.layout, bodies) @ self._per_coordinate
-        return csr_array(hstack([csr_array((6 * bodies, self.own)), by_points]))
+        by_points = self.stance.by_points(self.problem.flat.flat.layout, bodies) @ self._points_by_flat_x
+        return csr_array(hstack([csr_array((6 * bodies, self.n_spiral_x)), by_points]))
 
     @property
-    def _by_supports(self) -> csr_array:
+    def _support_hessian(self) -> csr_array:
         """Hessian (6 n, 6 n) of the joints at clamped supports, with respect to hubs' and supports' increments."""
         assert self.stance is not None
         clamped, pairs = np.flatnonzero(self.stance.loads.fixed[:, 3]), self.model.pairs
@@ -369,9 +369,9 @@ class FlatPoint(DesignPoint):
         size = 6 * self.assembly.whole.size
         return csr_array((blocks.ravel(), (row.ravel(), column.ravel())), shape=(size, size))
 
-    def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> Rows:
+    def _strain_jacobian(self, arms: Int[np.ndarray, " k"]) -> Jacobian:
         assert self.strains is not None
-        found, rows = self._rows_of_spirals(arms)
+        found, rows = self._strain_slopes_and_jacobian(arms)
         e = arms // 2
         rims = e >= len(self._joint_pairs)  # strips of a rim, which do not depend on the flat shapes
         e = np.where(rims, 0, e)
@@ -379,15 +379,15 @@ class FlatPoint(DesignPoint):
         by = by + strain_by_rest_shape(self.strains.assembly, arms, found.arms.by_numbers).reshape(-1, 6)
         column = 6 * e[:, None] + np.arange(6)
         start = np.arange(0, column.size + 1, 6)
-        shape = (len(e), self._by_flats.shape[0])
+        shape = (len(e), self._geometry_by_flat_x.shape[0])
         values = np.where(rims[:, None], 0.0, by)
-        by_flats = csr_array((values.ravel(), column.ravel(), start), shape=shape) @ self._by_flats
-        return Rows(rows.hubs, csr_array(hstack([rows.own, by_flats])))
+        by_flats = csr_array((values.ravel(), column.ravel(), start), shape=shape) @ self._geometry_by_flat_x
+        return Jacobian(rows.by_hubs, csr_array(hstack([rows.by_coordinates, by_flats])))
 
-    def _by_modes(self) -> tuple[np.ndarray, np.ndarray]:
-        hubs, own = super()._by_modes()
+    def _eigenvalue_derivatives(self) -> tuple[np.ndarray, np.ndarray]:
+        hubs, by_x = super()._eigenvalue_derivatives()
         self.problem.work.add(VARIED, self.assembly.size)
-        modes, pairs, arms = self._modes, self._joint_pairs, self.arms
+        modes, pairs, arms = self._soft_modes, self._joint_pairs, self.arm_model
         assert modes is not None and arms is not None
         known = joint_derivatives(
             arms, self.equilibrium.pose, lambda model, there: modes.variations(model, there, pairs)
@@ -396,5 +396,5 @@ class FlatPoint(DesignPoint):
         curving = self._rest_changes.curving
         if len(curving.joints):
             by_geometry[:, curving.joints] += modes.by_curving(self.equilibrium.pose, curving)
-        by_flats = by_geometry.reshape(len(own), -1) @ self._by_flats
-        return hubs, np.concatenate([own, by_flats], axis=1)
+        by_flats = by_geometry.reshape(len(by_x), -1) @ self._geometry_by_flat_x
+        return hubs, np.concatenate([by_x, by_flats], axis=1)

@@ -15,9 +15,9 @@ import numpy as np
 from ..arrays import Float
 from .bounded_step import bounded_step
 from .costs import Cost
-from .inverse import DesignPoint
+from .design_point import DesignPoint
 from .polytope import LinearClearances
-from .terms import Term, turning
+from .terms import Term, rotation_damping_gradient
 
 MAX_PARTS = 6  # largest number of parts, and expansions, of a step
 # Share of the decrease so far that a part must bring for another to follow. Smaller: longer steps, for which the
@@ -31,12 +31,12 @@ SHRINK_FACTOR, HALVINGS = 0.4, 5
 class ModelState:
     """The model after a step of the coordinates.
 
-    step : of the coordinates; moves : (n, 6) linearised increments of the hubs
+    step : of the coordinates; increments : (n, 6) linearised increments of the hubs
     terms, costs : of the objective after the step; value : of the objective; damped : objective plus damping
     """
 
     step: Float[np.ndarray, " coordinates"]
-    moves: Float[np.ndarray, "spirals 6"]
+    increments: Float[np.ndarray, "spirals 6"]
     terms: list[Term]
     costs: tuple[Cost, ...]
     value: float
@@ -61,16 +61,18 @@ class CompositeModel:
     def start(self) -> ModelState:
         """Return the model at the point itself."""
         point = self.point
-        moves = np.zeros((point.problem.assembly.whole.size, 6))
-        return ModelState(np.zeros_like(point.x), moves, list(point.terms), point.costs, point.value, point.value)
+        increments = np.zeros((point.problem.assembly.whole.size, 6))
+        return ModelState(np.zeros_like(point.x), increments, list(point.terms), point.costs, point.value, point.value)
 
-    def after(self, step: np.ndarray, moves: np.ndarray) -> ModelState:
+    def after(self, step: np.ndarray, increments: np.ndarray) -> ModelState:
         """Return the model after a step."""
-        terms = [term.ahead(moves, step) for term in self.point.terms]
+        terms = [term.after_step(increments, step) for term in self.point.terms]
         costs = self.point.problem.costs(self.point.x + step)
         value = sum(term.value for term in terms) + sum(cost.value for cost in costs)
-        turns = 0.5 * self.following * float((moves[:, 3:] ** 2).sum())
-        return ModelState(step, moves, terms, costs, value, value + 0.5 * self.damping * float(step @ step) + turns)
+        turns = 0.5 * self.following * float((increments[:, 3:] ** 2).sum())
+        return ModelState(
+            step, increments, terms, costs, value, value + 0.5 * self.damping * float(step @ step) + turns
+        )
 
     def minimise(self) -> ModelState:
         """Return the model after the step that nearly minimises it within box, clearances and limits of flat shapes."""
@@ -86,21 +88,28 @@ class CompositeModel:
 
     def _next_part(self, here: ModelState) -> ModelState | None:
         """Return the model after one more part of the step; None if no fraction of it lowers the damped model."""
-        point, problem, rooms = self.point, self.point.problem, self.point.rooms
+        point, problem, linear_clearances = self.point, self.point.problem, self.point.linear_clearances
         at = point.x + here.step
 
         def product(way: np.ndarray) -> np.ndarray:
             self.watch()
-            return point.product(way, here.terms, here.costs, self.following) + self.damping * way
+            return point.gauss_newton_product_of(way, here.terms, here.costs, self.following) + self.damping * way
 
-        pulls = [turning(self.following, here.moves), *(term.gradient for term in here.terms)]
-        gradient = sum((cost.gradient for cost in here.costs), point.back(pulls)) + self.damping * here.step
-        left = LinearClearances(rooms.room + rooms.slope @ here.step, rooms.slope)
+        gradients = [
+            rotation_damping_gradient(self.following, here.increments),
+            *(term.gradient for term in here.terms),
+        ]
+        gradient = (
+            sum((cost.gradient for cost in here.costs), point.total_gradient(gradients)) + self.damping * here.step
+        )
+        left = LinearClearances(
+            linear_clearances.clearance + linear_clearances.slope @ here.step, linear_clearances.slope
+        )
         change = bounded_step(at, gradient, product, left, self.units)
-        change = problem.inside(np.clip(at + change, 0.0, 1.0), at) - at
-        moves, share = point.moves(change), 1.0
+        change = problem.clip_flat_shapes(np.clip(at + change, 0.0, 1.0), at) - at
+        increments, share = point.hub_increments(change), 1.0
         for _ in range(HALVINGS):
-            found = self.after(here.step + share * change, here.moves + share * moves)
+            found = self.after(here.step + share * change, here.increments + share * increments)
             if found.damped < here.damped:
                 return found
             share *= SHRINK_FACTOR

@@ -15,13 +15,13 @@ from ..mechanics.assembly import target_pose
 from ..mechanics.loads import Springs
 from ..progress import Progress
 from ..simulation.shortfall import find_far_bodies
-from .firmness import RequirementWithoutSprings
-from .inverse import DesignPoint
+from .design_point import DesignPoint
+from .gauss_newton import SearchRecord
 from .near_target import NEAR_PERCENT
-from .optimisers import SearchRecord
-from .other_weights import with_problem
+from .point_copy import with_problem
 from .remedies import WANTED_PERCENT
 from .search import Search, StageResult
+from .stability import RequirementWithoutSprings
 
 # RMS distance from the target, in percent of the size, beyond which a search goes on with springs; ``WANTED_PERCENT``
 # for pieces about to snap, ``NEAR_PERCENT`` for flat ones. Smaller: more pieces take the time, without gain
@@ -54,7 +54,11 @@ def continue_far(search: Search, progress: Progress) -> None:
     progress : reports progress and raises Cancelled
     """
     here, work, ended = search.best, search.task.work, search.trace.ended
-    if not search.task.params.codesign or here.point.arms is None or here.percent <= _allowed_percent(search, here):
+    if (
+        not search.task.params.codesign
+        or here.point.arm_model is None
+        or here.percent <= _allowed_percent(search, here)
+    ):
         return
     work.extend(TIME_WITH_SPRINGS * work.usual)
     released = _release_from_springs(search, here, progress.part(0.0, 0.7).saying(MESSAGE))
@@ -81,16 +85,18 @@ def _release_from_springs(search: Search, here: StageResult, progress: Progress)
     task, design, like = search.task, here.design, here.point
     pose = target_pose(task.target, design.flat.corners)
     unit = _mean_stiffness(here.point)
-    firmness = RequirementWithoutSprings(STABILITY_WEIGHT * here.point.mismatch.value)
+    stability = RequirementWithoutSprings(STABILITY_WEIGHT * here.point.mismatch.value)
     for k, share in enumerate(SHARES):
         within = progress.part(k / len(SHARES), (k + 1) / len(SHARES))
         with_springs = replace(task, springs=Springs(share * unit, task.target.centroids))
         stage = replace(search, task=with_springs, trace=SearchRecord(), accepted=_ignore, farthest=np.inf, held=[])
-        point = with_springs.point(design, replace(like.problem, firmness=firmness), pose, within)
+        point = with_springs.point(design, replace(like.problem, stability=stability), pose, within)
         if not point.equilibrium.converged:
             return None
-        point = point.weighed(point.mismatch.value)
-        point = with_problem(point, replace(point.problem, firmness=firmness))  # ``weighed`` has replaced it
+        point = point.with_strain_weight(point.mismatch.value)
+        point = with_problem(
+            point, replace(point.problem, stability=stability)
+        )  # ``with_strain_weight`` has replaced it
         coarse = replace(task.params, stop=max(task.params.stop, FIRST_STOP))
         start = stage.improved(StageResult(design, point, np.inf), coarse, within.part(0.0, 0.3))
         result = stage.together(start, within.part(0.3, 1.0))
@@ -98,7 +104,7 @@ def _release_from_springs(search: Search, here: StageResult, progress: Progress)
             return None
         design, like, pose = result.design, result.point, result.point.equilibrium.pose
         alone = task.point(design, here.point.problem, pose, within)
-        free = StageResult(design, alone.weighed(alone.mismatch.value), search.farthest)
+        free = StageResult(design, alone.with_strain_weight(alone.mismatch.value), search.farthest)
         if free.sound and free.percent <= SUCCESS * here.percent:
             return search.hold(design, free.point)
         if task.work.over:

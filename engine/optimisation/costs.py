@@ -24,7 +24,7 @@ class Cost(Protocol):
     def gradient(self) -> np.ndarray:
         """Gradient with respect to all coordinates."""
 
-    def product(self, change: np.ndarray) -> np.ndarray:
+    def hessian_product(self, change: np.ndarray) -> np.ndarray:
         """Return the product of the Hessian, or of its positive semidefinite part, with a change of the coordinates."""
 
 
@@ -39,8 +39,8 @@ def joint_differences(assembly: Assembly, space: DesignSpace, size: int) -> csr_
     assembly, space : the joints, and the meaning of the coordinates
     size : number of all coordinates
     """
-    each = space.each
-    column = np.concatenate([assembly.sides % space.groups, np.full_like(assembly.sides, each - 1)])
+    each = space.coordinates_per_spiral
+    column = np.concatenate([assembly.sides % space.n_groups, np.full_like(assembly.sides, each - 1)])
     column += each * np.tile(assembly.pairs, (2, 1))
     row = np.repeat(np.arange(len(column)), 2)
     sign = np.tile([1.0, -1.0], len(column))
@@ -64,7 +64,9 @@ class Roughness:
     def from_space(cls, assembly: Assembly, space: DesignSpace, weight: float, x: np.ndarray) -> Roughness:
         """Return the penalty at coordinates x; coordinates of flat vertices, at the end of x, have no effect."""
         free = np.ones(len(x))
-        free[: space.each * assembly.size] = np.repeat(space.free.astype(float), space.each)
+        free[: space.coordinates_per_spiral * assembly.size] = np.repeat(
+            space.free_spirals.astype(float), space.coordinates_per_spiral
+        )
         return cls(joint_differences(assembly, space, len(x)), weight, x, free)
 
     @property
@@ -75,7 +77,7 @@ class Roughness:
     def gradient(self) -> Float[np.ndarray, " coordinates"]:
         return self.free * self._gram_product(self.x)
 
-    def product(self, change: np.ndarray) -> np.ndarray:
+    def hessian_product(self, change: np.ndarray) -> np.ndarray:
         return self.free * self._gram_product(self.free * change)
 
     @property

@@ -7,7 +7,7 @@ width. It is linear in sqrt(1 + twist^2), which is about the length of an arm an
 gradient with respect to the twist itself would be 0 at straight arms.
 
 Every x in the box gives spirals that can be cut if they are alone. ``fabricable.make_fabricable`` ensures that they can
-be cut beside their neighbours; ``including`` then lowers the largest twists by ``cap``.
+be cut beside their neighbours; ``extended_to`` then lowers the largest twists by ``twist_factor``.
 """
 
 from __future__ import annotations
@@ -57,19 +57,19 @@ class FixedSpirals:
 class DesignSpace:
     """Map between coordinates in [0, 1] and designs in the same patches; F quads.
 
-    low, high : (F,) metres, range of the width; bound : (KNOTS, F) radians, largest twist at evenly spaced widths
-    cap : (F,) factor on ``bound``, below 1 where neighbours need the space; twist_min : radians, smallest twist
-    groups : number of groups of arms, 1, 2 or 4; the arms of a group have the same width
-    kept : fixed spirals, which do not depend on their coordinates
+    min_width, max_width : (F,) metres, range of the width; max_twists : (KNOTS, F) radians, largest twist at evenly spaced widths
+    twist_factor : (F,) factor on ``max_twists``, below 1 where neighbours need the space; twist_min : radians, smallest twist
+    n_groups : number of groups of arms, 1, 2 or 4; the arms of a group have the same width
+    fixed_spirals : fixed spirals, which do not depend on their coordinates
     """
 
-    low: Float[np.ndarray, " quads"]
-    high: Float[np.ndarray, " quads"]
-    bound: Float[np.ndarray, "knots quads"]
-    cap: Float[np.ndarray, " quads"]
+    min_width: Float[np.ndarray, " quads"]
+    max_width: Float[np.ndarray, " quads"]
+    max_twists: Float[np.ndarray, "knots quads"]
+    twist_factor: Float[np.ndarray, " quads"]
     twist_min: float
-    groups: int
-    kept: FixedSpirals | None = None
+    n_groups: int
+    fixed_spirals: FixedSpirals | None = None
 
     @classmethod
     def from_design(
@@ -84,8 +84,8 @@ class DesignSpace:
 
         Parameters
         ----------
-        design, assembly : give patches and settings; widths and twists matter only for spirals that stay unchanged
-        groups : number of groups of arms, 1, 2 or 4
+        width_and_twist, assembly : give patches and settings; widths and twists matter only for spirals that stay unchanged
+        n_groups : number of groups of arms, 1, 2 or 4
         progress : reports progress and raises Cancelled
         constraints : spirals that must stay unchanged, be straight or be as wide as possible
         """
@@ -104,13 +104,13 @@ class DesignSpace:
         return cls(low, high, bound, np.ones(len(low)), design.params.twist_min, groups, same)
 
     @property
-    def each(self) -> int:
+    def coordinates_per_spiral(self) -> int:
         """Number of coordinates of one spiral."""
-        return self.groups + 1
+        return self.n_groups + 1
 
     def by_spiral(self, x: np.ndarray) -> Float[np.ndarray, "quads _"]:
         """Return the spirals' coordinates as (F, groups + 1), without coordinates of flat vertices at the end of x."""
-        return x[: len(self.low) * self.each].reshape(-1, self.each)
+        return x[: len(self.min_width) * self.coordinates_per_spiral].reshape(-1, self.coordinates_per_spiral)
 
     def uniform(self, width: float, twist: float) -> Float[np.ndarray, " _"]:
         """Return coordinates x with the same width and twist coordinate for every spiral.
@@ -119,76 +119,81 @@ class DesignSpace:
         ----------
         width, twist : coordinates in [0, 1]
         """
-        return np.tile([width] * self.groups + [twist], len(self.low))
+        return np.tile([width] * self.n_groups + [twist], len(self.min_width))
 
-    def including(self, design: SpiralDesign) -> DesignSpace:
+    def extended_to(self, design: SpiralDesign) -> DesignSpace:
         """Return this space extended so that it contains a design.
 
         Smaller widths are allowed where needed. Where even the smallest twist of the space exceeds the design's, the
         largest twist is lowered.
         """
-        space = replace(self, low=np.minimum(self.low, design.width.min(axis=1)))
-        least = space.design(space.coordinates(design.width, design.twist))[1]
+        space = replace(self, min_width=np.minimum(self.min_width, design.width.min(axis=1)))
+        least = space.width_and_twist(space.coordinates(design.width, design.twist))[1]
         return space._limit_twist(design.width, design.twist, least > design.twist + 1e-12)
 
-    def winding_at_most(self, design: SpiralDesign, where: Bool[np.ndarray, " quads"]) -> DesignSpace:
+    def with_twist_limits(self, design: SpiralDesign, where: Bool[np.ndarray, " quads"]) -> DesignSpace:
         """Return a space in which some spirals cannot have more twist than in a design.
 
         Parameters
         ----------
-        design : a design of the space
+        width_and_twist : a design of the space
         where : mask of the spirals to limit
         """
         return self._limit_twist(design.width, design.twist, where)
 
-    def keeping(self, design: SpiralDesign, quads: Int[np.ndarray, " kept"]) -> DesignSpace:
+    def with_fixed_spirals(self, design: SpiralDesign, quads: Int[np.ndarray, " kept"]) -> DesignSpace:
         """Return a space in which more spirals are fixed; all fixed spirals get their values in a design.
 
         Parameters
         ----------
-        design : a design of the space
+        width_and_twist : a design of the space
         quads : spirals to fix
         """
-        kept = quads if self.kept is None else np.union1d(self.kept.quads, quads)
-        return replace(self, kept=FixedSpirals.from_design(design, kept.astype(np.int64)) if len(kept) else None)
+        kept = quads if self.fixed_spirals is None else np.union1d(self.fixed_spirals.quads, quads)
+        return replace(
+            self, fixed_spirals=FixedSpirals.from_design(design, kept.astype(np.int64)) if len(kept) else None
+        )
 
     def _limit_twist(
         self, width: Float[np.ndarray, "quads 4"], twist: Float[np.ndarray, " quads"], where: np.ndarray
     ) -> DesignSpace:
         """Limit the twist of the spirals ``where`` (F,) bool to these twists, radians, at these widths, metres."""
         x = self._width_shares(width).mean(axis=1)
-        share = self.cap * twist / np.maximum(self._max_twist(x)[0], 1e-12)
-        return replace(self, cap=np.where(where, np.minimum(share, self.cap), self.cap))
+        share = self.twist_factor * twist / np.maximum(self._max_twist(x)[0], 1e-12)
+        return replace(self, twist_factor=np.where(where, np.minimum(share, self.twist_factor), self.twist_factor))
 
-    def design(self, x: np.ndarray) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]]:
+    def width_and_twist(self, x: np.ndarray) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]]:
         """Return the widths (F, 4), metres, and twists (F,), radians, at coordinates x."""
         x = self.by_spiral(x)
-        shares = x[:, : self.groups]
+        shares = x[:, : self.n_groups]
         least, span = self._length_range(shares.mean(axis=1))[:2]
         twist = np.sqrt((least + _length_share(x[:, -1]) * span) ** 2 - 1.0)
-        width = self.low[:, None] + shares[:, self._group_of_arm] * (self.high - self.low)[:, None]
-        if self.kept is not None:
-            width[self.kept.quads], twist[self.kept.quads] = self.kept.width, self.kept.twist
+        width = self.min_width[:, None] + shares[:, self._group_of_arm] * (self.max_width - self.min_width)[:, None]
+        if self.fixed_spirals is not None:
+            width[self.fixed_spirals.quads], twist[self.fixed_spirals.quads] = (
+                self.fixed_spirals.width,
+                self.fixed_spirals.twist,
+            )
         return width, twist
 
-    def slopes(self, x: np.ndarray) -> Float[np.ndarray, "quads 5 _"]:
+    def spiral_jacobians(self, x: np.ndarray) -> Float[np.ndarray, "quads 5 _"]:
         """Return the derivatives of every spiral's four widths and twist with respect to its coordinates (columns)."""
         x = self.by_spiral(x)
-        least, span, least_change, change = self._length_range(x[:, : self.groups].mean(axis=1))
+        least, span, least_change, change = self._length_range(x[:, : self.n_groups].mean(axis=1))
         length = least + _length_share(x[:, -1]) * span
         by_length = length / np.sqrt(length**2 - 1.0)
-        out = np.zeros((len(x), 5, self.each))
-        out[:, np.arange(4), self._group_of_arm] = (self.high - self.low)[:, None]
-        by_width = by_length * (least_change + _length_share(x[:, -1]) * change) / self.groups
-        out[:, 4, : self.groups] = by_width[:, None]
+        out = np.zeros((len(x), 5, self.coordinates_per_spiral))
+        out[:, np.arange(4), self._group_of_arm] = (self.max_width - self.min_width)[:, None]
+        by_width = by_length * (least_change + _length_share(x[:, -1]) * change) / self.n_groups
+        out[:, 4, : self.n_groups] = by_width[:, None]
         out[:, 4, -1] = by_length * span / (1.0 + LENGTH_OFFSET)
-        if self.kept is not None:
-            out[self.kept.quads] = 0.0
+        if self.fixed_spirals is not None:
+            out[self.fixed_spirals.quads] = 0.0
         return out
 
     def jacobian(self, x: np.ndarray) -> csr_array:
         """Return the Jacobian (5 n, coordinates) of all widths (4 n rows) and all twists (n rows)."""
-        slopes = self.slopes(x)
+        slopes = self.spiral_jacobians(x)
         n, _, each = slopes.shape
         column = (each * np.arange(n)[:, None] + np.arange(each)).astype(np.int32)
         columns = np.concatenate([np.repeat(column, 4, axis=0).ravel(), column.ravel()])
@@ -196,11 +201,11 @@ class DesignSpace:
         return csr_array((data, columns, np.arange(0, data.size + 1, each, dtype=np.int32)), shape=(5 * n, len(x)))
 
     @property
-    def free(self) -> Bool[np.ndarray, " quads"]:
+    def free_spirals(self) -> Bool[np.ndarray, " quads"]:
         """Mask of the spirals that depend on their coordinates."""
-        free = np.ones(len(self.low), dtype=bool)
-        if self.kept is not None:
-            free[self.kept.quads] = False
+        free = np.ones(len(self.min_width), dtype=bool)
+        if self.fixed_spirals is not None:
+            free[self.fixed_spirals.quads] = False
         return free
 
     def coordinates(
@@ -222,13 +227,13 @@ class DesignSpace:
     @property
     def _group_of_arm(self) -> Int[np.ndarray, " 4"]:
         """Index of the group of every arm."""
-        return np.arange(4) % self.groups
+        return np.arange(4) % self.n_groups
 
     def _width_shares(self, width: np.ndarray) -> Float[np.ndarray, "quads _"]:
         """Return the mean width of every group (F, groups) as a share of the spiral's range, clipped to [0, 1]."""
-        mean = width.reshape(len(width), -1, self.groups).mean(axis=1)
-        span = np.maximum(self.high - self.low, 1e-12)
-        return np.clip((mean - self.low[:, None]) / span[:, None], 0.0, 1.0)
+        mean = width.reshape(len(width), -1, self.n_groups).mean(axis=1)
+        span = np.maximum(self.max_width - self.min_width, 1e-12)
+        return np.clip((mean - self.min_width[:, None]) / span[:, None], 0.0, 1.0)
 
     def _length_range(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return the range of sqrt(1 + twist^2) at mean widths x in [0, 1]: start, length, and their derivatives."""
@@ -243,12 +248,12 @@ class DesignSpace:
         """Return the largest twist, radians, at mean widths x in [0, 1], and its derivative (cubic Hermite splines)."""
         k = np.minimum((x * (KNOTS - 1)).astype(np.int64), KNOTS - 2)
         u, every = x * (KNOTS - 1) - k, np.arange(len(x))
-        steps = np.diff(self.bound, axis=0)
+        steps = np.diff(self.max_twists, axis=0)
         # with harmonic means of neighbouring differences as slopes, the interpolation does not overshoot its knots
         inner = 2.0 * steps[1:] * steps[:-1] / np.minimum(steps[1:] + steps[:-1], -1e-300)
         inner = np.where(steps[1:] * steps[:-1] > 0.0, inner, 0.0)
         slope = np.concatenate([steps[:1], inner, steps[-1:]])
-        a, b, da, db = self.bound[k, every], self.bound[k + 1, every], slope[k, every], slope[k + 1, every]
+        a, b, da, db = self.max_twists[k, every], self.max_twists[k + 1, every], slope[k, every], slope[k + 1, every]
         value = a + u * (da + u * (3.0 * (b - a) - 2.0 * da - db + u * (da + db - 2.0 * (b - a))))
         change = da + u * (2.0 * (3.0 * (b - a) - 2.0 * da - db) + 3.0 * u * (da + db - 2.0 * (b - a)))
-        return self.cap * value, self.cap * change * (KNOTS - 1)
+        return self.twist_factor * value, self.twist_factor * change * (KNOTS - 1)

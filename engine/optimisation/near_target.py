@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..materials import OVERSTRAIN_SHARE, STRAIN_MARGIN
 from ..params import OptimiseParams
-from .inverse import DesignPoint
+from .design_point import DesignPoint
 
 # RMS distance from the target, in percent of its size, at which a search ends. Usual tolerances of sheets and cuts
 # change it by as much. Larger: shorter searches, farther from the target (docs/tuning.md)
@@ -22,13 +22,15 @@ def is_near(point: DesignPoint, params: OptimiseParams) -> bool:
     target = point.problem.target
     if not params.stop or not params.patience or target.wishes is not None or is_overstrained(point):
         return False
-    limit = 0.01 * NEAR_PERCENT / max(params.patience, 1.0) * target.size / target.unit
-    return point.distance <= limit and sum(term.value for term in point.terms[1:]) <= OTHER_TERMS * 0.5 * limit**2
+    limit = 0.01 * NEAR_PERCENT / max(params.patience, 1.0) * target.size / target.unit_length
+    return (
+        point.relative_distance <= limit and sum(term.value for term in point.terms[1:]) <= OTHER_TERMS * 0.5 * limit**2
+    )
 
 
 def is_overstrained(point: DesignPoint) -> bool:
     """Return whether the largest strain exceeds the limit by so much that the user is warned."""
-    bearing, strains = point.problem.bearing, point.strains
-    if bearing is None or strains is None:
+    strain_limit, strains = point.problem.strain_limit, point.strains
+    if strain_limit is None or strains is None:
         return False
-    return float(strains.values.max()) > STRAIN_MARGIN * OVERSTRAIN_SHARE * bearing.limit
+    return float(strains.values.max()) > STRAIN_MARGIN * OVERSTRAIN_SHARE * strain_limit.limit

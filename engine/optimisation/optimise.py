@@ -27,13 +27,14 @@ from ..surface.mesh import QuadMesh
 from ..threads import one_thread
 from . import codesign
 from .continuation import continue_far
-from .found import SimulatedResult, open_closed_slots
-from .inverse import DesignPoint, InverseProblem
-from .optimisers import CANCELLED, SearchRecord
+from .design_point import DesignPoint
+from .gauss_newton import CANCELLED, SearchRecord
+from .inverse import InverseProblem
 from .search import ALWAYS_ALLOWED_DISTANCE, FARTHER, Search, StageResult
+from .slot_opening import SimulatedResult, open_closed_slots
 from .snapshot import OptimisationStep
 from .task import Task
-from .terms import LENIENT, LOOSE, STRICT
+from .terms import FULL_STRAIN_PENALTY, MILD_STRAIN_PENALTY, NO_STRAIN_PENALTY
 from .wishes import Wishes
 from .work import FIT, Work
 
@@ -113,7 +114,7 @@ class Optimisation:
         target = self.point.problem.target
         wished: dict[str, Any] = {}
         if target.wishes is not None:
-            ends = [target.compare(s.equilibrium.pose.centres).wished for s in (self.before, self.after)]
+            ends = [target.compare(s.equilibrium.pose.centres).wish_distance for s in (self.before, self.after)]
             names = ("wished_mm_before", "wished_mm")
             wished = {"wishes": len(target.wishes.quads)} | dict(zip(names, (1e3 * end for end in ends), strict=True))
             why = target.wishes.unreachable(float(self.after.equilibrium.per_joint.sum()), len(self.design.width))
@@ -179,7 +180,7 @@ def optimise(
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
     points = find_starts(problem, design, target, params, progress.part(0.0, 0.1))
     names = _rank_starts(points, _distance_limit(points.get("given"), problem))
-    starts = {name: points[name].weighed(points[names[0]].mismatch.value) for name in names}
+    starts = {name: points[name].with_strain_weight(points[names[0]].mismatch.value) for name in names}
     start = starts[names[0]]
     given = starts.get("given", start)  # the given design is always within the allowed distance
     pose = given.equilibrium.pose
@@ -222,8 +223,8 @@ def _shown_at_rest(task: Task, design: SpiralDesign, progress: Progress) -> Simu
 
 def _better(found: SimulatedResult | None, given: SimulatedResult, trace: SearchRecord) -> SimulatedResult:
     """Return the better of the search's result and the given design; set ``trace.ended`` if the given one stays."""
-    strictness = LOOSE if trace.ended == CANCELLED else LENIENT
-    if found is None or not found.merit(strictness) < (1.0 - SAME_MERIT) * given.merit(strictness):
+    strain_penalty = NO_STRAIN_PENALTY if trace.ended == CANCELLED else MILD_STRAIN_PENALTY
+    if found is None or not found.merit(strain_penalty) < (1.0 - SAME_MERIT) * given.merit(strain_penalty):
         trace.ended = trace.ended if trace.ended in (CANCELLED, REACHED) else "nothing"
         return given
     return found
@@ -252,7 +253,11 @@ def _check(design: SpiralDesign, target: QuadMesh, constraints: Constraints, wis
 
 def _distance_limit(given: DesignPoint | None, problem: InverseProblem) -> float:
     """Return the largest allowed RMS distance from the target, in distances of neighbours; inf without ``given``."""
-    return np.inf if given is None else max(FARTHER * given.distance, ALWAYS_ALLOWED_DISTANCE) + problem.target.reach
+    return (
+        np.inf
+        if given is None
+        else max(FARTHER * given.relative_distance, ALWAYS_ALLOWED_DISTANCE) + problem.target.farthest_wish
+    )
 
 
 def _rank_starts(points: dict[str, DesignPoint], farthest: float) -> list[str]:
@@ -260,7 +265,7 @@ def _rank_starts(points: dict[str, DesignPoint], farthest: float) -> list[str]:
 
     Starts are ranked by the objective; starts with more than ``START_RATIO`` times the smallest mismatch come last.
     """
-    sound = {name: point for name, point in points.items() if point.distance <= farthest}
+    sound = {name: point for name, point in points.items() if point.relative_distance <= farthest}
     limit = START_RATIO * min(point.mismatch.value for point in sound.values())
     return sorted(sound, key=lambda name: (sound[name].mismatch.value > limit, sound[name].value))
 
@@ -274,19 +279,19 @@ def _continue_and_prove(search: Search, progress: Progress) -> SimulatedResult |
 def _prove_best(search: Search, progress: Progress) -> SimulatedResult | None:
     """Return the best design after mending its touching outlines and opening its slots; None if none can be cut."""
     found: list[SimulatedResult] = []
-    strictness = _strictness(search)
-    for held in _drop_similar(search.held, strictness)[:MAX_PROOFS]:
+    strain_penalty = _strictness(search)
+    for held in _drop_similar(search.held, strain_penalty)[:MAX_PROOFS]:
         progress(0.3, "Proving that it can be cut")
         pose = held.point.equilibrium.pose
         try:
-            design = resolve_contacts(held.design, progress.part(0.3, 0.7), free=held.point.problem.space.free)
+            design = resolve_contacts(held.design, progress.part(0.3, 0.7), free=held.point.problem.space.free_spirals)
         except FlexMapsError:
             continue
         simulation = search.task.simulated(design, pose, progress.part(0.7, 0.9))
         found.append(SimulatedResult(simulation, held.point, search.farthest))
-        if found[-1].merit(strictness) <= (1.0 + RESULT_TOL) * held.merit(strictness):
+        if found[-1].merit(strain_penalty) <= (1.0 + RESULT_TOL) * held.merit(strain_penalty):
             break
-    best = min(found, key=lambda one: one.merit(strictness), default=None)
+    best = min(found, key=lambda one: one.merit(strain_penalty), default=None)
     return None if best is None else open_closed_slots(search, best, progress.at(0.9, OPENING_SLOTS))
 
 
@@ -299,14 +304,14 @@ def _best_unproved(search: Search) -> SimulatedResult | None:
 
 def _strictness(search: Search) -> float:
     """Return the penalty on excess strain when ranking results: lenient if no time was left to reduce strains."""
-    return LENIENT if search.task.work.late else STRICT
+    return MILD_STRAIN_PENALTY if search.task.work.late else FULL_STRAIN_PENALTY
 
 
-def _drop_similar(held: list[StageResult], strictness: float) -> list[StageResult]:
+def _drop_similar(held: list[StageResult], strain_penalty: float) -> list[StageResult]:
     """Sort designs, the best first; drop designs with nearly the merit of a better one, which are likely similar."""
     unlike: list[StageResult] = []
-    for one in sorted(held, key=lambda one: one.merit(strictness)):
-        if not unlike or one.merit(strictness) > (1.0 + RESULT_TOL) * unlike[-1].merit(strictness):
+    for one in sorted(held, key=lambda one: one.merit(strain_penalty)):
+        if not unlike or one.merit(strain_penalty) > (1.0 + RESULT_TOL) * unlike[-1].merit(strain_penalty):
             unlike.append(one)
     return unlike
 
@@ -321,11 +326,11 @@ def _best_so_far(search: Search, point: DesignPoint, design: SpiralDesign) -> Si
         found.append(
             SimulatedResult(task.rested(search.best.design, search.best.point), search.best.point, search.farthest)
         )
-    if not found or found[0].merit(LOOSE) > (1.0 + RESULT_TOL) * point.merit(LOOSE):
+    if not found or found[0].merit(NO_STRAIN_PENALTY) > (1.0 + RESULT_TOL) * point.merit(NO_STRAIN_PENALTY):
         latest = codesign.to_design(point, design)
         if latest is not None:
             found.append(SimulatedResult(task.rested(latest, point), point, search.farthest))
-    return min(found, key=lambda one: one.merit(LOOSE))
+    return min(found, key=lambda one: one.merit(NO_STRAIN_PENALTY))
 
 
 def find_starts(
@@ -347,7 +352,7 @@ def find_starts(
     if params.restart and not design.painted:
         adjusted = space.coordinates(*curvature_adjusted(design.params, curvature.rms_curvature(target)))
         others = {"curvature": adjusted, "uniform": space.uniform(0.5, 0.5)}
-        given, free = places["given"], np.repeat(space.free, space.each)
+        given, free = places["given"], np.repeat(space.free_spirals, space.coordinates_per_spiral)
         for name, x in others.items():
             if np.sqrt(np.mean((x - given)[free] ** 2)) > SAME_START:
                 places[name] = x
@@ -355,7 +360,7 @@ def find_starts(
     for k, (name, x) in enumerate(places.items()):
         within = progress.at(k / len(places), "Starting shapes")
         own, x = _make_fabricable(problem, design, x, within)
-        point = own.at(x, pose, within)
+        point = own.point_at(x, pose, within)
         if point.equilibrium.converged:
             points[name] = point
     for name, x in {**places, "stiff": space.uniform(1.0, 0.0), "soft": space.uniform(0.5, 1.0)}.items():
@@ -377,9 +382,9 @@ def _make_fabricable(
 ) -> tuple[InverseProblem, Float[np.ndarray, " coordinates"]]:
     """Return coordinates of a design near x that can be cut, and the problem with a space that contains this design."""
     problem.work.add(FIT, problem.assembly.size)
-    wanted, free = problem.space.design(x), problem.space.free
+    wanted, free = problem.space.width_and_twist(x), problem.space.free_spirals
     made = make_fabricable(design.flat, design.params, *wanted, prove=False, free=free, progress=progress)
-    space = problem.space.including(made)
+    space = problem.space.extended_to(made)
     return replace(problem, space=space), space.coordinates(made.width, made.twist)
 
 
@@ -388,6 +393,6 @@ def _load_in_parts(problem: InverseProblem, x: np.ndarray, pose: Pose, progress:
     shares = LOAD_SHARES if problem.loads.force.any() else LOAD_SHARES[-1:]
     for share in shares:
         part = replace(problem, loads=replace(problem.loads, force=share * problem.loads.force))
-        point = part.at(x, pose, progress)
+        point = part.point_at(x, pose, progress)
         pose = point.equilibrium.pose
     return replace(point, problem=problem)

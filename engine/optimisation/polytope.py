@@ -17,55 +17,57 @@ from ..linalg import Pattern, SparseCholesky
 # Tikhonov term added to the unit diagonal of the Gram matrix, which is singular where slots have equal gradients, as
 # the four of a regular quad. Larger: less accurate projections
 RIDGE = 1e-6
-DENSE = 250  # largest number of rows for which the Gram matrix is factored as a dense matrix, which is quicker there
+MAX_DENSE_ROWS = (
+    250  # largest number of rows for which the Gram matrix is factored as a dense matrix, which is quicker there
+)
 # Projection: range of the spectral step length, largest number of steps, and of halvings of a step. A wider range and
 # more steps are more accurate where many gaps have nearly equal gradients, and slower (docs/tuning.md)
-LENGTHS, MAX_STEPS, MAX_HALVINGS = (1e-3, 100.0), 1000, 20
+STEP_LENGTH_RANGE, MAX_STEPS, MAX_HALVINGS = (1e-3, 100.0), 1000, 20
 # Number of recent values of the dual function; a step must end below the largest of them (Grippo, Lampariello and
 # Lucidi 1986). More values allow longer steps
-RECENT = 10
+NONMONOTONE_MEMORY = 10
 ARMIJO = 1e-4  # smallest share of the predicted decrease that a step must bring (Nocedal and Wright, section 3.1)
 # Largest violation of a clearance after a projection, as a share of the largest coordinate of the projected step.
 # Larger: quicker, less accurate projections (docs/tuning.md)
-PRECISION = 3e-4
-# Lower bound of the length that ``PRECISION`` refers to, as a share of the largest coordinate of the step before its
+CLEARANCE_TOL = 3e-4
+# Lower bound of the length that ``CLEARANCE_TOL`` refers to, as a share of the largest coordinate of the step before its
 # projection: closed gaps may reduce a step to almost 0. Larger: less accurate short steps
-BLOCKED = 1e-3
+MIN_LENGTH_SHARE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class LinearClearances:
     """Linearised clearances of gaps near a design, each divided by the norm of its gradient.
 
-    room : clearances, in units of the coordinates; slope : (rows, coordinates) their gradients, of unit length
+    clearance : clearances, in units of the coordinates; slope : (rows, coordinates) their gradients, of unit length
     """
 
-    room: Float[np.ndarray, " rows"]
+    clearance: Float[np.ndarray, " rows"]
     slope: csr_array
 
     @classmethod
     def from_clearances(cls, value: Float[np.ndarray, " rows"], slope: csr_array) -> LinearClearances:
         """Divide each clearance, in any unit, and its gradient by the gradient's norm; drop gaps of zero gradient."""
-        length = _lengths(slope)
+        length = _row_norms(slope)
         kept = length > 0.0
         if not kept.all():
             value, length, slope = value[kept], length[kept], slope[kept]
         return cls(value / length, _scale_rows(slope, 1.0 / length))
 
     @classmethod
-    def none(cls, size: int) -> LinearClearances:
+    def empty(cls, size: int) -> LinearClearances:
         """Return an empty set of clearances, for ``size`` coordinates."""
         return cls(np.zeros(0), csr_array((0, size)))
 
-    def in_units(self, units: Float[np.ndarray, " coordinates"]) -> LinearClearances:
+    def scaled(self, units: Float[np.ndarray, " coordinates"]) -> LinearClearances:
         """Return the clearances as functions of the coordinates divided by ``units``, normalised anew."""
-        return self.from_clearances(self.room, scale_columns(self.slope, units))
+        return self.from_clearances(self.clearance, scale_columns(self.slope, units))
 
-    def of_rows(self, rows: np.ndarray) -> LinearClearances:
-        return LinearClearances(self.room[rows], self.slope[rows])
+    def subset(self, rows: np.ndarray) -> LinearClearances:
+        return LinearClearances(self.clearance[rows], self.slope[rows])
 
 
-def _lengths(rows: csr_array) -> Float[np.ndarray, " rows"]:
+def _row_norms(rows: csr_array) -> Float[np.ndarray, " rows"]:
     """Return the Euclidean norm of every row."""
     row = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr))
     return np.sqrt(np.bincount(row, rows.data * rows.data, rows.shape[0]))
@@ -89,17 +91,17 @@ class Projection:
     """
 
     def __init__(self, rows: csr_array, soft: float = RIDGE):
-        length = _lengths(rows)
+        length = _row_norms(rows)
         self._length = np.where(length > 0.0, length, 1.0)
         self._rows = _scale_rows(rows, 1.0 / self._length)
         self._back = self._rows.T
         self._solve = _make_solver(self._rows @ self._back, soft)
 
-    def along(self, way: np.ndarray) -> np.ndarray:
+    def project(self, way: np.ndarray) -> np.ndarray:
         """Return the component of the vector ``way`` in the null space of the rows."""
         return way - self._back @ self._solve(self._rows @ way)
 
-    def least(self, change: Float[np.ndarray, " rows"]) -> np.ndarray:
+    def least_norm_solution(self, change: Float[np.ndarray, " rows"]) -> np.ndarray:
         """Return the shortest vector v with rows @ v = ``change``."""
         return self._back @ self._solve(change / self._length)
 
@@ -107,7 +109,7 @@ class Projection:
 def _make_solver(square: csr_array, soft: float) -> Callable[[np.ndarray], np.ndarray]:
     """Factor a positive semidefinite matrix plus ``soft`` on its diagonal; return a function that solves with it."""
     count = square.shape[0]
-    if 0 < count <= DENSE:
+    if 0 < count <= MAX_DENSE_ROWS:
         full = square.toarray()
         full[np.diag_indices(count)] += soft
         factor = cho_factor(full, lower=True, overwrite_a=True, check_finite=False)
@@ -121,14 +123,14 @@ def _make_solver(square: csr_array, soft: float) -> Callable[[np.ndarray], np.nd
     return sparse.solve
 
 
-class Nearest(NamedTuple):
-    """Point of a polytope nearest to a step; closed : mask of the clearances that are active there."""
+class NearestPoint(NamedTuple):
+    """Point of a polytope nearest to a step; active : mask of the clearances that are active there."""
 
     point: Float[np.ndarray, " coordinates"]
-    closed: Bool[np.ndarray, " rows"]
+    active: Bool[np.ndarray, " rows"]
 
 
-class _Dual(NamedTuple):
+class _DualPoint(NamedTuple):
     """Dual function of a projection, evaluated at some multipliers.
 
     multipliers : of the clearances, not negative
@@ -150,21 +152,24 @@ class _Dual(NamedTuple):
 class Polytope:
     """Set of the steps within a box whose linearised clearances are not negative; it contains the step 0.
 
-    low, high : (coordinates,) ends of the box; rooms : clearances before the step; negative ones count as 0
+    low, high : (coordinates,) ends of the box; linear_clearances : clearances before the step; negative ones count as 0
     """
 
     def __init__(
-        self, low: Float[np.ndarray, " coordinates"], high: Float[np.ndarray, " coordinates"], rooms: LinearClearances
+        self,
+        low: Float[np.ndarray, " coordinates"],
+        high: Float[np.ndarray, " coordinates"],
+        linear_clearances: LinearClearances,
     ):
-        self.low, self.high, self.slope = low, high, rooms.slope
-        self._room, self._back = np.maximum(rooms.room, 0.0), csr_array(rooms.slope.T)
-        self._multipliers = np.zeros(len(rooms.room))
+        self.low, self.high, self.slope = low, high, linear_clearances.slope
+        self._room, self._back = np.maximum(linear_clearances.clearance, 0.0), csr_array(linear_clearances.slope.T)
+        self._multipliers = np.zeros(len(linear_clearances.clearance))
 
-    def room(self, step: np.ndarray) -> Float[np.ndarray, " rows"]:
+    def clearances(self, step: np.ndarray) -> Float[np.ndarray, " rows"]:
         """Return the clearances after a step."""
         return self._room + self.slope @ step
 
-    def nearest(self, step: np.ndarray) -> Nearest:
+    def nearest(self, step: np.ndarray) -> NearestPoint:
         """Return the nearest step of the polytope.
 
         Its multipliers minimise a dual function (Boyd and Vandenberghe 2004, section 5.1.6) that is convex and
@@ -174,29 +179,34 @@ class Polytope:
         here, last = self._dual(step, np.zeros_like(self._multipliers)), self._multipliers
         if last.any():
             here = min(here, self._dual(step, last), key=lambda one: one.value)
-        best, blocked, length, recent = here, BLOCKED * abs(step).max(initial=0.0), 1.0, deque([here.value], RECENT)
+        best, blocked, length, recent = (
+            here,
+            MIN_LENGTH_SHARE * abs(step).max(initial=0.0),
+            1.0,
+            deque([here.value], NONMONOTONE_MEMORY),
+        )
         for _ in range(MAX_STEPS):
-            if here.violation <= PRECISION * max(abs(here.point).max(initial=0.0), blocked):
+            if here.violation <= CLEARANCE_TOL * max(abs(here.point).max(initial=0.0), blocked):
                 break
             there = self._descend(step, here, length, max(recent))
             if there is None:
                 break
             change = there.multipliers - here.multipliers
             bend = float(change @ (there.slope - here.slope))
-            length = float(np.clip(change @ change / bend, *LENGTHS)) if bend > 0.0 else LENGTHS[1]
+            length = float(np.clip(change @ change / bend, *STEP_LENGTH_RANGE)) if bend > 0.0 else STEP_LENGTH_RANGE[1]
             here, best = there, min(best, there, key=lambda one: one.violation)
             recent.append(here.value)
         self._multipliers = best.multipliers
-        return Nearest(best.point, best.multipliers > 0.0)
+        return NearestPoint(best.point, best.multipliers > 0.0)
 
-    def _dual(self, step: np.ndarray, multipliers: np.ndarray) -> _Dual:
+    def _dual(self, step: np.ndarray, multipliers: np.ndarray) -> _DualPoint:
         place = step + self._back @ multipliers
         point = np.clip(place, self.low, self.high)
         beyond = place - point
         value = 0.5 * float(place @ place - beyond @ beyond) + float(self._room @ multipliers)
-        return _Dual(multipliers, value, self.room(point), point)
+        return _DualPoint(multipliers, value, self.clearances(point), point)
 
-    def _descend(self, step: np.ndarray, here: _Dual, length: float, largest: float) -> _Dual | None:
+    def _descend(self, step: np.ndarray, here: _DualPoint, length: float, largest: float) -> _DualPoint | None:
         """Take a projected gradient step of this length, halved until the value is sufficiently below ``largest``.
 
         Return None if no halving is enough.

@@ -1,6 +1,6 @@
 """Remedies for a piece that misses its target, offered by buttons: cut, larger size, thinner sheet, finer quads.
 
-``reach`` decides which remedies apply; this module computes their amounts. It imports no numerics, so that the sidebar
+``match_limits`` decides which remedies apply; this module computes their amounts. It imports no numerics, so that the sidebar
 draws fast.
 """
 

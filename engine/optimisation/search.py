@@ -19,19 +19,19 @@ from ..progress import Progress
 from ..spirals.design import SpiralDesign
 from . import codesign
 from .codesign_problem import FlatPoint
-from .inverse import DesignPoint
+from .design_point import DesignPoint
+from .gauss_newton import Accepted, SearchRecord, run_gauss_newton
 from .near_target import is_near, is_overstrained
-from .optimisers import Accepted, SearchRecord, gauss_newton
-from .other_weights import with_lies, with_problem
+from .point_copy import with_position_share, with_problem
 from .remedies import WANTED_PERCENT
 from .task import Task
-from .terms import LOOSE, STRICT
+from .terms import FULL_STRAIN_PENALTY, NO_STRAIN_PENALTY
 from .work import SLOW
 
 Stage = Callable[["StageResult", Progress], "StageResult"]
-# Largest weight of position against curvature (``objective.Target.lies``) in the first steps of a piece that is about
+# Largest weight of position against curvature (``objective.Target.position_share``) in the first steps of a piece that is about
 # to snap far from its target: positions hold such a piece between two shapes, curvature leads it out. Larger: less so
-BENDING_LIES = 0.1
+BENDING_POSITION_SHARE = 0.1
 # Largest number of steps with flat shapes in a row; the steps of the spirals alone that follow lead flat shapes away
 # from their limits. Fewer: large surfaces end farther from the target; more: small saddles do (docs/tuning.md)
 FLAT_STEPS = 9
@@ -80,38 +80,40 @@ class StageResult:
     @property
     def sound(self) -> bool:
         """Whether the design has an equilibrium within the allowed distance from the target."""
-        return self.point.equilibrium.converged and self.point.distance <= self.farthest
+        return self.point.equilibrium.converged and self.point.relative_distance <= self.farthest
 
     @property
     def value(self) -> float:
         """Objective, for comparing designs of one stage, in which strains have the same weight; inf if not sound."""
         return self.point.value if self.sound else np.inf
 
-    def pressed(self) -> StageResult:
+    def with_updated_multipliers(self) -> StageResult:
         """Return this result with updated multipliers of the strain limits."""
-        return replace(self, point=self.point.pressed())
+        return replace(self, point=self.point.with_updated_multipliers())
 
-    def strict(self) -> StageResult:
-        """Return this result with excess strain of a single arm weighted as in ``merit(STRICT)``."""
+    def with_full_strain_weight(self) -> StageResult:
+        """Return this result with excess strain of a single arm weighted as in ``merit(FULL_STRAIN_PENALTY)``."""
         problem, strains = self.point.problem, self.point.strains
-        if problem.bearing is None or strains is None:
+        if problem.strain_limit is None or strains is None:
             return self
-        bearing = problem.bearing.weighed(STRICT * self.point.mismatch.value * strains.values.size)
-        return replace(self, point=with_problem(self.point, replace(problem, bearing=bearing)))
+        strain_limit = problem.strain_limit.with_weight_at_least(
+            FULL_STRAIN_PENALTY * self.point.mismatch.value * strains.values.size
+        )
+        return replace(self, point=with_problem(self.point, replace(problem, strain_limit=strain_limit)))
 
-    def firmed(self) -> StageResult:
+    def with_stability_weight(self) -> StageResult:
         """Return this result with the stability barrier weighted for a stage that starts here."""
-        return replace(self, point=self.point.firmed())
+        return replace(self, point=self.point.with_stability_weight())
 
-    def compared(self, lies: float) -> StageResult:
-        """Return this result with another weight ``lies`` of position against curvature, see ``objective.Target``."""
-        point = with_lies(self.point, lies)
-        return self if point is self.point else replace(self, point=point.weighed(point.mismatch.value))
+    def with_position_share(self, position_share: float) -> StageResult:
+        """Return this result with another weight of position against curvature, see ``objective.Target``."""
+        point = with_position_share(self.point, position_share)
+        return self if point is self.point else replace(self, point=point.with_strain_weight(point.mismatch.value))
 
     @property
     def percent(self) -> float:
         """RMS distance from the target, in percent of its size."""
-        return 100.0 * self.point.metres_away / self.design.flat.layout.mesh.diagonal
+        return 100.0 * self.point.distance_metres / self.design.flat.layout.mesh.diagonal
 
     @property
     def strained(self) -> bool:
@@ -129,9 +131,9 @@ class StageResult:
             return max(UNMET_FACTOR, far)
         return STRAINED_FACTOR if self.strained else 1.0
 
-    def merit(self, strictness: float) -> float:
+    def merit(self, strain_penalty: float) -> float:
         """Return ``DesignPoint.merit``, for comparing results of different stages; inf if not sound."""
-        return self.point.merit(strictness) if self.sound else np.inf
+        return self.point.merit(strain_penalty) if self.sound else np.inf
 
 
 @dataclass(eq=False)
@@ -155,7 +157,7 @@ class Search:
     @property
     def best(self) -> StageResult:
         """Stage result with the best merit."""
-        return min(self.held, key=lambda one: one.merit(STRICT))
+        return min(self.held, key=lambda one: one.merit(FULL_STRAIN_PENALTY))
 
     def run(self, starts: list[DesignPoint], design: SpiralDesign, progress: Progress) -> None:
         """Run all stages from the first of ``starts``; every separate body comes from the start where it matches best.
@@ -170,7 +172,7 @@ class Search:
         tried = [self.hold(design, start) for start in starts]
         here = self._with_best_bodies(tried, tried[0], progress.at(0.0, "Starting shapes"))
         work.begin(TIME_WITH_FLATS)
-        codesigned = params.codesign and here.point.arms is not None
+        codesigned = params.codesign and here.point.arm_model is not None
         if codesigned:
             here = self.cycled(here, progress.part(0.0, 0.8))
         else:
@@ -184,7 +186,7 @@ class Search:
             here = self._repeat(self.polished, here, MAX_POLISHES, POLISH_GAIN, progress.part(0.8, 0.95))
         late = work.late  # read before ``relieve``, which extends the limit
         self.relieve(here, progress.part(0.95, 1.0))
-        if is_near(self.best.firmed().point, params):
+        if is_near(self.best.with_stability_weight().point, params):
             self.trace.ended = REACHED
         elif slow or work.slow:
             self.trace.ended = SLOW
@@ -199,46 +201,48 @@ class Search:
         Return ``best`` if the combination is not better.
         """
         target = best.point.mismatch.target
-        nearest = np.argmin([one.point.mismatch.by_body for one in tried], axis=0)[target.body_of]
+        nearest = np.argmin([one.point.mismatch.value_by_body for one in tried], axis=0)[target.body_of_spiral]
         if (nearest == nearest[0]).all():
             return best
-        (width, twist), pose = best.point.spirals, best.point.equilibrium.pose
+        (width, twist), pose = best.point.width_and_twist, best.point.equilibrium.pose
         for k, one in enumerate(tried):
             hubs = np.flatnonzero(nearest == k)
-            width[hubs], twist[hubs] = (spirals[hubs] for spirals in one.point.spirals)
+            width[hubs], twist[hubs] = (spirals[hubs] for spirals in one.point.width_and_twist)
             pose = pose.with_part(hubs, one.point.equilibrium.pose.part(hubs))
-        space = best.point.problem.space.including(replace(best.design, width=width, twist=twist))
+        space = best.point.problem.space.extended_to(replace(best.design, width=width, twist=twist))
         problem = replace(best.point.problem, space=space)
-        found = self.hold(best.design, problem.at(space.coordinates(width, twist), pose, progress))
-        return found if found.merit(LOOSE) < best.merit(LOOSE) else best
+        found = self.hold(best.design, problem.point_at(space.coordinates(width, twist), pose, progress))
+        return found if found.merit(NO_STRAIN_PENALTY) < best.merit(NO_STRAIN_PENALTY) else best
 
     def cycled(self, here: StageResult, progress: Progress) -> StageResult:
         """Run cycles (``together``) while they pay; return the best result.
 
         If the piece is about to snap far from its target, ``_bend`` comes first.
         """
-        if here.percent > WANTED_PERCENT and here.firmed().point.barrier is not None:
+        if here.percent > WANTED_PERCENT and here.with_stability_weight().point.stability_barrier is not None:
             here = self._bend(here, progress)
         return self._repeat(self.together, here, MAX_CYCLES, CYCLE_GAIN, progress)
 
     def _bend(self, here: StageResult, progress: Progress) -> StageResult:
         """Run one cycle that compares mostly curvature, for a piece that is about to snap far from its target."""
         self.snapping, lies, work = True, self.task.params.lies, self.task.work
-        found = self._repeat(self.together, here.compared(min(lies, BENDING_LIES)), 1, CYCLE_GAIN, progress)
+        found = self._repeat(
+            self.together, here.with_position_share(min(lies, BENDING_POSITION_SHARE)), 1, CYCLE_GAIN, progress
+        )
         work.begin(work.share, rated=work.rated)  # forget the decreases, which were those of another objective
-        return found.compared(lies)
+        return found.with_position_share(lies)
 
     def relieve(self, here: StageResult, progress: Progress) -> None:
         """Take further steps that reduce strains if arms are overstrained; append the results to ``held``."""
         if here.strained:
             self.task.work.extend(OVERTIME * self.task.work.done)
-            self._repeat(self.relieved, here.strict(), MAX_POLISHES, 1.0, progress)
+            self._repeat(self.relieved, here.with_full_strain_weight(), MAX_POLISHES, 1.0, progress)
 
     def hold(self, design: SpiralDesign, point: DesignPoint) -> StageResult:
         """Append the result of a stage, a point in the design's flat shapes, to ``held``; return the result."""
-        width, twist = point.spirals
+        width, twist = point.width_and_twist
         found = StageResult(replace(design, width=width, twist=twist), point, self.farthest)
-        self.held.append(replace(found, point=with_lies(point, self.task.params.lies)))
+        self.held.append(replace(found, point=with_position_share(point, self.task.params.lies)))
         return found
 
     def _repeat(self, step: Stage, here: StageResult, most: int, gain: float, progress: Progress) -> StageResult:
@@ -250,7 +254,7 @@ class Search:
             if self.task.work.over:
                 break
             self.task.work.factor = here.rate_factor
-            start = here.pressed().firmed()
+            start = here.with_updated_multipliers().with_stability_weight()
             if is_near(start.point, self.task.params):
                 break
             found = step(start, progress.part(k / most, (k + 1) / most))
@@ -286,10 +290,10 @@ class Search:
         def accepted(point: DesignPoint) -> None:
             nonlocal bearable
             self.accepted(point)
-            if point.merit(STRICT) < bearable.merit(STRICT):
+            if point.merit(FULL_STRAIN_PENALTY) < bearable.merit(FULL_STRAIN_PENALTY):
                 bearable = point
 
-        found = gauss_newton(start.problem, start, params, self.trace, accepted, progress)
+        found = run_gauss_newton(start.problem, start, params, self.trace, accepted, progress)
         if bearable not in (start, found):  # the last steps may have raised strains, with no time left to reduce them
             self.hold(here.design, bearable)
         return self.hold(here.design, found)

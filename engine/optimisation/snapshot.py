@@ -11,7 +11,7 @@ from ..arrays import Float
 from ..simulation.simulate import Simulation, move_vertices
 from ..spirals.design import SpiralDesign
 from ..surface.mesh import QuadMesh
-from .inverse import DesignPoint
+from .design_point import DesignPoint
 from .task import Task
 
 
@@ -32,12 +32,12 @@ class OptimisationStep:
     @classmethod
     def from_point(cls, point: DesignPoint, design: SpiralDesign, target: QuadMesh, step: int) -> Self:
         """Return the snapshot of a point after ``step`` steps; align bodies that nothing holds with the target."""
-        vertices = move_vertices(design, point.problem.target.laid(point.equilibrium.pose), target)
-        return cls(vertices, *point.spirals, point.metres_away, step)
+        vertices = move_vertices(design, point.problem.target.align_pose(point.equilibrium.pose), target)
+        return cls(vertices, *point.width_and_twist, point.distance_metres, step)
 
     @classmethod
     def from_simulation(cls, given: Simulation, task: Task) -> Self:
         """Return the snapshot of the given design, before the first step."""
         aim = task.aim(given.assembly)
-        distance = aim.unit * aim.distance(given.equilibrium.pose)
+        distance = aim.unit_length * aim.relative_distance(given.equilibrium.pose)
         return cls(given.vertices, given.design.width, given.design.twist, distance, 0)

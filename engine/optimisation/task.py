@@ -20,12 +20,13 @@ from ..spirals.constraints import NO_CONSTRAINTS, Constraints
 from ..spirals.design import SpiralDesign
 from ..surface.mesh import QuadMesh
 from ..tolerances import SINGLE_TOL
+from .design_point import DesignPoint
 from .design_space import DesignSpace
-from .inverse import DesignPoint, InverseProblem
+from .gauss_newton import MAX_NEWTON_ITERATIONS
+from .inverse import InverseProblem
 from .objective import Target
-from .open_slots import SlotRequirement
-from .optimisers import MAX_NEWTON_ITERATIONS
-from .other_weights import copy_state
+from .point_copy import copy_state
+from .slot_penalty import SlotRequirement
 from .terms import StrainLimit
 from .wishes import Wishes
 from .work import CURVING, SPACE, Work
@@ -109,16 +110,19 @@ class Task:
         progress : reports progress and raises Cancelled
         known : point of ``like``; its equilibrium is reused if the designs differ by rounding only
         """
-        space = like.space.including(design)
+        space = like.space.extended_to(design)
         problem = replace(
-            self.problem(design, progress, space), bearing=like.bearing, firmness=like.firmness, target=like.target
+            self.problem(design, progress, space),
+            strain_limit=like.strain_limit,
+            stability=like.stability,
+            target=like.target,
         )
         x = space.coordinates(design.width, design.twist)
-        if known is not None and self._rests_alike(problem.assembly.with_spirals(*space.design(x)), known):
+        if known is not None and self._rests_alike(problem.assembly.with_spirals(*space.width_and_twist(x)), known):
             found = DesignPoint(problem, x, known.model, known.equilibrium, known.mismatch, known.factors)
             copy_state(known, found)
             return found
-        return problem.at(x, start, progress, MAX_NEWTON_ITERATIONS)
+        return problem.point_at(x, start, progress, MAX_NEWTON_ITERATIONS)
 
     def aim(self, assembly: Assembly) -> Target:
         """Return the target of the spirals' centres.
@@ -141,7 +145,7 @@ class Task:
         self.work.add(SPACE, len(design.width))
         groups = GROUP_COUNTS[self.params.arms]
         space = DesignSpace.from_design(design, assembly_from_design(design), groups, progress, self.constraints)
-        return space.including(design)
+        return space.extended_to(design)
 
     def model(self, assembly: Assembly, progress: Progress = SILENT) -> ElasticModel:
         """Build the elastic model of an assembly, with second-order strains.

@@ -19,35 +19,35 @@ from .objective import Mismatch
 
 # Safety distance of the bound on strains below the limit, as a share of it, so that a small remaining excess does not
 # violate the limit. Larger: worse match (docs/tuning.md)
-MARGIN = 0.02
+LIMIT_MARGIN = 0.02
 # Penalty parameter of the augmented Lagrangian, on squared relative excesses. Larger: shorter steps (docs/tuning.md)
-PENALTY = 1.0
+PENALTY_PARAMETER = 1.0
 # Weight of excess strain, as a multiple of the mismatch at the start of the search. Larger: worse match; smaller:
 # strains end beyond the limit (docs/tuning.md)
-WEIGHT = 100.0
+STRAIN_WEIGHT = 100.0
 # Relative distance below the limit within which arms are part of a step's model. Smaller: steps may strain many other
 # arms beyond the limit and are refused; larger: slower (docs/tuning.md)
-ACTIVE_FROM = 0.5
+ACTIVE_DISTANCE = 0.5
 # Factor on the weight after an update of the multipliers, if the largest excess is above this share of the excess at
 # the update before. Larger factor: strains reach the limit sooner (docs/tuning.md)
-WEIGHT_GROWTH, ENOUGH_DECREASE = 2.0, 0.5
+WEIGHT_GROWTH, SUFFICIENT_DECREASE = 2.0, 0.5
 # Largest multiplier of an arm, chosen by eye. Larger: a few arms that no spirals can relieve outweigh all other terms
 MAX_MULTIPLIER = 1.0
 # Penalty on excess strain when ranking results, as the growth of log(merit) per relative excess: after a cancel;
 # against the given design, and after the time limit; within a completed search
-LOOSE, LENIENT, STRICT = 0.0, 5.0, 20.0
+NO_STRAIN_PENALTY, MILD_STRAIN_PENALTY, FULL_STRAIN_PENALTY = 0.0, 5.0, 20.0
 
 
-class ScalarChange(NamedTuple):
+class Gradient(NamedTuple):
     """Derivatives of a scalar.
 
-    hubs : (n, 6) with respect to the hubs' increments; own : (coordinates,) with respect to the coordinates at fixed
+    by_hubs : (n, 6) with respect to the hubs' increments; by_coordinates : (coordinates,) with respect to the coordinates at fixed
         hubs
     A 0 stands for an array of zeros.
     """
 
-    hubs: np.ndarray | float
-    own: np.ndarray | float
+    by_hubs: np.ndarray | float
+    by_coordinates: np.ndarray | float
 
 
 class Term(Protocol):
@@ -57,35 +57,35 @@ class Term(Protocol):
     def value(self) -> float: ...
 
     @property
-    def gradient(self) -> ScalarChange: ...
+    def gradient(self) -> Gradient: ...
 
-    def product(self, moves: np.ndarray, change: np.ndarray) -> ScalarChange:
+    def gauss_newton_product(self, increments: np.ndarray, change: np.ndarray) -> Gradient:
         """Return the product of its Gauss-Newton matrix with hub increments (n, 6) and a change of the coordinates."""
 
-    def ahead(self, moves: np.ndarray, change: np.ndarray) -> Term:
+    def after_step(self, increments: np.ndarray, change: np.ndarray) -> Term:
         """Return the term after a step: linearise strains, gaps and distances, evaluate their penalty exactly."""
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class Jacobian:
     """Jacobian of K quantities.
 
-    hubs : (K, 6 n) with respect to the increments of the hubs
-    own : (K, coordinates) with respect to the coordinates at fixed hubs
+    by_hubs : (K, 6 n) with respect to the increments of the hubs
+    by_coordinates : (K, coordinates) with respect to the coordinates at fixed hubs
     """
 
-    hubs: csr_array
-    own: csr_array
+    by_hubs: csr_array
+    by_coordinates: csr_array
 
-    def forward(self, moves: np.ndarray, change: np.ndarray) -> Float[np.ndarray, " k"]:
+    def jvp(self, increments: np.ndarray, change: np.ndarray) -> Float[np.ndarray, " k"]:
         """Return the product with increments (n, 6) of the hubs and a change of the coordinates (jvp)."""
-        return self.hubs @ moves.ravel() + self.own @ change
+        return self.by_hubs @ increments.ravel() + self.by_coordinates @ change
 
-    def backward(self, weight: Float[np.ndarray, " k"]) -> ScalarChange:
+    def vjp(self, weight: Float[np.ndarray, " k"]) -> Gradient:
         """Return the transposed product (vjp)."""
-        return ScalarChange((self._transposed[0] @ weight).reshape(-1, 6), self._transposed[1] @ weight)
+        return Gradient((self._transposed[0] @ weight).reshape(-1, 6), self._transposed[1] @ weight)
 
-    def curved(self, curvature: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " some"], Rows]:
+    def drop_zero_curvature(self, curvature: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " some"], Jacobian]:
         """Return the second derivatives that are not 0, and the Jacobian of only the quantities that these belong to.
 
         curvature : second derivatives of a scalar with respect to the K quantities
@@ -93,11 +93,11 @@ class Rows:
         some = np.flatnonzero(curvature)
         if len(some) == len(curvature):
             return curvature, self
-        return curvature[some], Rows(self.hubs[some], self.own[some])
+        return curvature[some], Jacobian(self.by_hubs[some], self.by_coordinates[some])
 
     @cached_property
     def _transposed(self) -> tuple[csr_array, csr_array]:
-        return csr_array(self.hubs.T), csr_array(self.own.T)
+        return csr_array(self.by_hubs.T), csr_array(self.by_coordinates.T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,42 +107,42 @@ class LeastSquares(Term):
     A subclass defines ``residual``, ``jvp`` and ``vjp``; value, gradient and Gauss-Newton product follow. For an
     example see docs/extend.md.
 
-    moved : change of the residual by a step; None at the equilibrium itself
+    residual_change : change of the residual by a step; None at the equilibrium itself
     """
 
-    moved: np.ndarray | None = field(default=None, kw_only=True)
+    residual_change: np.ndarray | None = field(default=None, kw_only=True)
 
     @property
     def residual(self) -> np.ndarray:
         """Residual at the equilibrium."""
         raise NotImplementedError
 
-    def jvp(self, moves: np.ndarray, change: np.ndarray) -> np.ndarray:
+    def jvp(self, increments: np.ndarray, change: np.ndarray) -> np.ndarray:
         """Return the change of the residual for hub increments (n, 6) and a change of the coordinates."""
         raise NotImplementedError
 
-    def vjp(self, weight: np.ndarray) -> ScalarChange:
+    def vjp(self, weight: np.ndarray) -> Gradient:
         """Return the derivative of the residual's scalar product with ``weight``."""
         raise NotImplementedError
 
     @property
-    def _here(self) -> np.ndarray:
+    def _residual_after_step(self) -> np.ndarray:
         """Residual after the step."""
-        return self.residual if self.moved is None else self.residual + self.moved
+        return self.residual if self.residual_change is None else self.residual + self.residual_change
 
     @property
     def value(self) -> float:
-        return 0.5 * float((self._here**2).sum())
+        return 0.5 * float((self._residual_after_step**2).sum())
 
     @property
-    def gradient(self) -> ScalarChange:
-        return self.vjp(self._here)
+    def gradient(self) -> Gradient:
+        return self.vjp(self._residual_after_step)
 
-    def product(self, moves: np.ndarray, change: np.ndarray) -> ScalarChange:
-        return self.vjp(self.jvp(moves, change))
+    def gauss_newton_product(self, increments: np.ndarray, change: np.ndarray) -> Gradient:
+        return self.vjp(self.jvp(increments, change))
 
-    def ahead(self, moves: np.ndarray, change: np.ndarray) -> Self:
-        return replace(self, moved=self.jvp(moves, change))
+    def after_step(self, increments: np.ndarray, change: np.ndarray) -> Self:
+        return replace(self, residual_change=self.jvp(increments, change))
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,24 +155,26 @@ class MismatchTerm(LeastSquares):
     def residual(self) -> np.ndarray:
         return self.mismatch.residual
 
-    def jvp(self, moves: np.ndarray, change: np.ndarray) -> np.ndarray:
-        return self.mismatch.forward(self._shifts(moves))
+    def jvp(self, increments: np.ndarray, change: np.ndarray) -> np.ndarray:
+        return self.mismatch.jvp(self._shifts(increments))
 
-    def vjp(self, weight: np.ndarray) -> ScalarChange:
-        return by_centres(self.mismatch.backward(weight))
+    def vjp(self, weight: np.ndarray) -> Gradient:
+        return gradient_by_centres(self.mismatch.vjp(weight))
 
     @property
-    def gradient(self) -> ScalarChange:
+    def gradient(self) -> Gradient:
         # at the equilibrium the derivative of the best rotation contributes nothing (envelope theorem)
-        further = 0.0 if self.moved is None else self.mismatch.backward(self.moved)
-        return by_centres(self.mismatch.gradient + further)
+        further = 0.0 if self.residual_change is None else self.mismatch.vjp(self.residual_change)
+        return gradient_by_centres(self.mismatch.gradient + further)
 
-    def product(self, moves: np.ndarray, change: np.ndarray) -> ScalarChange:
-        return by_centres(self.mismatch.product(self._shifts(moves)))  # quicker than jvp, then vjp
+    def gauss_newton_product(self, increments: np.ndarray, change: np.ndarray) -> Gradient:
+        return gradient_by_centres(
+            self.mismatch.gauss_newton_product(self._shifts(increments))
+        )  # quicker than jvp, then vjp
 
-    def _shifts(self, moves: np.ndarray) -> Float[np.ndarray, "spirals 3"]:
+    def _shifts(self, increments: np.ndarray) -> Float[np.ndarray, "spirals 3"]:
         """Return the translations of the hubs, without the nodes of a rim."""
-        return moves[: len(self.mismatch.target.points), :3]
+        return increments[: len(self.mismatch.target.points), :3]
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,15 +183,15 @@ class StrainLimit:
 
     material, share : the limit is ``share`` times the material's safe strain
     weight : of the squared excesses in the objective
-    pushes : (m, 2) multipliers of both arms of every joint; None before the first update
-    worst : largest relative excess at the last update of the multipliers
+    multipliers : (m, 2) multipliers of both arms of every joint; None before the first update
+    last_excess : largest relative excess at the last update of the multipliers
     """
 
     material: Material
     share: float
     weight: float = 1.0
-    pushes: Float[np.ndarray, "joints 2"] | None = None
-    worst: float = np.inf
+    multipliers: Float[np.ndarray, "joints 2"] | None = None
+    last_excess: float = np.inf
 
     @property
     def limit(self) -> float:
@@ -197,182 +199,192 @@ class StrainLimit:
         return self.share * self.material.safe_strain
 
     def excess(self, strains: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, "joints 2"]:
-        """Return the relative excess (m, 2) of strains over the limit less ``MARGIN``; negative below it."""
-        return strains / ((1.0 - MARGIN) * self.limit) - 1.0
+        """Return the relative excess (m, 2) of strains over the limit less ``LIMIT_MARGIN``; negative below it."""
+        return strains / ((1.0 - LIMIT_MARGIN) * self.limit) - 1.0
 
-    def pressed(self, strains: Float[np.ndarray, "joints 2"]) -> StrainLimit:
+    def with_updated_multipliers(self, strains: Float[np.ndarray, "joints 2"]) -> StrainLimit:
         """Return a copy with multipliers updated from these strains.
 
-        The weight grows if the excess is not below ``ENOUGH_DECREASE`` of the excess at the last update.
+        The weight grows if the excess is not below ``SUFFICIENT_DECREASE`` of the excess at the last update.
         """
-        known, excess = 0.0 if self.pushes is None else self.pushes, self.excess(strains)
+        known, excess = 0.0 if self.multipliers is None else self.multipliers, self.excess(strains)
         worst = max(float(excess.max(initial=0.0)), 0.0)
-        stiffer = WEIGHT_GROWTH if worst > ENOUGH_DECREASE * self.worst else 1.0
-        pushes = np.clip(known + PENALTY * excess, 0.0, MAX_MULTIPLIER) / stiffer
-        return replace(self, weight=stiffer * self.weight, pushes=pushes, worst=worst)
+        stiffer = WEIGHT_GROWTH if worst > SUFFICIENT_DECREASE * self.last_excess else 1.0
+        multipliers = np.clip(known + PENALTY_PARAMETER * excess, 0.0, MAX_MULTIPLIER) / stiffer
+        return replace(self, weight=stiffer * self.weight, multipliers=multipliers, last_excess=worst)
 
-    def weighed(self, weight: float) -> StrainLimit:
+    def with_weight_at_least(self, weight: float) -> StrainLimit:
         """Return a copy with at least this weight; multipliers are scaled so that weight times multiplier is kept."""
         more = max(1.0, weight / self.weight)
-        return replace(self, weight=more * self.weight, pushes=None if self.pushes is None else self.pushes / more)
+        return replace(
+            self, weight=more * self.weight, multipliers=None if self.multipliers is None else self.multipliers / more
+        )
 
-    def merit(self, value: float, largest: float, strictness: float) -> float:
+    def merit(self, value: float, max_strain: float, strain_penalty: float) -> float:
         """Return an objective times a penalty on strain beyond the limit, to rank designs.
 
         Parameters
         ----------
         value : of the objective
         largest : largest strain of the piece
-        strictness : ``LOOSE``, ``LENIENT`` or ``STRICT``
+        strain_penalty : ``NO_STRAIN_PENALTY``, ``MILD_STRAIN_PENALTY`` or ``FULL_STRAIN_PENALTY``
         """
-        return value * float(np.exp(strictness * np.clip(largest / self.limit - 1.0, 0.0, 1.0)))
+        return value * float(np.exp(strain_penalty * np.clip(max_strain / self.limit - 1.0, 0.0, 1.0)))
 
 
 @dataclass(frozen=True, eq=False)
 class StrainTerm(Term):
-    """Augmented Lagrangian of the strain limits: half the squared positive pushes of arms, as a mean over all arms.
+    """Augmented Lagrangian of the strain limits: half the squared positive multiplier estimates, as a mean over all arms.
 
-    An arm's push is its multiplier plus ``PENALTY`` times its relative excess; beyond ``MAX_MULTIPLIER`` the term is
-    linear (Huber's loss).
+    The multiplier estimate of an arm is its multiplier plus ``PENALTY_PARAMETER`` times its relative excess; beyond
+    ``MAX_MULTIPLIER`` the term is linear (Huber's loss).
 
     strains : (m, 2) of both arms of every joint
     changes : function from numbers of arms (2 * joint + side) to the Jacobian of their strains
     """
 
-    bearing: StrainLimit
+    strain_limit: StrainLimit
     strains: Float[np.ndarray, "joints 2"]
-    changes: Callable[[np.ndarray], Rows]
+    jacobian_of: Callable[[np.ndarray], Jacobian]
 
     @cached_property
-    def _push(self) -> Float[np.ndarray, " k"]:
-        """Pushes of the active arms, not clipped to ``MAX_MULTIPLIER``."""
-        return self._pushes[self._active]
+    def _active_estimates(self) -> Float[np.ndarray, " k"]:
+        """Estimates of the active arms, not clipped to ``MAX_MULTIPLIER``."""
+        return self._estimates[self._active]
 
     @cached_property
-    def _pushes(self) -> Float[np.ndarray, " arms"]:
-        """Pushes of all arms: multiplier plus ``PENALTY`` times the relative excess."""
-        known = 0.0 if self.bearing.pushes is None else self.bearing.pushes
-        return (known + PENALTY * self.bearing.excess(self.strains)).ravel()
+    def _estimates(self) -> Float[np.ndarray, " arms"]:
+        """Estimates of all arms: multiplier plus ``PENALTY_PARAMETER`` times the relative excess."""
+        known = 0.0 if self.strain_limit.multipliers is None else self.strain_limit.multipliers
+        return (known + PENALTY_PARAMETER * self.strain_limit.excess(self.strains)).ravel()
 
     @cached_property
     def _active(self) -> Int[np.ndarray, " k"]:
-        """Numbers of the arms in the model of a step: those whose push exceeds -``ACTIVE_FROM``."""
-        return np.flatnonzero(self._pushes > -ACTIVE_FROM)
+        """Numbers of the arms in the model of a step: those whose estimate exceeds -``ACTIVE_DISTANCE``."""
+        return np.flatnonzero(self._estimates > -ACTIVE_DISTANCE)
 
     @cached_property
-    def _rows(self) -> Rows:
+    def _jacobian(self) -> Jacobian:
         """Jacobian of the active arms' strains."""
-        return self.changes(self._active)
+        return self.jacobian_of(self._active)
 
     @property
-    def _unit(self) -> float:
+    def _weight_per_arm(self) -> float:
         """Weight of one arm in the objective."""
-        return self.bearing.weight / (2 * len(self.strains))
+        return self.strain_limit.weight / (2 * len(self.strains))
 
     @property
-    def _by_strain(self) -> float:
+    def _excess_per_strain(self) -> float:
         """Derivative of the relative excess with respect to the strain."""
-        return 1.0 / ((1.0 - MARGIN) * self.bearing.limit)
+        return 1.0 / ((1.0 - LIMIT_MARGIN) * self.strain_limit.limit)
 
-    def value_at(self, push: Float[np.ndarray, " k"]) -> float:
-        """Return the value at these pushes of the active arms."""
-        return self._unit / PENALTY * _huber(push)
+    def value_at(self, estimate: Float[np.ndarray, " k"]) -> float:
+        """Return the value at these estimates of the active arms."""
+        return self._weight_per_arm / PENALTY_PARAMETER * _huber_loss(estimate)
 
-    def gradient_at(self, push: Float[np.ndarray, " k"]) -> ScalarChange:
-        """Return the gradient at these pushes of the active arms."""
-        return self._rows.backward(self._unit * self._by_strain * np.clip(push, 0.0, MAX_MULTIPLIER))
+    def gradient_at(self, estimate: Float[np.ndarray, " k"]) -> Gradient:
+        """Return the gradient at these estimates of the active arms."""
+        return self._jacobian.vjp(
+            self._weight_per_arm * self._excess_per_strain * np.clip(estimate, 0.0, MAX_MULTIPLIER)
+        )
 
-    def curvature_at(self, push: Float[np.ndarray, " k"], below: Float[np.ndarray, " k"] | float) -> np.ndarray:
+    def curvature_at(
+        self, estimate: Float[np.ndarray, " k"], negative_factor: Float[np.ndarray, " k"] | float
+    ) -> np.ndarray:
         """Return the second derivatives (k,) with respect to the strains.
 
         In the linear part of Huber's loss they are replaced by those of a parabola of equal slope.
 
-        push : (k,) pushes of the active arms; below : factor on the second derivative for arms with a negative push
+        estimate : (k,) estimates of the active arms; negative_factor : on the second derivative for arms with a negative estimate
         """
-        share = np.where(push > 0.0, np.minimum(1.0, MAX_MULTIPLIER / np.maximum(push, MAX_MULTIPLIER)), below)
-        return self._unit * PENALTY * self._by_strain**2 * share
+        share = np.where(
+            estimate > 0.0, np.minimum(1.0, MAX_MULTIPLIER / np.maximum(estimate, MAX_MULTIPLIER)), negative_factor
+        )
+        return self._weight_per_arm * PENALTY_PARAMETER * self._excess_per_strain**2 * share
 
     @property
     def value(self) -> float:
-        return self.value_at(self._push)
+        return self.value_at(self._active_estimates)
 
     @property
-    def gradient(self) -> ScalarChange:
-        return self.gradient_at(self._push)
+    def gradient(self) -> Gradient:
+        return self.gradient_at(self._active_estimates)
 
     @cached_property
     def _curvature(self) -> Float[np.ndarray, " k"]:
         """Second derivatives with respect to the active strains; they fade to 0 for arms far below the limit."""
-        return self.curvature_at(self._push, 1.0 + self._push / ACTIVE_FROM)
+        return self.curvature_at(self._active_estimates, 1.0 + self._active_estimates / ACTIVE_DISTANCE)
 
-    def product(self, moves: np.ndarray, change: np.ndarray) -> ScalarChange:
-        return self._rows.backward(self._curvature * self._rows.forward(moves, change))
+    def gauss_newton_product(self, increments: np.ndarray, change: np.ndarray) -> Gradient:
+        return self._jacobian.vjp(self._curvature * self._jacobian.jvp(increments, change))
 
-    def ahead(self, moves: np.ndarray, change: np.ndarray) -> StrainTermAtStep:
-        return StrainTermAtStep(self, PENALTY * self._by_strain * self._rows.forward(moves, change))
+    def after_step(self, increments: np.ndarray, change: np.ndarray) -> StrainTermAtStep:
+        return StrainTermAtStep(
+            self, PENALTY_PARAMETER * self._excess_per_strain * self._jacobian.jvp(increments, change)
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class StrainTermAtStep(Term):
-    """``StrainTerm`` after a step; change : (k,) linearised changes of the active arms' pushes."""
+    """``StrainTerm`` after a step; change : (k,) linearised changes of the active arms' estimates."""
 
     start: StrainTerm
     change: Float[np.ndarray, " k"]
 
     @property
-    def _push(self) -> Float[np.ndarray, " k"]:
-        return self.start._push + self.change
+    def _active_estimates(self) -> Float[np.ndarray, " k"]:
+        return self.start._active_estimates + self.change
 
     @property
     def value(self) -> float:
-        return self.start.value_at(self._push)
+        return self.start.value_at(self._active_estimates)
 
     @property
-    def gradient(self) -> ScalarChange:
-        return self.start.gradient_at(self._push)
+    def gradient(self) -> Gradient:
+        return self.start.gradient_at(self._active_estimates)
 
     @cached_property
-    def _curved(self) -> tuple[Float[np.ndarray, " k"], Rows]:
-        return self.start._rows.curved(self.start.curvature_at(self._push, 0.0))
+    def _curvature_and_jacobian(self) -> tuple[Float[np.ndarray, " k"], Jacobian]:
+        return self.start._jacobian.drop_zero_curvature(self.start.curvature_at(self._active_estimates, 0.0))
 
-    def product(self, moves: np.ndarray, change: np.ndarray) -> ScalarChange:
-        curvature, rows = self._curved
-        return rows.backward(curvature * rows.forward(moves, change))
+    def gauss_newton_product(self, increments: np.ndarray, change: np.ndarray) -> Gradient:
+        curvature, rows = self._curvature_and_jacobian
+        return rows.vjp(curvature * rows.jvp(increments, change))
 
-    def ahead(self, moves: np.ndarray, change: np.ndarray) -> StrainTermAtStep:
-        return self.start.ahead(moves, change)
-
-
-def _huber(push: Float[np.ndarray, " k"]) -> float:
-    """Return the sum of Huber's loss of the positive pushes: half the square, linear beyond ``MAX_MULTIPLIER``."""
-    push = np.maximum(push, 0.0)
-    near = np.minimum(push, MAX_MULTIPLIER)
-    return float((near * (push - 0.5 * near)).sum())
+    def after_step(self, increments: np.ndarray, change: np.ndarray) -> StrainTermAtStep:
+        return self.start.after_step(increments, change)
 
 
-def turning(weight: float, moves: np.ndarray) -> ScalarChange:
+def _huber_loss(estimate: Float[np.ndarray, " k"]) -> float:
+    """Return the sum of Huber's loss of the positive estimates: half the square, linear beyond ``MAX_MULTIPLIER``."""
+    estimate = np.maximum(estimate, 0.0)
+    near = np.minimum(estimate, MAX_MULTIPLIER)
+    return float((near * (estimate - 0.5 * near)).sum())
+
+
+def rotation_damping_gradient(weight: float, increments: np.ndarray) -> Gradient:
     """Return the gradient of the rotation damping: of ``weight`` / 2 times the squared rotations (radians) of hubs."""
     if not weight:
-        return ScalarChange(0.0, 0.0)
-    return ScalarChange(np.concatenate([np.zeros_like(moves[:, :3]), weight * moves[:, 3:]], axis=1), 0.0)
+        return Gradient(0.0, 0.0)
+    return Gradient(np.concatenate([np.zeros_like(increments[:, :3]), weight * increments[:, 3:]], axis=1), 0.0)
 
 
-def total(parts: list[ScalarChange], size: int, coordinates: int) -> tuple[np.ndarray, np.ndarray]:
+def sum_gradients(parts: list[Gradient], size: int, coordinates: int) -> tuple[np.ndarray, np.ndarray]:
     """Sum derivatives of several scalars; return the sums for hubs and rim nodes (size, 6), and for coordinates."""
     hubs, own = np.zeros((size, 6)), np.zeros(coordinates)
     for part in parts:
-        if isinstance(part.hubs, np.ndarray):
-            hubs[: len(part.hubs)] += part.hubs  # a part may hold the hubs only, without the nodes of a rim
-        own += part.own
+        if isinstance(part.by_hubs, np.ndarray):
+            hubs[: len(part.by_hubs)] += part.by_hubs  # a part may hold the hubs only, without the nodes of a rim
+        own += part.by_coordinates
     return hubs, own
 
 
-def by_centres(pull: Float[np.ndarray, "spirals 3"]) -> ScalarChange:
+def gradient_by_centres(pull: Float[np.ndarray, "spirals 3"]) -> Gradient:
     """Convert derivatives (n, 3) with respect to the hubs' centres to derivatives with respect to their increments."""
-    return ScalarChange(np.concatenate([pull, np.zeros_like(pull)], axis=1), 0.0)
+    return Gradient(np.concatenate([pull, np.zeros_like(pull)], axis=1), 0.0)
 
 
-def rows_in_runs(values: Float[np.ndarray, "k 2 n"], first: Int[np.ndarray, "k 2"], columns: int) -> csr_array:
+def sparse_from_runs(values: Float[np.ndarray, "k 2 n"], first: Int[np.ndarray, "k 2"], columns: int) -> csr_array:
     """Return a sparse matrix (K, columns) with two runs of n consecutive values in every row.
 
     first : (K, 2) column where each run begins

@@ -16,8 +16,8 @@ from ..errors import FlexMapsError
 from ..fabrication.assembly_check import AssemblyCheck
 from ..fabrication.estimates import Estimates
 from ..fabrication.sheets import CutSheets
+from ..optimisation.match_limits import MatchLimits
 from ..optimisation.optimise import Optimisation
-from ..optimisation.reach import MatchLimits
 from ..optimisation.wishes import Wishes
 from ..params import Settings
 from ..patches.flattening.flatten import FlatPatches

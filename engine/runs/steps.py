@@ -16,7 +16,7 @@ from ..fabrication.standing.base_checks import check_hold
 from ..fabrication.standing.eyelets import make_eyelets, warn_of_overload
 from ..fabrication.standing.feet import quads_for_feet
 from ..mechanics.assembly import Pose
-from ..optimisation import optimise, reach
+from ..optimisation import match_limits, optimise
 from ..params import Settings
 from ..patches.merging import merge
 from ..patches.splitting import split
@@ -130,18 +130,18 @@ def _optimise(result: Result, start: DesignVersion, settings: Settings, progress
 def _simulate(result: Result, version: DesignVersion, settings: Settings, progress: Progress) -> Result:
     better, start = result.optimisation, None
     if better is not None and not settings.simulate.restarts:
-        limits = reach.find_limits(better, progress.part(0.0, 0.3))
+        limits = match_limits.find_limits(better, progress.part(0.0, 0.3))
         found = _with_band(better.after, settings, progress.part(0.3, 1.0))
     else:
         start = None if better is None else better.after.equilibrium.pose
         plain = at_rest(result, version.design, settings, start, progress.part(0.0, 0.6))
-        limits = reach.find_limits(plain if better is None else better, progress.part(0.6, 0.65))
+        limits = match_limits.find_limits(plain if better is None else better, progress.part(0.6, 0.65))
         found = _with_band(plain, settings, progress.part(0.65, 1.0))
     return result.with_outputs(simulated_shape(result, found, limits, settings))
 
 
 def simulated_shape(
-    result: Result, simulation: Simulation, limits: reach.MatchLimits | None, settings: Settings
+    result: Result, simulation: Simulation, limits: match_limits.MatchLimits | None, settings: Settings
 ) -> SimulatedShape:
     """Return the output of the stage "simulate" for a simulation of the result's spirals.
 

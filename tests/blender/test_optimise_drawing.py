@@ -11,7 +11,7 @@ from flexmaps.bridge.view import colouring, history_plot, optimisation_shape
 from flexmaps.engine import colours
 from flexmaps.engine.display import arrange, solids
 from flexmaps.engine.optimisation import optimise as engine
-from flexmaps.engine.optimisation.reach import REASON_NAMES
+from flexmaps.engine.optimisation.match_limits import REASON_NAMES
 from flexmaps.engine.params import LayoutParams, SpiralParams
 from flexmaps.engine.patches.flattening.flatten import flatten
 from flexmaps.engine.patches.tracing.trace import make_disks

@@ -12,7 +12,7 @@ import pytest
 from flexmaps import api
 from flexmaps.bridge.store import attributes, pose, states, stored_report
 from flexmaps.bridge.view import collection
-from flexmaps.engine.optimisation import reach
+from flexmaps.engine.optimisation import match_limits
 
 NOTES = {
     "broken": '{"layout": {"patches": ',
@@ -124,7 +124,7 @@ def test_every_attribute_of_ours_is_known(simulated: Any) -> None:
     ours = {a.name for a in simulated.data.attributes if a.name.startswith(attributes.PREFIX)}
     assert ours <= {attributes.PREFIX + name for name in attributes.SPECS}
     assert not attributes.read_all(simulated.data)[1]
-    assert attributes.SPECS["reach"][3] == len(reach.REASON_NAMES) - 1
+    assert attributes.SPECS["reach"][3] == len(match_limits.REASON_NAMES) - 1
 
 
 def test_properties_of_another_kind(spiralled: Any) -> None:

@@ -9,8 +9,8 @@ import numpy as np
 from ...arrays import Bool, Float, Int
 from ...errors import FlexMapsError
 from ...mechanics.laplacian import laplacian_difference
+from ...optimisation.match_limits import MatchLimits, find_limits
 from ...optimisation.optimise import optimise
-from ...optimisation.reach import MatchLimits, find_limits
 from ...params import Settings
 from ...patches.flattening.flatten import FlatPatches, flatten, overlapping
 from ...patches.layout import PatchLayout
@@ -131,7 +131,7 @@ class JudgedLayout:
     strain : largest strain, as a share of the limit
     closed : number of closed slots; None if not counted
     blame : (F,) mismatch of every quad: squared difference of its bending from the target's, square metres
-    kind : (F,) reason for the mismatch, index into ``reach.REASON_NAMES``
+    kind : (F,) reason for the mismatch, index into ``match_limits.REASON_NAMES``
     advice : sentence on what limits the match
     share : duration of the search, as a share of the optimiser's patience; 0 if the match is predicted
     cut_length : length of all cuts without connectors, metres; None if the outlines were not computed

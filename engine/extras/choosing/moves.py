@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ...arrays import Float, Int
-from ...optimisation.reach import REASON_NAMES
+from ...optimisation.match_limits import REASON_NAMES
 from ...patches.layout import PatchLayout, straight_on
 from ...patches.merging.dissolve import limited_board
 from ...patches.tracing.trace import middle_line
@@ -18,7 +18,7 @@ from .judge import FlatLayout, Idea, JudgedLayout, LayoutProblem, lay_flat
 # number of vertices at which cuts and darts begin, and number of seams to join; larger: more ideas, more time
 PLACES = 3
 IDEAS = 2  # number of cuts to try at a time while a user waits; larger: more ideas, more time
-# reasons why a spiral misses the target (see ``reach``) that another cut can remove
+# reasons why a spiral misses the target (see ``match_limits``) that another cut can remove
 MENDED = tuple(REASON_NAMES.index(name) for name in ("unstable", "distorted", "stretched"))
 # weight of mismatch for other reasons (1 for ``MENDED``); above 0 so that cuts are also tried where these prevail
 OTHERWISE = 0.25
@@ -70,7 +70,7 @@ def weight_by_fixability(
     Parameters
     ----------
     blame : (F,) squared difference of bending from the target's, square metres
-    kind : (F,) reason, index into ``reach.REASON_NAMES``
+    kind : (F,) reason, index into ``match_limits.REASON_NAMES``
     """
     return blame * np.where(np.isin(kind, MENDED), 1.0, OTHERWISE)
 

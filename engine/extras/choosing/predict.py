@@ -22,8 +22,8 @@ from ...optimisation.bounded_step import bounded_step
 from ...optimisation.codesign import MAX_SEAM_MISMATCH, MAX_SHIFT
 from ...optimisation.codesign_problem import FlatPoint, FlatProblem, FlatRange
 from ...optimisation.design_space import DesignSpace
-from ...optimisation.reach import find_limits
-from ...optimisation.scaling import CurvatureEstimate
+from ...optimisation.match_limits import find_limits
+from ...optimisation.preconditioning import CurvatureEstimate
 from ...optimisation.task import Task
 from ...optimisation.work import Work
 from ...patches.flattening.flatten import FlatPatches
@@ -71,7 +71,7 @@ class PredictionStart:
         ----------
         width, twist : positions in each spiral's range, from 0 (narrowest, least twist) to 1
         """
-        return replace(self, spirals=self.space.design(self.space.uniform(width, twist)))
+        return replace(self, spirals=self.space.width_and_twist(self.space.uniform(width, twist)))
 
 
 def predict(
@@ -134,15 +134,15 @@ def _rest(
     """Return the starting design of a prediction, and its equilibrium as a function of spirals and flat shapes."""
     task = _task(piece)
     design = make_fabricable(flat, piece.settings.spiral, *start.spirals, prove=False, progress=progress)
-    problem = task.problem(design, progress, start.space.including(design))
+    problem = task.problem(design, progress, start.space.extended_to(design))
     limits = task.params.distortion_limit, MAX_SEAM_MISMATCH
-    free, movable = problem.space.free, design.rim is None
+    free, movable = problem.space.free_spirals, design.rim is None
     shapes = FlatRange.from_patches(
         flat, MAX_SHIFT, *limits, 0.0, flat, free, border=movable
     )  # weight 0: ``update_stiffness`` decides it later
     whole = FlatProblem.from_problem(problem, shapes)
     x = np.concatenate([problem.space.coordinates(design.width, design.twist), np.full(2 * len(shapes.span), 0.5)])
-    return design, whole.at(x, target_pose(piece.mesh, flat.corners), progress).renewed()
+    return design, whole.point_at(x, target_pose(piece.mesh, flat.corners), progress).with_updated_weights()
 
 
 def _predicted(design: SpiralDesign, point: FlatPoint, progress: Progress, further: int = 0) -> float:
@@ -155,11 +155,13 @@ def _predicted(design: SpiralDesign, point: FlatPoint, progress: Progress, furth
     pose, step = point.equilibrium.pose, _step(point, progress.part(0.0, 0.4))
     before = between = _distance(point, pose)
     for share in SHARES:
-        after = point.problem.at(point.problem.within(point.x + share * step, point), pose, progress.part(0.4, 0.6))
+        after = point.problem.point_at(
+            point.problem.restore_clearances(point.x + share * step, point), pose, progress.part(0.4, 0.6)
+        )
         moved = _distance(after, after.equilibrium.pose)
         # the value is infinite if flat shapes violate their limits
         if after.equilibrium.converged and np.isfinite(after.value) and moved < before:
-            point, between = after.renewed(), moved
+            point, between = after.with_updated_weights(), moved
             step = _step(point, progress.part(0.6, 1.0))
             break
     moved = _moved(point, step)
@@ -170,7 +172,7 @@ def _predicted(design: SpiralDesign, point: FlatPoint, progress: Progress, furth
 def _moved(point: FlatPoint, step: Float[np.ndarray, " coordinates"]) -> float:
     """Return the RMS distance from the target, metres, after a step of the design if hubs move linearly with it."""
     pose = point.equilibrium.pose
-    return _distance(point, replace(pose, centres=pose.centres + point.moves(step)[: len(pose.centres), :3]))
+    return _distance(point, replace(pose, centres=pose.centres + point.hub_increments(step)[: len(pose.centres), :3]))
 
 
 def _step(point: FlatPoint, progress: Progress) -> Float[np.ndarray, " coordinates"]:
@@ -180,18 +182,20 @@ def _step(point: FlatPoint, progress: Progress) -> Float[np.ndarray, " coordinat
 
     def product(way: np.ndarray) -> np.ndarray:
         next(products)(0.0)  # reports, and is the only place where a step can be cancelled
-        return point.gauss_newton(way)
+        return point.gauss_newton_product(way)
 
-    point.prepare(progress)
+    point.precompute(progress)
     bending.refine(product)
     units = bending.units(point.value, damping)
-    return bounded_step(point.x, point.gradient, lambda way: product(way) + damping * way, point.rooms, units)
+    return bounded_step(
+        point.x, point.gradient, lambda way: product(way) + damping * way, point.linear_clearances, units
+    )
 
 
 def _distance(point: FlatPoint, pose: Pose) -> float:
     """Return the RMS distance of a pose from the target, metres."""
     target = point.problem.target
-    return target.unit * target.distance(pose)
+    return target.unit_length * target.relative_distance(pose)
 
 
 def _task(piece: LayoutProblem) -> Task:

@@ -17,8 +17,8 @@ from ...arrays import Float, Int
 from ...errors import FlexMapsError
 from ...mechanics.laplacian import laplacian_difference
 from ...mechanics.loads import LOWEST, parse_supports
+from ...optimisation.match_limits import MatchLimits
 from ...optimisation.optimise import optimise
-from ...optimisation.reach import MatchLimits
 from ...optimisation.remedies import CUT, wanted_percent
 from ...params import Settings
 from ...patches.flattening.flatten import FlatPatches

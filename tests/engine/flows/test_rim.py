@@ -22,9 +22,9 @@ from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.mechanics.rim_bodies import NECK, RimJoints
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem, FlatRange
 from flexmaps.engine.optimisation.design_space import DesignSpace
-from flexmaps.engine.optimisation.firmness import StabilityRequirement
 from flexmaps.engine.optimisation.objective import Target
-from flexmaps.engine.optimisation.open_slots import SlotRequirement
+from flexmaps.engine.optimisation.slot_penalty import SlotRequirement
+from flexmaps.engine.optimisation.stability import StabilityRequirement
 from flexmaps.engine.optimisation.terms import StrainLimit
 from flexmaps.engine.params import ChooseParams, Settings, SimulateParams, SpiralParams
 from flexmaps.engine.progress import SILENT
@@ -243,13 +243,15 @@ def problem(share: float, groups: int, opening: float | None, soft: float = 0.0)
         space=space,
         target=Target(assembly.pairs, mesh.centroids),
         loads=Loads.for_spirals(assembly.size),
-        build=lambda a, _: build_model(a, VERO, "arm", quick=True),
+        build_model=lambda a, _: build_model(a, VERO, "arm", quick=True),
         simulate=SimulateParams(tolerance=1e-11),
-        bearing=StrainLimit(VERO, share) if share else None,
+        strain_limit=StrainLimit(VERO, share) if share else None,
         room=ClearanceModel.from_flat(whole.flat, whole.params),
-        opening=None if opening is None else dataclasses.replace(SlotRequirement.from_design(whole), width=opening),
-        flat=FlatRange.from_patches(whole.flat, 0.5, 0.035, 0.06, 1e-3, whole.flat, space.free, border=False),
-        firmness=StabilityRequirement(soft, enough=0.999, modes=3) if soft else None,
+        slot_requirement=None
+        if opening is None
+        else dataclasses.replace(SlotRequirement.from_design(whole), width=opening),
+        flat=FlatRange.from_patches(whole.flat, 0.5, 0.035, 0.06, 1e-3, whole.flat, space.free_spirals, border=False),
+        stability=StabilityRequirement(soft, enough=0.999, modes=3) if soft else None,
     )
     return found, target_pose(mesh, whole.flat.corners)
 
@@ -266,11 +268,11 @@ def problem(share: float, groups: int, opening: float | None, soft: float = 0.0)
 def test_the_optimisers_gradient_is_a_difference(options):
     whole, pose = problem(*options)
     rng = np.random.default_rng(4)
-    spirals = rng.uniform(0.2, 0.8, whole.space.each * whole.assembly.size)
+    spirals = rng.uniform(0.2, 0.8, whole.space.coordinates_per_spiral * whole.assembly.size)
     x = np.concatenate([spirals, 0.5 + rng.uniform(-0.01, 0.01, 2 * len(whole.flat.span))])
-    here = whole.at(x, pose)
-    n, each = here.own, whole.space.each
-    assert here.equilibrium.converged and (here.barrier is None) == (len(options) < 4)
+    here = whole.point_at(x, pose)
+    n, each = here.n_spiral_x, whole.space.coordinates_per_spiral
+    assert here.equilibrium.converged and (here.stability_barrier is None) == (len(options) < 4)
     beside = np.unique(whole.flat.flat.layout.flat_corners[here.assembly.rim.hub])
     assert whole.flat.span[beside].any()  # flat shapes of spirals at the rim move too
     for name, part in {"widths": slice(0, n, each), "twists": slice(each - 1, n, each), "flat": slice(n, None)}.items():
@@ -278,10 +280,10 @@ def test_the_optimisers_gradient_is_a_difference(options):
         direction[part] = rng.normal(size=direction[part].shape)
 
         def value(t: float, d: np.ndarray = direction) -> float:
-            return whole.at(x + t * d, here.equilibrium.pose).value
+            return whole.point_at(x + t * d, here.equilibrium.pose).value
 
         # eigenvalues change with third derivatives, which are differences themselves
-        h, within = (3e-6, 2e-6) if here.barrier is None else (1e-5, 4e-3)
+        h, within = (3e-6, 2e-6) if here.stability_barrier is None else (1e-5, 4e-3)
         found = float((8 * (value(h) - value(-h)) - value(2 * h) + value(-2 * h)) / (12 * h))
         assert found == pytest.approx(float((here.gradient * direction).sum()), rel=within), name
 

@@ -17,11 +17,11 @@ from flexmaps.engine.optimisation.codesign_cost import FlatCost, FlatLimits
 from flexmaps.engine.optimisation.codesign_geometry import geometry_jacobian, joint_derivatives
 from flexmaps.engine.optimisation.codesign_problem import FlatPoint, FlatProblem, FlatRange
 from flexmaps.engine.optimisation.design_space import DesignSpace
+from flexmaps.engine.optimisation.gauss_newton import SearchRecord, run_gauss_newton
 from flexmaps.engine.optimisation.inverse import InverseProblem
 from flexmaps.engine.optimisation.objective import Target
-from flexmaps.engine.optimisation.open_slots import SlotRequirement
-from flexmaps.engine.optimisation.optimisers import SearchRecord, gauss_newton
-from flexmaps.engine.optimisation.other_weights import with_lies
+from flexmaps.engine.optimisation.point_copy import with_position_share
+from flexmaps.engine.optimisation.slot_penalty import SlotRequirement
 from flexmaps.engine.optimisation.terms import StrainLimit, StrainTerm
 from flexmaps.engine.params import ChooseParams, LayoutParams, OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.patches.flattening.flatten import flatten, flips, overlapping, seam_mismatch, with_energies
@@ -79,12 +79,14 @@ def problem(
         space=space,
         target=Target(assembly.pairs, mesh.centroids, supports=supports),
         loads=loads,
-        build=lambda a, _: build_model(a, VERO, model, quick=not curving),
+        build_model=lambda a, _: build_model(a, VERO, model, quick=not curving),
         simulate=EXACT,
-        bearing=StrainLimit(VERO, share) if share else None,
+        strain_limit=StrainLimit(VERO, share) if share else None,
         room=ClearanceModel.from_flat(design.flat, design.params),
-        opening=None if opening is None else dataclasses.replace(SlotRequirement.from_design(design), width=opening),
-        flat=FlatRange.from_patches(design.flat, 0.5, LIMIT, SEAM, 1e-3, design.flat, space.free),
+        slot_requirement=None
+        if opening is None
+        else dataclasses.replace(SlotRequirement.from_design(design), width=opening),
+        flat=FlatRange.from_patches(design.flat, 0.5, LIMIT, SEAM, 1e-3, design.flat, space.free_spirals),
         stance=Stance(loads, mesh, design.flat.corners),
     )
     return whole, target_pose(mesh, design.flat.corners)
@@ -92,7 +94,7 @@ def problem(
 
 def anywhere(whole: FlatProblem, spread: float = 0.01) -> np.ndarray:
     rng = np.random.default_rng(4)
-    spirals = rng.uniform(0.2, 0.8, whole.space.each * whole.assembly.size)
+    spirals = rng.uniform(0.2, 0.8, whole.space.coordinates_per_spiral * whole.assembly.size)
     return np.concatenate([spirals, 0.5 + rng.uniform(-spread, spread, 2 * len(whole.flat.span))])
 
 
@@ -125,30 +127,33 @@ def slope(value: object, h: float) -> float:
 def test_gradient_by_spirals_and_flat_vertices(options: dict, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(curving_changes, "MIN_SHARE", 0.0)
     whole, pose = problem(**options)
-    here = whole.at(anywhere(whole), pose)
+    here = whole.point_at(anywhere(whole), pose)
     assert (whole.flat.span == 0.0).any() == ("kept" in options)
-    n, each = here.own, whole.space.each
+    n, each = here.n_spiral_x, whole.space.coordinates_per_spiral
     assert here.equilibrium.converged and here.costs[-1].cost.inside
     assert any(isinstance(term, StrainTerm) and term.value > 0.0 for term in here.terms) == ("share" in options)
-    assert (here._closing is not None) == ("opening" in options)
+    assert (here._narrow_slots is not None) == ("opening" in options)
     if "share" in options:
-        assert here._strain_rows(np.zeros(0, dtype=int)).own.shape == (0, len(here.x))  # where no arm is pressed
+        assert here._strain_jacobian(np.zeros(0, dtype=int)).by_coordinates.shape == (
+            0,
+            len(here.x),
+        )  # where no arm is pressed
     parts = {"widths": slice(0, n, each), "twists": slice(each - 1, n, each)}
     parts |= {"flat x": slice(n, None, 2), "flat y": slice(n + 1, None, 2)}
     for name, part in parts.items():
         direction = np.zeros_like(here.x)
         direction[part] = np.random.default_rng(5).normal(size=direction[part].shape)
-        found = slope(lambda t, d=direction: whole.at(here.x + t * d, here.equilibrium.pose).value, 3e-6)
+        found = slope(lambda t, d=direction: whole.point_at(here.x + t * d, here.equilibrium.pose).value, 3e-6)
         parts_of_it = here.gradient * direction  # which nearly cancel in some directions
         assert found == pytest.approx(float(parts_of_it.sum()), abs=1e-7 * float(np.abs(parts_of_it).sum())), name
 
 
 def test_a_point_with_other_weights_is_the_one_that_is_evaluated_anew() -> None:
     whole, pose = problem(share=0.3, opening=0.0006)
-    here = whole.at(anywhere(whole), pose)
-    here.prepare(SILENT)
-    found = here.renewed()
-    again = found.problem.at(here.x, here.equilibrium.pose)
+    here = whole.point_at(anywhere(whole), pose)
+    here.precompute(SILENT)
+    found = here.with_updated_weights()
+    again = found.problem.point_at(here.x, here.equilibrium.pose)
     assert found.problem.flat.weight != whole.flat.weight and found.value != here.value
     assert found.value == pytest.approx(again.value, rel=1e-6)
     np.testing.assert_allclose(found.gradient, again.gradient, atol=1e-5 * np.abs(again.gradient).max())
@@ -156,33 +161,33 @@ def test_a_point_with_other_weights_is_the_one_that_is_evaluated_anew() -> None:
 
 def test_a_point_compared_otherwise_is_the_one_that_is_evaluated_anew() -> None:
     whole, pose = problem(share=0.3, opening=0.0006)
-    here = whole.at(anywhere(whole), pose)
-    here.prepare(SILENT)
-    found = with_lies(here, 0.9 * here.problem.target.lies)
-    again = found.problem.at(here.x, here.equilibrium.pose)
-    assert found.value != here.value and found.distance == here.distance
+    here = whole.point_at(anywhere(whole), pose)
+    here.precompute(SILENT)
+    found = with_position_share(here, 0.9 * here.problem.target.position_share)
+    again = found.problem.point_at(here.x, here.equilibrium.pose)
+    assert found.value != here.value and found.relative_distance == here.relative_distance
     assert found.value == pytest.approx(again.value, rel=1e-6)
     np.testing.assert_allclose(found.gradient, again.gradient, atol=1e-5 * np.abs(again.gradient).max())
-    assert with_lies(here, here.problem.target.lies) is here
+    assert with_position_share(here, here.problem.target.position_share) is here
 
 
 @pytest.mark.parametrize("feet", ["", "clamped"])
 def test_tangent_and_adjoint_are_transposed_and_foretell_the_shape(feet: str) -> None:
     whole, pose = problem(share=0.3, opening=0.0006, feet=feet)
-    here = whole.at(anywhere(whole), pose)
+    here = whole.point_at(anywhere(whole), pose)
     rng = np.random.default_rng(6)
     change, other = rng.normal(size=(2, len(here.x)))
     pull = rng.normal(size=(whole.assembly.size, 6))
-    moves = here.moves(change)
-    assert (moves * pull).sum() == pytest.approx((here.adjoint(pull) * change).sum(), rel=1e-8)
-    assert (other * here.gauss_newton(change)).sum() == pytest.approx(
-        (change * here.gauss_newton(other)).sum(), rel=1e-8
+    increments = here.hub_increments(change)
+    assert (increments * pull).sum() == pytest.approx((here.adjoint(pull) * change).sum(), rel=1e-8)
+    assert (other * here.gauss_newton_product(change)).sum() == pytest.approx(
+        (change * here.gauss_newton_product(other)).sum(), rel=1e-8
     )
-    assert (change * here.gauss_newton(change)).sum() > 0.0
+    assert (change * here.gauss_newton_product(change)).sum() > 0.0
     h = 1e-5
-    ahead, behind = (whole.at(here.x + s * change, here.equilibrium.pose).equilibrium.pose for s in (h, -h))
+    ahead, behind = (whole.point_at(here.x + s * change, here.equilibrium.pose).equilibrium.pose for s in (h, -h))
     assert (ahead.centres - behind.centres) / (2 * h) == pytest.approx(
-        moves[:, :3], abs=1e-5 * np.abs(moves[:, :3]).max()
+        increments[:, :3], abs=1e-5 * np.abs(increments[:, :3]).max()
     )
 
 
@@ -271,10 +276,10 @@ def test_barriers_bend_as_told_where_nothing_is_strained() -> None:
 def test_a_point_with_flat_shapes_that_have_not_moved_is_that_of_the_spirals(feet: str) -> None:
     whole, pose = problem(share=0.3, opening=0.0006, curving=True, feet=feet)
     alone = InverseProblem(**{one.name: getattr(whole, one.name) for one in dataclasses.fields(InverseProblem)})
-    start = alone.at(np.random.default_rng(4).uniform(0.2, 0.8, whole.own), pose)
+    start = alone.point_at(np.random.default_rng(4).uniform(0.2, 0.8, whole.n_spiral_x), pose)
     assert start.value > 0.0  # computes what the other point takes over
-    known = whole.unmoved(start)
-    anew = whole.at(known.x, start.equilibrium.pose)
+    known = whole.convert_point(start)
+    anew = whole.point_at(known.x, start.equilibrium.pose)
     assert known.value == pytest.approx(anew.value, rel=1e-6)
     np.testing.assert_allclose(known.gradient, anew.gradient, atol=1e-5 * np.abs(anew.gradient).max())
 
@@ -283,10 +288,10 @@ def test_a_step_is_shortened_only_where_it_would_break_a_limit() -> None:
     flat = problem()[0].flat
     inner = np.full((len(flat.span), 2), 0.5)
     x, corner = inner + np.random.default_rng(2).uniform(-1e-3, 1e-3, inner.shape), flat.flat.layout.flat_corners[7]
-    assert (flat.within(x, inner) == x).all()
+    assert (flat.clip_to_limits(x, inner) == x).all()
     x[corner[0]] += 0.4
     assert not flat.cost(x).inside
-    found = flat.within(x, inner)
+    found = flat.clip_to_limits(x, inner)
     assert flat.cost(found).inside
     moved_back = (found != x).any(axis=1)
     assert moved_back[corner[0]]
@@ -300,9 +305,9 @@ def test_the_match_improves_within_the_limits_and_can_be_cut() -> None:
     alone = InverseProblem(**{f.name: getattr(whole, f.name) for f in dataclasses.fields(InverseProblem)})
     params, trace = OptimiseParams(iterations=6), SearchRecord()
     alone, x = optimise._make_fabricable(alone, design, alone.space.coordinates(design.width, design.twist), SILENT)
-    start = alone.at(x, pose)
+    start = alone.point_at(x, pose)
     few = dataclasses.replace(params, iterations=3)  # leaves the flat shapes something to gain
-    spirals = gauss_newton(alone, start, few, SearchRecord(), lambda point: None)
+    spirals = run_gauss_newton(alone, start, few, SearchRecord(), lambda point: None)
     points: list[FlatPoint] = []
     found = codesign.refine_flat_shapes(alone, spirals, design, params, trace, points.append)
     assert np.array_equal(points[-1].x, found.x) and len(points) == len(trace.rows)
@@ -313,7 +318,10 @@ def test_the_match_improves_within_the_limits_and_can_be_cut() -> None:
     assert overlapping(flat) == [] and not flips(flat.corners @ np.array([1.0, 1.0j])).any()
     # it is the simulated object that is nearer, and fitting it again changes nothing
     before = simulate(
-        make_fabricable(design.flat, design.params, *alone.space.design(spirals.x)), mesh, VERO, SimulateParams()
+        make_fabricable(design.flat, design.params, *alone.space.width_and_twist(spirals.x)),
+        mesh,
+        VERO,
+        SimulateParams(),
     )
     after = simulate(better, mesh, VERO, SimulateParams(), start=found.equilibrium.pose)
     assert after.report()["laplacian_rmse_mm"] < 0.95 * before.report()["laplacian_rmse_mm"]
@@ -355,7 +363,7 @@ def test_rods_are_refused() -> None:
     design, mesh = made()
     whole, pose = problem(model="rod")
     alone = InverseProblem(**{f.name: getattr(whole, f.name) for f in dataclasses.fields(InverseProblem)})
-    start = alone.at(np.full((len(mesh.quads), 2), 0.5), pose)
+    start = alone.point_at(np.full((len(mesh.quads), 2), 0.5), pose)
     with pytest.raises(FlexMapsError, match="Arms"):
         codesign.refine_flat_shapes(alone, start, design, OptimiseParams(), SearchRecord(), lambda point: None)
 
@@ -364,11 +372,11 @@ def test_patches_that_overlap_are_no_design() -> None:
     design, _ = made()
     whole, pose = problem()
     x = np.concatenate([whole.space.coordinates(design.width, design.twist), np.full(2 * len(whole.flat.span), 0.5)])
-    here = whole.at(x, pose)
+    here = whole.point_at(x, pose)
     # one vertex pulled far across its patch
     folded = dataclasses.replace(whole.flat, span=40.0 * whole.flat.span)
     x = x.copy()
-    first = here.own + 2 * design.flat.layout.flat_corners[0, 0]
+    first = here.n_spiral_x + 2 * design.flat.layout.flat_corners[0, 0]
     x[first : first + 2] = 1.0
     broken = dataclasses.replace(here, problem=dataclasses.replace(whole, flat=folded), x=x)
     assert overlapping(with_energies(design.flat.layout, folded.points(broken.flat_x)))

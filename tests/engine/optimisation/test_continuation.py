@@ -12,8 +12,8 @@ import pytest
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.optimisation import continuation
+from flexmaps.engine.optimisation.gauss_newton import CANCELLED
 from flexmaps.engine.optimisation.optimise import Optimisation, optimise
-from flexmaps.engine.optimisation.optimisers import CANCELLED
 from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import Settings
 from flexmaps.engine.progress import Progress
@@ -132,7 +132,7 @@ def test_springs_may_add_their_shares_of_the_usual_time(monkeypatch: pytest.Monk
 
     monkeypatch.setattr(continuation, "_allowed_percent", lambda *_: continuation.FAR_PERCENT)
     monkeypatch.setattr(continuation, "_release_from_springs", note)
-    best = SimpleNamespace(point=SimpleNamespace(arms=object()), percent=5.0)
+    best = SimpleNamespace(point=SimpleNamespace(arm_model=object()), percent=5.0)
     search: Any = SimpleNamespace(
         best=best, task=SimpleNamespace(work=work, params=SimpleNamespace(codesign=True)),
         trace=SimpleNamespace(ended="as before"), cycled=note, relieve=lambda *_: None,

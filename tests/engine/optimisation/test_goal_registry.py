@@ -16,9 +16,10 @@ from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms import curving_changes
 from flexmaps.engine.mechanics.assembly import target_pose
 from flexmaps.engine.optimisation import goal_registry, goals
-from flexmaps.engine.optimisation.inverse import DesignPoint, InverseProblem
+from flexmaps.engine.optimisation.design_point import DesignPoint
+from flexmaps.engine.optimisation.inverse import InverseProblem
 from flexmaps.engine.optimisation.task import Task
-from flexmaps.engine.optimisation.terms import LeastSquares, MismatchTerm, ScalarChange
+from flexmaps.engine.optimisation.terms import Gradient, LeastSquares, MismatchTerm
 from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.progress import SILENT
@@ -49,8 +50,10 @@ def problem() -> tuple[InverseProblem, DesignPoint]:
     made = job.run(PolygonMesh.from_quads(shapes.dome(4)), Settings(), edge=0.02, stop_after="spirals")
     assert made.design is not None
     task = Task(made.mesh, MATERIALS["vero"], OptimiseParams(), SimulateParams(tolerance=1e-11), None, None, Work())
-    found = replace(task.problem(made.design), bearing=None, opening=None, simulate=SimulateParams(tolerance=1e-11))
-    return found, found.at(found.space.uniform(0.5, 0.6), target_pose(made.mesh, made.design.flat.corners))
+    found = replace(
+        task.problem(made.design), strain_limit=None, slot_requirement=None, simulate=SimulateParams(tolerance=1e-11)
+    )
+    return found, found.point_at(found.space.uniform(0.5, 0.6), target_pose(made.mesh, made.design.flat.corners))
 
 
 def fresh() -> DesignPoint:
@@ -63,10 +66,12 @@ def residuals(point: DesignPoint) -> list[LeastSquares]:
     return [goal for goal in point.goals if isinstance(goal, LeastSquares)]
 
 
-def changed(point: DesignPoint, moves: np.ndarray, change: np.ndarray) -> DesignPoint:
+def changed(point: DesignPoint, increments: np.ndarray, change: np.ndarray) -> DesignPoint:
     """The point with moved hubs and changed spirals, not at rest."""
-    pose, x = point.equilibrium.pose.moved(moves), point.x + change
-    model = point.problem.build(point.problem.assembly.with_spirals(*point.problem.space.design(x)), SILENT)
+    pose, x = point.equilibrium.pose.moved(increments), point.x + change
+    model = point.problem.build_model(
+        point.problem.assembly.with_spirals(*point.problem.space.width_and_twist(x)), SILENT
+    )
     equilibrium = replace(point.equilibrium, pose=pose)
     return replace(
         point, x=x, model=model, equilibrium=equilibrium, mismatch=point.problem.target.compare(pose.centres)
@@ -79,9 +84,9 @@ def direction(point: DesignPoint) -> tuple[np.ndarray, np.ndarray]:
     return rng.normal(size=(size, 6)) * [*3 * [0.01], *3 * [0.3]], rng.normal(size=point.x.shape) * 0.1
 
 
-def along(slope: ScalarChange, moves: np.ndarray, change: np.ndarray) -> float:
+def along(slope: Gradient, increments: np.ndarray, change: np.ndarray) -> float:
     """The derivative of a scalar along a direction."""
-    return float((slope.hubs * moves).sum() + np.sum(slope.own * change))
+    return float((slope.by_hubs * increments).sum() + np.sum(slope.by_coordinates * change))
 
 
 def test_the_search_finds_the_file_of_the_page() -> None:
@@ -90,11 +95,11 @@ def test_the_search_finds_the_file_of_the_page() -> None:
 
 def test_residuals_follow_taylors_theorem() -> None:
     here = fresh()
-    moves, change = direction(here)
+    increments, change = direction(here)
 
     def errors(h: float) -> Iterator[float]:
-        for start, there in zip(residuals(here), residuals(changed(here, h * moves, h * change)), strict=True):
-            yield float(np.linalg.norm(there.residual - start.residual - h * start.jvp(moves, change)))
+        for start, there in zip(residuals(here), residuals(changed(here, h * increments, h * change)), strict=True):
+            yield float(np.linalg.norm(there.residual - start.residual - h * start.jvp(increments, change)))
 
     for one, half in zip(errors(1e-2), errors(5e-3), strict=True):
         assert one > 0.0 and one / half == pytest.approx(4.0, rel=0.1)
@@ -102,24 +107,26 @@ def test_residuals_follow_taylors_theorem() -> None:
 
 def test_products_are_transposed() -> None:
     here = fresh()
-    moves, change = direction(here)
+    increments, change = direction(here)
     for term in (MismatchTerm(here.mismatch), *residuals(here)):
         weight = np.random.default_rng(8).normal(size=np.shape(term.residual))
-        forward = float((weight * term.jvp(moves, change)).sum())
-        assert along(term.vjp(weight), moves, change) == pytest.approx(forward, rel=1e-9)
+        forward = float((weight * term.jvp(increments, change)).sum())
+        assert along(term.vjp(weight), increments, change) == pytest.approx(forward, rel=1e-9)
 
 
 def test_the_model_of_a_step_is_that_of_the_linearised_residual() -> None:
     here = fresh()
-    moves, change = direction(here)
+    increments, change = direction(here)
     for term in (MismatchTerm(here.mismatch), *residuals(here)):
-        ahead, far = term.ahead(moves, change), term.residual + term.jvp(moves, change)
+        ahead, far = term.after_step(increments, change), term.residual + term.jvp(increments, change)
         assert ahead.value == pytest.approx(0.5 * float((far**2).sum()), rel=1e-12)
-        assert along(ahead.gradient, moves, change) == pytest.approx(
-            float((far * term.jvp(moves, change)).sum()), rel=1e-9
+        assert along(ahead.gradient, increments, change) == pytest.approx(
+            float((far * term.jvp(increments, change)).sum()), rel=1e-9
         )
         expected = (
-            term.value + along(term.gradient, moves, change) + 0.5 * along(term.product(moves, change), moves, change)
+            term.value
+            + along(term.gradient, increments, change)
+            + 0.5 * along(term.gauss_newton_product(increments, change), increments, change)
         )
         assert ahead.value == pytest.approx(expected, rel=1e-9)
 
@@ -129,6 +136,8 @@ def test_the_whole_gradient_against_equilibria(monkeypatch: pytest.MonkeyPatch) 
     given, here = problem()[0], fresh()
     way, h = np.random.default_rng(9).normal(size=here.x.shape), 1e-4
     span = next(term for term in here.terms if type(term).__name__ == "Span")
-    assert float(np.abs(here.back([span.gradient])).max()) > 1e-3 * float(np.abs(here.gradient).max())  # it counts
-    ahead, behind = (given.at(here.x + sign * h * way, here.equilibrium.pose).value for sign in (1.0, -1.0))
+    assert float(np.abs(here.total_gradient([span.gradient])).max()) > 1e-3 * float(
+        np.abs(here.gradient).max()
+    )  # it counts
+    ahead, behind = (given.point_at(here.x + sign * h * way, here.equilibrium.pose).value for sign in (1.0, -1.0))
     assert (ahead - behind) / (2.0 * h) == pytest.approx(float(here.gradient @ way), rel=1e-4)

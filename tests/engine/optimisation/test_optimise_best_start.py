@@ -9,7 +9,7 @@ import pytest
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.assembly import target_pose
 from flexmaps.engine.optimisation import optimise
-from flexmaps.engine.optimisation.optimisers import SearchRecord
+from flexmaps.engine.optimisation.gauss_newton import SearchRecord
 from flexmaps.engine.optimisation.search import Search
 from flexmaps.engine.optimisation.task import Task
 from flexmaps.engine.optimisation.work import Work
@@ -21,7 +21,7 @@ from flexmaps.engine.surface.mesh import PolygonMesh
 
 def point(mismatch: float, value: float, distance: float = 0.5) -> Any:
     """A start with this mismatch, objective and distance from the target."""
-    return SimpleNamespace(mismatch=SimpleNamespace(value=mismatch), value=value, distance=distance)
+    return SimpleNamespace(mismatch=SimpleNamespace(value=mismatch), value=value, relative_distance=distance)
 
 
 def test_slots_and_strain_do_not_outvote_the_mismatch() -> None:
@@ -62,9 +62,9 @@ def test_a_result_too_far_away_is_worth_nothing() -> None:
     start = optimise.find_starts(problem, made.design, made.mesh, OptimiseParams(restart=False), optimise.SILENT)[
         "given"
     ]
-    near = optimise.SimulatedResult(task.rested(made.design, start), start, start.distance * 1.01)
+    near = optimise.SimulatedResult(task.rested(made.design, start), start, start.relative_distance * 1.01)
     assert np.isfinite(near.merit(1.0))
-    assert dataclasses.replace(near, farthest=start.distance * 0.99).merit(1.0) == np.inf
+    assert dataclasses.replace(near, farthest=start.relative_distance * 0.99).merit(1.0) == np.inf
 
 
 def test_every_body_is_taken_from_the_result_where_it_matches_best() -> None:
@@ -77,14 +77,14 @@ def test_every_body_is_taken_from_the_result_where_it_matches_best() -> None:
     assert made.design is not None
     task = Task(made.mesh, MATERIALS["vero"], OptimiseParams(), SimulateParams(restarts=0), None, None, Work())
     problem, start = task.problem(made.design), target_pose(made.mesh, made.design.flat.corners)
-    body = problem.target.body_of
+    body = problem.target.body_of_spiral
     shares = np.where(body[None] == [[0], [1]], 0.1, 0.6)
-    every = [np.repeat(share, problem.space.each) for share in shares]
-    points = [problem.at(x, start).weighed(1.0) for x in every]
+    every = [np.repeat(share, problem.space.coordinates_per_spiral) for share in shares]
+    points = [problem.point_at(x, start).with_strain_weight(1.0) for x in every]
     search = Search(task, SearchRecord(), lambda _: None, np.inf, made.design.flat)
     tried = [search.hold(made.design, one) for one in points]
     best = search._with_best_bodies(tried, tried[0], optimise.SILENT)
-    values = np.array([one.point.mismatch.by_body for one in tried])
+    values = np.array([one.point.mismatch.value_by_body for one in tried])
     assert np.argmin(values, axis=0).tolist() in ([0, 1], [1, 0])
-    assert best.point.mismatch.by_body == pytest.approx(values.min(axis=0), rel=1e-4)
+    assert best.point.mismatch.value_by_body == pytest.approx(values.min(axis=0), rel=1e-4)
     assert search._with_best_bodies([best, *tried], best, optimise.SILENT) is best

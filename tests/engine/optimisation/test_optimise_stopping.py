@@ -65,7 +65,7 @@ def test_only_an_unstrained_piece_on_its_target_is_near_enough() -> None:
     material, params = Settings().material.chosen, OptimiseParams(open_slots=False)
     task = optimise.Task(mesh, material, params, SimulateParams(), None, None, Work())
     x = task.space(design).coordinates(design.width, design.twist)
-    point = task.problem(design).at(x, target_pose(mesh, design.flat.corners))
+    point = task.problem(design).point_at(x, target_pose(mesh, design.flat.corners))
     target = replace(point.problem.target, points=point.equilibrium.pose.centres)
 
     def near(params: OptimiseParams = params, **changes: Any) -> bool:
@@ -74,7 +74,7 @@ def test_only_an_unstrained_piece_on_its_target_is_near_enough() -> None:
 
     assert near() and not near(target=point.problem.target)
     assert not near(target=replace(target, wishes=Wishes(np.arange(1), target.points[:1])))
-    assert not near(bearing=replace(point.problem.bearing, share=1e-6))
+    assert not near(strain_limit=replace(point.problem.strain_limit, share=1e-6))
     assert not near(OptimiseParams(stop=0.0)) and not near(OptimiseParams(patience=0.0))
     far = replace(target, points=target.points * (1.0 + 1e-3 * NEAR_PERCENT))
     assert near(target=far) and not near(OptimiseParams(patience=100.0), target=far)
@@ -95,7 +95,7 @@ def test_a_search_is_given_up_later_while_the_piece_is_far_overstrained_or_held(
     point = SimpleNamespace(problem=SimpleNamespace(loads=loads))
     here: Any = SimpleNamespace(percent=percent, value=1.0, strained=strained, point=point)
     here.rate_factor = search.StageResult.rate_factor.fget(here)  # type: ignore[attr-defined]
-    here.pressed = here.firmed = lambda: here
+    here.with_updated_multipliers = here.with_stability_weight = lambda: here
     slow = []
 
     def stage(*_: Any) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from flexmaps.engine.materials import MATERIALS, STRAIN_MARGIN
-from flexmaps.engine.optimisation import reach as reaching
+from flexmaps.engine.optimisation import match_limits as reaching
 from flexmaps.engine.optimisation import remedies
 from flexmaps.engine.params import ChooseParams, Settings, SimulateParams
 from flexmaps.engine.runs import job

@@ -11,7 +11,7 @@ from flexmaps.engine.extras.choosing import drawn_cuts
 from flexmaps.engine.extras.choosing.judge import FlatLayout, Idea, LayoutProblem, lay_flat
 from flexmaps.engine.extras.choosing.predict import PredictionStart, predict
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem
-from flexmaps.engine.optimisation.inverse import DesignPoint
+from flexmaps.engine.optimisation.design_point import DesignPoint
 from flexmaps.engine.params import Settings
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals.design import SpiralDesign
@@ -69,9 +69,9 @@ def test_a_step_out_of_the_limits_of_flat_shapes_is_not_followed(monkeypatch: py
     near = [predict(piece, laid.flat) for laid in layouts.values()]
 
     def beyond(self: FlatProblem, x: np.ndarray, inner: DesignPoint) -> np.ndarray:
-        return np.concatenate([x[: self.own], np.resize([0.0, 1.0, 1.0], len(x) - self.own)])
+        return np.concatenate([x[: self.n_spiral_x], np.resize([0.0, 1.0, 1.0], len(x) - self.n_spiral_x)])
 
-    monkeypatch.setattr(FlatProblem, "within", beyond)
+    monkeypatch.setattr(FlatProblem, "restore_clearances", beyond)
     for laid, usual in zip(layouts.values(), near, strict=True):
         assert 0.0 < predict(piece, laid.flat) < 10.0 * usual
 

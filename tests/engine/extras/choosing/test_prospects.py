@@ -12,7 +12,7 @@ import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.extras.choosing import prospects
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.optimisation.reach import find_limits
+from flexmaps.engine.optimisation.match_limits import find_limits
 from flexmaps.engine.params import Settings, SimulateParams
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import Simulation, simulate

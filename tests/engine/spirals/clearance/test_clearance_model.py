@@ -9,7 +9,7 @@ import pytest
 import shapely
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.assembly import assembly_from_design
-from flexmaps.engine.optimisation.bounds import narrowest_per_pair
+from flexmaps.engine.optimisation.clearance_restoration import narrowest_per_pair
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.simulation.simulate import build_model

@@ -1,7 +1,7 @@
 """Restore the clearance between arms after a step, so that every design of a search can be cut.
 
 The clearance of a gap is a smooth function of the design (see ``spirals.clearance.clearance_model``). A step satisfies the
-linearised clearances ``room + slope @ step >= 0``. Gaps that close all the same, because clearance is not linear, are
+linearised clearances ``clearance + slope @ step >= 0``. Gaps that close all the same, because clearance is not linear, are
 opened by moving the design along the gradients of their clearances; if that fails, single spirals take only a share of
 the step.
 """
@@ -42,50 +42,53 @@ def narrowest_per_pair(terms: Terms) -> Terms:
 class ClearanceProblem:
     """Clearances of a problem, as ``restore_clearances`` needs them. A mask of None stands for all spirals.
 
-    rooms(x, mask) : closed and nearly closed gaps at the arms of the masked spirals, linearised in the first ``own``
+    rooms(x, mask) : closed and nearly closed gaps at the arms of the masked spirals, linearised in the first ``n_movable``
         coordinates
     shut(x, mask) : mask of the spirals with an arm in a closed gap; only gaps at the arms of the masked spirals count
-    spread : repeats a value of every spiral for each of its coordinates
-    spirals : number of spirals; own : number of coordinates that may move to open a gap, equally many for each spiral
+    repeat_per_coordinate : repeats a value of every spiral for each of its coordinates
+    spirals : number of spirals; n_movable : number of coordinates that may move to open a gap, equally many for each spiral
     """
 
-    rooms: Callable[[np.ndarray, np.ndarray | None], LinearClearances]
-    shut: Callable[[np.ndarray, np.ndarray | None], Bool[np.ndarray, " spirals"]]
-    spread: Callable[[np.ndarray], np.ndarray]
+    linear_clearances: Callable[[np.ndarray, np.ndarray | None], LinearClearances]
+    spirals_with_closed_gaps: Callable[[np.ndarray, np.ndarray | None], Bool[np.ndarray, " spirals"]]
+    repeat_per_coordinate: Callable[[np.ndarray], np.ndarray]
     spirals: int
-    own: int
+    n_movable: int
 
 
 def restore_clearances(
-    x: Float[np.ndarray, " coordinates"], inner: Float[np.ndarray, " coordinates"], within: ClearanceProblem
+    x: Float[np.ndarray, " coordinates"], feasible: Float[np.ndarray, " coordinates"], problem: ClearanceProblem
 ) -> Float[np.ndarray, " coordinates"]:
     """Return the coordinates of a design near ``x`` that can be cut.
 
     Parameters
     ----------
     x : coordinates after a step
-    inner : coordinates before the step, of a design that can be cut
-    within : clearances and their closed gaps
+    feasible : coordinates before the step, of a design that can be cut
+    problem : clearances and their closed gaps
     """
-    x, own, quads = x.copy(), within.own, None
+    x, n_movable, quads = x.copy(), problem.n_movable, None
     for _ in range(MAX_RESTORATIONS):
-        near = within.rooms(x, quads)
-        closed = near.room <= 0.0
+        near = problem.linear_clearances(x, quads)
+        closed = near.clearance <= 0.0
         if not closed.any():
             return x
-        rows = near.of_rows(closed)
-        x[:own] = np.clip(
-            x[:own] + Projection(rows.slope, RESTORE_RIDGE).least(OVERSHOOT * (MIN_CLEARANCE - rows.room)), 0.0, 1.0
+        rows = near.subset(closed)
+        x[:n_movable] = np.clip(
+            x[:n_movable]
+            + Projection(rows.slope, RESTORE_RIDGE).least_norm_solution(OVERSHOOT * (MIN_CLEARANCE - rows.clearance)),
+            0.0,
+            1.0,
         )
         # only gaps at spirals that have just moved can have closed
-        quads = (abs(rows.slope).sum(axis=0) > 0.0).reshape(within.spirals, -1).any(axis=1)
-    share, quads, found = np.ones(within.spirals), None, x
+        quads = (abs(rows.slope).sum(axis=0) > 0.0).reshape(problem.spirals, -1).any(axis=1)
+    share, quads, found = np.ones(problem.spirals), None, x
     for turn in range(MAX_SHORTENINGS):
-        quads = within.shut(found, quads)
+        quads = problem.spirals_with_closed_gaps(found, quads)
         if not quads.any():
             return found
         if turn > HALVINGS and not share[quads].any():
             break  # the remaining closed gaps do not depend on these spirals
         share[quads] = 0.5 * share[quads] if turn < HALVINGS else 0.0
-        found = inner + within.spread(share) * (x - inner)
-    return inner
+        found = feasible + problem.repeat_per_coordinate(share) * (x - feasible)
+    return feasible

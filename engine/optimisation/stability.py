@@ -25,7 +25,7 @@ from ..mechanics.arms.sensitivity import spread_over_design
 from ..mechanics.assembly import Pose
 from ..mechanics.elastic import sum_joint_vectors
 from ..mechanics.newton_system import NewtonSystem
-from .terms import ScalarChange, Term
+from .terms import Gradient, Term
 
 # Smallest eigenvalue lambda of an accepted equilibrium (tested as ``Equilibrium.spare``): pieces below it snap after
 # changes of 0.01 mm. Larger: safer, more steps are refused (docs/tuning.md)
@@ -265,22 +265,20 @@ class StabilityBarrier(Term):
         return self.asked.merit(value, self.rises)
 
     @property
-    def gradient(self) -> ScalarChange:
+    def gradient(self) -> Gradient:
         return self._back(self._rows[0])
 
-    def product(self, moves: np.ndarray, change: np.ndarray) -> ScalarChange:
+    def gauss_newton_product(self, increments: np.ndarray, change: np.ndarray) -> Gradient:
         by_hubs, by_own = self._slopes
-        return self._back(np.einsum("kni,ni->k", by_hubs, moves) + by_own @ change)
+        return self._back(np.einsum("kni,ni->k", by_hubs, increments) + by_own @ change)
 
-    def ahead(self, moves: np.ndarray, change: np.ndarray) -> StabilityBarrier:
+    def after_step(self, increments: np.ndarray, change: np.ndarray) -> StabilityBarrier:
         by_hubs, by_own = self._by_eigenvalue
-        rises = self.rises + np.einsum("kni,ni->k", by_hubs, moves) + by_own @ change
+        rises = self.rises + np.einsum("kni,ni->k", by_hubs, increments) + by_own @ change
         # the logarithm is defined up to ``enough`` only
         return StabilityBarrier(self.asked, np.minimum(rises, self.asked.enough), lambda: (by_hubs, by_own))
 
-    def _back(self, rows: Float[np.ndarray, " k"]) -> ScalarChange:
+    def _back(self, rows: Float[np.ndarray, " k"]) -> Gradient:
         """Return the vjp of the logarithms times the barrier's weight."""
         by_hubs, by_own = self._slopes
-        return ScalarChange(
-            self.asked.weight * np.einsum("k,kni->ni", rows, by_hubs), self.asked.weight * rows @ by_own
-        )
+        return Gradient(self.asked.weight * np.einsum("k,kni->ni", rows, by_hubs), self.asked.weight * rows @ by_own)

@@ -16,11 +16,11 @@ from ..spirals.clearance.slots import min_slot_width
 from ..spirals.curves.spiral import opposite_sides
 from ..spirals.design import SpiralDesign
 from ..spirals.fabricable import make_fabricable, resolve_contacts
-from .inverse import DesignPoint
-from .optimisers import CANCELLED
+from .design_point import DesignPoint
+from .gauss_newton import CANCELLED
 from .remedies import WANTED_PERCENT
 from .search import Search, StageResult
-from .terms import LOOSE
+from .terms import NO_STRAIN_PENALTY
 
 # Factor on the twist of a spiral whose slots close in space, largest number of such reductions, and largest growth of
 # the mismatch, or of a strain beyond the limit. Smaller factor: fewer equilibria, more slots stay closed
@@ -71,15 +71,15 @@ class SimulatedResult:
         """Number of slots closed in space; infinite without an equilibrium."""
         return np.inf if self.slots is None else float(len(self.slots.closed))
 
-    def merit(self, strictness: float) -> float:
+    def merit(self, strain_penalty: float) -> float:
         """Return ``DesignPoint.merit`` of the simulated shape; inf without an equilibrium, or beyond ``farthest``."""
         target, pose = self.point.problem.target, self.simulation.equilibrium.pose
-        if not self.simulation.equilibrium.converged or target.distance(pose) > self.farthest:
+        if not self.simulation.equilibrium.converged or target.relative_distance(pose) > self.farthest:
             return np.inf
         mismatch = target.compare(pose.centres)
         strains = self.simulation.strain
         largest = None if strains is None else float(strains.max()) * self.simulation.material.strain_limit
-        return self.point.merit(strictness, mismatch, largest)
+        return self.point.merit(strain_penalty, mismatch, largest)
 
     def bears(self, other: SimulatedResult) -> bool:
         """Return whether this result is acceptable in place of ``other``, the result before slots were opened.
@@ -88,7 +88,7 @@ class SimulatedResult:
         by ``MAX_GROWTH``. Within ``WANTED_PERCENT`` of the target it may grow by up to ``OPEN_GROWTH``, in proportion
         to the share of closed slots that have opened; within ``UNSEEN_PERCENT`` growth of the mismatch does not count.
         """
-        if self.merit(LOOSE) == np.inf or self.strained_by(other).any():
+        if self.merit(NO_STRAIN_PENALTY) == np.inf or self.strained_by(other).any():
             return False
         target, percent, growth = self.point.problem.target, self.simulation.match["rms_percent"], MAX_GROWTH
         now, before = (target.compare(one.simulation.equilibrium.pose.centres).value for one in (self, other))
@@ -99,7 +99,7 @@ class SimulatedResult:
 
     def _with_stability(self, mismatch: float) -> float:
         """Return a mismatch plus the penalty on instability at ``point``."""
-        barrier = self.point.barrier
+        barrier = self.point.stability_barrier
         return mismatch if barrier is None else barrier.merit(mismatch)
 
     def strained_by(self, other: SimulatedResult) -> Bool[np.ndarray, " spirals"]:
@@ -163,7 +163,7 @@ def _open_slots(search: Search, found: SimulatedResult, progress: Progress) -> S
 
     Reductions of twists alternate with short searches that relieve strains.
     """
-    best, free = found, found.point.problem.space.free
+    best, free = found, found.point.problem.space.free_spirals
     here = again = _unwind(search, found, found, progress, bearable=True)
     fruitless = 0
     for searches in range(MAX_SEARCHES + 1):
@@ -195,7 +195,7 @@ def _unwind(
     """
     if bearable and not found.closed:
         found = replace(found, nearby=None)  # measure all slots, as others may have closed too
-    free, here, given = before.point.problem.space.free.copy(), found, found.simulation.design.twist
+    free, here, given = before.point.problem.space.free_spirals.copy(), found, found.simulation.design.twist
     best, idle = found, 0
     for _ in range(MAX_UNWINDINGS):
         design, slots = here.simulation.design, here.slots
@@ -206,7 +206,9 @@ def _unwind(
         if (twist == design.twist).all():
             break
         here = _with_design(search, here, replace(design, twist=twist).reusing(design), progress)
-        fewer = here.closed < best.closed and (here.bears(before) if bearable else here.merit(LOOSE) < np.inf)
+        fewer = here.closed < best.closed and (
+            here.bears(before) if bearable else here.merit(NO_STRAIN_PENALTY) < np.inf
+        )
         if fewer and bearable and not here.closed:
             here = replace(here, nearby=None)
             fewer = here.closed < best.closed
@@ -234,28 +236,32 @@ def _ease_strains(
         return None
     design, given, work = loose.simulation.design, found.point.problem, search.task.work
     beside = closed.arms[closed.closed] // 4
-    space = replace(given.space, kept=before.point.problem.space.kept).including(design)
+    space = replace(given.space, fixed_spirals=before.point.problem.space.fixed_spirals).extended_to(design)
     limited = design.twist < found.simulation.design.twist
     limited[beside[beside[:, 0] != beside[:, 1]]] = True
-    space = space.winding_at_most(design, limited)
+    space = space.with_twist_limits(design, limited)
     near = design.unlike(found.simulation.design) | loose.strained_by(before)
     mates = opposite_sides(search.task.target)[0]
     for _ in range(EASED_RINGS):
         near |= near[mates].any(axis=1)
-    space = space.keeping(design, np.flatnonzero(~near))
+    space = space.with_fixed_spirals(design, np.flatnonzero(~near))
     x, pose = space.coordinates(design.width, design.twist), loose.simulation.equilibrium.pose
-    point = replace(given, space=space).at(x, pose, progress)
+    point = replace(given, space=space).point_at(x, pose, progress)
     if not point.equilibrium.converged:
         return None
     work.extend(SEARCH_SHARE * work.done)
-    start = StageResult(design, _with_measured_slots(point, slots), found.farthest).strict().pressed()
+    start = (
+        StageResult(design, _with_measured_slots(point, slots), found.farthest)
+        .with_full_strain_weight()
+        .with_updated_multipliers()
+    )
     ended = search.trace.ended
     held = search.polished(start, progress, EASED_STEPS)
     search.trace.ended = ended
     if held.point is start.point:
         return None
     try:
-        design = resolve_contacts(held.design.reusing(design), progress, free=space.free)
+        design = resolve_contacts(held.design.reusing(design), progress, free=space.free_spirals)
     except FlexMapsError:
         return None
     eased = _with_design(search, replace(loose, point=held.point), design, progress)
@@ -266,17 +272,17 @@ def _ease_strains(
 
 def _with_kept(point: DesignPoint, other: DesignPoint) -> DesignPoint:
     """Return the point in a problem that fixes the same spirals as the problem of ``other``."""
-    space = replace(point.problem.space, kept=other.problem.space.kept)
+    space = replace(point.problem.space, fixed_spirals=other.problem.space.fixed_spirals)
     return replace(point, problem=replace(point.problem, space=space))
 
 
 def _with_measured_slots(point: DesignPoint, slots: SpaceSlots) -> DesignPoint:
     """Return the point in a problem whose estimated slot widths are corrected to the exact ``slots`` of this state."""
-    opening, model = point.problem.opening, point.arms
+    opening, model = point.problem.slot_requirement, point.arm_model
     if opening is None or model is None:
         return point
-    measured = opening.with_excess(model, point.equilibrium.pose, slots)
-    return replace(point, problem=replace(point.problem, opening=measured))
+    measured = opening.with_measured_slots(model, point.equilibrium.pose, slots)
+    return replace(point, problem=replace(point.problem, slot_requirement=measured))
 
 
 def reduce_twist(

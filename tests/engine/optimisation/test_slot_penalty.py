@@ -15,8 +15,8 @@ from flexmaps.engine.mechanics.arms.tip_motion import TipMotions, tip_motions
 from flexmaps.engine.mechanics.assembly import Pose, assembly_from_design, target_pose
 from flexmaps.engine.mechanics.clearance.slot_estimate import PLACES
 from flexmaps.engine.mechanics.clearance.slots_in_space import slots_in_space
-from flexmaps.engine.optimisation.open_slots import SlotRequirement
 from flexmaps.engine.optimisation.optimise import optimise
+from flexmaps.engine.optimisation.slot_penalty import SlotRequirement
 from flexmaps.engine.optimisation.task import Task
 from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
@@ -100,7 +100,7 @@ def test_narrow_slots_are_estimated_to_a_tenth_of_a_millimetre(clockwise) -> Non
     design, pose = found.design, found.equilibrium.pose
     measured = slots_in_space(design, bend_arms(design, pose)).width[: 4 * len(design.twist)]
     opening = dataclasses.replace(SlotRequirement.from_design(design), width=NARROW)
-    told = opening.at(model_of(design, design.width, design.twist), pose).found
+    told = opening.narrow_slots(model_of(design, design.width, design.twist), pose).found
     # the outer arm of slot k is arm k + 1, or arm k
     slot = told.arms[:, 0] if clockwise else told.arms[:, 1]
     least = np.full(len(measured), np.inf)
@@ -124,9 +124,9 @@ def test_estimates_that_were_too_wide_are_as_measured_and_stay_nearer_to_it(cloc
         model = model_of(made, made.width, made.twist)
         if opening is None:
             opening = dataclasses.replace(SlotRequirement.from_design(made), width=NARROW)
-            measured = opening.with_excess(model, pose, slots)
+            measured = opening.with_measured_slots(model, pose, slots)
         for one in (opening, measured):
-            told, least = one.at(model, pose).found, np.full(4 * count, np.inf)
+            told, least = one.narrow_slots(model, pose).found, np.full(4 * count, np.inf)
             np.minimum.at(least, told.arms[:, 0], told.values)
             excess.append(least[slots.arms[: 4 * count, 0]] - slots.width[: 4 * count])
     narrow = np.isfinite(excess).all(axis=0)
@@ -137,7 +137,7 @@ def test_estimates_that_were_too_wide_are_as_measured_and_stay_nearer_to_it(cloc
     assert excess[1][small] == pytest.approx(excess[0][small], abs=1e-12)
     uncut = dataclasses.replace(slots, width=np.where(np.arange(len(slots.width)) < 8, np.inf, slots.width))
     with np.errstate(all="raise"):
-        assert np.isfinite(opening.with_excess(model, pose, uncut).excess).all()
+        assert np.isfinite(opening.with_measured_slots(model, pose, uncut).estimate_error).all()
     assert np.median(np.abs(excess[3][wide])) < 0.3 * np.median(np.abs(excess[2][wide]))
 
 
@@ -145,20 +145,27 @@ def test_estimated_widths_follow_hubs_and_spirals(dome) -> None:
     design, pose, width, twist = dome
     opening = dataclasses.replace(SlotRequirement.from_design(design), width=0.0008)
     rng, h = np.random.default_rng(5), 1e-5
-    here = opening.at(model_of(design, width, twist), pose)
+    here = opening.narrow_slots(model_of(design, width, twist), pose)
     assert len(here.found.values) > 50 and len(set(here.found.t)) > len(PLACES) // 2
     step = rng.normal(size=(len(width), 6)) * np.repeat([1e-3, 0.05], 3)
     wide, wound = rng.normal(size=width.shape) * 1e-3, rng.normal(size=len(width))
 
-    def widths(t: float, moves: bool) -> np.ndarray:
-        share = 0.0 if moves else t
+    def widths(t: float, increments: bool) -> np.ndarray:
+        share = 0.0 if increments else t
         model = model_of(design, width + share * wide, twist + share * wound)
-        known = dataclasses.replace(opening, width=1.0).at(model, pose.moved(t * step) if moves else pose).found
+        known = (
+            dataclasses.replace(opening, width=1.0)
+            .narrow_slots(model, pose.moved(t * step) if increments else pose)
+            .found
+        )
         every = {(*arms, t): value for arms, t, value in zip(known.arms.tolist(), known.t, known.values)}
         return np.array([every[(*arms, t)] for arms, t in zip(here.found.arms.tolist(), here.found.t)])
 
-    for moves, told in ((True, here.by_pose @ step.ravel()), (False, here.by_design @ np.r_[wide.ravel(), wound])):
-        found = (widths(h, moves) - widths(-h, moves)) / (2 * h)
+    for increments, told in (
+        (True, here.widths_by_pose @ step.ravel()),
+        (False, here.widths_by_design @ np.r_[wide.ravel(), wound]),
+    ):
+        found = (widths(h, increments) - widths(-h, increments)) / (2 * h)
         missed = np.abs(found - told) / np.abs(told).max()
         # where a place passes from one piece of an arm to the next its curvature jumps
         assert np.percentile(missed, 95) < 1e-6 and missed.max() < 1e-2
@@ -176,16 +183,18 @@ def test_gradient_of_a_search_that_keeps_slots_open(arms) -> None:
         None,
         Work(),
     )
-    whole = dataclasses.replace(task.problem(found.design), build=lambda a, _: build_model(a, VERO, "arm", quick=True))
+    whole = dataclasses.replace(
+        task.problem(found.design), build_model=lambda a, _: build_model(a, VERO, "arm", quick=True)
+    )
     wide = dataclasses.replace(SlotRequirement.from_design(found.design), width=0.0015)
-    whole = dataclasses.replace(whole, opening=wide, simulate=SimulateParams(tolerance=1e-11))
-    x = np.random.default_rng(4).uniform(0.2, 0.8, len(found.design.twist) * whole.space.each)
-    here = whole.at(x, target_pose(found.target, found.design.flat.corners))
-    assert here._closing is not None and here._closing.value > 0.02 * here.mismatch.value
+    whole = dataclasses.replace(whole, slot_requirement=wide, simulate=SimulateParams(tolerance=1e-11))
+    x = np.random.default_rng(4).uniform(0.2, 0.8, len(found.design.twist) * whole.space.coordinates_per_spiral)
+    here = whole.point_at(x, target_pose(found.target, found.design.flat.corners))
+    assert here._narrow_slots is not None and here._narrow_slots.value > 0.02 * here.mismatch.value
     direction, h = np.random.default_rng(5).normal(size=x.shape), 2e-5
 
     def value(t: float) -> float:
-        return whole.at(x + t * direction, here.equilibrium.pose).value
+        return whole.point_at(x + t * direction, here.equilibrium.pose).value
 
     slope = (8 * (value(h) - value(-h)) - value(2 * h) + value(-2 * h)) / (12 * h)
     assert slope == pytest.approx(float(here.gradient @ direction), rel=1e-6)
@@ -193,25 +202,25 @@ def test_gradient_of_a_search_that_keeps_slots_open(arms) -> None:
 
 def test_the_cost_begins_smoothly_and_goes_on_straight(dome) -> None:
     design, pose, width, twist = dome
-    here = SlotRequirement.from_design(design).at(model_of(design, width, twist), pose)
+    here = SlotRequirement.from_design(design).narrow_slots(model_of(design, width, twist), pose)
 
-    def cost(missing: float) -> tuple[float, float, float]:
+    def penalty(missing_share: float) -> tuple[float, float, float]:
         found = dataclasses.replace(
-            here.found, values=np.full(len(here.found.values), (1 - missing) * here.opening.width)
+            here.found, values=np.full(len(here.found.values), (1 - missing_share) * here.slot_requirement.width)
         )
         one = dataclasses.replace(here, found=found)
         count = len(found.values)
-        slope, curvature = one.slope(one.missing), one.curvature(one.missing)
-        return one.value / count, float(slope[0]) * -here.opening.width, float(curvature[0])
+        slope, curvature = one.penalty_slope(one.missing_share), one.penalty_curvature(one.missing_share)
+        return one.value / count, float(slope[0]) * -here.slot_requirement.width, float(curvature[0])
 
     h = 1e-5
-    for missing in (0.1, 0.5, 0.9, 1.5, 4.0):
-        (ahead, up, _), (behind, down, _) = cost(missing + h), cost(missing - h)
-        _, slope, curvature = cost(missing)
+    for missing_share in (0.1, 0.5, 0.9, 1.5, 4.0):
+        (ahead, up, _), (behind, down, _) = penalty(missing_share + h), penalty(missing_share - h)
+        _, slope, curvature = penalty(missing_share)
         assert (ahead - behind) / (2 * h) == pytest.approx(slope, rel=1e-6)
-        bend = (up - down) / (2 * h) if missing < 1.0 else slope / missing
-        assert curvature * here.opening.width**2 == pytest.approx(bend, rel=1e-6)
-    assert cost(1e-3)[0] < 2e-8 * cost(1.0)[0] and cost(1.0)[1] == pytest.approx(cost(9.0)[1])
+        bend = (up - down) / (2 * h) if missing_share < 1.0 else slope / missing_share
+        assert curvature * here.slot_requirement.width**2 == pytest.approx(bend, rel=1e-6)
+    assert penalty(1e-3)[0] < 2e-8 * penalty(1.0)[0] and penalty(1.0)[1] == pytest.approx(penalty(9.0)[1])
 
 
 def test_hubs_end_where_the_slots_of_regular_spirals_do() -> None:

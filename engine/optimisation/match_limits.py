@@ -16,9 +16,9 @@ from ..simulation.rests import snapping_spirals
 from ..simulation.shortfall import FarBody
 from ..simulation.simulate import Simulation
 from ..surface.checking.finding import with_count
-from .eased import forecast_strain
 from .optimise import Optimisation
 from .remedies import CUT, FINER, LARGER, THINNER, Amounts, remedy_amounts
+from .scaled_strain import forecast_strain
 
 # Mismatch of a spiral in Laplacian coordinates, in distances of neighbouring hubs, up to which it counts as matched
 MATCHED_BELOW = 0.01

@@ -7,10 +7,10 @@ from typing import Any, TypeVar
 
 Point = TypeVar("Point")
 # Cached attributes of a point that depend on the weights of the objective, or refer to the point itself
-WEIGHT_DEPENDENT = frozenset(("terms", "costs", "value", "gradient", "barrier", "goals", "_narrow"))
+WEIGHT_DEPENDENT = frozenset(("terms", "costs", "value", "gradient", "stability_barrier", "goals", "_slot_penalty"))
 
 # Cached attributes that depend only on the point's model, equilibrium and required stability, and on the material
-STATE_DEPENDENT = ("_state", "_changes", "strains", "_modes")
+STATE_DEPENDENT = ("_state", "_joint_derivatives", "strains", "_soft_modes")
 
 
 def with_problem(point: Point, problem: Any, **changes: Any) -> Point:
@@ -24,9 +24,9 @@ def with_problem(point: Point, problem: Any, **changes: Any) -> Point:
     """
     source: Any = point
     copy: Point = replace(source, problem=problem, **changes)
-    now, before = problem.firmness, source.problem.firmness
+    now, before = problem.stability, source.problem.stability
     equal = now is before or (now is not None and before is not None and now.same_modes(before))
-    changed = WEIGHT_DEPENDENT if equal else WEIGHT_DEPENDENT | {"_modes"}
+    changed = WEIGHT_DEPENDENT if equal else WEIGHT_DEPENDENT | {"_soft_modes"}
     kept = source.__dict__.keys() - copy.__dict__.keys() - changed
     copy.__dict__.update({name: source.__dict__[name] for name in kept})
     return copy
@@ -43,16 +43,16 @@ def copy_state(source: Any, point: Any) -> None:
     point.__dict__.update({name: source.__dict__[name] for name in STATE_DEPENDENT if name in source.__dict__})
 
 
-def with_lies(point: Point, lies: float) -> Point:
-    """Return a point whose mismatch weighs curvature against position by ``lies``.
+def with_position_share(point: Point, position_share: float) -> Point:
+    """Return a point whose mismatch weighs curvature against position by ``position_share``.
 
     Parameters
     ----------
     point : a ``DesignPoint``
-    lies : see ``objective.Target``
+    position_share : see ``objective.Target``
     """
     source: Any = point
-    if source.problem.target.lies == lies:
+    if source.problem.target.position_share == position_share:
         return point
-    problem = replace(source.problem, target=replace(source.problem.target, lies=lies))
+    problem = replace(source.problem, target=replace(source.problem.target, position_share=position_share))
     return with_problem(point, problem, mismatch=problem.target.compare(source.equilibrium.pose.centres))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from flexmaps.engine.optimisation.bounded_step import bounded_step
 from flexmaps.engine.optimisation.polytope import LinearClearances
-from flexmaps.engine.optimisation.scaling import CurvatureEstimate
+from flexmaps.engine.optimisation.preconditioning import CurvatureEstimate
 
 SIZE = 200
 
@@ -59,7 +59,7 @@ def test_steps_in_these_units_come_much_nearer() -> None:
     best = 0.5 * float(gradient @ exact)
 
     def share(units: np.ndarray | None) -> float:
-        step = bounded_step(x, gradient, lambda way: matrix @ way, LinearClearances.none(SIZE), units)
+        step = bounded_step(x, gradient, lambda way: matrix @ way, LinearClearances.empty(SIZE), units)
         return float(gradient @ step + 0.5 * step @ matrix @ step) / best
 
     assert share(bending.units(0.0, 0.0)) > 0.95

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flexmaps.engine.optimisation.bounds import ClearanceProblem, narrowest_per_pair, restore_clearances
+from flexmaps.engine.optimisation.clearance_restoration import ClearanceProblem, narrowest_per_pair, restore_clearances
 from flexmaps.engine.optimisation.polytope import LinearClearances
 from flexmaps.engine.spirals.clearance.clearance_model import Terms
 from scipy.sparse import csr_array
@@ -27,17 +27,19 @@ def test_the_narrowest_gap_of_every_pair_of_arms_is_kept() -> None:
 def test_what_closes_is_brought_back_and_what_stays_closed_does_not_go() -> None:
     """Three coordinates; the first two may not be more than 1 together, and the third not beyond 0.5, of which the slope is wrong."""
 
-    def rooms(y: np.ndarray, quads: np.ndarray | None) -> LinearClearances:
+    def linear_clearances(y: np.ndarray, quads: np.ndarray | None) -> LinearClearances:
         slopes = csr_array(np.array([[-1.0, -1.0, 0.0], [0.0, 0.0, 1.0]]))
         return LinearClearances.from_clearances(np.array([1.0 - y[0] - y[1], 0.5 - y[2]]), slopes)
 
-    def shut(y: np.ndarray, quads: np.ndarray | None) -> np.ndarray:
+    def spirals_with_closed_gaps(y: np.ndarray, quads: np.ndarray | None) -> np.ndarray:
         return np.array([y[0] + y[1] >= 1.0, y[0] + y[1] >= 1.0, y[2] > 0.5])
 
-    inner = np.array([0.2, 0.2, 0.3])
+    feasible = np.array([0.2, 0.2, 0.3])
     found = restore_clearances(
-        np.array([0.8, 0.6, 0.9]), inner, ClearanceProblem(rooms, shut, lambda share: share, 3, 3)
+        np.array([0.8, 0.6, 0.9]),
+        feasible,
+        ClearanceProblem(linear_clearances, spirals_with_closed_gaps, lambda share: share, 3, 3),
     )
-    assert not shut(found, None).any()
+    assert not spirals_with_closed_gaps(found, None).any()
     assert found[0] + found[1] == pytest.approx(1.0, abs=3e-3) and found[0] - found[1] == pytest.approx(0.2, abs=1e-6)
     assert 0.3 <= found[2] <= 0.5

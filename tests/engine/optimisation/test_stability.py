@@ -10,10 +10,15 @@ from flexmaps.engine.mechanics.arms import curving_changes
 from flexmaps.engine.mechanics.assembly import assembly_from_design, target_pose
 from flexmaps.engine.mechanics.loads import Loads, Springs
 from flexmaps.engine.mechanics.stance import Stance
-from flexmaps.engine.optimisation import firmness
+from flexmaps.engine.optimisation import stability
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem, FlatRange
+from flexmaps.engine.optimisation.design_point import DesignPoint
 from flexmaps.engine.optimisation.design_space import DesignSpace
-from flexmaps.engine.optimisation.firmness import (
+from flexmaps.engine.optimisation.inverse import InverseProblem
+from flexmaps.engine.optimisation.objective import Target
+from flexmaps.engine.optimisation.point_copy import with_problem
+from flexmaps.engine.optimisation.slot_penalty import SlotRequirement
+from flexmaps.engine.optimisation.stability import (
     BARRIER_POLE,
     LEAST_MISMATCH,
     STABLE_EIGENVALUE,
@@ -22,10 +27,6 @@ from flexmaps.engine.optimisation.firmness import (
     StabilityBarrier,
     StabilityRequirement,
 )
-from flexmaps.engine.optimisation.inverse import DesignPoint, InverseProblem
-from flexmaps.engine.optimisation.objective import Target
-from flexmaps.engine.optimisation.open_slots import SlotRequirement
-from flexmaps.engine.optimisation.other_weights import with_problem
 from flexmaps.engine.optimisation.terms import StrainLimit
 from flexmaps.engine.params import Settings, SimulateParams
 from flexmaps.engine.runs import job
@@ -55,42 +56,42 @@ def start(
     assembly = assembly_from_design(design)
     supports = np.flatnonzero(mesh.centroids[:, 2] < mesh.centroids[:, 2].min() + 0.005) if held else None
     space = DesignSpace.from_design(design, assembly, groups)
-    firmness = StabilityRequirement(weight=0.7, enough=0.999, modes=MODES)
+    stability = StabilityRequirement(weight=0.7, enough=0.999, modes=MODES)
     loads = Loads.for_spirals(assembly.size, supports=supports)
     if springs:
         loads = dataclasses.replace(loads, springs=Springs(20.0, mesh.centroids))
-        firmness = RequirementWithoutSprings(weight=0.7, enough=0.999, modes=MODES)
+        stability = RequirementWithoutSprings(weight=0.7, enough=0.999, modes=MODES)
     given = {
         "assembly": assembly,
         "space": space,
         "target": Target(assembly.pairs, mesh.centroids, supports=supports),
         "loads": loads,
         "stance": Stance(loads, mesh, design.flat.corners),
-        "build": lambda a, _: build_model(a, VERO, "arm", quick=not curving),
+        "build_model": lambda a, _: build_model(a, VERO, "arm", quick=not curving),
         "simulate": EXACT,
-        "firmness": firmness,
+        "stability": stability,
     }
-    x = np.random.default_rng(4).uniform(0.2, 0.8, assembly.size * space.each)
+    x = np.random.default_rng(4).uniform(0.2, 0.8, assembly.size * space.coordinates_per_spiral)
     if flats:
         opening = dataclasses.replace(SlotRequirement.from_design(design), width=0.0006)
-        flat = FlatRange.from_patches(design.flat, 0.5, 0.035, 0.06, 1e-3, design.flat, space.free)
+        flat = FlatRange.from_patches(design.flat, 0.5, 0.035, 0.06, 1e-3, design.flat, space.free_spirals)
         more = {
             "room": ClearanceModel.from_flat(design.flat, design.params),
-            "bearing": StrainLimit(VERO, 0.3),
-            "opening": opening,
+            "strain_limit": StrainLimit(VERO, 0.3),
+            "slot_requirement": opening,
         }
         x = np.concatenate([x, 0.5 + np.random.default_rng(5).uniform(-0.01, 0.01, 2 * len(flat.span))])
-        return FlatProblem(**given, **more, flat=flat).at(x, target_pose(mesh, design.flat.corners))
-    return InverseProblem(**given).at(x, target_pose(mesh, design.flat.corners))
+        return FlatProblem(**given, **more, flat=flat).point_at(x, target_pose(mesh, design.flat.corners))
+    return InverseProblem(**given).point_at(x, target_pose(mesh, design.flat.corners))
 
 
 def test_a_point_of_which_more_stability_is_asked_is_the_one_that_is_evaluated_anew() -> None:
     here = start()
-    less = dataclasses.replace(here.problem, firmness=StabilityRequirement(weight=0.7, enough=BARRIER_POLE))
+    less = dataclasses.replace(here.problem, stability=StabilityRequirement(weight=0.7, enough=BARRIER_POLE))
     stable = with_problem(here, less)
-    assert stable.barrier is None and stable.value < here.value
+    assert stable.stability_barrier is None and stable.value < here.value
     found = with_problem(stable, here.problem)
-    assert found.barrier is not None and found.value == here.value
+    assert found.stability_barrier is not None and found.value == here.value
 
 
 @pytest.mark.parametrize(
@@ -108,13 +109,15 @@ def test_a_point_of_which_more_stability_is_asked_is_the_one_that_is_evaluated_a
 )
 def test_gradient_of_the_barrier(options: dict, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(curving_changes, "MIN_SHARE", 0.0)
-    monkeypatch.setattr(firmness, "DIFFERENCE_TURN", 1e-4)
-    monkeypatch.setattr(firmness, "MODE_TOLERANCE", 1e-10)
+    monkeypatch.setattr(stability, "DIFFERENCE_TURN", 1e-4)
+    monkeypatch.setattr(stability, "MODE_TOLERANCE", 1e-10)
     here = start(**options)
-    assert here.equilibrium.converged and here.barrier is not None and len(here.barrier.rises) == MODES
-    change = here.barrier.gradient
-    gradient = here.adjoint(np.asarray(change.hubs)) + change.own
-    each, n = here.problem.space.each, here.problem.own
+    assert (
+        here.equilibrium.converged and here.stability_barrier is not None and len(here.stability_barrier.rises) == MODES
+    )
+    change = here.stability_barrier.gradient
+    gradient = here.adjoint(np.asarray(change.by_hubs)) + change.by_coordinates
+    each, n = here.problem.space.coordinates_per_spiral, here.problem.n_spiral_x
     parts = {"widths": slice(0, n, each), "twists": slice(each - 1, n, each)}
     if "flats" in options:
         parts |= {"flat x": slice(n, None, 2), "flat y": slice(n + 1, None, 2)}
@@ -123,7 +126,7 @@ def test_gradient_of_the_barrier(options: dict, monkeypatch: pytest.MonkeyPatch)
         way[part] = np.random.default_rng(6).normal(size=way[part].shape)
 
         def value(t: float, way: np.ndarray = way) -> float:
-            found = here.problem.at(here.x + t * way, here.equilibrium.pose).barrier
+            found = here.problem.point_at(here.x + t * way, here.equilibrium.pose).stability_barrier
             assert found is not None and len(found.rises) == MODES
             return found.value
 
@@ -162,17 +165,17 @@ def test_the_barrier_weighs_a_share_of_the_mismatch_of_each_stage() -> None:
     least, few, many = (StabilityRequirement.from_mismatch(share * LEAST_MISMATCH) for share in (0.0, 1.0, 1e2))
     assert least.weight == few.weight == pytest.approx(1e-2 * many.weight)
     here = start()
-    firmness = here.firmed().problem.firmness
-    assert firmness is not None
-    assert firmness.weight == StabilityRequirement.from_mismatch(here.mismatch.value).weight > 0.0
+    stability = here.with_stability_weight().problem.stability
+    assert stability is not None
+    assert stability.weight == StabilityRequirement.from_mismatch(here.mismatch.value).weight > 0.0
 
 
 def test_a_lack_of_stability_weighs_nothing_at_the_start() -> None:
-    here = start().weighed(1.0)
-    rises = here.barrier.rises if here.barrier is not None else np.ones(1)
+    here = start().with_strain_weight(1.0)
+    rises = here.stability_barrier.rises if here.stability_barrier is not None else np.ones(1)
     assert not any(isinstance(term, StabilityBarrier) for term in here.terms)
-    firmness = dataclasses.replace(StabilityRequirement.from_mismatch(1.0), enough=0.999)
-    later = dataclasses.replace(here, problem=dataclasses.replace(here.problem, firmness=firmness))
+    stability = dataclasses.replace(StabilityRequirement.from_mismatch(1.0), enough=0.999)
+    later = dataclasses.replace(here, problem=dataclasses.replace(here.problem, stability=stability))
     assert any(isinstance(term, StabilityBarrier) for term in later.terms) and later.value > here.value
     # results are compared by their stability from the start on
     assert here.merit(0.0) == pytest.approx(StabilityRequirement(0.0).merit(here.mismatch.value, rises))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flexmaps.engine.optimisation.reach import MATCHED_BELOW, REASON_NAMES, find_limits
+from flexmaps.engine.optimisation.match_limits import MATCHED_BELOW, REASON_NAMES, find_limits
 from flexmaps.engine.params import Settings, SimulateParams
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import simulate

@@ -16,9 +16,10 @@ from ..threads import one_thread
 from . import inverse
 from .codesign_problem import FlatPoint
 from .composite import CompositeModel
-from .inverse import DesignPoint, InverseProblem
+from .design_point import DesignPoint
+from .inverse import InverseProblem
 from .near_target import is_near
-from .scaling import CurvatureEstimate
+from .preconditioning import CurvatureEstimate
 
 # Radians, largest predicted rotation of a hub in a step: larger predictions are scaled down to it, and refused beyond
 # four times as much. Larger: longer steps, more lost equilibria
@@ -71,7 +72,7 @@ Accepted = Callable[[DesignPoint], None]
 
 
 @one_thread
-def gauss_newton(
+def run_gauss_newton(
     problem: InverseProblem,
     start: DesignPoint,
     params: OptimiseParams,
@@ -100,7 +101,7 @@ def gauss_newton(
     if is_near(start, params):
         trace.ended = REACHED
     elif params.iterations and not problem.work.over:
-        first = FIRST_STEP if start.barrier is None else FIRST_STEP_NEAR_SNAP
+        first = FIRST_STEP if start.stability_barrier is None else FIRST_STEP_NEAR_SNAP
         rule = Damped(params.iterations, params.stop, first, trace.damping.get(len(start.x)))
         trace.ended = minimise(search, start, rule).ended
         if rule.damping is not None:
@@ -112,12 +113,12 @@ def gauss_newton(
 class _Proposal:
     """A proposed step.
 
-    step : of the coordinates; moves : (n, 6) linearised increments of the hubs; gain : predicted decrease of the
+    step : of the coordinates; increments : (n, 6) linearised increments of the hubs; gain : predicted decrease of the
         objective
     """
 
     step: Float[np.ndarray, " coordinates"]
-    moves: np.ndarray
+    increments: np.ndarray
     gain: float
 
 
@@ -142,19 +143,24 @@ class _GaussNewtonProblem:
     def over(self) -> bool:
         return self.best.problem.work.over
 
-    def within(self, point: DesignPoint) -> Progress:
+    def step_progress(self, point: DesignPoint) -> Progress:
         """Return the progress of the present step; its text has the number of steps so far and the point's distance."""
         done = self.step_number / self.params.iterations
-        return self.progress.at(done, f"Step {len(self.trace.rows)}, {1e3 * point.metres_away:.3g} mm from the target")
+        return self.progress.at(
+            done, f"Step {len(self.trace.rows)}, {1e3 * point.distance_metres:.3g} mm from the target"
+        )
 
     def watch(self, point: DesignPoint, history: list[Iteration]) -> None:
         pass  # every equilibrium checks for a cancel
 
     def expand(self, point: DesignPoint) -> Local:
-        within, point = self.within(point), point.reweighted() if isinstance(point, FlatPoint) else point
-        point.prepare(within)
+        within, point = (
+            self.step_progress(point),
+            point.with_barrier_weight() if isinstance(point, FlatPoint) else point,
+        )
+        point.precompute(within)
         within(0.0)
-        self.bending.refine(point.gauss_newton)
+        self.bending.refine(point.gauss_newton_product)
         self.before = _depending_on_shape(point)
         return Local(point.value, point.gradient, float(np.linalg.norm(point.gradient)), own=point)
 
@@ -167,7 +173,7 @@ class _GaussNewtonProblem:
     def proposed(self, here: Local, damping: float, following: float) -> _Proposal | None:
         """Return a step that nearly minimises the damped model; None if the search must end."""
         point: DesignPoint = here.own
-        within = self.within(point)
+        within = self.step_progress(point)
 
         units = self.bending.units(point.value, damping)
         model = CompositeModel(point, damping, following, units, lambda: within(0.0))
@@ -186,18 +192,18 @@ class _GaussNewtonProblem:
     def _proposal(self, model: CompositeModel, step: np.ndarray) -> _Proposal:
         """Return the proposal of a step, which is changed where gaps would close."""
         point = model.point
-        step = point.problem.within(np.clip(point.x + step, 0.0, 1.0), point) - point.x
+        step = point.problem.restore_clearances(np.clip(point.x + step, 0.0, 1.0), point) - point.x
         if not np.abs(step).max() > NEGLIGIBLE:
             return _Proposal(step, np.zeros((point.problem.assembly.size, 6)), 0.0)
-        moves = point.moves(step)
-        return _Proposal(step, moves, point.value - model.after(step, moves).value)
+        increments = point.hub_increments(step)
+        return _Proposal(step, increments, point.value - model.after(step, increments).value)
 
     def tried(self, here: Local, proposal: _Proposal) -> DesignPoint | None:
-        return _take_step(here.own, proposal.step, proposal.moves, self.trace, self.within(here.own))
+        return _take_step(here.own, proposal.step, proposal.increments, self.trace, self.step_progress(here.own))
 
     def gentle(self, proposal: _Proposal) -> float:
         """Return the damping with which the proposed rotations cost ``GENTLE_COST`` times the predicted decrease."""
-        squares = float((proposal.moves[:, 3:] ** 2).sum())
+        squares = float((proposal.increments[:, 3:] ** 2).sum())
         return 2.0 * GENTLE_COST * proposal.gain / max(squares, NEGLIGIBLE**2)
 
     def rejected(self) -> None:
@@ -218,23 +224,23 @@ def _depending_on_shape(point: DesignPoint) -> float:
 
 
 def _take_step(
-    here: DesignPoint, step: np.ndarray, moves: np.ndarray, trace: SearchRecord, progress: Progress
+    here: DesignPoint, step: np.ndarray, increments: np.ndarray, trace: SearchRecord, progress: Progress
 ) -> DesignPoint | None:
     """Return the point after a step; None without a stable equilibrium near the linearly predicted pose.
 
-    step, moves : as in ``_Proposal``
+    step, increments : as in ``_Proposal``
     """
     trace.evaluations += 1
-    turn = np.linalg.norm(moves[:, 3:], axis=1).max()
+    turn = np.linalg.norm(increments[:, 3:], axis=1).max()
     if turn > 4.0 * MAX_TURN:
         trace.unstable += 1
         return None
-    moves = moves * min(1.0, MAX_TURN / max(turn, 1e-300))
+    increments = increments * min(1.0, MAX_TURN / max(turn, 1e-300))
     x, pose = np.clip(here.x + step, 0.0, 1.0), here.equilibrium.pose
-    trial = here.problem.at(x, pose, progress, PREDICTED_ITERATIONS, moves)
+    trial = here.problem.point_at(x, pose, progress, PREDICTED_ITERATIONS, increments)
     spare = min(here.equilibrium.spare, inverse.MIN_STABILITY)
     lost = not trial.equilibrium.converged or trial.equilibrium.spare < spare
-    if lost or (has_jumped(here, trial, moves) and not _is_better(trial, here)):
+    if lost or (has_jumped(here, trial, increments) and not _is_better(trial, here)):
         trace.unstable += 1
         return None
     return trial
@@ -242,19 +248,19 @@ def _take_step(
 
 def _is_better(there: DesignPoint, here: DesignPoint) -> bool:
     """Return whether a point after a snap is an improvement: lower objective and nearer to the target."""
-    return there.value < here.value and there.distance < here.distance
+    return there.value < here.value and there.relative_distance < here.relative_distance
 
 
-def has_jumped(here: DesignPoint, there: DesignPoint, moves: Float[np.ndarray, "spirals 6"]) -> bool:
-    """Return whether the piece has snapped: the equilibrium ``there`` is far from the pose predicted by ``moves``.
+def has_jumped(here: DesignPoint, there: DesignPoint, increments: Float[np.ndarray, "spirals 6"]) -> bool:
+    """Return whether the piece has snapped: the equilibrium ``there`` is far from the pose predicted by ``increments``.
 
     The error of the linear prediction is a fraction of the predicted shift; after a snap a hub is off by about a
     spiral's size or more.
     """
     target, pose = there.problem.target, here.equilibrium.pose
-    predicted = pose.moved(moves)
+    predicted = pose.moved(increments)
     shifts = [
-        np.linalg.norm(target.laid(one).centres - target.laid(two).centres, axis=1).max()
+        np.linalg.norm(target.align_pose(one).centres - target.align_pose(two).centres, axis=1).max()
         for one, two in ((there.equilibrium.pose, predicted), (predicted, pose))
     ]
-    return bool(shifts[0] > MAX_JUMP * target.unit + shifts[1])
+    return bool(shifts[0] > MAX_JUMP * target.unit_length + shifts[1])

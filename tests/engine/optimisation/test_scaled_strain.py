@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flexmaps.engine.optimisation.eased import forecast_strain
+from flexmaps.engine.optimisation.scaled_strain import forecast_strain
 from flexmaps.engine.params import Settings
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import simulate

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flexmaps.engine.optimisation import optimisers
-from flexmaps.engine.optimisation.scaling import CurvatureEstimate
-from flexmaps.engine.optimisation.terms import turning
+from flexmaps.engine.optimisation import gauss_newton
+from flexmaps.engine.optimisation.preconditioning import CurvatureEstimate
+from flexmaps.engine.optimisation.terms import rotation_damping_gradient
 from flexmaps.engine.params import OptimiseParams
 from flexmaps.engine.progress import SILENT
 
@@ -16,13 +16,13 @@ from flexmaps.engine.progress import SILENT
 def test_rotations_of_a_lost_step_cost_more_than_it_promised(still: int) -> None:
     """Hubs that do not turn make no difference."""
     start: Any = SimpleNamespace()
-    problem = optimisers._GaussNewtonProblem(
-        OptimiseParams(), optimisers.SearchRecord(), lambda _: None, SILENT, start, CurvatureEstimate(1)
+    problem = gauss_newton._GaussNewtonProblem(
+        OptimiseParams(), gauss_newton.SearchRecord(), lambda _: None, SILENT, start, CurvatureEstimate(1)
     )
-    moves = np.concatenate([np.random.default_rng(3).normal(size=(10, 6)), np.zeros((still, 6))])
-    damping = problem.gentle(optimisers._Proposal(np.zeros(1), moves, 0.3))
-    cost = 0.5 * float((turning(damping, moves).hubs * moves).sum())
-    assert cost == pytest.approx(0.3 * optimisers.GENTLE_COST) and cost > 0.3
+    increments = np.concatenate([np.random.default_rng(3).normal(size=(10, 6)), np.zeros((still, 6))])
+    damping = problem.gentle(gauss_newton._Proposal(np.zeros(1), increments, 0.3))
+    cost = 0.5 * float((rotation_damping_gradient(damping, increments).by_hubs * increments).sum())
+    assert cost == pytest.approx(0.3 * gauss_newton.GENTLE_COST) and cost > 0.3
 
 
 def test_a_shortened_step_keeps_its_direction_and_predicts_its_own_decrease(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -33,20 +33,20 @@ def test_a_shortened_step_keeps_its_direction_and_predicts_its_own_decrease(monk
         return 5.0 + float(slope @ step) + 2.0 * float(step @ step)
 
     monkeypatch.setattr(
-        optimisers,
+        gauss_newton,
         "CompositeModel",
         lambda point, *_: SimpleNamespace(point=point, after=lambda step, _: SimpleNamespace(value=model(step))),
     )
     point: Any = SimpleNamespace(
         x=np.array([0.5, 0.5]),
         value=model(np.zeros(2)),
-        problem=SimpleNamespace(within=lambda x, _: x),
-        moves=lambda step: np.full((3, 6), step[0]),
+        problem=SimpleNamespace(restore_clearances=lambda x, _: x),
+        hub_increments=lambda step: np.full((3, 6), step[0]),
     )
-    problem = optimisers._GaussNewtonProblem(
-        OptimiseParams(), optimisers.SearchRecord(), lambda _: None, SILENT, point, CurvatureEstimate(2)
+    problem = gauss_newton._GaussNewtonProblem(
+        OptimiseParams(), gauss_newton.SearchRecord(), lambda _: None, SILENT, point, CurvatureEstimate(2)
     )
     here: Any = SimpleNamespace(own=point)
-    found = problem.shortened(here, optimisers._Proposal(step, np.zeros((3, 6)), 1.0), 0.25)
-    assert found.step == pytest.approx(0.25 * step) and found.moves == pytest.approx(np.full((3, 6), 0.05))
+    found = problem.shortened(here, gauss_newton._Proposal(step, np.zeros((3, 6)), 1.0), 0.25)
+    assert found.step == pytest.approx(0.25 * step) and found.increments == pytest.approx(np.full((3, 6), 0.05))
     assert found.gain == pytest.approx(model(np.zeros(2)) - model(0.25 * step))

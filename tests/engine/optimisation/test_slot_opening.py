@@ -8,8 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from flexmaps.engine.materials import OVERSTRAIN_SHARE, material
-from flexmaps.engine.optimisation import found as found_module
-from flexmaps.engine.optimisation.found import (
+from flexmaps.engine.optimisation import slot_opening as slot_opening
+from flexmaps.engine.optimisation.gauss_newton import CANCELLED, SearchRecord
+from flexmaps.engine.optimisation.remedies import WANTED_PERCENT
+from flexmaps.engine.optimisation.search import OVERTIME, TIME_WITH_FLATS, Search
+from flexmaps.engine.optimisation.slot_opening import (
     OPEN_GROWTH,
     UNSEEN_PERCENT,
     SimulatedResult,
@@ -17,9 +20,6 @@ from flexmaps.engine.optimisation.found import (
     reduce_twist,
     with_room,
 )
-from flexmaps.engine.optimisation.optimisers import CANCELLED, SearchRecord
-from flexmaps.engine.optimisation.remedies import WANTED_PERCENT
-from flexmaps.engine.optimisation.search import OVERTIME, TIME_WITH_FLATS, Search
 from flexmaps.engine.optimisation.task import Task
 from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import LayoutParams, OptimiseParams, SimulateParams, SpiralParams
@@ -41,7 +41,7 @@ def wound() -> tuple[Task, SimulatedResult]:
     task = Task(mesh, pom, OptimiseParams(), SimulateParams(), None, None, Work())
     at_rest = simulate(made, mesh, pom, SimulateParams())
     problem = task.problem(made)
-    point = problem.at(problem.space.coordinates(made.width, made.twist), at_rest.equilibrium.pose)
+    point = problem.point_at(problem.space.coordinates(made.width, made.twist), at_rest.equilibrium.pose)
     return task, SimulatedResult(at_rest, point, np.inf)
 
 
@@ -80,12 +80,12 @@ def test_slots_are_measured_only_where_they_may_have_closed(wound, monkeypatch):
 def test_slots_open_by_more_steps_where_less_twist_alone_strains_arms_too_much(wound, monkeypatch):
     task, found = wound
     before, limit = found.simulation, 1.02 * float(found.simulation.strain.max())
-    bearing = replace(found.point.problem.bearing, share=limit)
-    found = replace(found, point=replace(found.point, problem=replace(found.point.problem, bearing=bearing)))
-    monkeypatch.setattr(found_module, "OVERSTRAIN_SHARE", limit)
+    strain_limit = replace(found.point.problem.strain_limit, share=limit)
+    found = replace(found, point=replace(found.point, problem=replace(found.point.problem, strain_limit=strain_limit)))
+    monkeypatch.setattr(slot_opening, "OVERSTRAIN_SHARE", limit)
     closed = []
-    for searches in (0, found_module.MAX_SEARCHES):
-        monkeypatch.setattr(found_module, "MAX_SEARCHES", searches)
+    for searches in (0, slot_opening.MAX_SEARCHES):
+        monkeypatch.setattr(slot_opening, "MAX_SEARCHES", searches)
         after = open_closed_slots(
             Search(task, SearchRecord(), lambda _: None, np.inf, before.design.flat), found, SILENT
         ).simulation
@@ -109,7 +109,7 @@ def test_further_searches_end_where_they_ease_no_strains(wound, monkeypatch):
 @pytest.mark.parametrize("asks", [0, 3, 40])
 def test_a_result_stays_as_it_is_where_opening_its_slots_is_cancelled(wound, asks, monkeypatch):
     task, found = wound
-    monkeypatch.setattr(found_module, "OVERSTRAIN_SHARE", 1.02 * float(found.simulation.strain.max()))
+    monkeypatch.setattr(slot_opening, "OVERSTRAIN_SHARE", 1.02 * float(found.simulation.strain.max()))
     search = Search(task, SearchRecord(), lambda _: None, np.inf, found.simulation.design.flat)
     left = iter(range(asks))
     assert open_closed_slots(search, found, Progress(None, lambda: next(left, None) is None)) is found
@@ -202,8 +202,8 @@ def test_a_piece_on_its_target_may_give_up_of_its_match_what_nobody_sees(wound):
 def test_a_search_whose_time_for_flat_shapes_is_over_goes_on_where_arms_are_strained_too_much(wound, share, until):
     task, found = wound
     task = replace(task, work=Work(limit=1.0, done=0.9))
-    bearing = found.point.problem.bearing
-    problem = replace(found.point.problem, work=task.work, bearing=replace(bearing, share=share))
+    strain_limit = found.point.problem.strain_limit
+    problem = replace(found.point.problem, work=task.work, strain_limit=replace(strain_limit, share=share))
     search = Search(task, SearchRecord(), lambda _: None, np.inf, found.simulation.design.flat)
     search.run([replace(found.point, problem=problem)], found.simulation.design, SILENT)
     assert until <= task.work.share < 1.05 * until  # a little work is done before
@@ -214,12 +214,12 @@ def test_searches_for_open_slots_end_when_two_in_a_row_open_none(
     monkeypatch: pytest.MonkeyPatch, counts: tuple[int, ...], searches: int
 ) -> None:
     """Counts of closed slots: of the result, and after each search."""
-    point = SimpleNamespace(problem=SimpleNamespace(space=SimpleNamespace(free=None)))
+    point = SimpleNamespace(problem=SimpleNamespace(space=SimpleNamespace(free_spirals=None)))
     rest = {"simulation": SimpleNamespace(design=None), "point": point, "bears": lambda _: True}
     results = [SimpleNamespace(closed=count, **rest) for count in counts]
     waiting = iter(results[1:])
-    monkeypatch.setattr(found_module, "_unwind", lambda search, one, *rest, **options: one)
-    monkeypatch.setattr(found_module, "_ease_strains", lambda *given: next(waiting))
-    monkeypatch.setattr(found_module, "with_room", lambda design, *rest: design)
-    best = found_module._open_slots(SimpleNamespace(), results[0], SILENT)  # type: ignore[arg-type]
+    monkeypatch.setattr(slot_opening, "_unwind", lambda search, one, *rest, **options: one)
+    monkeypatch.setattr(slot_opening, "_ease_strains", lambda *given: next(waiting))
+    monkeypatch.setattr(slot_opening, "with_room", lambda design, *rest: design)
+    best = slot_opening._open_slots(SimpleNamespace(), results[0], SILENT)  # type: ignore[arg-type]
     assert best.closed == min(counts[: searches + 1]) and len(list(waiting)) == len(counts) - 1 - searches

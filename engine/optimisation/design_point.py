@@ -1,0 +1,297 @@
+"""One design at its equilibrium: objective, adjoint gradient and Gauss-Newton products (eq. 7 to 10)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..arrays import Float, Int
+from ..mechanics.arms.curving_changes import DesignChanges
+from ..mechanics.arms.model import ArmModel
+from ..mechanics.arms.strain_changes import Strains, StrainSlopes
+from ..mechanics.arms.with_arms import with_arms
+from ..mechanics.elastic import ElasticModel
+from ..mechanics.equilibrium import Equilibrium
+from ..mechanics.newton_system import NewtonSystem
+from ..progress import Progress
+from .costs import Cost
+from .factor_cache import Factors
+from .goal_registry import goals_of
+from .inverse import InverseProblem
+from .objective import Mismatch
+from .point_copy import with_problem
+from .polytope import LinearClearances
+from .slot_penalty import NarrowSlots, SlotPenalty, SlotRequirement
+from .stability import SoftModes, StabilityBarrier, StabilityRequirement
+from .terms import (
+    STRAIN_WEIGHT,
+    Gradient,
+    Jacobian,
+    MismatchTerm,
+    StrainTerm,
+    Term,
+    rotation_damping_gradient,
+    sparse_from_runs,
+    sum_gradients,
+)
+from .work import CURVED, MODE, OPENING, PRODUCT, SOFTEST
+
+
+@dataclass(frozen=True, eq=False)
+class DesignPoint:
+    """One design with its equilibrium; derivatives are defined at converged equilibria only."""
+
+    problem: InverseProblem
+    x: np.ndarray
+    model: ElasticModel
+    equilibrium: Equilibrium
+    mismatch: Mismatch
+    factors: Factors
+
+    @property
+    def arm_model(self) -> ArmModel | None:
+        """The elastic model if it is an arm model, else None."""
+        return with_arms(self.model)
+
+    @property
+    def newton_system(self) -> NewtonSystem:
+        """Linear system with the factor of this equilibrium's Hessian."""
+        return self.factors.system_of(self.equilibrium, lambda: self.model.expand(self._state).hessian)
+
+    def precompute(self, progress: Progress) -> None:
+        """Compute and cache the parts of the gradient; report progress, because thousands of spirals take seconds."""
+        for part in ("terms", "_forces_by_x", "newton_system", "gradient"):
+            progress(0.0)
+            getattr(self, part)
+
+    @cached_property
+    def terms(self) -> tuple[Term, ...]:
+        """Terms of the objective that depend on the equilibrium."""
+        found: list[Term] = [MismatchTerm(self.mismatch)]
+        if self.strains is not None and self.problem.strain_limit is not None:
+            found.append(StrainTerm(self.problem.strain_limit, self.strains.values, self._strain_jacobian))
+        return (*found, *(one for one in (self._slot_penalty, self.stability_barrier) if one is not None), *self.goals)
+
+    @cached_property
+    def goals(self) -> tuple[Term, ...]:
+        """Terms from the modules in the folder ``goals``."""
+        return goals_of(self)
+
+    @cached_property
+    def value(self) -> float:
+        """The objective: the sum of all terms and costs."""
+        return sum(term.value for term in self.terms) + sum(cost.value for cost in self.costs)
+
+    def merit(self, strain_penalty: float, found: Mismatch | None = None, strain: float | None = None) -> float:
+        """Return the objective for ranking designs of different problems, see ``StrainLimit.merit``; smaller is better.
+
+        found, strain : mismatch and largest strain of the design in a simulation; the point's own by default
+        """
+        # leave out the barriers of flat shapes, which only guide the search
+        value = (found or self.mismatch).value + sum(c.value for c in InverseProblem.costs(self.problem, self.x))
+        value += sum(goal.value for goal in self.goals) + (
+            0.0 if self._narrow_slots is None else self._narrow_slots.value
+        )
+        value = value if self.stability_barrier is None else self.stability_barrier.merit(value)
+        if self.strains is None or self.problem.strain_limit is None:
+            return value
+        largest = float(self.strains.values.max()) if strain is None else strain
+        return self.problem.strain_limit.merit(value, largest, strain_penalty)
+
+    def with_strain_weight(self, mismatch: float) -> DesignPoint:
+        """Return this point with the weight of excess strain for a search that starts with this mismatch.
+
+        The stability barrier has no weight until ``with_stability_weight``, so that it does not decide between starts.
+        """
+        strain_limit = self.problem.strain_limit and replace(self.problem.strain_limit, weight=STRAIN_WEIGHT * mismatch)
+        return with_problem(self, replace(self.problem, strain_limit=strain_limit, stability=StabilityRequirement(0.0)))
+
+    def with_stability_weight(self) -> Self:
+        """Return this point with the stability barrier weighted for a stage that starts here."""
+        stability = StabilityRequirement.from_mismatch(self.mismatch.value)
+        return with_problem(self, replace(self.problem, stability=stability))
+
+    def with_updated_multipliers(self) -> Self:
+        """Return this point with the multipliers of the strain limits updated, see ``StrainLimit.with_updated_multipliers``."""
+        strains, strain_limit = self.strains, self.problem.strain_limit
+        pressed = (
+            None if strains is None or strain_limit is None else strain_limit.with_updated_multipliers(strains.values)
+        )
+        return self if pressed is None else with_problem(self, replace(self.problem, strain_limit=pressed))
+
+    @cached_property
+    def relative_distance(self) -> float:
+        """RMS distance of the hubs from the target, in mean distances of neighbouring hubs."""
+        return self.problem.target.relative_distance(self.equilibrium.pose)
+
+    @property
+    def distance_metres(self) -> float:
+        """RMS distance of the hubs from the target, metres."""
+        return self.problem.target.unit_length * self.relative_distance
+
+    @property
+    def width_and_twist(self) -> tuple[np.ndarray, np.ndarray]:
+        """Widths (n, 4), metres, and twists (n,), radians."""
+        return self.problem.space.width_and_twist(self.x)
+
+    @cached_property
+    def linear_clearances(self) -> LinearClearances:
+        """Linearised clearances of the design."""
+        return self.problem.linear_clearances(self.x)
+
+    @cached_property
+    def costs(self) -> tuple[Cost, ...]:
+        """Costs that do not depend on the equilibrium."""
+        return self.problem.costs(self.x)
+
+    @cached_property
+    def _state(self) -> Any:
+        return self.model.start(self.equilibrium.pose)
+
+    @cached_property
+    def strains(self) -> Strains | None:
+        """Strains of the arms; None without a strain limit or an arm model."""
+        if self.problem.strain_limit is None or self._joint_derivatives is None:
+            return None
+        return Strains.from_changes(
+            self.model.assembly, self._joint_derivatives.constant_curving, self.problem.strain_limit.material
+        )
+
+    @cached_property
+    def _soft_modes(self) -> SoftModes | None:
+        """Softest modes with eigenvalues below the required one; None if there are none."""
+        asked, found = self.problem.stability, self.equilibrium
+        if asked is None or not found.converged or found.spare >= asked.enough or self.arm_model is None:
+            return None
+        self.problem.work.add(SOFTEST, self.problem.assembly.size)
+        modes = SoftModes.from_equilibrium(self.arm_model, found.pose, self.newton_system, asked)
+        return modes if len(modes.rises) else None
+
+    @cached_property
+    def stability_barrier(self) -> StabilityBarrier | None:
+        """Stability barrier of the equilibrium; None if it is stable enough."""
+        asked, modes = self.problem.stability, self._soft_modes
+        return (
+            None
+            if asked is None or modes is None
+            else StabilityBarrier(asked, modes.rises, self._eigenvalue_derivatives)
+        )
+
+    def _eigenvalue_derivatives(self) -> tuple[Float[np.ndarray, "k spirals 6"], Float[np.ndarray, "k coordinates"]]:
+        """Return the derivatives of the softest eigenvalues with respect to hubs, and to coordinates at fixed hubs."""
+        modes, changes, pose = self._soft_modes, self._joint_derivatives, self.equilibrium.pose
+        assert modes is not None and changes is not None
+        self.problem.work.add(MODE * len(modes.rises), self.problem.assembly.size)
+        return modes.by_hubs(changes.model, pose), modes.by_spirals(changes, pose, self._design_by_x)
+
+    @cached_property
+    def _narrow_slots(self) -> NarrowSlots | None:
+        if self._slot_requirement is None or self.arm_model is None:
+            return None
+        self.problem.work.add(OPENING, self.problem.assembly.size)
+        found = self._slot_requirement.narrow_slots(self.arm_model, self.equilibrium.pose)
+        return found if len(found.found.values) else None
+
+    @property
+    def _slot_requirement(self) -> SlotRequirement | None:
+        return self.problem.slot_requirement
+
+    @cached_property
+    def _slot_penalty(self) -> SlotPenalty | None:
+        return None if self._narrow_slots is None else SlotPenalty(self._narrow_slots, self._slot_widths_by_x)
+
+    def _slot_widths_by_x(self, closing: NarrowSlots) -> csr_array:
+        """Return the derivatives (K, coordinates) of the slots' widths with respect to coordinates at fixed hubs."""
+        return csr_array(closing.widths_by_design @ self.problem.space.jacobian(self.x))
+
+    @cached_property
+    def _joint_derivatives(self) -> DesignChanges | None:
+        return None if self.arm_model is None else DesignChanges(self.arm_model, self._state)
+
+    @cached_property
+    def _forces_by_x(self) -> csr_array:
+        """Derivatives (6 n, coordinates) of the hubs' forces with respect to the coordinates."""
+        return self._forces_by_spiral_x()
+
+    def _forces_by_spiral_x(self) -> csr_array:
+        """Return the derivatives (6 n, K n) of the hubs' forces with respect to the K coordinates of each spiral."""
+        known = self._joint_derivatives
+        self.problem.work.add(CURVED, 0 if known is None else len(known.curving.joints))
+        by_design = self.model.gradient_by_design(self._state) if known is None else known.complete.gradient_by_design
+        blocks = np.swapaxes(by_design, 1, 2) @ self._design_by_x
+        return self.problem.joint_assembler(blocks.transpose(0, 2, 1, 3))
+
+    @cached_property
+    def _forces_transposed(self) -> csr_array:
+        """Transpose of ``_forces_by_x``."""
+        return csr_array(self._forces_by_x.T)
+
+    @cached_property
+    def _design_by_x(self) -> Float[np.ndarray, "joints 2 5 _"]:
+        """Derivatives (m, 2, 5, K) of widths and twist of a joint's spirals with respect to their K coordinates."""
+        return self.problem.space.spiral_jacobians(self.x)[self.problem.assembly.whole.owners]
+
+    def hub_increments(self, change: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
+        """Return the linearised increments (n, 6) of hubs and rim nodes for a change of coordinates (jvp, eq. 8)."""
+        increments = -self.newton_system.solve((self._forces_by_x @ change).reshape(-1, 6))
+        return increments if self._supports_by_x is None else increments + (self._supports_by_x @ change).reshape(-1, 6)
+
+    def adjoint(self, hub_gradient: np.ndarray) -> Float[np.ndarray, " coordinates"]:
+        """Convert a derivative ``hub_gradient`` (n, 6) with respect to hubs to one with respect to coordinates (vjp, eq. 8)."""
+        found = -(self._forces_transposed @ self.newton_system.solve(hub_gradient).ravel())
+        return (
+            found
+            if self._supports_by_x is None
+            else found + hub_gradient.ravel() @ self._supports_by_x[: hub_gradient.size]
+        )
+
+    @property
+    def _supports_by_x(self) -> csr_array | None:
+        """Derivatives (6 n, coordinates) of the supports' poses with respect to the coordinates; None if all are 0."""
+        return None
+
+    def _strain_jacobian(self, arms: Int[np.ndarray, " k"]) -> Jacobian:
+        """Return the Jacobian of strains by hubs and coordinates; ``arms`` : indices of arms, 2 * joint + side."""
+        return self._strain_slopes_and_jacobian(arms)[1]
+
+    def _strain_slopes_and_jacobian(self, arms: Int[np.ndarray, " k"]) -> tuple[StrainSlopes, Jacobian]:
+        """Return the derivatives of arms' strains, with respect to joint parameters, and to hubs and coordinates."""
+        assert self.strains is not None and self._joint_derivatives is not None
+        found, e = replace(self.strains, changes=self._joint_derivatives.complete).slopes(arms), arms // 2
+        problem, whole = self.problem, self.problem.assembly.whole
+        hubs = sparse_from_runs(found.by_pose.reshape(-1, 2, 6), 6 * whole.pairs[e], 6 * whole.size)
+        by_x = (found.by_design[:, :, None] @ self._design_by_x[e])[:, :, 0]
+        return found, Jacobian(
+            hubs, sparse_from_runs(by_x, problem.space.coordinates_per_spiral * whole.owners[e], problem.n_spiral_x)
+        )
+
+    @cached_property
+    def gradient(self) -> Float[np.ndarray, " coordinates"]:
+        """Gradient of the objective with respect to the coordinates, by one adjoint solve (eq. 10)."""
+        return sum((cost.gradient for cost in self.costs), self.total_gradient([term.gradient for term in self.terms]))
+
+    def gauss_newton_product(self, change: np.ndarray) -> Float[np.ndarray, " coordinates"]:
+        """Return the product of the objective's Gauss-Newton matrix with a change of the coordinates."""
+        return self.gauss_newton_product_of(change, self.terms, self.costs)
+
+    def gauss_newton_product_of(
+        self, change: np.ndarray, terms: Sequence[Term], costs: Sequence[Cost], rotation_damping: float = 0.0
+    ) -> Float[np.ndarray, " coordinates"]:
+        """Return the Gauss-Newton product of terms and costs; rotation_damping : weight of half the squared rotations."""
+        self.problem.work.add(PRODUCT, len(self.problem.assembly.width))
+        increments = self.hub_increments(change)
+        parts = [
+            rotation_damping_gradient(rotation_damping, increments),
+            *(term.gauss_newton_product(increments, change) for term in terms),
+        ]
+        return sum((cost.hessian_product(change) for cost in costs), self.total_gradient(parts))
+
+    def total_gradient(self, parts: list[Gradient]) -> Float[np.ndarray, " coordinates"]:
+        """Return the gradient with respect to the coordinates of a sum of parts that depend on hubs and coordinates."""
+        hubs, by_x = sum_gradients(parts, self.problem.assembly.whole.size, len(self.x))
+        return self.adjoint(hubs) + by_x
