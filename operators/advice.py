@@ -32,7 +32,7 @@ class RemedyStage(ContinuedStage["RemediedPiece"]):
     remedy : name of the remedy in the advice
     """
 
-    needs = "flat"
+    required_output = "flat"
     reads_loads = True
     remedy = ""
 
@@ -88,7 +88,7 @@ class RemedyStage(ContinuedStage["RemediedPiece"]):
 
         return go_on
 
-    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: RemediedPiece) -> Iterator[None]:
+    def after_write(self, context: bpy.types.Context, obj: bpy.types.Object, result: RemediedPiece) -> Iterator[None]:
         return result.panels.show(obj, context.scene)
 
     def write_piece(
@@ -252,12 +252,12 @@ class MakeFiner(RemedyStage, bpy.types.Operator):
             raise
         replacing.replace_object(context, obj, made)
         states.stamp(made, context.scene, self._made_from)
-        overlay.update_after_stage(made, self.shows)
+        overlay.update_after_stage(made, self.overlay_kind)
         self._made = made.session_uid
         return text
 
-    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: RemediedPiece) -> Iterator[None]:
-        return super().after(context, find_by_uid(self._made), result)
+    def after_write(self, context: bpy.types.Context, obj: bpy.types.Object, result: RemediedPiece) -> Iterator[None]:
+        return super().after_write(context, find_by_uid(self._made), result)
 
 
 CLASSES = (MakeLarger, MakeThinner, MakeFiner)

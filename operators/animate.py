@@ -29,7 +29,7 @@ class Animate(ContinuedStage["FinishedFilm"], bpy.types.Operator):
     bl_idname = "flexmaps.animate"
     bl_label = "Animate assembly"
 
-    needs = "simulation"
+    required_output = "simulation"
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[FinishedFilm]:
         from ..bridge.store import pose

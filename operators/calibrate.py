@@ -12,8 +12,8 @@ from ..bridge.store.i18n import translate
 from ..bridge.store.paths import resolve_folder
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings, with_values
-from .stage import AtOnce, OnObject
-from .writes import Writes
+from .file_writer import FileWriter
+from .stage import ImmediateOperator, ObjectOperator
 
 if TYPE_CHECKING:
     from ..engine.extras.calibrating.calibrate import Calibration, Readings
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 SUBFOLDER = "calibration"  # within the folder of the exported sheets
 
 
-class CalibrationSheet(Writes, AtOnce, OnObject, bpy.types.Operator):
+class CalibrationSheet(FileWriter, ImmediateOperator, ObjectOperator, bpy.types.Operator):
     """Write a small sheet to cut and to measure: a kerf comb, ladders of clearances, a strip to bend, two spirals to hang a weight on"""
 
     bl_idname = "flexmaps.calibration_sheet"
     bl_label = "Calibration sheet"
     bl_options = {"REGISTER"}
 
-    def act(self, context: bpy.types.Context) -> str:
+    def run(self, context: bpy.types.Context) -> str:
         from .. import api
 
         wanted = settings.read(context.object.flexmaps, ObjectSettings)
@@ -49,7 +49,7 @@ def _reading_property(name: str, description: str) -> object:
     return bpy.props.StringProperty(name=name, description=description, options={"SKIP_SAVE"})
 
 
-class Calibrated(AtOnce, OnObject, bpy.types.Operator):
+class Calibrated(ImmediateOperator, ObjectOperator, bpy.types.Operator):
     """Make kerf, clearance and stiffness out of what was measured on the calibration sheet, use them here, and keep them as a preset"""
 
     bl_idname = "flexmaps.calibrated"
@@ -75,7 +75,7 @@ class Calibrated(AtOnce, OnObject, bpy.types.Operator):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         return context.window_manager.invoke_props_dialog(self, width=360)
 
-    def act(self, context: bpy.types.Context) -> str:
+    def run(self, context: bpy.types.Context) -> str:
         from ..engine.extras.calibrating import calibrate, coupons
 
         obj = context.object

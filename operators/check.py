@@ -11,7 +11,7 @@ from ..bridge.store.i18n import quads, translate
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
-from .stage import AtOnce, OnObject, StageOperator, Work
+from .stage import ImmediateOperator, ObjectOperator, StageOperator, Work
 
 if TYPE_CHECKING:
     from ..bridge.store.surface import ObjectSurface
@@ -45,11 +45,11 @@ class Check(StageOperator["list[Finding]"], bpy.types.Operator):
             return translate("{}, nothing to complain about", quads(count))
         return translate("{}, {} warning" if len(result) == 1 else "{}, {} warnings", quads(count), len(result))
 
-    def _note(self, context: bpy.types.Context, obj: bpy.types.Object, error: FlexMapsError) -> None:
+    def _store_failure(self, context: bpy.types.Context, obj: bpy.types.Object, error: FlexMapsError) -> None:
         """Do not store the failure, because the findings are shown as notices already."""
 
 
-class ShowFinding(AtOnce, OnObject, bpy.types.Operator):
+class ShowFinding(ImmediateOperator, ObjectOperator, bpy.types.Operator):
     """Select the faces that this is about"""
 
     bl_idname = "flexmaps.show_finding"
@@ -64,7 +64,7 @@ class ShowFinding(AtOnce, OnObject, bpy.types.Operator):
             return "There is nothing to show; press Check first"
         return problem
 
-    def act(self, context: bpy.types.Context) -> str:
+    def run(self, context: bpy.types.Context) -> str:
         from ..bridge.view import framing
 
         findings = stored_report.read(context.object.data)["checks"]

@@ -27,7 +27,7 @@ class ChooseStage(LayoutStage):
     """Base of operators that compare layouts, apply the best and store the others."""
 
     on_stop = "the best so far is kept"
-    needs = "flat"
+    required_output = "flat"
     reads_loads = True
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:

@@ -12,8 +12,8 @@ from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
 from .continued_stage import Continuation, ContinuedStage
-from .stage import AtOnce
-from .writes import FromDialog, begin
+from .file_writer import FileDialogOperator, run_stage
+from .stage import ImmediateOperator
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
@@ -83,10 +83,10 @@ class Compare(ScanProperties, ContinuedStage["Result"], bpy.types.Operator):
         stored_report.write_all(obj.data, blocks)
         return scans.describe_result(blocks["scan"])
 
-    shows = "SCAN"
+    overlay_kind = "SCAN"
 
 
-class CompareFile(ScanProperties, FromDialog, AtOnce, bpy.types.Operator):
+class CompareFile(ScanProperties, FileDialogOperator, ImmediateOperator, bpy.types.Operator):
     """Choose the file of a scan of the built piece, and compare it with the simulated shape"""
 
     bl_idname = "flexmaps.compare_file"
@@ -97,10 +97,10 @@ class CompareFile(ScanProperties, FromDialog, AtOnce, bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         return Compare.poll(context)
 
-    def act(self, context: bpy.types.Context) -> None:
+    def run(self, context: bpy.types.Context) -> None:
         if not Path(bpy.path.abspath(self.filepath)).is_file():
             raise FlexMapsError(translate("There is no file {}; choose a scan", self.filepath))
-        begin(Compare.bl_idname, filepath=self.filepath, unit=self.unit, anywhere=self.anywhere)
+        run_stage(Compare.bl_idname, filepath=self.filepath, unit=self.unit, anywhere=self.anywhere)
 
 
 CLASSES = (Compare, CompareFile)

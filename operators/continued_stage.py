@@ -23,16 +23,16 @@ Continuation = Callable[["Result", Progress], Made]
 class ContinuedStage(StageOperator[Made]):
     """Base of operators that implement ``continuation`` instead of ``prepare``.
 
-    needs : output of an earlier stage that must exist, as named in ``stages.TABLE``; "" if any quad mesh will do
+    required_output : output of an earlier stage that must exist, as named in ``stages.TABLE``; "" if any quad mesh will do
     reads_loads : also read supports and forces
     """
 
-    needs = ""
+    required_output = ""
     reads_loads = False
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        return stored_report.missing_result(obj.data, cls.needs) if cls.needs else None
+        return stored_report.missing_result(obj.data, cls.required_output) if cls.required_output else None
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Made]:
         """Return the work, a function that continues from the stored result.
@@ -45,7 +45,7 @@ class ContinuedStage(StageOperator[Made]):
         from ..bridge.store import snapshot as snapshots
         from ..bridge.store.objects import find_by_uid
 
-        obj, needs = find_by_uid(surface.uid), self.needs
+        obj, needs = find_by_uid(surface.uid), self.required_output
         # supports are needed too if there is a base, which changes the spirals of supported quads
         loaded = self.reads_loads or settings.base.base != "none"
         snapshot = snapshots.take_snapshot(obj, surface, settings, loaded=loaded)

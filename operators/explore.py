@@ -10,7 +10,7 @@ from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
 from .continued_stage import Continuation, ContinuedStage
-from .stage import AnyMesh, AtOnce
+from .stage import AnyMeshOperator, ImmediateOperator
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
@@ -25,7 +25,7 @@ class Explore(ContinuedStage["Exploration"], bpy.types.Operator):
     bl_idname = "flexmaps.explore"
     bl_label = "Explore"
     on_stop = "what was found is kept"
-    needs = "flat"
+    required_output = "flat"
     reads_loads = True
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Exploration]:
@@ -53,7 +53,7 @@ class Explore(ContinuedStage["Exploration"], bpy.types.Operator):
         return translate(many, len(result.candidates), result.note)
 
 
-class UseCandidate(AtOnce, AnyMesh, bpy.types.Operator):
+class UseCandidate(ImmediateOperator, AnyMeshOperator, bpy.types.Operator):
     """Give the object the settings and the size of this candidate; what they make out of date is to be made again"""
 
     bl_idname = "flexmaps.use_candidate"
@@ -61,7 +61,7 @@ class UseCandidate(AtOnce, AnyMesh, bpy.types.Operator):
 
     number: bpy.props.IntProperty(min=0, options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
-    def act(self, context: bpy.types.Context) -> str:
+    def run(self, context: bpy.types.Context) -> str:
         from ..bridge.store import exploration
 
         stored = exploration.read(context.object)

@@ -14,7 +14,7 @@ from ..bridge.store.paths import file_name, resolve_folder
 from ..engine import files
 from ..engine.progress import Progress
 from .continued_stage import Continuation, ContinuedStage
-from .writes import IntoFolder
+from .file_writer import FolderWriter
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
     SheetFiles = tuple[dict[str, dict[str, Any]], Path, PanelDrawing | None, tuple[str, ...]]
 
 
-class Export(IntoFolder, ContinuedStage["SheetFiles"], bpy.types.Operator):
+class Export(FolderWriter, ContinuedStage["SheetFiles"], bpy.types.Operator):
     """Place the panels on sheets and write them for the cutter or the printer, in true millimetres, with an assembly sheet"""
 
     bl_idname = "flexmaps.export"
     bl_label = "Export sheets"
 
-    needs = "design"
+    required_output = "design"
     reads_loads = True
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[SheetFiles]:
@@ -77,7 +77,7 @@ class Export(IntoFolder, ContinuedStage["SheetFiles"], bpy.types.Operator):
 
         return go_on
 
-    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: SheetFiles) -> Iterator[None]:
+    def after_write(self, context: bpy.types.Context, obj: bpy.types.Object, result: SheetFiles) -> Iterator[None]:
         return iter(()) if result[2] is None else result[2].show(obj, context.scene)
 
     def finish(

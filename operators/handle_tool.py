@@ -8,7 +8,7 @@ from ..bridge.hosts import live
 from ..bridge.store.i18n import translate
 from ..bridge.view.handle_gizmos import HandleGizmoMixin
 from ..engine.errors import FlexMapsError
-from .stage import AtOnce, OnObject
+from .stage import ImmediateOperator, ObjectOperator
 
 
 class HandleGizmos(HandleGizmoMixin, bpy.types.GizmoGroup):
@@ -56,14 +56,14 @@ class HandleToolInEditMode(_HandleTool, bpy.types.WorkSpaceTool):
     bl_context_mode = "EDIT_MESH"
 
 
-class UseHandles(AtOnce, OnObject, bpy.types.Operator):
+class UseHandles(ImmediateOperator, ObjectOperator, bpy.types.Operator):
     """Take the tool for handles: click a spiral to hold it or to let it go, drag one to pull it, drag with Ctrl to set where Optimise shall bring it"""
 
     bl_idname = "flexmaps.use_handles"
     bl_label = "Handles"
     bl_options = {"REGISTER"}
 
-    def act(self, context: bpy.types.Context) -> None:
+    def run(self, context: bpy.types.Context) -> None:
         if context.area is None or context.area.type != "VIEW_3D":
             raise FlexMapsError(translate("Handles are set in a 3D view"))
         bpy.ops.wm.tool_set_by_id(name=HandleTool.bl_idname)

@@ -8,7 +8,7 @@ import bpy
 
 from ..bridge.hosts import live
 from ..bridge.store.i18n import translate
-from .stage import AtOnce, OnObject, redraw
+from .stage import ImmediateOperator, ObjectOperator, redraw
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -23,7 +23,7 @@ KINDS = (
 UNDER_MOUSE = -1  # value of ``quad`` that stands for the quad under the mouse
 
 
-class _OnSpiral(OnObject):
+class _OnSpiral(ObjectOperator):
     """Base of operators on the spiral ``quad``; in edit mode on all selected quads if ``quad`` is selected."""
 
     bl_options = {"REGISTER", "UNDO"}
@@ -209,13 +209,13 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         redraw(context)
 
 
-class ClearHandles(AtOnce, OnObject, bpy.types.Operator):
+class ClearHandles(ImmediateOperator, ObjectOperator, bpy.types.Operator):
     """Take all handles away: let go of single spirals, end their pulls and wishes"""
 
     bl_idname = "flexmaps.clear_handles"
     bl_label = "Take handles away"
 
-    def act(self, context: bpy.types.Context) -> None:
+    def run(self, context: bpy.types.Context) -> None:
         import numpy as np
 
         from ..bridge.store import handles

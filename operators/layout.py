@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 class LayoutStage(ContinuedStage):
     """Base of these operators: write seams, flat patches and their report block."""
 
-    shows = "PATCH"  # colour the patches, because Blender draws seams in edit mode only
+    overlay_kind = "PATCH"  # colour the patches, because Blender draws seams in edit mode only
 
     def _read(self, context: bpy.types.Context) -> Work:
         derived_properties.store_border_setting(context.object)
@@ -47,7 +47,7 @@ class LayoutStage(ContinuedStage):
         states.stamp_side_result(obj, context.scene, "forecast", self._made_from)
         return translate("{}, largest distortion {:.3f}", panels(block["patches"]), block["energy_max"])
 
-    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: object) -> Iterator[None]:
+    def after_write(self, context: bpy.types.Context, obj: bpy.types.Object, result: object) -> Iterator[None]:
         """Frame the object and its panels in the 3D views, but only after the first layout of its quads."""
         from ..bridge.view import collection, framing
 

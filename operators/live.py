@@ -5,17 +5,17 @@ from __future__ import annotations
 import bpy
 
 from ..bridge.hosts import live
-from .stage import POLL_INTERVAL, AtOnce, OnObject, redraw
+from .stage import POLL_INTERVAL, ImmediateOperator, ObjectOperator, redraw
 
 
-class Live(AtOnce, OnObject, bpy.types.Operator):
+class Live(ImmediateOperator, ObjectOperator, bpy.types.Operator):
     """Show the shape that the piece takes while you change it: settings, supports and loads, spirals, seams, vertices of the target. Press again to stop; press Simulate for the final shape with its figures"""
 
     bl_idname = "flexmaps.live"
     bl_label = "Live"
     bl_options = {"REGISTER"}
 
-    def act(self, context: bpy.types.Context) -> None:
+    def run(self, context: bpy.types.Context) -> None:
         following = live.current_watcher()
         if following is not None and following.uid == context.object.session_uid:
             live.stop()

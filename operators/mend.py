@@ -7,10 +7,10 @@ import bpy
 from ..bridge.store import cures
 from ..bridge.store.i18n import translate
 from ..bridge.view import replacing
-from .stage import AnyMesh, AtOnce
+from .stage import AnyMeshOperator, ImmediateOperator
 
 
-class Mend(AtOnce, AnyMesh, bpy.types.Operator):
+class Mend(ImmediateOperator, AnyMeshOperator, bpy.types.Operator):
     """Put right what the check found, as far as a machine can. A mesh that other objects use too is copied first"""
 
     bl_idname = "flexmaps.mend"
@@ -18,7 +18,7 @@ class Mend(AtOnce, AnyMesh, bpy.types.Operator):
 
     what: bpy.props.EnumProperty(name="What", items=cures.REPAIR_KINDS, options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
-    def act(self, context: bpy.types.Context) -> str:
+    def run(self, context: bpy.types.Context) -> str:
         from ..bridge.store import mesh_repair, states
 
         replacing.leave_edit_mode(context)

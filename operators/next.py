@@ -11,7 +11,7 @@ import bpy
 from ..bridge.store import derived_properties, failures, guidance
 from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
-from .stage import AnyMesh, AtOnce, OnObject, message_of
+from .stage import AnyMeshOperator, ImmediateOperator, ObjectOperator, error_message
 
 if TYPE_CHECKING:
     from ..bridge.store.notices import Notice
@@ -22,7 +22,7 @@ DEBOUNCE_SECONDS = (
 )
 
 
-class Next(AnyMesh, bpy.types.Operator):
+class Next(AnyMeshOperator, bpy.types.Operator):
     """Do what a person would do next; the button says what that is"""
 
     bl_idname = "flexmaps.next"
@@ -65,7 +65,7 @@ class Next(AnyMesh, bpy.types.Operator):
         try:  # True asks for an undo step, which Blender omits where an operator calls another
             pressed: set[str] = getattr(getattr(bpy.ops, group), name)(how, True, **seen.act.properties)
         except RuntimeError as error:
-            self.report({"ERROR"}, message_of(error))
+            self.report({"ERROR"}, error_message(error))
             return {"CANCELLED"}
         return {"FINISHED"} if "RUNNING_MODAL" in pressed else pressed
 
@@ -90,7 +90,7 @@ def _find_notice(context: bpy.types.Context, key: str) -> Notice:
     raise FlexMapsError("The mesh was changed since; press Check again")
 
 
-class ShowNotice(AtOnce, OnObject, bpy.types.Operator):
+class ShowNotice(ImmediateOperator, ObjectOperator, bpy.types.Operator):
     """Select the place that this is about, and turn the view to it"""
 
     bl_idname = "flexmaps.show_notice"
@@ -104,7 +104,7 @@ class ShowNotice(AtOnce, OnObject, bpy.types.Operator):
             return _find_notice(context, properties.key).sentence
         return translate(cls.__doc__ or "")
 
-    def act(self, context: bpy.types.Context) -> str:
+    def run(self, context: bpy.types.Context) -> str:
         from ..bridge.view import framing
 
         notice = _find_notice(context, self.key)
@@ -113,7 +113,7 @@ class ShowNotice(AtOnce, OnObject, bpy.types.Operator):
         return notice.sentence
 
 
-class LetGo(AtOnce, AnyMesh, bpy.types.Operator):
+class LetGo(ImmediateOperator, AnyMeshOperator, bpy.types.Operator):
     """Go on in spite of this: it becomes information, until it says something else"""
 
     bl_idname = "flexmaps.let_go"
@@ -121,12 +121,12 @@ class LetGo(AtOnce, AnyMesh, bpy.types.Operator):
 
     key: bpy.props.StringProperty(options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
-    def act(self, context: bpy.types.Context) -> None:
+    def run(self, context: bpy.types.Context) -> None:
         notice = _find_notice(context, self.key)
         failures.dismiss(context.object.data, notice.key, notice.sentence)
 
 
-class StandOn(AtOnce, OnObject, bpy.types.Operator):
+class StandOn(ImmediateOperator, ObjectOperator, bpy.types.Operator):
     """Let the piece stand on its lowest quads, hold it at its border, or let go of a vertex group that was chosen"""
 
     bl_idname = "flexmaps.stand_on"
@@ -141,7 +141,7 @@ class StandOn(AtOnce, OnObject, bpy.types.Operator):
         name="Setting", items=(("supports", "Supports", ""), ("pulled", "Pulled", "")), options={"SKIP_SAVE"}
     )
 
-    def act(self, context: bpy.types.Context) -> None:
+    def run(self, context: bpy.types.Context) -> None:
         obj = context.object
         setattr(obj.flexmaps.loads, self.setting, "")
         if self.where == "lowest":

@@ -39,7 +39,7 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
     """Base of operators that optimise the spirals, starting from the result of ``initial_result``."""
 
     on_stop = "the best so far is kept"
-    needs = "flat"
+    required_output = "flat"
     reads_loads = True
 
     def initial_result(self, result: Result, snapshot: Snapshot, progress: Progress) -> Result:
@@ -75,7 +75,7 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
 
         return go_on
 
-    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: SearchedSpirals) -> Iterator[None]:
+    def after_write(self, context: bpy.types.Context, obj: bpy.types.Object, result: SearchedSpirals) -> Iterator[None]:
         return result[0].show(obj, context.scene)
 
     def finish(

@@ -7,7 +7,7 @@ import bpy
 from ..bridge.store.i18n import button_name, translate
 from ..bridge.view import colouring
 from ..engine.errors import FlexMapsError
-from .stage import AtOnce, OnObject
+from .stage import ImmediateOperator, ObjectOperator
 
 BUTTON_OF_KIND = {
     "WIDTH": "Spirals",
@@ -18,7 +18,7 @@ BUTTON_OF_KIND = {
 }  # kind of overlay -> button that computes its values
 
 
-class Overlay(AtOnce, OnObject, bpy.types.Operator):
+class Overlay(ImmediateOperator, ObjectOperator, bpy.types.Operator):
     """Colour the quads by a number; press again to take the colours away. Trace and Merge show their panels, unless the colours were taken away"""
 
     bl_idname = "flexmaps.overlay"
@@ -33,7 +33,7 @@ class Overlay(AtOnce, OnObject, bpy.types.Operator):
             self.kind = "NONE"
         return self.execute(context)
 
-    def act(self, context: bpy.types.Context) -> None:
+    def run(self, context: bpy.types.Context) -> None:
         from ..bridge.view import overlay
 
         if self.kind != "NONE" and not colouring.store_colours(context.object, self.kind, recompute=True):

@@ -11,15 +11,15 @@ from ..bridge.store import stored_report
 from ..bridge.store.i18n import translate
 from ..bridge.view.brush_settings import QUANTITY_ITEMS, search_sources
 from ..engine.errors import FlexMapsError
-from .stage import POLL_INTERVAL, AtOnce, OnObject, Polled, redraw, why_not
+from .stage import POLL_INTERVAL, ImmediateOperator, ObjectOperator, PolledOperator, reason_unavailable, redraw
 
 
-class _Painter(Polled):
+class _PaintOperator(PolledOperator):
     """Base of operators that need existing spirals and object mode."""
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str | None:
-        return why_not(cls.obstacle, context.object)
+        return reason_unavailable(cls.obstacle, context.object)
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
@@ -28,21 +28,21 @@ class _Painter(Polled):
         return stored_report.missing_result(obj.data, "design")
 
 
-class PickBrush(AtOnce, _Painter, bpy.types.Operator):
+class PickBrush(ImmediateOperator, _PaintOperator, bpy.types.Operator):
     """Paint spirals in the 3D view: drag over the surface. F and Shift F change size and strength, Ctrl turns the brush round, Shift smooths"""
 
     bl_idname = "flexmaps.pick_brush"
     bl_label = "Paint spirals"
     bl_options = {"REGISTER"}
 
-    def act(self, context: bpy.types.Context) -> None:
+    def run(self, context: bpy.types.Context) -> None:
         from ..bridge.view import paint_session
 
         paint_session.get_session(context.object, context.scene)
         bpy.ops.wm.tool_set_by_id(name=paint_session.TOOL_ID)
 
 
-class PaintStroke(_Painter, bpy.types.Operator):
+class PaintStroke(_PaintOperator, bpy.types.Operator):
     """Paint spirals where the pointer goes"""
 
     bl_idname = "flexmaps.paint_stroke"
@@ -134,7 +134,7 @@ def _is_press(event: bpy.types.Event) -> bool:
     return event.value == "PRESS" and event.type not in {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "TIMER"}
 
 
-class PaintFrom(AtOnce, _Painter, bpy.types.Operator):
+class PaintFrom(ImmediateOperator, _PaintOperator, bpy.types.Operator):
     """Change all spirals by a vertex group's weights, a colour's brightness or other numbers of the object, which weight paint, vertex paint or geometry nodes made"""
 
     bl_idname = "flexmaps.paint_from"
@@ -146,7 +146,7 @@ class PaintFrom(AtOnce, _Painter, bpy.types.Operator):
     inverted: BoolProperty(name="The other way round")  # type: ignore[valid-type]
     direction: EnumProperty(name="Along", items=(("x", "X", ""), ("y", "Y", ""), ("z", "Z", "")))  # type: ignore[valid-type]
 
-    def act(self, context: bpy.types.Context) -> str:
+    def run(self, context: bpy.types.Context) -> str:
         from ..bridge.store import fields, mesh
         from ..bridge.view import paint_session
         from ..engine.spirals.painting import Stroke
@@ -169,13 +169,13 @@ class PaintFrom(AtOnce, _Painter, bpy.types.Operator):
         return translate("{} spiral painted" if changed == 1 else "{} spirals painted", changed)
 
 
-class Unprotect(AtOnce, OnObject, bpy.types.Operator):
+class Unprotect(ImmediateOperator, ObjectOperator, bpy.types.Operator):
     """Let Optimise and the brushes change all spirals again"""
 
     bl_idname = "flexmaps.unprotect"
     bl_label = "Protect none"
 
-    def act(self, context: bpy.types.Context) -> None:
+    def run(self, context: bpy.types.Context) -> None:
         from ..bridge.store import fields
         from ..bridge.view import paint_session
 

@@ -14,13 +14,13 @@ from bl_operators.presets import AddPresetBase
 
 from ..bridge.store import presets
 from ..bridge.store.i18n import translate
-from .stage import OnObject
+from .stage import ObjectOperator
 
 FOLDER = Path(__file__).resolve().parent.parent
 MENU = "FLEXMAPS_PT_presets"
 
 
-class Preset(OnObject, AddPresetBase, bpy.types.Operator):
+class Preset(ObjectOperator, AddPresetBase, bpy.types.Operator):
     """Keep the settings of this object under a name, or remove those kept under it"""
 
     bl_idname = "flexmaps.preset"
@@ -31,7 +31,7 @@ class Preset(OnObject, AddPresetBase, bpy.types.Operator):
     preset_values = presets.list_expressions()
 
 
-class ApplyPreset(OnObject, bpy.types.Operator):
+class ApplyPreset(ObjectOperator, bpy.types.Operator):
     """Take these settings for this object"""
 
     bl_idname = "flexmaps.apply_preset"

@@ -27,7 +27,7 @@ class Preview(ContinuedStage["BuiltPreview"], bpy.types.Operator):
     bl_idname = "flexmaps.preview"
     bl_label = "Preview"
 
-    needs = "design"
+    required_output = "design"
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[BuiltPreview]:
         from ..bridge.store import pose

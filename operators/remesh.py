@@ -15,7 +15,7 @@ from ..bridge.view import replacing
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
-from .stage import AnyMesh, StageOperator, Work, redraw
+from .stage import AnyMeshOperator, StageOperator, Work, redraw
 
 if TYPE_CHECKING:
     from ..bridge.store.surface import ObjectSurface
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ..engine.surface.remeshing.requad import Requadded
 
 
-class QuadRemesh(AnyMesh, StageOperator["Requadded"], bpy.types.Operator):
+class QuadRemesh(AnyMeshOperator, StageOperator["Requadded"], bpy.types.Operator):
     """Make a new object of quads in the shape of this one, and hide this one. Modifiers are applied on the way"""
 
     bl_idname = "flexmaps.quad_remesh"

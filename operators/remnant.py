@@ -7,11 +7,11 @@ from pathlib import Path
 import bpy
 
 from ..bridge.store.i18n import translate
-from .stage import AtOnce, OnObject
-from .writes import FromDialog
+from .file_writer import FileDialogOperator
+from .stage import ImmediateOperator, ObjectOperator
 
 
-class AddRemnant(FromDialog, AtOnce, OnObject, bpy.types.Operator):
+class AddRemnant(FileDialogOperator, ImmediateOperator, ObjectOperator, bpy.types.Operator):
     """Choose a DXF or SVG drawing of an odd piece of sheet, which is filled before whole sheets are"""
 
     bl_idname = "flexmaps.add_remnant"
@@ -20,7 +20,7 @@ class AddRemnant(FromDialog, AtOnce, OnObject, bpy.types.Operator):
     filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})  # type: ignore[valid-type]
     filter_glob: bpy.props.StringProperty(default="*.dxf;*.svg", options={"HIDDEN"})  # type: ignore[valid-type]
 
-    def act(self, context: bpy.types.Context) -> str:
+    def run(self, context: bpy.types.Context) -> str:
         from ..engine.fabrication.nesting.remnants import SEPARATOR, read_file
 
         remnants = read_file(Path(bpy.path.abspath(self.filepath)))

@@ -15,14 +15,14 @@ from ..bridge.store.i18n import translate
 from ..bridge.store.paths import list_pictures, resolve_picture
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
+from .file_writer import FileWriter
 from .stage import StageOperator, Work
-from .writes import Writes
 
 if TYPE_CHECKING:
     from ..bridge.store.surface import ObjectSurface
 
 
-class Render(Writes, StageOperator["list[Path]"], bpy.types.Operator):
+class Render(FileWriter, StageOperator["list[Path]"], bpy.types.Operator):
     """Take a picture of the target, the assembled piece and its flat panels, with light and materials of its own; your scene is left alone"""
 
     bl_idname = "flexmaps.render"
@@ -99,7 +99,7 @@ class Render(Writes, StageOperator["list[Path]"], bpy.types.Operator):
             with files.write_atomically(path, guard) as new:
                 picture.render_together(context.object, new, params)
         except FlexMapsError as error:
-            return self._refused(context, error)
+            return self._report_error(context, error)
         self._report_picture(path)
         return {"FINISHED"}
 

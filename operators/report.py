@@ -14,7 +14,7 @@ from ..bridge.store.paths import file_name, resolve_folder
 from ..bridge.store.settings import is_relative_to_unsaved
 from ..engine.progress import Progress
 from .continued_stage import Continuation, ContinuedStage
-from .writes import IntoFolder
+from .file_writer import FolderWriter
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     Plots = tuple[str, dict[str, np.ndarray], Path | None]
 
 
-class Report(IntoFolder, ContinuedStage["Plots"], bpy.types.Operator):
+class Report(FolderWriter, ContinuedStage["Plots"], bpy.types.Operator):
     """Draw plots and maps of everything done so far as pictures for the image editor, and write a page with all figures into the export folder"""
 
     bl_idname = "flexmaps.report"
@@ -42,10 +42,10 @@ class Report(IntoFolder, ContinuedStage["Plots"], bpy.types.Operator):
         name="Open", description="Show the page in the web browser", default=False, options={"SKIP_SAVE"}
     )
 
-    # Future of the triangulated letters; ``meanwhile`` makes them, because Blender then redraws all windows
+    # Future of the triangulated letters; ``while_running`` makes them, because Blender then redraws all windows
     _letters: Any = None
 
-    needs = "flat"
+    required_output = "flat"
     reads_loads = True
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Plots]:
@@ -81,7 +81,7 @@ class Report(IntoFolder, ContinuedStage["Plots"], bpy.types.Operator):
 
         return go_on
 
-    def meanwhile(self) -> None:
+    def while_running(self) -> None:
         from ..bridge.view import images
 
         self._letters.set_result(images.glyphs())
@@ -98,7 +98,7 @@ class Report(IntoFolder, ContinuedStage["Plots"], bpy.types.Operator):
             bpy.ops.wm.url_open(url=page.as_uri())
         return translate("{} pictures for the image editor; {}", len(shown), page)
 
-    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Plots) -> Iterator[None]:
+    def after_write(self, context: bpy.types.Context, obj: bpy.types.Object, result: Plots) -> Iterator[None]:
         from ..bridge.view import images
 
         name, shown, _ = result
@@ -111,7 +111,7 @@ class Report(IntoFolder, ContinuedStage["Plots"], bpy.types.Operator):
             yield
 
 
-class Share(IntoFolder, ContinuedStage["tuple[Path, bool]"], bpy.types.Operator):
+class Share(FolderWriter, ContinuedStage["tuple[Path, bool]"], bpy.types.Operator):
     """Write one page that holds the piece in 3D, to send to somebody who has only a browser: from flat panels to the shape, and how to join them step by step"""
 
     bl_idname = "flexmaps.share"
@@ -121,7 +121,7 @@ class Share(IntoFolder, ContinuedStage["tuple[Path, bool]"], bpy.types.Operator)
         name="Open", description="Show the page in the web browser", default=False, options={"SKIP_SAVE"}
     )
 
-    needs = "design"
+    required_output = "design"
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[tuple[Path, bool]]:
         from ..bridge.hosts import pages

@@ -20,8 +20,8 @@ class Simulate(ContinuedStage["Result"], bpy.types.Operator):
 
     bl_idname = "flexmaps.simulate"
     bl_label = "Simulate"
-    shows = "DISTANCE"
-    needs = "design"
+    overlay_kind = "DISTANCE"
+    required_output = "design"
     reads_loads = True
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Result]:

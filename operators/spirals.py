@@ -26,7 +26,7 @@ class Spirals(ContinuedStage["DrawnSpirals"], bpy.types.Operator):
 
     bl_idname = "flexmaps.spirals"
     bl_label = "Spirals"
-    needs = "flat"
+    required_output = "flat"
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[DrawnSpirals]:
         from ..bridge.view.flat_panels import PanelDrawing
@@ -47,7 +47,7 @@ class Spirals(ContinuedStage["DrawnSpirals"], bpy.types.Operator):
 
         return go_on
 
-    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: DrawnSpirals) -> Iterator[None]:
+    def after_write(self, context: bpy.types.Context, obj: bpy.types.Object, result: DrawnSpirals) -> Iterator[None]:
         return result[0].show(obj, context.scene)
 
     def finish(

@@ -30,7 +30,7 @@ Made = TypeVar("Made")  # result type of a stage's work, passed to ``finish``
 Work = Callable[[Progress], Made]
 
 
-class Polled:
+class PolledOperator:
     """Base of operators that are greyed out, with a reason as tooltip, while they cannot run."""
 
     @classmethod
@@ -46,7 +46,7 @@ class Polled:
         return problem is None
 
 
-class OnObject(Polled):
+class ObjectOperator(PolledOperator):
     """Base of operators on the active object; they need an object that FlexMaps can work on."""
 
     @classmethod
@@ -56,16 +56,16 @@ class OnObject(Polled):
         return usage_problem(context.object)
 
 
-class AnyMesh(OnObject):
+class AnyMeshOperator(ObjectOperator):
     """Base of operators that accept a mesh with modifiers, while no job runs; list it before ``StageOperator``."""
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str | None:
         running = background.current_job()
-        return super().problem(context) if running is None else still_running(running)
+        return super().problem(context) if running is None else running_message(running)
 
 
-def message_of(error: RuntimeError) -> str:
+def error_message(error: RuntimeError) -> str:
     """Return the message that an operator called through ``bpy.ops`` reported as an error.
 
     Raise the error again if it contains a traceback, which is a fault of the program.
@@ -80,14 +80,14 @@ def message_of(error: RuntimeError) -> str:
     return text.removeprefix("Error: ")
 
 
-class AtOnce:
+class ImmediateOperator:
     """Base of operators that run at once, without a background job; list it before bases with a ``poll``."""
 
     bl_options = {"REGISTER", "UNDO"}
-    level = "INFO"  # report level of the line that ``act`` returns; ``act`` may set "WARNING"
+    level = "INFO"  # report level of the line that ``run`` returns; ``run`` may set "WARNING"
     report: Any
 
-    def act(self, context: bpy.types.Context) -> str | None:
+    def run(self, context: bpy.types.Context) -> str | None:
         """Do the work and return a line for the user, or None.
 
         A ``FlexMapsError`` is reported; it must leave everything as it was.
@@ -97,27 +97,27 @@ class AtOnce:
     def execute(self, context: bpy.types.Context) -> set[str]:
         preload.wait()
         try:
-            text = self.act(context)
+            text = self.run(context)
         except FlexMapsError as error:
-            return self._refused(context, error)
+            return self._report_error(context, error)
         redraw(context)
         if text:
             self.report({self.level}, text)
         return {"FINISHED"}
 
-    def _refused(self, context: bpy.types.Context, error: FlexMapsError) -> set[str]:
+    def _report_error(self, context: bpy.types.Context, error: FlexMapsError) -> set[str]:
         self.report({"ERROR"}, str(error))
         return {"CANCELLED"}
 
 
-class NewObject(Polled):
+class AddObjectOperator(PolledOperator):
     """Base of operators that add a new object; they need object mode and that no job runs."""
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str | None:
         running = background.current_job()
         if running is not None:
-            return still_running(running)
+            return running_message(running)
         return None if context.mode == "OBJECT" else "Go to Object Mode: a new object is made"
 
 
@@ -132,7 +132,7 @@ else:
             return cls
 
 
-class StageOperator(Polled, HandsOver[Made]):
+class StageOperator(PolledOperator, HandsOver[Made]):
     """Base of the stages' operators; subclasses list ``bpy.types.Operator`` as their last base.
 
     A stage implements ``prepare``, which returns the engine's work as a function of ``Progress``, and ``finish``, which
@@ -142,15 +142,15 @@ class StageOperator(Polled, HandsOver[Made]):
     bl_options = {"REGISTER", "UNDO"}
     bl_label = ""
     report: Any
-    shows = ""  # kind of overlay to switch on after the stage if none is on
+    overlay_kind = ""  # kind of overlay to switch on after the stage if none is on
     on_stop = "nothing is changed then"  # what happens when the user cancels, for the progress display
     level = "INFO"  # report level of the line that ``finish`` returns; ``finish`` may set "WARNING"
 
     _job: background.Job | None = None
     _timer: Any = None
     _pacer: Any = None  # a ``progress.RedrawPacer``, which limits redraws
-    _helped = False  # whether ``meanwhile`` was called
-    _writing: Any = None  # iterator over the remaining steps of writing the result
+    _has_called_back = False  # whether ``while_running`` was called
+    _write_steps: Any = None  # iterator over the remaining steps of writing the result
     _made_from: Any = None  # checksums of the settings when the work began
     _scene = 0  # Blender's id of the scene in which the work began
     _surface: Any = None  # an ``ObjectSurface``; Any, as Blender evaluates annotations before the import
@@ -171,14 +171,14 @@ class StageOperator(Polled, HandsOver[Made]):
         """Return the engine's work as a function of ``Progress``, which must not touch Blender's data."""
         raise NotImplementedError
 
-    def meanwhile(self) -> None:
+    def while_running(self) -> None:
         """Prepare on the main thread something that the running work waits for; called once."""
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Made) -> str:
         """Write the result on the main thread and return a line for the user; all that can fail must come first."""
         raise NotImplementedError
 
-    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Made) -> Iterator[None]:
+    def after_write(self, context: bpy.types.Context, obj: bpy.types.Object, result: Made) -> Iterator[None]:
         """Draw objects beside the model after the result was written; the window is redrawn at every ``yield``."""
         return iter(())
 
@@ -186,19 +186,19 @@ class StageOperator(Polled, HandsOver[Made]):
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str | None:
-        return why_not(cls.obstacle, context.object)
+        return reason_unavailable(cls.obstacle, context.object)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
             work = self._read(context)
-            self.meanwhile()
+            self.while_running()
             for _ in self._write(context, background.run_blocking(self.bl_label, work)):
                 pass
             return {"FINISHED"}
         except Cancelled:
-            return self._cancelled()
+            return self._report_cancelled()
         except FlexMapsError as error:
-            return self._refused(context, error)
+            return self._report_error(context, error)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if bpy.app.background:
@@ -206,7 +206,7 @@ class StageOperator(Polled, HandsOver[Made]):
         try:
             work = self._read(context)
         except FlexMapsError as error:
-            return self._refused(context, error)
+            return self._report_error(context, error)
         tab.on_stage_start()
         self._job = background.Job(self.bl_label, work, self.on_stop)
         self._job.start()
@@ -221,26 +221,26 @@ class StageOperator(Polled, HandsOver[Made]):
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         assert self._job is not None
-        if event.type == "ESC" and event.value == "PRESS" and self._writing is None:
+        if event.type == "ESC" and event.value == "PRESS" and self._write_steps is None:
             self._job.stop()
             progress.show_progress(context, self._job)
             return {"RUNNING_MODAL"}
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
-        if not self._helped:
-            self._helped = True
-            self.meanwhile()
+        if not self._has_called_back:
+            self._has_called_back = True
+            self.while_running()
         if not self._job.finished:
             if self._pacer.is_due(time.perf_counter()):
                 progress.show_progress(context, self._job)
             return {"PASS_THROUGH"}
         going_on = False
         try:
-            going_on = self._go_on(context)
+            going_on = self._do_write_step(context)
         except Cancelled:
-            return self._cancelled()
+            return self._report_cancelled()
         except FlexMapsError as error:
-            return self._refused(context, error)
+            return self._report_error(context, error)
         finally:
             if not going_on:
                 self._clear(context)
@@ -251,16 +251,16 @@ class StageOperator(Polled, HandsOver[Made]):
         """Clean up when Blender loads a file or closes the window while the job runs."""
         self._clear(context)
 
-    def _go_on(self, context: bpy.types.Context) -> bool:
+    def _do_write_step(self, context: bpy.types.Context) -> bool:
         """Take the finished job's result and do one step of writing it; return False after the last step."""
         assert self._job is not None
         if self._job.error is not None:
             raise self._job.error
-        if self._writing is None:
+        if self._write_steps is None:
             self._job.shown = None  # stop drawing the job's shape over the mesh
-            self._writing = self._write(context, self._job.result)
+            self._write_steps = self._write(context, self._job.result)
         with framing.in_scene(context, self._scene):
-            return next(self._writing, self) is None
+            return next(self._write_steps, self) is None
 
     # -- steps -----------------------------------------------------------------------------------------------------------
 
@@ -292,11 +292,11 @@ class StageOperator(Polled, HandsOver[Made]):
         finally:  # also after an error, because the mesh check writes its findings before it raises
             states.stamp(obj, context.scene, self._made_from)
         failures.clear(obj, idname_of(self))
-        overlay.update_after_stage(obj, self.shows)
+        overlay.update_after_stage(obj, self.overlay_kind)
         redraw(context)
         yield
         with suppress(FlexMapsError):  # if the object was deleted, there is nothing to draw
-            for _ in self.after(context, find_by_uid(self._surface.uid), result):
+            for _ in self.after_write(context, find_by_uid(self._surface.uid), result):
                 yield
         redraw(context)
         level, text = self.level, message
@@ -310,7 +310,7 @@ class StageOperator(Polled, HandsOver[Made]):
         if self._job is None:
             return
         self._job.end()
-        self._job = self._writing = None
+        self._job = self._write_steps = None
         if self._timer is not None:
             context.window_manager.event_timer_remove(self._timer)
             self._timer = None
@@ -319,11 +319,11 @@ class StageOperator(Polled, HandsOver[Made]):
             context.workspace.status_text_set(None)
         redraw(context)
 
-    def _cancelled(self) -> set[str]:
+    def _report_cancelled(self) -> set[str]:
         self.report({"WARNING"}, translate("{} was stopped; nothing was changed", button_name(self.bl_label)))
         return {"CANCELLED"}
 
-    def _refused(self, context: bpy.types.Context, error: FlexMapsError) -> set[str]:
+    def _report_error(self, context: bpy.types.Context, error: FlexMapsError) -> set[str]:
         from ..bridge.store.objects import find_by_uid
 
         if self._surface is not None and (error.faces or error.edges):
@@ -331,12 +331,12 @@ class StageOperator(Polled, HandsOver[Made]):
                 framing.select_places(context, find_by_uid(self._surface.uid), self._surface, error.faces, error.edges)
                 framing.frame_views(context)
         with suppress(FlexMapsError):  # if the object was deleted, there is nowhere to store it
-            self._note(context, find_by_uid(self.uid), error)
+            self._store_failure(context, find_by_uid(self.uid), error)
         redraw(context)
         self.report({"ERROR"}, str(error))
         return {"CANCELLED"}
 
-    def _note(self, context: bpy.types.Context, obj: bpy.types.Object, error: FlexMapsError) -> None:
+    def _store_failure(self, context: bpy.types.Context, obj: bpy.types.Object, error: FlexMapsError) -> None:
         """Store the failure, so that *Next* offers a cure instead of the same action."""
         from ..bridge.store import failures
 
@@ -349,7 +349,7 @@ def idname_of(operator: bpy.types.Operator) -> str:
     return f"{group.lower()}.{name}" if name else str(operator.bl_idname)
 
 
-def why_not(obstacle: Callable[[bpy.types.Object], str | None], obj: bpy.types.Object | None) -> str | None:
+def reason_unavailable(obstacle: Callable[[bpy.types.Object], str | None], obj: bpy.types.Object | None) -> str | None:
     """Return a sentence why an operator cannot run on the object now; None if it can.
 
     Parameters
@@ -361,12 +361,12 @@ def why_not(obstacle: Callable[[bpy.types.Object], str | None], obj: bpy.types.O
 
     running = background.current_job()
     if running is not None:
-        return still_running(running)
+        return running_message(running)
     problem = usage_problem(obj)
     if problem is None and obj is not None:
         problem = modifier_problem(obj) or obstacle(obj)
     return problem
 
 
-def still_running(running: background.Job) -> str:
+def running_message(running: background.Job) -> str:
     return translate("{} is running; wait for it, or stop it with ESC", button_name(running.title))

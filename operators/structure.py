@@ -11,7 +11,7 @@ from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
 from .continued_stage import Continuation, ContinuedStage
-from .stage import AtOnce, OnObject
+from .stage import ImmediateOperator, ObjectOperator
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
@@ -25,9 +25,9 @@ class CheckStructure(ContinuedStage["Structure"], bpy.types.Operator):
 
     bl_idname = "flexmaps.structure"
     bl_label = "Check structure"
-    needs = "simulation"
+    required_output = "simulation"
     reads_loads = True
-    shows = "UTILISATION"
+    overlay_kind = "UTILISATION"
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Structure]:
         from ..bridge.store import equilibrium
@@ -60,7 +60,7 @@ class CheckStructure(ContinuedStage["Structure"], bpy.types.Operator):
         return ". ".join(messages) or translate("{} loads are borne", len(block["outcomes"]))
 
 
-class AddLoad(AtOnce, OnObject, bpy.types.Operator):
+class AddLoad(ImmediateOperator, ObjectOperator, bpy.types.Operator):
     """Add a load to the load cases; loads of one name act together"""
 
     bl_idname = "flexmaps.add_load"
@@ -107,7 +107,7 @@ class AddLoad(AtOnce, OnObject, bpy.types.Operator):
         if self.kind != "weight":
             layout.prop(self, "lasting")
 
-    def act(self, context: bpy.types.Context) -> None:
+    def run(self, context: bpy.types.Context) -> None:
         from ..engine.extras.structure import cases
 
         wanted = context.object.flexmaps.structure
@@ -115,7 +115,7 @@ class AddLoad(AtOnce, OnObject, bpy.types.Operator):
         wanted.cases = "; ".join([*cases.lines(wanted.cases), line])
 
 
-class RemoveLoad(AtOnce, OnObject, bpy.types.Operator):
+class RemoveLoad(ImmediateOperator, ObjectOperator, bpy.types.Operator):
     """Take this load out"""
 
     bl_idname = "flexmaps.remove_load"
@@ -123,7 +123,7 @@ class RemoveLoad(AtOnce, OnObject, bpy.types.Operator):
 
     number: bpy.props.IntProperty(min=0, options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
-    def act(self, context: bpy.types.Context) -> None:
+    def run(self, context: bpy.types.Context) -> None:
         from ..engine.extras.structure import cases
 
         wanted = context.object.flexmaps.structure

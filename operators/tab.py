@@ -10,7 +10,7 @@ from ..bridge.store import derived_properties
 from ..bridge.store.columns import column
 from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
-from .stage import AnyMesh, AtOnce, redraw
+from .stage import AnyMeshOperator, ImmediateOperator, redraw
 
 
 class Stop(bpy.types.Operator):
@@ -28,13 +28,13 @@ class Stop(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class HoldSelection(AtOnce, AnyMesh, bpy.types.Operator):
+class HoldSelection(ImmediateOperator, AnyMeshOperator, bpy.types.Operator):
     """Hold the piece at what is selected in Edit Mode: quads with two corners or more in it"""
 
     bl_idname = "flexmaps.hold_selection"
     bl_label = "Hold the selection"
 
-    def act(self, context: bpy.types.Context) -> str:
+    def run(self, context: bpy.types.Context) -> str:
         obj = context.object
         obj.update_from_editmode()
         chosen = column(obj.data.vertices, "select")

@@ -6,10 +6,10 @@ import bpy
 
 from ..bridge.store import modifiers, objects
 from ..engine.errors import FlexMapsError
-from .stage import AtOnce, NewObject
+from .stage import AddObjectOperator, ImmediateOperator
 
 
-class ToMesh(AtOnce, NewObject, bpy.types.Operator):
+class ToMesh(ImmediateOperator, AddObjectOperator, bpy.types.Operator):
     """Turn a text, curve, surface or metaball into a mesh, or apply the modifiers of a mesh to a copy and hide the original. Solidify is left out: panels have the thickness of the sheet"""
 
     bl_idname = "flexmaps.to_mesh"
@@ -26,7 +26,7 @@ class ToMesh(AtOnce, NewObject, bpy.types.Operator):
             return "Select a mesh, text, curve, surface or metaball"
         return super().problem(context)
 
-    def act(self, context: bpy.types.Context) -> str:
+    def run(self, context: bpy.types.Context) -> str:
         source = context.object
         if source.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")

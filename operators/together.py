@@ -14,8 +14,8 @@ from ..bridge.store.objects import usage_problem
 from ..bridge.store.paths import file_name, resolve_folder
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
-from .stage import AnyMesh, StageOperator, Work
-from .writes import IntoFolder
+from .file_writer import FolderWriter
+from .stage import AnyMeshOperator, StageOperator, Work
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 ENDING = "together"  # suffix of the file names, after the active object's name
 
 
-class ExportTogether(IntoFolder, AnyMesh, StageOperator["BatchFiles"], bpy.types.Operator):
+class ExportTogether(FolderWriter, AnyMeshOperator, StageOperator["BatchFiles"], bpy.types.Operator):
     """Lay the panels of all selected objects with spirals on common sheets, each object as often as its copies say, and write the files"""
 
     bl_idname = "flexmaps.export_together"
@@ -41,7 +41,7 @@ class ExportTogether(IntoFolder, AnyMesh, StageOperator["BatchFiles"], bpy.types
         from ..engine.extras.together.nest_together import nest_together
         from ..engine.fabrication.writers import export
 
-        objects = _selected(context)
+        objects = _usable_selection(context)
         stored = [snapshot.read_piece(obj) for obj in objects]
         letters.add_outlines(*(obj.name for obj in objects))
         names, settings = [obj.name for obj in objects], [one.settings for one in stored]
@@ -74,7 +74,7 @@ class ExportTogether(IntoFolder, AnyMesh, StageOperator["BatchFiles"], bpy.types
         yield
 
 
-def _selected(context: bpy.types.Context) -> list[bpy.types.Object]:
+def _usable_selection(context: bpy.types.Context) -> list[bpy.types.Object]:
     """Return the selected objects that FlexMaps can work on, the active one first."""
     active = context.object
     # leave out objects that FlexMaps drew beside a model

@@ -8,19 +8,19 @@ import bpy
 
 from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
-from .stage import AtOnce, NewObject
+from .stage import AddObjectOperator, ImmediateOperator
 
 # the file is made by tools/lamp_shade.py
 FILE, SCENE, NAME = Path(__file__).resolve().parents[1] / "data" / "lamp_shade.blend", "Lamp shade", "Lamp shade"
 
 
-class Tutorial(AtOnce, NewObject, bpy.types.Operator):
+class Tutorial(ImmediateOperator, AddObjectOperator, bpy.types.Operator):
     """Add the scene of the tutorial, a lamp shade in an evening, to this file and show it; your own scenes stay as they are"""
 
     bl_idname = "flexmaps.tutorial"
     bl_label = "Open the tutorial"
 
-    def act(self, context: bpy.types.Context) -> None:
+    def run(self, context: bpy.types.Context) -> None:
         from ..bridge.view import framing
 
         try:

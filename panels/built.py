@@ -7,20 +7,20 @@ from typing import Any
 import bpy
 
 from ..engine.figures import format_figure
-from .rows import button, figures, sentence, tr
-from .stages import block_of
+from .rows import button, results_box, tr, wrapped_text
+from .stages import results_column
 
 
 def draw(body: Any, context: bpy.types.Context) -> None:
     button(body, "flexmaps.compare_file", tr("Compare with a scan"), "POINTCLOUD_DATA")
-    stored = block_of(body, context, "scan")
+    stored = results_column(body, context, "scan")
     if stored is None:
         return
     layout, block = stored
     for text in block["remarks"]:
-        sentence(layout, context, tr(text))
+        wrapped_text(layout, context, tr(text))
     size = "{} %, {} mm"
-    figures(
+    results_box(
         layout,
         (tr("Distance, mean"), size.format(*(format_figure(block[name]) for name in ("rms_percent", "rms_mm")))),
         (tr("Distance, largest"), size.format(*(format_figure(block[name]) for name in ("max_percent", "max_mm")))),

@@ -9,10 +9,10 @@ import bpy
 from ..bridge.store import exploration
 from ..engine.figures import format_figure
 from ..engine.materials import OVERSTRAIN_SHARE
-from .rows import A_ROW, button, sentence, tr, value
+from .rows import PER_ROW, button, setting_row, tr, wrapped_text
 
-CANDIDATES = 6  # largest number of candidates listed; more make the section longer; chosen by eye
-VARIED = (
+MAX_CANDIDATES = 6  # largest number of candidates listed; more make the section longer; chosen by eye
+VARY_TOGGLES = (
     ("vary_size", "Size"), ("vary_thickness", "Thickness"), ("vary_widths", "Width"), ("vary_twist", "Twist"),
     ("vary_material", "Material"), ("vary_arms", "Arms"), ("vary_panels", "Panels"),
 )  # fmt: skip
@@ -22,9 +22,9 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     obj = context.object
     wanted = obj.flexmaps.explore
     column = body.column(align=True)
-    for first in range(0, len(VARIED), A_ROW):
+    for first in range(0, len(VARY_TOGGLES), PER_ROW):
         row = column.row(align=True)
-        for name, label in VARIED[first : first + A_ROW]:
+        for name, label in VARY_TOGGLES[first : first + PER_ROW]:
             row.prop(wanted, name, text=tr(label), toggle=True, translate=False)
     column = body.column(align=True)
     for name, label in (
@@ -33,14 +33,14 @@ def draw(body: Any, context: bpy.types.Context) -> None:
         ("largest", "Distance (%)"),
         ("sheets", "Sheets"),
     ):
-        value(column, wanted, name, tr(label))
+        setting_row(column, wanted, name, tr(label))
     button(body, "flexmaps.explore", tr("Explore"), "VIEWZOOM")
     kept = exploration.read(obj)
     if kept is None:
         return
-    sentence(body, context, tr(kept["note"]), most=3)
+    wrapped_text(body, context, tr(kept["note"]), max_lines=3)
     column = body.box().column(align=True)
-    for number, row in enumerate(kept["rows"][:CANDIDATES]):
+    for number, row in enumerate(kept["rows"][:MAX_CANDIDATES]):
         line = column.split(factor=0.62, align=True)
         text = ", ".join(exploration.describe_value(*one) for one in row["values"].items())
         button(line, "flexmaps.use_candidate", text).number = number

@@ -9,7 +9,7 @@ import bpy
 
 from ..engine.extras import registry
 from .rows import tr
-from .stages import look
+from .stages import read_stages
 
 _MISSING = registry.missing_modules("panels")
 # tab -> module that draws it; tabs of extras (optional features) that are not installed are left out
@@ -28,12 +28,12 @@ def draw(body: Any, context: bpy.types.Context) -> None:
         MODULES[tab.check].draw(body, context)
 
 
-def key(context: bpy.types.Context) -> str:
+def heading_text(context: bpy.types.Context) -> str:
     """Return the text beside the folded section's heading: the smallest load factor at which the piece gives way.
 
     For load cases without a failure, the largest load factor examined counts.
     """
-    block = look(context).blocks.get("structure")
+    block = read_stages(context).blocks.get("structure")
     if block is None or not block["outcomes"]:
         return ""
     least = min(row["followed_to"] if row["critical"] is None else row["critical"] for row in block["outcomes"])

@@ -10,37 +10,37 @@ from ..bridge.store.i18n import panels, quads, sheets
 from ..bridge.view import thumbnails
 from ..engine.extras import registry
 from ..engine.figures import format_figure
-from .rows import A_ROW, LOW, button, duration, figures, menu, percent, settings_popover, tr, value
-from .stages import block_of, look
+from .rows import PER_ROW, TEXT_HEIGHT, button, duration, menu, percent, results_box, setting_row, settings_popover, tr
+from .stages import read_stages, results_column
 
-PICTURE = 3.2  # size of a card's picture, in rows; with a larger one, three cards would not fit side by side
-CARDS = 6  # largest number of cards; more make the section longer
+PICTURE_SIZE = 3.2  # size of a card's picture, in rows; with a larger one, three cards would not fit side by side
+MAX_CARDS = 6  # largest number of cards; more make the section longer
 LIMITS = "distortion_limit", "compactness_limit", "neck_min", "patch_min", "seamless"
 
 
 def draw(body: Any, context: bpy.types.Context) -> None:
     wanted = context.object.flexmaps.choose
     column = body.column(align=True)
-    value(column, wanted, "goal", tr("Wanted"))
+    setting_row(column, wanted, "goal", tr("Wanted"))
     if wanted.goal == "panels":
-        value(column, wanted, "panels", tr("Panels"))
+        setting_row(column, wanted, "panels", tr("Panels"))
     else:
-        row = value(column, wanted, "match", tr("Within (%)"))
+        row = setting_row(column, wanted, "match", tr("Within (%)"))
         row.enabled = wanted.goal == "match"
     row = body.split(factor=0.6, align=True)
     if registry.has("choosing"):
         button(row, "flexmaps.choose", tr("Propose layouts"), "PRESET")
     row.menu("FLEXMAPS_MT_by_hand", text=tr("By hand"), translate=False)
     if registry.has("choosing"):
-        _cards(body, context)
-    stored = block_of(body, context, "layout")
+        _draw_cards(body, context)
+    stored = results_column(body, context, "layout")
     if stored is None:
         return
     layout, block = stored
     limit, most = context.object.flexmaps.layout.distortion_limit, block.get("energy_max", 0.0)
-    shaped, expected = "equilibrium" in look(context).blocks, block.get("expected_percent")
+    shaped, expected = "equilibrium" in read_stages(context).blocks, block.get("expected_percent")
     match = [] if shaped or expected is None else [(tr("Expected match"), f"~ {format_figure(expected)} %")]
-    figures(
+    results_box(
         layout,
         (tr("Panels"), str(block.get("patches"))),
         *match,
@@ -51,35 +51,35 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     )
 
 
-def _cards(body: Any, context: bpy.types.Context) -> None:
+def _draw_cards(body: Any, context: bpy.types.Context) -> None:
     """Draw a card for each proposed layout."""
-    stored = block_of(body, context, "choose")
+    stored = results_column(body, context, "choose")
     if stored is None:
         return
     layout, block = stored
-    rows = block["proposals"][:CARDS]
+    rows = block["proposals"][:MAX_CARDS]
     pictures = thumbnails.icon_numbers(context.object, len(block["proposals"]))
-    for first in range(0, len(rows), A_ROW):
+    for first in range(0, len(rows), PER_ROW):
         grid = layout.row(align=True)
-        for number in range(first, first + A_ROW):
+        for number in range(first, first + PER_ROW):
             card = grid.box().column(align=True) if number < len(rows) else grid.column()
             if number < len(rows):
-                _card(card, number, rows[number], pictures[number], number == block["taken"])
+                _draw_card(card, number, rows[number], pictures[number], number == block["taken"])
 
 
-def _card(card: Any, number: int, row: dict[str, Any], picture: int, taken: bool) -> None:
+def _draw_card(card: Any, number: int, row: dict[str, Any], picture: int, taken: bool) -> None:
     """Draw the card of a layout: picture, button to choose it, and lines with match, assembly time and sheets."""
-    card.template_icon(icon_value=picture, scale=PICTURE)
+    card.template_icon(icon_value=picture, scale=PICTURE_SIZE)
     taking = button(card, "flexmaps.take_choice", panels(row["panels"]), depress=taken)
-    taking.number, taking.tip = number, _tip(row)
+    taking.number, taking.tip = number, _tooltip(row)
     share = f"{'' if row['proved'] else '~ '}{format_figure(row['rms_percent'])} %"
     for text in (share, duration(row["join_minutes"]), sheets(row["sheets"])):
         centred = card.row()
-        centred.alignment, centred.scale_y = "CENTER", LOW
+        centred.alignment, centred.scale_y = "CENTER", TEXT_HEIGHT
         centred.label(text=text, translate=False)
 
 
-def _tip(row: dict[str, Any]) -> str:
+def _tooltip(row: dict[str, Any]) -> str:
     """Return the tooltip of a card's button: joints, strain, cutting time and symmetry of the layout."""
     parts = [
         tr("{} joint" if row["joints"] == 1 else "{} joints", row["joints"]),
@@ -93,20 +93,23 @@ def _tip(row: dict[str, Any]) -> str:
 def past_limit(context: bpy.types.Context) -> bool:
     """Return whether any quad's distortion is above the limit, with a tolerance for rounding."""
     limit = context.object.flexmaps.layout.distortion_limit
-    return bool(look(context).blocks.get("layout", {}).get("energy_max", 0.0) > limit * 1.0001)
+    return bool(read_stages(context).blocks.get("layout", {}).get("energy_max", 0.0) > limit * 1.0001)
 
 
-def key(context: bpy.types.Context) -> str:
+def heading_text(context: bpy.types.Context) -> str:
     """Return the text beside the folded section's heading: the number of panels."""
-    block = look(context).blocks.get("layout")
+    block = read_stages(context).blocks.get("layout")
     return "" if block is None else panels(block.get("patches", 0))
 
 
-def _by_hand(layout: Any, context: bpy.types.Context) -> None:
+def _draw_by_hand_menu(layout: Any, context: bpy.types.Context) -> None:
     button(layout, "flexmaps.trace", tr("Trace the cuts"), "GRID")
     button(layout, "flexmaps.merge", tr("Merge panels"), "AUTOMERGE_ON")
     button(layout, "flexmaps.update_from_seams", tr("Update from seams"), "FILE_REFRESH")
     button(layout, "flexmaps.flatten", tr("Flatten all"), "UV")
 
 
-CLASSES = (settings_popover("limits", "Limits of the layout", "layout", *LIMITS), menu("by_hand", "By hand", _by_hand))
+CLASSES = (
+    settings_popover("limits", "Limits of the layout", "layout", *LIMITS),
+    menu("by_hand", "By hand", _draw_by_hand_menu),
+)

@@ -8,10 +8,10 @@ import bpy
 
 from ..engine.extras.structure import cases
 from ..engine.materials import OVERLOADED, OVERSTRAIN_SHARE
-from .rows import button, figures, popover, sentence, tr, value
-from .stages import block_of
+from .rows import button, popover, results_box, setting_row, tr, wrapped_text
+from .stages import results_column
 
-OUTCOMES = 4  # largest number of load cases whose results are listed; more make the section longer; chosen by eye
+MAX_OUTCOMES = 4  # largest number of load cases whose results are listed; more make the section longer; chosen by eye
 EXAMPLE = "Sums of load cases with factors, such as: all = 1.35 weight + 1.5 snow"
 
 
@@ -26,19 +26,19 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     column = row.column(align=True)
     column.operator("flexmaps.add_load", text="", icon="ADD")
     column.popover("FLEXMAPS_PT_loads", text="", icon="DOWNARROW_HLT")
-    value(body.column(align=True), wanted, "factor_max", tr("Up to times"))
+    setting_row(body.column(align=True), wanted, "factor_max", tr("Up to times"))
     button(body, "flexmaps.structure", tr("Check the loads"), "MOD_PHYSICS")
-    stored = block_of(body, context, "structure")
+    stored = results_column(body, context, "structure")
     if stored is None:
         return
     layout, block = stored
     rows: list[Any] = []
-    for outcome in block["outcomes"][:OUTCOMES]:
-        rows += _outcome(outcome)
-    figures(layout, *rows)
+    for outcome in block["outcomes"][:MAX_OUTCOMES]:
+        rows += _outcome_rows(outcome)
+    results_box(layout, *rows)
 
 
-def _outcome(row: dict[str, Any]) -> list[tuple[str, str, bool]]:
+def _outcome_rows(row: dict[str, Any]) -> list[tuple[str, str, bool]]:
     """Return the rows of a load case's results, as ``figures`` takes them.
 
     They are the load factor at which the piece gives way, the largest deflection, and utilisation of arms and joints.
@@ -55,10 +55,10 @@ def _outcome(row: dict[str, Any]) -> list[tuple[str, str, bool]]:
     return made
 
 
-def _text(layout: Any, wanted: Any) -> None:
-    sentence(layout, bpy.context, tr(EXAMPLE), units=15)
+def _draw_load_texts(layout: Any, wanted: Any) -> None:
+    wrapped_text(layout, bpy.context, tr(EXAMPLE), units=15)
     layout.prop(wanted.structure, "combinations")
     layout.prop(wanted.structure, "cases")
 
 
-CLASSES = (popover("loads", "Load cases", _text),)
+CLASSES = (popover("loads", "Load cases", _draw_load_texts),)

@@ -9,12 +9,23 @@ import bpy
 from ..bridge.store.i18n import sheets
 from ..bridge.store.settings import is_relative_to_unsaved
 from ..engine.extras import registry
-from .rows import button, decimals, duration, figures, menu, percent, rare, settings_popover, tr, value
-from .stages import block_of, look
+from .rows import (
+    button,
+    decimals,
+    duration,
+    menu,
+    options_button,
+    percent,
+    results_box,
+    setting_row,
+    settings_popover,
+    tr,
+)
+from .stages import read_stages, results_column
 
 # kinds of files that come in several versions: setting, label, version that the toggle switches on
-KINDS = ("dxf", "DXF", "R2010"), ("solids", "3D", "3MF")
-BASES = ("feet", "Feet"), ("plates", "Plates"), ("planks", "Planks"), ("eyelets", "Eyelets")
+FILE_TOGGLES = ("dxf", "DXF", "R2010"), ("solids", "3D", "3MF")
+BASE_PARTS = ("feet", "Feet"), ("plates", "Plates"), ("planks", "Planks"), ("eyelets", "Eyelets")
 
 
 def draw(body: Any, context: bpy.types.Context) -> None:
@@ -22,7 +33,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     files = wanted.export
     row = body.row(align=True)
     row.prop(files, "svg", text="SVG", toggle=True, translate=False)
-    for name, words, usual in KINDS:
+    for name, words, usual in FILE_TOGGLES:
         switch = row.operator(
             "wm.context_toggle_enum", text=words, depress=getattr(files, name) != "NONE", translate=False
         )
@@ -32,20 +43,20 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     if registry.has("assembly_sheet"):
         row.prop(files, "guide", text=tr("Guide"), toggle=True, translate=False)
     column = body.column(align=True)
-    row = value(column, files, "folder", tr("Folder"))
+    row = setting_row(column, files, "folder", tr("Folder"))
     row.alert = is_relative_to_unsaved(files.folder)
-    value(column, files, "copies", tr("Copies"))
-    value(column, wanted.sheet, "remnants", tr("Offcuts")).operator("flexmaps.add_remnant", text="", icon="ADD")
+    setting_row(column, files, "copies", tr("Copies"))
+    setting_row(column, wanted.sheet, "remnants", tr("Offcuts")).operator("flexmaps.add_remnant", text="", icon="ADD")
     row = body.row(align=True)
     button(row, "flexmaps.export", tr("Write the files"), "EXPORT")
     row.menu("FLEXMAPS_MT_files", text="", icon="DOWNARROW_HLT")
     row = body.row(align=True)
     button(row, "flexmaps.report", tr("Report"), "FILE_TEXT").browse = True
     button(row, "flexmaps.share", tr("Share page"), "URL").browse = True
-    rare(row, "page")
-    stored = block_of(body, context, "sheets")
+    options_button(row, "page")
+    stored = results_column(body, context, "sheets")
     if stored is not None:
-        figures(stored[0], *_figure_rows(stored[1]))
+        results_box(stored[0], *_figure_rows(stored[1]))
 
 
 def _figure_rows(block: dict[str, Any]) -> list[Any]:
@@ -57,7 +68,7 @@ def _figure_rows(block: dict[str, Any]) -> list[Any]:
     rows.append((tr("Weight"), decimals(block, "mass_g", 0, " g")))
     if "cost" in block:
         rows.append((tr("Cost"), f"{block['cost']['total']:.2f}"))
-    for key, name in BASES:
+    for key, name in BASE_PARTS:
         if key in block.get("base", {}):
             rows.append((tr(name), str(block["base"][key])))
     if block.get("glued"):
@@ -67,20 +78,20 @@ def _figure_rows(block: dict[str, Any]) -> list[Any]:
     return rows
 
 
-def key(context: bpy.types.Context) -> str:
+def heading_text(context: bpy.types.Context) -> str:
     """Return the text beside the folded section's heading: number of sheets and cutting time."""
-    block = look(context).blocks.get("sheets")
+    block = read_stages(context).blocks.get("sheets")
     if block is None:
         return ""
     text = sheets(block.get("sheets", 0))
     return f"{text}, {duration(block['cut_minutes'])}" if "cut_minutes" in block else text
 
 
-def _files(layout: Any, context: bpy.types.Context) -> None:
+def _draw_files_menu(layout: Any, context: bpy.types.Context) -> None:
     if registry.has("together"):
         button(layout, "flexmaps.export_together", tr("All selected on common sheets"), "PACKAGE")
     folder = bpy.path.abspath(context.object.flexmaps.export.folder)
     button(layout, "wm.path_open", tr("Open the folder"), "FILE_FOLDER").filepath = folder
 
 
-CLASSES = (settings_popover("page", "Pages", "page"), menu("files", "Files", _files))
+CLASSES = (settings_popover("page", "Pages", "page"), menu("files", "Files", _draw_files_menu))

@@ -11,17 +11,17 @@ from ..bridge.store.i18n import CONTEXT
 from ..bridge.store.i18n import interface as tr
 from ..bridge.view.text_layout import break_lines, line_width
 
-NAMES = 0.4  # fraction of a row's width for the label before its value, as in Blender's own panels
-A_ROW = 3  # toggles or cards side by side; more would truncate their labels
-LOW = 0.85  # height of a line of results or of a sentence, in rows; smaller is denser; chosen by eye
+LABEL_SHARE = 0.4  # fraction of a row's width for the label before its value, as in Blender's own panels
+PER_ROW = 3  # toggles or cards side by side; more would truncate their labels
+TEXT_HEIGHT = 0.85  # height of a line of results or of a sentence, in rows; smaller is denser; chosen by eye
 Layout = Any  # bpy.types.UILayout, or a test's stand-in
 
 # -- rows with settings ------------------------------------------------------------------------------------------------
 
 
-def line(layout: Layout, name: str) -> Layout:
+def labelled_row(layout: Layout, name: str) -> Layout:
     """Add a label with a row to its right, aligned with the settings above and below; return the row."""
-    split = layout.split(factor=NAMES, align=True)
+    split = layout.split(factor=LABEL_SHARE, align=True)
     split.use_property_split = False
     left = split.row()
     left.alignment = "RIGHT"
@@ -29,7 +29,7 @@ def line(layout: Layout, name: str) -> Layout:
     return split.row(align=True)
 
 
-def value(layout: Layout, owner: Any, name: str, label: str, **options: Any) -> Layout:
+def setting_row(layout: Layout, owner: Any, name: str, label: str, **options: Any) -> Layout:
     """Add a setting with a short label; return its row, for further buttons.
 
     Parameters
@@ -40,21 +40,21 @@ def value(layout: Layout, owner: Any, name: str, label: str, **options: Any) -> 
     label : translated label
     options : further arguments of ``UILayout.prop``
     """
-    row = line(layout, label)
+    row = labelled_row(layout, label)
     row.prop(owner, name, text="", **options)
     return row
 
 
-def pair(layout: Layout, label: str, owner: Any, *names: str) -> None:
+def settings_row(layout: Layout, label: str, owner: Any, *names: str) -> None:
     """Add several settings (``names`` of the group ``owner``) side by side behind a label."""
-    row = line(layout, label)
+    row = labelled_row(layout, label)
     for name in names:
         row.prop(owner, name, text="")
 
 
-def choice(layout: Layout, label: str, owner: Any, name: str) -> Layout:
+def choice_row(layout: Layout, label: str, owner: Any, name: str) -> Layout:
     """Add a setting with a label, and its possible values as buttons side by side; return the row."""
-    row = line(layout, label)
+    row = labelled_row(layout, label)
     row.prop(owner, name, expand=True)
     return row
 
@@ -64,7 +64,7 @@ def button(layout: Layout, idname: str, text: str, icon: str = "NONE", **options
     return layout.operator(idname, text=text, icon=icon, translate=False, **options)
 
 
-def rare(row: Layout, name: str) -> None:
+def options_button(row: Layout, name: str) -> None:
     """Add a button to the end of a row, which opens the popover ``name`` with rarely used settings."""
     row.popover(f"FLEXMAPS_PT_{name}", text="", icon="OPTIONS")
 
@@ -97,7 +97,7 @@ def popover(name: str, label: str, draw: Callable[[Layout, Any], None]) -> type:
     return type(idname, (_Popover, bpy.types.Panel), members)
 
 
-def settings_of(layout: Layout, owner: Any, *names: str) -> None:
+def add_settings(layout: Layout, owner: Any, *names: str) -> None:
     """Add settings of a group with their full names and units, in the group's order.
 
     Parameters
@@ -121,7 +121,7 @@ def settings_popover(name: str, label: str, section: str, *names: str) -> type:
     section : the section, such as "export"
     names : names of the settings; default all visible ones
     """
-    return popover(name, label, lambda layout, wanted: settings_of(layout, getattr(wanted, section), *names))
+    return popover(name, label, lambda layout, wanted: add_settings(layout, getattr(wanted, section), *names))
 
 
 def menu(name: str, label: str, draw: Callable[[Layout, bpy.types.Context], None]) -> type:
@@ -146,7 +146,7 @@ def menu(name: str, label: str, draw: Callable[[Layout, bpy.types.Context], None
 # -- figures -----------------------------------------------------------------------------------------------------------
 
 
-def figures(layout: Layout, *rows: tuple[str, str] | tuple[str, str, bool]) -> None:
+def results_box(layout: Layout, *rows: tuple[str, str] | tuple[str, str, bool]) -> None:
     """Draw a box of results.
 
     Parameters
@@ -157,14 +157,14 @@ def figures(layout: Layout, *rows: tuple[str, str] | tuple[str, str, bool]) -> N
     box = layout.box().column(align=True)
     for label, text, *alert in rows:
         row = box.row()
-        row.scale_y, row.alert = LOW, bool(alert and alert[0])
+        row.scale_y, row.alert = TEXT_HEIGHT, bool(alert and alert[0])
         row.label(text=label, translate=False)
         right = row.row()
         right.alignment, right.alert = "RIGHT", row.alert
         right.label(text=text, translate=False)
 
 
-def sentence(layout: Layout, context: bpy.types.Context, text: str, most: int = 99, units: int = 0) -> None:
+def wrapped_text(layout: Layout, context: bpy.types.Context, text: str, max_lines: int = 99, units: int = 0) -> None:
     """Draw a sentence, broken into lines that fit the sidebar or a popover.
 
     Parameters
@@ -176,9 +176,9 @@ def sentence(layout: Layout, context: bpy.types.Context, text: str, most: int = 
     units : width of the popover in Blender's UI units; 0 for the sidebar
     """
     column = layout.column(align=True)
-    for line in break_lines(text, line_width(context) if not units else 20 * units - 20, most):
+    for line in break_lines(text, line_width(context) if not units else 20 * units - 20, max_lines):
         row = column.row()
-        row.scale_y = LOW
+        row.scale_y = TEXT_HEIGHT
         row.label(text=line, translate=False)
 
 

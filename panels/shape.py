@@ -12,18 +12,29 @@ from ..bridge.store.i18n import format_range
 from ..bridge.view import history_plot, paint_session
 from ..engine.extras import registry
 from ..engine.figures import format_figure
-from .rows import button, decimals, figures, line, menu, pair, popover, settings_of, tr, value
-from .stages import block_of, look
+from .rows import (
+    add_settings,
+    button,
+    decimals,
+    labelled_row,
+    menu,
+    popover,
+    results_box,
+    setting_row,
+    settings_row,
+    tr,
+)
+from .stages import read_stages, results_column
 
-PLOT = 5.0  # size of the plot of an optimisation's progress, in rows
+PLOT_SIZE = 5.0  # size of the plot of an optimisation's progress, in rows
 
 
 def draw(body: Any, context: bpy.types.Context) -> None:
     obj = context.object
-    wanted, blocks = obj.flexmaps, look(context).blocks
+    wanted, blocks = obj.flexmaps, read_stages(context).blocks
     column = body.column(align=True)
-    pair(column, tr("Arm width"), wanted.spiral, "width_min", "width_max")
-    value(column, wanted.optimise, "arms", tr("Arms"))
+    settings_row(column, tr("Arm width"), wanted.spiral, "width_min", "width_max")
+    setting_row(column, wanted.optimise, "arms", tr("Arms"))
     row = body.row(align=True)
     button(row, "flexmaps.fit", tr("Make it fit"), "SHADERFX")
     row.menu("FLEXMAPS_MT_steps", text="", icon="DOWNARROW_HLT")
@@ -40,49 +51,49 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     if any(name in obj.data.attributes for name in handles.PREFIXED.values()):
         row.operator("flexmaps.clear_handles", text="", icon="X")
     if in_hand:
-        _brush(body.column(align=True), context)
+        _draw_brush(body.column(align=True), context)
     running = background.current_job()
     history = getattr(running.shown, "history", None) if running is not None else None
     if history:
-        _search(body, history)
+        _draw_search(body, history)
     elif "spirals" in blocks:
-        _results(body, context)
+        _draw_results(body, context)
 
 
-def _brush(column: Any, context: bpy.types.Context) -> None:
+def _draw_brush(column: Any, context: bpy.types.Context) -> None:
     """Draw the brush's settings while it is the active tool."""
     brush = context.window_manager.flexmaps_brush
-    value(column, brush, "brush", tr("Paints"))
+    setting_row(column, brush, "brush", tr("Paints"))
     for name, label in (("size", tr("Size")), ("strength", tr("Strength"))):
-        value(column, brush, name, label).prop(brush, f"pressure_{name}", text="", icon="STYLUS_PRESSURE")
-    row = line(column, "")
+        setting_row(column, brush, name, label).prop(brush, f"pressure_{name}", text="", icon="STYLUS_PRESSURE")
+    row = labelled_row(column, "")
     row.prop(brush, "mirror", text=tr("Mirror X"), toggle=True, translate=False)
     row.popover("FLEXMAPS_PT_paint_from", text=tr("From"), translate=False)
     marked = fields.count_protected(context.object)
     if marked:
-        row = line(column, tr("Protected"))
+        row = labelled_row(column, tr("Protected"))
         row.label(text=str(marked), icon="LOCKED", translate=False)
         row.operator("flexmaps.unprotect", text="", icon="X")
 
 
-def _search(body: Any, history: Any) -> None:
+def _draw_search(body: Any, history: Any) -> None:
     """Draw a plot of the distance to the target over the steps of the running optimisation.
 
     ``history`` lists (seconds, distance in metres) for every step.
     """
     seconds, distance = history[-1]
     row = body.box().row()
-    row.template_icon(icon_value=history_plot.icon_number([away for _, away in history]), scale=PLOT)
+    row.template_icon(icon_value=history_plot.icon_number([away for _, away in history]), scale=PLOT_SIZE)
     column = row.column(align=True)
     column.separator(factor=2.0)  # centres the text beside the plot
     for text in (tr("Step {}", len(history) - 1), f"{seconds:.1f} s", tr("Distance {}", f"{1e3 * distance:.3g} mm")):
         column.label(text=text, translate=False)
 
 
-def _results(body: Any, context: bpy.types.Context) -> None:
+def _draw_results(body: Any, context: bpy.types.Context) -> None:
     """Draw sliders between the target and each simulated shape, and the box of results."""
     rows: list[Any] = []
-    stored = block_of(body, context, "equilibrium")
+    stored = results_column(body, context, "equilibrium")
     if stored is not None:
         layout, block = stored
         for key in equilibrium.simulated_keys(context.object.data):
@@ -106,16 +117,16 @@ def _results(body: Any, context: bpy.types.Context) -> None:
         for number, energy in enumerate(block.get("other_energies", ()), 1):
             more = 100 * (energy / block["energy"] - 1) if block["energy"] else 0.0
             rows.append((tr("Energy, other shape {}", number), f"{more:+.2g} %"))
-    searched = look(context).blocks.get("optimise", {})
+    searched = read_stages(context).blocks.get("optimise", {})
     if "wished_mm" in searched:
         arrow = "{:.3g} \N{RIGHTWARDS ARROW} {:.3g} mm"
         rows.append((tr("From drag targets"), arrow.format(searched["wished_mm_before"], searched["wished_mm"])))
-    stored = stored or block_of(body, context, "spirals")
-    layout, block = body if stored is None else stored[0], look(context).blocks["spirals"]
+    stored = stored or results_column(body, context, "spirals")
+    layout, block = body if stored is None else stored[0], read_stages(context).blocks["spirals"]
     if "slot_min_mm" in block:  # measured on finished outlines, so missing after a stroke of the brush
         rows.append((tr("Narrowest gap"), decimals(block, "slot_min_mm", 2, " mm")))
     rows += [(tr(label), _span(block, name, form)) for name, label, form in RANGES if block.get(name)]
-    figures(layout, *rows)
+    results_box(layout, *rows)
 
 
 # key in the block "spirals", label, (number format, unit)
@@ -128,9 +139,9 @@ def _span(block: dict[str, Any], key: str, form: tuple[str, str]) -> str:
     return format_range(f"{block[key][0]:{digits}}", f"{block[key][-1]:{digits}}", unit)
 
 
-def key(context: bpy.types.Context) -> str:
+def heading_text(context: bpy.types.Context) -> str:
     """Return the text beside the folded section's heading: distance from the target, and strain if known."""
-    block = look(context).blocks.get("equilibrium", {})
+    block = read_stages(context).blocks.get("equilibrium", {})
     if not block:
         return ""
     text = f"{format_figure(block['rms_percent'])} %"
@@ -141,13 +152,13 @@ def key(context: bpy.types.Context) -> str:
 # -- popovers and menus ------------------------------------------------------------------------------------------------
 
 
-def _rare(layout: Any, wanted: Any) -> None:
-    settings_of(layout, wanted.spiral, "twist_min", "twist_max", "clockwise", "grain")
+def _draw_options(layout: Any, wanted: Any) -> None:
+    add_settings(layout, wanted.spiral, "twist_min", "twist_max", "clockwise", "grain")
     layout.separator()
-    settings_of(layout, wanted.optimise, "lies", "urge", "smoothness", "open_slots", "codesign")
+    add_settings(layout, wanted.optimise, "lies", "urge", "smoothness", "open_slots", "codesign")
 
 
-def _paint_from(layout: Any, wanted: Any) -> None:
+def _draw_paint_from(layout: Any, wanted: Any) -> None:
     brush = bpy.context.window_manager.flexmaps_brush
     layout.prop(brush, "source", icon="GROUP_VERTEX")
     layout.prop(brush, "what")
@@ -157,7 +168,7 @@ def _paint_from(layout: Any, wanted: Any) -> None:
     making.source, making.what, making.direction = brush.source, brush.what, brush.direction
 
 
-def _steps(layout: Any, context: bpy.types.Context) -> None:
+def _draw_steps_menu(layout: Any, context: bpy.types.Context) -> None:
     button(layout, "flexmaps.spirals", tr("Spirals only"), "FORCE_VORTEX")
     button(layout, "flexmaps.simulate", tr("Simulate only"), "PHYSICS")
     button(layout, "flexmaps.optimise", tr("Optimise from here"), "SHADERFX")
@@ -166,7 +177,7 @@ def _steps(layout: Any, context: bpy.types.Context) -> None:
 
 
 CLASSES = (
-    popover("shape", "Spirals and search", _rare),
-    popover("paint_from", "From weights or colours", _paint_from),
-    menu("steps", "Steps", _steps),
+    popover("shape", "Spirals and search", _draw_options),
+    popover("paint_from", "From weights or colours", _draw_paint_from),
+    menu("steps", "Steps", _draw_steps_menu),
 )

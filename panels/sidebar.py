@@ -11,7 +11,7 @@ from ..bridge.store import states, stored_report
 from ..bridge.store.objects import is_linked, usage_problem
 from . import check, head, layout, make, piece, presets, shape, show, workshop
 from .rows import button, tr
-from .stages import ICONS, look
+from .stages import ICONS, read_stages
 
 # of each section: key, heading, popover of rarely used settings ("" for none), module that draws it, and the stages
 # whose states its icon summarises
@@ -44,20 +44,22 @@ class MainPanel(bpy.types.Panel):
         panel, problem = self.layout, usage_problem(context.object)
         preload.start()
         if problem is None:
-            look(context, afresh=True)
+            read_stages(context, refresh=True)
         head.draw(panel, context, problem)
         if problem is not None:
             if context.object is not None and is_linked(context.object):
                 panel.operator("object.make_local", text=tr("Make local")).type = "SELECT_OBDATA"
-            _welcome(panel)
+            _draw_welcome(panel)
             return
         for section in SECTIONS:
-            _section(panel, context, *section)
+            _draw_section(panel, context, *section)
         if not any(stored_report.NAME in mesh for mesh in bpy.data.meshes):
             _tutorial_buttons(panel)
 
 
-def _section(panel: Any, context: bpy.types.Context, key: str, title: str, gear: str, module: Any, stages: Any) -> None:
+def _draw_section(
+    panel: Any, context: bpy.types.Context, key: str, title: str, gear: str, module: Any, stages: Any
+) -> None:
     """Draw a section: if folded, its heading with a figure and an icon; if open, its heading and its content.
 
     Parameters
@@ -74,8 +76,8 @@ def _section(panel: Any, context: bpy.types.Context, key: str, title: str, gear:
         figure = right.row()
         figure.active = False
         figure.alignment = "RIGHT"
-        figure.label(text=module.key(context) if hasattr(module, "key") else "", translate=False)
-        right.label(text="", icon=_sign(context, module, stages))
+        figure.label(text=module.heading_text(context) if hasattr(module, "heading_text") else "", translate=False)
+        right.label(text="", icon=_section_icon(context, module, stages))
         return
     if gear:
         right.emboss = "NONE"
@@ -84,9 +86,9 @@ def _section(panel: Any, context: bpy.types.Context, key: str, title: str, gear:
     module.draw(body, context)
 
 
-def _sign(context: bpy.types.Context, module: Any, stages: tuple[str, ...]) -> str:
+def _section_icon(context: bpy.types.Context, module: Any, stages: tuple[str, ...]) -> str:
     """Return the icon that summarises a section's stages: out of date, to do, past a limit, or a tick."""
-    seen = look(context)
+    seen = read_stages(context)
     kinds = {seen.states[stage].kind for stage in stages if stage in seen.states}
     if states.STALE in kinds:
         return ICONS[states.STALE]
@@ -99,7 +101,7 @@ def _sign(context: bpy.types.Context, module: Any, stages: tuple[str, ...]) -> s
     return "ERROR" if any(sources.get(stage, stage) in worse for stage in stages) else ICONS[states.DONE]
 
 
-def _welcome(panel: Any) -> None:
+def _draw_welcome(panel: Any) -> None:
     """Draw an introduction in place of the sections, while there is no usable mesh."""
     column = panel.column()
     for icon, words in STEPS:

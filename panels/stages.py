@@ -18,7 +18,7 @@ ONE_REDRAW = 0.2
 
 
 @dataclass(frozen=True)
-class Seen:
+class StagesSnapshot:
     """Snapshot of an object for one redraw.
 
     uid : Blender's session id of the object
@@ -35,10 +35,10 @@ class Seen:
     guidance: Guidance
 
 
-_seen: list[Seen] = []
+_cache: list[StagesSnapshot] = []
 
 
-def look(context: bpy.types.Context, afresh: bool = False) -> Seen:
+def read_stages(context: bpy.types.Context, refresh: bool = False) -> StagesSnapshot:
     """Return the snapshot of the active object, at most ``ONE_REDRAW`` seconds old.
 
     Parameters
@@ -47,19 +47,19 @@ def look(context: bpy.types.Context, afresh: bool = False) -> Seen:
     afresh : recompute it in any case; the tab asks for this, because it is drawn before the popovers
     """
     obj, now = context.object, time.monotonic()
-    if afresh or not _seen or _seen[0].uid != obj.session_uid or now - _seen[0].seconds > ONE_REDRAW:
+    if refresh or not _cache or _cache[0].uid != obj.session_uid or now - _cache[0].seconds > ONE_REDRAW:
         current = states.read_states(obj, context.scene)
         advice = guidance.read_guidance(obj, context.scene, current)
-        _seen[:] = [Seen(obj.session_uid, now, current, stored_report.read(obj.data), advice)]
-    return _seen[0]
+        _cache[:] = [StagesSnapshot(obj.session_uid, now, current, stored_report.read(obj.data), advice)]
+    return _cache[0]
 
 
-def block_of(layout: Any, context: bpy.types.Context, stage: str) -> tuple[Any, dict[str, Any]] | None:
+def results_column(layout: Any, context: bpy.types.Context, stage: str) -> tuple[Any, dict[str, Any]] | None:
     """Return a column for a stage's results, and the results; None if the stage has none.
 
     The column is greyed out if the results are out of date.
     """
-    seen = look(context)
+    seen = read_stages(context)
     if stage not in seen.blocks:
         return None
     column = layout.column()

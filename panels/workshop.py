@@ -9,10 +9,10 @@ import bpy
 from ..bridge.store import presets
 from ..bridge.view.tab import WORKSHOP_ITEMS
 from ..engine.extras import registry
-from .rows import button, pair, tr, value
+from .rows import button, setting_row, settings_row, tr
 
 # tab -> rows: label, then "section.name" of one or two settings
-ROWS: dict[str, tuple[tuple[str, ...], ...]] = {
+SETTING_ROWS: dict[str, tuple[tuple[str, ...], ...]] = {
     "CUT": (
         ("Kerf, inside", "cut.kerf_outline", "cut.kerf_holes"),
         ("Mill", "cut.mill"),
@@ -53,7 +53,7 @@ ROWS: dict[str, tuple[tuple[str, ...], ...]] = {
     ),
 }
 # settings of the solvers, shown in the tab SOLVER: section -> names
-SOLVER = {
+SOLVER_SETTINGS = {
     "regularise": ("iterations",),
     "spiral": ("blend", "curvature_top"),
     "simulate": ("model", "iterations", "tolerance"),
@@ -68,19 +68,19 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     tab, wanted = context.window_manager.flexmaps_tab, context.object.flexmaps
     row = body.row(align=True)
     for kind, *_ in WORKSHOP_ITEMS:
-        if kind != "SOLVER" or expert(context):
+        if kind != "SOLVER" or shows_expert_settings(context):
             row.prop_enum(tab, "habits", kind)
     column = body.column(align=True)
-    for label, *names in ROWS.get(tab.habits, ()):
+    for label, *names in SETTING_ROWS.get(tab.habits, ()):
         section, _, _ = names[0].partition(".")
         shorts = [name.partition(".")[2] for name in names]
         owner = getattr(wanted, section)
         if len(shorts) > 1:
-            pair(column, tr(label), owner, *shorts)
+            settings_row(column, tr(label), owner, *shorts)
         else:
-            value(column, owner, shorts[0], tr(label))
+            setting_row(column, owner, shorts[0], tr(label))
     if tab.habits == "SOLVER":
-        for section, named in SOLVER.items():
+        for section, named in SOLVER_SETTINGS.items():
             for name in named:
                 column.prop(getattr(wanted, section), name)
     if tab.habits == "CUT" and registry.has("calibrating"):
@@ -95,7 +95,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     button(back, "flexmaps.apply_preset", tr("Back to preset")).filepath = file
 
 
-def key(context: bpy.types.Context) -> str:
+def heading_text(context: bpy.types.Context) -> str:
     """Return the text beside the folded section's heading: the mill's diameter, or the kerf."""
     cut = context.object.flexmaps.cut
     if cut.mill > 0:
@@ -118,7 +118,7 @@ class Preferences(bpy.types.AddonPreferences):
         self.layout.prop(self, "expert")
 
 
-def expert(context: bpy.types.Context) -> bool:
+def shows_expert_settings(context: bpy.types.Context) -> bool:
     """Return whether the user has chosen to see the solvers' settings, in the add-on's preferences."""
     addon = context.preferences.addons.get(Preferences.bl_idname)
     return addon is not None and addon.preferences.expert

@@ -172,7 +172,12 @@ def _of_lines() -> Found:
             if isinstance(node, ast.Assign) and _name(node.targets[0]) in named - {""}:
                 for text in _texts(node.value):
                     yield "", text, "report"
-            if isinstance(node, ast.FunctionDef) and node.name in {"obstacle", "problem", "usage_problem", "why_not"}:
+            if isinstance(node, ast.FunctionDef) and node.name in {
+                "obstacle",
+                "problem",
+                "usage_problem",
+                "reason_unavailable",
+            }:
                 returned = (line.value for line in ast.walk(node) if isinstance(line, ast.Return) and line.value)
                 for text in (t for value in returned for t in _texts(value)):
                     yield "", text, "why a button is grey"

@@ -292,7 +292,9 @@ def running(piece: Any) -> Iterator[background.Job]:
 
     press("flatten")
     surface = mesh.read_surface(piece, bpy.context.scene)
-    operator = SimpleNamespace(needs=Spirals.needs, reads_loads=False, continuation=partial(Spirals.continuation, None))
+    operator = SimpleNamespace(
+        required_output=Spirals.required_output, reads_loads=False, continuation=partial(Spirals.continuation, None)
+    )
     work = Spirals.prepare(operator, surface, settings.read(piece.flexmaps, ObjectSettings))
     made = background.Job("Spirals", work)
     made.start()

@@ -173,7 +173,7 @@ def test_another_file_is_loaded_meanwhile(move: Any, window: Window) -> None:
 
 def test_only_one_job_at_a_time(move: Any, window: Window, dome: Any) -> None:
     move.invoke(window, None)
-    assert "is running" in (stage.why_not(Move.obstacle, dome) or "")
+    assert "is running" in (stage.reason_unavailable(Move.obstacle, dome) or "")
     with pytest.raises(RuntimeError):
         background.Job("Other", lambda progress: None).start()
 

@@ -31,8 +31,10 @@ class Button(operators.Optimise.__mro__[1]):  # type: ignore[misc, name-defined]
     """The operator without Blender's part of it."""
 
     bl_label, bl_idname = "Optimise", operators.Optimise.bl_idname
-    needs, reads_loads = operators.Optimise.needs, operators.Optimise.reads_loads
-    continuation, finish, after = (getattr(operators.Optimise, name) for name in ("continuation", "finish", "after"))
+    required_output, reads_loads = operators.Optimise.required_output, operators.Optimise.reads_loads
+    continuation, finish, after_write = (
+        getattr(operators.Optimise, name) for name in ("continuation", "finish", "after_write")
+    )
 
     def __init__(self) -> None:
         self.said: list[tuple[str, str]] = []

@@ -32,7 +32,7 @@ TODAY = {  # operators that a person finds in the tab
 
 
 def test_every_setting_and_button_is_somewhere(dome: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(workshop, "expert", lambda context: True)
+    monkeypatch.setattr(workshop, "shows_expert_settings", lambda context: True)
     dome.flexmaps.choose.goal = "panels"
     found = everything()
     dome.flexmaps.choose.goal = "match"
@@ -109,7 +109,7 @@ def test_the_head_has_as_many_rows_in_every_state(dome: Any, tmp_path: Path, mon
     from flexmaps.panels import stages
 
     for name in ("check", "merge", "spirals", "export"):
-        stages.look(bpy.context, afresh=True)
+        stages.read_stages(bpy.context, refresh=True)
         count()
         press(name)
     running = background.Job("Merge", lambda progress: None)
@@ -119,9 +119,9 @@ def test_the_head_has_as_many_rows_in_every_state(dome: Any, tmp_path: Path, mon
     finally:
         running.end()
     dome.flexmaps.spiral.thickness += 0.1
-    stages.look(bpy.context, afresh=True)
+    stages.read_stages(bpy.context, refresh=True)
     count()
-    assert set(counted) == {1 + head.SLOTS}
+    assert set(counted) == {1 + head.NOTICE_ROWS}
 
 
 def test_a_simulation_is_told_as_it_is(dome: Any) -> None:
@@ -142,8 +142,8 @@ def test_no_tick_stands_beside_a_distortion_beyond_its_limit(dome: Any, share: f
     press("flatten")
     most = share * dome.flexmaps.layout.distortion_limit
     stored_report.write(dome.data, "layout", report(dome)["layout"] | {"energy_max": most})
-    stages.look(bpy.context, afresh=True)
-    assert sidebar._sign(bpy.context, layout, ("layout",)) == sign
+    stages.read_stages(bpy.context, refresh=True)
+    assert sidebar._section_icon(bpy.context, layout, ("layout",)) == sign
 
 
 def test_what_is_borne(dome: Any) -> None:
@@ -321,7 +321,7 @@ def test_no_notice_and_no_cure_is_cut_at_the_usual_width(
     cut = set()
     for notice in made:
         for cure in notice.cures:
-            share = head._share(bpy.context, (replace(notice, cures=(cure,)),))
+            share = head._text_share(bpy.context, (replace(notice, cures=(cure,)),))
             for text, free in (
                 (notice.words, share * ROOM - head.SIGN), (cure.label, (1.0 - share) * ROOM - head.CURE)
             ):  # fmt: skip
@@ -336,7 +336,7 @@ def test_no_name_is_cut_at_the_usual_width(dome: Any, language: str, monkeypatch
     spoken(language, monkeypatch)
     for button in ("flatten", "spirals"):
         press(button)
-    monkeypatch.setattr(workshop, "expert", lambda context: True)
+    monkeypatch.setattr(workshop, "shows_expert_settings", lambda context: True)
     width = text_layout.DEFAULT_WIDTH - FRAME
     cut = {
         (words, round(share * width - MARGIN), round(text_layout.text_width(words)))

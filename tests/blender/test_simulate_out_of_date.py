@@ -31,7 +31,7 @@ class Button(operators.Simulate.__mro__[1]):  # type: ignore[misc, name-defined]
 
     bl_idname = "flexmaps.simulate"
     bl_label = "Simulate"
-    needs, reads_loads = operators.Simulate.needs, operators.Simulate.reads_loads
+    required_output, reads_loads = operators.Simulate.required_output, operators.Simulate.reads_loads
     continuation, finish = operators.Simulate.continuation, operators.Simulate.finish
 
 

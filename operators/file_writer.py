@@ -13,13 +13,13 @@ from ..bridge.store.paths import resolve_folder
 from ..bridge.store.settings import is_relative_to_unsaved
 from ..engine.errors import FlexMapsError
 from ..engine.own_files import Guard, UserFileError
-from .stage import AtOnce, OnObject, message_of
+from .stage import ImmediateOperator, ObjectOperator, error_message
 
 if TYPE_CHECKING:
     from ..engine.params import ObjectSettings
 
 
-class Writes:
+class FileWriter:
     """Base of operators that write files; list it as the first base. They call ``guard`` before the work begins."""
 
     overwrite: bpy.props.BoolProperty(  # type: ignore[valid-type]
@@ -50,10 +50,10 @@ class Writes:
         made.check(present, root)
         return made
 
-    def _refused(self, context: bpy.types.Context, error: Exception) -> set[str]:
-        return self.ask(error) if isinstance(error, UserFileError) else super()._refused(context, error)  # type: ignore[misc]
+    def _report_error(self, context: bpy.types.Context, error: Exception) -> set[str]:
+        return self.ask_overwrite(error) if isinstance(error, UserFileError) else super()._report_error(context, error)  # type: ignore[misc]
 
-    def ask(self, error: UserFileError) -> set[str]:
+    def ask_overwrite(self, error: UserFileError) -> set[str]:
         """Ask whether to overwrite the files, and if so, run the operator again; without a window, report an error."""
         if bpy.app.background or self.overwrite:
             self.report({"ERROR"}, str(error))  # type: ignore[attr-defined]
@@ -62,7 +62,7 @@ class Writes:
         return {"CANCELLED"}
 
 
-class IntoFolder(Writes):
+class FolderWriter(FileWriter):
     """Base of operators that write into the object's export folder; if the .blend file is unsaved, they ask for one."""
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -72,7 +72,7 @@ class IntoFolder(Writes):
         return {"CANCELLED"}
 
 
-class FromDialog:
+class FileDialogOperator:
     """Base of operators that open a file dialog first."""
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -80,7 +80,7 @@ class FromDialog:
         return {"RUNNING_MODAL"}
 
 
-class ReplaceFiles(AtOnce, bpy.types.Operator):
+class ReplaceFiles(ImmediateOperator, bpy.types.Operator):
     """Write over files that FlexMaps did not write, or that were changed since"""
 
     bl_idname = "flexmaps.replace_files"
@@ -95,11 +95,11 @@ class ReplaceFiles(AtOnce, bpy.types.Operator):
         title, yes = translate(self.bl_label), translate("Replace")
         return manager.invoke_confirm(self, event, title=title, message=self.text, confirm_text=yes, icon="WARNING")
 
-    def act(self, context: bpy.types.Context) -> None:
-        begin(self.stage, overwrite=True)
+    def run(self, context: bpy.types.Context) -> None:
+        run_stage(self.stage, overwrite=True)
 
 
-class ChooseFolder(FromDialog, AtOnce, OnObject, bpy.types.Operator):
+class ChooseFolder(FileDialogOperator, ImmediateOperator, ObjectOperator, bpy.types.Operator):
     """Choose where the files go, and write them there; it is the folder in Make from now on"""
 
     bl_idname = "flexmaps.choose_folder"
@@ -109,12 +109,12 @@ class ChooseFolder(FromDialog, AtOnce, OnObject, bpy.types.Operator):
     filter_folder: bpy.props.BoolProperty(default=True, options={"SKIP_SAVE", "HIDDEN"})  # type: ignore[valid-type]
     stage: bpy.props.StringProperty(default="flexmaps.export", options={"SKIP_SAVE", "HIDDEN"})  # type: ignore[valid-type]
 
-    def act(self, context: bpy.types.Context) -> None:
+    def run(self, context: bpy.types.Context) -> None:
         context.object.flexmaps.export.folder = str(resolve_folder(self.directory))
-        begin(self.stage)
+        run_stage(self.stage)
 
 
-def begin(stage: str, **options: Any) -> None:
+def run_stage(stage: str, **options: Any) -> None:
     """Run a stage's operator; with a window, as a background job.
 
     Parameters
@@ -130,7 +130,7 @@ def begin(stage: str, **options: Any) -> None:
     try:
         getattr(bpy.ops.flexmaps, name)("EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT", **options)
     except RuntimeError as error:
-        raise FlexMapsError(message_of(error)) from error
+        raise FlexMapsError(error_message(error)) from error
 
 
 CLASSES = (ReplaceFiles, ChooseFolder)
