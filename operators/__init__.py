@@ -14,7 +14,7 @@ from ..engine.extras import registry
 NAMES = (
     "example", "next", "check", "mend", "to_mesh", "remesh", "regularise", "layout", "choose", "spirals", "brush", "painting", "simulate",
     "live", "handles", "handle_tool", "compare", "structure", "optimise", "fit", "advice", "explore", "preview", "animate",
-    "render", "export", "together", "remnant", "tutorial", "calibrate", "report", "overlay", "presets", "writes", "tab",
+    "render", "export", "together", "remnant", "tutorial", "calibrate", "report", "overlay", "presets", "file_writer", "tab",
 )  # fmt: skip
 _MISSING = registry.missing_modules("operators")
 MODULES: list[Any] = [import_module(f"{__package__}.{name}") for name in NAMES if name not in _MISSING]
