@@ -50,10 +50,10 @@ def press(obj: bpy.types.Object, *, cure: bool | str = False) -> dict[str, Any] 
             )
         chosen = offered[cure]
     elif cure:
-        ways = [way for notice in seen.open for way in notice.cures if way.idname != "flexmaps.let_go"]
+        ways = [way for notice in seen.objections for way in notice.cures if way.idname != "flexmaps.let_go"]
         tried = failures.read_press_counts(obj.data)
         chosen = next((way for way in ways if way.call not in tried), None)
-    act = chosen or seen.act
+    act = chosen or seen.action
     if act is None or act.idname == "wm.path_open":
         return None
     began, error = _processor_seconds(), ""
@@ -99,8 +99,8 @@ def presses(
     for _ in range(most):
         obj = bpy.context.view_layer.objects.active if obj is None else obj
         seen = guidance.read_guidance(obj, bpy.context.scene)
-        last = seen.act is None or seen.act.idname in {"flexmaps.export", "wm.path_open", "wm.save_mainfile"}
-        instead = None if seen.act is None else seen.act.cure
+        last = seen.action is None or seen.action.idname in {"flexmaps.export", "wm.path_open", "wm.save_mainfile"}
+        instead = None if seen.action is None else seen.action.cure
         offered = {way.name for one in seen.notices if last or instead in one.cures for way in one.cures}
         name = next((name for name in waiting if name in offered), None)
         if name is not None:
@@ -131,7 +131,7 @@ def describe_object(obj: bpy.types.Object) -> dict[str, Any]:
         "strain_share": shape.get("strain_share_max"),
         "sheets": sheets.get("sheets"),
     }
-    status = {"text": seen.status.text, "sign": seen.status.sign}
+    status = {"text": seen.status.text, "sign": seen.status.icon}
     return {"object": obj.name, "status": status, "findings": seen.findings(), "figures": figures}
 
 

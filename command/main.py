@@ -127,10 +127,10 @@ def interruptible(console: Console | None) -> Iterator[None]:
     """
 
     def pressed(number: int, frame: FrameType | None) -> None:
-        if console is None or console.stopping:
+        if console is None or console.is_stopping:
             signal.default_int_handler(number, frame)
         else:
-            console.stopping = True
+            console.is_stopping = True
 
     try:
         before = signal.signal(signal.SIGINT, pressed)
@@ -149,16 +149,16 @@ class Console:
     EVERY = 2.0  # seconds between two lines outside a terminal; smaller prints more
 
     def __init__(self) -> None:
-        self.stopping = False
+        self.is_stopping = False
         self._live = sys.stderr.isatty()
         self._last = 0.0
         self._began, self._remaining = time.monotonic(), Remaining()
 
     def __call__(self, fraction: float, text: str) -> None:
-        if self.stopping:
+        if self.is_stopping:
             from ..engine.errors import Cancelled
 
-            self.stopping = False  # raise only once: the result so far must still be evaluated and written
+            self.is_stopping = False  # raise only once: the result so far must still be evaluated and written
             raise Cancelled("Stopped")
         now = time.monotonic()
         self._remaining.report(now - self._began, fraction)

@@ -135,8 +135,8 @@ class MakeLarger(RemedyStage, bpy.types.Operator):
         made = job.scale_piece(result, self._amount, about, snapshot.settings, progress.part(0.0, 0.8))
         if (
             searched
-            or snapshot.note is None
-            or not mesh.is_as_reported(result.need(DesignVersion).design, snapshot.note)
+            or snapshot.spirals_block is None
+            or not mesh.is_as_reported(result.need(DesignVersion).design, snapshot.spirals_block)
         ):
             return made  # optimised or hand-made spirals are a better start than spirals computed from the curvature
         return job.run_stages(made, snapshot.settings, ("spirals",), progress.part(0.8, 1.0))

@@ -55,7 +55,7 @@ class ContinuedStage(StageOperator[Made]):
             from ..engine.runs.outputs import OUTPUTS
 
             progress(0.0, "Reading the object")
-            result = snapshot.result()
+            result = snapshot.to_result()
             if needs and needs != "simulation":  # a simulation is stored only as figures and pose, not as an output
                 result.need(OUTPUTS[needs])
             return go_on(result, progress)

@@ -101,7 +101,7 @@ class Merge(LayoutStage, bpy.types.Operator):
         def go_on(result: Result, progress: Progress) -> FlatReported:
             from ..engine.runs import by_hand, job
 
-            traced = by_hand.traced_at(result, snapshot.seams(result), snapshot.settings, progress.part(0.0, 0.1))
+            traced = by_hand.traced_at(result, snapshot.read_seams(result), snapshot.settings, progress.part(0.0, 0.1))
             return with_report(job.run_stages(traced, snapshot.settings, ("merge", "split"), progress.part(0.1, 1.0)))
 
         return go_on
@@ -122,7 +122,7 @@ class FlattenStage(LayoutStage):
 
             previous = mesh.read_flat(snapshot.surface, result.mesh) if reuse else None
             return with_report(
-                by_hand.flatten_by_hand(result, snapshot.seams(result), snapshot.settings, progress, previous)
+                by_hand.flatten_by_hand(result, snapshot.read_seams(result), snapshot.settings, progress, previous)
             )
 
         return go_on

@@ -29,10 +29,10 @@ def _tick() -> float | None:
     following = live.current_watcher()
     if following is None:
         return None
-    before = following.resting, following.problem
+    before = following.is_resting, following.problem
     if following.tick():
         redraw(bpy.context, "WINDOW")
-    if before != (following.resting, following.problem):
+    if before != (following.is_resting, following.problem):
         redraw(bpy.context, "UI")
     return POLL_INTERVAL
 

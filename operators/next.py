@@ -33,7 +33,7 @@ class Next(AnyMeshOperator, bpy.types.Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
-        act = None if context.object is None else guidance.read_guidance(context.object, context.scene).act
+        act = None if context.object is None else guidance.read_guidance(context.object, context.scene).action
         return translate(cls.__doc__ or "") if act is None else act.tooltip
 
     @classmethod
@@ -52,18 +52,18 @@ class Next(AnyMeshOperator, bpy.types.Operator):
 
     def _run_action(self, context: bpy.types.Context, how: str) -> set[str]:
         seen = self._check_before_cut(context, guidance.read_guidance(context.object, context.scene))
-        if seen.act is None:
+        if seen.action is None:
             stopped = next((notice.sentence for notice in seen.notices), translate("There is nothing to make of it"))
             self.report({"ERROR"}, stopped)
             return {"CANCELLED"}
-        if how == "EXEC_DEFAULT" and seen.act.idname == "wm.path_open":
+        if how == "EXEC_DEFAULT" and seen.action.idname == "wm.path_open":
             self.report({"INFO"}, seen.status.text)
             return {"FINISHED"}
-        if seen.act.cure is not None:
-            failures.count_press(context.object.data, seen.act.cure.call)
-        group, name = seen.act.idname.split(".")
+        if seen.action.cure is not None:
+            failures.count_press(context.object.data, seen.action.cure.call)
+        group, name = seen.action.idname.split(".")
         try:  # True asks for an undo step, which Blender omits where an operator calls another
-            pressed: set[str] = getattr(getattr(bpy.ops, group), name)(how, True, **seen.act.properties)
+            pressed: set[str] = getattr(getattr(bpy.ops, group), name)(how, True, **seen.action.properties)
         except RuntimeError as error:
             self.report({"ERROR"}, error_message(error))
             return {"CANCELLED"}
@@ -74,7 +74,7 @@ class Next(AnyMeshOperator, bpy.types.Operator):
         from ..bridge.store import states
 
         known = states.read_states(context.object, context.scene)
-        cuts = seen.act is not None and seen.act.idname in CUTTING_OPERATORS
+        cuts = seen.action is not None and seen.action.idname in CUTTING_OPERATORS
         if not cuts or known["checks"].kind == states.DONE or bpy.ops.flexmaps.check.poll() is False:
             return seen
         with suppress(RuntimeError):  # errors of the mesh are shown as notices

@@ -44,7 +44,7 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
 
     def initial_result(self, result: Result, snapshot: Snapshot, progress: Progress) -> Result:
         """Return the result with initial spirals; runs outside Blender's main thread."""
-        return snapshot.start(result)
+        return snapshot.with_start(result)
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[SearchedSpirals]:
         from ..bridge.view import optimisation_shape

@@ -76,7 +76,7 @@ class Report(FolderWriter, ContinuedStage["Plots"], bpy.types.Operator):
             if folder is not None:
                 with files.write_all_atomically(report_page.stale(folder), folder, guard) as new:
                     rest = progress.part(0.9, 1.0)
-                    report_page.write(page.described, drawn, folder, new, progress=rest, piece=view)
+                    report_page.write(page.report, drawn, folder, new, progress=rest, piece=view)
             return snapshot.name, shown, folder
 
         return go_on

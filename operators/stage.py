@@ -230,7 +230,7 @@ class StageOperator(PolledOperator, HandsOver[Made]):
         if not self._has_called_back:
             self._has_called_back = True
             self.while_running()
-        if not self._job.finished:
+        if not self._job.is_finished:
             if self._pacer.is_due(time.perf_counter()):
                 progress.show_progress(context, self._job)
             return {"PASS_THROUGH"}
@@ -257,7 +257,7 @@ class StageOperator(PolledOperator, HandsOver[Made]):
         if self._job.error is not None:
             raise self._job.error
         if self._write_steps is None:
-            self._job.shown = None  # stop drawing the job's shape over the mesh
+            self._job.intermediate = None  # stop drawing the job's shape over the mesh
             self._write_steps = self._write(context, self._job.result)
         with framing.in_scene(context, self._scene):
             return next(self._write_steps, self) is None
@@ -283,7 +283,7 @@ class StageOperator(PolledOperator, HandsOver[Made]):
 
         assert self._surface is not None
         obj = find_by_uid(self._surface.uid)
-        if not mesh.read_surface(obj, context.scene).same_as(self._surface):
+        if not mesh.read_surface(obj, context.scene).is_same_mesh(self._surface):
             raise FlexMapsError(
                 f"'{obj.name}' was changed while {self.bl_label} ran; nothing was written, run it again"
             )

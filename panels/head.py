@@ -136,7 +136,7 @@ def _draw_notices(box: Any, context: bpy.types.Context, notices: tuple[Notice, .
     notices other than information need more than three rows, only these are listed and counted, so that their number
     agrees with the status line.
     """
-    serious = tuple(notice for notice in notices if notice.kind != INFORMATION)
+    serious = tuple(notice for notice in notices if notice.severity != INFORMATION)
     many = len(serious) > NOTICE_ROWS
     notices = serious if many else notices[:NOTICE_ROWS]
     shown = notices[: NOTICE_ROWS - many]
@@ -164,7 +164,7 @@ def _text_share(context: bpy.types.Context, notices: tuple[Notice, ...]) -> floa
 
     Room that neither text nor buttons need is split evenly between them.
     """
-    words = max((text_width(notice.words) for notice in notices), default=0) + SIGN
+    words = max((text_width(notice.label) for notice in notices), default=0) + SIGN
     cures = max((text_width(cure.label) for notice in notices for cure in notice.cures[:NOTICE_ROWS]), default=0) + CURE
     free = max(0.0, line_width(context) - words - cures)
     return max(TEXT_SHARE[0], min(TEXT_SHARE[1], (words + 0.5 * free) / line_width(context)))
@@ -173,12 +173,12 @@ def _text_share(context: bpy.types.Context, notices: tuple[Notice, ...]) -> floa
 def _draw_notice(layout: Any, notice: Notice) -> None:
     """Draw the short text of a notice; a click selects the place, the tooltip gives the whole sentence."""
     row = layout.row()
-    row.alignment, row.alert = "LEFT", notice.kind == STOPS
-    icon = "INFO" if notice.kind == INFORMATION else "ERROR"
+    row.alignment, row.alert = "LEFT", notice.severity == STOPS
+    icon = "INFO" if notice.severity == INFORMATION else "ERROR"
     if "/" not in notice.key and notice.key != FEW_QUADS:  # the notice concerns no place on the object: no button
-        row.label(text=notice.words, icon=icon, translate=False)
+        row.label(text=notice.label, icon=icon, translate=False)
         return
-    button(row, "flexmaps.show_notice", notice.words, icon, emboss=False).key = notice.key
+    button(row, "flexmaps.show_notice", notice.label, icon, emboss=False).key = notice.key
 
 
 def draw_cure(layout: Any, cure: Any) -> None:

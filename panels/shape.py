@@ -53,7 +53,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     if in_hand:
         _draw_brush(body.column(align=True), context)
     running = background.current_job()
-    history = getattr(running.shown, "history", None) if running is not None else None
+    history = getattr(running.intermediate, "history", None) if running is not None else None
     if history:
         _draw_search(body, history)
     elif "spirals" in blocks:

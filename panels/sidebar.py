@@ -97,7 +97,7 @@ def _section_icon(context: bpy.types.Context, module: Any, stages: tuple[str, ..
     if hasattr(module, "past_limit") and module.past_limit(context):
         return "ERROR"
     sources = dict.fromkeys(("spirals", "optimise"), "equilibrium")
-    worse = {notice.key.partition("/")[0] for notice in seen.guidance.open}
+    worse = {notice.key.partition("/")[0] for notice in seen.guidance.objections}
     return "ERROR" if any(sources.get(stage, stage) in worse for stage in stages) else ICONS[states.DONE]
 
 

@@ -59,8 +59,8 @@ class Hand:
     @property
     def process(self) -> int:
         """Return the process beside Blender."""
-        companion = live.current_watcher()._companion  # type: ignore[union-attr]
-        return next(iter(companion._workers._all))._popen.pid  # type: ignore[union-attr]
+        process = live.current_watcher()._process  # type: ignore[union-attr]
+        return next(iter(process._workers._all))._popen.pid  # type: ignore[union-attr]
 
     def close(self) -> None:
         live.stop()
@@ -83,20 +83,20 @@ class Hand:
         """Tick as the window does, until the piece rests; what is shown then is compared with what was shown of the same state."""
         following = live.current_watcher()
         assert following is not None
-        following.touched = True
+        following.is_dirty = True
         following._next = 0.0
         end = time.monotonic() + PATIENCE
         while True:
             following.tick()
-            if following.shape is not None and following.resting and not following.touched:
+            if following.shape is not None and following.is_resting and not following.is_dirty:
                 break
             if time.monotonic() > end:
                 self.lost += 1
                 return
             time.sleep(background.POLL_INTERVAL)
-        self.slowest = max(self.slowest, following.slowest)
+        self.slowest = max(self.slowest, following.slowest_tick)
         now = live_input.read(self.obj, bpy.context.scene)
-        if following._companion.error or following._given is None or now.changes(following._given):  # type: ignore[union-attr]
+        if following._process.error or following._input is None or now.changes(following._input):  # type: ignore[union-attr]
             self.lost += 1
             return
         shape = following.shape

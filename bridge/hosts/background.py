@@ -35,7 +35,7 @@ def current_job() -> Job | None:
 
 def latest_result() -> Any:
     """Return the running job's latest intermediate result, such as a shape that is still moving; None without one."""
-    return _running[0].shown if _running else None
+    return _running[0].intermediate if _running else None
 
 
 class Job:
@@ -46,7 +46,7 @@ class Job:
         self.on_stop = on_stop  # words for the sidebar: the effect of stopping the job
         self.fraction = 0.0
         self.text = ""
-        self.shown: Any = None  # the latest intermediate result, such as a shape that is still moving
+        self.intermediate: Any = None  # the latest intermediate result, such as a shape that is still moving
         self.result: Any = None
         self.error: BaseException | None = None
         self._work = work
@@ -66,11 +66,11 @@ class Job:
         self._thread.start()
 
     @property
-    def finished(self) -> bool:
+    def is_finished(self) -> bool:
         return not self._thread.is_alive()
 
     @property
-    def stopping(self) -> bool:
+    def is_stopping(self) -> bool:
         return self._stop.is_set()
 
     def stop(self) -> None:
@@ -93,17 +93,17 @@ class Job:
             self.error = _explain(error)
 
     @property
-    def left(self) -> str:
+    def time_left(self) -> str:
         """Return the remaining time in words; "" while it is unknown."""
         seconds = self._remaining.seconds(time.monotonic() - self._began)
-        return "" if seconds is None or self.stopping else format_seconds(seconds)
+        return "" if seconds is None or self.is_stopping else format_seconds(seconds)
 
     def _report(self, fraction: float, text: str) -> None:
         self.fraction, self.text = fraction, text
         self._remaining.report(time.monotonic() - self._began, fraction)
 
     def _show(self, value: object) -> None:
-        self.shown = value
+        self.intermediate = value
 
 
 class ConsoleProgress:

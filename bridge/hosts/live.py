@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ...engine.extras.live.given import LiveInput
     from ...engine.extras.live.live_piece import LiveEquilibrium
     from ..view.live_mode_shape import LiveModeShape
-    from .companion import LiveProcess
+    from .live_process import LiveProcess
 
 # seconds between two reads of the object while Blender reports no change, because scripts may change data silently;
 # longer notices such changes later, shorter takes more processor time
@@ -38,12 +38,12 @@ def current_watcher() -> ObjectWatcher | None:
 def live_shape_of(obj: bpy.types.Object) -> LiveEquilibrium | None:
     """Return the live shape of an object; None if no live shape is drawn for it."""
     following = current_watcher()
-    return following.shape if following is not None and following.uid == obj.session_uid and following.shown else None
+    return following.shape if following is not None and following.uid == obj.session_uid and following.picture else None
 
 
 def shown_picture() -> LiveModeShape | None:
     """Return the picture of the live shape that is drawn over the 3D view, or None."""
-    return _running[0].shown if _running else None
+    return _running[0].picture if _running else None
 
 
 def start(obj: bpy.types.Object) -> ObjectWatcher:
@@ -73,14 +73,14 @@ def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) 
         isinstance(update.id, bpy.types.Mesh | bpy.types.Object | bpy.types.Key | bpy.types.Scene)
         for update in depsgraph.updates
     ):
-        _running[0].touched = True
+        _running[0].is_dirty = True
 
 
 @bpy.app.handlers.persistent
 def on_undo(*_: object) -> None:
     """Handle undo and redo, which replace Blender's data: mark the followed object to be read again."""
     if _running:
-        _running[0].touched = True
+        _running[0].is_dirty = True
 
 
 class ObjectWatcher:
@@ -94,47 +94,47 @@ class ObjectWatcher:
     """
 
     def __init__(self, uid: int):
-        self.uid, self.touched = uid, True
-        self.shown: LiveModeShape | None = None
-        self.slowest = 0.0
-        self.final = False
-        self._companion: LiveProcess | None = None
-        self._given: LiveInput | None = None
-        self._next, self._look = 0.0, 0.0
-        self._gone = False
-        self._refused = ""  # reason why the object cannot be read; "" if it can
+        self.uid, self.is_dirty = uid, True
+        self.picture: LiveModeShape | None = None
+        self.slowest_tick = 0.0
+        self.is_final = False
+        self._process: LiveProcess | None = None
+        self._input: LiveInput | None = None
+        self._next_read, self._next_look = 0.0, 0.0
+        self._is_gone = False
+        self._refusal = ""  # reason why the object cannot be read; "" if it can
 
     @property
     def problem(self) -> str:
         """Return why the shape does not follow the last change; "" if it does."""
-        if self._refused or self._companion is None:
-            return self._refused
-        return self._companion.error or (self.shape.problem if self.shape is not None else "")
+        if self._refusal or self._process is None:
+            return self._refusal
+        return self._process.error or (self.shape.problem if self.shape is not None else "")
 
     @property
     def shape(self) -> LiveEquilibrium | None:
         """Return the latest shape, or None before the first one."""
-        latest = None if self._companion is None else self._companion.latest
+        latest = None if self._process is None else self._process.latest
         return None if latest is None else latest[0]
 
     @property
-    def resting(self) -> bool:
+    def is_resting(self) -> bool:
         """Return whether the shape of the newest input is computed, so that it moves no further."""
-        return self._companion is None or self._companion.resting
+        return self._process is None or self._process.is_resting
 
     def close(self) -> None:
-        if self._companion is not None:
-            self._companion.close()
-        self._companion = self.shown = None
+        if self._process is not None:
+            self._process.close()
+        self._process = self.picture = None
 
     def tick(self) -> bool:
         """Read the object if it may have changed; return whether the picture or the reported problem changed."""
-        began, before = time.thread_time(), (self.shown, self.problem)
+        began, before = time.thread_time(), (self.picture, self.problem)
         try:
             self._tick(time.perf_counter())
         finally:
-            self.slowest = max(self.slowest, time.thread_time() - began)
-        return before != (self.shown, self.problem)
+            self.slowest_tick = max(self.slowest_tick, time.thread_time() - began)
+        return before != (self.picture, self.problem)
 
     def _tick(self, now: float) -> None:
         from ..store.objects import find_by_uid
@@ -142,47 +142,49 @@ class ObjectWatcher:
         if (
             background.current_job() is not None
         ):  # leave the processor to the job; its result will be a change to follow
-            self.touched = True
+            self.is_dirty = True
             return
-        self._gone = not any(obj.session_uid == self.uid for obj in bpy.context.scene.objects)
+        self._is_gone = not any(obj.session_uid == self.uid for obj in bpy.context.scene.objects)
         # read a deleted object at once (to report it), and a changed one as often as ``READ_SHARE`` allows
-        if (self._gone and not self._refused) or (now >= self._next and (self.touched or now >= self._look)):
-            self.touched = False
+        if (self._is_gone and not self._refusal) or (
+            now >= self._next_read and (self.is_dirty or now >= self._next_look)
+        ):
+            self.is_dirty = False
             try:
                 self._read(find_by_uid(self.uid))
             except FlexMapsError as error:
-                self._refused = str(error)
+                self._refusal = str(error)
             spent = time.perf_counter() - now
-            self._next, self._look = now + spent / READ_SHARE, now + IDLE_INTERVAL
-        self._take()
+            self._next_read, self._next_look = now + spent / READ_SHARE, now + IDLE_INTERVAL
+        self._update_picture()
 
     def _read(self, obj: bpy.types.Object) -> None:
         from ..store import equilibrium, live_input, mesh, states
 
         scene = bpy.context.scene
         state = live_input.read(obj, scene)
-        self._refused = ""
-        known = self._given
+        self._refusal = ""
+        known = self._input
         if known is None or state.changes(known):
             start = equilibrium.read_rest_pose(obj, scene, mesh.read_in_any_mode(obj, scene)) if known is None else None
-            self._given = state
-            self._beside().follow(state, start)
+            self._input = state
+            self._get_process().follow(state, start)
         block = stored_report.read(obj.data).get("equilibrium")
-        self.final = block is not None and not states.is_stale(obj, scene, "equilibrium")
+        self.is_final = block is not None and not states.is_stale(obj, scene, "equilibrium")
 
-    def _beside(self) -> LiveProcess:
-        from .companion import LiveProcess
+    def _get_process(self) -> LiveProcess:
+        from .live_process import LiveProcess
 
-        if self._companion is None:
+        if self._process is None:
             from ..view.live_mode_shape import LiveModeShape
 
             unit = bpy.context.scene.unit_settings.scale_length
-            self._companion = LiveProcess(lambda shape: LiveModeShape.from_shape(shape, unit))
-        return self._companion
+            self._process = LiveProcess(lambda shape: LiveModeShape.from_shape(shape, unit))
+        return self._process
 
-    def _take(self) -> None:
-        """Show the companion's latest shape; show none if the object is gone or has its own final result."""
-        companion = self._companion
-        hidden = companion is None or companion.error or self._gone or (self.final and companion.resting)
-        latest = None if hidden or companion is None else companion.latest
-        self.shown = None if latest is None else latest[1]
+    def _update_picture(self) -> None:
+        """Show the process's latest shape; show none if the object is gone or has its own final result."""
+        process = self._process
+        hidden = process is None or process.error or self._is_gone or (self.is_final and process.is_resting)
+        latest = None if hidden or process is None else process.latest
+        self.picture = None if latest is None else latest[1]

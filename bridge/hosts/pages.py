@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 class PageContent:
     """Content of an HTML page.
 
-    described : the report
-    plots : by name
+    report : the report
+    plots : plots by name
     view_content : content of the 3D view; None without spirals
     settings : settings of the piece
     failure : why there are no spirals, if known
     """
 
-    described: dict[str, Any]
+    report: dict[str, Any]
     plots: dict[str, Drawing]
     view_content: ViewContent | None
     settings: ObjectSettings
@@ -44,14 +44,14 @@ class PageContent:
         """Return the 3D view's data as JSON; None without spirals, or if the settings ask for no 3D view."""
         if self.view_content is None or not self.settings.page.viewer:
             return None
-        return page_data.to_json(self.view_content, self.settings, report_page.title_of(self.described), progress)
+        return page_data.to_json(self.view_content, self.settings, report_page.title_of(self.report), progress)
 
 
 def build_report(piece: Piece | bpy.types.Object) -> dict[str, Any]:
     """Return the report of a piece or an object."""
     if isinstance(piece, Piece):
         return report.build(piece.result, source=piece.name, settings=piece.settings)
-    return _content_of(piece).described
+    return _content_of(piece).report
 
 
 def write(piece: Piece | bpy.types.Object, out: Path, guard: Guard, progress: Progress = SILENT) -> dict[str, Any]:
@@ -68,9 +68,9 @@ def write(piece: Piece | bpy.types.Object, out: Path, guard: Guard, progress: Pr
     content = _content_of(piece)
     view = content.view_json(progress.part(0.0, 0.9))
     with files.write_all_atomically(report_page.stale(out), out, guard) as new:
-        report_page.write(content.described, content.plots, out, new, progress=progress.part(0.9, 1.0), piece=view)
-        new(out / "report.json").write_text(json.dumps(content.described, indent=2) + "\n", encoding="utf-8")
-    return content.described
+        report_page.write(content.report, content.plots, out, new, progress=progress.part(0.9, 1.0), piece=view)
+        new(out / "report.json").write_text(json.dumps(content.report, indent=2) + "\n", encoding="utf-8")
+    return content.report
 
 
 def write_share_page(piece: Piece | bpy.types.Object, path: Path, guard: Guard, progress: Progress = SILENT) -> Path:
@@ -106,9 +106,9 @@ def write_share_content(content: PageContent, path: Path, guard: Guard, progress
     """
     if content.view_content is None:
         raise content.failure or FlexMapsError(stages.MISSING["design"])
-    title = report_page.title_of(content.described)
+    title = report_page.title_of(content.report)
     view = page_data.to_json(content.view_content, content.settings, title, progress.part(0.0, 0.95))
-    text = share_page.page(view, title, content.described, content.plots)
+    text = share_page.page(view, title, content.report, content.plots)
     with files.write_atomically(path, guard) as new:
         new.write_text(text, encoding="utf-8")
     return path
@@ -120,7 +120,7 @@ def _content_of(piece: Piece | bpy.types.Object) -> PageContent:
         drawn = report_page.draw_plots(piece.result, figures, piece.settings.layout.distortion_limit)
         return PageContent(figures, drawn, ViewContent.from_result(piece.result), piece.settings)
     read = object_report.read_input(piece)
-    return content_of_object(read.snapshot.result(), read)
+    return content_of_object(read.snapshot.to_result(), read)
 
 
 def content_of_object(result: Result, read: object_report.ReportInput, progress: Progress = SILENT) -> PageContent:

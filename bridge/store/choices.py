@@ -24,7 +24,7 @@ def write_cuts(obj: bpy.types.Object, surface: ObjectSurface, cuts: Sequence[Boo
     surface : its surface
     cuts : for each layout a flag for every edge, in the engine's order
     """
-    bits = np.zeros(len(surface.pairs), dtype=np.int64)
+    bits = np.zeros(len(surface.edge_vertices), dtype=np.int64)
     for k, cut in enumerate(cuts):
         bits[surface.edge_of] |= cut.astype(np.int64) << k
     attributes.write(obj, NAME, "EDGE", "INT", bits)

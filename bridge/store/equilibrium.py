@@ -127,7 +127,7 @@ def _put_key(
     positions = surface.positions.astype(float).copy()
     used = np.unique(surface.polygons.corners)  # the engine knows only vertices of faces
     there = vertices @ inverse[:3, :3].T + inverse[:3, 3]
-    positions[used] += there - surface.seen[used]  # an offset, because the user's keys are added on top
+    positions[used] += there - surface.keyed_positions[used]  # an offset, because the user's keys are added on top
     key = obj.data.shape_keys.key_blocks.get(name) or obj.shape_key_add(name=name, from_mix=False)
     key.slider_min, key.slider_max, key.mute = 0.0, 1.0, False
 

@@ -1,7 +1,7 @@
 """Top part of the sidebar for an object: what the button *Next* does, one status line, and the notices.
 
     seen = guidance.read_guidance(obj, scene)
-    seen.act.label      # "Next: Lay out the panels"
+    seen.action.label   # "Next: Lay out the panels"
     seen.status.text    # "484 quads, spirals of 15 mm", at most 34 letters
     seen.notices        # worst first, each with its cures
 
@@ -43,21 +43,21 @@ class Status:
     """Status line of at most ``MAX_LETTERS`` characters, and its icon."""
 
     text: str
-    sign: str
+    icon: str
 
 
 @dataclass(frozen=True)
 class Guidance:
-    """Content of the sidebar's top part; ``act`` is None where the program cannot go on without the user."""
+    """Content of the sidebar's top part; ``action`` is None where the program cannot go on without the user."""
 
-    act: NextAction | None
+    action: NextAction | None
     status: Status
     notices: tuple[Notice, ...]
 
     @property
-    def open(self) -> tuple[Notice, ...]:
+    def objections(self) -> tuple[Notice, ...]:
         """Return the notices that speak against cutting: all but the merely informative ones."""
-        return tuple(notice for notice in self.notices if notice.kind != INFORMATION)
+        return tuple(notice for notice in self.notices if notice.severity != INFORMATION)
 
     def findings(self) -> list[dict[str, Any]]:
         """Return all notices with their cures as plain values, for report.json and the command line."""
@@ -83,14 +83,16 @@ def read_guidance(
 def _status(
     obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.StageState], all_notices: list[Notice]
 ) -> Status:
-    stopped = next((notice for notice in all_notices if notice.kind == STOPS), None)
+    stopped = next((notice for notice in all_notices if notice.severity == STOPS), None)
     if stopped is not None:
-        return Status(_truncate(stopped.words), STOPPED)
+        return Status(_truncate(stopped.label), STOPPED)
     skipped = {"equilibrium", "optimise"} if can_skip_simulation(obj) else set()
     old = sum(known[name].kind == states.STALE for name in STEPS if name not in skipped)
     if old:
         return Status(_truncate(_describe_change(known, old)), REDO)
-    serious = [notice for notice in all_notices if notice.kind in {BREAKS, WORSE} and notice.key != notices.FEW_QUADS]
+    serious = [
+        notice for notice in all_notices if notice.severity in {BREAKS, WORSE} and notice.key != notices.FEW_QUADS
+    ]
     if known["sheets"].kind == states.DONE:
         if not serious:  # nothing above information
             return Status(interface("Files written, nothing against it"), TICK)
@@ -138,7 +140,7 @@ def _describe_progress(obj: bpy.types.Object, scene: bpy.types.Scene, known: dic
 
 
 def _describe_change(known: dict[str, states.StageState], old: int) -> str:
-    part = next((known[name].part for name in STEPS if known[name].part), None)
+    part = next((known[name].changed_input for name in STEPS if known[name].changed_input), None)
     first = next(name for name in STEPS if known[name].kind == states.STALE)
     what = CHANGED_PARTS.get(part, CHANGED_SETTING) if part else RERUN_REASONS[first]
     return interface("{}: {} to redo", interface(what), interface("1 step") if old == 1 else interface("{} steps", old))

@@ -34,8 +34,8 @@ def read(obj: bpy.types.Object, scene: bpy.types.Scene) -> LiveInput:
     if (polygons.sizes != 4).any():
         raise FlexMapsError("Some faces are not quads; press Quad remesh")
     for names, missing in ((mesh.FLAT_NAMES, "flat"), (mesh.DESIGN_NAMES, "design")):
-        if len(surface.spoilt) and missing == "design":
-            raise mesh.uncuttable_error(surface.spoilt)
+        if len(surface.invalid_faces) and missing == "design":
+            raise mesh.uncuttable_error(surface.invalid_faces)
         if any(name not in values for name in names):
             raise FlexMapsError(MISSING[missing])
     held, force = supports.read_loads(obj, surface, settings.read(own.loads, LoadParams))

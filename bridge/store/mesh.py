@@ -161,7 +161,7 @@ def write_vertices(obj: bpy.types.Object, surface: ObjectSurface, mesh: QuadMesh
     inverse = np.linalg.inv(surface.to_metres)
     there = mesh.vertices[mesh.quads.ravel()] @ inverse[:3, :3].T + inverse[:3, 3]
     positions, corners = surface.positions.astype(float).copy(), surface.polygons.corners
-    positions[corners] += there - surface.seen[corners]
+    positions[corners] += there - surface.keyed_positions[corners]
     attributes.write_positions(obj, positions)
 
 
@@ -273,8 +273,8 @@ def read_start(
     ------
     FlexMapsError where there are no spirals, or the user changed some so that they cannot be cut.
     """
-    if len(surface.spoilt):
-        raise uncuttable_error(surface.spoilt)
+    if len(surface.invalid_faces):
+        raise uncuttable_error(surface.invalid_faces)
     design = read_design(surface, flat, params)
     ours = made is not None and design is not None and is_as_reported(design, made)
     if design is None:
@@ -323,7 +323,7 @@ def write_flat(
     flat : the flat patches
     centres : position of each patch's origin in the UV map, metres
     """
-    cut = np.zeros(len(surface.pairs), bool)
+    cut = np.zeros(len(surface.edge_vertices), bool)
     cut[surface.edge_of] = flat.layout.cut
     uv = np.empty((len(surface.loops), 2))
     uv[surface.loops] = ((flat.corners + centres[flat.layout.patch_of][:, None]) * 1e3).reshape(-1, 2)

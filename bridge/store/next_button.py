@@ -82,7 +82,9 @@ def next_action(
         preparing = _preparing_action(obj, scene, stages, all_notices)
         if preparing is not None:
             return _unless_failed(mesh, preparing, all_notices)
-        if stages["checks"].kind == DONE and any(n.kind == STOPS and n.key.startswith("checks/") for n in all_notices):
+        if stages["checks"].kind == DONE and any(
+            n.severity == STOPS and n.key.startswith("checks/") for n in all_notices
+        ):
             return None
     return _unless_failed(mesh, _stage_action(obj, stages, all_notices), all_notices)
 
@@ -91,7 +93,7 @@ def _stage_action(obj: bpy.types.Object, stages: dict[str, StageState], all_noti
     """Return the next stage or cure for a mesh of quads that is ready for a layout."""
     blocks = stored_report.read(obj.data)
     if stages["layout"].kind != DONE:
-        if stages["layout"].part == "seams" and "layout" in blocks:
+        if stages["layout"].changed_input == "seams" and "layout" in blocks:
             tooltip = translate("Flattens the panels whose seams were edited; the others stay as they are")
             return NextAction("flexmaps.update_from_seams", _label(interface("Update from seams")), tooltip, "layout")
         tried = any(notice.key == "failed/flexmaps.merge" for notice in all_notices)
@@ -127,7 +129,7 @@ def _enlarge_action(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> Next
     None where arms are not likely to break, the scale is locked, the user dismissed the notice, or it was pressed
     ``MAX_ENLARGEMENTS`` times.
     """
-    small = (notice for notice in all_notices if notice.key == notices.TOO_SMALL and notice.kind == BREAKS)
+    small = (notice for notice in all_notices if notice.key == notices.TOO_SMALL and notice.severity == BREAKS)
     ways = ((notice, cure) for notice in small for cure in notice.cures if cure.idname != "flexmaps.let_go")
     pressed = failures.read_press_counts(mesh)
     return next(
@@ -192,7 +194,7 @@ def _preparing_action(
         size = max(objects.extents(obj)) * scene.unit_settings.scale_length * wanted / edge * 1e3
         tooltip = translate("Scales the object to {:.0f} mm, which gives spirals of {:.3g} mm", size, wanted * 1e3)
         return NextAction("flexmaps.set_size", _label(interface("Scale to {:.0f} mm", size)), tooltip, "piece")
-    wrong = [notice for notice in all_notices if notice.kind == STOPS and notice.key.startswith("checks/")]
+    wrong = [notice for notice in all_notices if notice.severity == STOPS and notice.key.startswith("checks/")]
     ways = ((notice, cure) for notice in wrong for cure in _unpressed_cures(obj.data, notice))
     mending = next((_cure_action(notice, cure, "piece") for notice, cure in ways), None)
     if mending is not None:
@@ -221,8 +223,8 @@ def _repair_action(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> NextA
 
     None where there are none, all were pressed, or the user dismissed the notices.
     """
-    breaking = [notice for notice in all_notices if notice.kind == BREAKS]
-    missing = [notice for notice in all_notices if notice.kind == WORSE and notice.key in notices.FAR_FROM_TARGET]
+    breaking = [notice for notice in all_notices if notice.severity == BREAKS]
+    missing = [notice for notice in all_notices if notice.severity == WORSE and notice.key in notices.FAR_FROM_TARGET]
     ways = [
         (notice, cure)
         for notice in breaking
@@ -252,7 +254,7 @@ def _unpressed_cures(mesh: bpy.types.Mesh, notice: Notice) -> list[Cure]:
 
 def _is_failure_dismissed(idname: str, all_notices: Sequence[Notice]) -> bool:
     """Return whether an operator failed and the user dismissed the notice about it."""
-    return any(notice.key == f"failed/{idname}" and notice.kind == INFORMATION for notice in all_notices)
+    return any(notice.key == f"failed/{idname}" and notice.severity == INFORMATION for notice in all_notices)
 
 
 def _sentence(all_notices: Sequence[Notice], key: str) -> str:

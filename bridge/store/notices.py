@@ -58,17 +58,17 @@ class Notice:
     """One notice.
 
     key : unique name, for ``flexmaps.show_notice`` and ``flexmaps.let_go``
-    words : label of two or three words, for a row of the sidebar
+    label : two or three words, for a row of the sidebar
     sentence : the full text, for a tooltip
-    kind : severity, one of ``SEVERITIES``
+    severity : one of ``SEVERITIES``
     faces, edges : indices of the faces and edges concerned, in the engine's numbering
     cures : buttons, best first
     """
 
     key: str
-    words: str
+    label: str
     sentence: str
-    kind: str
+    severity: str
     faces: tuple[int, ...] = ()
     edges: tuple[int, ...] = ()
     cures: tuple[Cure, ...] = ()
@@ -77,7 +77,14 @@ class Notice:
         """Return plain values for report.json and the command line."""
         cured = [{"name": cure.name, "label": cure.label, "call": cure.call} for cure in self.cures]
         place = {"faces": list(self.faces), "edges": list(self.edges)}
-        return {"key": self.key, "text": self.sentence, "words": self.words, "kind": self.kind, **place, "cures": cured}
+        return {
+            "key": self.key,
+            "text": self.sentence,
+            "words": self.label,
+            "kind": self.severity,
+            **place,
+            "cures": cured,
+        }
 
 
 def list_notices(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.StageState]) -> list[Notice]:
@@ -97,7 +104,7 @@ def list_notices(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str,
         *(one for name in WARNING_LABELS for one in _from_warnings(name, blocks)),
     ]
     seen = [_downgrade_dismissed(obj.data, notice) for notice in _downgrade_predictions(obj, blocks, result)]
-    return sorted(seen, key=lambda notice: SEVERITIES.index(notice.kind))
+    return sorted(seen, key=lambda notice: SEVERITIES.index(notice.severity))
 
 
 def _downgrade_predictions(obj: bpy.types.Object, blocks: dict[str, Any], result: list[Notice]) -> list[Notice]:
@@ -105,16 +112,19 @@ def _downgrade_predictions(obj: bpy.types.Object, blocks: dict[str, Any], result
     percent = blocks.get("equilibrium", {}).get("rms_percent")
     near = percent is not None and percent <= remedies.wanted_percent(obj.flexmaps.choose)
     flat = "spirals" in blocks and flat_target.can_skip_simulation(obj)
-    if not (near or flat) or any(one.kind == BREAKS for one in result if one.key.startswith("equilibrium/")):
+    if not (near or flat) or any(one.severity == BREAKS for one in result if one.key.startswith("equilibrium/")):
         return result
-    return [replace(one, kind=INFORMATION) if one.key in PREDICTIONS and one.kind == WORSE else one for one in result]
+    return [
+        replace(one, severity=INFORMATION) if one.key in PREDICTIONS and one.severity == WORSE else one
+        for one in result
+    ]
 
 
 def _downgrade_dismissed(mesh: bpy.types.Mesh, notice: Notice) -> Notice:
     """Downgrade a notice to information if the user dismissed it."""
-    if notice.kind == INFORMATION or not failures.is_dismissed(mesh, notice.key, notice.sentence):
+    if notice.severity == INFORMATION or not failures.is_dismissed(mesh, notice.key, notice.sentence):
         return notice
-    return replace(notice, kind=INFORMATION, cures=())
+    return replace(notice, severity=INFORMATION, cures=())
 
 
 # -- one function for each source of notices ---------------------------------------------------------------------------

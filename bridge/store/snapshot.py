@@ -32,23 +32,23 @@ class Snapshot:
 
     name : name of the object
     surface, settings : its surface and settings
-    held : indices of the held quads, or None
+    supports : indices of the held quads, or None
     force : forces on the quads, newtons in world axes, or None
-    note : report block of the stage that made its spirals, or None
-    chosen : whether Choose made the layout; then ``mesh.LAST_NAMES`` hold the spirals of its search
+    spirals_block : report block of the stage that made its spirals, or None
+    is_layout_chosen : whether Choose made the layout; then ``mesh.LAST_NAMES`` hold the spirals of its search
     groups : name -> quads, for the vertex groups that load cases use
     """
 
     name: str
     surface: ObjectSurface
     settings: ObjectSettings
-    held: Int[np.ndarray, " supports"] | None = None
+    supports: Int[np.ndarray, " supports"] | None = None
     force: Float[np.ndarray, "quads 3"] | None = None
-    note: dict[str, Any] | None = None
-    chosen: bool = False
+    spirals_block: dict[str, Any] | None = None
+    is_layout_chosen: bool = False
     groups: dict[str, Int[np.ndarray, " some"]] = field(default_factory=dict)
 
-    def result(self) -> Result:
+    def to_result(self) -> Result:
         """Return the engine's result with the outputs of the stages that have run.
 
         ``Result.lost`` tells which stored outputs cannot be used any more, and why.
@@ -59,33 +59,33 @@ class Snapshot:
         """
         begun = job.begin(self.surface.polygons)
         made = begun.with_user(
-            supports=self.held,
+            supports=self.supports,
             force=self.force,
             groups=self.groups,
-            protected=self.protected,
+            protected=self.protected_quads,
             wishes=Wishes.from_offsets(begun.mesh, handles.read_wishes(self.surface)),
         )
         try:
             flat = mesh.require_current_flat(self.surface, made.mesh) if self.has_flat else None
         except FlexMapsError as error:
             return replace(made, lost={"flat": error, "design": error})
-        spoilt = self.surface.spoilt
+        spoilt = self.surface.invalid_faces
         spoilt_design = {"design": mesh.uncuttable_error(spoilt)} if len(spoilt) else {}
         if flat is None:
             return replace(made, lost=spoilt_design)
-        start = mesh.last_spirals(self.surface) if self.chosen else None
+        start = mesh.last_spirals(self.surface) if self.is_layout_chosen else None
         stored = made_by("split", self.settings, made.inputs("mesh"))
-        made = made.with_outputs(FinalLayout(flat, CHOSEN if self.chosen else STORED, start, **stored))
+        made = made.with_outputs(FinalLayout(flat, CHOSEN if self.is_layout_chosen else STORED, start, **stored))
         design = mesh.read_design(self.surface, flat, self.settings.spiral)
         return replace(made, lost=spoilt_design) if design is None else self._with_stored(made, design)
 
     def _with_stored(self, made: Result, design: SpiralDesign) -> Result:
         """Return the result with the stored spirals; a flag tells whether they were painted."""
-        painted = replace(design, painted=bool((self.note or {}).get("painted")))
+        painted = replace(design, painted=bool((self.spirals_block or {}).get("painted")))
         return with_design(made, painted, STORED, self.settings)
 
     @property
-    def protected(self) -> Int[np.ndarray, " kept"] | None:
+    def protected_quads(self) -> Int[np.ndarray, " kept"] | None:
         """Return the quads whose spirals are protected from Optimise; None where there are none."""
         marked = self.surface.values.get("protect")
         return None if marked is None or not marked.any() else np.flatnonzero(marked)
@@ -95,16 +95,18 @@ class Snapshot:
         """Return whether the object holds flat patches."""
         return self.surface.values.keys() >= set(mesh.FLAT_NAMES)
 
-    def seams(self, made: Result) -> Bool[np.ndarray, " edges"]:
+    def read_seams(self, made: Result) -> Bool[np.ndarray, " edges"]:
         """Return a flag for every edge, in the engine's order: whether the object has a seam there."""
         return mesh.read_layout(self.surface, made.mesh).cut
 
-    def start(self, made: Result) -> Result:
+    def with_start(self, made: Result) -> Result:
         """Return the result with initial spirals for a stage, adjusted to changed settings and patches."""
         layout = made.get(FinalLayout)
         if layout is None:
             return made
-        return self._with_stored(made, mesh.read_start(self.surface, layout.flat, self.settings.spiral, self.note))
+        return self._with_stored(
+            made, mesh.read_start(self.surface, layout.flat, self.settings.spiral, self.spirals_block)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,11 +144,13 @@ def take_snapshot(
     FlexMapsError where a vertex group of the loads is missing or holds no quad.
     """
     blocks = stored_report.read(obj.data)
-    snapshot = Snapshot(obj.name, surface, used, note=blocks.get("spirals"), chosen="choose" in blocks)
+    snapshot = Snapshot(
+        obj.name, surface, used, spirals_block=blocks.get("spirals"), is_layout_chosen="choose" in blocks
+    )
     if not loaded:
         return snapshot
     held, force = supports.read_loads(obj, surface, used.loads)
-    return replace(snapshot, held=held, force=force, groups=supports.read_groups(obj, surface, used))
+    return replace(snapshot, supports=held, force=force, groups=supports.read_groups(obj, surface, used))
 
 
 def read_piece(obj: bpy.types.Object) -> StoredPiece:
@@ -161,12 +165,12 @@ def read_piece(obj: bpy.types.Object) -> StoredPiece:
     surface = mesh.read_surface(obj, scene)
     snapshot = take_snapshot(obj, surface, used, loaded=False)
     try:
-        result = snapshot.result()
+        result = snapshot.to_result()
     except FlexMapsError:
         return StoredPiece(surface.polygons, used, surface.uid)
     held, force = supports.read_loads(obj, surface, used.loads)
     loaded = result.with_user(supports=held, force=force, groups=supports.read_groups(obj, surface, used))
-    return StoredPiece(surface.polygons, used, surface.uid, loaded, snapshot.seams(result))
+    return StoredPiece(surface.polygons, used, surface.uid, loaded, snapshot.read_seams(result))
 
 
 def read_rest_pose(uid: int) -> Pose | None:

@@ -30,24 +30,24 @@ class ObjectSurface:
     uid: int
     polygons: PolygonMesh
     positions: Float[np.ndarray, "vertices 3"]
-    pairs: Int[np.ndarray, "edges 2"]
+    edge_vertices: Int[np.ndarray, "edges 2"]
     seams: Bool[np.ndarray, " edges"]
     loops: Int[np.ndarray, " corners"]
     to_metres: Float[np.ndarray, "4 4"]
     values: dict[str, np.ndarray]
-    spoilt: Int[np.ndarray, " spoilt"]
-    seen: Float[np.ndarray, "vertices 3"]
+    invalid_faces: Int[np.ndarray, " spoilt"]
+    keyed_positions: Float[np.ndarray, "vertices 3"]
 
     @cached_property
     def edge_of(self) -> Int[np.ndarray, " edges"]:
         """Return the index of Blender's edge for every edge of the engine, which sorts edges by their vertex pair."""
         corners = self.polygons.corners
         engine = _keys(np.stack([corners, corners[self.polygons.next_corner]], axis=1), len(self.positions))
-        blender = _keys(self.pairs, len(self.positions))
+        blender = _keys(self.edge_vertices, len(self.positions))
         order = np.argsort(blender)
         return order[np.searchsorted(blender, np.unique(engine), sorter=order)]
 
-    def same_as(self, other: ObjectSurface) -> bool:
+    def is_same_mesh(self, other: ObjectSurface) -> bool:
         """Return whether vertices, faces and seams equal those of another copy."""
         a, b = self.polygons, other.polygons
         pairs = [(a.vertices, b.vertices), (a.corners, b.corners), (a.sizes, b.sizes), (self.seams, other.seams)]

@@ -227,7 +227,7 @@ def _store_stiffness(obj: bpy.types.Object) -> None:
     with suppress(FlexMapsError):
         used = settings.read(obj.flexmaps, ObjectSettings)
         taken = snapshot.take_snapshot(obj, mesh.read_surface(obj, bpy.context.scene), used, loaded=False)
-        design = taken.result().design
+        design = taken.to_result().design
         values = None if design is None else spiral_stiffness(design, used.material.chosen)
         if values is not None:
             fields.write_stiffness(obj, values)

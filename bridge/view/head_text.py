@@ -70,9 +70,9 @@ def head_content(
 def _job_head(job: RunningJob) -> HeadContent:
     name = bpy.app.translations.pgettext_iface(job.title, "Operator")
     label = interface("{}, {} %", name, f"{100 * job.fraction:.0f}")
-    left = interface("About {} left", job.left) if job.left else interface("Begun")
+    left = interface("About {} left", job.time_left) if job.time_left else interface("Begun")
     step = interface(job.text) if job.text else interface("starting")
-    status = interface("Stopping") if job.stopping else left
+    status = interface("Stopping") if job.is_stopping else left
     return HeadContent(
         label, "", "SORTTIME", status, f"{step}. {interface('Esc or the cross stops; {}.', interface(job.on_stop))}"
     )
@@ -83,13 +83,13 @@ def _live_head(context: bpy.types.Context, seen: Guidance, watcher: Any) -> Head
     obj = context.object
     if watcher is None or obj is None or watcher.uid != obj.session_uid:
         return None
-    label = seen.act.label if seen.act else interface("Next")
-    press, shape = "flexmaps.next" if seen.act else "", watcher.shape
+    label = seen.action.label if seen.action else interface("Next")
+    press, shape = "flexmaps.next" if seen.action else "", watcher.shape
     if watcher.problem:
         return HeadContent(
             label, press, "ERROR", interface("Live: stopped short"), interface(watcher.problem), alert=True
         )
-    if shape is None or not watcher.resting:
+    if shape is None or not watcher.is_resting:
         return HeadContent(
             label, press, "SORTTIME", interface("Live: on its way"), interface("The shape follows what you change.")
         )
@@ -98,17 +98,17 @@ def _live_head(context: bpy.types.Context, seen: Guidance, watcher: Any) -> Head
         return HeadContent(
             label, press, "ERROR", jumped, interface("Spirals jumped to another shape. Undo brings the piece back.")
         )
-    final = "" if watcher.final else interface("Press Simulate for the final shape and its figures.")
+    final = "" if watcher.is_final else interface("Press Simulate for the final shape and its figures.")
     return HeadContent(label, press, "CHECKMARK", interface("Live: at rest"), final)
 
 
 def _idle_head(context: bpy.types.Context, seen: Guidance) -> HeadContent:
     obj = context.object
     notices = (*seen.notices, *general_notices(context))
-    act, (status, sign) = seen.act, (seen.status.text, seen.status.sign)
+    act, (status, sign) = seen.action, (seen.status.text, seen.status.icon)
     about = act.tooltip if act else interface("Only you can mend this mesh. The rows tell where.")
     others = sum(other.type == "MESH" for other in context.selected_objects if other != obj)
-    if others and not seen.open:
+    if others and not seen.objections:
         status = interface("{} selected; works on the active one", others + 1)
     label = act.label if act else interface("Next")
     return HeadContent(

@@ -123,9 +123,9 @@ class PaintSession:
         self._settings = settings.read(obj.flexmaps, ObjectSettings)
         self._surface = mesh.read_surface(obj, scene)
         taken = self._take_snapshot(obj, self._surface)
-        result = taken.result()
+        result = taken.to_result()
         result.need(FinalLayout)
-        self._reset(taken.start(result).need(DesignVersion).design, taken)
+        self._reset(taken.with_start(result).need(DesignVersion).design, taken)
         measured = spiral_stiffness(self.design, self._settings.material.chosen)
         self.stiffness = np.ones(len(self.design.twist)) if measured is None else measured
         self.stiffness_range = float(self.stiffness.min()), float(self.stiffness.max())
@@ -151,7 +151,7 @@ class PaintSession:
         """Reset the painted spirals and the protected ones to the object's stored state."""
         self.design = self.stored_design = design
         self.protected = np.zeros(len(design.twist), bool)
-        self.protected[[] if taken.protected is None else taken.protected] = True
+        self.protected[[] if taken.protected_quads is None else taken.protected_quads] = True
         self._stored_protected = self.protected
 
     def try_update(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
@@ -179,12 +179,12 @@ class PaintSession:
         known = self._stiffness_by_design.get(now["design"])
         if (
             design is None
-            or len(surface.spoilt)
+            or len(surface.invalid_faces)
             or (known is None and len(unfabricable_quads(design, design.unlike(old))))
         ):
             return False
         taken, self._surface = self._take_snapshot(obj, surface), surface
-        self._reset(replace(design, painted=bool((taken.note or {}).get("painted"))), taken)
+        self._reset(replace(design, painted=bool((taken.spirals_block or {}).get("painted"))), taken)
         stored = surface.values.get("stiffness")  # up to date if present: any other change of design removes it
         if known is not None:
             self.stiffness = known

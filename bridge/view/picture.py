@@ -286,7 +286,7 @@ def _add_target(place: Studio, obj: bpy.types.Object, finish: str) -> ObjectGrou
     else:
         data.materials.append(materials.plain_material("FlexMaps clay", colours.linear(np.array(CLAY))))
     made = place.add_data(data)
-    pairs, count = np.sort(surface.pairs, axis=1), np.array([len(polygons.vertices), 1])
+    pairs, count = np.sort(surface.edge_vertices, axis=1), np.array([len(polygons.vertices), 1])
     sides = np.stack([polygons.corners, polygons.corners[polygons.next_corner]], axis=1)
     number, used = np.unique(np.sort(sides, axis=1) @ count, return_counts=True)
     border = np.isin(pairs @ count, number[used == 1])

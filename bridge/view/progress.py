@@ -21,13 +21,13 @@ class RunningJob(Protocol):
     on_stop: str
     fraction: float
     text: str
-    shown: Any
+    intermediate: Any
 
     @property
-    def left(self) -> str: ...
+    def time_left(self) -> str: ...
 
     @property
-    def stopping(self) -> bool: ...
+    def is_stopping(self) -> bool: ...
 
 
 class RedrawPacer:
@@ -65,14 +65,14 @@ def show_progress(context: bpy.types.Context, running: RunningJob) -> None:
     context.window_manager.progress_update(int(100 * running.fraction))
     if context.workspace is not None:
         context.workspace.status_text_set(progress_line(running) + "    " + translate("ESC: stop"))
-    redraw(context, "UI" if running.shown is None else "")
+    redraw(context, "UI" if running.intermediate is None else "")
 
 
 def progress_line(running: RunningJob) -> str:
-    if running.stopping:
+    if running.is_stopping:
         return translate("{}: stopping", button_name(running.title))
     line = f"{button_name(running.title)}: {100 * running.fraction:.0f} % {running.text}".rstrip()
-    return f"{line}, {translate('about {} left', running.left)}" if running.left else line
+    return f"{line}, {translate('about {} left', running.time_left)}" if running.time_left else line
 
 
 def redraw(context: bpy.types.Context, kind: str = "") -> None:

@@ -55,7 +55,7 @@ def build_from_object(obj: bpy.types.Object) -> tuple[dict[str, Any], dict[str, 
     FlexMapsError : the object cannot be used, the check finds errors, or there is no layout yet
     """
     content = read_input(obj)
-    return build_from_input(content.snapshot.result(), content)
+    return build_from_input(content.snapshot.to_result(), content)
 
 
 def read_input(obj: bpy.types.Object) -> ReportInput:

@@ -58,7 +58,7 @@ def open_next_section(context: bpy.types.Context) -> None:
     tab, obj = bpy.context.window_manager.flexmaps_tab, context.object
     if tab.by_hand or objects.usage_problem(obj) is not None:
         return
-    act = guidance.read_guidance(obj, context.scene).act
+    act = guidance.read_guidance(obj, context.scene).action
     if act is not None:
         _show_only(tab, act.section)
 

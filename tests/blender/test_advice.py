@@ -68,7 +68,7 @@ def done(obj: Any, *, optimised: bool = False) -> None:
     wanted = {"checks", "layout", "spirals", "equilibrium", "reach", *(("optimise",) if optimised else ())}
     assert {name for name in wanted if now[name].kind == states.DONE} == wanted
     surface = mesh.read_surface(obj, bpy.context.scene)
-    assert len(surface.polygons.sizes) == len(obj.data.polygons) and not len(surface.spoilt)
+    assert len(surface.polygons.sizes) == len(obj.data.polygons) and not len(surface.invalid_faces)
     assert len(flat_panels.panels_of(obj)) == 1
     assert obj.data.shape_keys is not None and not obj.data.validate(verbose=False)
 

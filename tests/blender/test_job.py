@@ -166,7 +166,7 @@ def test_another_file_is_loaded_meanwhile(move: Any, window: Window) -> None:
     running = background.current_job()
     assert running is not None
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)  # load_pre stops the job and waits for it
-    assert running.finished and background.current_job() is None
+    assert running.is_finished and background.current_job() is None
     move.cancel(window)  # what Blender then calls
     assert clean(window)
 
@@ -266,7 +266,7 @@ def test_what_is_changed_while_a_job_runs_is_no_part_of_its_result(
     move.go.set()
     assert drive(move, window) == {"FINISHED"}
     state = states.read_states(spiralled, bpy.context.scene)["equilibrium"]
-    assert (state.kind, state.part) == (states.STALE, "simulate")
+    assert (state.kind, state.changed_input) == (states.STALE, "simulate")
     spiralled.flexmaps.simulate.gravity = not spiralled.flexmaps.simulate.gravity
     assert states.read_states(spiralled, bpy.context.scene)["equilibrium"].kind == states.DONE
 

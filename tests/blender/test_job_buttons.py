@@ -66,7 +66,7 @@ def test_a_remesh_that_is_stopped_leaves_nothing(remesh: Any, window: Window, mo
     before = {o.name for o in bpy.data.objects}, {m.name for m in bpy.data.meshes}
     remesh.invoke(window, None)
     while not started:
-        assert not remesh._job.finished
+        assert not remesh._job.is_finished
         remesh.modal(window, TIMER)
     remesh.modal(window, ESCAPE)
     assert drive(remesh, window) == {"CANCELLED"}

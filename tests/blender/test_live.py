@@ -26,10 +26,10 @@ def following(spiralled: Any) -> Iterator[live.ObjectWatcher]:
 
 def settled(following: live.ObjectWatcher) -> np.ndarray:
     """Look as the window does, until all is at rest; the vertices then."""
-    following.touched, end = True, time.monotonic() + 60.0
+    following.is_dirty, end = True, time.monotonic() + 60.0
     while time.monotonic() < end:
         following.tick()
-        if following.shape is not None and following.resting and not following.touched:
+        if following.shape is not None and following.is_resting and not following.is_dirty:
             assert following.shape.vertices is not None
             return following.shape.vertices
         time.sleep(0.01)
@@ -56,8 +56,8 @@ def test_what_is_changed_is_followed_and_nothing_is_written(
     obj.data.attributes["flexmaps_twist"].data.foreach_set("value", twist)
     obj.data.update()
     assert np.abs(settled(following) - thicker).max() > 1e-5
-    assert following.shown is not None and not following.final
-    assert following.shown.legend is not None and following.shown.legend.title.startswith("Live")
+    assert following.picture is not None and not following.is_final
+    assert following.picture.legend is not None and following.picture.legend.title.startswith("Live")
 
 
 def test_undo_redo_modes_and_the_end_of_the_object(following: live.ObjectWatcher) -> None:
@@ -75,11 +75,11 @@ def test_undo_redo_modes_and_the_end_of_the_object(following: live.ObjectWatcher
     bpy.ops.ed.undo_push(message="modes")
     bpy.data.objects.remove(piece())
     bpy.ops.ed.undo_push(message="deleted")
-    following.touched = True
+    following.is_dirty = True
     following.tick()
-    assert following.shown is None and "deleted" in following.problem
+    assert following.picture is None and "deleted" in following.problem
     bpy.ops.ed.undo()
-    assert np.abs(settled(following) - second).max() < 1e-6 and following.shown is not None
+    assert np.abs(settled(following) - second).max() < 1e-6 and following.picture is not None
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     assert live.current_watcher() is None and live.shown_picture() is None
 
@@ -87,16 +87,16 @@ def test_undo_redo_modes_and_the_end_of_the_object(following: live.ObjectWatcher
 def test_it_stands_back_after_the_final_simulation(following: live.ObjectWatcher) -> None:
     obj = piece()
     assert states.read_states(obj, bpy.context.scene)["equilibrium"].kind == states.TODO
-    assert following.shown is not None
+    assert following.picture is not None
     assert bpy.ops.flexmaps.simulate() == {"FINISHED"}
     vertices = settled(following)
-    assert following.final and following.shown is None
+    assert following.is_final and following.picture is None
     key = obj.data.shape_keys.key_blocks["FlexMaps equilibrium"]
     simulated = np.array([p.co[:] for p in key.data])
     assert np.abs(simulated - vertices).max() < 1e-5
     obj.flexmaps.spiral.thickness = 3.0
     settled(following)
-    assert not following.final and following.shown is not None
+    assert not following.is_final and following.picture is not None
 
 
 def test_what_cannot_be_followed_is_said(following: live.ObjectWatcher) -> None:

@@ -28,7 +28,7 @@ def faces_read(obj: Any) -> int:
 
 def offered(obj: Any) -> str:
     bpy.context.view_layer.update()
-    act = guidance.read_guidance(obj, bpy.context.scene).act
+    act = guidance.read_guidance(obj, bpy.context.scene).action
     return "" if act is None else act.label
 
 
@@ -69,7 +69,7 @@ def test_the_surface_is_read_without_thickness_and_divisions(bowl: Any, changed:
     assert made != bowl and not made.modifiers and len(made.data.polygons) == count
     assert bowl.modifiers and all(modifier.show_viewport for modifier in bowl.modifiers) and not bowl.visible_get()
     notice = next(one for one in guidance.read_guidance(made, bpy.context.scene).notices if one.key == "left-out")
-    assert "left out" in notice.sentence and notice.kind == "information"
+    assert "left out" in notice.sentence and notice.severity == "information"
 
 
 def test_other_modifiers_of_the_stack_are_applied(bowl: Any) -> None:

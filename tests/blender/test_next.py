@@ -91,7 +91,7 @@ def test_folds_are_counted_and_rounded_in_one_press(add: Any) -> None:
     twin = bpy.data.objects.new("twin", piece.data)
     bpy.ops.flexmaps.check()
     (found,) = [notice for notice in seen(piece).notices if notice.key == "checks/sharp-folds"]
-    assert found.kind == INFORMATION and len(found.edges) == 5 and "5" in found.words
+    assert found.severity == INFORMATION and len(found.edges) == 5 and "5" in found.label
     assert [cure.label for cure in found.cures] == ["Round to 26 mm"]
     told = api.press(piece, cure="mend-round")
     assert told is not None and not told["error"]
@@ -126,7 +126,7 @@ def test_after_a_failure_the_same_is_never_offered_and_no_state_comes_twice(add:
     piece = add(shapes.make("dome"))
     scene, offered = bpy.context.scene, []
     for _ in range(api.pressing.MOST):
-        act = seen(piece).act
+        act = seen(piece).action
         if act is None or act.idname == "wm.path_open":
             break
         offered.append((act.idname, tuple(act.properties.items()), piece.data.name, piece.flexmaps.remesh.edge))
@@ -139,19 +139,19 @@ def test_after_a_failure_the_same_is_never_offered_and_no_state_comes_twice(add:
     else:
         pytest.fail(f"it goes on for ever: {offered}")
     assert len(set(offered)) == len(offered), "never the same act with the same input"
-    assert seen(piece).status.sign == guidance.STOPPED and seen(piece).notices[0].faces == (1, 2)
+    assert seen(piece).status.icon == guidance.STOPPED and seen(piece).notices[0].faces == (1, 2)
 
 
 def test_a_failure_is_forgotten_once_its_input_has_changed(add: Any) -> None:
     piece = add(shapes.make("dome"))
     failures.write(piece, bpy.context.scene, "flexmaps.spirals", FlexMapsError("There is no room", faces=[3]))
-    assert any(notice.kind == STOPS for notice in seen(piece).notices)
+    assert any(notice.severity == STOPS for notice in seen(piece).notices)
     piece.flexmaps.export.labels = (
         not getattr(piece.flexmaps.export, "labels", True) if hasattr(piece.flexmaps.export, "labels") else False
     )
-    assert any(notice.kind == STOPS for notice in seen(piece).notices)
+    assert any(notice.severity == STOPS for notice in seen(piece).notices)
     piece.flexmaps.spiral.width_min *= 0.9
-    assert not any(notice.kind == STOPS for notice in seen(piece).notices)
+    assert not any(notice.severity == STOPS for notice in seen(piece).notices)
 
 
 def test_status_names_what_was_made_anew_or_which_setting_was_changed(add: Any) -> None:
@@ -169,7 +169,7 @@ def test_status_names_what_was_made_anew_or_which_setting_was_changed(add: Any) 
 def test_labels_and_status_are_short_enough(add: Any) -> None:
     piece = add(shapes.make("dome"))
     said = seen(piece)
-    assert said.act is not None and len(said.act.label) <= 28 and len(said.status.text) <= 34
+    assert said.action is not None and len(said.action.label) <= 28 and len(said.status.text) <= 34
     assert set(states.INPUTS) >= set(guidance.STEPS)
 
 
@@ -223,7 +223,7 @@ def test_the_whole_mesh_is_checked_where_it_is_scaled_too(add: Any, stage: str) 
 def test_a_group_that_is_gone_has_a_button(add: Any) -> None:
     piece = add(shapes.make("dome"))
     piece.flexmaps.loads.supports = "feet"
-    act = seen(piece).act
+    act = seen(piece).action
     assert act is not None and act.idname == "flexmaps.stand_on"
     assert bpy.ops.flexmaps.next() == {"FINISHED"}
     assert piece.flexmaps.loads.supports and piece.flexmaps.loads.supports in piece.vertex_groups
@@ -233,7 +233,7 @@ def test_seams_that_are_there_are_offered_as_the_layout(add: Any) -> None:
     piece = add(shapes.make("dome"))
     piece.data.edges[5].use_seam = True
     found = seen(piece)
-    assert found.act is not None and found.act.idname == "flexmaps.flatten"
+    assert found.action is not None and found.action.idname == "flexmaps.flatten"
     (notice,) = [one for one in found.notices if one.key == "layout/seams"]
     assert [cure.idname for cure in notice.cures] == ["flexmaps.flatten", "flexmaps.merge"]
 
@@ -251,7 +251,7 @@ def test_next_on_the_command_line_tells_every_press_and_saves(add: Any, tmp_path
     ]
     assert told[-1]["figures"]["sheets"] == 1 and told[-1]["status"]["sign"] == "tick"
     bpy.ops.wm.open_mainfile(filepath=str(file))
-    assert seen(bpy.context.object).act.idname == "wm.path_open"  # type: ignore[union-attr]
+    assert seen(bpy.context.object).action.idname == "wm.path_open"  # type: ignore[union-attr]
 
 
 def test_what_brings_a_piece_nearer_is_offered_with_its_figure(add: Any) -> None:
@@ -268,7 +268,7 @@ def test_what_brings_a_piece_nearer_is_offered_with_its_figure(add: Any) -> None
         ("flexmaps.let_go", None),
     ]
     assert found[0].cures[2].properties == {"what": "round"} and found[0].cures[2].label.endswith("0.7 %")
-    assert found[0].kind == WORSE and found[0].cures[0].label.endswith("0.25 %")
+    assert found[0].severity == WORSE and found[0].cures[0].label.endswith("0.25 %")
     assert not notices._poor_match(piece, blocks | {"equilibrium": block | {"rms_percent": 0.9}}, {})
     piece.flexmaps.choose.match = 0.8  # "Within" under Layout
     assert notices._poor_match(piece, blocks | {"equilibrium": block | {"rms_percent": 0.9}}, {})
@@ -297,7 +297,7 @@ def test_a_profile_that_a_modifier_turns_into_a_surface_is_applied(add: Any) -> 
         bm.edges.new(pair)
     bm.to_mesh(profile.data)
     bm.free()
-    assert seen(profile).act is None
+    assert seen(profile).action is None
     profile.modifiers.new("Lathe", "SCREW").steps = 16
     assert not seen(profile).notices
     bpy.ops.flexmaps.next()
@@ -312,7 +312,7 @@ def test_as_few_quads_as_somebody_asked_for_are_not_remeshed_again(add: Any) -> 
     bpy.ops.flexmaps.quad_remesh()
     made = bpy.context.object
     assert len(made.data.polygons) < cures.MIN_QUADS
-    act = seen(made).act
+    act = seen(made).action
     assert act is not None and act.idname != "flexmaps.quad_remesh"
     assert states.is_side_result_current(
         made, bpy.context.scene, "regularise"
@@ -366,10 +366,10 @@ def test_points_of_no_face_have_no_part_in_the_size(add: Any, quads: bool) -> No
         piece.modifiers.new("Triangles", "TRIANGULATE")
         bpy.ops.object.convert(target="MESH")
     bpy.context.view_layer.update()
-    before, size = seen(piece).act, tuple(piece.flexmaps_size)
+    before, size = seen(piece).action, tuple(piece.flexmaps_size)
     piece.data.vertices.add(1)
     piece.data.vertices[-1].co = (0.0, 0.0, 50.0)
     piece.data.update()
     bpy.context.view_layer.update()
     assert max(piece.dimensions) > 40.0
-    assert seen(piece).act == before and tuple(piece.flexmaps_size) == pytest.approx(size, rel=1e-5)
+    assert seen(piece).action == before and tuple(piece.flexmaps_size) == pytest.approx(size, rel=1e-5)

@@ -88,7 +88,7 @@ def test_no_state_comes_twice(
     failures: list[str] = []
     for _ in range(pressing.MAX_PRESSES):
         piece = bpy.context.view_layer.objects.active
-        act = guidance.read_guidance(piece, bpy.context.scene).act
+        act = guidance.read_guidance(piece, bpy.context.scene).action
         if act is None or act.idname == "wm.path_open":
             break
         if act.idname == "flexmaps.export" and broken != "flexmaps.export":

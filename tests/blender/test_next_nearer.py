@@ -41,7 +41,7 @@ def test_next_offers_other_cuts_where_an_optimised_piece_misses_its_match(
     assert pressed({"equilibrium": block | {"rms_percent": 0.9, "findings": []}}) == []
     (notice,) = (n for n in notices._from_equilibrium(piece, blocks) if n.key in notices.FAR_FROM_TARGET)
     failures.dismiss(piece.data, notice.key, notice.sentence)
-    assert notices._downgrade_dismissed(piece.data, notice).kind == INFORMATION
+    assert notices._downgrade_dismissed(piece.data, notice).severity == INFORMATION
     assert next_button._repair_action(piece.data, [notices._downgrade_dismissed(piece.data, notice)]) is None
 
 
@@ -85,7 +85,7 @@ def test_a_cut_is_offered_only_where_short_searches_have_gained_by_it(add: Any) 
         (notice,) = (
             n for n in notices._from_equilibrium(piece, {"equilibrium": block, "reach": reach | more}) if n.cures
         )
-        assert notice.kind == BREAKS
+        assert notice.severity == BREAKS
         return {cure.idname for cure in notice.cures}
 
     assert "flexmaps.cut_there" in offered()  # nobody has searched
@@ -96,7 +96,7 @@ def test_a_cut_is_offered_only_where_short_searches_have_gained_by_it(add: Any) 
         for n in notices._from_equilibrium(piece, {"equilibrium": block | {"rms_percent": 1.5}})
         if n.key == "equilibrium/stays-flat"
     )
-    assert notice.kind == WORSE  # a small body of a piece that is near as a whole
+    assert notice.severity == WORSE  # a small body of a piece that is near as a whole
 
 
 @pytest.mark.parametrize(
@@ -109,7 +109,7 @@ def test_a_piece_of_one_body_that_stays_flat_is_held(add: Any, percent: float, b
     block = {"rms_percent": percent, "converged": True, "findings": [flat]}
     checks = [{"code": "several-bodies"}] if bodies > 1 else []
     found = {n.key: n for n in notices._from_equilibrium(piece, {"equilibrium": block, "checks": checks})}
-    assert found["equilibrium/stays-flat"].kind == kind
+    assert found["equilibrium/stays-flat"].severity == kind
     assert ("equilibrium/match" in found) == (percent == 1.5 and bodies == 2)
     act = next_button._repair_action(piece.data, list(found.values()))
     assert (act is not None and act.idname == "flexmaps.stand_on") == (kind == BREAKS)

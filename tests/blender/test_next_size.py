@@ -29,13 +29,13 @@ def test_a_piece_whose_arms_would_break_is_made_larger_before_any_search(add: An
     assert bpy.ops.flexmaps.merge() == {"FINISHED"}
     found = seen(piece)
     (notice,) = [one for one in found.notices if one.key == notices.TOO_SMALL]
-    assert notice.kind == BREAKS and found.act is not None and found.act.idname == "flexmaps.set_size"
+    assert notice.severity == BREAKS and found.action is not None and found.action.idname == "flexmaps.set_size"
     piece.lock_scale[0] = True
     assert _next(piece) == "flexmaps.fit"
     piece.lock_scale[0] = False
     before = tuple(piece.scale)
     assert bpy.ops.flexmaps.next() == {"FINISHED"}
-    assert tuple(piece.scale) == pytest.approx([one * found.act.properties["times"] for one in before])
+    assert tuple(piece.scale) == pytest.approx([one * found.action.properties["times"] for one in before])
     assert _next(piece) == "flexmaps.merge"
 
 
@@ -50,7 +50,7 @@ def test_a_script_keeps_the_size_by_name(add: Any) -> None:
 
 
 def _next(piece: Any) -> str:
-    act = seen(piece).act
+    act = seen(piece).action
     return "" if act is None else act.idname
 
 
@@ -60,7 +60,7 @@ def test_who_wants_a_small_piece_goes_on(add: Any) -> None:
     assert not notices._too_small(piece, scene, blocks)  # of unknown settings
     states.stamp_side_result(piece, scene, "forecast")
     (notice,) = notices._too_small(piece, scene, blocks)
-    assert notice.kind == BREAKS
+    assert notice.severity == BREAKS
     for _ in range(next_button.MAX_ENLARGEMENTS):  # each factor is limited, so one may not be enough
         act = next_button._enlarge_action(piece.data, [notice])
         assert act is not None and act.cure is not None

@@ -49,7 +49,7 @@ def in_background(obj: Any, enough: Callable[[Any], bool]) -> tuple[Button, back
     running = background.Job("Optimise", button._read(bpy.context))
     running.start()
     try:
-        while not running.finished and not enough(running):
+        while not running.is_finished and not enough(running):
             time.sleep(0.001)
     finally:
         running.end()
@@ -60,12 +60,14 @@ def in_background(obj: Any, enough: Callable[[Any], bool]) -> tuple[Button, back
 
 
 def test_stopping_keeps_the_best_so_far(piece: Any) -> None:
-    button, running = in_background(piece, lambda job: job.shown is not None and len(job.shown.history) > 2)
+    button, running = in_background(
+        piece, lambda job: job.intermediate is not None and len(job.intermediate.history) > 2
+    )
     found = block(piece)
     assert not found["finished"] and "best so far" in button.said[-1][1]
     assert found["laplacian_rmse_mm"] < found["laplacian_rmse_mm_before"]
     assert not len(unfabricable_quads(design(piece)))
-    assert running.shown.history[-1][0] >= running.shown.history[0][0] > 0.0
+    assert running.intermediate.history[-1][0] >= running.intermediate.history[0][0] > 0.0
     press("optimise")
     assert block(piece)["finished"]
     assert block(piece)["laplacian_rmse_mm"] <= found["laplacian_rmse_mm"] * (1 + 1e-3)
@@ -82,7 +84,7 @@ def test_who_stops_it_does_not_wait_for_the_true_panels(
 
     with monkeypatch.context() as patch:
         patch.setattr(connectors, "connect", unwanted)
-        in_background(piece, lambda job: job.shown is not None and len(job.shown.history) > 2)
+        in_background(piece, lambda job: job.intermediate is not None and len(job.intermediate.history) > 2)
     (plain,) = flat_panels.panels_of(piece)
     # they stand where the new spirals are, and tell that they are not the last word
     assert plain[flat_panels.FINGERPRINT_KEY] == flat_panels.NO_CONNECTORS

@@ -383,7 +383,7 @@ def test_drawing_for_the_report_needs_no_blender(strip: api.Piece) -> None:
     )
     wanted = pages.build_from_object(obj)
     bpy.data.objects.remove(obj)
-    described, drawn = pages.build_from_input(found.snapshot.result(), found)
+    described, drawn = pages.build_from_input(found.snapshot.to_result(), found)
     for block in ("layout", "spirals", "equilibrium", "optimise", "settings"):
         assert described[block] == wanted[0][block]
     assert {name: drawing.svg(one) for name, one in drawn.items()} == {

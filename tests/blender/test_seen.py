@@ -210,7 +210,7 @@ def test_the_seen_points_are_made(dome: Any, tmp_path: Path, bend: Callable, hid
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     assert np.ptp(api.load(path).source.vertices[:, 2]) == pytest.approx(wanted, rel=1e-5)
     obj = bpy.data.objects["m"]
-    assert mesh.read_surface(obj, bpy.context.scene).same_as(mesh.read_surface(obj, bpy.context.scene))
+    assert mesh.read_surface(obj, bpy.context.scene).is_same_mesh(mesh.read_surface(obj, bpy.context.scene))
 
 
 def test_other_faces_are_to_be_applied_first(dome: Any) -> None:

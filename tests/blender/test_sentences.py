@@ -16,12 +16,12 @@ def test_sentences_of_one_kind_are_one_row() -> None:
     (more,) = notices._from_warnings(
         "layout", {"layout": {"remarks": ["Panel 1 keeps a neck", "Panel 2 keeps a neck"]}}
     )
-    assert one.words != more.words and "2" in more.words and more.sentence.splitlines()[1] == "Panel 2 keeps a neck"
+    assert one.label != more.label and "2" in more.label and more.sentence.splitlines()[1] == "Panel 2 keeps a neck"
     assert not notices._from_warnings("sheets", {"sheets": {"warnings": []}})
     (plain,) = notices._from_warnings(
         "layout", {"layout": {"halved": "Its seam drives it", "remarks": ["Its seam drives it"]}}
     )
-    assert plain.kind == finding_words.INFORMATION and plain.sentence == "Its seam drives it"
+    assert plain.severity == finding_words.INFORMATION and plain.sentence == "Its seam drives it"
 
 
 def test_what_is_hard_to_join_or_at_a_limit_has_a_cure() -> None:
@@ -47,11 +47,11 @@ def test_overloaded_connectors_are_counted_by_seams_and_hold_in_a_larger_piece()
     """Also where the arms bear and nothing is advised: a connector's neck is narrower than its arm."""
     block = {"hard": 4, "warnings": ["1 of 9 seams: its sides differ", "4 of 9 seams: a connector"], "load_max": 1.4}
     (found,) = notices._from_warnings("assembly", {"assembly": block, "reach": {"advice": "", "remedies": {}}})
-    assert found.words.endswith(": 4")
+    assert found.label.endswith(": 4")
     larger = found.cures[0]
     assert larger.idname == "flexmaps.set_size" and larger.properties == {"times": 1.4}
     (found,) = notices._from_warnings("assembly", {"assembly": block | {"load_max": 0.9, "hard": 1}})
-    assert found.words == "Hard to assemble" and [cure.idname for cure in found.cures] == ["flexmaps.let_go"]
+    assert found.label == "Hard to assemble" and [cure.idname for cure in found.cures] == ["flexmaps.let_go"]
 
 
 def test_closed_slots_have_no_cure_that_does_not_open_them(add: Any) -> None:
@@ -99,7 +99,8 @@ def test_what_a_mesh_or_layout_foretells_is_answered_by_a_near_shape(add: Any) -
 
     def kinds(block: dict[str, Any], *more: Notice) -> list[str]:
         return [
-            one.kind for one in notices._downgrade_predictions(piece, {"equilibrium": block}, [small, crossing, *more])
+            one.severity
+            for one in notices._downgrade_predictions(piece, {"equilibrium": block}, [small, crossing, *more])
         ]
 
     before = [finding_words.WORSE, finding_words.WORSE]

@@ -170,7 +170,7 @@ def test_a_running_job_stands_in_the_row_of_next(dome: Any) -> None:
         assert "Merge, 0 %" in lines and any("12 panels" in line for line in lines)
         assert "flexmaps.stop" in layout.operators and "flexmaps.next" not in layout.operators
         press("stop")
-        assert running.stopping and "Stopping" in draw("piece")
+        assert running.is_stopping and "Stopping" in draw("piece")
         assert not bpy.ops.flexmaps.trace.poll()
     finally:
         running.end()
@@ -323,7 +323,7 @@ def test_no_notice_and_no_cure_is_cut_at_the_usual_width(
         for cure in notice.cures:
             share = head._text_share(bpy.context, (replace(notice, cures=(cure,)),))
             for text, free in (
-                (notice.words, share * ROOM - head.SIGN), (cure.label, (1.0 - share) * ROOM - head.CURE)
+                (notice.label, share * ROOM - head.SIGN), (cure.label, (1.0 - share) * ROOM - head.CURE)
             ):  # fmt: skip
                 if text_layout.text_width(text) > free:
                     cut.add((text, round(text_layout.text_width(text)), round(free)))

@@ -142,11 +142,11 @@ def test_a_running_simulation_shows_its_shape_and_touches_nothing(
     running.start()
     try:
         until, said = time.monotonic() + 20.0, ""
-        while (running.shown is None or "Coming to rest" not in said) and time.monotonic() < until:
+        while (running.intermediate is None or "Coming to rest" not in said) and time.monotonic() < until:
             said = running.text
             time.sleep(0.001)
-        assert isinstance(running.shown, live_shape.LiveShape)
-        points, rgba, lines = running.shown.faces_and_lines(1.0)
+        assert isinstance(running.intermediate, live_shape.LiveShape)
+        points, rgba, lines = running.intermediate.faces_and_lines(1.0)
         assert points.shape == (12 * LENGTH * WIDTH, 3) and len(lines) == 8 * LENGTH * WIDTH
         assert np.isfinite(points).all() and ((rgba >= 0) & (rgba <= 1)).all()
         assert "Coming to rest" in said

@@ -25,7 +25,7 @@ def kinds(obj: Any) -> dict[str, str]:
 
 def why(obj: Any, stage: str) -> str:
     bpy.context.view_layer.update()
-    return states.read_states(obj, bpy.context.scene)[stage].part
+    return states.read_states(obj, bpy.context.scene)[stage].changed_input
 
 
 def offered(obj: Any) -> str:

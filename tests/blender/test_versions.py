@@ -80,7 +80,7 @@ def test_an_older_file_says_what_changed_and_can_be_gone_on_with(older: Path) ->
     assert stored_report.read_version(obj.data) == versions.FIRST_VERSION
     found = states.read_states(obj, bpy.context.scene)
     assert (found["layout"].kind, found["spirals"].kind) == (states.DONE, states.STALE)
-    assert found["spirals"].part
+    assert found["spirals"].changed_input
     with pytest.warns(versions.OtherVersion, match=r"0\.1, .*grain"):
         piece = api.load(obj)
     count = len(piece.result.design.width)

@@ -42,7 +42,7 @@ def moved(name, since, before):
         yield 0.01
     FOUND["seen"][name] = round(time.perf_counter() - since, 3)
     expect(not np.array_equal(following().shape.vertices, before), f"{name}: the shape moves")
-    while not following().resting and time.perf_counter() < ends:
+    while not following().is_resting and time.perf_counter() < ends:
         yield 0.05
     return following().shape.vertices
 
@@ -75,10 +75,10 @@ def walk():
     yield from hands.click("operator", "flexmaps.live")
     began = time.perf_counter()
     while time.perf_counter() - began < PATIENCE and (
-        following() is None or following().shape is None or not following().resting
+        following() is None or following().shape is None or not following().is_resting
     ):
         yield 0.1
-    expect(following() is not None and following().shown is not None, "a click on Live shows the shape")
+    expect(following() is not None and following().picture is not None, "a click on Live shows the shape")
     first = following().shape.vertices
     yield from picture("live")
     since = time.perf_counter()
@@ -89,7 +89,7 @@ def walk():
     yield from handled(thicker)
     yield from undone()
     yield from wished()
-    FOUND["slowest"] = following().slowest
+    FOUND["slowest"] = following().slowest_tick
     hands.module("bridge.hosts.live").stop()
 
 

@@ -67,7 +67,7 @@ class Held:
     @classmethod
     def wait(cls, running):
         ends = time.perf_counter() + 4 * PATIENCE
-        while cls.when is not None and cls.when(running) and not running.stopping and time.perf_counter() < ends:
+        while cls.when is not None and cls.when(running) and not running.is_stopping and time.perf_counter() < ends:
             time.sleep(0.005)
 
 

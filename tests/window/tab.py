@@ -118,8 +118,8 @@ SPOT = []  # where Next is pressed, always the same
 def press(number):
     """Press Next, where it was found the first time; False where it opens the folder."""
     seen = hands.module("bridge.store.guidance").read_guidance(bpy.context.object, bpy.context.scene)
-    label = "" if seen.act is None else seen.act.label
-    idname = "" if seen.act is None else seen.act.idname
+    label = "" if seen.action is None else seen.action.label
+    idname = "" if seen.action is None else seen.action.idname
     FOUND["presses"].append([label, idname, seen.status.text])
     if idname in {"", "wm.path_open"}:
         return False

@@ -192,10 +192,10 @@ def optimise():
     before = blocks()["spirals"], blocks()["equilibrium"]["laplacian_rmse_mm"]
 
     def seen():
-        FOUND["distance_on_the_way"] = [1e3 * away for _, away in BEGUN[-1].shown.history]
+        FOUND["distance_on_the_way"] = [1e3 * away for _, away in BEGUN[-1].intermediate.history]
         yield from picture("optimising")
 
-    yield from press_and_stop("optimise", lambda running: len(getattr(running.shown, "history", ())) > 3, seen)
+    yield from press_and_stop("optimise", lambda running: len(getattr(running.intermediate, "history", ())) > 3, seen)
     block = blocks()["optimise"]
     FOUND["rmse"] = before[1], block["laplacian_rmse_mm_before"], block["laplacian_rmse_mm"]
     expect(not block["finished"], "Optimise was stopped by Esc")

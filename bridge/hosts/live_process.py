@@ -26,14 +26,14 @@ class LiveProcess:
 
     Parameters
     ----------
-    prepared : function that makes the picture of a shape; called in the companion's thread
+    make_picture : function that makes the picture of a shape; called in this class's thread
     """
 
-    def __init__(self, prepared: Callable[[LiveEquilibrium], Any]):
+    def __init__(self, make_picture: Callable[[LiveEquilibrium], Any]):
         self.latest: tuple[LiveEquilibrium, Any] | None = None
-        self.answers = 0  # number of shapes received so far
+        self.answer_count = 0  # number of shapes received so far
         self.error = ""
-        self._prepared = prepared
+        self._make_picture = make_picture
         self._workers = Workers(1)
         self._change = threading.Condition()
         self._wanted: LiveInput | None = None
@@ -44,7 +44,7 @@ class LiveProcess:
         self._thread.start()
 
     @property
-    def resting(self) -> bool:
+    def is_resting(self) -> bool:
         """Return whether the newest input's shape is computed, so that it moves no further."""
         with self._change:
             return self._resting and self._wanted is self._sent
@@ -82,7 +82,7 @@ class LiveProcess:
                 self._resting, self._sent = True, self._wanted
 
     def _next(self) -> bool:
-        """Wait for work, then compute one shape; return False when the companion is closed."""
+        """Wait for work, then compute one shape; return False when the process is closed."""
         with self._change:
             self._change.wait_for(lambda: self._closed or not self._resting or self._wanted is not self._sent)
             if self._closed:
@@ -90,10 +90,10 @@ class LiveProcess:
             state, start = self._wanted, self._start
         assert state is not None
         shape = self._compute_shape(state, start)
-        drawn = self._prepared(shape)
+        drawn = self._make_picture(shape)
         with self._change:
             self._sent, self._resting = state, shape.resting
-            self.latest, self.answers = (shape, drawn), self.answers + 1
+            self.latest, self.answer_count = (shape, drawn), self.answer_count + 1
         return not self._closed
 
     def _compute_shape(self, state: LiveInput, start: Pose | None) -> LiveEquilibrium:
