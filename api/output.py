@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..engine.extras import registry
-from ..engine.fabrication.writers.export import USUAL
+from ..engine.fabrication.writers.export import DEFAULT_FORMATS
 from ..engine.own_files import Guard
 from ..engine.params import ObjectSettings, with_values
 from ..engine.progress import Progress
@@ -31,7 +31,7 @@ def export(
     piece: Piece | Sequence[Piece],
     folder: str | Path,
     *,
-    formats: Sequence[str] = USUAL,
+    formats: Sequence[str] = DEFAULT_FORMATS,
     name: str = "sheet",
     overwrite: bool = False,
     progress: ProgressLike = None,
@@ -63,16 +63,16 @@ def export(
     reporter, base = as_progress(progress), Path(folder) / name
     pieces = [piece] if isinstance(piece, Piece) else list(piece)
     guard = make_guard(pieces, overwrite)
-    guard.check(exporting.present(base, formats), base.parent)
+    guard.check(exporting.existing_files(base, formats), base.parent)
     letters.add_outlines(*(one.name for one in pieces))
     if len(pieces) != 1 or pieces[0].settings.export.copies > 1:
         made = _nest_together(pieces, reporter.part(0.0, 0.8))
-        with files.write_all_atomically(exporting.stale(base, made.sheets.count), base.parent, guard) as new:
+        with files.write_all_atomically(exporting.surplus_files(base, made.sheets.count), base.parent, guard) as new:
             return job_folder.write_batch(made, base, tuple(formats), new, True, reporter.part(0.8, 1.0))
     one = pieces[0]
     ready = one if one.result.sheets is not None else sheets(one, progress=reporter.part(0.0, 0.8))
     packed = ready.result.need(SheetPlan).sheets
-    with files.write_all_atomically(exporting.stale(base, packed.count), base.parent, guard) as new:
+    with files.write_all_atomically(exporting.surplus_files(base, packed.count), base.parent, guard) as new:
         title, guide, rest = Path(one.name).stem, job_folder.assembly_sheet_path(base), reporter.part(0.8, 1.0)
         return job_folder.write_sheets(ready.result, title, base, tuple(formats), new, guide, rest)
 
@@ -247,7 +247,7 @@ def run(
     chosen: bool = False,
     structured: bool = False,
     stop_after: str = "sheets",
-    formats: Sequence[str] = USUAL,
+    formats: Sequence[str] = DEFAULT_FORMATS,
     pictures: bool = True,
     overwrite: bool = False,
     progress: ProgressLike = None,

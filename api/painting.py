@@ -64,7 +64,7 @@ def paint(
     level = weight if brush == "stiffness" else None
     stroke = painting.Stroke(inverted, None if direction is None else _parse_direction(direction), level)
     weight = np.full(len(weight), share) if level is not None else share * weight
-    changed = painting.paint_spirals(design, brush, weight, stroke, kept=kept)
+    changed = painting.paint_spirals(design, brush, weight, stroke, fixed=kept)
     free = np.ones(len(weight), dtype=bool)
     free[[] if kept is None else kept] = False
     sound = resolve_contacts(changed, reporter.part(0.8, 1.0), free=free)

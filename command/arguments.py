@@ -120,8 +120,8 @@ def _add_writing_commands(commands: Any) -> None:
 
 
 def _add_formats(made: argparse.ArgumentParser) -> None:
-    made.add_argument("--formats", nargs="+", choices=export.FORMATS, default=list(export.USUAL), metavar="NAME",
-                      help=f"kinds of files: {', '.join(export.FORMATS)} (default: {' '.join(export.USUAL)})")  # fmt: skip
+    made.add_argument("--formats", nargs="+", choices=export.FORMATS, default=list(export.DEFAULT_FORMATS), metavar="NAME",
+                      help=f"kinds of files: {', '.join(export.FORMATS)} (default: {' '.join(export.DEFAULT_FORMATS)})")  # fmt: skip
 
 
 # -- a flag for every setting -------------------------------------------------------------------------------

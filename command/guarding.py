@@ -26,7 +26,7 @@ def run_guarded(run: Any, args: argparse.Namespace, progress: Any) -> dict[str, 
     read = [args.mesh, *getattr(args, "others", ()), *filter(None, [getattr(args, "scan", None)]), *args.remnants_given]
     guard = Guard([path for path in read if not path.startswith(SHAPE)], args.overwrite)
     if args.command == "export":
-        guard.check(export.present(Path(args.out) / "sheet", args.formats), Path(args.out))
+        guard.check(export.existing_files(Path(args.out) / "sheet", args.formats), Path(args.out))
     elif args.command in REPORT_COMMANDS and args.out:
         guard.check([*report_page.stale(Path(args.out)), Path(args.out) / "report.json"], Path(args.out))
     elif getattr(args, "out", None):

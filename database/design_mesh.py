@@ -134,7 +134,7 @@ def make_mesh(design: SpiralDesign, resolution: Resolution) -> DesignMesh:
 
     Raises FlexMapsError with the faces of spirals that cannot be cut or meshed, and where spirals wind clockwise.
     """
-    missed = np.flatnonzero(design.roots.missed.any(axis=1))
+    missed = np.flatnonzero(design.roots.is_missing.any(axis=1))
     if len(missed):
         raise FlexMapsError(f"{len(missed)} spirals cannot be cut", faces=missed)
     if design.params.clockwise:

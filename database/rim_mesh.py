@@ -33,7 +33,7 @@ def plane_nodes(
     """
     rim = design.rim
     assert rim is not None
-    if rim.hole > 0.0:
+    if rim.hole_diameter > 0.0:
         raise FlexMapsError("Solids of rims have no holes; set their diameter to 0")
     count = len(rim.quad)
     half = 0.5 * design.arms.joint_width[rim.quad, rim.side]
@@ -55,13 +55,13 @@ def plane_nodes(
 def _corners(rim: Rim, half: np.ndarray) -> Complex[np.ndarray, "nodes 4"]:
     """Of the hubs, after the arms forwards, of the neck, backwards and outwards."""
     x, y = half[:, None] * [1.0, -1.0, -1.0, 1.0], 0.5 * rim.width * np.array([1.0, 1.0, -1.0, -1.0])
-    return x * rim.along[:, None] - y * rim.out[:, None]
+    return x * rim.along[:, None] - y * rim.outwards[:, None]
 
 
 def _edges(rim: Rim, arm: int, half: np.ndarray, at: np.ndarray) -> Complex[np.ndarray, "nodes 2 stations"]:
     """Right and left edge of an arm of all nodes at shares of its length."""
     if arm in (NECK, OUTWARDS):
-        way = -rim.out if arm == NECK else rim.out
+        way = -rim.outwards if arm == NECK else rim.outwards
         long, skew = (
             (rim.depth, SKEW * half)
             if arm == NECK
@@ -80,7 +80,8 @@ def _edges(rim: Rim, arm: int, half: np.ndarray, at: np.ndarray) -> Complex[np.n
     for s, edge in ((np.zeros_like(skew), -1.0), (skew, 1.0)):
         far = half[:, None] + s[:, None] + (whole - half - s)[:, None] * at
         place, way = (
-            x.reshape(far.shape) for x in rim.half(np.repeat(np.arange(len(half)), len(at)), back, far.ravel())
+            x.reshape(far.shape)
+            for x in rim.vectors_along_strip(np.repeat(np.arange(len(half)), len(at)), back, far.ravel())
         )
         sides.append(place + edge * 1j * (-way if back else way) * 0.5 * rim.width)
     return np.stack(sides, axis=1)

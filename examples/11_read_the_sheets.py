@@ -14,6 +14,6 @@ TOLERANCE = 2e-5  # metres: arcs become lines that stray no farther
 
 made = api.sheets(api.load("shape:dome", edge=20, settings={"sheet.nesting": "FAST"})).result.sheets
 for panel in made.panels:
-    holes = [hole.sampled(TOLERANCE) for hole in panel.holes]
-    shape = shapely.Polygon(panel.outline.sampled(TOLERANCE), holes)
+    holes = [hole.sample(TOLERANCE) for hole in panel.holes]
+    shape = shapely.Polygon(panel.outline.sample(TOLERANCE), holes)
     print(f"panel {panel.number}: {1e4 * shape.area:.1f} cm2 in {len(holes)} holes and one outline")

@@ -51,7 +51,7 @@ class Animate(ContinuedStage["FinishedFilm"], bpy.types.Operator):
 
             design = result.need(DesignVersion).design
             detail = DETAILS[settings.section(FilmParams).film_detail]
-            table = arrange.on_table(design, stored)
+            table = arrange.places_before_assembly(design, stored)
             tips = preview.connector_tips(design, settings, progress.part(0.0, 0.2))
             rest = progress.part(0.2 if tips else 0.0, 1.0)
             material = settings.material.chosen

@@ -47,7 +47,7 @@ class Export(FolderWriter, ContinuedStage["SheetFiles"], bpy.types.Operator):
         # the panels drawn beside the model must be redrawn if their connectors differ from the settings
         stale = any(o.get(flat_panels.FINGERPRINT_KEY, look) != look for o in flat_panels.panels_of(obj))
         base = resolve_folder(settings.export.folder) / file_name(snapshot.name)
-        guard = self.guard(settings, export.present(base, formats), base.parent)
+        guard = self.guard(settings, export.existing_files(base, formats), base.parent)
         letters.add_outlines(snapshot.name)
         # the assembly sheet lists joints overloaded in the simulated shape, and a base stands under that shape
         asked = settings.export.guide or settings.base.base != "none"
@@ -63,7 +63,7 @@ class Export(FolderWriter, ContinuedStage["SheetFiles"], bpy.types.Operator):
             made = job.run_stages(result, settings, ("sheets",), progress.part(0.05, 0.85))
             sheets, estimate = made.need(SheetPlan).sheets, made.need(MakingEstimate)
             progress(0.85, "Writing files")
-            with files.write_all_atomically(export.stale(base, sheets.count), base.parent, guard) as new:
+            with files.write_all_atomically(export.surplus_files(base, sheets.count), base.parent, guard) as new:
                 guide = job_folder.assembly_sheet_path(base) if settings.export.guide else None
                 written = job_folder.write_sheets(
                     made, snapshot.name, base, formats, new, guide, progress.part(0.85, 1.0)

@@ -39,7 +39,7 @@ class LayoutStage(ContinuedStage):
         from ..engine.display import arrange
 
         flat, block = result
-        centres = arrange.side_by_side(flat)
+        centres = arrange.arrange_patches(flat)
         mesh.write_flat(obj, surface, flat, centres)
         mesh.shelve_design(obj)
         flat_panels.show_flat(obj, context.scene, flat, centres)

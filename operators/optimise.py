@@ -68,7 +68,7 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
                 spirals = design_report(better, progress.part(OUTLINES_END, OUTLINES_END))
                 made = job.run_stages(made, once, ("simulate",), progress.part(OUTLINES_END, OUTLINES_END))
             except Cancelled:  # after a cancel keep the spirals, but skip the slower figures
-                panels, spirals = PanelDrawing.without_connectors(better), design_report(better, measured=False)
+                panels, spirals = PanelDrawing.without_connectors(better), design_report(better, with_slot=False)
             made = _with_remedy_effects(made, snapshot.settings, progress.part(OUTLINES_END, 1.0))
             layout = None if better.flat is result.flat else layout_report(better.flat)
             return panels, made, made.need(OptimisationRecord).optimisation.report(), spirals, layout

@@ -72,7 +72,7 @@ class Report(FolderWriter, ContinuedStage["Plots"], bpy.types.Operator):
             shown, drawing_it = {}, progress.part(0.5, 0.9)
             for k, (kind, drawing) in enumerate(drawn.items()):
                 drawing_it(k / len(drawn), f"Drawing: {drawing.title}")
-                shown[kind] = raster.pixels(drawing, letters.result())
+                shown[kind] = raster.render_drawing(drawing, letters.result())
             if folder is not None:
                 with files.write_all_atomically(report_page.stale(folder), folder, guard) as new:
                     rest = progress.part(0.9, 1.0)

@@ -55,12 +55,12 @@ class ExportTogether(FolderWriter, AnyMeshOperator, StageOperator["BatchFiles"],
         first = settings[0]
         formats = export.chosen_formats(first.export)
         base = resolve_folder(first.export.folder) / f"{file_name(names[0])}-{ENDING}"
-        guard = self.guard(first, export.present(base, formats), base.parent)
+        guard = self.guard(first, export.existing_files(base, formats), base.parent)
 
         def work(progress: Progress) -> BatchFiles:
             results = [one.result for one in stored if one.result is not None]
             made = nest_together(names, results, settings, progress.part(0.0, 0.85))
-            with files.write_all_atomically(export.stale(base, made.sheets.count), base.parent, guard) as new:
+            with files.write_all_atomically(export.surplus_files(base, made.sheets.count), base.parent, guard) as new:
                 guides, rest = first.export.guide, progress.part(0.85, 1.0)
                 written = job_folder.write_batch(made, base, formats, new, guides, rest)
             return written, made.sheets.count, len(made.of), base.parent

@@ -37,14 +37,14 @@ def measure(name: str, polygons: PolygonMesh, _: Options) -> Rows:
     nodes = sheets_report.sheets_report(done)["nodes"] / (4 * len(spirals.width))
     yield at_most(name, "mesh to sheets, seconds", SECONDS.get(name), seconds)
     yield at_most(name, "nodes per arm", 40, nodes)
-    yield at_most(name, "joints without connector", 0, len(done.connections.unsolved))
+    yield at_most(name, "joints without connector", 0, len(done.connections.plain_joints))
     for kerf in KERFS if done.connections.connectors else ():
         found = connector_gaps.fit(spirals, done.connections, kerf)
         off = 1e3 * max(float(np.abs(gap - done.connections.clearance).max()) for gap in (found.least, found.most))
         yield at_most(name, f"clearance off, kerf {kerf * 1e3:g}", 0.01, off)
     with temporary() as folder:
         for kind in CUTS:
-            paths = export.write(done, folder / "sheet", (kind,))
+            paths = export.write_sheets(done, folder / "sheet", (kind,))
             if kind == "svg":
                 size = sum(path.stat().st_size for path in paths) / 1e6
                 yield at_most(name, "SVG, megabytes", MEGABYTES.get(name), size)
@@ -64,7 +64,7 @@ def rows_of_files(name: str, kind: str, paths: list[Path], done: CutSheets) -> R
     found = [read_panels(kind, path) for path in paths]
     # a file holds the panels in the order of the cuts
     panels = [p for sheet in found for p in sorted(sheet, key=lambda one: one.area)]
-    wanted = [area * 1e6 for k in range(done.count) for area in sorted(p.area for p in done.on_sheet(k))]
+    wanted = [area * 1e6 for k in range(done.count) for area in sorted(p.area for p in done.panels_on_sheet(k))]
     near, overlaps = np.inf, 0
     for sheet, size in zip(found, done.packing.sizes * 1e3, strict=True):
         frame = shapely.box(0, 0, *size).buffer(-done.params.margin * 1e3 + 0.02, join_style="mitre")

@@ -47,13 +47,17 @@ def rows_of_mesh(name: str, polygons: PolygonMesh, options: Options) -> Rows:
 
 def sheet_rows(name: str, sheets: CutSheets, options: Options) -> Rows:
     """Check segments and labels, and the drawings of the first sheet, or with ``--thorough`` of all, as others read them."""
-    curves = [c for k in range(sheets.count) for c in (*sheets.runs(k).inner, *sheets.runs(k).outer)]
+    curves = [
+        c
+        for k in range(sheets.count)
+        for c in (*sheets.cuts_on_sheet(k).inner_cuts, *sheets.cuts_on_sheet(k).outer_cuts)
+    ]
     least = 1e3 * min(float(np.linalg.norm(np.diff(c.points, axis=0), axis=1).min()) for c in curves)
     faults = 0
     for index in range(sheets.count if options.thorough else 1):
         for key in ("dxf", "dxf-r12"):
             path = Path(FOLDER.name, f"{key}.dxf")
-            export.TABLE[key].write(sheets, index, path, SILENT)
+            export.FORMAT_TABLE[key].write(sheets, index, path, SILENT)
             faults += dxf_faults(path, 1e3 * sheets.packing.sizes[index])
     return [
         at_least(name, "shortest segment, mm", 0.02 - 1e-9, least),
@@ -79,7 +83,7 @@ def travel_rows(name: str, sheets: CutSheets) -> Rows:
     """Measure the travel without cutting in each pass, over all sheets."""
     ours, peer = dict.fromkeys(PASSES, 0.0), dict.fromkeys(PASSES, 0.0)
     for index in range(sheets.count):
-        runs, here = sheets.runs(index), np.zeros(2)
+        runs, here = sheets.cuts_on_sheet(index), np.zeros(2)
         for word in PASSES:
             curves: list[Curve] = list(getattr(runs, word))
             ends = [c.points[[0, 0]] if c.closed else c.points[[0, -1]] for c in curves]
@@ -94,7 +98,7 @@ def travel_rows(name: str, sheets: CutSheets) -> Rows:
 
 def sorted_travel(curves: list[Curve]) -> float:
     """Return the travel in the order of vpype's linesort, which starts at the origin and may reverse curves, in metres."""
-    lines = [c.sampled(1e-4) for c in curves]
+    lines = [c.sample(1e-4) for c in curves]
     lines = [np.concatenate([p, p[:1]]) if c.closed else p for c, p in zip(curves, lines, strict=True)]
     np.random.default_rng(0).shuffle(lines)  # type: ignore[arg-type]  # vpype keeps an order that it cannot improve
     paths = "".join(f'<path d="M{" ".join(f"{x:.4f},{y:.4f}" for x, y in p * 1e3)}"/>' for p in lines)

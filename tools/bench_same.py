@@ -79,7 +79,7 @@ def _flat(piece: Any) -> dict[str, Any]:
 def _shape(piece: Any) -> dict[str, Any]:
     """Return the simulated shape, the panels as they lie on the sheets, and the report."""
     sheets = piece.result.sheets
-    panels = [panel for number in range(sheets.count) for panel in sheets.on_sheet(number)]
+    panels = [panel for number in range(sheets.count) for panel in sheets.panels_on_sheet(number)]
     curves = [[curve.points for curve in (one.outline, *one.holes, *one.labels)] for one in panels]
     return {"vertices": piece.result.simulation.vertices, "panels": curves, "report": api.report(piece)}
 

@@ -69,7 +69,7 @@ def measure(name: str, make: Callable[[], PolygonMesh], kind: str, _: Options) -
         values |= {"simulate.clamped": False, "simulate.gravity": True}
         return judged(name, WANTED, read_eyelets(made(polygons, values=values, supports=top)))
     piece = made(polygons, values=values, supports="lowest")
-    ring = read_frame(piece) if piece.sheets.base.framed else {}
+    ring = read_frame(piece) if piece.sheets.base.is_frame else {}
     return judged(name, WANTED, read_back(piece) | ring)
 
 
@@ -86,7 +86,7 @@ def read_back(piece: Any) -> Figures:
         # what of the panel lies beyond the border of the foot's quad, as it was read
         way = -rotation[2, :2] / np.linalg.norm(rotation[2, :2])
         side = np.array([-way[1], way[0]])
-        aside, far, half = 1e3 * foot.aside, 1e3 * foot.shoulder - 1.0, 0.5e3 * foot.width + 0.5
+        aside, far, half = 1e3 * foot.aside, 1e3 * foot.shoulder_distance - 1.0, 0.5e3 * foot.width + 0.5
         corners = [(far, -half), (far + 61.0, -half), (far + 61.0, half), (far, half)]
         window = shapely.Polygon([centre + u * way + (aside + v) * side for u, v in corners])
         panel = panels[int(design.flat.layout.patch_of[foot.quad])]
@@ -98,7 +98,7 @@ def read_back(piece: Any) -> Figures:
         outside = 0.0 if room.covers(swept) else float(shapely.hausdorff_distance(swept.union(room), room))
         loose = float(shapely.hausdorff_distance(room, swept))
         # the shoulders are what is wider than the slot
-        wide = np.abs(local[:, :2] @ side - aside) > 0.5e3 * foot.tongue + 0.05
+        wide = np.abs(local[:, :2] @ side - aside) > 0.5e3 * foot.tongue_width + 0.05
         high = abs(float(body.vertices[wide, 2].min()) - ground)
         worst = np.maximum(worst, [outside, loose, high])
     return dict(zip(WANTED, worst.tolist()))
@@ -158,7 +158,7 @@ def parts(sheets: CutSheets) -> tuple[dict[int, Any], list[Any]]:
     with temporary() as folder:
         for index in range(sheets.count):
             path = folder / "sheet.dxf"
-            dxf.write(sheets, index, path)
+            dxf.write_dxf(sheets, index, path)
             layers = [found for layer, found in dxf_rings(path, FINE).items() if "cut" in layer.lower()]
             rings = [shapely.Polygon(ring) for found in layers for ring in found]
             for number in np.flatnonzero(sheets.packing.sheet == index).tolist():
@@ -166,7 +166,7 @@ def parts(sheets: CutSheets) -> tuple[dict[int, Any], list[Any]]:
                 if panel.kind == "key":
                     continue
                 turn, shift = float(sheets.packing.rotation[number]), 1e3 * sheets.packing.shift[number]
-                inside = shapely.Polygon(1e3 * panel.moved(turn, 1e-3 * shift).outline.sampled(1e-5)).buffer(0.2)
+                inside = shapely.Polygon(1e3 * panel.moved(turn, 1e-3 * shift).outline.sample(1e-5)).buffer(0.2)
                 own = sorted(filter(inside.contains, rings), key=lambda ring: ring.area)
                 whole = shapely.Polygon(own[-1].exterior, [hole.exterior for hole in own[:-1]])
                 moved = shapely.affinity.rotate(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from flexmaps.engine.fabrication.nesting.packing import fill
+from flexmaps.engine.fabrication.nesting.packing import fill_ratio
 from flexmaps.engine.params import SheetParams
 from flexmaps.engine.surface.mesh import PolygonMesh
 from harness import Bench, Options, Rows, at_least, made, note, surfaces
@@ -20,7 +20,7 @@ def measure_fill(name: str, polygons: PolygonMesh, options: Options) -> Rows:
     values = {"sheet.nesting_seconds": options.seconds, "spiral.border": "left_out"}
     piece = made(polygons, values=values)
     panels, packing, flat = piece.sheets.panels, piece.sheets.packing, piece.flat
-    shapes = [panel.outline.sampled(2e-5) for panel in panels]
+    shapes = [panel.outline.sample(2e-5) for panel in panels]
     areas = {
         "outlines": sum(panel.outline.area for panel in panels),
         "quads": float(shapely.area(shapely.polygons(flat.corners)).sum()),
@@ -28,7 +28,7 @@ def measure_fill(name: str, polygons: PolygonMesh, options: Options) -> Rows:
     counts = {"joints": np.count_nonzero(flat.layout.cut), "sheets": len(packing.sizes)}
     rows = [note(name, "panels", len(shapes), counts)]
     for what, area in areas.items():
-        share = fill(packing, shapes, area, SheetParams().margin)
+        share = fill_ratio(packing, shapes, area, SheetParams().margin)
         rows.append(at_least(name, f"fill of the sheets, {what}", FILL, share))
     return rows
 

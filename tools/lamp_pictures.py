@@ -65,7 +65,7 @@ def scene(piece: Any, look: str = "pom") -> tuple[Any, Any, list[Any]]:
     white = materials.sheet_material(look)
     shade = preview.piece_mesh("Shade", built.panels, built.vertices, None)
     shade.materials.append(translucent(white))
-    flat = built.panels.flat(np.zeros((len(design.flat.layout.patches), 2)))
+    flat = built.panels.flat_vertices(np.zeros((len(design.flat.layout.patches), 2)))
     panels = [_alone(built.panels, flat, faces, white) for faces in _faces_by_patch(design, built.panels)]
     hanging = bpy.data.objects.new("Shade", shade)
     for one in (hanging, *panels):
@@ -183,7 +183,7 @@ def icon(path: Path) -> None:
     with picture.studio((2 * ICON, 2 * ICON), 16) as place:
         built = preview.build_piece(design, picture._hub_pose(obj, design), "FINE")
         assert built.panels is not None
-        data = preview.piece_mesh("Spiral", built.panels, built.panels.flat(np.zeros((1, 2))), None)
+        data = preview.piece_mesh("Spiral", built.panels, built.panels.flat_vertices(np.zeros((1, 2))), None)
         data.materials.append(materials.sheet_material("pom"))
         place.add_data(data)
         place.set_up(picture.ABOVE)

@@ -70,7 +70,7 @@ def _search(piece: LayoutProblem, laid: FlatLayout, patience: float) -> float:
     """Percent of the size, RMS, that a search comes near."""
     settings = piece.settings
     wanted = curvature_adjusted(settings.spiral, curvature.rms_curvature(piece.mesh))
-    design = make_fabricable(laid.flat, settings.spiral, *wanted, prove=False)
+    design = make_fabricable(laid.flat, settings.spiral, *wanted, check_outlines=False)
     params = replace(settings.optimise, patience=patience)
     found = optimise(design, piece.mesh, settings.material.chosen, params, settings.simulate, prove=False)
     return float(found.after.match["rms_percent"])

@@ -41,7 +41,7 @@ SURFACES = {
     "Cube": ("first", "cube"),
     "Cylinder": ("first", "cylinder"),
 }
-COLUMNS, SIDE, GAP, TITLE, LINE = 5, 150, 10, 22, 36  # pictures a row, and pixels, SIDE before ``raster.SCALE``
+COLUMNS, SIDE, GAP, TITLE, LINE = 5, 150, 10, 22, 36  # pictures a row, and pixels, SIDE before ``raster.PIXEL_SCALE``
 COLOURS = 255  # of the picture
 
 
@@ -109,7 +109,7 @@ def _read(path: Path) -> Pair:
 
 def drawn(pairs: dict[str, Pair]) -> Image.Image:
     """Draw every surface with its two layouts below each other."""
-    side = round(SIDE * raster.SCALE)
+    side = round(SIDE * raster.PIXEL_SCALE)
     tall = TITLE + 2 * (side + LINE)
     rows = -(-len(pairs) // COLUMNS)
     page = Image.new("RGB", (COLUMNS * (side + GAP) + GAP, rows * (tall + GAP)), "white")
@@ -119,8 +119,10 @@ def drawn(pairs: dict[str, Pair]) -> Image.Image:
         _write(pen, left + side / 2, top + TITLE / 2, title, 18)
         for cut, percent in zip(pair.cuts, pair.percent, strict=True):
             layout = PatchLayout(pair.mesh, cut & ~pair.mesh.border)
-            small = plots.thumbnail(pair.mesh.vertices, pair.mesh.quads, layout.outline_sides, layout.patch_of, SIDE)
-            picture = np.round(255 * raster.pixels(small, {})).astype(np.uint8)
+            small = plots.draw_thumbnail(
+                pair.mesh.vertices, pair.mesh.quads, layout.outline_sides, layout.patch_of, SIDE
+            )
+            picture = np.round(255 * raster.render_drawing(small, {})).astype(np.uint8)
             page.paste(Image.fromarray(picture).convert("RGB"), (left, top + TITLE))
             count = len(layout.patches)
             words = f"{count} panel{'' if count == 1 else 's'}, {percent:.2g} %"

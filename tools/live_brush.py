@@ -50,7 +50,9 @@ def strokes(obj: bpy.types.Object, share: float, count: int = STROKES) -> Held:
     held = Held()
     for k in range(count):
         on = paint_session.get_session(obj, bpy.context.scene)
-        radius = 0.9 * np.sqrt(share * 4.0 * on.brush_surface.reach.mean() ** 2 * len(on.brush_surface.reach) / np.pi)
+        radius = 0.9 * np.sqrt(
+            share * 4.0 * on.brush_surface.side_distance.mean() ** 2 * len(on.brush_surface.side_distance) / np.pi
+        )
         work = dab_queue.DabQueue(on, ("softer", "stiffer")[k % 2], False)
         at = rng.integers(len(on.brush_surface.centres))
         for _ in range(DABS):
@@ -77,7 +79,7 @@ def _taken_again(obj: bpy.types.Object) -> None:
 
 def _dab(work: dab_queue.DabQueue, on: paint_session.PaintSession, at: int, radius: float) -> None:
     ground = on.brush_surface
-    work.add([FLOW * ground.weight(ground.centres[at], ground.normals[at], radius)], np.zeros(3))
+    work.add([FLOW * ground.dab_weights(ground.centres[at], ground.normals[at], radius)], np.zeros(3))
 
 
 def spiralled(mesh: QuadMesh, border: str = "stubs") -> bpy.types.Object:

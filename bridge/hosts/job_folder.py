@@ -163,9 +163,9 @@ def write_sheets(
         result.need(DesignVersion).design,
     )
     figures = estimate.estimates
-    written = export.write(made, base, formats, new, progress.part(0.0, 0.7))
+    written = export.write_sheets(made, base, formats, new, progress.part(0.0, 0.7))
     listed = base.with_name(f"{base.name}-parts.csv")
-    parts.write(made, [design], figures.material, new(listed))
+    parts.write_parts_list(made, [design], figures.material, new(listed))
     written.append(listed)
     if guide is not None and registry.has("assembly_sheet"):
         from ...engine.extras.assembly_sheet import sheet as assembly_sheet
@@ -194,9 +194,9 @@ def write_batch(
     -------
     Paths of the files.
     """
-    written = export.write(made.sheets, base, formats, new, progress.part(0.0, 0.7))
+    written = export.write_sheets(made.sheets, base, formats, new, progress.part(0.0, 0.7))
     written.append(base.with_name(f"{base.name}-parts.csv"))
-    parts.write(made.sheets, made.designs, made.parts[0].material, new(written[-1]))
+    parts.write_parts_list(made.sheets, made.designs, made.parts[0].material, new(written[-1]))
     if not guides or not registry.has("assembly_sheet"):
         return written
     from ...engine.extras.assembly_sheet import sheet as assembly_sheet
@@ -236,13 +236,13 @@ def refuse_to_replace(out: Path, guard: Guard, formats: tuple[str, ...], picture
 def _list_replaced(out: Path, formats: tuple[str, ...], pictures: bool) -> list[Path]:
     """Return the existing files that ``write`` would replace, and the names that it always writes."""
     names = [out / name for name in (MODEL, REPORT, *(PICTURES if pictures else ()))]
-    return [*export.present(out / SHEET, formats), *names, *report_page.stale(out)]
+    return [*export.existing_files(out / SHEET, formats), *names, *report_page.stale(out)]
 
 
 def _list_stale(out: Path) -> list[Path]:
     """Return the files that an earlier run may have left; those that FlexMaps wrote are removed by this one."""
     return [
-        *export.present(out / SHEET, export.FORMATS),
+        *export.existing_files(out / SHEET, export.FORMATS),
         *map(out.joinpath, PICTURES),
         out / GUIDE,
         out / f"{SHEET}-parts.csv",

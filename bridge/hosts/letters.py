@@ -7,26 +7,28 @@ import unicodedata
 import bpy
 import numpy as np
 
-from ...engine.fabrication.writers.glyphs import Outlines, known, plain, runs
+from ...engine.fabrication.writers.glyphs import GlyphOutlines, is_in_helvetica, outlines_by_run, split_runs
 
 END_MARK = "|"  # letter set after a run of text: its left edge marks where the run ends
 
 
 def add_outlines(*texts: str) -> None:
     """Store outlines of all runs of letters in these texts that the PDFs' own font lacks."""
-    for run in {run for text in texts for run in runs(text) if not plain(run) and run not in known}:
+    for run in {
+        run for text in texts for run in split_runs(text) if not is_in_helvetica(run) and run not in outlines_by_run
+    }:
         shown = run
         if all(unicodedata.bidirectional(letter) in ("R", "AL", "NSM") for letter in run):
             shown = run[::-1]  # Blender sets letters from left to right, even of scripts that run from right to left
-        known[run] = _outlines(shown)
+        outlines_by_run[run] = _outlines(shown)
 
 
-def _outlines(run: str) -> Outlines:
+def _outlines(run: str) -> GlyphOutlines:
     bar, both = _splines(END_MARK), _splines(run + END_MARK)
     if not bar or len(both) < len(bar):
-        return Outlines(0.5 * len(run), ())
+        return GlyphOutlines(0.5 * len(run), ())
     width = float(both[-1][:, 1, 0].min() - bar[-1][:, 1, 0].min())
-    return Outlines(width, tuple(both[: len(both) - len(bar)]))
+    return GlyphOutlines(width, tuple(both[: len(both) - len(bar)]))
 
 
 def _splines(text: str) -> list[np.ndarray]:

@@ -287,7 +287,7 @@ def read_start(
         return design
     if not ours:
         raise uncuttable_error(wrong)
-    return make_fabricable(flat, params, design.width, design.twist, prove=False)
+    return make_fabricable(flat, params, design.width, design.twist, check_outlines=False)
 
 
 def uncuttable_error(faces: Int[np.ndarray, " faces"]) -> FlexMapsError:

@@ -81,7 +81,7 @@ class Snapshot:
 
     def _with_stored(self, made: Result, design: SpiralDesign) -> Result:
         """Return the result with the stored spirals; a flag tells whether they were painted."""
-        painted = replace(design, painted=bool((self.spirals_block or {}).get("painted")))
+        painted = replace(design, is_painted=bool((self.spirals_block or {}).get("painted")))
         return with_design(made, painted, STORED, self.settings)
 
     @property

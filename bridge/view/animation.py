@@ -64,7 +64,9 @@ def show(
     def frame(time: float) -> float:
         return first + rate * (LEAD + pace * time)
 
-    whole = preview.piece_mesh("FlexMaps film", film.panels, film.panels.flat(np.zeros((len(film.tracks), 2))), rgb)
+    whole = preview.piece_mesh(
+        "FlexMaps film", film.panels, film.panels.flat_vertices(np.zeros((len(film.tracks), 2))), rgb
+    )
     quad_of, patch_of = film.panels.quad_of, film.panels.design.flat.layout.patch_of
     try:
         for track in film.tracks:

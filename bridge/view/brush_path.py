@@ -102,5 +102,5 @@ class BrushPath:
         for side in sides:
             over = Vector((side, 1.0, 1.0))
             where = np.array(frame @ (place * over)) * scale
-            weights.append(self._session.brush_surface.weight(where, np.array(turned @ (normal * over)), radius))
+            weights.append(self._session.brush_surface.dab_weights(where, np.array(turned @ (normal * over)), radius))
         return np.max(weights, axis=0)

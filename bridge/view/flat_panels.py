@@ -132,7 +132,7 @@ class PanelDrawing:
         from ...engine.display import solids
         from ...engine.fabrication.connectors import connect
 
-        tolerance = max(settings.sheet.tolerance, solids.DRAWN)
+        tolerance = max(settings.sheet.tolerance, solids.DRAWING_TOLERANCE)
         try:
             made = connect.connect(design, settings.connect, tolerance, progress, settings.cut.mill)
         except FlexMapsError:  # Export reports the reason
@@ -151,10 +151,14 @@ class PanelDrawing:
         """
         from ...engine.display import arrange, solids
 
-        centres = arrange.side_by_side(design.flat)
+        centres = arrange.arrange_patches(design.flat)
         outlines = [(o.outer, *o.holes) for o in connections.outlines]
         return cls(
-            design, connector_fingerprint(settings), centres, solids.light(design, centres, connections.tips), outlines
+            design,
+            connector_fingerprint(settings),
+            centres,
+            solids.make_light_solids(design, centres, connections.tips),
+            outlines,
         )
 
     @classmethod
@@ -162,8 +166,8 @@ class PanelDrawing:
         """Draw the panels quickly, without connectors and outlines; Export replaces this drawing."""
         from ...engine.display import arrange, solids
 
-        centres = arrange.side_by_side(design.flat)
-        return cls(design, NO_CONNECTORS, centres, solids.light(design, centres), [])
+        centres = arrange.arrange_patches(design.flat)
+        return cls(design, NO_CONNECTORS, centres, solids.make_light_solids(design, centres), [])
 
     def write(
         self, obj: bpy.types.Object, surface: ObjectSurface, spirals: dict[str, Any], layout: dict[str, Any] | None
@@ -227,7 +231,7 @@ class PanelDrawing:
         back = _filled_mesh(f"{obj.name} backs", flat, _points_in_space(flat, self.centres), WHITE_SHARE)
         shown = collection.add(obj, scene, "backs", "backs", back, below)
         shown.hide_render = shown.hide_select = True
-        if self.solid.flat:  # only the upper side is modelled: add the thickness in renders
+        if self.solid.is_one_sided:  # only the upper side is modelled: add the thickness in renders
             thick = made.modifiers.new("Thickness", "SOLIDIFY")
             thick.thickness, thick.offset, thick.show_viewport = self.design.params.thickness, -1.0, False
         return place

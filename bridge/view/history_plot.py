@@ -42,5 +42,5 @@ def unregister() -> None:
 
 def draw_pixels(distances: Sequence[float]) -> np.ndarray:
     """Draw the plot; return sRGB with premultiplied alpha (SIZE, SIZE, 4), bottom row first, as icons need it."""
-    drawn = plots.sparkline(distances, SIZE / raster.SCALE)
-    return np.ascontiguousarray(raster.pixels(drawn, {}, paper=None)[::-1])
+    drawn = plots.draw_sparkline(distances, SIZE / raster.PIXEL_SCALE)
+    return np.ascontiguousarray(raster.render_drawing(drawn, {}, paper=None)[::-1])

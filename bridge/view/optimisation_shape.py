@@ -50,7 +50,7 @@ class OptimisationShape(LiveShape):
         """Return points (N, 3) in the scene's units, and triangles (T, 3), of the arms."""
         corners, normal = self.corners_and_normals(unit)
         lift = LIFT * median_edge(corners)
-        points, triangles = bands.bands(corners, normal, self._width / unit, self._wind, lift)
+        points, triangles = bands.make_bands(corners, normal, self._width / unit, self._wind, lift)
         return points.astype(np.float32), triangles.astype(np.int32)
 
 

@@ -73,13 +73,13 @@ class PaintedShape(LiveShape):
         wind = -design.twist if design.params.clockwise else design.twist
         known = None if former is None else former.prepared_bands
         if former is None or known is None:
-            arrays = bands.bands(corners, normal, design.width / unit, wind, lift)
+            arrays = bands.make_bands(corners, normal, design.width / unit, wind, lift)
             return arrays[0].astype(np.float32), arrays[1].astype(np.int32)
-        changed = np.flatnonzero(design.unlike(former._design))
+        changed = np.flatnonzero(design.changed_spirals(former._design))
         points = known[0].reshape(len(corners), -1, 3).copy()
         pieces = points.shape[1] // 8 - 1
         part = corners[changed], normal[changed], design.width[changed] / unit, wind[changed], lift, pieces
-        points[changed] = bands.bands(*part)[0].reshape(len(changed), *points.shape[1:])
+        points[changed] = bands.make_bands(*part)[0].reshape(len(changed), *points.shape[1:])
         return points.reshape(-1, 3), known[1]
 
 
@@ -180,11 +180,11 @@ class PaintSession:
         if (
             design is None
             or len(surface.invalid_faces)
-            or (known is None and len(unfabricable_quads(design, design.unlike(old))))
+            or (known is None and len(unfabricable_quads(design, design.changed_spirals(old))))
         ):
             return False
         taken, self._surface = self._take_snapshot(obj, surface), surface
-        self._reset(replace(design, painted=bool((taken.spirals_block or {}).get("painted"))), taken)
+        self._reset(replace(design, is_painted=bool((taken.spirals_block or {}).get("painted"))), taken)
         stored = surface.values.get("stiffness")  # up to date if present: any other change of design removes it
         if known is not None:
             self.stiffness = known
@@ -248,7 +248,7 @@ class PaintSession:
         stroke : options of the brush
         """
         if brush == "protect":
-            self.protected = np.where(weight >= 0.5, not stroke.inverted, self.protected)
+            self.protected = np.where(weight >= 0.5, not stroke.is_inverted, self.protected)
         else:
             self._paint_design(brush, weight, stroke)
         shape = PaintedShape(self, self.vertices, self.shape)
@@ -260,14 +260,14 @@ class PaintSession:
 
         old, self.design = (
             self.design,
-            paint_spirals(self.design, brush, weight, stroke, kept=np.flatnonzero(self.protected)),
+            paint_spirals(self.design, brush, weight, stroke, fixed=np.flatnonzero(self.protected)),
         )
         self._update_stiffness(old)
 
     def _update_stiffness(self, old: SpiralDesign) -> None:
         from ...engine.mechanics.arms.spiral_stiffness import update_stiffness
 
-        changed = self.design.unlike(old)
+        changed = self.design.changed_spirals(old)
         if changed.any():
             self.stiffness = update_stiffness(self.stiffness, self.design, self._settings.material.chosen, changed)
             low, high = self.stiffness_range
@@ -282,7 +282,7 @@ class PaintSession:
     @property
     def changed_spirals(self) -> Bool[np.ndarray, " quads"]:
         """Return a mask of the spirals that differ from the object's stored spirals."""
-        return self.design.unlike(self.stored_design)
+        return self.design.changed_spirals(self.stored_design)
 
     @property
     def is_prepared(self) -> bool:
@@ -294,7 +294,7 @@ class PaintSession:
         from ...engine.spirals.design_report import design_report
 
         if not self.is_prepared:
-            self._block = design_report(self.design, measured=False)
+            self._block = design_report(self.design, with_slot=False)
             self._panels.update(self.design)
             # writing changed spirals removes the simulated shape, so that the object shows the target again
             self._target = self._visible_surface_at(self._surface.positions)

@@ -335,12 +335,12 @@ def _add_panels(
     azimuth: float = 0.0,
 ) -> ObjectGroup:
     """Add the flat panels side by side, about ``width`` metres wide and turned towards a camera at an azimuth."""
-    from ...engine.display.panel_mesh import DETAILS, panel_mesh
+    from ...engine.display.panel_mesh import DETAILS, make_panel_mesh
 
     rgb, base = _colours(obj, finish), _make_base(obj, design)
     design = design if base is None else base.design
-    made = panel_mesh(design, DETAILS[_detail(design)], tips)
-    flat = made.flat(arrange.side_by_side(design.flat, width)) @ _camera_axes(azimuth)
+    made = make_panel_mesh(design, DETAILS[_detail(design)], tips)
+    flat = made.flat_vertices(arrange.arrange_patches(design.flat, width)) @ _camera_axes(azimuth)
     data = preview.piece_mesh("FlexMaps panels", made, flat, rgb)
     _set_finish(data, finish)
     return ObjectGroup((place.add_data(data),))

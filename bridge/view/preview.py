@@ -73,10 +73,10 @@ def connector_tips(design: SpiralDesign, settings: ObjectSettings, progress: Pro
     """
     if not settings.preview.joined:
         return ()
-    from ...engine.display.solids import DRAWN
+    from ...engine.display.solids import DRAWING_TOLERANCE
     from ...engine.fabrication.connectors.connect import connect
 
-    return connect(design, settings.connect, DRAWN, progress, settings.cut.mill).tips
+    return connect(design, settings.connect, DRAWING_TOLERANCE, progress, settings.cut.mill).tips
 
 
 def make_base(
@@ -122,19 +122,19 @@ def build_piece(
     progress : called with a fraction and a text
     base : base of the piece; adds its plates, and the feet to the spirals
     """
-    from ...engine.display.base_mesh import base_mesh
-    from ...engine.display.panel_mesh import DETAILS, panel_mesh
+    from ...engine.display.base_mesh import make_base_mesh
+    from ...engine.display.panel_mesh import DETAILS, make_panel_mesh
     from ...engine.mechanics.arms.bent import bend_arms
 
     began = time.perf_counter()
     arms = bend_arms(design, pose, progress=progress.part(0.0, 0.4))
-    below = None if base is None or not base.plates else base_mesh(base)
+    below = None if base is None or not base.plates else make_base_mesh(base)
     if detail == "LINES":
         return AssembledPiece(design, pose, None, wire_points(design, arms), time.perf_counter() - began, below)
     design = design if base is None else base.design
-    panels = panel_mesh(design, DETAILS[detail], tips, progress.part(0.4, 0.8))
+    panels = make_panel_mesh(design, DETAILS[detail], tips, progress.part(0.4, 0.8))
     progress(0.8, "Drawing the arms")
-    vertices = panels.at_pose(arms, pose)
+    vertices = panels.vertices_at_pose(arms, pose)
     return AssembledPiece(design, pose, panels, vertices, time.perf_counter() - began, below)
 
 
@@ -143,7 +143,7 @@ def wire_points(design: SpiralDesign, arms: BentArms) -> Float[np.ndarray, "arms
     from ...engine.mechanics.arms.bent import flat_centre
 
     arm = np.repeat(np.arange(4 * len(design.width)), WIRE_POINTS)
-    begin = np.where(design.absent, design.begin, 0.0).reshape(-1, 1)
+    begin = np.where(design.is_absent, design.arm_starts, 0.0).reshape(-1, 1)
     t = (begin + (1.0 - begin) * np.linspace(0.0, 1.0, WIRE_POINTS)).ravel()
     flat = flat_centre(design, arm // 4, arm % 4, t[:, None])[:, 0]
     return arms.at(arm, t, flat)[0].reshape(-1, WIRE_POINTS, 3)
@@ -208,7 +208,7 @@ def show_piece(
     if built.base is not None:
         stand = plates_mesh(f"{obj.name} {BASE_NAME}", built.base, -anchor)
         collection.add(obj, scene, BASE, BASE_NAME, stand, place)
-    triangles = 0 if built.panels is None else built.panels.triangles
+    triangles = 0 if built.panels is None else built.panels.triangle_count
     figures = {
         "spirals": len(built.design.width),
         "triangles": triangles,
@@ -299,8 +299,8 @@ def piece_mesh(
     rgb : linear colours of the quads; None for no colours
     """
     mesh = meshes.make_polygon_mesh(name, vertices, panels.corners, panels.sizes)
-    centres = arrange.side_by_side(panels.design.flat)
-    uv = (1e3 * panels.flat(centres)[:, :2]).astype(np.float32)[panels.corners]
+    centres = arrange.arrange_patches(panels.design.flat)
+    uv = (1e3 * panels.flat_vertices(centres)[:, :2]).astype(np.float32)[panels.corners]
     meshes.put_attribute(mesh, "flexmaps_flat", "CORNER", uv)
     if rgb is not None:
         rgba = np.ones((len(panels.vertex_quad), 4), np.float32)

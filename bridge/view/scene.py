@@ -191,7 +191,7 @@ def _write_flat(
 ) -> None:
     """Write seams, flat patches and spirals into the object, and make the objects beside the model."""
     progress(0.0, "panels side by side")
-    centres = arrange.side_by_side(flat)
+    centres = arrange.arrange_patches(flat)
     progress(0.1, "flat panels in the Blender file")
     mesh.write_flat(obj, surface, flat, centres)
     colouring.store_colours(obj, "PATCH")
@@ -203,7 +203,7 @@ def _write_flat(
     progress(0.2, "solids of the panels")
     cut = result.sheets
     design = result.design if cut is None or cut.base is None else cut.base.design
-    shape = solids.solid(design, centres, () if cut is None else cut.connections.tips)
+    shape = solids.make_solids(design, centres, () if cut is None else cut.connections.tips)
     drawing = flat_panels.PanelDrawing(design, "", centres, shape, _outlines(result.sheets, result.design))
     for _ in drawing.show(obj, scene):
         progress(0.6, "panels in the Blender file")
@@ -212,7 +212,7 @@ def _write_flat(
 def _outlines(sheets: CutSheets | None, design: SpiralDesign) -> list[tuple[Any, ...]]:
     if sheets is not None:
         return [(panel.outline, *panel.holes) for panel in sheets.panels if panel.patch >= 0]
-    return [(o.outer, *o.holes) for o in design.outlines(solids.DRAWN)]
+    return [(o.outer, *o.holes) for o in design.outlines(solids.DRAWING_TOLERANCE)]
 
 
 def add_model(scene: bpy.types.Scene, quads: QuadMesh, name: str) -> bpy.types.Object:

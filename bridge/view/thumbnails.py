@@ -26,8 +26,10 @@ def draw_thumbnails(layouts: Sequence[FlatPatches]) -> Float[np.ndarray, "rows c
     drawn = []
     for flat in layouts:
         layout, mesh = flat.layout, flat.layout.mesh
-        small = plots.thumbnail(mesh.vertices, mesh.quads, layout.outline_sides, layout.patch_of, SIZE / raster.SCALE)
-        drawn.append(raster.pixels(small, {}, paper=None))
+        small = plots.draw_thumbnail(
+            mesh.vertices, mesh.quads, layout.outline_sides, layout.patch_of, SIZE / raster.PIXEL_SCALE
+        )
+        drawn.append(raster.render_drawing(small, {}, paper=None))
     return np.concatenate(drawn, axis=1)
 
 
@@ -73,7 +75,7 @@ def _make_icons(name: str, count: int) -> list[int]:
     if kept is None:
         kept = _cache[PREVIEWS] = previews.new()
     strip = np.empty((SIZE, SIZE * count, 4), np.float32)
-    image.pixels.foreach_get(strip.ravel())
+    image.render_drawing.foreach_get(strip.ravel())
     numbers = []
     for k in range(count):
         key = f"{name} {k}"

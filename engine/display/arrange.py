@@ -16,16 +16,16 @@ if TYPE_CHECKING:
 
 # Width of the rows of panels in front of the piece, as a factor on the diagonal of the piece's ground plan. Larger:
 # fewer, longer rows.
-TABLE = 1.3
+TABLE_WIDTH_RATIO = 1.3
 ASPECT = 1.6  # width over height of the page that patches should fill, as of a screen
 # Widths of rows that are tried, as factors on the width of a page with the boxes' total area. More: slower, denser.
-WIDTHS = (0.8, 0.9, 1.0, 1.1, 1.2, 1.35, 1.5, 1.8, 2.2)
-PIXELS = 8  # gap between two patches, in pixels of xatlas; larger: patches are packed at a finer resolution
+ROW_WIDTHS = (0.8, 0.9, 1.0, 1.1, 1.2, 1.35, 1.5, 1.8, 2.2)
+GAP_PIXELS = 8  # gap between two patches, in pixels of xatlas; larger: patches are packed at a finer resolution
 # Largest number of patches that xatlas packs (23 take 0.14 s); it cannot be cancelled, and rows suit many patches too.
-MOST = 100
+MAX_PACKED = 100
 
 
-def side_by_side(flat: FlatPatches, width: float | None = None) -> Float[np.ndarray, "patches 2"]:
+def arrange_patches(flat: FlatPatches, width: float | None = None) -> Float[np.ndarray, "patches 2"]:
     """Arrange flat patches without overlap, with gaps of about one edge length.
 
     Rows of bounding boxes and, if xatlas is installed, its packing of the true shapes are tried; the arrangement that
@@ -43,10 +43,10 @@ def side_by_side(flat: FlatPatches, width: float | None = None) -> Float[np.ndar
     (low, high), gap = patch_boxes(flat), flat.layout.mesh.median_edge
     sizes = high - low
     aspect = ASPECT if width is None else width**2 / float((sizes + gap).prod(axis=1).sum())
-    tried = [rows(sizes, gap, aspect)]
-    if 1 < len(sizes) <= MOST and importlib.util.find_spec("xatlas") is not None:
-        tried.append(_pack(flat, low, gap, aspect))
-    return min(tried, key=lambda corners: _page(corners, sizes, aspect)) - low
+    tried = [arrange_in_rows(sizes, gap, aspect)]
+    if 1 < len(sizes) <= MAX_PACKED and importlib.util.find_spec("xatlas") is not None:
+        tried.append(_pack_with_xatlas(flat, low, gap, aspect))
+    return min(tried, key=lambda corners: _page_height(corners, sizes, aspect)) - low
 
 
 def patch_boxes(flat: FlatPatches) -> tuple[Float[np.ndarray, "patches 2"], Float[np.ndarray, "patches 2"]]:
@@ -60,7 +60,7 @@ def patch_boxes(flat: FlatPatches) -> tuple[Float[np.ndarray, "patches 2"], Floa
     return low, high
 
 
-def on_table(design: SpiralDesign, pose: Pose) -> Float[np.ndarray, "patches 3"]:
+def places_before_assembly(design: SpiralDesign, pose: Pose) -> Float[np.ndarray, "patches 3"]:
     """Return the positions of the flat patches' origins before assembly, metres: in front of the piece, on its ground.
 
     Parameters
@@ -72,14 +72,16 @@ def on_table(design: SpiralDesign, pose: Pose) -> Float[np.ndarray, "patches 3"]
     spokes = 0.5 * (flat.corners + np.roll(flat.corners, -1, axis=1)) - design.arms.centre[:, None]
     tips = pose.centres[:, None] + spokes @ np.swapaxes(pose.rotations[:, :, :2], 1, 2)
     low, high = tips.min(axis=(0, 1)), tips.max(axis=(0, 1))
-    places = side_by_side(flat, TABLE * float(np.linalg.norm((high - low)[:2])))
+    places = arrange_patches(flat, TABLE_WIDTH_RATIO * float(np.linalg.norm((high - low)[:2])))
     (corner, top), gap = patch_boxes(flat), 2.0 * flat.layout.mesh.median_edge
     corner, top = (corner + places).min(axis=0), (top + places).max(axis=0)
     shift = np.array([0.5 * (low + high)[0] - 0.5 * (corner + top)[0], low[1] - gap - top[1]])
     return np.c_[places + shift, np.full(len(places), low[2])]
 
 
-def rows(sizes: Float[np.ndarray, "boxes 2"], gap: float, aspect: float = ASPECT) -> Float[np.ndarray, "boxes 2"]:
+def arrange_in_rows(
+    sizes: Float[np.ndarray, "boxes 2"], gap: float, aspect: float = ASPECT
+) -> Float[np.ndarray, "boxes 2"]:
     """Arrange boxes in rows from the top down, the tallest first, so that they fill a page well.
 
     Parameters
@@ -94,17 +96,19 @@ def rows(sizes: Float[np.ndarray, "boxes 2"], gap: float, aspect: float = ASPECT
     """
     padded = sizes + gap
     ideal = np.sqrt(padded.prod(axis=1).sum() * aspect)
-    widths = np.maximum(np.array(WIDTHS) * ideal, padded[:, 0].max())
-    return min((_rows(sizes, gap, width) for width in widths), key=lambda corners: _page(corners, sizes, aspect))
+    widths = np.maximum(np.array(ROW_WIDTHS) * ideal, padded[:, 0].max())
+    return min(
+        (_fill_rows(sizes, gap, width) for width in widths), key=lambda corners: _page_height(corners, sizes, aspect)
+    )
 
 
-def _page(corners: Float[np.ndarray, "boxes 2"], sizes: Float[np.ndarray, "boxes 2"], aspect: float) -> float:
+def _page_height(corners: Float[np.ndarray, "boxes 2"], sizes: Float[np.ndarray, "boxes 2"], aspect: float) -> float:
     """Return the height of the smallest page of an aspect that contains boxes, given by lower left corner and size."""
     width, height = (corners + sizes)[:, 0].max(), -corners[:, 1].min()
     return float(max(width / aspect, height))
 
 
-def _rows(sizes: Float[np.ndarray, "boxes 2"], gap: float, width: float) -> Float[np.ndarray, "boxes 2"]:
+def _fill_rows(sizes: Float[np.ndarray, "boxes 2"], gap: float, width: float) -> Float[np.ndarray, "boxes 2"]:
     """Return the lower left corners of boxes in rows no wider than ``width``; all rows have one centre line."""
     lines: list[list[int]] = [[]]
     x = 0.0
@@ -132,7 +136,7 @@ def _rows(sizes: Float[np.ndarray, "boxes 2"], gap: float, width: float) -> Floa
 _LAST: list[object] = []
 
 
-def _pack(
+def _pack_with_xatlas(
     flat: FlatPatches, low: Float[np.ndarray, "patches 2"], gap: float, aspect: float
 ) -> Float[np.ndarray, "patches 2"]:
     """Pack the true shapes of patches with xatlas, without rotation.
@@ -151,7 +155,7 @@ def _pack(
     import xatlas
 
     # xatlas fills squares, so the patches are scaled to turn a page of this aspect into a square
-    scale = PIXELS / gap * np.array([aspect**-0.5, aspect**0.5])
+    scale = GAP_PIXELS / gap * np.array([aspect**-0.5, aspect**0.5])
     atlas, kept = xatlas.Atlas(), []
     _LAST[:] = [atlas]
     for quads, corner in zip(flat.layout.patches, low):
@@ -163,7 +167,7 @@ def _pack(
         kept.append((points, faces))
         atlas.add_uv_mesh(points, faces)
     options = xatlas.PackOptions()
-    options.texels_per_unit, options.padding, options.bruteForce = 1.0, PIXELS // 2, True
+    options.texels_per_unit, options.padding, options.bruteForce = 1.0, GAP_PIXELS // 2, True
     options.bilinear = options.rotate_charts = options.rotate_charts_to_axis = False
     atlas.generate(pack_options=options)
     size = np.array([atlas.width, atlas.height])

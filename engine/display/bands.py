@@ -8,12 +8,12 @@ from ..arrays import Float, Int
 from ..spirals.curves.spiral import LEFT, RIGHT, Arms, edge_points
 
 # Largest number of points of all bands; beyond it arms get fewer pieces. Larger: smoother arms, slower redrawing.
-MOST = 250_000
+MAX_POINTS = 250_000
 # Smallest and largest number of straight pieces of an arm. Larger: smoother arms, slower redrawing.
-LEAST_PIECES, MOST_PIECES = 5, 18
+MIN_PIECES, MAX_PIECES = 5, 18
 
 
-def bands(
+def make_bands(
     corners: Float[np.ndarray, "quads 4 3"],
     normal: Float[np.ndarray, "quads 3"],
     width: Float[np.ndarray, "quads 4"],
@@ -30,7 +30,7 @@ def bands(
     width : widths of the arms
     wind : twist, radians, with the sign of the sense of rotation
     lift : distance of the bands above the quads
-    pieces : number of pieces per arm; by default as many as ``MOST`` allows
+    pieces : number of pieces per arm; by default as many as ``MAX_POINTS`` allows
 
     Returns
     -------
@@ -38,7 +38,7 @@ def bands(
     """
     count = len(corners)
     if pieces is None:
-        pieces = int(np.clip(MOST // (8 * max(count, 1)) - 1, LEAST_PIECES, MOST_PIECES))
+        pieces = int(np.clip(MAX_POINTS // (8 * max(count, 1)) - 1, MIN_PIECES, MAX_PIECES))
     centre = corners.mean(axis=1)
     # the midpoints of a quad's sides lie in one plane (Varignon)
     spokes = 0.5 * (corners + np.roll(corners, -1, axis=1)) - centre[:, None]

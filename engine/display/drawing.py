@@ -17,7 +17,7 @@ INK, GREY, GRID, PAPER = "#262b33", "#6b7280", "#e4e7eb", "#ffffff"
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 # Number of shades of a colour scale. Smaller: smaller SVG files, as shapes of equal colour become one path.
 SHADES = 96
-SEAM = 0.5  # width of the outline of filled shapes, pixels, which closes hairlines between neighbours
+SEAM_WIDTH = 0.5  # width of the outline of filled shapes, pixels, which closes hairlines between neighbours
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,19 +66,19 @@ class Dots:
 class Text:
     """A line of text.
 
-    at : point on the baseline, pixels
+    position : point on the baseline, pixels
     size : font size, pixels
     anchor : part of the text at that point: "start", "middle" or "end"
-    turned : whether the text is rotated to read upwards
+    is_vertical : whether the text is rotated to read upwards
     """
 
-    at: tuple[float, float]
+    position: tuple[float, float]
     text: str
     size: float = 12.0
     colour: str = GREY
     anchor: str = "start"
-    bold: bool = False
-    turned: bool = False
+    is_bold: bool = False
+    is_vertical: bool = False
 
 
 Item = FilledShapes | Line | Strokes | Dots | Text
@@ -98,12 +98,12 @@ class Drawing:
         self.items.extend(items)
 
 
-def rgb(colour: str) -> np.ndarray:
+def parse_colour(colour: str) -> np.ndarray:
     """Return the sRGB components (3,), in [0, 1], of a colour "#rrggbb"."""
     return np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
 
 
-def svg(drawing: Drawing) -> str:
+def to_svg(drawing: Drawing) -> str:
     """Return the drawing as a self-contained SVG document, which may also be placed in a web page."""
     w, h = f"{drawing.width:g}", f"{drawing.height:g}"
     title = escape(drawing.title)
@@ -112,65 +112,65 @@ def svg(drawing: Drawing) -> str:
         f' aria-label="{title}" font-family="{FONT}"><title>{title}</title><metadata>{MARK}</metadata>'
     ]
     for item in drawing.items:
-        lines += _svg(item)
+        lines += _item_svg(item)
     return "\n".join([*lines, "</svg>"]) + "\n"
 
 
-def _svg(item: Item) -> list[str]:
+def _item_svg(item: Item) -> list[str]:
     """Return the SVG elements of an item."""
     if isinstance(item, FilledShapes):
-        return _shapes(item)
+        return _shapes_svg(item)
     if isinstance(item, Strokes):
         if not len(item.ends):
             return []
-        path = "".join(_path(pair) for pair in item.ends)
+        path = "".join(_path_data(pair) for pair in item.ends)
         width = f"{item.width:g}"
         return [f'<path d="{path}" fill="none" stroke="{item.colour}" stroke-width="{width}" stroke-linecap="round"/>']
     if isinstance(item, Line):
         dash = f' stroke-dasharray="{item.dash:g}"' if item.dash else ""
         return [
-            f'<path d="{_path(item.points)}" fill="none" stroke="{item.colour}" stroke-width="{item.width:g}"'
+            f'<path d="{_path_data(item.points)}" fill="none" stroke="{item.colour}" stroke-width="{item.width:g}"'
             f' stroke-linejoin="round" stroke-linecap="round"{dash}/>'
         ]
     if isinstance(item, Dots):
         return [f'<circle cx="{x:.2f}" cy="{y:.2f}" r="{item.radius:g}" fill="{item.colour}"/>' for x, y in item.points]
-    x, y = item.at
-    turn = f' transform="rotate(-90 {x:.2f} {y:.2f})"' if item.turned else ""
-    weight = ' font-weight="600"' if item.bold else ""
+    x, y = item.position
+    turn = f' transform="rotate(-90 {x:.2f} {y:.2f})"' if item.is_vertical else ""
+    weight = ' font-weight="600"' if item.is_bold else ""
     return [
         f'<text x="{x:.2f}" y="{y:.2f}" font-size="{item.size:g}" fill="{item.colour}" text-anchor="{item.anchor}"'
         f"{weight}{turn}>{escape(item.text)}</text>"
     ]
 
 
-def _shapes(item: FilledShapes) -> list[str]:
+def _shapes_svg(item: FilledShapes) -> list[str]:
     """Return the SVG paths of shapes; consecutive shapes of equal colour share a path."""
-    names = hexes(item.fills)
+    names = format_colours(item.fills)
     veil = f' opacity="{item.opacity:g}"' if item.opacity < 1.0 else ""
     lines, k = [], 0
     while k < len(names):
         end = k + 1
         while end < len(names) and names[end] == names[k]:
             end += 1
-        path = "".join(_path(p) + "Z" for p in item.points[k:end])
+        path = "".join(_path_data(p) + "Z" for p in item.points[k:end])
         lines.append(
-            f'<path d="{path}" fill="{names[k]}" stroke="{names[k]}" stroke-width="{SEAM:g}" stroke-linejoin="round"{veil}/>'
+            f'<path d="{path}" fill="{names[k]}" stroke="{names[k]}" stroke-width="{SEAM_WIDTH:g}" stroke-linejoin="round"{veil}/>'
         )
         k = end
     return lines
 
 
-def _path(points: np.ndarray) -> str:
+def _path_data(points: np.ndarray) -> str:
     """Return SVG path data of a polyline."""
     return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in np.asarray(points).tolist())
 
 
-def hexes(srgb: np.ndarray) -> list[str]:
+def format_colours(srgb: np.ndarray) -> list[str]:
     """Return colours (N, 3), sRGB in [0, 1], as "#rrggbb"."""
     return [f"#{r:02x}{g:02x}{b:02x}" for r, g, b in np.round(255 * np.clip(srgb, 0, 1)).astype(int).tolist()]
 
 
-def on_scale(values: np.ndarray, low: float, high: float, scale: np.ndarray) -> np.ndarray:
+def colour_by_scale(values: np.ndarray, low: float, high: float, scale: np.ndarray) -> np.ndarray:
     """Map values to colours on a scale of ``SHADES`` shades.
 
     Parameters
@@ -189,7 +189,7 @@ def on_scale(values: np.ndarray, low: float, high: float, scale: np.ndarray) -> 
     return colours.on_scale(share, scale)
 
 
-def ticks(low: float, high: float, count: int = 5) -> list[float]:
+def tick_values(low: float, high: float, count: int = 5) -> list[float]:
     """Return about ``count`` tick values between low and high: multiples of 1, 2 or 5 times a power of ten.
 
     Parameters
@@ -207,22 +207,22 @@ def ticks(low: float, high: float, count: int = 5) -> list[float]:
     return [float(k * step) + 0.0 for k in np.arange(first, np.floor(high / step + SINGLE_TOL) + 1)]
 
 
-def decades(low: float, high: float) -> list[float]:
+def log_tick_values(low: float, high: float) -> list[float]:
     """Return tick values of a logarithmic axis: powers of ten, and multiples of these if there are fewer than three."""
     powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
     for factors in ((1,), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)):
         found = sorted(f * p for p in powers.tolist() for f in factors if low * 0.999 <= f * p <= high * 1.001)
         if len(found) >= 3:
             return found
-    return ticks(low, high, 4)
+    return tick_values(low, high, 4)
 
 
-def number(value: float) -> str:
+def format_tick(value: float) -> str:
     """Format a tick value with no more digits than needed."""
     return f"{value:.6g}" if abs(value) < 1e5 else f"{value:.1e}"
 
 
-def legend_bar(
+def colour_bar(
     at: tuple[float, float], size: tuple[float, float], scale: np.ndarray, low: float, high: float, unit: str
 ) -> list[Item]:
     """Return an upright colour bar with ticks at its right and the unit above.
@@ -237,19 +237,19 @@ def legend_bar(
     share = np.linspace(1.0, 0.0, SHADES + 1)
     edges = y + height * np.linspace(0.0, 1.0, SHADES + 1)
     boxes = np.array([[[x, a], [x + width, a], [x + width, b], [x, b]] for a, b in pairwise(edges)])
-    items: list[Item] = [FilledShapes(boxes, on_scale(share[1:], 0.0, 1.0, scale))]
+    items: list[Item] = [FilledShapes(boxes, colour_by_scale(share[1:], 0.0, 1.0, scale))]
     if unit:
         items.append(Text((x - 4, y - 10), unit, 12))
     if high <= low:
-        return [*items, Text((x + width + 8, y + height), number(low), 11.5)]
-    for value in ticks(low, high, 5):
+        return [*items, Text((x + width + 8, y + height), format_tick(low), 11.5)]
+    for value in tick_values(low, high, 5):
         place = y + height * (1.0 - (value - low) / (high - low))
         items.append(Line(np.array([[x + width, place], [x + width + 4, place]]), GREY))
-        items.append(Text((x + width + 8, place + 4), number(value), 11.5))
+        items.append(Text((x + width + 8, place + 4), format_tick(value), 11.5))
     return items
 
 
-def entries(
+def colour_key(
     at: tuple[float, float], rows: Sequence[tuple[str, str]], columns: int = 2, wide: float = 240
 ) -> list[Item]:
     """Return a colour key: a coloured square and a text for each entry, row by row.
@@ -264,5 +264,5 @@ def entries(
     for k, (colour, text) in enumerate(rows):
         x, y = at[0] + wide * (k % columns), at[1] + 20 * (k // columns)
         box = np.array([[[x, y], [x + 12, y], [x + 12, y + 12], [x, y + 12]]])
-        items += [FilledShapes(box, rgb(colour)[None]), Text((x + 18, y + 10.5), text, 11.5)]
+        items += [FilledShapes(box, parse_colour(colour)[None]), Text((x + 18, y + 10.5), text, 11.5)]
     return items

@@ -16,7 +16,7 @@ from ..spirals.contours import arm_starts
 from ..spirals.design import SpiralDesign
 from ..spirals.solid_hubs import slot_roots
 from . import arrange
-from .solids import ArmVertices, PolygonSolid, arm_edges, light, rim_points
+from .solids import ArmVertices, PolygonSolid, arm_edges, make_light_solids, rim_vertices
 
 
 class MovingPanels:
@@ -31,28 +31,30 @@ class MovingPanels:
     solid: PolygonSolid
 
     def __init__(self, design: SpiralDesign):
-        self.centres: Float[np.ndarray, "patches 2"] = arrange.side_by_side(design.flat)
-        self._make(design)
+        self.centres: Float[np.ndarray, "patches 2"] = arrange.arrange_patches(design.flat)
+        self._build_mesh(design)
 
-    def _make(self, design: SpiralDesign) -> None:
+    def _build_mesh(self, design: SpiralDesign) -> None:
         """Build the mesh for a design."""
         self.design = design
-        self.solid = light(design, self.centres, wound=max(design.params.twist_max, float(design.twist.max())))
+        self.solid = make_light_solids(
+            design, self.centres, max_twist=max(design.params.twist_max, float(design.twist.max()))
+        )
 
     def follow(self, design: SpiralDesign) -> None:
         """Show another design with the same flat patches and settings; only spirals that changed are redrawn."""
         touched = design.changed_arms(self.design)
         if not touched.any():
             return
-        where = self.solid.arms
+        where = self.solid.arm_vertices
         # a foot stays where it is, but its connection with the arm may need another number of points
         if where is None or touched[[foot.arm // 4 for foot in design.feet]].any():
-            self._make(design)
+            self._build_mesh(design)
             return
         quads = np.flatnonzero(touched)
         arms = design.arms.subset(quads)
-        fillet, absent = design.params.fillet, design.absent[quads]
-        root = slot_roots(arms, fillet, design.solid[quads])
+        fillet, absent = design.params.fillet, design.is_absent[quads]
+        root = slot_roots(arms, fillet, design.has_solid_hub[quads])
         begin = np.where(
             absent,
             stump_starts(root),
@@ -60,16 +62,16 @@ class MovingPanels:
         )
         points = arm_edges(arms, root, begin, where.edges.shape[-1])
         points += self.centres[design.flat.layout.patch_of[quads]][:, None, None, None]
-        vertices, strip = self.solid.vertices.copy(), self.solid.strip
+        vertices, strip = self.solid.vertices.copy(), self.solid.rim_mesh
         _move_caps(vertices, where, 4 * quads[:, None] + np.arange(4), points[..., 0, :], absent)
         for side in where.edges:
             own = side[quads]
             vertices[own[own >= 0], :2] = points[own >= 0]
         if strip is not None and touched[strip.rim.quad].any():
             strip = strip.with_necks_of(design)
-            moved = rim_points(strip, design, self.centres, self.solid.flat)
+            moved = rim_vertices(strip, design, self.centres, self.solid.is_one_sided)
             vertices[len(vertices) - len(moved) :] = moved
-        self.design, self.solid = design, replace(self.solid, vertices=vertices, strip=strip)
+        self.design, self.solid = design, replace(self.solid, vertices=vertices, rim_mesh=strip)
 
 
 def _move_caps(
@@ -91,7 +93,7 @@ def _move_caps(
     new[arm[absent]] = chords[absent] @ np.array([1.0, 1j])
     some = ~np.isnan(new[where.arm, 0])
     to = new[where.arm[some]]
-    for side, points in zip(where.edges, where.ends, strict=True):
+    for side, points in zip(where.edges, where.end_vertices, strict=True):
         old = vertices[side[..., 0].reshape(-1, 2)[where.arm[some]], :2] @ np.array([1.0, 1j])
         at = points[some]
         share = (vertices[at, :2] @ np.array([1.0, 1j]) - old[:, 0]) / (old[:, 1] - old[:, 0])

@@ -23,21 +23,21 @@ from ..spirals.design import SpiralDesign
 from ..triangulation import triangulate
 from .rim_mesh import RimMesh
 
-DRAWING = "Drawing the arms"  # text of the progress
+DRAWING_ARMS = "Drawing the arms"  # text of the progress
 
 
 @dataclass(frozen=True)
 class Detail:
     """Resolution of the panels.
 
-    least : number of pieces of an arm without twist
-    degrees : degrees of twist per additional piece
-    fillet : number of points on the fillet between two arms at the hub
+    min_pieces : number of pieces of an arm without twist
+    degrees_per_piece : degrees of twist per additional piece
+    fillet_points : number of points on the fillet between two arms at the hub
     """
 
-    least: int
-    degrees: float
-    fillet: int
+    min_pieces: int
+    degrees_per_piece: float
+    fillet_points: int
 
 
 # chosen by eye: COARSE for thousands of spirals in the window, FINE for renderings
@@ -51,13 +51,13 @@ class PanelMesh:
     arm, t : number 4 quad + side of the arm, and parameter along it, of every section
     line : vector from the hub's centre to the middle of every section
     sides : vectors from the section's middle to its left and right edge
-    rim_quad, rim : quad and position, from the hub's centre, of points on the fillets between two arms
-    heads : connectors and caps at arms' ends
-    used : vertices that are not replaced by shared ones, among 4 per section (left and right above, left and right
-        below) and 2 per point of a fillet or connector (above, below)
+    fillet_quad, fillet : quad and position, from the hub's centre, of points on the fillets between two arms
+    arm_ends : connectors and caps at arms' ends
+    kept_vertices : vertices that are not replaced by shared ones, among 4 per section (left and right above, left and
+        right below) and 2 per point of a fillet or connector (above, below)
     corners, sizes, quad_of : vertex of every face corner; number of corners and quad of every face
     vertex_quad, section : quad and section of every vertex
-    strip : plates of the piece's rim, whose vertices come last; None without a rim
+    rim_mesh : plates of the piece's rim, whose vertices come last; None without a rim
     """
 
     design: SpiralDesign
@@ -65,23 +65,25 @@ class PanelMesh:
     t: Float[np.ndarray, " sections"]
     line: Float[np.ndarray, "sections 3"]
     sides: Float[np.ndarray, "sections 2 3"]
-    rim_quad: Int[np.ndarray, " rims"]
-    rim: Float[np.ndarray, "rims 3"]
-    heads: Heads
-    used: Int[np.ndarray, " own"]
+    fillet_quad: Int[np.ndarray, " rims"]
+    fillet: Float[np.ndarray, "rims 3"]
+    arm_ends: ArmEnds
+    kept_vertices: Int[np.ndarray, " own"]
     corners: Int[np.ndarray, " corners"]
     sizes: Int[np.ndarray, " faces"]
     quad_of: Int[np.ndarray, " faces"]
     vertex_quad: Int[np.ndarray, " vertices"]
     section: Int[np.ndarray, " vertices"]
-    strip: RimMesh | None = None
+    rim_mesh: RimMesh | None = None
 
     @property
-    def triangles(self) -> int:
+    def triangle_count(self) -> int:
         """Number of triangles, if all faces were triangulated."""
         return int((self.sizes - 2).sum())
 
-    def at_pose(self, arms: BentArms, pose: Pose, only: Bool[np.ndarray, " quads"] | None = None) -> np.ndarray:
+    def vertices_at_pose(
+        self, arms: BentArms, pose: Pose, only: Bool[np.ndarray, " quads"] | None = None
+    ) -> np.ndarray:
         """Return the vertices in space, (V, 3) metres.
 
         Parameters
@@ -90,47 +92,53 @@ class PanelMesh:
         only : mask of the quads whose vertices are needed; other vertices are undefined
         """
         wanted = np.ones(len(self.design.width), bool) if only is None else only
-        rows, rims, points = wanted[self.arm // 4], wanted[self.rim_quad], wanted[self.heads.arm // 4]
+        rows, rims, points = wanted[self.arm // 4], wanted[self.fillet_quad], wanted[self.arm_ends.arm // 4]
         place, turn = arms.at(self.arm[rows], self.t[rows], self.line[rows])
         edges, up = np.zeros((len(self.arm), 2, 3)), np.zeros((len(self.arm), 3))
         edges[rows], up[rows] = place[:, None] + self.sides[rows] @ np.swapaxes(turn, 1, 2), turn[:, :, 2]
-        alone, alone_up = np.zeros((2, len(self.rim_quad) + len(self.heads.arm), 3))
-        rim_quad, heads, later = self.rim_quad[rims], self.heads, len(self.rim_quad) + np.flatnonzero(points)
-        alone[: len(rims)][rims] = pose.centres[rim_quad] + matvec(pose.rotations[rim_quad], self.rim[rims])
+        alone, alone_up = np.zeros((2, len(self.fillet_quad) + len(self.arm_ends.arm), 3))
+        rim_quad, heads, later = self.fillet_quad[rims], self.arm_ends, len(self.fillet_quad) + np.flatnonzero(points)
+        alone[: len(rims)][rims] = pose.centres[rim_quad] + matvec(pose.rotations[rim_quad], self.fillet[rims])
         alone_up[: len(rims)][rims] = pose.rotations[rim_quad, :, 2]
         head, head_turn = arms.at(heads.arm[points], heads.t[points], heads.line[points])
         alone[later], alone_up[later] = head + matvec(head_turn, heads.side[points]), head_turn[:, :, 2]
-        made = self._thick(edges, up, alone, alone_up)
-        return made if self.strip is None else np.concatenate([made, self._plates(*self.strip.at_pose(arms))])
+        made = self._thicken(edges, up, alone, alone_up)
+        return (
+            made
+            if self.rim_mesh is None
+            else np.concatenate([made, self._rim_vertices(*self.rim_mesh.points_at_pose(arms))])
+        )
 
-    def flat(self, centres: Float[np.ndarray, "patches 2"]) -> Float[np.ndarray, "vertices 3"]:
+    def flat_vertices(self, centres: Float[np.ndarray, "patches 2"]) -> Float[np.ndarray, "vertices 3"]:
         """Return the vertices of the flat panels, metres, with patch origins at ``centres``, mid-plane at z = 0."""
         shape = np.zeros((len(self.design.width), 3))
         shape[:, :2] = self.design.arms.centre + centres[self.design.flat.layout.patch_of]
         up = np.array([0.0, 0.0, 1.0])
         edges = (shape[self.arm // 4] + self.line)[:, None] + self.sides
-        heads = shape[self.heads.arm // 4] + self.heads.line + self.heads.side
-        made = self._thick(edges, up, np.concatenate([shape[self.rim_quad] + self.rim, heads]), up)
-        if self.strip is None:
+        heads = shape[self.arm_ends.arm // 4] + self.arm_ends.line + self.arm_ends.side
+        made = self._thicken(edges, up, np.concatenate([shape[self.fillet_quad] + self.fillet, heads]), up)
+        if self.rim_mesh is None:
             return made
-        moved = centres[self.design.flat.layout.patch_of[self.strip.quad]]
-        return np.concatenate([made, self._plates(self.strip.flat + np.c_[moved, np.zeros(len(moved))], up)])
+        moved = centres[self.design.flat.layout.patch_of[self.rim_mesh.quad]]
+        return np.concatenate(
+            [made, self._rim_vertices(self.rim_mesh.flat_points + np.c_[moved, np.zeros(len(moved))], up)]
+        )
 
-    def _plates(self, points: np.ndarray, up: np.ndarray) -> Float[np.ndarray, "vertices 3"]:
+    def _rim_vertices(self, points: np.ndarray, up: np.ndarray) -> Float[np.ndarray, "vertices 3"]:
         """Return points of the mid-surface moved by half the thickness along ``up`` and against it, in turn."""
         lift = 0.5 * self.design.params.thickness * np.broadcast_to(up, points.shape)
         return np.stack([points + lift, points - lift], axis=1).reshape(-1, 3)
 
-    def _thick(self, edges: np.ndarray, up: np.ndarray, rim: np.ndarray, rim_up: np.ndarray) -> np.ndarray:
+    def _thicken(self, edges: np.ndarray, up: np.ndarray, rim: np.ndarray, rim_up: np.ndarray) -> np.ndarray:
         """Return the used vertices above and below sections (``edges``) and points (``rim``) of the mid-surface."""
         half = 0.5 * self.design.params.thickness
         lift, rim_lift = half * np.broadcast_to(up, (len(edges), 3)), half * np.broadcast_to(rim_up, rim.shape)
         sections = np.concatenate([edges + lift[:, None], edges - lift[:, None]], axis=1).reshape(-1, 3)
         points = np.stack([rim + rim_lift, rim - rim_lift], axis=1).reshape(-1, 3)
-        return np.concatenate([sections, points])[self.used]
+        return np.concatenate([sections, points])[self.kept_vertices]
 
 
-def panel_mesh(
+def make_panel_mesh(
     design: SpiralDesign, detail: Detail, tips: Sequence[Tip | Cap] = (), progress: Progress = SILENT
 ) -> PanelMesh:
     """Build the panels of a design; every patch becomes a closed body.
@@ -142,10 +150,10 @@ def panel_mesh(
     tips : ends of arms with connectors, with their true outlines; other arms end bluntly at cuts
     progress : called with the fraction done
     """
-    progress(0.0, DRAWING)
+    progress(0.0, DRAWING_ARMS)
     count = len(design.width)
-    turn = np.degrees(design.twist) / detail.degrees
-    pieces = np.repeat(detail.least + np.ceil(turn).astype(int), 4)
+    turn = np.degrees(design.twist) / detail.degrees_per_piece
+    pieces = np.repeat(detail.min_pieces + np.ceil(turn).astype(int), 4)
     # the slots on the two sides of an arm end at different places; the arm's root between these places needs rows too
     behind = np.abs(design.roots.left - np.roll(design.roots.right, 1, axis=1))
     rows = pieces + 2 + (turn[:, None] * behind).astype(int).ravel()
@@ -154,13 +162,13 @@ def panel_mesh(
     begin, headed = np.zeros(4 * count), np.zeros(4 * count, dtype=bool)
     tips = (*tips, *design.caps)
     ends = [tip.arm for tip in tips]
-    begin[ends], headed[ends] = [tip.over for tip in tips], True
+    begin[ends], headed[ends] = [tip.inner_end for tip in tips], True
     t, line, sides = _sections(design, arm, np.arange(len(arm)) - first[arm], pieces, rows, begin)
-    rim_quad, rim = _rims(design, detail.fillet)
+    rim_quad, rim = _fillet_points(design, detail.fillet_points)
     first, last = first.reshape(count, 4), (first + rows - 1).reshape(count, 4)
     faces, quad_of = _faces(design, arm, first, last, rim.shape[2], headed)
-    heads = Heads.of_tips(design, tips, progress.part(0.3, 0.8))
-    progress(0.8, DRAWING)
+    heads = ArmEnds.from_tips(design, tips, progress.part(0.3, 0.8))
+    progress(0.8, DRAWING_ARMS)
     more, more_of = heads.faces(first.ravel(), 4 * len(arm) + 2 * rim_quad.size)
     faces, quad_of = [*faces, *more], np.concatenate([quad_of, more_of])
     points = 4 * len(arm) + 2 * (rim_quad.size + len(heads.arm))
@@ -187,11 +195,11 @@ def _with_rim(made: PanelMesh, strip: RimMesh | None) -> PanelMesh:
     """Add the plates of the piece's rim, if it has a rim."""
     if strip is None:
         return made
-    faces, quad_of = strip.faces(len(made.used))
+    faces, quad_of = strip.faces(len(made.kept_vertices))
     beyond = int(made.section.max()) + 1
     return replace(
         made,
-        strip=strip,
+        rim_mesh=strip,
         corners=np.concatenate([made.corners, *(f.ravel() for f in faces)]),
         sizes=np.concatenate([made.sizes, *(np.full(len(f), f.shape[1]) for f in faces)]),
         quad_of=np.concatenate([made.quad_of, quad_of]),
@@ -227,7 +235,7 @@ def _sections(
     return t, line, sides
 
 
-def _rims(design: SpiralDesign, points: int) -> tuple[np.ndarray, np.ndarray]:
+def _fillet_points(design: SpiralDesign, points: int) -> tuple[np.ndarray, np.ndarray]:
     """Return points on the fillet after every arm: quads (F, 4, points), positions (F, 4, points, 3) from the hub."""
     root, count = design.roots, len(design.width)
     quad = np.broadcast_to(np.arange(count)[:, None, None], (count, 4, points))
@@ -288,14 +296,14 @@ def _faces(
 
 
 @dataclass(frozen=True, eq=False)
-class Heads:
+class ArmEnds:
     """Connectors and caps at arms' ends: their points, without the two that they share with the arm, and triangles.
 
     arm, t : arm of every point, and parameter of the arm's nearest section
     line, side : vectors in the flat panel from the hub's centre to the section's middle, and from there to the point, m
     ends : arms with a connector or cap; starts : (ends + 1,) first point of each, and number of points
     triangles : counter-clockwise; numbers of points, or -1 and -2 for the arm's right and left edge
-    of : position in ``ends`` of every triangle's arm
+    end_of : position in ``ends`` of every triangle's arm
     """
 
     arm: Int[np.ndarray, " points"]
@@ -305,10 +313,10 @@ class Heads:
     ends: Int[np.ndarray, " ends"]
     starts: Int[np.ndarray, " starts"]
     triangles: Int[np.ndarray, "triangles 3"]
-    of: Int[np.ndarray, " triangles"]
+    end_of: Int[np.ndarray, " triangles"]
 
     @classmethod
-    def of_tips(cls, design: SpiralDesign, tips: Sequence[Tip | Cap], progress: Progress = SILENT) -> Heads:
+    def from_tips(cls, design: SpiralDesign, tips: Sequence[Tip | Cap], progress: Progress = SILENT) -> ArmEnds:
         """Triangulate the connectors and caps of a design."""
         import shapely
 
@@ -317,7 +325,7 @@ class Heads:
         count = np.array([len(ring) - 2 for ring in rings], dtype=int)
         starts = np.concatenate([[0], np.cumsum(count)])
         triangles, of = [np.empty((0, 3), dtype=int)], [np.empty(0, dtype=int)]
-        for k, (ring, tip) in enumerate(progress.each(list(zip(rings, tips, strict=True)), DRAWING)):
+        for k, (ring, tip) in enumerate(progress.each(list(zip(rings, tips, strict=True)), DRAWING_ARMS)):
             number = np.concatenate([[-1], starts[k] + np.arange(count[k]), [-2]])
             found = triangulate([tip.polygon], ring)
             triangles.append(number[found])
@@ -347,7 +355,7 @@ class Heads:
             side = known[of[:, None], np.where(number == -1, 0, 1)] + 2 * low
             return np.where(number < 0, side, base + 2 * number + low)
 
-        top, bottom = (vertex(self.triangles, self.of, low) for low in (0, 1))
+        top, bottom = (vertex(self.triangles, self.end_of, low) for low in (0, 1))
         runs = [
             np.concatenate([[-1], np.arange(a, b), [-2]])
             for a, b in zip(self.starts[:-1], self.starts[1:], strict=True)
@@ -355,20 +363,20 @@ class Heads:
         walls = np.concatenate([np.empty((0, 2), dtype=int), *(np.stack([r[:-1], r[1:]], axis=1) for r in runs)])
         of = np.repeat(np.arange(len(runs)), [len(r) - 1 for r in runs])
         sides = np.concatenate([vertex(walls, of, 1), vertex(walls, of, 0)[:, ::-1]], axis=1)
-        quad_of = np.concatenate([self.ends[self.of], self.ends[self.of], self.ends[of]]) // 4
+        quad_of = np.concatenate([self.ends[self.end_of], self.ends[self.end_of], self.ends[of]]) // 4
         return [top, bottom[:, ::-1], sides], quad_of
 
 
 def _arm_coordinates(
     design: SpiralDesign, arm: np.ndarray, points: np.ndarray, tips: Sequence[Tip | Cap], count: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the coordinates of connector points (H, 2) along their arms: ``t``, ``line`` and ``side`` of ``Heads``.
+    """Return the coordinates of connector points (H, 2) along their arms: ``t``, ``line`` and ``side`` of ``ArmEnds``.
 
     Points beyond an arm's tip get the parameter of the tip and so move rigidly with it.
     """
     shape = design.arms.one_by_one(*np.divmod(arm, 4))
     tip, speed, _ = (x[:, 0, 0] for x in centre_line(shape, np.zeros((len(arm), 1, 1))))
-    over = np.repeat([tip.over for tip in tips], count)
+    over = np.repeat([tip.inner_end for tip in tips], count)
     t = np.clip(((points - tip) * speed).sum(axis=1) / np.maximum((speed**2).sum(axis=1), 1e-30), 0.0, over)
     line, side = np.zeros((len(arm), 3)), np.zeros((len(arm), 3))
     centre = centre_line(shape, t[:, None, None])[0][:, 0, 0]

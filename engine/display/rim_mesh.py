@@ -18,8 +18,8 @@ from ..spirals.design import SpiralDesign
 from ..spirals.rim import Rim
 from ..triangulation import triangulate
 
-FINEST = 0.002  # largest distance between points along an edge, metres; smaller: smoother, slower; chosen by eye
-ROUND = 6  # points on a quarter of a hole's circle; larger: smoother, slower; chosen by eye
+MAX_EDGE = 0.002  # largest distance between points along an edge, metres; smaller: smoother, slower; chosen by eye
+POINTS_PER_QUARTER = 6  # points on a quarter of a hole's circle; larger: smoother, slower; chosen by eye
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +37,9 @@ class RimMesh:
     """
 
     rim: Rim
-    necks: Float[np.ndarray, " nodes"]
+    half_necks: Float[np.ndarray, " nodes"]
     node: Int[np.ndarray, " points"]
-    plane: Float[np.ndarray, "points 2"]
+    strip_points: Float[np.ndarray, "points 2"]
     arm: Int[np.ndarray, " points"]
     t: Float[np.ndarray, " points"]
     line: Float[np.ndarray, "points 3"]
@@ -55,10 +55,10 @@ class RimMesh:
         rim = design.rim
         if rim is None:
             return None
-        necks = _necks(design, rim)
+        necks = _half_neck_widths(design, rim)
         parts, first = [], 0
         for node in range(len(rim.quad)):
-            points, triangles, walls = _plate(rim, node, float(necks[node]))
+            points, triangles, walls = _triangulate_plate(rim, node, float(necks[node]))
             parts.append((np.full(len(points), node), points, first + triangles, first + walls))
             first += len(points)
         of, plane, triangles, walls = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -72,24 +72,24 @@ class RimMesh:
 
         Points on the strip's inner edge beside a neck move in proportion to make room.
         """
-        necks = _necks(design, self.rim)
-        s, y = self.plane.T
-        old, new, reach = self.necks[self.node], necks[self.node], self.rim.reach[self.node, (s < 0.0).astype(int)]
+        necks = _half_neck_widths(design, self.rim)
+        s, y = self.strip_points.T
+        old, new, reach = self.half_necks[self.node], necks[self.node], self.rim.reach[self.node, (s < 0.0).astype(int)]
         way = np.abs(s)
         beyond = new + (way - old) * (reach - new) / np.maximum(reach - old, 1e-12)
         moved = np.where(way <= old, way * new / old, np.where(way < reach, beyond, way))
         inner = y < -0.5 * self.rim.width + 1e-9
         plane = np.column_stack([np.where(inner, np.sign(s) * moved, s), y])
         _, t, line, side = _arm_coordinates(self.rim, self.node, plane)
-        return replace(self, necks=necks, plane=plane, t=t, line=line, side=side)
+        return replace(self, half_necks=necks, strip_points=plane, t=t, line=line, side=side)
 
-    def at_pose(self, arms: BentArms) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
+    def points_at_pose(self, arms: BentArms) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
         """Return the points on the mid-surface in space, metres, and the upward normals there."""
         place, turn = arms.at(self.arm, self.t, self.line)
         return place + matvec(turn, self.side), turn[:, :, 2]
 
     @property
-    def flat(self) -> Float[np.ndarray, "points 3"]:
+    def flat_points(self) -> Float[np.ndarray, "points 3"]:
         """Points on the mid-surface of the flat panels, in the patches' frames, metres."""
         return self.centre + self.line + self.side
 
@@ -105,7 +105,7 @@ class RimMesh:
         return [above, above[:, ::-1] + 1, walls], np.concatenate([of, of, self.quad[self.walls[:, 0]]])
 
 
-def _plate(rim: Rim, node: int, half: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _triangulate_plate(rim: Rim, node: int, half: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Triangulate the plate of a node, whose neck has the half width ``half``, metres.
 
     Returns
@@ -122,14 +122,19 @@ def _plate(rim: Rim, node: int, half: float) -> tuple[np.ndarray, np.ndarray, np
         if rim.overhang[node, k]:
             radius = max(min(wide, long - half), 0.0)
             rest = shapely.box(min(0.0, sign * (long - radius)), -wide, max(0.0, sign * (long - radius)), wide)
-            tip = rest.buffer(radius, quad_segs=2 * ROUND).intersection(shapely.box(-behind, -wide, ahead, wide))
+            tip = rest.buffer(radius, quad_segs=2 * POINTS_PER_QUARTER).intersection(
+                shapely.box(-behind, -wide, ahead, wide)
+            )
             shape = shape.intersection(
                 tip.union(
                     shapely.box(-behind if sign > 0 else -half, -wide - rim.depth, half if sign > 0 else ahead, wide)
                 )
             )
-    holes = [shapely.Point(s, 0.0).buffer(0.5 * rim.hole, quad_segs=ROUND) for s in _bores(rim, node)]
-    shape = shape.difference(shapely.union_all(holes)).segmentize(FINEST)
+    holes = [
+        shapely.Point(s, 0.0).buffer(0.5 * rim.hole_diameter, quad_segs=POINTS_PER_QUARTER)
+        for s in _hole_positions(rim, node)
+    ]
+    shape = shape.difference(shapely.union_all(holes)).segmentize(MAX_EDGE)
     rings = [shape.exterior, *shape.interiors]
     points = np.concatenate([shapely.get_coordinates(ring)[:-1] for ring in rings])
     triangles = triangulate([shape], points)
@@ -141,20 +146,20 @@ def _plate(rim: Rim, node: int, half: float) -> tuple[np.ndarray, np.ndarray, np
     return points, triangles[:, ::-1], walls[:, ::-1]
 
 
-def _bores(rim: Rim, node: int) -> Float[np.ndarray, " holes"]:
+def _hole_positions(rim: Rim, node: int) -> Float[np.ndarray, " holes"]:
     """Return s of the centres of all holes that may reach into a node's plate, including centres beyond its ends."""
     found = []
-    for sign, other in ((1.0, node), (-1.0, int(rim.before[node]))):
-        if other >= 0 and rim.holes[other]:
-            count, long = int(rim.holes[other]), float(rim.length[other])
+    for sign, other in ((1.0, node), (-1.0, int(rim.previous_node[node]))):
+        if other >= 0 and rim.hole_count[other]:
+            count, long = int(rim.hole_count[other]), float(rim.length[other])
             found.append(sign * (np.arange(count) + 0.5) / count * long)
     for k, sign in ((0, 1.0), (1, -1.0)):
-        if rim.end_bores[node, k]:
-            found.append(np.array([sign * rim.end_bores[node, k]]))
+        if rim.end_hole_distances[node, k]:
+            found.append(np.array([sign * rim.end_hole_distances[node, k]]))
     return np.concatenate(found) if found else np.empty(0)
 
 
-def _necks(design: SpiralDesign, rim: Rim) -> Float[np.ndarray, " nodes"]:
+def _half_neck_widths(design: SpiralDesign, rim: Rim) -> Float[np.ndarray, " nodes"]:
     """Return the half width of every neck, metres."""
     return 0.5 * design.arms.joint_width[rim.quad, rim.side]
 
@@ -171,11 +176,11 @@ def _arm_coordinates(
     ahead, behind = rim.reach[node].T
     middle, way = np.zeros(len(s), dtype=complex), np.zeros(len(s), dtype=complex)
     for back, where in ((False, s >= 0.0), (True, s < 0.0)):
-        middle[where], way[where] = rim.half(node[where], back, np.abs(s[where]))
+        middle[where], way[where] = rim.vectors_along_strip(node[where], back, np.abs(s[where]))
     neck = y < -0.5 * rim.width - 1e-9
     arm = np.where(neck, NECK, np.where(s >= 0.0, FORWARDS, BACKWARDS))
     reach = np.where(neck, rim.depth + 0.5 * rim.width, np.where(s >= 0.0, ahead, behind))
     gone = np.where(neck, -y, np.abs(s))
-    line = np.where(neck, y * rim.out[node], middle)
+    line = np.where(neck, y * rim.outwards[node], middle)
     side = np.where(neck, s * rim.along[node], -1j * way * y)
     return arm, 1.0 - np.clip(gone / reach, 0.0, 1.0), to_space(line), to_space(side)

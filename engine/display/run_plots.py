@@ -19,10 +19,10 @@ from ..spirals.curves.spiral import anisotropy
 from ..spirals.design import SpiralDesign
 from ..surface.mesh import QuadMesh
 from . import arrange, plots
-from .drawing import Drawing, hexes
+from .drawing import Drawing, format_colours
 from .plots import Colouring
 
-NAMES = ("surface", "patches", "distortion", "width", "anisotropy", "twist", "history", "objective", "errors", "shape", "distance", "safety",
+PLOT_NAMES = ("surface", "patches", "distortion", "width", "anisotropy", "twist", "history", "objective", "errors", "shape", "distance", "safety",
          "slots", "limits")  # fmt: skip
 
 
@@ -76,7 +76,7 @@ class MapValues:
         if flat is not None:
             layout = flat.layout
             values |= {
-                "corners": flat.corners + arrange.side_by_side(flat)[layout.patch_of][:, None],
+                "corners": flat.corners + arrange.arrange_patches(flat)[layout.patch_of][:, None],
                 "sides": layout.outline_sides,
                 "patch": layout.patch_of,
                 "distortion": flat.energy,
@@ -98,40 +98,40 @@ class MapValues:
         return cls(mesh, **values)
 
 
-def drawings(measured: MapValues, described: Mapping[str, Any], distortion: float) -> dict[str, Drawing]:
-    """Return the plots and maps for which there are values, by name (see ``NAMES``).
+def make_plots(values: MapValues, report: Mapping[str, Any], distortion: float) -> dict[str, Drawing]:
+    """Return the plots and maps for which there are values, by name (see ``PLOT_NAMES``).
 
     Parameters
     ----------
-    measured : values of all quads
-    described : report of the run (report.json)
+    values : values of all quads
+    report : report of the run (report.json)
     distortion : distortion limit of the layout, up to which the colour scale of the distortion reaches at least
     """
-    layout, spirals = _layout(measured, distortion), _spirals(measured)
-    match = _match(measured, described)
-    return layout | spirals | _history(described) | match
+    layout, spirals = _layout_maps(values, distortion), _spiral_maps(values)
+    match = _match_plots(values, report)
+    return layout | spirals | _history_plots(report) | match
 
 
-def _layout(m: MapValues, distortion: float) -> dict[str, Drawing]:
+def _layout_maps(m: MapValues, distortion: float) -> dict[str, Drawing]:
     """Return maps of the surface, the patches and their distortion."""
     count = len(m.mesh.quads)
     sides = np.zeros((count, 4), bool) if m.sides is None else m.sides
     if m.patch is None or m.corners is None or m.distortion is None:
         plain = Colouring("Surface", np.full((count, 3), [0.80, 0.86, 0.86]))
-        return {"surface": plots.shape_map(m.mesh.vertices, m.mesh.quads, np.ones((count, 4), bool), plain)}
+        return {"surface": plots.draw_shape_map(m.mesh.vertices, m.mesh.quads, np.ones((count, 4), bool), plain)}
     fills = plots.patch_fills(m.patch)
     high = max(distortion, float(m.distortion.max()))
     bent = Colouring.from_values(
         "Distortion of the flat panels, ARAP energy E", m.distortion, "E", colours.ERROR_SCALE, 0.0, high
     )
     return {
-        "surface": plots.shape_map(m.mesh.vertices, m.mesh.quads, sides, Colouring("Surface and panels", fills)),
-        "patches": plots.flat_map(m.corners, sides, Colouring("Flat patches", fills)),
-        "distortion": plots.flat_map(m.corners, sides, bent),
+        "surface": plots.draw_shape_map(m.mesh.vertices, m.mesh.quads, sides, Colouring("Surface and panels", fills)),
+        "patches": plots.draw_flat_map(m.corners, sides, Colouring("Flat patches", fills)),
+        "distortion": plots.draw_flat_map(m.corners, sides, bent),
     }
 
 
-def _spirals(m: MapValues) -> dict[str, Drawing]:
+def _spiral_maps(m: MapValues) -> dict[str, Drawing]:
     """Return maps of the spirals' width, twist and anisotropy."""
     if m.width is None or m.anisotropy is None or m.twist is None or m.corners is None or m.sides is None:
         return {}
@@ -145,61 +145,61 @@ def _spirals(m: MapValues) -> dict[str, Drawing]:
         if name == "anisotropy":
             low, high = 0.0, max(high, colours.LEAST_ANISOTROPY)
         made = Colouring.from_values(title, values, unit, colours.QUANTITY_SCALE, low, high)
-        found[name] = plots.flat_map(m.corners, m.sides, made)
+        found[name] = plots.draw_flat_map(m.corners, m.sides, made)
     return found
 
 
-def _history(described: Mapping[str, Any]) -> dict[str, Drawing]:
+def _history_plots(report: Mapping[str, Any]) -> dict[str, Drawing]:
     """Return plots of the distance to the target and of the objective during the optimisation."""
-    block = described.get("optimise")
+    block = report.get("optimise")
     if not block or not block["history"]:
         return {}
     rows = block["history"]
     rmse = [block["laplacian_rmse_mm_before"], *(row["rmse_mm"] for row in rows)]
     objective = [row["objective"] for row in rows]
     return {
-        "history": plots.history(rmse, "Match while optimising", "RMSE (mm)"),
-        "objective": plots.history(objective, "Objective while optimising", "Objective"),
+        "history": plots.plot_history(rmse, "Match while optimising", "RMSE (mm)"),
+        "objective": plots.plot_history(objective, "Objective while optimising", "Objective"),
     }
 
 
-def _match(m: MapValues, described: Mapping[str, Any]) -> dict[str, Drawing]:
+def _match_plots(m: MapValues, report: Mapping[str, Any]) -> dict[str, Drawing]:
     """Return plots and maps of the simulated shape: distance to the target, strain, slots, limits of the match."""
     if m.distance is None or m.corners is None or m.sides is None:
         return {}
     found = {}
     rms = float(np.sqrt((m.distance**2).mean()))
-    percent = described.get("equilibrium", {}).get("rms_percent")
+    percent = report.get("equilibrium", {}).get("rms_percent")
     mark = f"RMS {rms:.3g} mm" + ("" if percent is None else f" ({format_figure(percent)} % of the size)")
-    found["errors"] = plots.histogram(
+    found["errors"] = plots.plot_histogram(
         m.distance, "Distance of the spirals to the target", "Distance (mm)", [(rms, mark)]
     )
     high = max(float(m.distance.max()), colours.LEAST_DISTANCE)
     far = Colouring.from_values("Distance to the target", m.distance, "mm", colours.ERROR_SCALE, 0.0, high)
     if m.shape is not None:
-        found["shape"] = plots.shape_map(
+        found["shape"] = plots.draw_shape_map(
             m.shape,
             m.mesh.quads,
             m.sides,
             Colouring.from_values("Simulated shape", m.distance, "mm", colours.ERROR_SCALE, 0.0, high),
         )
-    found["distance"] = plots.flat_map(m.corners, m.sides, far)
+    found["distance"] = plots.draw_flat_map(m.corners, m.sides, far)
     if m.strain is not None:
         share = 100.0 * m.strain
         high = max(100.0, float(share.max()))
         loaded = Colouring.from_values(
             "Safety: strain of the arms", share, "% of limit", colours.ERROR_SCALE, 0.0, high
         )
-        found["safety"] = plots.flat_map(m.corners, m.sides, loaded)
+        found["safety"] = plots.draw_flat_map(m.corners, m.sides, loaded)
     if m.slot is not None:
         low, high = min(0.0, float(m.slot.min())), max(colours.LEAST_SLOT, float(np.median(m.slot)))
         room = Colouring.from_values("Slots in the simulated shape", m.slot, "mm", colours.ERROR_SCALE[::-1], low, high)
-        found["slots"] = plots.flat_map(m.corners, m.sides, room)
+        found["slots"] = plots.draw_flat_map(m.corners, m.sides, room)
     if m.kind is not None:
         looks = [colours.LIMITS[name] for name in match_limits.REASON_NAMES]
         counts = np.bincount(m.kind, minlength=len(looks)).tolist()
-        named = zip(hexes(np.array([colour for colour, _ in looks])), looks, counts)
+        named = zip(format_colours(np.array([colour for colour, _ in looks])), looks, counts)
         rows = tuple((name, f"{text}: {count}") for name, (_, text), count in named if count)
         fills = np.array([colour for colour, _ in looks])[m.kind]
-        found["limits"] = plots.flat_map(m.corners, m.sides, Colouring("What limits the match", fills, rows=rows))
+        found["limits"] = plots.draw_flat_map(m.corners, m.sides, Colouring("What limits the match", fills, rows=rows))
     return found

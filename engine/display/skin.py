@@ -18,12 +18,12 @@ from ..mechanics.assembly import Pose, rest_joints
 from ..mechanics.vectors import matvec, rotation_matrix, rotation_vector
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
-from .panel_mesh import Detail, panel_mesh
+from .panel_mesh import Detail, make_panel_mesh
 from .rim_mesh import RimMesh
 
 # Resolution of the arms for up to MANY spirals, and the coarser resolution for more, which appear small (some 40
 # pixels). Finer: smoother arms, larger pages.
-DETAIL, COARSE, MANY = Detail(4, 45.0, 0), Detail(3, 60.0, 0), 600
+FINE_DETAIL, COARSE_DETAIL, MAX_FINE_SPIRALS = Detail(4, 45.0, 0), Detail(3, 60.0, 0), 600
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,18 +45,18 @@ class RimStrip:
     walls: Int[np.ndarray, "walls 2"]
 
     @classmethod
-    def of_rim(cls, rim: RimMesh, design: SpiralDesign, pose: Pose | None, arms: BentArms | None) -> RimStrip:
+    def from_rim_mesh(cls, rim: RimMesh, design: SpiralDesign, pose: Pose | None, arms: BentArms | None) -> RimStrip:
         """Build the plates of a rim; without a pose and bent arms they stay flat."""
         order = np.argsort(rim.quad, kind="stable")
         new = np.empty(len(order), dtype=np.int64)
         new[order] = np.arange(len(order))
         quad = rim.quad[order]
-        flat = rim.flat[order, :2] - design.arms.centre[quad]
+        flat = rim.flat_points[order, :2] - design.arms.centre[quad]
         way, up = np.zeros((len(quad), 3)), np.tile([0.0, 0.0, 1.0], (len(quad), 1))
         if pose is not None and arms is not None:
-            place, normal = (values[order] for values in rim.at_pose(arms))
+            place, normal = (values[order] for values in rim.points_at_pose(arms))
             back = np.swapaxes(pose.rotations, 1, 2)[quad]
-            way, up = matvec(back, place - pose.centres[quad]) - _flat(flat), matvec(back, normal)
+            way, up = matvec(back, place - pose.centres[quad]) - _to_space(flat), matvec(back, normal)
         triangles, walls = new[rim.triangles], new[rim.walls]
         triangles = triangles[np.argsort(quad[triangles[:, 0]], kind="stable")]
         return cls(quad, flat, way, up, triangles, walls[np.argsort(quad[walls[:, 0]], kind="stable")])
@@ -72,8 +72,8 @@ class Skin:
     tip, axis : flat position of every arm's end, and direction of the quad's side there, radians
     partner : arm that meets the arm in its joint, -1 at the border
     way, turn : corrections of the sections in the final pose, in the hub's frame: displacements and rotation vectors
-    full : (A, 6) motion of the tip relative to the hub in the final pose, see ``tips``
-    strip : plates of the rim; None without a rim
+    final_motion : (A, 6) motion of the tip relative to the hub in the final pose, see ``tip_motions``
+    rim_strip : plates of the rim; None without a rim
     """
 
     arm: Int[np.ndarray, " sections"]
@@ -85,8 +85,8 @@ class Skin:
     partner: Int[np.ndarray, " arms"]
     way: Float[np.ndarray, "sections 3"]
     turn: Float[np.ndarray, "sections 3"]
-    full: Float[np.ndarray, "arms 6"]
-    strip: RimStrip | None = None
+    final_motion: Float[np.ndarray, "arms 6"]
+    rim_strip: RimStrip | None = None
 
     @classmethod
     def from_design(cls, design: SpiralDesign, pose: Pose | None, progress: Progress = SILENT) -> Skin:
@@ -99,7 +99,7 @@ class Skin:
         progress : called with the fraction done
         """
         mesh = design.flat.layout.mesh
-        panels = panel_mesh(design, detail_of(design), (), progress.part(0.0, 0.3))
+        panels = make_panel_mesh(design, choose_detail(design), (), progress.part(0.0, 0.3))
         arm = panels.arm
         hub = np.maximum(hub_edge_of_design(design).ravel()[arm], 1e-9)
         flat = panels.line[:, None] + panels.sides
@@ -116,12 +116,12 @@ class Skin:
             partner, nothing, nothing, np.zeros((len(axis), 6)),
         )  # fmt: skip
         arms = None if pose is None else Bender.from_design(design).bend(pose, progress=progress.part(0.3, 1.0))
-        strip = None if panels.strip is None else RimStrip.of_rim(panels.strip, design, pose, arms)
+        strip = None if panels.rim_mesh is None else RimStrip.from_rim_mesh(panels.rim_mesh, design, pose, arms)
         if pose is None or arms is None:
-            return replace(skin, strip=strip)
+            return replace(skin, rim_strip=strip)
         place, turn = arms.at(arm, panels.t, panels.line)
         middle = place + matvec(turn, panels.sides.mean(axis=1))
-        full = skin.tips(pose, (partner >= 0).astype(float))
+        full = skin.tip_motions(pose, (partner >= 0).astype(float))
         back = np.swapaxes(pose.rotations, 1, 2)[arm // 4]
         # position and rotation of the sections in the hub's frame
         own = matvec(back, middle - pose.centres[arm // 4])
@@ -131,7 +131,7 @@ class Skin:
             arm, skin.share, skin.left, skin.right, skin.tip, axis, partner, own - guess, turned - guessed, full, strip
         )  # fmt: skip
 
-    def tips(self, pose: Pose, closed: Float[np.ndarray, " arms"]) -> Float[np.ndarray, "arms 6"]:
+    def tip_motions(self, pose: Pose, closed: Float[np.ndarray, " arms"]) -> Float[np.ndarray, "arms 6"]:
         """Return the motion of every tip relative to its hub, in the hub's frame: displacement (m), rotation vector.
 
         Parameters
@@ -141,7 +141,7 @@ class Skin:
             their hubs
         """
         quad, met = np.arange(len(self.tip)) // 4, np.flatnonzero(self.partner >= 0)
-        end = pose.centres[quad] + matvec(pose.rotations[quad], _flat(self.tip))
+        end = pose.centres[quad] + matvec(pose.rotations[quad], _to_space(self.tip))
         frame = pose.rotations[quad] @ _about_z(self.axis)
         other = self.partner[met]
         out = np.zeros((len(self.tip), 6))
@@ -151,20 +151,20 @@ class Skin:
         out[met, 3:] = matvec(_about_z(self.axis[met]), 0.5 * closed[met, None] * across)
         return out
 
-    def interpolate(self, moved: Float[np.ndarray, "arms 6"]) -> tuple[np.ndarray, np.ndarray]:
-        """Interpolate the motion of the sections between their hubs, at rest, and their tips, moved by ``moved``.
+    def interpolate(self, motion: Float[np.ndarray, "arms 6"]) -> tuple[np.ndarray, np.ndarray]:
+        """Interpolate the motion of the sections between their hubs, at rest, and their tips, moved by ``motion``.
 
         Returns
         -------
         middles of the sections, metres, and rotation vectors, in their hubs' frames, (n, 3) each
         """
-        middle, tip = _flat(0.5 * (self.left + self.right)), _flat(self.tip)[self.arm]
-        way, turn = moved[self.arm, :3], moved[self.arm, 3:]
+        middle, tip = _to_space(0.5 * (self.left + self.right)), _to_space(self.tip)[self.arm]
+        way, turn = motion[self.arm, :3], motion[self.arm, 3:]
         share = self.share[:, None]
         with_tip = tip + way + matvec(rotation_matrix(turn), middle - tip)
         return (1.0 - share) * middle + share * with_tip, share * turn
 
-    def edges_at_pose(self, pose: Pose, closed: Float[np.ndarray, " arms"], thickness: float) -> np.ndarray:
+    def corners_at_pose(self, pose: Pose, closed: Float[np.ndarray, " arms"], thickness: float) -> np.ndarray:
         """Return the corners of every section, (n, 4, 3) metres: left and right above, then left and right below.
 
         The web page has the same computation.
@@ -172,47 +172,50 @@ class Skin:
         Parameters
         ----------
         pose : pose of the hubs
-        closed : how far every joint is closed, see ``tips``
+        closed : how far every joint is closed, see ``tip_motions``
         thickness : thickness of the sheet, metres
         """
-        moved = self.tips(pose, closed)
+        moved = self.tip_motions(pose, closed)
         middle, turn = self.interpolate(moved)
-        measure = self.bends(moved)[self.arm, None]
+        measure = self.bend_shares(moved)[self.arm, None]
         quad = self.arm // 4
         rotation = pose.rotations[quad] @ rotation_matrix(turn + measure * self.turn)
         middle = pose.centres[quad] + matvec(pose.rotations[quad], middle + measure * self.way)
-        half = _flat(0.5 * (self.left - self.right))
+        half = _to_space(0.5 * (self.left - self.right))
         up = 0.5 * thickness * rotation[:, :, 2]
         left, right = middle + matvec(rotation, half), middle - matvec(rotation, half)
         return np.stack([left + up, right + up, left - up, right - up], axis=1)
 
-    def bends(self, moved: Float[np.ndarray, "arms 6"]) -> Float[np.ndarray, " arms"]:
+    def bend_shares(self, motion: Float[np.ndarray, "arms 6"]) -> Float[np.ndarray, " arms"]:
         """Return the share of its final bend that every arm has, 0 to 1.
 
         Arms without a joint get the mean of the other arms of their spiral.
         """
-        measure = self.measure(moved)
-        return np.where(self.partner >= 0, measure, np.repeat(self._means(measure), 4))
+        measure = self.joint_bend_shares(motion)
+        return np.where(self.partner >= 0, measure, np.repeat(self._mean_over_joints(measure), 4))
 
-    def _means(self, measure: Float[np.ndarray, " arms"]) -> Float[np.ndarray, " quads"]:
+    def _mean_over_joints(self, measure: Float[np.ndarray, " arms"]) -> Float[np.ndarray, " quads"]:
         """Return the mean of a value over the arms with a joint, for every spiral."""
         met = (self.partner >= 0).reshape(-1, 4)
         return (measure.reshape(-1, 4) * met).sum(axis=1) / np.maximum(met.sum(axis=1), 1)
 
-    def measure(self, moved: Float[np.ndarray, "arms 6"]) -> Float[np.ndarray, " arms"]:
-        """Return the share of their final bend that arms with a joint have, 0 to 1; ``moved`` is from ``tips``."""
+    def joint_bend_shares(self, motion: Float[np.ndarray, "arms 6"]) -> Float[np.ndarray, " arms"]:
+        """Return the share of their final bend that arms with a joint have, 0 to 1.
+
+        motion : result of ``tip_motions``
+        """
         size = np.linalg.norm(self.tip, axis=1)
         unit = np.concatenate([np.repeat(1.0 / size[:, None], 3, axis=1), np.ones((len(size), 3))], axis=1)
-        full = self.full * unit
-        return np.clip((moved * unit * full).sum(axis=1) / np.maximum((full**2).sum(axis=1), 1e-12), 0.0, 1.0)
+        full = self.final_motion * unit
+        return np.clip((motion * unit * full).sum(axis=1) / np.maximum((full**2).sum(axis=1), 1e-12), 0.0, 1.0)
 
 
-def detail_of(design: SpiralDesign) -> Detail:
+def choose_detail(design: SpiralDesign) -> Detail:
     """Return the resolution of the arms that suits the number of spirals."""
-    return DETAIL if len(design.width) <= MANY else COARSE
+    return FINE_DETAIL if len(design.width) <= MAX_FINE_SPIRALS else COARSE_DETAIL
 
 
-def _flat(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "points 3"]:
+def _to_space(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "points 3"]:
     """Return plane points as points in space with z = 0."""
     return np.c_[points, np.zeros(len(points))]
 

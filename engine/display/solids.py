@@ -19,23 +19,23 @@ from ..spirals.roots import SlotRoots
 from ..triangulation import triangulate
 from .rim_mesh import RimMesh
 
-DEGREES = 9.5  # twist per straight step of an arm, degrees; larger: fewer faces, arms with visible corners
+DEGREES_PER_STEP = 9.5  # twist per straight step of an arm, degrees; larger: fewer faces, arms with visible corners
 # Largest number of faces of all arms; for more spirals the steps are longer. Larger: smoother arms, slower.
-MOST = 2_000_000
-DRAWN = 5e-5  # tolerance of the outlines of panels and plates in pictures, metres; larger: coarser, faster
+MAX_FACES = 2_000_000
+DRAWING_TOLERANCE = 5e-5  # tolerance of the outlines of panels and plates in pictures, metres; larger: coarser, faster
 
 
 @dataclass(frozen=True, eq=False)
 class ArmVertices:
     """Indices of the vertices of arms, on the lower and the upper side, or on the upper side only.
 
-    edges : vertices of the arms' edges, in the order of ``_edges``; -1 where there is none
-    ends : vertices of caps and connectors apart from the arms' edges
-    arm : arm of each vertex in ``ends``, 4 quad + side
+    edges : vertices of the arms' edges, in the order of ``_flat_edges``; -1 where there is none
+    end_vertices : vertices of caps and connectors apart from the arms' edges
+    arm : arm of each vertex in ``end_vertices``, 4 quad + side
     """
 
     edges: Int[np.ndarray, "sides quads 4 2 steps"]
-    ends: Int[np.ndarray, "sides points"]
+    end_vertices: Int[np.ndarray, "sides points"]
     arm: Int[np.ndarray, " points"]
 
 
@@ -47,9 +47,9 @@ class PolygonSolid:
     corners, sizes : vertex of every face corner; number of corners of every face
     quad_of : quad of every face
     seam_of : seam of the connector to which the face belongs; -1 for other faces
-    flat : whether the mesh has only the upper side
-    arms : indices of the arms' vertices; None for meshes without arms
-    strip : plates of the rim, whose vertices come last; None without a rim
+    is_one_sided : whether the mesh has only the upper side
+    arm_vertices : indices of the arms' vertices; None for meshes without arms
+    rim_mesh : plates of the rim, whose vertices come last; None without a rim
     """
 
     vertices: Float[np.ndarray, "vertices 3"]
@@ -57,34 +57,36 @@ class PolygonSolid:
     sizes: Int[np.ndarray, " faces"]
     quad_of: Int[np.ndarray, " faces"]
     seam_of: Int[np.ndarray, " faces"]
-    flat: bool = False
-    arms: ArmVertices | None = None
-    strip: RimMesh | None = None
+    is_one_sided: bool = False
+    arm_vertices: ArmVertices | None = None
+    rim_mesh: RimMesh | None = None
 
 
-def light(
+def make_light_solids(
     design: SpiralDesign,
     centres: np.ndarray,
     tips: Sequence[Tip | Cap] = (),
-    most: int = 100_000,
-    wound: float | None = None,
+    max_faces: int = 100_000,
+    max_twist: float | None = None,
 ) -> PolygonSolid:
-    """Build all panels like ``solid``, but large designs with only the upper side and longer steps, for fast redrawing.
+    """Build all panels like ``make_solids``, but large designs with only the upper side and longer steps.
+
+    Such meshes are fast to redraw.
 
     Parameters
     ----------
-    design, centres, tips : see ``solid``
-    most : approximate largest number of faces
-    wound : largest twist for which the number of steps must suffice, radians; by default the design's largest
+    design, centres, tips : see ``make_solids``
+    max_faces : approximate largest number of faces
+    max_twist : largest twist for which the number of steps must suffice, radians; by default the design's largest
     """
-    count, steps = len(design.width), _steps(design, DEGREES, wound)
-    if count * 16 * steps <= most:
-        return solid(design, centres, tips, wound=wound)
+    count, steps = len(design.width), _count_steps(design, DEGREES_PER_STEP, max_twist)
+    if count * 16 * steps <= max_faces:
+        return make_solids(design, centres, tips, max_twist=max_twist)
     tips = (*tips, *design.caps)
-    steps = max(min(steps, most // (4 * count)), 5)
-    flat = _edges(design, centres, steps, tips)
+    steps = max(min(steps, max_faces // (4 * count)), 5)
+    flat = _flat_edges(design, centres, steps, tips)
     index = np.arange(8 * count * steps).reshape(count, 4, 2, steps)
-    heads = _Heads.from_tips(design, centres, tips, index)
+    heads = _EndTriangles.from_tips(design, centres, tips, index)
     level = np.concatenate([flat.reshape(-1, 2), heads.points])
     points = np.column_stack([level, np.full(len(level), design.params.thickness)])
     left, right = index[:, :, 0], index[:, :, 1]
@@ -94,16 +96,24 @@ def light(
     sizes = np.repeat([4, 8, 3], [len(loops), count, len(heads.triangles)])
     quad_of = np.concatenate([np.concatenate([loops[:, 0], plates[:, 0]]) // (8 * steps), heads.arm // 4])
     where = ArmVertices(index[None], index.size + np.arange(len(heads.points))[None], heads.point_arm)
-    made = PolygonSolid(points, corners, sizes, quad_of, _seams(design, heads.arm, len(sizes)), flat=True, arms=where)
+    made = PolygonSolid(
+        points,
+        corners,
+        sizes,
+        quad_of,
+        _seams_of_faces(design, heads.arm, len(sizes)),
+        is_one_sided=True,
+        arm_vertices=where,
+    )
     return _with_rim(made, design, centres)
 
 
-def solid(
+def make_solids(
     design: SpiralDesign,
     centres: np.ndarray,
     tips: Sequence[Tip | Cap] = (),
-    degrees_per_step: float = DEGREES,
-    wound: float | None = None,
+    degrees_per_step: float = DEGREES_PER_STEP,
+    max_twist: float | None = None,
 ) -> PolygonSolid:
     """Build all panels as closed bodies from z = 0 up to the sheet's thickness; every edge has exactly two faces.
 
@@ -114,14 +124,14 @@ def solid(
     design : spirals
     centres : (N, 2) positions of the patches' origins, metres
     tips : ends of arms with connectors, with their true outlines
-    degrees_per_step : twist per straight step of an arm; longer where there would be more than ``MOST`` faces
-    wound : largest twist for which the number of steps must suffice, radians; by default the design's largest
+    degrees_per_step : twist per straight step of an arm; longer where there would be more than ``MAX_FACES`` faces
+    max_twist : largest twist for which the number of steps must suffice, radians; by default the design's largest
     """
     layout, tips = design.flat.layout, (*tips, *design.caps)
-    steps = min(_steps(design, degrees_per_step, wound), max(MOST // (16 * len(design.width)), 5))
-    flat = _edges(design, centres, steps, tips)
+    steps = min(_count_steps(design, degrees_per_step, max_twist), max(MAX_FACES // (16 * len(design.width)), 5))
+    flat = _flat_edges(design, centres, steps, tips)
     index = np.arange(flat.size // 2).reshape(flat.shape[:-1])
-    heads = _Heads.from_tips(design, centres, tips, index)
+    heads = _EndTriangles.from_tips(design, centres, tips, index)
     level = np.concatenate([flat.reshape(-1, 2), heads.points])
     bottom = np.column_stack([level, np.zeros(len(level))])
     top, up = bottom + np.array([0.0, 0.0, design.params.thickness]), len(bottom)
@@ -143,7 +153,9 @@ def solid(
     points = np.concatenate([bottom, top])[used]
     edges, own = np.stack([same[index], same[index] + up]), np.arange(index.size, up)
     where = ArmVertices(np.where(used[edges], number[edges], -1), number[np.stack([own, own + up])], heads.point_arm)
-    made = PolygonSolid(points, number[corners], sizes, quad_of, _seams(design, arm, len(sizes)), arms=where)
+    made = PolygonSolid(
+        points, number[corners], sizes, quad_of, _seams_of_faces(design, arm, len(sizes)), arm_vertices=where
+    )
     return _with_rim(made, design, centres)
 
 
@@ -153,33 +165,35 @@ def _with_rim(made: PolygonSolid, design: SpiralDesign, centres: np.ndarray) -> 
     if strip is None:
         return made
     count = len(made.vertices)
-    if made.flat:
+    if made.is_one_sided:
         faces, quad_of = [count + strip.triangles], strip.quad[strip.triangles[:, 0]]
     else:
         faces, quad_of = strip.faces(count)
     sizes = np.concatenate([np.full(len(f), f.shape[1]) for f in faces])
     return replace(
         made,
-        vertices=np.concatenate([made.vertices, rim_points(strip, design, centres, made.flat)]),
+        vertices=np.concatenate([made.vertices, rim_vertices(strip, design, centres, made.is_one_sided)]),
         corners=np.concatenate([made.corners, *(f.ravel() for f in faces)]),
         sizes=np.concatenate([made.sizes, sizes]),
         quad_of=np.concatenate([made.quad_of, quad_of]),
         seam_of=np.concatenate([made.seam_of, np.full(len(sizes), -1)]),
-        strip=strip,
+        rim_mesh=strip,
     )
 
 
-def rim_points(strip: RimMesh, design: SpiralDesign, centres: np.ndarray, flat: bool) -> Float[np.ndarray, "points 3"]:
+def rim_vertices(
+    strip: RimMesh, design: SpiralDesign, centres: np.ndarray, flat: bool
+) -> Float[np.ndarray, "points 3"]:
     """Return the vertices of a rim's plates in the flat panels, metres.
 
     Vertices above and below alternate; with ``flat`` there are only those above.
     """
     moved = centres[design.flat.layout.patch_of[strip.quad]]
-    above = strip.flat + np.c_[moved, np.full(len(moved), design.params.thickness)]
+    above = strip.flat_points + np.c_[moved, np.full(len(moved), design.params.thickness)]
     return above if flat else np.stack([above, above * [1.0, 1.0, 0.0]], axis=1).reshape(-1, 3)
 
 
-def _seams(design: SpiralDesign, arm: np.ndarray, count: int) -> np.ndarray:
+def _seams_of_faces(design: SpiralDesign, arm: np.ndarray, count: int) -> np.ndarray:
     """Return the seam of each of ``count`` faces: the last faces are at the ends of ``arm``, the others have -1."""
     layout = design.flat.layout
     seam = np.full(count, -1, dtype=np.int64)
@@ -189,7 +203,7 @@ def _seams(design: SpiralDesign, arm: np.ndarray, count: int) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Heads:
+class _EndTriangles:
     """Connectors and caps at arms' ends, triangulated in the plane; arms have the numbers 4 quad + side.
 
     points, point_arm : (n, 2) positions of points that are not on an arm's edge, metres; arm of each. Their numbers
@@ -208,8 +222,11 @@ class _Heads:
     @classmethod
     def from_tips(
         cls, design: SpiralDesign, centres: np.ndarray, tips: Sequence[Tip | Cap], index: np.ndarray
-    ) -> _Heads:
-        """Triangulate the ends of arms; ``index`` gives the numbers of the arms' vertices, ordered as in ``_edges``."""
+    ) -> _EndTriangles:
+        """Triangulate the ends of arms.
+
+        index : numbers of the arms' vertices, ordered as in ``_flat_edges``
+        """
         import shapely
 
         points, triangles, walls = [np.empty((0, 2))], [np.empty((0, 3), dtype=int)], [np.empty((0, 2), dtype=int)]
@@ -234,16 +251,16 @@ class _Heads:
         )
 
 
-def _steps(design: SpiralDesign, degrees_per_step: float, wound: float | None = None) -> int:
+def _count_steps(design: SpiralDesign, degrees_per_step: float, wound: float | None = None) -> int:
     """Return the number of points along an arm's edge that suits the largest twist."""
     most = design.twist.max(initial=0.0) if wound is None else wound
     return 5 + int(np.ceil(np.degrees(most) / degrees_per_step))
 
 
-def _edges(design: SpiralDesign, centres: np.ndarray, steps: int, tips: Sequence[Tip | Cap]) -> np.ndarray:
+def _flat_edges(design: SpiralDesign, centres: np.ndarray, steps: int, tips: Sequence[Tip | Cap]) -> np.ndarray:
     """Return the left and right edge of every arm, from its joint or tip to the hub, (F, 4, 2, steps, 2), metres."""
-    begin = design.begin.copy()
-    begin.ravel()[[tip.arm for tip in tips]] = [tip.over for tip in tips]
+    begin = design.arm_starts.copy()
+    begin.ravel()[[tip.arm for tip in tips]] = [tip.inner_end for tip in tips]
     return (
         arm_edges(design.arms, design.roots, begin, steps) + centres[design.flat.layout.patch_of][:, None, None, None]
     )

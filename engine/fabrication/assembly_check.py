@@ -21,9 +21,11 @@ from .panels.labels import panel_name, seam_name
 
 # Maximum difference in length between the two sides of a seam edge, as a share of their mean; beyond it, joints 20 mm
 # apart are misaligned by the width of a thin arm
-STRETCH = 0.05
-HAND = 20.0  # maximum force of a joint in newtons: a third of an adult's pinch strength, sustainable for many joints
-BEARS = 1.0  # maximum load of a joint, as a share of the strain limit
+MAX_STRETCH = 0.05
+MAX_HAND_FORCE = (
+    20.0  # maximum force of a joint in newtons: a third of an adult's pinch strength, sustainable for many joints
+)
+MAX_LOAD = 1.0  # maximum load of a joint, as a share of the strain limit
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class SeamCheck:
     stretch : largest difference in length between the two sides of an edge, as a share of their mean
     force, moment : largest force and moment of its joints in equilibrium, N and N m
     load : largest strain of a neck as a share of the material's limit
-    hard : reasons why it is hard to join: "stretch", "force", "load"
+    difficulties : reasons why it is hard to join: "stretch", "force", "load"
 
     force, moment and load are None without a reliable equilibrium.
     """
@@ -50,7 +52,7 @@ class SeamCheck:
     force: float | None
     moment: float | None
     load: float | None
-    hard: tuple[str, ...]
+    difficulties: tuple[str, ...]
 
     @property
     def mismatch(self) -> float:
@@ -68,15 +70,15 @@ class AssemblyCheck:
     def warnings(self) -> tuple[str, ...]:
         """Sentences for the user: seams that are hard to join, the reason and a remedy."""
         limits = (
-            ("stretch", f"the two sides of an edge differ by more than {100 * STRETCH:g} %",
+            ("stretch", f"the two sides of an edge differ by more than {100 * MAX_STRETCH:g} %",
              "a lower distortion limit or smaller panels help"),
-            ("force", f"a joint pulls with more than {HAND:g} N", "a thinner sheet or thinner arms help"),
+            ("force", f"a joint pulls with more than {MAX_HAND_FORCE:g} N", "a thinner sheet or thinner arms help"),
             ("load", "a connector would be strained beyond what the material bears",
              "a thinner sheet, a larger object or another material help"),
         )  # fmt: skip
         found = []
         for kind, what, helps in limits:
-            names = [s.name for s in self.seams if kind in s.hard]
+            names = [s.name for s in self.seams if kind in s.difficulties]
             if names:
                 some = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
                 found.append(f"Hard to assemble, {len(names)} of {len(self.seams)} seams ({some}): {what}; {helps}")
@@ -90,12 +92,12 @@ class AssemblyCheck:
             "stretch_max": round(max((s.stretch for s in self.seams), default=0.0), 5),
         }
         if loads:
-            block |= {f"{key}_max": max(_loads(s)[key] for s in loads) for key in _loads(loads[0])}
-        hard = {"hard": sum(bool(s.hard) for s in self.seams), "warnings": list(self.warnings)}
-        return block | hard | {"seams": [_row(s) for s in self.seams]}
+            block |= {f"{key}_max": max(_load_report(s)[key] for s in loads) for key in _load_report(loads[0])}
+        hard = {"hard": sum(bool(s.difficulties) for s in self.seams), "warnings": list(self.warnings)}
+        return block | hard | {"seams": [_seam_report(s) for s in self.seams]}
 
 
-def _row(seam: SeamCheck) -> dict[str, Any]:
+def _seam_report(seam: SeamCheck) -> dict[str, Any]:
     """Return the entry of one seam in the report."""
     return {
         "seam": seam.name,
@@ -104,12 +106,12 @@ def _row(seam: SeamCheck) -> dict[str, Any]:
         "lengths_mm": [round(x * 1e3, 3) for x in seam.lengths],
         "mismatch": round(seam.mismatch, 5),
         "stretch": round(seam.stretch, 5),
-        **_loads(seam),
-        "hard": list(seam.hard),
+        **_load_report(seam),
+        "hard": list(seam.difficulties),
     }
 
 
-def _loads(seam: SeamCheck) -> dict[str, float]:
+def _load_report(seam: SeamCheck) -> dict[str, float]:
     """Return force, moment and load of a seam in the report's units; empty if unknown."""
     if seam.force is None or seam.moment is None or seam.load is None:
         return {}
@@ -117,7 +119,7 @@ def _loads(seam: SeamCheck) -> dict[str, float]:
 
 
 def check_assembly(
-    design: SpiralDesign, made: Connections | None = None, simulation: Simulation | None = None
+    design: SpiralDesign, connections: Connections | None = None, simulation: Simulation | None = None
 ) -> AssemblyCheck:
     """Predict how hard every seam of a design is to assemble.
 
@@ -126,21 +128,21 @@ def check_assembly(
     Parameters
     ----------
     design : spirals and panels
-    made : connectors, for the load on their necks
+    connections : connectors, for the load on their necks
     simulation : equilibrium, for forces and moments; they are left out without it
     """
     layout = design.flat.layout
     numbers, lengths = panel_numbers(layout), _lengths(design)
-    forces = None if simulation is None else _forces(design, made, simulation)
+    forces = None if simulation is None else _forces(design, connections, simulation)
     found = []
     for number, edges in enumerate(layout.seams):
         sides, quads = lengths[number], layout.mesh.edge_quads[edges[0]]
         stretch = float((2.0 * np.abs(sides[:, 0] - sides[:, 1]) / sides.sum(axis=1)).max())
         force, moment, load = (None,) * 3 if forces is None else (float(x) for x in forces[edges].max(axis=0))
         hard = {
-            "stretch": stretch > STRETCH,
-            "force": force is not None and force > HAND,
-            "load": load is not None and load > BEARS,
+            "stretch": stretch > MAX_STRETCH,
+            "force": force is not None and force > MAX_HAND_FORCE,
+            "load": load is not None and load > MAX_LOAD,
         }
         one, two = (numbers[p] for p in layout.patch_of[quads].tolist())
         whole = float(sides[:, 0].sum()), float(sides[:, 1].sum())
@@ -161,11 +163,11 @@ def _lengths(design: SpiralDesign) -> list[np.ndarray]:
     for edges in layout.seams:
         pair, side = mesh.edge_quads[edges], mesh.edge_sides[edges]
         length = sides[pair, side]
-        found.append(np.where(_is_swapped(layout, edges)[:, None], length[:, ::-1], length))
+        found.append(np.where(_has_swapped_quads(layout, edges)[:, None], length[:, ::-1], length))
     return found
 
 
-def _is_swapped(layout: PatchLayout, edges: np.ndarray) -> np.ndarray:
+def _has_swapped_quads(layout: PatchLayout, edges: np.ndarray) -> np.ndarray:
     """Return (N,) whether an edge of a seam has its two quads in the opposite order to the first edge.
 
     All quads on the same side of a seam traverse its edges in the same direction, which tells the sides apart.
@@ -181,7 +183,7 @@ def _is_swapped(layout: PatchLayout, edges: np.ndarray) -> np.ndarray:
     return np.array(turned)
 
 
-def _forces(design: SpiralDesign, made: Connections | None, simulation: Simulation) -> np.ndarray | None:
+def _forces(design: SpiralDesign, connections: Connections | None, simulation: Simulation) -> np.ndarray | None:
     """Return (E, 3) for every edge: force (N), moment (N m), and ratio of the neck's stress to the strength.
 
     None if the equilibrium is not reliable or the elastic model has no forces at joints.
@@ -196,5 +198,5 @@ def _forces(design: SpiralDesign, made: Connections | None, simulation: Simulati
     wrench = np.zeros((len(mesh.edges), 6))
     wrench[~mesh.border] = wrenches[: model.assembly.inner]
     force, moment = np.linalg.norm(wrench[:, :3], axis=1), np.linalg.norm(wrench[:, 3:], axis=1)
-    stress = joints.stresses(wrench, joints.necks(design, made), thickness)
+    stress = joints.neck_stresses(wrench, joints.neck_widths(design, connections), thickness)
     return np.column_stack([force, moment, stress / material.strength])

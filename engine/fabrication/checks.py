@@ -15,7 +15,7 @@ from ..spirals.contours import Outline
 from ..spirals.design import SpiralDesign
 from ..surface.checking.finding import with_count
 from .connectors.connect import Connections
-from .nesting.packing import lying_box, turn_that_fits
+from .nesting.packing import find_fitting_rotation, preferred_box
 from .panels.kerf import cut_paths
 from .panels.panel import Panel
 
@@ -24,11 +24,11 @@ def check_mill(design: SpiralDesign, cut: CutParams) -> None:
     """Raise ``FlexMapsError`` if the mill is wider than a slot."""
     if cut.mill == 0.0:
         return
-    narrow = design.narrower(cut.mill)
+    narrow = design.quads_with_narrow_slots(cut.mill)
     if len(narrow):
         raise FlexMapsError(
             f"A mill of {cut.mill * 1e3:g} mm does not fit into the slots of {with_count(len(narrow), 'spiral', 'spirals')}, down to "
-            f"{design.narrowest[0] * 1e3:.2g} mm wide; make the smallest slot at least {cut.mill * 1e3:g} mm and the fillet "
+            f"{design.min_slot_and_bridge[0] * 1e3:.2g} mm wide; make the smallest slot at least {cut.mill * 1e3:g} mm and the fillet "
             f"{cut.mill * 500:g} mm, the object larger, or take a thinner mill",
             faces=narrow,
         )
@@ -79,34 +79,36 @@ def check_kerf(design: SpiralDesign, panels: Sequence[Panel], cut: CutParams, pr
         )
 
 
-def without(made: Connections, params: ConnectorParams) -> list[str]:
+def warn_of_missing_connectors(connections: Connections, params: ConnectorParams) -> list[str]:
     """Return warnings about joints without a connector, and about joints that have only room for a glued tab.
 
     Parameters
     ----------
-    made : the connectors
+    connections : the connectors
     params : requested kind of connector; no warning about tabs if tabs are requested
     """
-    found, whole = [], len(made.unsolved) + len(made.connectors)
+    found, whole = [], len(connections.plain_joints) + len(connections.connectors)
     remedy = "make the object larger, the slot at seams wider, or the thinnest part of the connectors smaller"
-    glued = [(c.name, c.faces) for c in made.connectors if c.kind == "tab" and params.connector != "tab"]
+    glued = [(c.name, c.faces) for c in connections.connectors if c.kind == "tab" and params.connector != "tab"]
     if glued:
-        found.append(f"{len(glued)} of {whole} joints have room for ends to be glued only ({_named(glued)}): {remedy}")
-    if made.unsolved:
-        plain = _named([(name, faces) for name, *faces in made.unsolved])
         found.append(
-            f"{len(made.unsolved)} of {whole} joints have no room for a connector and keep plain ends ({plain}): {remedy}"
+            f"{len(glued)} of {whole} joints have room for ends to be glued only ({_list_joints(glued)}): {remedy}"
+        )
+    if connections.plain_joints:
+        plain = _list_joints([(name, faces) for name, *faces in connections.plain_joints])
+        found.append(
+            f"{len(connections.plain_joints)} of {whole} joints have no room for a connector and keep plain ends ({plain}): {remedy}"
         )
     return found
 
 
-def _named(joints: Sequence[tuple[str, Sequence[int]]], most: int = 5) -> str:
+def _list_joints(joints: Sequence[tuple[str, Sequence[int]]], most: int = 5) -> str:
     """Return the names of the first ``most`` joints in words, with the two faces of each."""
     named = [f"{name} between faces {a} and {b}" for name, (a, b) in joints[:most]]
     return ", ".join(named) + (", ..." if len(joints) > most else "")
 
 
-def oversize(
+def check_panel_sizes(
     panels: Sequence[Panel],
     patches: tuple[np.ndarray, ...],
     params: SheetParams,
@@ -119,17 +121,20 @@ def oversize(
     ----------
     panels : the panels
     patches : quads of every patch, for the error
-    params : size of the sheets, margin, allowed rotations; ``oversize`` "error" forbids larger panels
+    params : size of the sheets, margin, allowed rotations; ``check_panel_sizes`` "error" forbids larger panels
     progress : called with the fraction done; may cancel
     turn : rotation in radians that lays the panels' grain along x
     """
     found = []
     for number, panel in enumerate(panels):
         progress(number / len(panels), "size of the panels")
-        shape = panel.outline.moved(turn, np.zeros(2)).sampled(1e-4)
-        if turn_that_fits(shape, (params.sheet_width, params.sheet_height), params.margin, params.rotation) is not None:
+        shape = panel.outline.transform(turn, np.zeros(2)).sample(1e-4)
+        if (
+            find_fitting_rotation(shape, (params.sheet_width, params.sheet_height), params.margin, params.rotation)
+            is not None
+        ):
             continue
-        size = lying_box(shape, params.rotation)[1]
+        size = preferred_box(shape, params.rotation)[1]
         text = (
             f"Panel {panel.number} is {size[0] * 1e3:.0f} x {size[1] * 1e3:.0f} mm and larger than the sheet of "
             f"{params.sheet_width * 1e3:g} x {params.sheet_height * 1e3:g} mm less its margins"
@@ -142,7 +147,7 @@ def oversize(
     return found
 
 
-def grain_lost(material: Material, params: SheetParams) -> list[str]:
+def warn_of_ignored_grain(material: Material, params: SheetParams) -> list[str]:
     """Return a warning if the material is stiffer along its grain and the panels are not laid along the grain.
 
     Parameters
@@ -162,17 +167,17 @@ def grain_lost(material: Material, params: SheetParams) -> list[str]:
     ]
 
 
-def tight(design: SpiralDesign) -> list[str]:
+def warn_of_tight_quads(design: SpiralDesign) -> list[str]:
     """Return warnings about quads too small for the requested arms or slots."""
     found, params = [finding.message for finding in design.findings], design.params
-    if len(design.thin):
+    if len(design.thin_quads):
         found.append(
-            f"{with_count(len(design.thin), 'quad has', 'quads have')} no room for arms {params.width_min * 1e3:g} mm wide; "
+            f"{with_count(len(design.thin_quads), 'quad has', 'quads have')} no room for arms {params.width_min * 1e3:g} mm wide; "
             f"these are down to {design.width.min() * 1e3:.2g} mm: make the object larger or those quads more regular"
         )
-    if design.narrowest[0] < min(params.slot_min, 2.0 * params.fillet or 1.0) * 0.999:
+    if design.min_slot_and_bridge[0] < min(params.slot_min, 2.0 * params.fillet or 1.0) * 0.999:
         found.append(
-            f"The narrowest slot is {design.narrowest[0] * 1e3:.2g} mm wide and not {params.slot_min * 1e3:g} mm; "
+            f"The narrowest slot is {design.min_slot_and_bridge[0] * 1e3:.2g} mm wide and not {params.slot_min * 1e3:g} mm; "
             "make the object larger or its smallest quads more regular"
         )
     return found

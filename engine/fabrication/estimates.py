@@ -21,26 +21,26 @@ class CutSpeed:
     at_3mm: float
     source: str
 
-    def at(self, thickness: float) -> float:
-        """Return the speed in m/s for a thickness in metres, at most ``FASTEST``, as machines slow down in curves."""
-        return min(self.at_3mm * 0.003 / thickness, FASTEST)
+    def at_thickness(self, thickness: float) -> float:
+        """Return the speed in m/s for a thickness in metres, at most ``MAX_CUT_SPEED``, as machines slow down in curves."""
+        return min(self.at_3mm * 0.003 / thickness, MAX_CUT_SPEED)
 
 
-FASTEST = 0.06  # maximum cutting speed, m/s
-CONTOUR = 0.4  # seconds per contour for travel and piercing
-ENGRAVING = 0.1  # speed of engraving the strokes of labels, m/s
+MAX_CUT_SPEED = 0.06  # maximum cutting speed, m/s
+SECONDS_PER_CONTOUR = 0.4  # seconds per contour for travel and piercing
+ENGRAVING_SPEED = 0.1  # speed of engraving the strokes of labels, m/s
 _TABLE = "teaching material of a certified laser course, 60 W CO2: cast acrylic 3 mm 10-15 mm/s, 6 mm 5-8; birch plywood 3 mm 12-18, 6 mm 5-8; MDF 3 mm 15-20"
 # cutting speeds by key of the material
-SPEEDS: dict[str, CutSpeed] = {
+CUT_SPEEDS: dict[str, CutSpeed] = {
     "acrylic": CutSpeed(0.0125, _TABLE),
     "birch": CutSpeed(0.015, _TABLE),
     "mdf": CutSpeed(0.0175, _TABLE),
     "pom": CutSpeed(0.0125, "taken as acrylic, which it cuts like; no table at hand names it"),
 }
-JOINT = 45.0  # seconds to assemble a joint by hand; table 1 of FlexMaps implies 12 to 80 s
+SECONDS_PER_JOINT = 45.0  # seconds to assemble a joint by hand; table 1 of FlexMaps implies 12 to 80 s
 
 
-def duration(minutes: float) -> str:
+def format_duration(minutes: float) -> str:
     """Format a duration given in minutes as "25 min" or "1.8 h"."""
     whole = max(round(minutes), 1)
     return f"{whole} min" if whole < 90 else f"{minutes / 60.0:.1f} h"
@@ -90,7 +90,7 @@ def estimate(
     strokes = sum(c.length for p in sheets.panels for c in p.labels)
     seconds = cut_seconds(material, sheets.thickness, sheets.cut_length, contours, strokes)
     joints = int(design.flat.layout.cut.sum())
-    area, used = float(sheets.packing.areas.sum()), sum(p.area for p in sheets.panels)
+    area, used = float(sheets.packing.sheet_areas.sum()), sum(p.area for p in sheets.panels)
     prices, hour = prices or CostParams(), 3600.0
     costs = {
         "sheets": prices.sheet_price * (sheets.count - len(sheets.packing.remnants)),  # remnants cost nothing
@@ -114,7 +114,7 @@ def estimate(
 def cut_speed(material: Material, thickness: float) -> float | None:
     """Return the speed in m/s of a laser in a thickness in metres; None for materials that a laser does not cut."""
     known = next((key for key, one in MATERIALS.items() if one.name == material.name), "")
-    return SPEEDS[known].at(thickness) if known in SPEEDS else None
+    return CUT_SPEEDS[known].at_thickness(thickness) if known in CUT_SPEEDS else None
 
 
 def cut_seconds(
@@ -131,27 +131,30 @@ def cut_seconds(
     strokes : metres of engraved lines
     """
     speed = cut_speed(material, thickness)
-    return None if speed is None else length / speed + CONTOUR * contours + strokes / ENGRAVING
+    return None if speed is None else length / speed + SECONDS_PER_CONTOUR * contours + strokes / ENGRAVING_SPEED
 
 
 def assembly_seconds(joints: int) -> float:
     """Return the seconds that a single person needs to assemble this number of joints."""
-    return JOINT * joints
+    return SECONDS_PER_JOINT * joints
 
 
-def estimates_report(made: Estimates) -> dict[str, Any]:
+def estimates_report(estimates: Estimates) -> dict[str, Any]:
     """Return the estimates for the ``sheets`` block of report.json; unknown figures are left out."""
     block: dict[str, Any] = {
-        "mass_g": round(made.mass * 1e3, 2),
-        "sheet_area_m2": round(made.sheet_area, 4),
-        "joints": made.joints,
-        "assembly_minutes": round(made.assembly_seconds / 60.0),
-        "waste": round(made.waste, 4),
+        "mass_g": round(estimates.mass * 1e3, 2),
+        "sheet_area_m2": round(estimates.sheet_area, 4),
+        "joints": estimates.joints,
+        "assembly_minutes": round(estimates.assembly_seconds / 60.0),
+        "waste": round(estimates.waste, 4),
     }
-    if made.costs:
+    if estimates.costs:
         block["cost"] = {
-            name: round(cost, 2) for name, cost in (*made.costs.items(), ("total", sum(made.costs.values())))
+            name: round(cost, 2) for name, cost in (*estimates.costs.items(), ("total", sum(estimates.costs.values())))
         }
-    if made.cut_seconds is not None and made.cut_speed is not None:
-        block |= {"cut_minutes": round(made.cut_seconds / 60.0, 1), "cut_speed_mm_s": round(made.cut_speed * 1e3, 2)}
+    if estimates.cut_seconds is not None and estimates.cut_speed is not None:
+        block |= {
+            "cut_minutes": round(estimates.cut_seconds / 60.0, 1),
+            "cut_speed_mm_s": round(estimates.cut_speed * 1e3, 2),
+        }
     return block

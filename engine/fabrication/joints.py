@@ -17,25 +17,25 @@ from ..spirals.design import SpiralDesign
 from .connectors.connect import Connections
 
 
-def necks(design: SpiralDesign, made: Connections | None) -> Float[np.ndarray, " edges"]:
+def neck_widths(design: SpiralDesign, connections: Connections | None) -> Float[np.ndarray, " edges"]:
     """Return the width (E,) in metres of the narrowest place of every joint: its connector's neck, or else the arm.
 
     Parameters
     ----------
     design : the spirals
-    made : the connectors, or None
+    connections : the connectors, or None
     """
     mesh = design.flat.layout.mesh
     neck = design.arms.joint_width[mesh.edge_quads[:, 0], mesh.edge_sides[:, 0]]
-    for connector in () if made is None else made.connectors:
+    for connector in () if connections is None else connections.connectors:
         if connector.kind != "tab":
-            size = connector.made.size
+            size = connector.candidate.size
             # the clearance narrows the neck by half its width on both sides
             neck[mesh.quad_edges[connector.faces[0], connector.sides[0]]] = size.neck - size.clearance
     return neck
 
 
-def stresses(
+def neck_stresses(
     wrench: Float[np.ndarray, "joints 6"], neck: Float[np.ndarray, " joints"], thickness: float
 ) -> Float[np.ndarray, " joints"]:
     """Return an upper bound of the stress in every neck, Pa.

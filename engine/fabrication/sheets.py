@@ -16,21 +16,28 @@ from ..spirals.contours import Outline
 from ..spirals.curves.spiral import centre_line
 from ..spirals.design import SpiralDesign
 from ..surface.checking.finding import with_count
-from .checks import check_kerf, check_mill, check_nozzle, oversize, tight, without
+from .checks import (
+    check_kerf,
+    check_mill,
+    check_nozzle,
+    check_panel_sizes,
+    warn_of_missing_connectors,
+    warn_of_tight_quads,
+)
 from .connectors.connect import Connections, connect
 from .nesting.nest import nest
 from .nesting.packing import Packing
-from .nesting.sheet_count import refuse_many
+from .nesting.sheet_count import refuse_many_sheets
 from .panels.kerf import cut_paths
 from .panels.labels import Labels, SmallLabel, key_label, make_labels, with_mark
 from .panels.panel import Panel
-from .panels.toolpath import WAY, SheetCuts, plan
+from .panels.toolpath import CUTTER_PATH, SheetCuts, plan_cuts
 from .standing.base import Base
 from .waste_labels import labels_beside
 
 # Penalty factor of places for holding tabs at hubs: one is preferred to a plain arm end only if it is so many times
 # farther from the other tabs
-_HUB = 3.0
+_HUB_PENALTY = 3.0
 CONNECTORS, CUT = ConnectorParams(), CutParams()
 
 
@@ -62,18 +69,19 @@ class CutSheets:
     cut: CutParams
     connections: Connections
     base: Base | None = None
-    _runs: dict[int, SheetCuts] = field(default_factory=dict, init=False, repr=False)
+    _cuts_by_sheet: dict[int, SheetCuts] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def count(self) -> int:
         """Number of sheets."""
         return len(self.packing.sizes)
 
-    def on_sheet(self, index: int) -> list[Panel]:
+    def panels_on_sheet(self, index: int) -> list[Panel]:
         """Return the panels of one sheet in the sheet's coordinates."""
         where = self.packing
         return [
-            self.panels[i].moved(float(where.rotation[i]), where.shift[i]) for i in np.flatnonzero(where.sheet == index)
+            self.panels[i].transform(float(where.rotation[i]), where.shift[i])
+            for i in np.flatnonzero(where.sheet == index)
         ]
 
     def paths_on_sheet(self, index: int, progress: Progress = SILENT) -> list[Panel]:
@@ -84,9 +92,9 @@ class CutSheets:
         index : of the sheet
         progress : receives the share done
         """
-        return [_with_cutter_path(p, self.cut) for p in progress.each(self.on_sheet(index), WAY)]
+        return [_with_cutter_path(p, self.cut) for p in progress.each(self.panels_on_sheet(index), CUTTER_PATH)]
 
-    def runs(self, index: int, progress: Progress = SILENT) -> SheetCuts:
+    def cuts_on_sheet(self, index: int, progress: Progress = SILENT) -> SheetCuts:
         """Return the cuts of one sheet in cutting order, with lead-ins and holding tabs.
 
         Parameters
@@ -94,13 +102,15 @@ class CutSheets:
         index : of the sheet
         progress : receives the share done
         """
-        if index not in self._runs:
+        if index not in self._cuts_by_sheet:
             panels = self.paths_on_sheet(index, progress.part(0.0, 0.5))
-            labels, holes = [c for p in panels for c in (*p.labels, *p.beside)], [p.holes for p in panels]
+            labels, holes = [c for p in panels for c in (*p.labels, *p.waste_labels)], [p.holes for p in panels]
             size = tuple(self.packing.sizes[index].tolist())
-            outlines, holds = [p.outline for p in panels], [p.holds for p in panels]
-            self._runs[index] = plan(labels, holes, outlines, holds, size, self.cut, progress.part(0.5, 1.0))
-        return self._runs[index]
+            outlines, holds = [p.outline for p in panels], [p.tab_places for p in panels]
+            self._cuts_by_sheet[index] = plan_cuts(
+                labels, holes, outlines, holds, size, self.cut, progress.part(0.5, 1.0)
+            )
+        return self._cuts_by_sheet[index]
 
     @property
     def cut_length(self) -> float:
@@ -108,7 +118,7 @@ class CutSheets:
         return sum(c.length for p in self.panels for c in (p.outline, *p.holes))
 
     @property
-    def nodes(self) -> int:
+    def node_count(self) -> int:
         """Number of nodes of all cuts."""
         return sum(len(c.points) for p in self.panels for c in (p.outline, *p.holes))
 
@@ -146,25 +156,25 @@ def make_sheets(
     _refuse_contacts(design, drawn, progress.part(0.3, 0.5))
     progress(0.5, "labels")
     labels = make_engraving(design, made, params, base, progress=progress.part(0.5, 0.6))
-    panels = _panels(design, drawn, labels, base, progress.part(0.6, 0.6))
+    panels = _make_panels(design, drawn, labels, base, progress.part(0.6, 0.6))
     check_kerf(design, panels, cut, progress.part(0.6, 0.65))
     if made.connectors:
         _refuse_wide_cutter(connectors, cut)
-    slot, bridge = design.measure(progress.part(0.65, 0.7))
-    bridge = min([bridge, made.bridge, *(one.edge for one in (() if base is None else base.eyelets))])
-    turn = along_grain(design, params)
+    slot, bridge = design.measure_slot_and_bridge(progress.part(0.65, 0.7))
+    bridge = min([bridge, made.min_bridge, *(one.edge_width for one in (() if base is None else base.eyelets))])
+    turn = grain_rotation(design, params)
     warnings = [
-        *oversize(panels, layout.patches, params, progress.part(0.7, 0.72), turn),
-        *tight(design),
+        *check_panel_sizes(panels, layout.patches, params, progress.part(0.7, 0.72), turn),
+        *warn_of_tight_quads(design),
         *check_nozzle(design, cut),
-        *without(made, connectors),
+        *warn_of_missing_connectors(made, connectors),
     ]
-    panels += _plates(base)
-    packing = _lay_on_sheets(panels, made, turn, params, progress.part(0.72, 0.97))
+    panels += _base_panels(base)
+    packing = _nest_panels(panels, made, turn, params, progress.part(0.72, 0.97))
     warnings += dict.fromkeys(remark for one in packing.remnants for remark in one.remarks)
-    every, beside = panels + loose_keys(made, params), progress.part(0.97, 1.0)
+    every, beside = panels + key_panels(made, params), progress.part(0.97, 1.0)
     panels, more = with_labels_beside(every, packing, labels.small, params, progress=beside)
-    placed, left_out = labels.placed + more, labels.left_out - more
+    placed, left_out = labels.engraved_count + more, labels.left_out_count - more
     if left_out:
         warnings.append(
             f"{left_out} of {placed + left_out} labels have no room on or beside their panels and are left out"
@@ -194,15 +204,15 @@ def _refuse_wide_cutter(connectors: ConnectorParams, cut: CutParams) -> None:
         )
 
 
-def _lay_on_sheets(
-    panels: Sequence[Panel], made: Connections, turn: float, params: SheetParams, progress: Progress
+def _nest_panels(
+    panels: Sequence[Panel], connections: Connections, turn: float, params: SheetParams, progress: Progress
 ) -> Packing:
-    """Lay panels on sheets, all turned first by ``turn`` (radians, see ``along_grain``), and then the loose keys."""
+    """Lay panels on sheets, all turned first by ``turn`` (radians, see ``grain_rotation``), and then the loose keys."""
     outlines = [p.outline for p in progress.part(0.0, 0.0).each(panels, "outlines of the panels")]
-    shapes = [o.moved(turn, np.zeros(2)).sampled(2e-5) if turn else o.sampled(2e-5) for o in outlines]
-    refuse_many(shapes, params)
+    shapes = [o.transform(turn, np.zeros(2)).sample(2e-5) if turn else o.sample(2e-5) for o in outlines]
+    refuse_many_sheets(shapes, params)
     laid = nest(shapes, params, progress)
-    return with_keys(replace(laid, rotation=laid.rotation + turn), made.keys, params)
+    return with_key_sheets(replace(laid, rotation=laid.rotation + turn), connections.key_outlines, params)
 
 
 def with_labels_beside(
@@ -229,14 +239,14 @@ def with_labels_beside(
     for one, k, strokes in zip(
         small, of_panel, labels_beside(panels, packing, small, of_panel, params, progress), strict=True
     ):
-        found[k] = replace(found[k], beside=(*found[k].beside, *strokes))
-        more += bool(strokes) and not one.placed
+        found[k] = replace(found[k], waste_labels=(*found[k].waste_labels, *strokes))
+        more += bool(strokes) and not one.is_engraved
     return tuple(found), more
 
 
 def make_engraving(
     design: SpiralDesign,
-    made: Connections,
+    connections: Connections,
     params: SheetParams,
     base: Base | None,
     mark: str = "",
@@ -247,24 +257,24 @@ def make_engraving(
     Parameters
     ----------
     design : spirals and panels
-    made : connectors, whose places the labels avoid
+    connections : connectors, whose places the labels avoid
     params : heights of labels, and whether there are any
     base : its feet are labelled too, and the holes of its eyelets are avoided
     mark : letter of the piece, if several share sheets
     progress : called with the fraction done; may cancel
     """
     if not params.labels:
-        return Labels(((),) * len(made.outlines), 0, 0, ((),) * len(made.outlines))
-    taken = np.where(design.absent, np.inf, made.taken)
+        return Labels(((),) * len(connections.outlines), 0, 0, ((),) * len(connections.outlines))
+    taken = np.where(design.is_absent, np.inf, connections.occupied_lengths)
     pierced = [] if base is None else [one.quad for one in base.eyelets]
     labels = make_labels(
-        design.flat.layout, design.arms, design.roots, params, taken, progress, mark=mark, pierced=pierced
+        design.flat.layout, design.arms, design.roots, params, taken, progress, mark=mark, quads_with_holes=pierced
     )
     more = {} if base is None else base.foot_labels(params, mark)
     return replace(labels, strokes=tuple((*s, *more.get(i, ())) for i, s in enumerate(labels.strokes)))
 
 
-def along_grain(design: SpiralDesign, params: SheetParams) -> float:
+def grain_rotation(design: SpiralDesign, params: SheetParams) -> float:
     """Return the angle in radians by which panels are turned so that their grain runs along the sheet's width.
 
     Parameters
@@ -275,22 +285,22 @@ def along_grain(design: SpiralDesign, params: SheetParams) -> float:
     return -design.params.grain if params.rotation == "GRAIN" else 0.0
 
 
-def _panels(
+def _make_panels(
     design: SpiralDesign, outlines: Sequence[Outline], labels: Labels, base: Base | None, progress: Progress
 ) -> tuple[Panel, ...]:
     """Return one panel per patch, including the holes for eyelets."""
     holds, numbers = _tab_places(design, progress), panel_numbers(design.flat.layout)
     panels = []
     for i, o in enumerate(progress.each(outlines, "areas of the panels")):
-        pierced = (*o.holes, *(() if base is None else base.holes(i)))
+        pierced = (*o.holes, *(() if base is None else base.eyelet_holes(i)))
         area = o.outer.area + sum(h.area for h in pierced)
         panels.append(
-            Panel(numbers[i], i, o.outer, pierced, labels.strokes[i], area, holds[i], on_hubs=labels.on_hubs[i])
+            Panel(numbers[i], i, o.outer, pierced, labels.strokes[i], area, holds[i], hub_labels=labels.hub_strokes[i])
         )
     return tuple(panels)
 
 
-def _plates(base: Base | None) -> tuple[Panel, ...]:
+def _base_panels(base: Base | None) -> tuple[Panel, ...]:
     """Return the plates of the base as panels."""
     found = []
     for plate in () if base is None else base.plates:
@@ -301,27 +311,27 @@ def _plates(base: Base | None) -> tuple[Panel, ...]:
     return tuple(found)
 
 
-def loose_keys(made: Connections, params: SheetParams, mark: str = "") -> tuple[Panel, ...]:
+def key_panels(connections: Connections, params: SheetParams, mark: str = "") -> tuple[Panel, ...]:
     """Return the loose keys as panels.
 
     Parameters
     ----------
-    made : connectors of the piece
+    connections : connectors of the piece
     params : heights of labels, and whether there are any
     mark : letter of the piece
     """
-    keyed = [(with_mark(c.name, mark), c.made) for c in made.connectors if c.kind == "key"]
+    keyed = [(with_mark(c.name, mark), c.candidate) for c in connections.connectors if c.kind == "key"]
     return tuple(
         Panel(
             0,
             -1,
             k.outer,
             (),
-            key_label(name, a.size.neck, 2.0 * (a.size.length + a.back), params),
+            key_label(name, a.size.neck, 2.0 * (a.size.length + a.setback), params),
             k.outer.area,
             kind="key",
         )
-        for k, (name, a) in zip(made.keys, keyed, strict=True)
+        for k, (name, a) in zip(connections.key_outlines, keyed, strict=True)
     )
 
 
@@ -333,13 +343,13 @@ def _tab_places(design: SpiralDesign, progress: Progress) -> list[np.ndarray]:
     """
     layout, arms = design.flat.layout, design.arms
     border = layout.mesh.border[layout.mesh.quad_edges]
-    tips = centre_line(arms, np.where(design.absent, design.begin, 0.0)[..., None])[0][:, :, 0]
+    tips = centre_line(arms, np.where(design.is_absent, design.arm_starts, 0.0)[..., None])[0][:, :, 0]
     # a slot opens to the outline if the vertex between its two sides lies on the outline
     outer = layout.on_outline[np.roll(layout.flat_corners, -1, axis=1)]
     found = []
     for quads in progress.each(layout.patches, "places for holding tabs"):
         ends, roots = tips[quads][border[quads]], design.roots.centre[quads][outer[quads]]
-        liked = np.repeat([1.0, _HUB], [len(ends), len(roots)])
+        liked = np.repeat([1.0, _HUB_PENALTY], [len(ends), len(roots)])
         found.append(np.column_stack([np.concatenate([ends, roots]), liked]))
     return found
 
@@ -350,7 +360,7 @@ def _with_cutter_path(panel: Panel, cut: CutParams) -> Panel:
     return replace(panel, outline=path.outer, holes=path.holes)
 
 
-def with_keys(packing: Packing, keys: tuple[Outline, ...], params: SheetParams) -> Packing:
+def with_key_sheets(packing: Packing, keys: tuple[Outline, ...], params: SheetParams) -> Packing:
     """Add sheets for the loose keys, in rows; these sheets are only as large as needed, to be cut from leftovers.
 
     Parameters
@@ -361,7 +371,7 @@ def with_keys(packing: Packing, keys: tuple[Outline, ...], params: SheetParams) 
     """
     if not keys:
         return packing
-    size = max(np.ptp(k.outer.sampled(1e-5), axis=0).max() for k in keys)
+    size = max(np.ptp(k.outer.sample(1e-5), axis=0).max() for k in keys)
     pitch = size + params.spacing
     free = np.array([params.sheet_width, params.sheet_height]) - 2.0 * params.margin + params.spacing
     columns, rows = np.maximum((free // pitch).astype(int), 1).tolist()

@@ -12,12 +12,12 @@ from ..params import SheetParams
 from ..progress import SILENT, Progress
 from ..spirals.curves.arcs import Curve
 from .nesting.packing import Packing
-from .panels.labels import LEGIBLE, SmallLabel
-from .panels.lettering import length, straight
+from .panels.labels import LEGIBLE_HEIGHT, SmallLabel
+from .panels.lettering import straight_text, text_length
 from .panels.panel import Panel
 
 BESIDE = "labels beside panels"
-_WAYS = 16  # number of directions around a labelled point in which free space is searched
+_DIRECTIONS = 16  # number of directions around a labelled point in which free space is searched
 _REACH = 5.0  # maximum distance of letters from the labelled point, in letter heights; longer ticks cross other ticks
 _STEPS = 12  # number of distances tried up to ``_REACH``
 _MIN_TICK = 0.5  # minimum length of a tick in letter heights; a shorter one looks like a hyphen
@@ -58,23 +58,23 @@ def labels_beside(
     for sheet in np.unique(sheet_of).tolist():
         own = np.flatnonzero(sheet_of == sheet).tolist()
         share = progress.part(done / len(small), (done + len(own)) / len(small))
-        waste, done = _Waste(panels, packing, sheet, params, share), done + len(own)
+        waste, done = _FreeWaste(panels, packing, sheet, params, share), done + len(own)
         for k in share.each(own, BESIDE):
-            found[k] = waste.room(small[k], of_panel[k])
+            found[k] = waste.write_label(small[k], of_panel[k])
     return found
 
 
-class _Waste:
+class _FreeWaste:
     """Free space of one sheet, outside its panels and the labels written so far."""
 
     def __init__(self, panels: Sequence[Panel], packing: Packing, sheet: int, params: SheetParams, progress: Progress):
         import shapely
 
-        self.packing, self.height = packing, min(LEGIBLE, params.label_height)
-        self.clear = 0.5 * params.spacing
+        self.packing, self.height = packing, min(LEGIBLE_HEIGHT, params.label_height)
+        self.clearance = 0.5 * params.spacing
         pieces, outlines = [], []
         for k in progress.part(0.0, 0.0).each(np.flatnonzero(packing.sheet == sheet).tolist(), BESIDE):
-            ring = panels[k].outline.moved(float(packing.rotation[k]), packing.shift[k]).sampled(_TOLERANCE)
+            ring = panels[k].outline.transform(float(packing.rotation[k]), packing.shift[k]).sample(_TOLERANCE)
             outlines.append(ring)
             closed = np.concatenate([ring, ring[:1]])
             pieces += [closed[i : i + _LINE_POINTS + 1] for i in range(0, len(ring), _LINE_POINTS)]
@@ -88,17 +88,17 @@ class _Waste:
             if sheet < len(packing.remnants)
             else shapely.box(0, 0, *packing.sizes[sheet])
         )
-        self.sheet = whole.buffer(-self.clear)
+        self.sheet = whole.buffer(-self.clearance)
         shapely.prepare(self.sheet)
         self.marks: list[Any] = []  # boxes of the letters, and ticks
 
-    def room(self, label: SmallLabel, panel: int) -> tuple[Curve, ...]:
+    def write_label(self, label: SmallLabel, panel: int) -> tuple[Curve, ...]:
         """Write a label at the nearest free place beside its panel and return its strokes; empty without room."""
         boxes, places = self._candidates(label, panel)
         for first in range(0, len(boxes), _BATCH):  # most labels fit into one of the first boxes
             some = slice(first, first + _BATCH)
-            free = self._free(boxes[some])
-            strokes = self._write(label, panel, boxes[some][free], places[some][free])
+            free = self._are_free(boxes[some])
+            strokes = self._write_in_first_free_box(label, panel, boxes[some][free], places[some][free])
             if strokes:
                 return strokes
         return ()
@@ -111,36 +111,38 @@ class _Waste:
         turn = self.packing.rotation[panel]
         frame = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
         places = label.places @ frame + self.packing.shift[panel]
-        half = 0.5 * self.height * np.array([length(label.text), 1.0])
-        angle = 2.0 * np.pi / _WAYS * np.arange(_WAYS)
+        half = 0.5 * self.height * np.array([text_length(label.text), 1.0])
+        angle = 2.0 * np.pi / _DIRECTIONS * np.arange(_DIRECTIONS)
         way = np.stack([np.cos(angle), np.sin(angle)], axis=1)
         # search outwards, starting where the box touches the labelled point
         out = np.min(half / np.maximum(np.abs(way), 1e-9), axis=1)
-        steps = np.linspace(self.clear, _REACH * self.height, _STEPS * (self.clear < _REACH * self.height))
+        steps = np.linspace(self.clearance, _REACH * self.height, _STEPS * (self.clearance < _REACH * self.height))
         offset = (out + steps[:, None])[..., None] * way
         centres = (places[:, None] + offset[:, None]).reshape(-1, 2)
-        of = np.broadcast_to(places[None, :, None], (len(steps), len(places), _WAYS, 2)).reshape(-1, 2)
+        of = np.broadcast_to(places[None, :, None], (len(steps), len(places), _DIRECTIONS, 2)).reshape(-1, 2)
         return np.concatenate([centres, np.broadcast_to(half, centres.shape)], axis=1), of
 
-    def _free(self, boxes: Float[np.ndarray, "boxes 4"]) -> np.ndarray:
+    def _are_free(self, boxes: Float[np.ndarray, "boxes 4"]) -> np.ndarray:
         """Return (n,) whether boxes lie inside the sheet and keep their distance from all panels."""
         import shapely
 
         low, high = boxes[:, :2] - boxes[:, 2:], boxes[:, :2] + boxes[:, 2:]
         free: np.ndarray = shapely.contains_properly(self.sheet, shapely.box(*low.T, *high.T))
         inside = np.flatnonzero(free)
-        grown = shapely.box(*(low[inside] - self.clear).T, *(high[inside] + self.clear).T)
+        grown = shapely.box(*(low[inside] - self.clearance).T, *(high[inside] + self.clearance).T)
         free[inside[np.unique(self.tree.query(grown, predicate="intersects")[0])]] = False
         inside = np.flatnonzero(free)
         free[inside[np.unique(self.panels.query(shapely.points(boxes[inside, :2]), predicate="intersects")[0])]] = False
         return free
 
-    def _write(self, label: SmallLabel, panel: int, boxes: np.ndarray, places: np.ndarray) -> tuple[Curve, ...]:
+    def _write_in_first_free_box(
+        self, label: SmallLabel, panel: int, boxes: np.ndarray, places: np.ndarray
+    ) -> tuple[Curve, ...]:
         """Write the label into the first box with a free tick that overlaps no other label; return the strokes."""
         import shapely
 
         for box, place in zip(boxes, places, strict=True):
-            tick = self._tick(box, place)
+            tick = self._make_tick(box, place)
             if tick is None:
                 continue
             half = box[2:] + 0.25 * self.height
@@ -148,13 +150,13 @@ class _Waste:
             if len(self.marks) and any(shapely.intersects(self.marks, one).any() for one in marks):
                 continue
             self.marks += marks
-            strokes = [*straight(label.text, self.height, box[:2], np.array([1.0, 0.0])), tick]
+            strokes = [*straight_text(label.text, self.height, box[:2], np.array([1.0, 0.0])), tick]
             turn, shift = float(self.packing.rotation[panel]), self.packing.shift[panel]
             back = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
             return tuple(Curve((s - shift) @ back, np.zeros(len(s)), closed=False) for s in strokes)
         return ()
 
-    def _tick(self, box: np.ndarray, place: np.ndarray) -> np.ndarray | None:
+    def _make_tick(self, box: np.ndarray, place: np.ndarray) -> np.ndarray | None:
         """Return the tick from the letters towards a labelled point; None if it is too short or the outline too far.
 
         The tick ends before the first outline on its way, at a third of the letters' distance from panels.
@@ -170,7 +172,7 @@ class _Waste:
         first = min(
             (shapely.distance(shapely.Point(box[:2]), shapely.intersection(one, line)) for one in near), default=far
         )
-        end = float(first) - 0.33 * self.clear
+        end = float(first) - 0.33 * self.clearance
         if end < begin + _MIN_TICK * self.height or far - first > _MAX_DEPTH:
             return None
         return np.stack([box[:2] + begin * way, box[:2] + end * way])

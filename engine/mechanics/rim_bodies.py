@@ -93,13 +93,13 @@ class RimJoints:
         """
         hub = centre[rim.quad] @ np.array([1.0, 1j])
         lever = np.stack([rim.middle - hub, rim.middle - rim.centre], axis=1)
-        first = np.flatnonzero(rim.following >= 0)
-        then = rim.following[first]
-        middle, across = rim.place(first, rim.reach[first, 0])
+        first = np.flatnonzero(rim.next_node >= 0)
+        then = rim.next_node[first]
+        middle, across = rim.points_at(first, rim.reach[first, 0])
         ends = np.stack([middle - rim.centre[first], middle - rim.centre[then]], axis=1)
         return cls(
-            rim.quad, rim.side, to_space(lever), _axes(rim.out), np.stack([first, then], axis=1), to_space(ends), _axes(across),
-            _necks(rim), _strips(rim, first, middle), rim.width - rim.hole,
+            rim.quad, rim.side, to_space(lever), _axes(rim.outwards), np.stack([first, then], axis=1), to_space(ends), _axes(across),
+            _necks(rim), _strips(rim, first, middle), rim.width - rim.hole_diameter,
         )  # fmt: skip
 
     @property
@@ -142,8 +142,8 @@ class RimJoints:
 def _necks(rim: Rim) -> RimBeams:
     """Divide the necks, straight from the strip to the tips."""
     share = (np.arange(NECK_PIECES) + 0.5) / NECK_PIECES
-    place = (rim.middle + rim.depth * rim.out)[:, None] - rim.depth * share * rim.out[:, None]
-    way = np.broadcast_to(-rim.out[:, None], place.shape)
+    place = (rim.middle + rim.depth * rim.outwards)[:, None] - rim.depth * share * rim.outwards[:, None]
+    way = np.broadcast_to(-rim.outwards[:, None], place.shape)
     length = np.full(place.shape, rim.depth / NECK_PIECES)
     return RimBeams.from_points(place, way, rim.middle, length, np.ones(1), np.zeros(place.shape))
 
@@ -153,14 +153,18 @@ def _strips(rim: Rim, first: np.ndarray, middle: Complex[np.ndarray, " strips"])
     share, whole = (np.arange(STRIP_PIECES) + 0.5) / STRIP_PIECES, rim.length[first]
     half = rim.reach[first, 0]
     at = np.stack([half[:, None] * share, whole[:, None] - (whole - half)[:, None] * share], axis=1)
-    place, way = rim.place(np.repeat(first, 2 * STRIP_PIECES), at.ravel())
+    place, way = rim.points_at(np.repeat(first, 2 * STRIP_PIECES), at.ravel())
     way = way.reshape(at.shape) * np.array([1.0, -1.0])[:, None]
     length = np.broadcast_to((np.stack([half, whole - half], axis=1) / STRIP_PIECES)[..., None], at.shape)
-    count = np.maximum(rim.holes[first], 1)
+    count = np.maximum(rim.hole_count[first], 1)
     between = (whole / count)[:, None, None]
     # distance along the strip from the nearest hole
     apart = np.abs((at % between) - 0.5 * between)
-    bore = 2.0 * np.sqrt(np.maximum(0.25 * rim.hole**2 - apart**2, 0.0)) * (rim.holes[first] > 0)[:, None, None]
+    bore = (
+        2.0
+        * np.sqrt(np.maximum(0.25 * rim.hole_diameter**2 - apart**2, 0.0))
+        * (rim.hole_count[first] > 0)[:, None, None]
+    )
     flat = (-1, STRIP_PIECES)
     parts = place.reshape(flat), way.reshape(flat), np.repeat(middle, 2), length.reshape(flat)
     return RimBeams.from_points(*parts, np.full(1, rim.width), bore.reshape(flat))

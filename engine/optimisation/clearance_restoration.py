@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Bool, Float
-from ..spirals.clearance.clearance_model import Terms
+from ..spirals.clearance.clearance_model import Clearances
 from .polytope import LinearClearances, Projection
 
 # Tikhonov term of the least-squares problem that restores clearances. Smaller: nearly parallel gradients with different
@@ -27,7 +27,7 @@ MAX_SHORTENINGS = 50  # largest number of rounds in which spirals with closed ga
 MIN_CLEARANCE = 5e-4  # clearance of a restored gap, in units of the coordinates
 
 
-def narrowest_per_pair(terms: Terms) -> Terms:
+def narrowest_per_pair(terms: Clearances) -> Clearances:
     """Keep, for every pair of arms, only the narrowest of the places where their gap is measured."""
     order = np.lexsort((terms.value, *terms.arms.T))
     arms = terms.arms[order]
@@ -35,7 +35,7 @@ def narrowest_per_pair(terms: Terms) -> Terms:
     first[1:] = (arms[1:] != arms[:-1]).any(axis=1)
     kept = order[first]
     by_flat = None if terms.by_flat is None else terms.by_flat[kept]
-    return Terms(terms.value[kept], terms.by_design[kept], by_flat, terms.arms[kept])
+    return Clearances(terms.value[kept], terms.by_design[kept], by_flat, terms.arms[kept])
 
 
 @dataclass(frozen=True, eq=False)

@@ -96,7 +96,7 @@ def to_design(point: DesignPoint, design: SpiralDesign) -> SpiralDesign | None:
     """
     flat, (width, twist) = flat_shapes_of(point, design), point.width_and_twist
     free = point.problem.space.free_spirals
-    return None if flat is None else make_fabricable(flat, design.params, width, twist, prove=False, free=free)
+    return None if flat is None else make_fabricable(flat, design.params, width, twist, check_outlines=False, free=free)
 
 
 def flat_shapes_of(point: DesignPoint, design: SpiralDesign) -> FlatPatches | None:

@@ -106,8 +106,7 @@ class FlatRange:
     def clip_to_limits(self, x: np.ndarray, feasible: np.ndarray) -> Float[np.ndarray, "points 2"]:
         """Return coordinates near x at which every quad and cut edge keeps at least ``SLACK_SHARE`` of its slack.
 
-        Only vertices with less slack move back towards ``feasible``, which is within the limits; all vertices if that
-        fails.
+        Only vertices with less slack move back towards ``feasible``, which is within the limits; all if that fails.
 
         Parameters
         ----------
@@ -199,7 +198,8 @@ class FlatProblem(InverseProblem):
     def linear_clearances(self, x: np.ndarray) -> LinearClearances:
         if self.room is None:
             return LinearClearances.empty(len(x))
-        terms = narrowest_per_pair(self._clearances_at(x).terms(*self.space.width_and_twist(x), flat=True, least=True))
+        model, spirals = self._clearances_at(x), self.space.width_and_twist(x)
+        terms = narrowest_per_pair(model.clearances(*spirals, with_flat=True, narrowest_only=True))
         by_points = terms.by_flat @ diags_array(np.repeat(2.0 * self.flat.span, 2))
         by_spirals = terms.by_design @ self.space.jacobian(x[: self.n_spiral_x])
         return LinearClearances.from_clearances(terms.value, csr_array(hstack([by_spirals, by_points])))

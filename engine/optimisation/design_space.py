@@ -99,7 +99,7 @@ class DesignSpace:
         ratio = np.maximum(np.where(np.isfinite(shortest), shortest, 1.0) / widths, SCALE_RANGE[0])
         bound = np.minimum(bound, 0.999 * table_twist_limit(ratio))
         bound[:, constraints.straight] = np.minimum(bound[:, constraints.straight], STRAIGHT_TWIST)
-        kept = np.union1d(constraints.kept, np.flatnonzero(design.solid)).astype(np.int64)
+        kept = np.union1d(constraints.fixed, np.flatnonzero(design.has_solid_hub)).astype(np.int64)
         same = FixedSpirals.from_design(design, kept) if len(kept) else None
         return cls(low, high, bound, np.ones(len(low)), design.params.twist_min, groups, same)
 

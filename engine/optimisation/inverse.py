@@ -94,7 +94,7 @@ class InverseProblem:
         """Return the linearised clearances at coordinates x."""
         if self.room is None:
             return LinearClearances.empty(len(x))
-        terms = narrowest_per_pair(self.room.terms(*self.space.width_and_twist(x), least=True))
+        terms = narrowest_per_pair(self.room.clearances(*self.space.width_and_twist(x), narrowest_only=True))
         return LinearClearances.from_clearances(terms.value, terms.by_design @ self.space.jacobian(x))
 
     def restore_clearances(self, x: np.ndarray, feasible: DesignPoint) -> Float[np.ndarray, " coordinates"]:
@@ -123,7 +123,9 @@ class InverseProblem:
     def _narrow_gaps(self, x: np.ndarray, quads: np.ndarray | None) -> LinearClearances:
         """Return the closed and nearly closed gaps, linearised in the spirals' coordinates; quads : None for all."""
         terms = narrowest_per_pair(
-            self._clearances_at(x).terms(*self.space.width_and_twist(x), below=NEAR_GAP, quads=quads, least=True)
+            self._clearances_at(x).clearances(
+                *self.space.width_and_twist(x), below=NEAR_GAP, quads=quads, narrowest_only=True
+            )
         )
         return LinearClearances.from_clearances(
             terms.value, terms.by_design @ self.space.jacobian(x[: self.n_spiral_x])

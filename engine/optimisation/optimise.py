@@ -245,7 +245,7 @@ def _check(design: SpiralDesign, target: QuadMesh, constraints: Constraints, wis
         raise FlexMapsError(
             f"The target has {len(target.quads)} quads and the design {len(design.width)} spirals; lay out the panels again"
         )
-    if len(constraints.kept) == len(design.width):
+    if len(constraints.fixed) == len(design.width):
         raise FlexMapsError("All spirals are protected, so there is nothing to optimise; protect fewer of them")
     if wishes is not None:
         wishes.check(len(design.width))
@@ -349,7 +349,7 @@ def find_starts(
     """
     space, pose = problem.space, target_pose(target, design.flat.corners)
     places = {"given": space.coordinates(design.width, design.twist)}
-    if params.restart and not design.painted:
+    if params.restart and not design.is_painted:
         adjusted = space.coordinates(*curvature_adjusted(design.params, curvature.rms_curvature(target)))
         others = {"curvature": adjusted, "uniform": space.uniform(0.5, 0.5)}
         given, free = places["given"], np.repeat(space.free_spirals, space.coordinates_per_spiral)
@@ -383,7 +383,7 @@ def _make_fabricable(
     """Return coordinates of a design near x that can be cut, and the problem with a space that contains this design."""
     problem.work.add(FIT, problem.assembly.size)
     wanted, free = problem.space.width_and_twist(x), problem.space.free_spirals
-    made = make_fabricable(design.flat, design.params, *wanted, prove=False, free=free, progress=progress)
+    made = make_fabricable(design.flat, design.params, *wanted, check_outlines=False, free=free, progress=progress)
     space = problem.space.extended_to(made)
     return replace(problem, space=space), space.coordinates(made.width, made.twist)
 

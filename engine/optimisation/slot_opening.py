@@ -152,9 +152,9 @@ def with_room(design: SpiralDesign, free: Bool[np.ndarray, " spirals"], progress
     free : mask of the spirals that may change
     progress : reports progress and raises Cancelled
     """
-    made = make_fabricable(design.flat, design.params, design.width, design.twist, prove=False, free=free)
-    if made.unlike(design).any():
-        design = replace(design, width=made.width, twist=made.twist).reusing(design)
+    made = make_fabricable(design.flat, design.params, design.width, design.twist, check_outlines=False, free=free)
+    if made.changed_spirals(design).any():
+        design = replace(design, width=made.width, twist=made.twist).reuse_cache_of(design)
     return resolve_contacts(design, progress, free=free)
 
 
@@ -205,7 +205,7 @@ def _unwind(
         twist = design.twist if slots is None else np.where(free, reduce_twist(design, slots, free), given)
         if (twist == design.twist).all():
             break
-        here = _with_design(search, here, replace(design, twist=twist).reusing(design), progress)
+        here = _with_design(search, here, replace(design, twist=twist).reuse_cache_of(design), progress)
         fewer = here.closed < best.closed and (
             here.bears(before) if bearable else here.merit(NO_STRAIN_PENALTY) < np.inf
         )
@@ -240,7 +240,7 @@ def _ease_strains(
     limited = design.twist < found.simulation.design.twist
     limited[beside[beside[:, 0] != beside[:, 1]]] = True
     space = space.with_twist_limits(design, limited)
-    near = design.unlike(found.simulation.design) | loose.strained_by(before)
+    near = design.changed_spirals(found.simulation.design) | loose.strained_by(before)
     mates = opposite_sides(search.task.target)[0]
     for _ in range(EASED_RINGS):
         near |= near[mates].any(axis=1)
@@ -261,7 +261,7 @@ def _ease_strains(
     if held.point is start.point:
         return None
     try:
-        design = resolve_contacts(held.design.reusing(design), progress, free=space.free_spirals)
+        design = resolve_contacts(held.design.reuse_cache_of(design), progress, free=space.free_spirals)
     except FlexMapsError:
         return None
     eased = _with_design(search, replace(loose, point=held.point), design, progress)

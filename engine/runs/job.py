@@ -13,8 +13,8 @@ import numpy as np
 from ..arrays import Float
 from ..errors import FlexMapsError
 from ..extras import registry
-from ..fabrication.nesting.sheet_count import refuse_many
-from ..fabrication.standing.base_checks import check_early
+from ..fabrication.nesting.sheet_count import refuse_many_sheets
+from ..fabrication.standing.base_checks import check_base_on_target
 from ..mechanics import loads
 from ..mechanics.assembly import Pose
 from ..params import Settings, refuse_crossed
@@ -230,7 +230,7 @@ def scale_piece(
     made = run_stages(laid_out(begun, larger, settings), settings, ("split",), progress.part(0.0, 0.8))
     last = progress.part(0.8, 1.0)
     flat = made.need(FinalLayout).flat
-    again = make_fabricable(flat, settings.spiral, design.width, design.twist, prove=False, progress=last)
+    again = make_fabricable(flat, settings.spiral, design.width, design.twist, check_outlines=False, progress=last)
     return with_design(made, again, version.origin, settings)
 
 
@@ -299,11 +299,11 @@ HELD = {"choose", "optimise", "sheets"}
 @one_thread
 def _through(result: Result, settings: Settings, wanted: Sequence[str], stage: _Stages, lenient: bool) -> Result:
     if HELD.intersection(wanted):
-        check_early(result.mesh, result.supports, settings.base, settings.simulate, settings.spiral)
+        check_base_on_target(result.mesh, result.supports, settings.base, settings.simulate, settings.spiral)
     for name in wanted:
         if name == "optimise" and "sheets" in wanted:  # refuse panels before the search, which takes long
             drawn = result.need(DesignVersion).design.outlines(COARSE)
-            refuse_many([one.outer.sampled(COARSE) for one in drawn], settings.sheet)
+            refuse_many_sheets([one.outer.sample(COARSE) for one in drawn], settings.sheet)
         with stage(name) as part:
             result = _done(STAGES[name], result, settings, part, lenient and name != wanted[-1])
     result = run_quick_stages(result, settings, stage.end)

@@ -134,7 +134,7 @@ def view_data(shown: ViewContent, settings: ObjectSettings, title: str, progress
     _skin(packed, skin)
     _target(packed, shown.measured)
     place = target_pose(layout.mesh, design.flat.corners) if pose is None else pose
-    table = arrange.on_table(design, place)
+    table = arrange.places_before_assembly(design, place)
     described: dict[str, Any] = {
         "title": title,
         "simulated": pose is not None,
@@ -172,13 +172,13 @@ def _skin(packed: ArrayPacker, skin: Skin) -> None:
     packed.add("axis", skin.axis, TURN / 10)
     packed.add("way", MM * skin.way, FINE)
     packed.add("turn", skin.turn, TURN)
-    if skin.strip is not None:
-        packed.add("rim_quad", skin.strip.quad)
-        packed.add("rim_flat", MM * skin.strip.flat, FINE)
-        packed.add("rim_way", MM * skin.strip.way, FINE)
-        packed.add("rim_up", skin.strip.up, TURN)
-        packed.add("rim_triangles", skin.strip.triangles)
-        packed.add("rim_walls", skin.strip.walls)
+    if skin.rim_strip is not None:
+        packed.add("rim_quad", skin.rim_strip.quad)
+        packed.add("rim_flat", MM * skin.rim_strip.flat, FINE)
+        packed.add("rim_way", MM * skin.rim_strip.way, FINE)
+        packed.add("rim_up", skin.rim_strip.up, TURN)
+        packed.add("rim_triangles", skin.rim_strip.triangles)
+        packed.add("rim_walls", skin.rim_strip.walls)
 
 
 def _target(packed: ArrayPacker, measured: MapValues) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from .. import MARK
 from ..components import components
-from ..fabrication.checks import grain_lost
+from ..fabrication.checks import warn_of_ignored_grain
 from ..fabrication.estimates import estimates_report
 from ..fabrication.sheets_report import sheets_report
 from ..params import Settings, values_in_shown_units
@@ -101,7 +101,7 @@ def _sheets(result: Result, progress: Progress) -> dict[str, Any]:
     block, figures = sheets_report(sheets), result.estimates
     if figures is None:
         return block
-    warnings = [*block["warnings"], *grain_lost(figures.material, sheets.params)]
+    warnings = [*block["warnings"], *warn_of_ignored_grain(figures.material, sheets.params)]
     return block | {"warnings": warnings} | estimates_report(figures)
 
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from ..display import run_plots
-from ..display.drawing import Drawing, svg
-from ..display.plots import bars
+from ..display.drawing import Drawing, to_svg
+from ..display.plots import plot_bars
 from ..display.run_plots import MapValues
 from ..extras import registry
 from ..files import NewFile
@@ -50,11 +50,11 @@ def all_drawings(shown: MapValues, described: Mapping[str, Any], distortion: flo
 
     Parameters
     ----------
-    shown, described, distortion : as for ``run_plots.drawings``
+    shown, described, distortion : as for ``run_plots.make_plots``
     """
-    found = run_plots.drawings(shown, described, distortion)
+    found = run_plots.make_plots(shown, described, distortion)
     for stage in OF_EXTRAS:
-        found |= registry.load(stage.code).drawings(shown, described)
+        found |= registry.load(stage.code).make_plots(shown, described)
     return found
 
 
@@ -90,7 +90,7 @@ def write(
     -------
     paths of the written files, the page first
     """
-    plots = {name: svg(drawn[name]) for name in progress.each([*drawn], "Writing the page")}
+    plots = {name: to_svg(drawn[name]) for name in progress.each([*drawn], "Writing the page")}
     shown = [(text, file.read_bytes()) for text, file in pictures]
     texts = {out / PAGE: render_page(described, plots, shown, datetime.now().strftime("%Y-%m-%d %H:%M"), piece)}
     if piece is not None:
@@ -103,7 +103,7 @@ def write(
 
 def stale(out: Path) -> list[Path]:
     """Return the files that an earlier call of ``write`` may have left in a folder."""
-    names = [*run_plots.NAMES, *(name for stage in OF_EXTRAS for name in registry.load(stage.code).PLOTS)]
+    names = [*run_plots.PLOT_NAMES, *(name for stage in OF_EXTRAS for name in registry.load(stage.code).PLOTS)]
     return [out / PAGE, out / share_page.SHARE, *(out / PLOTS / f"{name}.svg" for name in names)]
 
 
@@ -119,7 +119,7 @@ def render_page(
     Parameters
     ----------
     described : the report, see ``report.build``
-    plots : SVG texts by name, see ``run_plots.drawings``
+    plots : SVG texts by name, see ``run_plots.make_plots``
     pictures : captions and contents of PNG files for the top of the page; if there are more than three, the first is
         large
     made : date and time of the report, as text
@@ -145,7 +145,7 @@ def render_page(
         notes=_notes(described),
         changed=changed,
         settings=settings,
-        times_plot=svg(bars([*seconds.items()], f"{sum(seconds.values()):.1f} seconds in all", "s")),
+        times_plot=to_svg(plot_bars([*seconds.items()], f"{sum(seconds.values()):.1f} seconds in all", "s")),
     )
     return str(text)
 

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from .. import MARK
-from ..display.drawing import FONT, Drawing, svg
+from ..display.drawing import FONT, Drawing, to_svg
 from ..extras import registry
-from ..fabrication.estimates import duration
+from ..fabrication.estimates import format_duration
 from ..figures import format_figure
 from ..surface.checking.finding import with_count
 
@@ -36,7 +36,7 @@ def environment() -> Any:
     loader = jinja2.FileSystemLoader([FOLDER, Path(registry.__file__).parent])
     made = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     made.globals |= {"font": FONT, "mark": MARK}
-    made.filters |= {"duration": duration, "figure": format_figure}
+    made.filters |= {"duration": format_duration, "figure": format_figure}
     return made
 
 
@@ -79,7 +79,7 @@ def page(
         .get_template("share.html.j2")
         .render(
             piece=piece, title=title, scripts=texts, policy=policy(texts), facts=facts(described),
-            pictures=[svg(drawn[name]) for name in shown], steps=steps_in_words(piece),
+            pictures=[to_svg(drawn[name]) for name in shown], steps=steps_in_words(piece),
         )
     )  # fmt: skip
 

@@ -12,7 +12,7 @@ from ..extras import registry
 from ..fabrication import assembly_check as assembly_check
 from ..fabrication import estimates, sheets
 from ..fabrication.standing.base import Base, make_base, refuse_rim
-from ..fabrication.standing.base_checks import check_hold
+from ..fabrication.standing.base_checks import check_clamping
 from ..fabrication.standing.eyelets import make_eyelets, warn_of_overload
 from ..fabrication.standing.feet import quads_for_feet
 from ..mechanics.assembly import Pose
@@ -105,7 +105,7 @@ def _constraints(result: Result, settings: Settings) -> Constraints:
     if settings.base.base == "eyelets" and result.supports is not None:
         asked["wide"] = result.supports
     if result.protected is not None:
-        asked["kept"] = result.protected
+        asked["fixed"] = result.protected
     return Constraints(**asked)
 
 
@@ -231,7 +231,7 @@ def make_base_or_eyelets(
     ------
     FlexMapsError : as in ``make_base``
     """
-    check_hold(settings.base, settings.simulate)
+    check_clamping(settings.base, settings.simulate)
     mesh = design.flat.layout.mesh
     lowest = float(simulate.move_vertices(design, pose, mesh)[np.unique(mesh.quads), 2].min())
     if not settings.base.stands:

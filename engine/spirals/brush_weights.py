@@ -15,12 +15,12 @@ class PaintSurface:
 
     centres : (F, 3) quad centres, metres
     normals : (F, 3) unit normals of the quads
-    reach : (F,) mean distance from a quad's centre to the middles of its sides, metres
+    side_distance : (F,) mean distance from a quad's centre to the middles of its sides, metres
     """
 
     centres: Float[np.ndarray, "quads 3"]
     normals: Float[np.ndarray, "quads 3"]
-    reach: Float[np.ndarray, " quads"]
+    side_distance: Float[np.ndarray, " quads"]
 
     @classmethod
     def from_mesh(cls, vertices: Float[np.ndarray, "vertices 3"], quads: Int[np.ndarray, "quads 4"]) -> PaintSurface:
@@ -38,7 +38,7 @@ class PaintSurface:
         sides = 0.5 * (corners + np.roll(corners, -1, axis=1)) - centres[:, None]
         return cls(centres, normals, np.linalg.norm(sides, axis=2).mean(axis=1))
 
-    def weight(self, place: np.ndarray, facing: np.ndarray, radius: float) -> Float[np.ndarray, " quads"]:
+    def dab_weights(self, place: np.ndarray, facing: np.ndarray, radius: float) -> Float[np.ndarray, " quads"]:
         """Return the weight of a dab on every quad, from 0 to 1.
 
         The weight falls off smoothly to 0 at the radius (3 s^2 - 2 s^3, Blender's *Smooth* falloff). Distances count
@@ -51,7 +51,7 @@ class PaintSurface:
         facing : (3,) normal of the surface there
         radius : metres
         """
-        away = np.maximum(np.linalg.norm(self.centres - place, axis=1) - self.reach, 0.0)
+        away = np.maximum(np.linalg.norm(self.centres - place, axis=1) - self.side_distance, 0.0)
         share = np.clip(1.0 - away / max(radius, 1e-12), 0.0, 1.0)
         return np.where(self.normals @ facing > 0.0, share**2 * (3.0 - 2.0 * share), 0.0)
 

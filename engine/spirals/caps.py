@@ -22,7 +22,7 @@ from .roots import SlotRoots
 
 # start of the stump of a left-out arm, as a share of the arm parameter t at the roots of the slots beside it; at 0.98,
 # 0.2 mm of 10 mm remain, so that both edges of the arm exist; larger values shorten the stump
-STUMP = 0.98
+STUMP_START = 0.98
 POLYGON_TOLERANCE = 2e-6  # largest deviation of a cap's polygon from its arcs, metres; larger is faster and less exact
 
 
@@ -32,21 +32,21 @@ class Cap:
 
     arm : number of the arm, 4 quad + side
     patch : index of its patch
-    over : arm parameter t (0 at the joint, 1 at the quad's centre) where the cap ends and the plain arm begins
-    across : curve of the cap from the arm's right edge to its left edge at ``over``, in the patch's frame, metres
+    inner_end : arm parameter t (0 at the joint, 1 at the quad's centre) where the cap ends and the plain arm begins
+    end_curve : curve of the cap from the arm's right edge to its left edge at ``inner_end``, in the patch's frame, metres
     """
 
     arm: int
     patch: int
-    over: float
-    across: Curve
+    inner_end: float
+    end_curve: Curve
 
     @cached_property
     def polygon(self) -> Any:
         """The cap as a shapely polygon, in the patch's frame, metres."""
         import shapely
 
-        return shapely.Polygon(self.across.sampled(POLYGON_TOLERANCE))
+        return shapely.Polygon(self.end_curve.sample(POLYGON_TOLERANCE))
 
 
 def left_out_arms(mesh: QuadMesh, params: SpiralParams) -> Bool[np.ndarray, "quads 4"]:
@@ -56,7 +56,7 @@ def left_out_arms(mesh: QuadMesh, params: SpiralParams) -> Bool[np.ndarray, "qua
 
 def stump_starts(root: SlotRoots) -> Float[np.ndarray, "quads 4"]:
     """Return the arm parameter t at which the stump of each arm would begin if the arm were left out, (F, 4)."""
-    return STUMP * np.minimum(root.left, np.roll(root.right, 1, axis=1))
+    return STUMP_START * np.minimum(root.left, np.roll(root.right, 1, axis=1))
 
 
 def make_caps(

@@ -19,12 +19,12 @@ class Constraints:
 
     straight : quads with twist 0; in a first design, their arms at the border have the largest width, to carry feet
     wide : quads whose arms all have the largest width, because an eyelet is cut into their hub
-    kept : quads whose spirals and flat shapes a search must not change; ignored when a first design is made
+    fixed : quads whose spirals and flat shapes a search must not change; ignored when a first design is made
     """
 
     straight: Int[np.ndarray, " straight"] = field(default_factory=_no_quads)
     wide: Int[np.ndarray, " wide"] = field(default_factory=_no_quads)
-    kept: Int[np.ndarray, " kept"] = field(default_factory=_no_quads)
+    fixed: Int[np.ndarray, " kept"] = field(default_factory=_no_quads)
 
 
 NO_CONSTRAINTS = Constraints()

@@ -13,15 +13,15 @@ from .contours import Outline
 
 
 def find_contacts(
-    drawn: list[Outline], progress: Progress = SILENT, sound: Collection[int] = ()
+    outlines: list[Outline], progress: Progress = SILENT, contact_free: Collection[int] = ()
 ) -> Float[np.ndarray, "n 3"]:
     """Find the places where the curves of a panel's outline cross or touch themselves or each other.
 
     Parameters
     ----------
-    drawn : outlines, one per patch
+    outlines : outlines, one per patch
     progress : called with the fraction done; may cancel
-    sound : patches that are known to have no contacts and are not checked
+    contact_free : patches that are known to have no contacts and are not checked
 
     Returns
     -------
@@ -30,14 +30,14 @@ def find_contacts(
     import shapely
 
     contacts = []
-    for patch, outline in enumerate(drawn):
-        if patch in sound:
+    for patch, outline in enumerate(outlines):
+        if patch in contact_free:
             continue
-        progress(patch / len(drawn), "checking the outlines")
-        rings = [shapely.LinearRing(c.sampled(2e-5)) for c in (outline.outer, *outline.holes)]
+        progress(patch / len(outlines), "checking the outlines")
+        rings = [shapely.LinearRing(c.sample(2e-5)) for c in (outline.outer, *outline.holes)]
         if shapely.is_valid(shapely.Polygon(rings[0], rings[1:])):
             continue
-        places = [_crossing(ring) for ring in np.array(rings)[~shapely.is_simple(rings)]]
+        places = [_self_contact(ring) for ring in np.array(rings)[~shapely.is_simple(rings)]]
         one, two = shapely.STRtree(rings).query(rings, predicate="intersects")
         both = [rings[a].intersection(rings[b]) for a, b in zip(one[one < two], two[one < two], strict=True)]
         at = np.concatenate([shapely.get_coordinates(p) for p in [*places, *both]] or [np.empty((0, 2))])
@@ -47,7 +47,7 @@ def find_contacts(
     return np.concatenate(contacts) if contacts else np.empty((0, 3))
 
 
-def _crossing(ring):  # type: ignore[no-untyped-def]  # shapely's geometries
+def _self_contact(ring):  # type: ignore[no-untyped-def]  # shapely's geometries
     """Return a place where a closed line crosses or touches itself."""
     import shapely
 

@@ -22,7 +22,7 @@ from ..progress import SILENT, Progress
 from ..surface.checking.finding import with_count
 from ..surface.mesh import QuadMesh
 from .curves.arcs import Curve, FittedArcs, fit_biarcs
-from .curves.spiral import LEFT, RIGHT, Arms, centre_line, edge_points, opposite_sides, widening
+from .curves.spiral import LEFT, RIGHT, Arms, centre_line, edge_points, opposite_sides, taper_width
 from .rim import Rim
 from .roots import SlotRoots
 
@@ -41,19 +41,19 @@ class Tips:
 
     The arm parameter t runs from 0 at the joint to 1 at the quad's centre.
 
-    extra : outward offset of the left and the right edges at the tips, metres
-    full, over : t up to which the offset is complete, and t from which it is 0
+    edge_offset : outward offset of the left and the right edges at the tips, metres
+    taper_start, taper_end : t up to which the offset is complete, and t from which it is 0
     begin : t where the edges begin
-    across : curve of each shaped end, from the right to the left edge, in the patch's frame, metres; key: arm number
+    end_curves : curve of each shaped end, from the right to the left edge, in the patch's frame, metres; key: arm number
     """
 
-    extra: Float[np.ndarray, "2 quads 4"]
-    full: Float[np.ndarray, "quads 4"]
-    over: Float[np.ndarray, "quads 4"]
+    edge_offset: Float[np.ndarray, "2 quads 4"]
+    taper_start: Float[np.ndarray, "quads 4"]
+    taper_end: Float[np.ndarray, "quads 4"]
     begin: Float[np.ndarray, "quads 4"]
-    across: dict[int, Curve]
+    end_curves: dict[int, Curve]
 
-    def wider(self, which: Int[np.ndarray, " n"], t: Float[np.ndarray, "n m"]) -> tuple[np.ndarray, np.ndarray]:
+    def added_width(self, which: Int[np.ndarray, " n"], t: Float[np.ndarray, "n m"]) -> tuple[np.ndarray, np.ndarray]:
         """Return the additional arm width (metres) at t beside some edges, and its derivative by t.
 
         Parameters
@@ -61,11 +61,11 @@ class Tips:
         which : numbers of the edges: left edges of all arms first, then right edges
         t : places on every edge
         """
-        arm = which % self.full.size
-        return widening(
-            2.0 * self.extra.ravel()[which][:, None],
-            self.full.ravel()[arm][:, None],
-            self.over.ravel()[arm][:, None],
+        arm = which % self.taper_start.size
+        return taper_width(
+            2.0 * self.edge_offset.ravel()[which][:, None],
+            self.taper_start.ravel()[arm][:, None],
+            self.taper_end.ravel()[arm][:, None],
             t,
         )
 
@@ -93,12 +93,14 @@ def arm_starts(layout: PatchLayout, arms: Arms, slot: float) -> Float[np.ndarray
     speed = centre_line(arms, begin[..., None])[1][:, :, 0]
     own = np.stack([edge_points(arms, begin[..., None], way)[0][:, :, 0] for way in (RIGHT, LEFT)], axis=2)
     own, facing = own[inside], own[quad, side][inside]
-    apart = np.minimum(_from_segment(own, facing), _from_segment(facing, own))
+    apart = np.minimum(_distance_from_segment(own, facing), _distance_from_segment(facing, own))
     begin[inside] = 0.5 * np.maximum(1.02 * slot - apart, 0.0) / np.linalg.norm(speed, axis=-1)[inside]
     return np.maximum(begin, np.where(inside, begin[quad, side], 0.0))
 
 
-def _from_segment(points: Float[np.ndarray, "n k 2"], segment: Float[np.ndarray, "n 2 2"]) -> Float[np.ndarray, " n"]:
+def _distance_from_segment(
+    points: Float[np.ndarray, "n k 2"], segment: Float[np.ndarray, "n 2 2"]
+) -> Float[np.ndarray, " n"]:
     """Return the smallest distance (n,) of k points from their segment, in each of n groups."""
     a, along = segment[:, :1], segment[:, 1:] - segment[:, :1]
     share = np.clip(((points - a) * along).sum(-1) / (along**2).sum(-1), 0.0, 1.0)
@@ -113,8 +115,8 @@ def fit_edges(
     tolerance: float,
     tips: Tips | None = None,
     progress: Progress = SILENT,
-    known: FittedArcs | None = None,
-    again: Int[np.ndarray, " some"] | None = None,
+    cached: FittedArcs | None = None,
+    refit: Int[np.ndarray, " some"] | None = None,
 ) -> FittedArcs:
     """Fit arcs to both edges of every arm, within ``tolerance`` metres.
 
@@ -127,13 +129,13 @@ def fit_edges(
     tolerance : largest distance of the arcs from the exact edges, metres
     tips : shaped ends of arms, with their own beginnings
     progress : called with the fraction done; may cancel
-    known, again : an earlier result, and the numbers of the arms to fit again; by default all arms are fitted
+    cached, refit : an earlier result, and the numbers of the arms to fit again; by default all arms are fitted
 
     Raises
     ------
     FlexMapsError : with the faces of spirals that have no room in their quads
     """
-    tight = np.flatnonzero(root.missed.any(axis=1))
+    tight = np.flatnonzero(root.is_missing.any(axis=1))
     if len(tight):
         raise FlexMapsError(
             f"{with_count(len(tight), 'spiral does not fit its quad', 'spirals do not fit their quads')}; make the quads larger, the arms thinner or the twist smaller",
@@ -144,19 +146,19 @@ def fit_edges(
     left = np.stack([begin.ravel(), root.left.ravel()], axis=1)
     right = np.stack([np.roll(root.right, 1, axis=1).ravel(), begin.ravel()], axis=1)
     new = np.arange(2 * count)
-    if known is not None and again is not None:
-        new = np.concatenate([again, count + again])
+    if cached is not None and refit is not None:
+        new = np.concatenate([refit, count + refit])
     each = arms.one_by_one(*np.divmod(new % count, 4))
     side = np.where(new < count, LEFT, RIGHT)[:, None, None]
 
     def evaluate(which: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        added = None if tips is None else tips.wider(new[which], t)
+        added = None if tips is None else tips.added_width(new[which], t)
         wider = None if added is None else (added[0][:, None], added[1][:, None])
-        point, tangent = edge_points(each.subset(which), t[:, None], side[which], wider=wider)
+        point, tangent = edge_points(each.subset(which), t[:, None], side[which], added_width=wider)
         return point[:, 0], tangent[:, 0]
 
     fitted = fit_biarcs(evaluate, np.concatenate([left, right])[new], tolerance, progress)
-    return fitted if known is None else known.replace_curves(new, fitted)
+    return fitted if cached is None else cached.replace_curves(new, fitted)
 
 
 def draw_outlines(
@@ -179,7 +181,7 @@ def draw_outlines(
     fitted : result of ``fit_edges``
     tips : shaped ends of arms at the cuts; default is plain ends
     progress : called with the fraction done; may cancel
-    caps : end curves of arms without a joint, as in ``Tips.across``
+    caps : end curves of arms without a joint, as in ``Tips.end_curves``
     rim : the rim, and the fillet of its necks in metres
 
     Raises
@@ -188,9 +190,9 @@ def draw_outlines(
     """
     mesh, joined, patch_of = layout.mesh, ~layout.outline_sides, layout.patch_of
     begin = plain if tips is None else tips.begin
-    chains = _chains(mesh, joined, {} if rim is None else rim[0].onward())
-    across = {**caps, **({} if tips is None else tips.across), **({} if rim is None else _links(arms, *rim))}
-    pieces = _pieces(arms, root, begin, fitted, joined, across, progress.part(0.0, 0.4))
+    chains = _slot_chains(mesh, joined, {} if rim is None else rim[0].linked_slots())
+    across = {**caps, **({} if tips is None else tips.end_curves), **({} if rim is None else _rim_links(arms, *rim))}
+    pieces = _slot_curves(arms, root, begin, fitted, joined, across, progress.part(0.0, 0.4))
     outer: dict[int, Curve] = {}
     holes: dict[int, list[Curve]] = {}
     curves: list[tuple[int, Curve]] = []
@@ -213,7 +215,7 @@ def draw_outlines(
     return [Outline(outer[p], tuple(holes.get(p, ()))) for p in range(int(patch_of.max()) + 1)]
 
 
-def _pieces(
+def _slot_curves(
     arms: Arms,
     root: SlotRoots,
     begin: np.ndarray,
@@ -259,14 +261,14 @@ def _pieces(
     return pieces
 
 
-def _links(arms: Arms, rim: Rim, fillet: float) -> dict[int, Curve]:
+def _rim_links(arms: Arms, rim: Rim, fillet: float) -> dict[int, Curve]:
     """Return the parts of the outlines along the rim; key: the arm (4 quad + side) whose right edge comes before it."""
     half = 0.5 * arms.joint_width[rim.quad, rim.side]
     number = (4 * rim.quad + rim.side).tolist()
-    return {arm: Curve(*rim.link(n, half, fillet), closed=False) for n, arm in enumerate(number)}
+    return {arm: Curve(*rim.outline_at(n, half, fillet), closed=False) for n, arm in enumerate(number)}
 
 
-def _chains(mesh: QuadMesh, joined: np.ndarray, onward: Mapping[int, int]) -> list[list[int]]:
+def _slot_chains(mesh: QuadMesh, joined: np.ndarray, onward: Mapping[int, int]) -> list[list[int]]:
     """Return the closed chains of slots, numbered 4 quad + corner, that the outlines follow.
 
     At a joined side the chain continues with the neighbour's slot, at a cut with the next slot of the quad, and at the

@@ -17,18 +17,18 @@ from .curves.arcs import FittedArcs
 class DrawingCache:
     """Cache of a design.
 
-    plain : fitted edges and outlines without connectors; key: tolerance in metres
-    narrowest : result of ``SpiralDesign.measure``; None before its first call
-    earlier : fitted edges of a similar design, whose arms differ only in the quads ``changed``; key: tolerance
-    changed : quads whose arms differ from the edges in ``earlier``
-    sound : patches whose outlines are known not to touch themselves or each other
+    by_tolerance : fitted edges and outlines without connectors; key: tolerance in metres
+    min_slot_and_bridge : result of ``SpiralDesign.measure_slot_and_bridge``; None before its first call
+    similar_edges : fitted edges of a similar design, whose arms differ only in the quads ``changed_quads``; key: tolerance
+    changed_quads : quads whose arms differ from the edges in ``similar_edges``
+    contact_free : patches whose outlines are known not to touch themselves or each other
     """
 
-    plain: dict[float, tuple[FittedArcs, list[Outline]]] = field(default_factory=dict)
-    narrowest: tuple[float, float] | None = None
-    earlier: dict[float, FittedArcs] = field(default_factory=dict)
-    changed: Int[np.ndarray, " some"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    sound: set[int] = field(default_factory=set)
+    by_tolerance: dict[float, tuple[FittedArcs, list[Outline]]] = field(default_factory=dict)
+    min_slot_and_bridge: tuple[float, float] | None = None
+    similar_edges: dict[float, FittedArcs] = field(default_factory=dict)
+    changed_quads: Int[np.ndarray, " some"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    contact_free: set[int] = field(default_factory=set)
 
     def take_over(
         self, other: DrawingCache, quads: Int[np.ndarray, " some"], patches: Int[np.ndarray, " some"]
@@ -41,13 +41,16 @@ class DrawingCache:
         quads : all quads whose arms differ
         patches : patches of these quads
         """
-        self.sound = other.sound - set(patches.tolist())
-        if other.plain:
-            self.earlier, self.changed = {tolerance: fitted for tolerance, (fitted, _) in other.plain.items()}, quads
+        self.contact_free = other.contact_free - set(patches.tolist())
+        if other.by_tolerance:
+            self.similar_edges, self.changed_quads = (
+                {tolerance: fitted for tolerance, (fitted, _) in other.by_tolerance.items()},
+                quads,
+            )
         else:
-            self.earlier, self.changed = other.earlier, np.union1d(other.changed, quads)
+            self.similar_edges, self.changed_quads = other.similar_edges, np.union1d(other.changed_quads, quads)
 
-    def known_edges(
+    def cached_edges(
         self, tolerance: float, tips: Tips | None
     ) -> tuple[FittedArcs | None, Int[np.ndarray, " arms"] | None]:
         """Return cached edges, and the arms whose edges must be fitted again; (None, None) if nothing is cached.
@@ -57,14 +60,14 @@ class DrawingCache:
         tolerance : tolerance of the edges, metres
         tips : ends of arms with connectors; None for plain ends
         """
-        if tips is not None and tolerance in self.plain:
-            return self.plain[tolerance][0], np.array(sorted(tips.across), dtype=np.int64)
-        if tips is None and tolerance in self.earlier:
-            return self.earlier[tolerance], (4 * self.changed[:, None] + np.arange(4)).ravel()
+        if tips is not None and tolerance in self.by_tolerance:
+            return self.by_tolerance[tolerance][0], np.array(sorted(tips.end_curves), dtype=np.int64)
+        if tips is None and tolerance in self.similar_edges:
+            return self.similar_edges[tolerance], (4 * self.changed_quads[:, None] + np.arange(4)).ravel()
         return None, None
 
-    def contacts(self, drawn: list[Outline], progress: Progress) -> Float[np.ndarray, "n 3"]:
-        """Return the result of ``find_contacts``, checking only patches not in ``sound``, and update ``sound``."""
-        where = find_contacts(drawn, progress, self.sound)
-        self.sound = set(range(len(drawn))) - set(where[:, 0].astype(int).tolist())
+    def update_contacts(self, outlines: list[Outline], progress: Progress) -> Float[np.ndarray, "n 3"]:
+        """Return the result of ``find_contacts``, checking only patches not in ``contact_free``, and update ``contact_free``."""
+        where = find_contacts(outlines, progress, self.contact_free)
+        self.contact_free = set(range(len(outlines))) - set(where[:, 0].astype(int).tolist())
         return where

@@ -21,7 +21,7 @@ from .contacts import nearest_quads
 from .curves.spiral import opposite_sides, same_width
 from .design import SpiralDesign
 from .quad_enlarging import enlarge_quads
-from .solid_hubs import fewer_quads, refuse_many, set_solid, without_room, without_spiral
+from .solid_hubs import mark_solid_hubs, mark_too_small, refuse_many_solid_hubs, suggest_quad_count, with_solid_hubs
 
 NO_ROOM = "There is no room for the arms of {} however thin and straight; make the mesh more regular there"
 
@@ -102,12 +102,12 @@ def design_from_spirals(
         result = make_fabricable(flat, params, width, twist, progress=progress.part(0.0, 0.5))
     except FlexMapsError as error:
         result = error
-    tight = np.array(result.faces) if isinstance(result, FlexMapsError) else np.flatnonzero(result.solid)
+    tight = np.array(result.faces) if isinstance(result, FlexMapsError) else np.flatnonzero(result.has_solid_hub)
     if len(tight):
         moved = enlarge_quads(flat, tight, progress.part(0.5, 0.6))
         with suppress(FlexMapsError):  # the error about the original patches is more helpful
             retry = make_fabricable(moved, params, width, twist, progress=progress.part(0.6, 1.0))
-            result = retry if retry.solid.sum() < len(tight) else result
+            result = retry if retry.has_solid_hub.sum() < len(tight) else result
     if isinstance(result, SpiralDesign):
         return result
     raise result
@@ -139,7 +139,7 @@ def make_fabricable(
     width: Float[np.ndarray, "quads 4"],
     twist: Float[np.ndarray, " quads"],
     *,
-    prove: bool = True,
+    check_outlines: bool = True,
     free: Bool[np.ndarray, " quads"] | None = None,
     progress: Progress = SILENT,
 ) -> SpiralDesign:
@@ -149,7 +149,7 @@ def make_fabricable(
     ----------
     flat, params : flat patches, and settings of the spirals
     width, twist : metres, radians
-    prove : draw the finished outlines and repair the few places that still touch
+    check_outlines : draw the finished outlines and repair the few places that still touch
     free : spirals that may change; default is all
     progress : called with the fraction done; may cancel
 
@@ -159,22 +159,24 @@ def make_fabricable(
     """
     free = np.ones(len(twist), dtype=bool) if free is None else free
     low, high = slots.width_range(flat, params)
-    small = without_room(flat, params)
-    refuse_many(np.flatnonzero(small & free), len(twist), slots.too_small(flat, params, np.flatnonzero(small)))
-    if prove:  # a quad that had a solid hub may have room for a spiral in these flat patches
-        width = np.where((free & ~small & without_spiral(width, params))[:, None], low[:, None], width)
+    small = mark_too_small(flat, params)
+    refuse_many_solid_hubs(
+        np.flatnonzero(small & free), len(twist), slots.too_small_message(flat, params, np.flatnonzero(small))
+    )
+    if check_outlines:  # a quad that had a solid hub may have room for a spiral in these flat patches
+        width = np.where((free & ~small & mark_solid_hubs(width, params))[:, None], low[:, None], width)
     most = np.where(free, high, np.inf)
     progress(0.0, "room between the arms")
     width, room = np.minimum(width, most[:, None]), ClearanceModel.from_flat(flat, params)
     progress(0.0, "room between the arms")
     twist = np.where(free, np.minimum(twist, params.twist_max), twist)
-    width, twist = set_solid(params, width, twist, (small | without_spiral(width, params)) & free)
+    width, twist = with_solid_hubs(params, width, twist, (small | mark_solid_hubs(width, params)) & free)
     shut = room.quads_with_closed_gaps(width, twist) & free
     if shut.any():  # reduce far too large twists at once, so that ``open_gaps`` needs fewer rounds
         twist = np.where(shut, slots.twist_bound(flat, params, width, progress.part(0.0, 0.2), twist), twist)
-    spirals = open_gaps(room, low, width, twist, free & ~without_spiral(width, params), progress.part(0.2, 0.6))
+    spirals = open_gaps(room, low, width, twist, free & ~mark_solid_hubs(width, params), progress.part(0.2, 0.6))
     design = SpiralDesign(flat, params, *spirals)
-    return resolve_contacts(design, progress.part(0.6, 1.0), free=free) if prove else design
+    return resolve_contacts(design, progress.part(0.6, 1.0), free=free) if check_outlines else design
 
 
 def unfabricable_quads(design: SpiralDesign, quads: Bool[np.ndarray, " quads"] | None = None) -> Int[np.ndarray, " n"]:
@@ -193,11 +195,11 @@ def unfabricable_quads(design: SpiralDesign, quads: Bool[np.ndarray, " quads"] |
     fits = (width.min(axis=1) >= least) & (width.max(axis=1) <= most)
     fits &= (twist >= -slack) & (twist <= (1.0 + slack) * design.params.twist_max)
     # ignore the slot at seams and the range of the stiffness table: without them a piece can still be cut, and glued
-    room = ClearanceModel.from_flat(design.flat, replace(design.params, slot_seam=0.0)).by_gaps
+    room = ClearanceModel.from_flat(design.flat, replace(design.params, slot_seam=0.0)).without_twist_limits
     spirals = np.clip(width, 0.1 * low[:, None], high[:, None]), np.clip(twist, 0.0, None)
-    terms = room.terms(*spirals, below=-slack, quads=quads)
+    terms = room.clearances(*spirals, below=-slack, quads=quads)
     fits[terms.arms[:, [0, 2]] // 4] = False
-    fits |= without_spiral(width, design.params) & (twist <= slack)
+    fits |= mark_solid_hubs(width, design.params) & (twist <= slack)
     return np.flatnonzero(~(finite & fits))
 
 
@@ -223,13 +225,15 @@ def resolve_contacts(
     start, culprits = design, np.empty(0, dtype=np.int64)
     for turn in range(rounds):
         part = progress.part(turn / rounds, (turn + 1) / rounds)
-        culprits, where = _culprits(design, part)
+        culprits, where = _quads_in_contact(design, part)
         if not len(culprits):
             return design
         # first unwind spirals and their neighbours, which also determine the direction of joints; then thin the arms
         beside = np.union1d(culprits, mate[culprits])
         still = (design.twist == 0.0) | ~free
-        straight = culprits[still[culprits] & still[mate[culprits]].all(axis=1) & (free & ~design.solid)[culprits]]
+        straight = culprits[
+            still[culprits] & still[mate[culprits]].all(axis=1) & (free & ~design.has_solid_hub)[culprits]
+        ]
         beside = beside[free[beside]]
         twist, width = design.twist.copy(), design.width.copy()
         twist[beside] = np.where(twist[beside] < 0.3, 0.0, 0.75 * twist[beside])
@@ -239,29 +243,33 @@ def resolve_contacts(
             worst = culprits if where is None else nearest_quads(design.flat, where, 1)
             given_up = np.zeros(len(twist), dtype=bool)
             given_up[worst] = True
-            given_up &= free & ~design.solid
+            given_up &= free & ~design.has_solid_hub
             if not given_up.any():
                 break
-            culprits = np.flatnonzero(given_up | design.solid)
-            refuse_many(culprits, len(twist), NO_ROOM.format(with_count(len(culprits), "quad", "quads")))
+            culprits = np.flatnonzero(given_up | design.has_solid_hub)
+            refuse_many_solid_hubs(culprits, len(twist), NO_ROOM.format(with_count(len(culprits), "quad", "quads")))
             # restore the spirals that were unwound for these quads
-            begun = set_solid(design.params, start.width, start.twist, given_up | design.solid)
-            restored = make_fabricable(design.flat, design.params, *begun, prove=False, free=free, progress=part)
+            begun = with_solid_hubs(design.params, start.width, start.twist, given_up | design.has_solid_hub)
+            restored = make_fabricable(
+                design.flat, design.params, *begun, check_outlines=False, free=free, progress=part
+            )
             width, twist = restored.width, restored.twist
-        design = replace(design, twist=twist, width=width).reusing(design)
+        design = replace(design, twist=twist, width=width).reuse_cache_of(design)
     raise FlexMapsError(
-        NO_ROOM.format(with_count(len(culprits), "quad", "quads")), faces=culprits, quads=fewer_quads(len(design.twist))
+        NO_ROOM.format(with_count(len(culprits), "quad", "quads")),
+        faces=culprits,
+        quads=suggest_quad_count(len(design.twist)),
     )
 
 
-def _culprits(design: SpiralDesign, progress: Progress) -> tuple[Int[np.ndarray, " n"], np.ndarray | None]:
+def _quads_in_contact(design: SpiralDesign, progress: Progress) -> tuple[Int[np.ndarray, " n"], np.ndarray | None]:
     """Return the quads to change and the places where outlines touch, as from ``find_contacts``.
 
     If slots have no root, return their quads and None, because outlines cannot be drawn.
     """
     progress(0.0, "roots of the slots")
-    culprits = np.flatnonzero(design.roots.missed.any(axis=1))
+    culprits = np.flatnonzero(design.roots.is_missing.any(axis=1))
     if len(culprits):
         return culprits, None
-    where = design.drawn.contacts(design.outlines(progress=progress.part(0.0, 0.8)), progress.part(0.8, 1.0))
+    where = design.cache.update_contacts(design.outlines(progress=progress.part(0.0, 0.8)), progress.part(0.8, 1.0))
     return (nearest_quads(design.flat, where) if len(where) else culprits), where

@@ -52,7 +52,7 @@ class Canvas:
         return _canvas(design.flat, design.params)
 
     @cached_property
-    def beside(self) -> Int[np.ndarray, "quads 4"]:
+    def neighbours(self) -> Int[np.ndarray, "quads 4"]:
         """Quads across the sides of every quad, also across cuts; at the border the quad itself."""
         return self.mate // 4
 
@@ -83,12 +83,12 @@ def _mates(mesh: QuadMesh) -> Int[np.ndarray, "quads 4"]:
 class Stroke:
     """Options of a brush besides its weight.
 
-    inverted : reverse the brush's effect; the brush ``smooth`` has no reverse
+    is_inverted : reverse the brush's effect; the brush ``smooth`` has no reverse
     direction : (3,) or (F, 3) vector along which the brush ``along`` stiffens, in the surface's axes; of any length
     level : (F,) stiffness from 0 to 1 that the brush ``stiffness`` sets
     """
 
-    inverted: bool = False
+    is_inverted: bool = False
     direction: np.ndarray | None = None
     level: Float[np.ndarray, " quads"] | None = None
 
@@ -116,24 +116,24 @@ def _largest_twist(
     return np.clip(limit, params.twist_min, params.twist_max)
 
 
-def _stiffer(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
-    return _softest(design, canvas) if stroke.inverted else _stiffest(design, canvas)
+def _brush_stiffer(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
+    return _softest(design, canvas) if stroke.is_inverted else _stiffest(design, canvas)
 
 
-def _softer(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
-    return _stiffest(design, canvas) if stroke.inverted else _softest(design, canvas)
+def _brush_softer(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
+    return _stiffest(design, canvas) if stroke.is_inverted else _softest(design, canvas)
 
 
-def _stiffness(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
+def _brush_stiffness(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
     """Interpolate between the softest spirals (level 0) and the stiffest (level 1)."""
     if stroke.level is None:
         raise FlexMapsError("The brush needs a stiffness; give every quad a level from 0 (softest) to 1 (stiffest)")
-    level = 1.0 - stroke.level if stroke.inverted else stroke.level
+    level = 1.0 - stroke.level if stroke.is_inverted else stroke.level
     (thin, wound), (wide, straight) = _softest(design, canvas), _stiffest(design, canvas)
     return thin + level[:, None] * (wide - thin), wound + level * (straight - wound)
 
 
-def _smooth(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
+def _brush_smooth(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
     """Move halfway to the mean of the neighbours; a full step would flip a chequerboard instead of fading it.
 
     The mean width of a spiral moves towards its neighbours' mean width, and an arm's deviation from its spiral's mean
@@ -142,25 +142,25 @@ def _smooth(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
     middle = design.width.mean(axis=1)
     unlike = design.width - middle[:, None]
     mated = unlike.ravel()[canvas.mate]
-    width = 0.5 * (middle + middle[canvas.beside].mean(axis=1))[:, None] + 0.5 * (unlike + mated)
+    width = 0.5 * (middle + middle[canvas.neighbours].mean(axis=1))[:, None] + 0.5 * (unlike + mated)
     # the sum of mean and deviation may leave the allowed range
     width = np.clip(width, np.minimum(canvas.low, design.width.min(axis=1))[:, None], canvas.high[:, None])
-    return width, 0.5 * (design.twist + design.twist[canvas.beside].mean(axis=1))
+    return width, 0.5 * (design.twist + design.twist[canvas.neighbours].mean(axis=1))
 
 
-def _twist(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
+def _brush_twist(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
     """Increase the twist, or decrease it if the stroke is inverted."""
     least = np.full(len(canvas.low), design.params.twist_min)
-    return design.width, least if stroke.inverted else _largest_twist(design, canvas, design.width)
+    return design.width, least if stroke.is_inverted else _largest_twist(design, canvas, design.width)
 
 
-def _width(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
+def _brush_width(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
     """Widen the arms, or thin them if the stroke is inverted."""
-    ends = canvas.low if stroke.inverted else canvas.high
+    ends = canvas.low if stroke.is_inverted else canvas.high
     return np.repeat(ends[:, None], 4, axis=1), design.twist
 
 
-def _along(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
+def _brush_along(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
     """Widen arms along a direction and thin arms across it, in proportion to the cosine of twice the angle.
 
     An inverted stroke thins the arms along the direction and widens the arms across it.
@@ -174,19 +174,19 @@ def _along(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
     long = np.linalg.norm(way, axis=1)
     spokes = canvas.spokes / np.maximum(np.linalg.norm(canvas.spokes, axis=2, keepdims=True), 1e-30)
     share = 2.0 * ((spokes * way[:, None]).sum(axis=2) / np.maximum(long, 1e-30)[:, None]) ** 2 - 1.0
-    share = np.where(long[:, None] > 1e-6, -share if stroke.inverted else share, 0.0)
+    share = np.where(long[:, None] > 1e-6, -share if stroke.is_inverted else share, 0.0)
     ends = np.where(share > 0.0, canvas.high[:, None], np.minimum(canvas.low, design.width.min(axis=1))[:, None])
     return design.width + np.abs(share) * (ends - design.width), design.twist
 
 
 BRUSHES: dict[str, Brush] = {
-    "stiffer": _stiffer,
-    "softer": _softer,
-    "smooth": _smooth,
-    "twist": _twist,
-    "width": _width,
-    "along": _along,
-    "stiffness": _stiffness,
+    "stiffer": _brush_stiffer,
+    "softer": _brush_softer,
+    "smooth": _brush_smooth,
+    "twist": _brush_twist,
+    "width": _brush_width,
+    "along": _brush_along,
+    "stiffness": _brush_stiffness,
 }
 
 
@@ -196,7 +196,7 @@ def paint_spirals(
     weight: Float[np.ndarray, " quads"],
     stroke: Stroke | None = None,
     *,
-    kept: Int[np.ndarray, " some"] | None = None,
+    fixed: Int[np.ndarray, " some"] | None = None,
 ) -> SpiralDesign:
     """Return the design after one dab of a brush.
 
@@ -206,7 +206,7 @@ def paint_spirals(
     brush : key of ``BRUSHES``
     weight : (F,) share of the way to the brush's goal, from 0 to 1
     stroke : options of the brush
-    kept : indices of spirals that must stay
+    fixed : indices of spirals that must stay
 
     Raises
     ------
@@ -217,9 +217,9 @@ def paint_spirals(
     if weight.shape != design.twist.shape or not np.isfinite(weight).all():
         raise FlexMapsError(f"The design has {len(design.twist)} spirals; give each of them a weight from 0 to 1")
     weight = np.clip(weight, 0.0, 1.0)
-    weight[design.solid] = 0.0
-    if kept is not None:
-        weight[kept] = 0.0
+    weight[design.has_solid_hub] = 0.0
+    if fixed is not None:
+        weight[fixed] = 0.0
     canvas = Canvas.from_design(design)
     width, twist = BRUSHES[brush](design, canvas, stroke or Stroke())
     goal = (
@@ -235,7 +235,7 @@ def paint_spirals(
         touched,
     )
     width, twist = _move_towards(room, opened, goal, touched)
-    return replace(design, width=width, twist=twist, painted=True)
+    return replace(design, width=width, twist=twist, is_painted=True)
 
 
 def _move_towards(room: ClearanceModel, start: Spirals, goal: Spirals, touched: Bool[np.ndarray, " quads"]) -> Spirals:

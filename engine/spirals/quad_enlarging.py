@@ -10,8 +10,10 @@ from ..progress import SILENT, Progress
 from ..surface.remeshing.regularise import best_squares
 
 RINGS = 2  # rings of neighbours around a small quad whose corners move too; more rings spread the change wider
-MOVES = 60  # number of smoothing iterations; more come closer to convergence and take longer
-SMALL = 0.7  # target side of small quads, as a share of the median side; larger values leave less room to neighbours
+ITERATIONS = 60  # number of smoothing iterations; more come closer to convergence and take longer
+SMALL_SIDE_SHARE = (
+    0.7  # target side of small quads, as a share of the median side; larger values leave less room to neighbours
+)
 
 
 def enlarge_quads(flat: FlatPatches, quads: Int[np.ndarray, " n"], progress: Progress = SILENT) -> FlatPatches:
@@ -33,12 +35,12 @@ def enlarge_quads(flat: FlatPatches, quads: Int[np.ndarray, " n"], progress: Pro
     points = np.pad(flat.points, ((0, 0), (0, 1)))
     count = np.maximum(np.bincount(some.ravel(), minlength=len(points)), 1)
     middle = float(np.median(np.linalg.norm(np.roll(flat.corners, -1, axis=1) - flat.corners, axis=2)))
-    for done in range(MOVES):
-        progress(done / MOVES, "making room for spirals")
+    for done in range(ITERATIONS):
+        progress(done / ITERATIONS, "making room for spirals")
         squares = best_squares(points[some])
         centre = squares.mean(axis=1, keepdims=True)
         side = np.sqrt(2.0) * np.linalg.norm(squares[:, 0] - centre[:, 0], axis=1)
-        larger = np.maximum(SMALL * middle / np.maximum(side, 1e-9 * middle), 1.0)[:, None, None]
+        larger = np.maximum(SMALL_SIDE_SHARE * middle / np.maximum(side, 1e-9 * middle), 1.0)[:, None, None]
         goals = (centre + larger * (squares - centre)).reshape(-1, 3)
         total = np.stack([np.bincount(some.ravel(), goals[:, k], minlength=len(points)) for k in range(2)], axis=1)
         points[moving, :2] = (total / count[:, None])[moving]

@@ -28,7 +28,7 @@ from .curves.spiral import opposite_sides
 
 # largest slope (1: 45 degrees) of a strip's end, which follows the seam, against the border's normal; larger values
 # make the end more pointed
-_SLANT = 1.0
+_MAX_SLOPE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,19 +36,20 @@ class Rim:
     """Strips of all patches, as arrays over their B nodes (one per arm at the border), ordered by quad and side.
 
     quad, side, patch : arm and patch of every node
-    following, before : next and previous node along the border, counter-clockwise around the patch; -1 at a strip's end
+    next_node, previous_node : neighbours along the border, counter-clockwise around the patch; -1 at a strip's end
     middle, along : middle of the border's side, where the arm ends, and the side's unit direction
     depth, width : distance from the border to the strip, which is the length of the necks; width of the strip
     straight : (B, 2) length of the straight parts of the strip after and before the node
     turn, radius : angle of the arc to the following node, in radians to the left, and its radius; 0 if there is none
-    hole, holes, spacing : diameter of the holes; (B,) number of holes up to the following node; desired hole distance
+    hole_diameter, hole_spacing : diameter and desired distance of the holes
+    hole_count : (B,) number of holes up to the next node
     """
 
     quad: Int[np.ndarray, " nodes"]
     side: Int[np.ndarray, " nodes"]
     patch: Int[np.ndarray, " nodes"]
-    following: Int[np.ndarray, " nodes"]
-    before: Int[np.ndarray, " nodes"]
+    next_node: Int[np.ndarray, " nodes"]
+    previous_node: Int[np.ndarray, " nodes"]
     middle: Complex[np.ndarray, " nodes"]
     along: Complex[np.ndarray, " nodes"]
     depth: float
@@ -56,9 +57,9 @@ class Rim:
     straight: Float[np.ndarray, "nodes 2"]
     turn: Float[np.ndarray, " nodes"]
     radius: Float[np.ndarray, " nodes"]
-    hole: float
-    holes: Int[np.ndarray, " nodes"]
-    spacing: float
+    hole_diameter: float
+    hole_count: Int[np.ndarray, " nodes"]
+    hole_spacing: float
 
     @classmethod
     def from_flat(cls, flat: FlatPatches, params: SpiralParams) -> Rim | None:
@@ -93,36 +94,36 @@ class Rim:
         return rim._with_turns(0.5 * length, params)._with_ends(0.5 * length, seams, params)._with_holes()
 
     @property
-    def out(self) -> Complex[np.ndarray, " nodes"]:
+    def outwards(self) -> Complex[np.ndarray, " nodes"]:
         """Outward unit normals of the sides on the border."""
         return -1j * self.along
 
     @property
     def centre(self) -> Complex[np.ndarray, " nodes"]:
         """Positions of the nodes, on the strip's centre line."""
-        return self.middle + (self.depth + 0.5 * self.width) * self.out
+        return self.middle + (self.depth + 0.5 * self.width) * self.outwards
 
     @property
     def length(self) -> Float[np.ndarray, " nodes"]:
         """Length of the strip's centre line from every node to the following node; 0 at a strip's end."""
-        there = np.where(self.following >= 0, self.straight[self.following, 1], 0.0)
-        return np.where(self.following >= 0, self.straight[:, 0] + self.radius * np.abs(self.turn) + there, 0.0)
+        there = np.where(self.next_node >= 0, self.straight[self.next_node, 1], 0.0)
+        return np.where(self.next_node >= 0, self.straight[:, 0] + self.radius * np.abs(self.turn) + there, 0.0)
 
     @property
     def overhang(self) -> Float[np.ndarray, "nodes 2"]:
         """Length of the strip's free ends after and before every node; 0 where the strip continues."""
-        ends = np.stack([self.following < 0, self.before < 0], axis=1)
+        ends = np.stack([self.next_node < 0, self.previous_node < 0], axis=1)
         return np.where(ends, self.straight, 0.0)
 
     def _with_turns(self, half: Float[np.ndarray, " nodes"], params: SpiralParams) -> Rim:
         """Return the rim with arcs, of the largest radii for which they fit the sides and stay off the border."""
-        i = np.flatnonzero(self.following >= 0)
-        j = self.following[i]
+        i = np.flatnonzero(self.next_node >= 0)
+        j = self.next_node[i]
         turn = np.angle(self.along[j] / self.along[i])
         reach = self.depth + 0.5 * self.width
         slope = np.tan(0.5 * turn)
         there, here = half[j] + reach * slope, half[i] + reach * slope  # from the nodes to where both straights meet
-        room = np.minimum(here, there) - _clear(params)
+        room = np.minimum(here, there) - _min_straight(params)
         bends = np.abs(turn) > SINGLE_TOL
         size = np.where(bends, np.abs(slope), 1.0)
         radius = np.where(bends, room / size, 0.0)
@@ -146,131 +147,131 @@ class Rim:
     def _with_ends(self, half: np.ndarray, seams: Complex[np.ndarray, "nodes 2"], params: SpiralParams) -> Rim:
         """Return the rim with free ends half a gap before the seams, whose inward directions are ``seams``."""
         straight, gap = self.straight.copy(), max(params.slot_seam, min_slot_width(params))
-        for k, ends in enumerate((self.following < 0, self.before < 0)):
+        for k, ends in enumerate((self.next_node < 0, self.previous_node < 0)):
             way = (1.0 if k == 0 else -1.0) * self.along
             inwards = -seams[:, k]
-            slope = (inwards * np.conj(way)).real / np.maximum((inwards * np.conj(self.out)).real, 1e-9)
-            lean = np.minimum(
-                np.clip(slope, -_SLANT, _SLANT) * self.depth,
-                np.clip(slope, -_SLANT, _SLANT) * (self.depth + self.width),
-            )
-            least = _clear(params)
+            slope = (inwards * np.conj(way)).real / np.maximum((inwards * np.conj(self.outwards)).real, 1e-9)
+            slope = np.clip(slope, -_MAX_SLOPE, _MAX_SLOPE)
+            lean = np.minimum(slope * self.depth, slope * (self.depth + self.width))
+            least = _min_straight(params)
             straight[:, k] = np.where(ends, np.maximum(half + lean - 0.5 * gap, least), straight[:, k])
         return replace(self, straight=straight)
 
     def _with_holes(self) -> Rim:
         """Return the rim with holes: between two nodes, the number whose spacing is nearest to the setting."""
-        if self.hole == 0.0:
+        if self.hole_diameter == 0.0:
             return self
         length = self.length
-        count = np.maximum(np.round(length / self.spacing), 1.0)
-        return replace(self, holes=np.where(self.following >= 0, count, 0.0).astype(int))
+        count = np.maximum(np.round(length / self.hole_spacing), 1.0)
+        return replace(self, hole_count=np.where(self.next_node >= 0, count, 0.0).astype(int))
 
-    def place(self, node: Int[np.ndarray, " n"], way: Float[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
-        """Return points and directions on the strip's centre line, at the distance ``way`` after ``node``.
+    def points_at(self, node: Int[np.ndarray, " n"], offset: Float[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
+        """Return points and directions on the strip's centre line, some distance after ``node``.
 
         Parameters
         ----------
         node : border nodes
-        way : distance after each node along the strip's centre line, metres
+        offset : distance after each node along the strip's centre line, metres
 
         Returns
         -------
         Complex points, metres, and unit directions
         """
         first, turn, radius = self.straight[node, 0], self.turn[node], self.radius[node]
-        bent = np.clip(way - first, 0.0, radius * np.abs(turn))
+        bent = np.clip(offset - first, 0.0, radius * np.abs(turn))
         angle = np.where(radius > 0.0, np.sign(turn) * bent / np.maximum(radius, 1e-12), 0.0)
         direction = self.along[node] * np.exp(1j * angle)
         # the chord of an arc has the mean of the directions at both ends
         chord = bent * np.sinc(0.5 * angle / np.pi) * self.along[node] * np.exp(0.5j * angle)
-        rest = way - np.minimum(way, first) - bent
-        return self.centre[node] + np.minimum(way, first) * self.along[node] + chord + rest * direction, direction
+        rest = offset - np.minimum(offset, first) - bent
+        return self.centre[node] + np.minimum(offset, first) * self.along[node] + chord + rest * direction, direction
 
     @property
     def reach(self) -> Float[np.ndarray, "nodes 2"]:
         """Length of every node's part of the strip, after and before it: half-way to the next node, or to the end."""
         half = 0.5 * self.radius * np.abs(self.turn)
-        return self.straight + np.stack([half, np.where(self.before >= 0, half[self.before], 0.0)], axis=1)
+        before = np.where(self.previous_node >= 0, half[self.previous_node], 0.0)
+        return self.straight + np.stack([half, before], axis=1)
 
-    def half(
-        self, node: Int[np.ndarray, " n"], back: bool, gone: Float[np.ndarray, " n"]
+    def vectors_along_strip(
+        self, node: Int[np.ndarray, " n"], backwards: bool, distance: Float[np.ndarray, " n"]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return vectors from nodes to points on the strip's centre line, and the forward directions at these points.
 
         Parameters
         ----------
         node : nodes to begin at
-        back : whether to go before the nodes, not after them
-        gone : distance along the strip, metres
+        backwards : whether to go before the nodes, not after them
+        distance : distance along the strip, metres
         """
-        if not back:
-            place, way = self.place(node, gone)
+        if not backwards:
+            place, way = self.points_at(node, distance)
             return place - self.centre[node], way
-        before = self.before[node]
-        place, way = self.place(before, self.length[before] - gone)
+        before = self.previous_node[node]
+        place, way = self.points_at(before, self.length[before] - distance)
         ends = before < 0
         along = self.along[node]
-        return np.where(ends, -gone * along, place - self.centre[node]), np.where(ends, along, way)
+        return np.where(ends, -distance * along, place - self.centre[node]), np.where(ends, along, way)
 
     @property
-    def hole_ways(self) -> tuple[Int[np.ndarray, " holes"], Float[np.ndarray, " holes"]]:
+    def hole_distances(self) -> tuple[Int[np.ndarray, " holes"], Float[np.ndarray, " holes"]]:
         """For every hole between two nodes: the node before it, and its distance from that node along the strip."""
-        node = np.repeat(np.arange(len(self.quad)), self.holes)
-        rank = np.arange(len(node)) - np.repeat(np.cumsum(self.holes) - self.holes, self.holes)
-        return node, (rank + 0.5) / np.maximum(self.holes[node], 1) * self.length[node]
+        node = np.repeat(np.arange(len(self.quad)), self.hole_count)
+        rank = np.arange(len(node)) - np.repeat(np.cumsum(self.hole_count) - self.hole_count, self.hole_count)
+        return node, (rank + 0.5) / np.maximum(self.hole_count[node], 1) * self.length[node]
 
     @property
-    def end_bores(self) -> Float[np.ndarray, "nodes 2"]:
+    def end_hole_distances(self) -> Float[np.ndarray, "nodes 2"]:
         """Distance from every node to the hole in the strip's free end after and before it; 0 if there is no hole.
 
         A hole is as far from the end as from the edges; ends too short for a hole beside the neck have none.
         """
-        room = self.overhang > max(0.5 * self.width, self.hole) + 0.5 * self.width
-        return np.where(room & (self.hole > 0.0), self.overhang - 0.5 * self.width, 0.0)
+        room = self.overhang > max(0.5 * self.width, self.hole_diameter) + 0.5 * self.width
+        return np.where(room & (self.hole_diameter > 0.0), self.overhang - 0.5 * self.width, 0.0)
 
     @property
-    def hole_places(self) -> tuple[Int[np.ndarray, " holes"], Complex[np.ndarray, " holes"]]:
+    def hole_centres(self) -> tuple[Int[np.ndarray, " holes"], Complex[np.ndarray, " holes"]]:
         """Patch and centre of every hole, including the holes in free ends."""
-        node, way = self.hole_ways
-        places, patches = [self.place(node, way)[0]], [self.patch[node]]
+        node, way = self.hole_distances
+        places, patches = [self.points_at(node, way)[0]], [self.patch[node]]
         for k, sign in ((0, 1.0), (1, -1.0)):
-            some = np.flatnonzero(self.end_bores[:, k])
-            places.append(self.centre[some] + sign * self.end_bores[some, k] * self.along[some])
+            some = np.flatnonzero(self.end_hole_distances[:, k])
+            places.append(self.centre[some] + sign * self.end_hole_distances[some, k] * self.along[some])
             patches.append(self.patch[some])
         return np.concatenate(patches), np.concatenate(places)
 
     @property
     def area(self) -> Float[np.ndarray, " nodes"]:
         """Area of the strip that belongs to every node, without its neck, square metres."""
-        length, bore = self.length, self.holes * 0.25 * np.pi * self.hole**2
-        own = 0.5 * (length + np.where(self.before >= 0, length[self.before], 0.0)) + self.overhang.sum(axis=1)
-        less = 0.5 * (bore + np.where(self.before >= 0, bore[self.before], 0.0))
+        length, bore = self.length, self.hole_count * 0.25 * np.pi * self.hole_diameter**2
+        before = self.previous_node
+        own = 0.5 * (length + np.where(before >= 0, length[before], 0.0)) + self.overhang.sum(axis=1)
+        less = 0.5 * (bore + np.where(before >= 0, bore[before], 0.0))
         # free ends are half round, and may have a hole
-        ends, bored = (self.overhang > 0.0).sum(axis=1), (self.end_bores > 0.0).sum(axis=1)
-        less += ends * (0.5 - 0.125 * np.pi) * self.width**2 + bored * 0.25 * np.pi * self.hole**2
+        ends, bored = (self.overhang > 0.0).sum(axis=1), (self.end_hole_distances > 0.0).sum(axis=1)
+        less += ends * (0.5 - 0.125 * np.pi) * self.width**2 + bored * 0.25 * np.pi * self.hole_diameter**2
         return own * self.width - less
 
     # -- outlines --------------------------------------------------------------------------------------------------
 
-    def onward(self) -> dict[int, int]:
+    def linked_slots(self) -> dict[int, int]:
         """Map every slot (4 quad + corner) whose outline reaches the strip to the slot where the outline leaves it."""
         first = self._last_nodes()
-        leaves = np.where(self.before >= 0, self.before, first)
+        leaves = np.where(self.previous_node >= 0, self.previous_node, first)
         to = 4 * self.quad[leaves] + (self.side[leaves] + 1) % 4
         return dict(zip((4 * self.quad + self.side).tolist(), to.tolist(), strict=True))
 
     def _last_nodes(self) -> Int[np.ndarray, " nodes"]:
         """Map the first node of every strip to its last node, and every other node to itself."""
         out = np.arange(len(self.quad))
-        for i in np.flatnonzero(self.before < 0):
+        for i in np.flatnonzero(self.previous_node < 0):
             at = i
-            while self.following[at] >= 0:
-                at = self.following[at]
+            while self.next_node[at] >= 0:
+                at = self.next_node[at]
             out[i] = at
         return out
 
-    def link(self, node: int, half: Float[np.ndarray, " nodes"], fillet: float) -> tuple[np.ndarray, np.ndarray]:
+    def outline_at(self, node: int, half: Float[np.ndarray, " nodes"], fillet: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the part of the outline (points (n, 2), bulges) that begins at the right edge of a node's arm.
 
         The part ends at the left edge of the previous node's arm. If the node is the first of its strip, the part runs
@@ -284,76 +285,75 @@ class Rim:
         """
         path = ArcPath(self.middle[node] - half[node] * self.along[node])
         inner = -0.5 * self.width
-        self._neck(path, node, -1.0, half, fillet)
-        at = int(self.before[node])
+        self._add_neck_side(path, node, -1.0, half, fillet)
+        at = int(self.previous_node[node])
         if at < 0:
-            self._round_end(path, node, 1, half, fillet)
+            self._add_end(path, node, 1, half, fillet)
             at = node
-            while self.following[at] >= 0:
-                self._segment(path, at, -inner, 1.0)
-                at = int(self.following[at])
-            self._round_end(path, at, 0, half, fillet)
+            while self.next_node[at] >= 0:
+                self._add_arc(path, at, -inner, 1.0)
+                at = int(self.next_node[at])
+            self._add_end(path, at, 0, half, fillet)
         else:
-            self._segment(path, at, inner, -1.0)
-        self._neck(path, at, 1.0, half, fillet)
+            self._add_arc(path, at, inner, -1.0)
+        self._add_neck_side(path, at, 1.0, half, fillet)
         return path.arrays()
 
-    def _neck(self, path: ArcPath, node: int, sign: float, half: np.ndarray, fillet: float) -> None:
+    def _add_neck_side(self, path: ArcPath, node: int, sign: float, half: np.ndarray, fillet: float) -> None:
         """Add a side of a neck with its fillet: the right side outwards (``sign`` -1) or the left side inwards (1)."""
         foot = self.middle[node] + sign * half[node] * self.along[node]
-        out, aside = self.out[node], sign * self.along[node]
+        out, aside = self.outwards[node], sign * self.along[node]
         near, far = foot + (self.depth - fillet) * out, foot + self.depth * out + fillet * aside
         quarter = -np.tan(np.pi / 8.0)
         if sign < 0.0:
-            path.to(near)
-            path.to(far, quarter)
+            path.add_segment(near)
+            path.add_segment(far, quarter)
         else:
-            path.to(far)
-            path.to(near, quarter)
-            path.to(foot)
+            path.add_segment(far)
+            path.add_segment(near, quarter)
+            path.add_segment(foot)
 
-    def _segment(self, path: ArcPath, node: int, aside: float, way: float) -> None:
+    def _add_arc(self, path: ArcPath, node: int, aside: float, way: float) -> None:
         """Add the arc from a node to the next (backwards if ``way`` is -1), ``aside`` metres off the centre line."""
-        turn, there = float(self.turn[node]), int(self.following[node])
+        turn, there = float(self.turn[node]), int(self.next_node[node])
         if turn == 0.0:
             return
-        begin = self.centre[node] + self.straight[node, 0] * self.along[node] + aside * self.out[node]
-        end = self.centre[there] - self.straight[there, 1] * self.along[there] + aside * self.out[there]
+        begin = self.centre[node] + self.straight[node, 0] * self.along[node] + aside * self.outwards[node]
+        end = self.centre[there] - self.straight[there, 1] * self.along[there] + aside * self.outwards[there]
         first, last = (begin, end) if way > 0.0 else (end, begin)
-        path.to(first)
-        path.to(last, way * np.tan(0.25 * turn))
+        path.add_segment(first)
+        path.add_segment(last, way * np.tan(0.25 * turn))
 
-    def _round_end(self, path: ArcPath, node: int, k: int, half: np.ndarray, fillet: float) -> None:
+    def _add_end(self, path: ArcPath, node: int, k: int, half: np.ndarray, fillet: float) -> None:
         """Add a strip's free end: its start from the inner to the outer edge (``k`` 1), or its end back inwards (0)."""
         way = self.along[node] if k == 0 else -self.along[node]
-        long, out, quarter = float(self.straight[node, k]), self.out[node], np.tan(np.pi / 8.0)
+        long, out, quarter = float(self.straight[node, k]), self.outwards[node], np.tan(np.pi / 8.0)
         round_ = max(min(0.5 * self.width, long - float(half[node]) - fillet), 0.0)
         tip, inner, outer = self.centre[node] + long * way, -0.5 * self.width, 0.5 * self.width
         edges = (inner, outer) if k == 1 else (outer, inner)
         for n, y in enumerate(edges):
             on_edge, on_end = tip + y * out - round_ * way, tip + (y - np.sign(y) * round_) * out
             for place, bulge in ((on_edge, 0.0), (on_end, quarter)) if n == 0 else ((on_end, 0.0), (on_edge, quarter)):
-                path.to(place, bulge if round_ > 0.0 else 0.0)
+                path.add_segment(place, bulge if round_ > 0.0 else 0.0)
 
     def closed_curves(self) -> list[tuple[int, Curve]]:
         """Return the outer edges of closed strips, and all holes (clockwise), each as patch and curve."""
         curves, seen = [], self._last_nodes() != np.arange(len(self.quad))
-        ends = set(np.flatnonzero(self.before < 0).tolist())
-        for i in ends:
-            at = i
+        for at in np.flatnonzero(self.previous_node < 0).tolist():
             while at >= 0:
-                seen[at], at = True, int(self.following[at])
+                seen[at], at = True, int(self.next_node[at])
         for i in range(len(seen)):
             if seen[i]:
                 continue
-            path, at = ArcPath(self.centre[i] + 0.5 * self.width * self.out[i]), i
+            path, at = ArcPath(self.centre[i] + 0.5 * self.width * self.outwards[i]), i
             while not seen[at]:
                 seen[at] = True
-                self._segment(path, at, 0.5 * self.width, 1.0)
-                at = int(self.following[at])
+                self._add_arc(path, at, 0.5 * self.width, 1.0)
+                at = int(self.next_node[at])
             curves.append((int(self.patch[i]), Curve(*path.arrays())))
-        for patch, place in zip(*(x.tolist() for x in self.hole_places), strict=True):
-            ends_of = np.array([[place.real - 0.5 * self.hole, place.imag], [place.real + 0.5 * self.hole, place.imag]])
+        for patch, place in zip(*(x.tolist() for x in self.hole_centres), strict=True):
+            radius = 0.5 * self.hole_diameter
+            ends_of = np.array([[place.real - radius, place.imag], [place.real + radius, place.imag]])
             curves.append((int(patch), Curve(ends_of, np.array([-1.0, -1.0]))))
         return curves
 
@@ -363,7 +363,7 @@ def rim_depth(params: SpiralParams) -> float:
     return 0.5 * params.width_max + min_slot_width(params)
 
 
-def _clear(params: SpiralParams) -> float:
+def _min_straight(params: SpiralParams) -> float:
     """Return the least straight length of the strip on each side of a node, metres, for a neck with its fillets."""
     return 1.02 * (0.5 * params.width_max + params.fillet)
 

@@ -28,14 +28,14 @@ class SlotRoots:
     right : arm parameter t on the right edge of arm k + 1 where the fillet ends
     centre : centre of the fillet, metres
     fillet : radius of the fillet, metres; larger than requested where a slot is still wide beside the quad's centre
-    missed : True where there is no room for a slot
+    is_missing : True where there is no room for a slot
     """
 
     left: Float[np.ndarray, "quads 4"]
     right: Float[np.ndarray, "quads 4"]
     centre: Float[np.ndarray, "quads 4 2"]
     fillet: Float[np.ndarray, "quads 4"]
-    missed: Bool[np.ndarray, "quads 4"]
+    is_missing: Bool[np.ndarray, "quads 4"]
 
 
 def find_roots(arms: Arms, fillet: float) -> SlotRoots:

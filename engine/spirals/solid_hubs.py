@@ -17,41 +17,41 @@ from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..surface.checking.finding import Finding, list_faces, make_finding
 from .clearance.slots import MIN_WIDTH_SHARE, SOLID_WIDTH_SHARE, width_range
-from .curves.spiral import LEFT, RIGHT, Arms, arms, centre_line, edge_points, same_width
+from .curves.spiral import LEFT, RIGHT, Arms, centre_line, edge_points, make_arms, same_width
 from .roots import SlotRoots, find_roots
 
 # arm width, as a share of the smallest width, below which a quad has a solid hub; it must lie between
 # ``SOLID_WIDTH_SHARE`` and ``MIN_WIDTH_SHARE``
-BELOW = 0.49
+SOLID_WIDTH_LIMIT = 0.49
 # largest share of quads without a spiral; more are refused, because the piece would hardly take the target's shape
-LARGEST_SHARE = 0.01
-MOST = 20  # largest number of quads without a spiral; more are refused
-DEEPEST = 0.4  # largest arm parameter t at the root of a slot beside a solid hub; larger values weaken the bars
+MAX_SOLID_SHARE = 0.01
+MAX_SOLID_HUBS = 20  # largest number of quads without a spiral; more are refused
+MAX_ROOT_T = 0.4  # largest arm parameter t at the root of a slot beside a solid hub; larger values weaken the bars
 # safety factor on the distance between both edges of a slot at equal t, which crosses the slot obliquely and so exceeds
 # its width; larger is safer and makes slots shorter
-ASLANT = 1.2
+OBLIQUE_FACTOR = 1.2
 MIN_TURN = 0.01  # least angle of the arc around a hub's corner, radians, so that the arc has a finite radius
-SAMPLES = 33  # number of t up to ``DEEPEST`` where slots are measured; more samples find the root more exactly
+SAMPLES = 33  # number of t up to ``MAX_ROOT_T`` where slots are measured; more samples find the root more exactly
 # proposed number of quads for a new mesh, as a share of the present number; fewer, larger quads may pass over parts
 # that are too small for any spiral; not measured
-FEWER = 0.6
+FEWER_QUADS_SHARE = 0.6
 
 
-def without_spiral(width: Float[np.ndarray, "quads 4"], params: SpiralParams) -> Bool[np.ndarray, " quads"]:
+def mark_solid_hubs(width: Float[np.ndarray, "quads 4"], params: SpiralParams) -> Bool[np.ndarray, " quads"]:
     """Return a mask of the quads with a solid hub, from the widths of their arms in metres."""
-    return (width < BELOW * params.width_min).all(axis=1)
+    return (width < SOLID_WIDTH_LIMIT * params.width_min).all(axis=1)
 
 
 @lru_cache(maxsize=4)  # a search calls this often with the same patches
-def without_room(flat: FlatPatches, params: SpiralParams) -> Bool[np.ndarray, " quads"]:
+def mark_too_small(flat: FlatPatches, params: SpiralParams) -> Bool[np.ndarray, " quads"]:
     """Return a mask of the quads where even straight arms of the least width leave no slots."""
     low, high = width_range(flat, params)
     thinnest = np.minimum(low, MIN_WIDTH_SHARE * params.width_min)
-    straight = arms(flat, params, same_width(thinnest), np.zeros(len(low)))
-    return find_roots(straight, params.fillet).missed.any(axis=1) | without_spiral(same_width(high), params)
+    straight = make_arms(flat, params, same_width(thinnest), np.zeros(len(low)))
+    return find_roots(straight, params.fillet).is_missing.any(axis=1) | mark_solid_hubs(same_width(high), params)
 
 
-def set_solid(
+def with_solid_hubs(
     params: SpiralParams,
     width: Float[np.ndarray, "quads 4"],
     twist: Float[np.ndarray, " quads"],
@@ -61,18 +61,18 @@ def set_solid(
     return np.where(quads[:, None], SOLID_WIDTH_SHARE * params.width_min, width), np.where(quads, 0.0, twist)
 
 
-def fewer_quads(count: int) -> int:
+def suggest_quad_count(count: int) -> int:
     """Return the number of quads to remesh with if some of ``count`` quads have no room for a spiral."""
-    return max(round(FEWER * count), 1)
+    return max(round(FEWER_QUADS_SHARE * count), 1)
 
 
-def refuse_many(quads: Int[np.ndarray, " n"], count: int, why: str) -> None:
+def refuse_many_solid_hubs(quads: Int[np.ndarray, " n"], count: int, why: str) -> None:
     """Raise ``FlexMapsError`` (message ``why``) if too many of ``count`` quads are without a spiral."""
-    if len(quads) > min(MOST, int(LARGEST_SHARE * count)):
-        raise FlexMapsError(why, faces=quads, quads=fewer_quads(count))
+    if len(quads) > min(MAX_SOLID_HUBS, int(MAX_SOLID_SHARE * count)):
+        raise FlexMapsError(why, faces=quads, quads=suggest_quad_count(count))
 
 
-def no_spiral(quads: Int[np.ndarray, " n"]) -> list[Finding]:
+def solid_hub_findings(quads: Int[np.ndarray, " n"]) -> list[Finding]:
     """Return the warning about quads without a spiral, if any."""
     if not len(quads):
         return []
@@ -89,7 +89,7 @@ def slot_roots(arms: Arms, fillet: float, solid: Bool[np.ndarray, " quads"]) -> 
     fillet : radius at the roots, metres
     solid : mask of the quads with a solid hub
     """
-    return set_solid_roots(find_roots(arms, fillet), arms, fillet, solid)
+    return with_solid_hub_roots(find_roots(arms, fillet), arms, fillet, solid)
 
 
 def update_roots(root: SlotRoots, quads: Int[np.ndarray, " some"], part: SlotRoots) -> SlotRoots:
@@ -100,7 +100,7 @@ def update_roots(root: SlotRoots, quads: Int[np.ndarray, " some"], part: SlotRoo
     return found
 
 
-def set_solid_roots(root: SlotRoots, arms: Arms, fillet: float, quads: Bool[np.ndarray, " quads"]) -> SlotRoots:
+def with_solid_hub_roots(root: SlotRoots, arms: Arms, fillet: float, quads: Bool[np.ndarray, " quads"]) -> SlotRoots:
     """Replace the roots of slots beside solid hubs by the deepest places that are wide enough for the fillet.
 
     Parameters
@@ -114,7 +114,7 @@ def set_solid_roots(root: SlotRoots, arms: Arms, fillet: float, quads: Bool[np.n
     if not len(some):
         return root
     part = arms.subset(some)
-    t = np.broadcast_to(np.linspace(0.0, DEEPEST, SAMPLES), (len(some), 4, SAMPLES))
+    t = np.broadcast_to(np.linspace(0.0, MAX_ROOT_T, SAMPLES), (len(some), 4, SAMPLES))
     left = edge_points(part, t, LEFT)[0]
     right = np.roll(edge_points(part, t, RIGHT)[0], -1, axis=1)
     inwards = centre_line(part, t)[1]
@@ -122,12 +122,12 @@ def set_solid_roots(root: SlotRoots, arms: Arms, fillet: float, quads: Bool[np.n
     across = right - left
     beyond = inwards[..., 0] * -across[..., 1] + inwards[..., 1] * across[..., 0]
     apart = np.where(beyond > 0.0, np.linalg.norm(across, axis=-1), 0.0)
-    wide = np.logical_and.accumulate(apart >= ASLANT * 2.0 * fillet, axis=-1)
+    wide = np.logical_and.accumulate(apart >= OBLIQUE_FACTOR * 2.0 * fillet, axis=-1)
     last = np.maximum(wide.sum(axis=-1) - 1, 1)
     missed = apart[..., 1] < 2.0 * fillet
-    depth = DEEPEST * last / (SAMPLES - 1)
+    depth = MAX_ROOT_T * last / (SAMPLES - 1)
     centre, radius = _corner_arcs(part, depth)
-    changes = {"left": depth, "right": depth, "missed": missed, "centre": centre, "fillet": radius}
+    changes = {"left": depth, "right": depth, "is_missing": missed, "centre": centre, "fillet": radius}
     fields = {name: getattr(root, name).copy() for name in changes}
     for name, values in changes.items():
         fields[name][some] = values

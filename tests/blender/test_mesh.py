@@ -87,7 +87,7 @@ def test_seams_patches_and_spirals_are_read_as_written(sphere: Any, with_loose: 
     bpy.ops.object.mode_set(mode=mode)
     surface, quads = read(sphere)
     flat = flat_of(quads)
-    mesh.write_flat(sphere, surface, flat, arrange.side_by_side(flat))
+    mesh.write_flat(sphere, surface, flat, arrange.arrange_patches(flat))
     made = fabricable.uniform_design(flat, SpiralParams())
     mesh.write_design(sphere, surface, made)
     assert sphere.mode == mode
@@ -109,7 +109,7 @@ def test_seams_lie_on_the_edges_that_are_cut(sphere: Any) -> None:
     sphere.scale = (-1, 1, 1)
     surface, quads = read(sphere)
     flat = flat_of(quads)
-    mesh.write_flat(sphere, surface, flat, arrange.side_by_side(flat))
+    mesh.write_flat(sphere, surface, flat, arrange.arrange_patches(flat))
 
     def middles(points: np.ndarray, pairs: np.ndarray) -> set[tuple[int, ...]]:
         return {tuple(x) for x in np.round(points[pairs].mean(axis=1) * 1e5).astype(int).tolist()}
@@ -123,7 +123,7 @@ def test_uv_map_is_the_flat_patches_in_millimetres(dome: Any) -> None:
     """Every edge's length in the UV map is close to its length on the surface, in millimetres."""
     surface, quads = read(dome)
     flat = flat_of(quads)
-    mesh.write_flat(dome, surface, flat, arrange.side_by_side(flat))
+    mesh.write_flat(dome, surface, flat, arrange.arrange_patches(flat))
     uv = np.empty(2 * len(dome.data.loops), np.float32)
     dome.data.uv_layers["flexmaps_flat"].uv.foreach_get("vector", uv)
     corners = uv.reshape(-1, 4, 2)
@@ -141,7 +141,7 @@ def test_patches_lie_beside_each_other(sphere: Any) -> None:
 
     _, quads = read(sphere)
     flat = flat_of(quads)
-    corners = flat.corners + arrange.side_by_side(flat)[flat.layout.patch_of][:, None]
+    corners = flat.corners + arrange.arrange_patches(flat)[flat.layout.patch_of][:, None]
     patches = [unary_union([Polygon(c).buffer(1e-6) for c in corners[q]]) for q in flat.layout.patches]
     assert len(patches) > 1
     for i, one in enumerate(patches):
@@ -152,7 +152,7 @@ def test_patches_lie_beside_each_other(sphere: Any) -> None:
 def test_a_uv_map_edited_by_hand_is_noticed(dome: Any) -> None:
     surface, quads = read(dome)
     flat = flat_of(quads)
-    mesh.write_flat(dome, surface, flat, arrange.side_by_side(flat))
+    mesh.write_flat(dome, surface, flat, arrange.arrange_patches(flat))
     dome.data.uv_layers["flexmaps_flat"].uv[7].vector.x += 5.0
     with pytest.raises(FlexMapsError, match="flexmaps_flat"):
         mesh.require_current_flat(*read(dome))
@@ -161,7 +161,7 @@ def test_a_uv_map_edited_by_hand_is_noticed(dome: Any) -> None:
 def test_a_surface_changed_since_is_noticed(dome: Any) -> None:
     surface, quads = read(dome)
     flat = flat_of(quads)
-    mesh.write_flat(dome, surface, flat, arrange.side_by_side(flat))
+    mesh.write_flat(dome, surface, flat, arrange.arrange_patches(flat))
     dome.data.vertices[40].co.z += 0.01
     with pytest.raises(FlexMapsError, match="changed after"):
         mesh.require_current_flat(*read(dome))
@@ -170,7 +170,7 @@ def test_a_surface_changed_since_is_noticed(dome: Any) -> None:
 def test_seams_edited_since_are_noticed(dome: Any) -> None:
     surface, quads = read(dome)
     flat = flat_of(quads)
-    mesh.write_flat(dome, surface, flat, arrange.side_by_side(flat))
+    mesh.write_flat(dome, surface, flat, arrange.arrange_patches(flat))
     inner = np.flatnonzero(~quads.border & ~flat.layout.cut)[0]
     dome.data.edges[int(surface.edge_of[inner])].use_seam = True
     with pytest.raises(FlexMapsError, match="Update from seams") as caught:
@@ -185,7 +185,7 @@ def test_too_many_uv_maps_are_refused_and_nothing_is_written(dome: Any, content:
     flat = flat_of(quads)
     before = content(dome)
     with pytest.raises(FlexMapsError, match="UV map"):
-        mesh.write_flat(dome, surface, flat, arrange.side_by_side(flat))
+        mesh.write_flat(dome, surface, flat, arrange.arrange_patches(flat))
     assert content(dome) == before
 
 
@@ -193,7 +193,7 @@ def test_a_foreign_attribute_of_that_name_is_replaced(dome: Any) -> None:
     dome.data.attributes.new("flexmaps_energy", "FLOAT_VECTOR", "POINT")
     surface, quads = read(dome)
     flat = flat_of(quads)
-    mesh.write_flat(dome, surface, flat, arrange.side_by_side(flat))
+    mesh.write_flat(dome, surface, flat, arrange.arrange_patches(flat))
     assert mesh.require_current_flat(*read(dome)).energy == pytest.approx(flat.energy, abs=1e-5)
 
 

@@ -132,10 +132,10 @@ def test_many_panels_are_drawn_light() -> None:
     quads = shapes.make("dome")
     surface = make_disks(mesh_layout(quads))
     made = uniform_design(flatten(surface, LayoutParams()), SpiralParams(), twist=2.0)
-    centres = arrange.side_by_side(made.flat)
-    assert not solids.light(made, centres, most=10**6).flat
-    shape = solids.light(made, centres, most=20_000)
-    assert shape.flat and len(shape.sizes) <= 20_000
+    centres = arrange.arrange_patches(made.flat)
+    assert not solids.make_light_solids(made, centres, max_faces=10**6).is_one_sided
+    shape = solids.make_light_solids(made, centres, max_faces=20_000)
+    assert shape.is_one_sided and len(shape.sizes) <= 20_000
     ends = np.cumsum(shape.sizes)
     area = 0.0
     for end, size in zip(ends, shape.sizes, strict=True):

@@ -90,9 +90,9 @@ def test_who_stops_it_does_not_wait_for_the_true_panels(
     assert plain[flat_panels.FINGERPRINT_KEY] == flat_panels.NO_CONNECTORS
     assert not [o for o in bpy.data.objects if o.get("flexmaps_kind") == "outlines"]
     assert "slot_min_mm" not in block(piece, "spirals") and "reach" not in stored_report.read(piece.data)
-    light = solids.light(design(piece), arrange.side_by_side(design(piece).flat))
+    light = solids.make_light_solids(design(piece), arrange.arrange_patches(design(piece).flat))
     assert len(plain.data.vertices) == len(light.vertices)
-    monkeypatch.setattr(raster, "FINE", 1)  # rough edges, which is quicker
+    monkeypatch.setattr(raster, "SUBPIXELS", 1)  # rough edges, which is quicker
     press("report")  # with what is known
     piece.flexmaps.sheet.nesting = "FAST"
     piece.flexmaps.export.folder = str(tmp_path)

@@ -29,7 +29,7 @@ def test_a_stroke_leaves_the_spirals_done_and_later_stages_out_of_date(simulated
     before = attribute(simulated, "flexmaps_twist")
     on = paint_session.get_session(simulated, bpy.context.scene)
     centre = on.brush_surface.centres[12]
-    weight = on.brush_surface.weight(centre, on.brush_surface.normals[12], 0.05)
+    weight = on.brush_surface.dab_weights(centre, on.brush_surface.normals[12], 0.05)
     assert 0 < (weight > 0).sum() < len(weight) and weight[12] == 1.0
     on.paint("stiffer", 0.8 * weight, Stroke())
     on.write(bpy.context.scene)
@@ -62,7 +62,7 @@ def test_panels_move_with_strokes_and_an_undo_brings_the_former_spirals(spiralle
     seen, states_of = [], []
     for brush, quad in (("stiffer", 3), ("softer", 20)):
         work = dab_queue.DabQueue(on, brush, inverted=False)
-        weight = on.brush_surface.weight(on.brush_surface.centres[quad], on.brush_surface.normals[quad], 0.06)
+        weight = on.brush_surface.dab_weights(on.brush_surface.centres[quad], on.brush_surface.normals[quad], 0.06)
         for _ in range(3):
             work.add([0.4 * weight], np.zeros(3))
         work.wait()
@@ -120,7 +120,7 @@ def test_spirals_that_were_there_before_are_taken_without_asking_whether_they_ca
     on = paint_session.get_session(spiralled, scene)
     first, stiff = on.design, on.stiffness
     on.paint(
-        "softer", on.brush_surface.weight(on.brush_surface.centres[3], on.brush_surface.normals[3], 0.06), Stroke()
+        "softer", on.brush_surface.dab_weights(on.brush_surface.centres[3], on.brush_surface.normals[3], 0.06), Stroke()
     )
     on.write(scene)
     mesh.write_design(spiralled, on._surface, first)  # as an undo leaves it
@@ -179,7 +179,7 @@ def test_scripts_paint_and_protect_objects(spiralled: Any, attribute: Any) -> No
     assert np.flatnonzero(changed).tolist() == [1, 2, 3]
     assert np.flatnonzero(attribute(spiralled, "flexmaps_protect")).tolist() == [1]
     again = api.load(spiralled)
-    assert again.result.protected.tolist() == [1] and again.result.design.painted
+    assert again.result.protected.tolist() == [1] and again.result.design.is_painted
     free = api.protect(again, None)
     api.show(free)
     assert "flexmaps_protect" not in spiralled.data.attributes
@@ -199,7 +199,7 @@ def test_the_command_paints(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     words = ["paint", "shape:dome", "--edge", "30", "--brush", "along", "--along", "x", "--protect", "lowest"]
     assert main([*words, "--out", str(out)]) == 0
     piece = api.load(out)
-    assert piece.result.design.painted and len(piece.result.protected) > 0
+    assert piece.result.design.is_painted and len(piece.result.protected) > 0
     assert np.ptp(piece.result.design.width, axis=1).max() > 2e-4
     assert main(["paint", "shape:dome", "--edge", "30", "--brush", "along"]) == 2
     assert "direction" in capsys.readouterr().err

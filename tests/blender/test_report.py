@@ -26,7 +26,7 @@ from shapely.geometry import MultiPoint
 
 SVG = "{http://www.w3.org/2000/svg}"
 VOID = {"meta", "img", "br", "link", "input"}
-DRAWN = set(run_plots.NAMES)
+DRAWN = set(run_plots.PLOT_NAMES)
 FEW = {"optimise.iterations": 2, "optimise.codesign": False, "sheet.nesting": "FAST", "spiral.thickness": 1.5}
 
 
@@ -216,12 +216,12 @@ def test_a_map_has_every_quad_in_its_place_and_colour(strip: api.Piece) -> None:
     flat = strip.result.flat
     assert flat is not None
     values = np.arange(len(flat.corners), dtype=float)
-    corners = flat.corners + arrange.side_by_side(flat)[flat.layout.patch_of][:, None]
+    corners = flat.corners + arrange.arrange_patches(flat)[flat.layout.patch_of][:, None]
     sides = np.zeros((len(corners), 4), bool)
-    made = plots.flat_map(
+    made = plots.draw_flat_map(
         corners, sides, Colouring.from_values("Numbers", values, "no unit", colours.QUANTITY_SCALE, 0.0, values[-1])
     )
-    root = ElementTree.fromstring(drawing.svg(made))
+    root = ElementTree.fromstring(drawing.to_svg(made))
     quads = [
         (points, path.attrib["fill"])
         for path in root.iter(f"{SVG}path")
@@ -238,12 +238,12 @@ def test_a_map_has_every_quad_in_its_place_and_colour(strip: api.Piece) -> None:
         near = min(found, key=lambda at: np.hypot(at[0] - middle[0], at[1] - middle[1]))
         assert np.hypot(near[0] - middle[0], near[1] - middle[1]) < 1.5
         wanted = [np.interp(k / values[-1], np.linspace(0, 1, 4), colours.QUANTITY_SCALE[:, c]) for c in range(3)]
-        assert drawing.rgb(found[near]) == pytest.approx(wanted, abs=0.02)
+        assert drawing.parse_colour(found[near]) == pytest.approx(wanted, abs=0.02)
 
 
 def test_a_histogram_counts_every_spiral_once() -> None:
     values = np.random.default_rng(3).gamma(2.0, 1.5, 500)
-    made = plots.histogram(values, "Distances", "Distance (mm)", [(3.0, "a mark")])
+    made = plots.plot_histogram(values, "Distances", "Distance (mm)", [(3.0, "a mark")])
     bars = next(item for item in made.items if isinstance(item, drawing.FilledShapes))
     heights = np.ptp(bars.points[..., 1], axis=1)
     unit = heights.sum() / 500
@@ -256,7 +256,7 @@ def test_a_histogram_counts_every_spiral_once() -> None:
 @pytest.mark.parametrize("values, steps", [([3.0, 2.0, 1.5], 0.0), ([1.0, 0.1, 0.01], 1.0)])
 def test_a_history_is_logarithmic_where_it_spans_much(values: list[float], steps: float) -> None:
     """Equal ratios are equal heights then; else equal differences are, from zero on."""
-    made = plots.history(values, "Match", "RMSE (mm)")
+    made = plots.plot_history(values, "Match", "RMSE (mm)")
     line = next(item for item in made.items if isinstance(item, drawing.Line) and len(item.points) == 3)
     y = line.points[:, 1]
     fall = (y[1] - y[0]) / (y[2] - y[1])
@@ -265,7 +265,7 @@ def test_a_history_is_logarithmic_where_it_spans_much(values: list[float], steps
 
 @given(st.floats(-1e6, 1e6), st.floats(1e-6, 1e6))
 def test_ticks_are_round_and_within(low: float, span: float) -> None:
-    found = drawing.ticks(low, low + span)
+    found = drawing.tick_values(low, low + span)
     assert found == sorted(found) and len(found) <= 12
     slack = 1e-6 * max(span, abs(low) * 1e-6)
     assert all(low - slack <= t <= low + span + slack for t in found)
@@ -288,17 +288,17 @@ def test_filled_shapes_have_their_area(points: list[tuple[float, float]], clockw
     ring = np.array(hull.exterior.coords)[:-1]
     ring = ring[::-1] if clockwise else ring
     made = drawing.Drawing("A shape", 100, 60, [drawing.Line(np.array([[0.0, 0.0], [0.1, 0.0]]), "#ffffff", 0.1)])
-    empty = raster.pixels(made, {})
-    canvas = np.ascontiguousarray(np.repeat(np.repeat(empty, raster.FINE, 0), raster.FINE, 1))
-    raster._fill(canvas, ring * raster.SCALE * raster.FINE, np.zeros(4))
-    area = (canvas[..., 0] < 0.5).sum() / (raster.SCALE * raster.FINE) ** 2
+    empty = raster.render_drawing(made, {})
+    canvas = np.ascontiguousarray(np.repeat(np.repeat(empty, raster.SUBPIXELS, 0), raster.SUBPIXELS, 1))
+    raster._fill_polygon(canvas, ring * raster.PIXEL_SCALE * raster.SUBPIXELS, np.zeros(4))
+    area = (canvas[..., 0] < 0.5).sum() / (raster.PIXEL_SCALE * raster.SUBPIXELS) ** 2
     assert area == pytest.approx(hull.area, abs=0.15 * hull.length + 0.1)
 
 
 def test_letters_stand_where_they_are_asked_to() -> None:
     def ink(**how: Any) -> np.ndarray:
         made = drawing.Drawing("Text", 200, 100, [drawing.Text((100, 50), "Widths", 16, "#000000", **how)])
-        return np.argwhere(raster.pixels(made, images.glyphs())[..., 0] < 0.5) / raster.SCALE
+        return np.argwhere(raster.render_drawing(made, images.glyphs())[..., 0] < 0.5) / raster.PIXEL_SCALE
 
     start, end, turned = ink(), ink(anchor="end"), ink(turned=True, anchor="middle")
     assert start[:, 1].min() == pytest.approx(100, abs=2) and end[:, 1].max() == pytest.approx(100, abs=2)
@@ -310,7 +310,7 @@ def test_letters_stand_where_they_are_asked_to() -> None:
 def test_letters_are_those_of_blender_as_it_sets_them() -> None:
     """A whole line, made by Blender at once, has the same corners and the same area."""
     text = "RMS 0.312 mm (6.83 %), gÄW"
-    letters, alone = images.glyphs(), images._text_triangles(text.replace("Ä", raster.UNKNOWN))
+    letters, alone = images.glyphs(), images._text_triangles(text.replace("Ä", raster.MISSING_GLYPH))
     placed = raster._text_triangles(drawing.Text((0, 0), text, 1 / 1.05), letters) * np.array([1, -1])
     area = [np.abs(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])).sum() for t in (placed, alone)]
     assert area[0] == pytest.approx(area[1], rel=1e-4)
@@ -344,14 +344,14 @@ def test_what_an_object_holds_tells_the_same(strip: api.Piece, out: Path, tmp_pa
 
 
 def test_the_button(strip: api.Piece, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(raster, "FINE", 1)  # rough edges, which is quicker
+    monkeypatch.setattr(raster, "SUBPIXELS", 1)  # rough edges, which is quicker
     obj = api.show(strip)
     obj.flexmaps.export.folder = str(tmp_path)
     assert bpy.ops.flexmaps.report() == {"FINISHED"}
     made = {name: bpy.data.images[f"{obj.name} {name}"] for name in DRAWN}
     for name, image in made.items():
-        pixels = np.empty(len(image.pixels), np.float32)
-        image.pixels.foreach_get(pixels)
+        pixels = np.empty(len(image.render_drawing), np.float32)
+        image.render_drawing.foreach_get(pixels)
         rows = pixels.reshape(image.size[1], image.size[0], 4)
         assert image.packed_file is not None and (rows[..., 3] == 1).all()
         assert 0.005 < (rows[..., :3].min(axis=2) < 0.9).mean() < 0.9, name
@@ -386,8 +386,8 @@ def test_drawing_for_the_report_needs_no_blender(strip: api.Piece) -> None:
     described, drawn = pages.build_from_input(found.snapshot.to_result(), found)
     for block in ("layout", "spirals", "equilibrium", "optimise", "settings"):
         assert described[block] == wanted[0][block]
-    assert {name: drawing.svg(one) for name, one in drawn.items()} == {
-        name: drawing.svg(one) for name, one in wanted[1].items()
+    assert {name: drawing.to_svg(one) for name, one in drawn.items()} == {
+        name: drawing.to_svg(one) for name, one in wanted[1].items()
     }
 
 

@@ -118,7 +118,7 @@ def test_solids_are_closed_and_as_heavy_as_the_sheets_say(clockwise: bool) -> No
 
     flat = flatten.flatten(trace.trace(shapes.make("cubesphere"), LayoutParams()), LayoutParams())
     made = fabricable.uniform_design(flat, SpiralParams(clockwise=clockwise))
-    shape = solids.solid(made, arrange.side_by_side(flat))
+    shape = solids.make_solids(made, arrange.arrange_patches(flat))
     starts = np.cumsum(shape.sizes) - shape.sizes
     fans = [
         [shape.corners[s], shape.corners[s + k], shape.corners[s + k + 1]]
@@ -134,7 +134,7 @@ def test_solids_are_closed_and_as_heavy_as_the_sheets_say(clockwise: bool) -> No
     area = sum(panel.area for panel in plain.panels)
     assert solid.volume == pytest.approx(area * made.params.thickness, rel=0.005)
     quad = np.repeat(shape.quad_of, shape.sizes)
-    middle = (flat.corners + arrange.side_by_side(flat)[flat.layout.patch_of][:, None]).mean(axis=1)
+    middle = (flat.corners + arrange.arrange_patches(flat)[flat.layout.patch_of][:, None]).mean(axis=1)
     away = np.linalg.norm(shape.vertices[shape.corners, :2] - middle[quad], axis=1)
     assert (away < 1.5 * made.scale[quad]).all()
 
@@ -143,10 +143,10 @@ def test_solids_of_very_many_spirals_have_longer_steps(monkeypatch: pytest.Monke
     import trimesh
 
     flat = flatten.flatten(trace.trace(shapes.make("cubesphere"), LayoutParams()), LayoutParams())
-    made, centres = fabricable.uniform_design(flat, SpiralParams()), arrange.side_by_side(flat)
-    faces = len(solids.solid(made, centres).sizes)
-    monkeypatch.setattr(solids, "MOST", faces // 2)
-    shape = solids.solid(made, centres)
+    made, centres = fabricable.uniform_design(flat, SpiralParams()), arrange.arrange_patches(flat)
+    faces = len(solids.make_solids(made, centres).sizes)
+    monkeypatch.setattr(solids, "MAX_FACES", faces // 2)
+    shape = solids.make_solids(made, centres)
     assert 0.3 * faces < len(shape.sizes) < 0.6 * faces
     starts = np.cumsum(shape.sizes) - shape.sizes
     fans = [shape.corners[[s, s + k, s + k + 1]] for s, n in zip(starts, shape.sizes) for k in range(1, n - 1)]
@@ -166,8 +166,8 @@ def test_solids_have_the_connectors_of_the_sheets(connector: str) -> None:
     cut = sheets.make_sheets(
         made, SheetParams(labels=False, nesting="FAST"), connectors=ConnectorParams(connector=connector)
     )
-    centres = arrange.side_by_side(flat)
-    shape = solids.solid(made, centres, cut.connections.tips)
+    centres = arrange.arrange_patches(flat)
+    shape = solids.make_solids(made, centres, cut.connections.tips)
     starts = np.cumsum(shape.sizes) - shape.sizes
     fans = [
         [shape.corners[s], shape.corners[s + k], shape.corners[s + k + 1]]
@@ -184,12 +184,12 @@ def test_solids_have_the_connectors_of_the_sheets(connector: str) -> None:
     points, quad = shape.vertices[shape.corners[heads], :2], np.repeat(shape.quad_of, shape.sizes)[heads]
     for panel in panels:
         mine = flat.layout.patch_of[quad] == panel.patch
-        outline = shapely.LinearRing(panel.outline.sampled(1e-6))
+        outline = shapely.LinearRing(panel.outline.sample(1e-6))
         assert shapely.distance(shapely.points(points[mine] - centres[panel.patch]), outline).max() < 3e-5
     seams = {int(k) for k in shape.seam_of} - {-1}
     assert seams == {c.seam for c in cut.connections.connectors}
-    upper = solids.light(made, centres, cut.connections.tips, most=2000)
-    assert upper.flat and {int(k) for k in upper.seam_of} - {-1} == seams
+    upper = solids.make_light_solids(made, centres, cut.connections.tips, max_faces=2000)
+    assert upper.is_one_sided and {int(k) for k in upper.seam_of} - {-1} == seams
 
 
 def test_bezier_curves_are_arcs() -> None:
@@ -218,7 +218,7 @@ def test_pictures_show_something_and_leave_the_scene_alone(result: job.Result, t
         draw(obj, path, size=(320, 180), samples=1)
         image = bpy.data.images.load(str(path))
         assert tuple(image.size) == (320, 180)
-        pixels = np.array(image.pixels).reshape(180, 320, 4)[..., :3]
+        pixels = np.array(image.render_drawing).reshape(180, 320, 4)[..., :3]
         bpy.data.images.remove(image)
         colourful = np.ptp(pixels, axis=2) > 0.1
         assert 0.02 < colourful.mean() < 0.9

@@ -132,7 +132,7 @@ def test_the_assembly_sheet_tells_the_forces_at_rest(
 
     assert bpy.ops.flexmaps.export() == {"FINISHED"}
     assert bpy.ops.flexmaps.simulate() == {"FINISHED"}
-    monkeypatch.setattr(assembly_check, "HAND", 0.0)  # newtons, so that every joint pulls too hard
+    monkeypatch.setattr(assembly_check, "MAX_HAND_FORCE", 0.0)  # newtons, so that every joint pulls too hard
     assert bpy.ops.flexmaps.export() == {"FINISHED"}
     spiralled.flexmaps.material.material = "custom"
     assert bpy.ops.flexmaps.export() == {"FINISHED"}

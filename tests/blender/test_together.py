@@ -99,11 +99,13 @@ def test_names_in_any_script_are_drawn(name: str, tmp_path: Path) -> None:
     before = len(bpy.data.curves), len(bpy.data.objects)
     letters.add_outlines(name)
     assert (len(bpy.data.curves), len(bpy.data.objects)) == before
-    unlike = [run for run in glyphs.runs(name) if not glyphs.plain(run)]
-    assert unlike and all(glyphs.known[run].splines and glyphs.known[run].width > 0.3 * len(run) for run in unlike)
+    unlike = [run for run in glyphs.split_runs(name) if not glyphs.is_in_helvetica(run)]
+    assert unlike and all(
+        glyphs.outlines_by_run[run].splines and glyphs.outlines_by_run[run].width > 0.3 * len(run) for run in unlike
+    )
     page = pdf.Page(0.1, 0.02)
-    page.text(name, (0.005, 0.005), 0.008)
-    picture = pypdfium2.PdfDocument(pdf.document([page], name))[0].render(scale=4.0).to_pil().convert("L")
+    page.draw_text(name, (0.005, 0.005), 0.008)
+    picture = pypdfium2.PdfDocument(pdf.pdf_bytes([page], name))[0].render(scale=4.0).to_pil().convert("L")
     ink = np.asarray(picture) < 128
     columns = np.flatnonzero(ink.any(axis=0)) * 25.4e-3 / 72.0 / 4.0
     assert columns.min() == pytest.approx(0.005, abs=1.5e-3)

@@ -70,7 +70,7 @@ def test_outline_is_that_of_the_cut_panel(kind: str):
     }[kind]()
     solid = DesignSolid(design, POISSON, [0])
     (drawn,) = design.outlines(tolerance=1e-6)
-    rim = LineString(np.vstack([drawn.outer.sampled(2e-7), drawn.outer.points[:1]]))
+    rim = LineString(np.vstack([drawn.outer.sample(2e-7), drawn.outer.points[:1]]))
     n, middles = solid.mesh.numbering, design.flat.corners.mean(axis=1)
     sides = n.sections.reshape(4, -1, n.side, 4)[:, 4:, [0, -1], 0]  # behind the fillets
     for spiral, middle in zip(solid.mesh.nodes, middles):

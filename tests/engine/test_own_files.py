@@ -137,9 +137,9 @@ def test_a_damaged_note_makes_no_file_ours(tmp_path: Path, note: str) -> None:
 def test_sheets_that_may_be_replaced_are_found_before_their_number_is_known(tmp_path: Path) -> None:
     for name in ("sheet-01.svg", "sheet-12.svg", "sheet-r12-03.dxf", "sheet-parts.csv", "sheet-1.svg", "other-01.svg"):
         (tmp_path / name).write_text("there")
-    found = {path.name for path in export.present(tmp_path / "sheet", ("svg", "dxf-r12"))}
+    found = {path.name for path in export.existing_files(tmp_path / "sheet", ("svg", "dxf-r12"))}
     assert found == {"sheet-01.svg", "sheet-12.svg", "sheet-r12-03.dxf", "sheet-parts.csv"}
-    assert export.present(tmp_path / "sheet", ()) == []
+    assert export.existing_files(tmp_path / "sheet", ()) == []
 
 
 def test_a_folder_that_cannot_be_looked_into_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -148,4 +148,4 @@ def test_a_folder_that_cannot_be_looked_into_is_named(tmp_path: Path, monkeypatc
 
     monkeypatch.setattr("os.listdir", refuse)  # root, who may run the tests, may look everywhere
     with pytest.raises(FlexMapsError, match=f"Cannot look into the folder {tmp_path}: "):
-        export.present(tmp_path / "sheet", ("svg",))
+        export.existing_files(tmp_path / "sheet", ("svg",))

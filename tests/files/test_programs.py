@@ -15,7 +15,7 @@ import pytest
 from flexmaps.engine.fabrication.nesting import drawings
 from flexmaps.engine.fabrication.sheets import CutSheets
 from flexmaps.engine.fabrication.writers import export
-from flexmaps.engine.fabrication.writers.operations import frame
+from flexmaps.engine.fabrication.writers.operations import frame_curves
 from flexmaps.engine.params import Settings, with_values
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface.mesh import PolygonMesh
@@ -63,7 +63,7 @@ def sheets() -> CutSheets:
 @pytest.fixture(scope="module")
 def files(sheets: CutSheets, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     kinds = ("svg", "dxf", "dxf-r12", "pdf", "3mf")
-    return dict(zip(kinds, export.write(sheets, tmp_path_factory.mktemp("files") / "sheet", kinds), strict=True))
+    return dict(zip(kinds, export.write_sheets(sheets, tmp_path_factory.mktemp("files") / "sheet", kinds), strict=True))
 
 
 @pytest.mark.parametrize("kind", ["dxf", "dxf-r12"])
@@ -72,8 +72,8 @@ def test_freecad_reads_every_edge(sheets: CutSheets, files: dict[str, Path], kin
     script = tmp_path / "count.py"
     script.write_text(COUNT, encoding="utf-8")
     found = re.search(r"EDGES (\d+)", run(freecad, script, DRAWING=str(files[kind])))
-    runs = sheets.runs(0)
-    curves = (*runs.engraved, *runs.inner, *runs.outer)
+    runs = sheets.cuts_on_sheet(0)
+    curves = (*runs.engraving, *runs.inner_cuts, *runs.outer_cuts)
     wanted = sum(len(c.points) - (not c.closed) for c in curves) + 4 + 1  # the sheet's edge and its origin
     assert found is not None and int(found[1]) == wanted
 
@@ -93,9 +93,9 @@ def test_freecad_reads_sheets_of_every_kind(name: str, tmp_path: Path) -> None:
     made = kinds()[name](tmp_path)
     script = tmp_path / "count.py"
     script.write_text(COUNT, encoding="utf-8")
-    for index, path in enumerate(export.write(made, tmp_path / "sheet", ("dxf-r12",))):
-        runs = made.runs(index)
-        curves = (*runs.engraved, *runs.inner, *runs.outer, *frame(made, index))
+    for index, path in enumerate(export.write_sheets(made, tmp_path / "sheet", ("dxf-r12",))):
+        runs = made.cuts_on_sheet(index)
+        curves = (*runs.engraving, *runs.inner_cuts, *runs.outer_cuts, *frame_curves(made, index))
         found = re.search(r"EDGES (\d+)", run(freecad, script, DRAWING=str(path)))
         assert found is not None and int(found[1]) == sum(len(c.points) - (not c.closed) for c in curves)
 
@@ -130,7 +130,7 @@ def test_librsvg_draws_the_colours(files: dict[str, Path], tmp_path: Path) -> No
 
 def test_the_slicer_finds_sound_solids(sheets: CutSheets, files: dict[str, Path]) -> None:
     said = run(program("prusa-slicer"), "--info", files["3mf"])
-    assert said.count("manifold = yes") == len(sheets.on_sheet(0))
+    assert said.count("manifold = yes") == len(sheets.panels_on_sheet(0))
     assert float(re.findall(r"size_z = ([\d.]+)", said)[0]) == pytest.approx(2.0)
 
 

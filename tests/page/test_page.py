@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flexmaps.engine.display.panel_mesh import panel_mesh
+from flexmaps.engine.display.panel_mesh import make_panel_mesh
 from flexmaps.engine.display.rim_mesh import RimMesh
-from flexmaps.engine.display.skin import detail_of
+from flexmaps.engine.display.skin import choose_detail
 from flexmaps.engine.mechanics.arms.bent import bend_arms
 from flexmaps.engine.params import ObjectSettings, with_values
 from flexmaps.engine.runs import job, page_data, report, report_page
@@ -102,16 +102,16 @@ def test_the_slider_leads_from_flat_panels_to_the_simulated_hubs(
         ends = np.array(page.evaluate("flexmaps.hubs()")).reshape(-1, 3)
         assert np.abs(ends - 1e3 * pose.centres).max() < 0.05
         corners = np.array(page.evaluate("flexmaps.corners()")).reshape(-1, 3)
-        panels = panel_mesh(piece.design, detail_of(piece.design))
+        panels = make_panel_mesh(piece.design, choose_detail(piece.design))
         drawn = np.full((4 * len(panels.arm), 3), np.nan)
-        used = panels.used < len(drawn)
-        arms = panels.at_pose(bend_arms(piece.design, pose), pose)[: len(used)]  # the rim's plates follow
-        drawn[panels.used[used]] = arms[used]
+        used = panels.kept_vertices < len(drawn)
+        arms = panels.vertices_at_pose(bend_arms(piece.design, pose), pose)[: len(used)]  # the rim's plates follow
+        drawn[panels.kept_vertices[used]] = arms[used]
         assert 1e3 * np.nanmax(np.linalg.norm(1e-3 * corners[: len(drawn)] - drawn, axis=1)) < 0.05
         rim = RimMesh.from_design(piece.design)
         assert rim is not None
         order = np.argsort(rim.quad, kind="stable")
-        place, up = (values[order] for values in rim.at_pose(bend_arms(piece.design, pose)))
+        place, up = (values[order] for values in rim.points_at_pose(bend_arms(piece.design, pose)))
         lift = 0.5 * piece.design.params.thickness * up
         strip = corners[len(drawn) + 2 * len(pose.centres) :].reshape(-1, 2, 3)
         assert np.abs(strip - 1e3 * np.stack([place + lift, place - lift], axis=1)).max() < 0.05

@@ -179,7 +179,7 @@ def count_uncuttable(design: SpiralDesign) -> int:
     slot, arm = design.params.slot_min, float(design.width.min())
     count = 0
     for outline in design.outlines():
-        panel = shapely.Polygon(outline.outer.sampled(TRUE), [hole.sampled(TRUE) for hole in outline.holes])
+        panel = shapely.Polygon(outline.outer.sample(TRUE), [hole.sample(TRUE) for hole in outline.holes])
         whole = panel.is_valid and len(panel.buffer(0.5 * MOST * slot).interiors) == len(outline.holes)
         count += not (whole and panel.buffer(-0.5 * MOST * arm).geom_type == "Polygon")
     return count

@@ -10,10 +10,10 @@ import numpy as np
 
 from ...colours import hexadecimal, patch_colours, seam_colours
 from ...fabrication.assembly_check import AssemblyCheck
-from ...fabrication.estimates import Estimates, duration
+from ...fabrication.estimates import Estimates, format_duration
 from ...fabrication.panels.labels import panel_name, seam_name
 from ...fabrication.sheets import CutSheets
-from ...fabrication.writers.pdf import Page, document, text_width
+from ...fabrication.writers.pdf import Page, pdf_bytes, text_width
 from ...files import NewFile, write_atomically
 from ...patches.flattening.flatten import FlatPatches
 from ...patches.joining import Join, Step, panel_numbers, steps
@@ -70,7 +70,7 @@ def write(
     ------
     FlexMapsError : the file cannot be written
     """
-    data = document(pages(design, sheets, figures, title, checked, progress), f"{title}: assembly", progress)
+    data = pdf_bytes(pages(design, sheets, figures, title, checked, progress), f"{title}: assembly", progress)
     if new is None:
         with write_atomically(target) as place:
             place.write_bytes(data)
@@ -113,7 +113,7 @@ def pages(
     if sheets.base is not None:
         found.append(held_page(sheets.base))
     for number, page in enumerate(found, start=1):
-        page.text(f"{title}  -  {number} of {len(found)}", (0.5 * WIDTH, 0.007), 0.0028, GREY, middle=True)
+        page.draw_text(f"{title}  -  {number} of {len(found)}", (0.5 * WIDTH, 0.007), 0.0028, GREY, is_centred=True)
     return found
 
 
@@ -131,8 +131,8 @@ def _overview(
 ) -> Page:
     """Return the overview page: picture of the whole piece, figures, sheets and list of seams."""
     page, layout = Page(WIDTH, HEIGHT), flat.layout
-    page.text(title, (MARGIN, HEIGHT - 0.022), 0.007, INK)
-    page.text("How to put it together", (MARGIN, HEIGHT - 0.029), 0.004, GREY)
+    page.draw_text(title, (MARGIN, HEIGHT - 0.022), 0.007, INK)
+    page.draw_text("How to put it together", (MARGIN, HEIGHT - 0.029), 0.004, GREY)
     progress(0.0, "drawing the whole piece")
     everything = tuple(range(len(layout.patches)))
     view = camera(np.array([0.6, -0.8, 0.0]))
@@ -140,8 +140,8 @@ def _overview(
     progress(0.0, "the figures of the sheets")
     y = HEIGHT - 0.045
     for name, value in _figures(sheets, figures, len(layout.patches)):
-        page.text(name, (0.135, y), 0.0032, GREY)
-        page.text(value, (0.166, y), 0.0032, INK)
+        page.draw_text(name, (0.135, y), 0.0032, GREY)
+        page.draw_text(value, (0.166, y), 0.0032, INK)
         y -= 0.0056
     y -= 0.004
     for said in (
@@ -152,7 +152,7 @@ def _overview(
         *_letters(sheets),
         *_glued_or_plain(sheets),
     ):
-        page.text(said, (0.135, y), 0.0025, INK)
+        page.draw_text(said, (0.135, y), 0.0025, INK)
         y -= 0.0042
     _thumbnails(page, Box(MARGIN, 0.075, WIDTH - 2 * MARGIN, 0.07), sheets, look, progress)
     _seam_list(page, Box(MARGIN, 0.014, WIDTH - 2 * MARGIN, 0.056), flat, look, checked)
@@ -175,7 +175,10 @@ def _glued_or_plain(sheets: CutSheets) -> list[str]:
     if len(glued) == len(made.connectors):  # the user chose tabs, or no connectors
         return []
     found = []
-    for said, names in (("Glue these joints", glued), ("These have plain ends", [name for name, *_ in made.unsolved])):
+    for said, names in (
+        ("Glue these joints", glued),
+        ("These have plain ends", [name for name, *_ in made.plain_joints]),
+    ):
         if names:
             text = f"{said}: {', '.join(names)}."
             found += ["", *textwrap.wrap(text, 52, max_lines=8, placeholder=" ...")]
@@ -192,9 +195,9 @@ def _figures(sheets: CutSheets, figures: Estimates, panels: int) -> list[tuple[s
         ("Cut length", f"{figures.cut_length:.1f} m"),
     ]
     if figures.cut_seconds is not None:
-        found.append(("Laser", f"about {duration(figures.cut_seconds / 60.0)}"))
+        found.append(("Laser", f"about {format_duration(figures.cut_seconds / 60.0)}"))
     if figures.joints:
-        found.append(("Assembly", f"about {duration(figures.assembly_seconds / 60.0)}"))
+        found.append(("Assembly", f"about {format_duration(figures.assembly_seconds / 60.0)}"))
     if figures.costs:
         found.append(("Cost", f"about {sum(figures.costs.values()):.2f}"))
     return [*found, ("Narrowest", f"slot {sheets.slot_min * 1e3:.2f}, arm {sheets.bridge_min * 1e3:.2f} mm")]
@@ -211,29 +214,31 @@ def _thumbnails(page: Page, box: Box, sheets: CutSheets, look: PatchColours, pro
     rows = -(-len(sizes) // columns)
     down = min(box.height / rows, 1.06 * scale * float(sizes[:, 1].max()))
     along = ", their grain from left to right" if sheets.params.rotation == "GRAIN" else ""
-    page.text(f"Where the panels lie on the sheets{along}", (box.x, box.y + rows * down + 0.002), 0.0032, GREY)
+    page.draw_text(f"Where the panels lie on the sheets{along}", (box.x, box.y + rows * down + 0.002), 0.0032, GREY)
     for index, size in enumerate(sizes):
         row, column = divmod(index, columns)
         corner = np.array([box.x + column * across, box.y + (rows - row - 1) * down])
         frame = corner + scale * size * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
         if index < len(sheets.packing.remnants):
             remnant = sheets.packing.remnants[index]
-            page.fill(corner + scale * remnant.outline, "#ffffff", GREY, 1.5e-4)
+            page.fill_polygon(corner + scale * remnant.outline, "#ffffff", GREY, 1.5e-4)
             for hole in remnant.holes:
-                page.fill(corner + scale * hole, "#dddddd", GREY, 1.5e-4)
+                page.fill_polygon(corner + scale * hole, "#dddddd", GREY, 1.5e-4)
         else:
-            page.fill(frame, "#ffffff", GREY, 1.5e-4)
+            page.fill_polygon(frame, "#ffffff", GREY, 1.5e-4)
         for i in np.flatnonzero(sheets.packing.sheet == index).tolist():
             progress(0.2 * i / len(sheets.panels), "drawing the sheets")
             one = sheets.panels[i]
-            outline = one.outline.moved(float(sheets.packing.rotation[i]), sheets.packing.shift[i]).sampled(1e-4)
+            outline = one.outline.transform(float(sheets.packing.rotation[i]), sheets.packing.shift[i]).sample(1e-4)
             small = scale * float(np.ptp(outline, axis=0).min()) < SMALL
             points = corner + scale * (_hull(outline) if small else _simplify(outline, 0.15e-3 / scale))
-            page.fill(points, look.patches[one.patch] if one.patch >= 0 else GREY)
+            page.fill_polygon(points, look.patches[one.patch] if one.patch >= 0 else GREY)
             if one.patch < 0 or small:  # loose keys have no number
                 continue
-            page.text(panel_name(one.number, one.mark), tuple(middle(points) - [0.0, 0.001]), 0.003, INK, middle=True)
-        page.text(str(index + 1), tuple(frame[3] + [0.001, -0.0035]), 0.0028, GREY)
+            page.draw_text(
+                panel_name(one.number, one.mark), tuple(middle(points) - [0.0, 0.001]), 0.003, INK, is_centred=True
+            )
+        page.draw_text(str(index + 1), tuple(frame[3] + [0.001, -0.0035]), 0.0028, GREY)
 
 
 def _hull(points: np.ndarray) -> np.ndarray:
@@ -258,14 +263,16 @@ def _seam_list(page: Page, box: Box, flat: FlatPatches, look: PatchColours, chec
     numbers = panel_numbers(layout)
     forces = any(s.force is not None for s in seams)
     title = "Seams: panels, number of joints" + ", largest force" * forces
-    title += "; ! is hard to join" * any(s.hard for s in seams)
-    page.text(title, (box.x, box.y + box.height), 0.0032, GREY)
+    title += "; ! is hard to join" * any(s.difficulties for s in seams)
+    page.draw_text(title, (box.x, box.y + box.height), 0.0032, GREY)
     line, columns = 0.0042, 5 if forces else 6
     most = columns * int(box.height / line - 1)
     for number, edges in enumerate(layout.seams[: most if len(layout.seams) <= most else most - 1]):
         row, column = number % (most // columns), number // (most // columns)
         x, y = box.x + column * box.width / columns, box.y + box.height - (row + 1.2) * line
-        page.fill(np.array([[x, y], [x + 0.003, y], [x + 0.003, y + 0.002], [x, y + 0.002]]), look.seams[number])
+        page.fill_polygon(
+            np.array([[x, y], [x + 0.003, y], [x + 0.003, y + 0.002], [x, y + 0.002]]), look.seams[number]
+        )
         one, two = (panel_name(numbers[p]) for p in layout.patch_of[layout.mesh.edge_quads[edges[0]]].tolist())
         text = (
             f"{seam_name(number)}: {one} - {two}, {len(edges)}"
@@ -274,25 +281,27 @@ def _seam_list(page: Page, box: Box, flat: FlatPatches, look: PatchColours, chec
         )
         if seams:
             seam = seams[number]
-            text += ("" if seam.force is None else f", {seam.force:.2g} N") + " !" * bool(seam.hard)
-        page.text(text, (x + 0.004, y), 0.0026, INK)
+            text += ("" if seam.force is None else f", {seam.force:.2g} N") + " !" * bool(seam.difficulties)
+        page.draw_text(text, (x + 0.004, y), 0.0026, INK)
     if len(layout.seams) > most:
-        page.text("... the others are in the steps", (box.x + box.width * (1 - 1 / columns), box.y), 0.0026, INK)
+        page.draw_text("... the others are in the steps", (box.x + box.width * (1 - 1 / columns), box.y), 0.0026, INK)
 
 
 def _step(page: Page, box: Box, flat: FlatPatches, number: int, step: Step, look: PatchColours) -> None:
     """Draw a step: its title, its seams, the panels joined so far, and the flat new panel."""
     top = box.y + box.height
-    page.stroke(line([[box.x, top - 0.001], [box.x + box.width, top - 0.001]]), PALE, 2e-4)
-    page.text(f"{number}", (box.x, top - 0.0095), 0.008, INK)
+    page.draw_curve(line([[box.x, top - 0.001], [box.x + box.width, top - 0.001]]), PALE, 2e-4)
+    page.draw_text(f"{number}", (box.x, top - 0.0095), 0.008, INK)
     numbers = panel_numbers(flat.layout)
-    page.text(_step_title(step, number), (box.x + 0.004 + text_width(str(number), 0.008), top - 0.0075), 0.004, INK)
+    page.draw_text(
+        _step_title(step, number), (box.x + 0.004 + text_width(str(number), 0.008), top - 0.0075), 0.004, INK
+    )
     x, y = box.x + 0.004 + text_width(str(number), 0.008), top - 0.0125
     for join in step.joins:
         text = _sentence(join, numbers)
         if x + text_width(text, 0.0029) > box.x + box.width:
             x, y = box.x + 0.012, y - 0.0045
-        page.text(text, (x, y), 0.0029, look.seams[join.seam])
+        page.draw_text(text, (x, y), 0.0029, look.seams[join.seam])
         x += text_width(text + "     ", 0.0029)
     height = y - box.y - 0.006
     half = 0.5 * box.width
@@ -322,14 +331,14 @@ def _in_words(
             progress(0.9, "writing the steps of the assembly")
             column, row = divmod(place, LINES)
             x, y = MARGIN + column * width, HEIGHT - MARGIN - (row + 1) * (HEIGHT - 2 * MARGIN) / (LINES + 1)
-            page.text(f"{start + place + 1}. {_step_title(step, start + place + 1)}", (x, y), 0.0028, INK)
+            page.draw_text(f"{start + place + 1}. {_step_title(step, start + place + 1)}", (x, y), 0.0028, INK)
             end, x = x + width - 0.004, x + 0.034
             for join in step.joins:
                 text = f"{seam_name(join.seam)} to {panel_name(numbers[join.other])}"
                 if x + text_width(text, 0.0025) > end:
-                    page.text("...", (x, y), 0.0025, GREY)
+                    page.draw_text("...", (x, y), 0.0025, GREY)
                     break
-                page.text(text, (x, y), 0.0025, look.seams[join.seam])
+                page.draw_text(text, (x, y), 0.0025, look.seams[join.seam])
                 x += text_width(text + "   ", 0.0025)
         found.append(page)
     return found

@@ -101,16 +101,16 @@ def model(
     items += [(float(depth[mesh.edge_quads[e]].max()) + 1e-6, 1, e) for e in seam_of]
     for _, kind, index in sorted(items):
         if kind:
-            page.stroke(line(drawn[mesh.edges[index]]), look.seams[seam_of[index]], 7e-4)
+            page.draw_curve(line(drawn[mesh.edges[index]]), look.seams[seam_of[index]], 7e-4)
             continue
         points, patch = drawn[mesh.quads[index]], int(layout.patch_of[index])
         if not shown[index]:
             if towards[index] > 0:
-                page.stroke(Curve(points, np.zeros(4)), PALE, 5e-5)
+                page.draw_curve(Curve(points, np.zeros(4)), PALE, 5e-5)
             continue
         shade = 0.8 + 0.2 * abs(float(towards[index])) if towards[index] > 0 else 0.62
         colour = mix_colours(look.patches[patch], "#ffffff", 0.0 if patch in strong else 0.45)
-        page.fill(
+        page.fill_polygon(
             points, mix_colours(colour, "#000000", round(1.0 - shade, 2)), mix_colours(colour, "#000000", 0.3), 5e-5
         )
     _numbers(page, flat, there, places, drawn, towards)
@@ -141,7 +141,7 @@ def _numbers(
             neighbours = (written.get((box[0] + i, box[1] + j)) for i in (-1, 0, 1) for j in (-1, 0, 1))
             if not any(p and abs(x - p[0]) <= NUMBER[0] and abs(y - p[1]) <= NUMBER[1] for p in neighbours):
                 written[box] = x, y
-                page.text(panel_name(numbers[patch]), (x, y - 0.0012), 0.0036, INK, middle=True)
+                page.draw_text(panel_name(numbers[patch]), (x, y - 0.0012), 0.0036, INK, is_centred=True)
                 break
 
 
@@ -227,11 +227,11 @@ def panel(page: Page, box: Box, flat: FlatPatches, step: Step, look: PatchColour
     inner = Box(box.x + 0.006, box.y + 0.006, box.width - 0.012, box.height - 0.012)
     scale, shift = fit_box(points.min(axis=0), points.max(axis=0), inner)
     loop = flat.points[flat.outlines[step.panel]] * scale + shift
-    page.fill(loop, look.patches[step.panel], INK, 2e-4)
+    page.fill_polygon(loop, look.patches[step.panel], INK, 2e-4)
     for corner in corners * scale + shift:
-        page.stroke(Curve(corner, np.zeros(4)), mix_colours(look.patches[step.panel], "#000000", 0.2), 4e-5)
-    page.text(
-        panel_name(panel_numbers(layout)[step.panel]), tuple(middle(loop) - [0.0, 0.002]), 0.006, INK, middle=True
+        page.draw_curve(Curve(corner, np.zeros(4)), mix_colours(look.patches[step.panel], "#000000", 0.2), 4e-5)
+    page.draw_text(
+        panel_name(panel_numbers(layout)[step.panel]), tuple(middle(loop) - [0.0, 0.002]), 0.006, INK, is_centred=True
     )
     for number, edges in ((join.seam, layout.seams[join.seam]) for join in step.joins):
         for place, edge in enumerate(edges.tolist()):
@@ -239,11 +239,13 @@ def panel(page: Page, box: Box, flat: FlatPatches, step: Step, look: PatchColour
                 if layout.patch_of[quad] != step.panel:
                     continue
                 ends = flat.points[layout.flat_corners[quad, [side, (side + 1) % 4]]] * scale + shift
-                page.stroke(line(ends), look.seams[number], 8e-4)
+                page.draw_curve(line(ends), look.seams[number], 8e-4)
                 if place in {0, len(edges) - 1}:
                     across = np.array([ends[1, 1] - ends[0, 1], ends[0, 0] - ends[1, 0]])
                     at = ends.mean(axis=0) + 0.003 * across / max(float(np.linalg.norm(across)), 1e-12) - [0.0, 0.0008]
-                    page.text(f"{seam_name(number)}{place + 1}", tuple(at), 0.0023, look.seams[number], middle=True)
+                    page.draw_text(
+                        f"{seam_name(number)}{place + 1}", tuple(at), 0.0023, look.seams[number], is_centred=True
+                    )
 
 
 @lru_cache(maxsize=4096)

@@ -10,12 +10,19 @@ import numpy as np
 
 from ...arrays import Float
 from ...errors import FlexMapsError
-from ...fabrication.connectors.joined_arms import complexes
-from ...fabrication.connectors.shape import Size, head, key, round_polyline, size, socket
-from ...fabrication.panels.kerf import offset, open_inside_corners
-from ...fabrication.panels.lettering import length, strokes
+from ...fabrication.connectors.joined_arms import to_complex
+from ...fabrication.connectors.shape import (
+    ConnectorSize,
+    connector_size,
+    head_curve,
+    key_outline,
+    round_polyline,
+    socket_curve,
+)
+from ...fabrication.panels.kerf import cut_dogbones, offset_curve
+from ...fabrication.panels.lettering import text_length, text_strokes
 from ...params import ConnectorParams
-from ...spirals.curves.arcs import Curve, biarcs
+from ...spirals.curves.arcs import Curve, interpolate_biarcs
 from ...spirals.curves.spiral import LEFT, RIGHT, Arms, centre_line, edge_points
 from ...spirals.roots import find_roots
 from .bending import fillet
@@ -43,14 +50,14 @@ class DrawnPiece:
 
     def moved(self, shift: Float[np.ndarray, " 2"]) -> DrawnPiece:
         """Return the piece shifted by a vector, metres."""
-        return DrawnPiece(*(tuple(c.moved(0.0, shift) for c in some) for some in self._all))
+        return DrawnPiece(*(tuple(c.transform(0.0, shift) for c in some) for some in self._all))
 
     def cut(self, kerf: float, kerf_holes: float) -> DrawnPiece:
         """Return the cutter's paths: outlines and holes offset by half of their kerf, metres."""
         return replace(
             self,
-            outlines=tuple(offset(c, 0.5 * kerf) for c in self.outlines),
-            holes=tuple(offset(c, 0.5 * kerf_holes) for c in self.holes),
+            outlines=tuple(offset_curve(c, 0.5 * kerf) for c in self.outlines),
+            holes=tuple(offset_curve(c, 0.5 * kerf_holes) for c in self.holes),
         )
 
     @property
@@ -60,7 +67,7 @@ class DrawnPiece:
     @property
     def box(self) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
         """Bounding box: lower left and upper right corner, metres."""
-        points = np.concatenate([c.sampled(1e-5) for some in self._all for c in some])
+        points = np.concatenate([c.sample(1e-5) for some in self._all for c in some])
         return points.min(axis=0), points.max(axis=0)
 
 
@@ -80,9 +87,9 @@ def words(text: str, x: float, y: float, middle: bool = False, room: float = mat
     middle : centre the text at x instead
     room : largest width, metres; letters become smaller if they need more
     """
-    high = min(LETTERS, room / max(length(text), 1.0))
-    begin = np.array([x - (0.5 * high * length(text) if middle else 0.0), y])
-    return tuple(Curve(high * s + begin, np.zeros(len(s)), closed=False) for s in strokes(text))
+    high = min(LETTERS, room / max(text_length(text), 1.0))
+    begin = np.array([x - (0.5 * high * text_length(text) if middle else 0.0), y])
+    return tuple(Curve(high * s + begin, np.zeros(len(s)), closed=False) for s in text_strokes(text))
 
 
 def rectangle(x0: float, y0: float, x1: float, y1: float) -> Curve:
@@ -127,13 +134,13 @@ def ladder(made: Coupons, params: ConnectorParams, kind: str) -> DrawnPiece:
     params : settings of connectors
     kind : kind of connector, one of ``coupons.KINDS``
     """
-    rungs = [size(made.joint, replace(params, clearance=c), mill=made.mill) for c in made.clearances]
+    rungs = [connector_size(made.joint, replace(params, clearance=c), mill=made.mill) for c in made.clearances]
     values = [f"{c * 1e3:g}" for c in made.clearances]
     gap = made.joint + 2.0 * max(made.kerf, made.mill)
-    pitch = max(max(r.pad for r in rungs) + gap, max(LETTERS * length(v) for v in values) + LETTERS + gap)
+    pitch = max(max(r.pad_width for r in rungs) + gap, max(LETTERS * text_length(v) for v in values) + LETTERS + gap)
     deep = max(r.length for r in rungs) + 2.0 * LETTERS
     name, x0 = kind.upper(), 2.0 * LETTERS
-    begin, top = x0 + LETTERS * length(name) + LETTERS, deep + LETTERS
+    begin, top = x0 + LETTERS * text_length(name) + LETTERS, deep + LETTERS
     low = top - max(made.clearances)  # the rail is lower between sockets, so that only the sockets' faces touch
     end = begin + pitch * len(rungs) + x0
     places = [begin + pitch * (k + 0.5) for k in range(len(rungs))]
@@ -154,32 +161,34 @@ def ladder(made: Coupons, params: ConnectorParams, kind: str) -> DrawnPiece:
     return together(parts)
 
 
-def _recess(rung: Size, kind: str) -> Curve:
+def _recess(rung: ConnectorSize, kind: str) -> Curve:
     """Return the outline of a socket in the rail, from right to left as seen from outside, like ``socket``."""
     if kind != "tab":
-        return socket(rung)
+        return socket_curve(rung)
     wide, deep = 0.5 * (rung.head + rung.clearance), rung.length + 0.5 * rung.clearance
-    edge_of_pad = 0.5 * rung.pad
+    edge_of_pad = 0.5 * rung.pad_width
     points = [(0.0, -edge_of_pad), (0.0, -wide), (-deep, -wide), (-deep, wide), (0.0, wide), (0.0, edge_of_pad)]
-    return open_inside_corners(round_polyline(points, [0.0, 0.0, rung.rounding, rung.rounding, 0.0, 0.0]), rung.inside)
+    return cut_dogbones(round_polyline(points, [0.0, 0.0, rung.rounding, rung.rounding, 0.0, 0.0]), rung.inside_radius)
 
 
-def _counterpart(rung: Size, kind: str, value: str, x: float, y: float, gap: float) -> list[DrawnPiece]:
+def _counterpart(rung: ConnectorSize, kind: str, value: str, x: float, y: float, gap: float) -> list[DrawnPiece]:
     """Return the pieces to insert into one socket, placed above it: a labelled stem, and the loose key if there is one.
 
     rung : size of the connector; value : label; x, y : position, metres; gap : distance between pieces, metres
     """
-    wide = max(0.5 * rung.pad, 0.5 * LETTERS * length(value) + 0.4 * LETTERS)
-    foot = rung.length + 2.0 * rung.inside if kind == "key" else 0.0  # height of the socket, below the letters
+    wide = max(0.5 * rung.pad_width, 0.5 * LETTERS * text_length(value) + 0.4 * LETTERS)
+    foot = rung.length + 2.0 * rung.inside_radius if kind == "key" else 0.0  # height of the socket, below the letters
     high = foot + 4.0 * LETTERS
     if kind == "dovetail":
-        front = _point_down(head(rung))
+        front = _point_down(head_curve(rung))
     elif kind == "key":
-        front = _point_down(socket(rung))
+        front = _point_down(socket_curve(rung))
     else:
-        half, deep, pad = 0.5 * (rung.head - rung.clearance), rung.length - 0.5 * rung.clearance, 0.5 * rung.pad
+        half, deep, pad = 0.5 * (rung.head - rung.clearance), rung.length - 0.5 * rung.clearance, 0.5 * rung.pad_width
         corners = [(-pad, 0.0), (-half, 0.0), (-half, -deep), (half, -deep), (half, 0.0), (pad, 0.0)]
-        front = round_polyline(corners, [0.0, rung.inside, rung.rounding, rung.rounding, rung.inside, 0.0])
+        front = round_polyline(
+            corners, [0.0, rung.inside_radius, rung.rounding, rung.rounding, rung.inside_radius, 0.0]
+        )
     points = [
         *front.points.tolist(),
         [wide, front.points[-1, 1]],
@@ -193,19 +202,19 @@ def _counterpart(rung: Size, kind: str, value: str, x: float, y: float, gap: flo
     )
     if kind != "key":
         return [stem.moved(np.array([x, y]))]
-    loose = key(rung).moved(0.5 * math.pi, np.zeros(2))
+    loose = key_outline(rung).transform(0.5 * math.pi, np.zeros(2))
     below = rung.length + gap
     return [DrawnPiece((loose,)).moved(np.array([x, y])), stem.moved(np.array([x, y + below]))]
 
 
 def _point_up(curve: Curve, x: float, y: float) -> Curve:
     """Turn the outline of an arm's end so that it points up, with the middle of its face at (x, y)."""
-    return curve.moved(0.5 * math.pi, np.array([x, y]))
+    return curve.transform(0.5 * math.pi, np.array([x, y]))
 
 
 def _point_down(curve: Curve) -> Curve:
     """Turn the outline of an arm's end so that it points down and runs from left to right."""
-    return curve.moved(-0.5 * math.pi, np.zeros(2))
+    return curve.transform(-0.5 * math.pi, np.zeros(2))
 
 
 # -- the strip and the spirals -----------------------------------------------------------------------------------------
@@ -238,7 +247,7 @@ def spiral(made: Coupons, one: SpiralCoupon) -> DrawnPiece:
     rim = 0.5 * one.scale + 1.5 * max(one.width, 2.0 * max(made.kerf_holes, made.mill)) + max(RIM, 5.0 * made.thickness)
     foot = 2.0 * LETTERS
     centre = np.array([rim, rim + foot])
-    holes = tuple(hole.moved(0.0, centre) for hole in _slots(made, one, arms))
+    holes = tuple(hole.transform(0.0, centre) for hole in _slots(made, one, arms))
     says = words(f"{one.name} - TRY {one.load * 1e3:g} G", rim, 0.8 * LETTERS, middle=True, room=1.8 * rim)
     return DrawnPiece((rectangle(0.0, 0.0, 2.0 * rim, 2.0 * rim + foot),), holes, engraved=says)
 
@@ -260,7 +269,7 @@ def _slots(sizes: Coupons, one: SpiralCoupon, arms: Arms) -> list[Curve]:
     hold the ends of the arms and stand perpendicular to them.
     """
     roots = find_roots(arms, fillet(sizes, one.width))
-    if roots.missed.any():
+    if roots.is_missing.any():
         raise FlexMapsError(
             "The spirals of the calibration sheet have no room; use a thicker sheet or a narrower cutter"
         )
@@ -268,16 +277,16 @@ def _slots(sizes: Coupons, one: SpiralCoupon, arms: Arms) -> list[Curve]:
     inwards = edge_points(arms, roots.left[..., None] * share, LEFT)
     right = np.roll(roots.right, 1, axis=1)[..., None]
     outwards = edge_points(arms, right * share[::-1], RIGHT)
-    to_hub, hub_bulge = biarcs(inwards[0][0], inwards[1][0])
-    from_hub, tip_bulge = biarcs(outwards[0][0], -outwards[1][0])
-    ends = complexes(np.stack([edge_points(arms, np.zeros((1, 4, 1)), side)[0][0, :, 0] for side in (LEFT, RIGHT)]))
-    middle = complexes(centre_line(arms, np.zeros((1, 4, 1)))[0][0, :, 0])
+    to_hub, hub_bulge = interpolate_biarcs(inwards[0][0], inwards[1][0])
+    from_hub, tip_bulge = interpolate_biarcs(outwards[0][0], -outwards[1][0])
+    ends = to_complex(np.stack([edge_points(arms, np.zeros((1, 4, 1)), side)[0][0, :, 0] for side in (LEFT, RIGHT)]))
+    middle = to_complex(centre_line(arms, np.zeros((1, 4, 1)))[0][0, :, 0])
     reach = max(one.width, 2.0 * max(sizes.kerf_holes, sizes.mill))  # the cutter must pass around the arms' ends
     made = []
     for k in range(4):
         after = (k + 1) % 4
-        first = complexes(inwards[0][0, k, -1])
-        into, out = complexes(inwards[1][0, k, -1]), -complexes(outwards[1][0, after, 0])
+        first = to_complex(inwards[0][0, k, -1])
+        into, out = to_complex(inwards[1][0, k, -1]), -to_complex(outwards[1][0, after, 0])
         corner_bulge = math.tan(0.25 * _right_turn(complex(into), complex(out)))
         # arms wind clockwise outwards, so the left corner of an arm's end lies farther out than the right corner. The
         # outline follows the ends of both arms outwards; between them it follows the frame's circle, on which the tooth
@@ -290,9 +299,9 @@ def _slots(sizes: Coupons, one: SpiralCoupon, arms: Arms) -> list[Curve]:
         foot = radius * inner / abs(inner) * np.exp(-1j * TOOTH * reach / radius)
         back = math.tan(0.25 * float(np.angle(outer / foot)))
         nodes = [
-            *complexes(to_hub[k]).tolist(),
+            *to_complex(to_hub[k]).tolist(),
             first,
-            *complexes(from_hub[after]).tolist(),
+            *to_complex(from_hub[after]).tolist(),
             ends[1, after],
             inner,
             foot,

@@ -22,10 +22,10 @@ from .coupons import FILE, KINDS, Coupons
 from .sizes import coupons
 
 WRITERS = {
-    "svg": (".svg", svg.write),
-    "dxf": (".dxf", dxf.write),
-    "dxf-r12": ("-r12.dxf", dxf.write_r12),
-    "pdf": (".pdf", pdf.write),
+    "svg": (".svg", svg.write_svg),
+    "dxf": (".dxf", dxf.write_dxf),
+    "dxf-r12": ("-r12.dxf", dxf.write_dxf_r12),
+    "pdf": (".pdf", pdf.write_pdf),
 }
 USUAL = ("svg", "dxf", "pdf")
 
@@ -46,7 +46,7 @@ class CalibrationDrawing:
     cut: CutParams
     count: int = 1
 
-    def runs(self, index: int, progress: Progress = SILENT) -> SheetCuts:
+    def cuts_on_sheet(self, index: int, progress: Progress = SILENT) -> SheetCuts:
         """Return the cutter's paths: shared lines unchanged, outlines and holes offset by half of the kerf.
 
         The arguments are unused; the file writers expect them.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ...errors import FlexMapsError
-from ...fabrication.connectors.shape import size
+from ...fabrication.connectors.shape import connector_size
 from ...params import Settings
 from .bending import spiral_load, strip_load
 from .coupons import STRIP_LENGTH, STRIP_SAG, STRIP_WIDTH, Coupons, SpiralCoupon, members
@@ -31,7 +31,7 @@ def coupons(settings: Settings) -> Coupons:
             "calibrate a thicker sheet"
         )
     joint = spiral.width_max
-    catch = size(joint, settings.connect, mill=cut.mill)
+    catch = connector_size(joint, settings.connect, mill=cut.mill)
     steps = tuple(c * 1e-3 for c in STEPS if c * 1e-3 <= 0.25 * (catch.head - catch.neck))
     # a mill's cut varies less in width than a beam's, so arms need not be wide compared with it
     thin = max(SPIRAL_WIDTHS[0] * h, 0.0 if cut.mill else KERFS * kerf)

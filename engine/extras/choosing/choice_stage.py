@@ -117,7 +117,7 @@ def drawings(shown: MapValues, described: Mapping[str, Any]) -> dict[str, Drawin
         return {}
     names = ["1 panel" if one["panels"] == 1 else f"{one['panels']} panels" for one in block["proposals"]]
     rows = [(one["joints"], one["rms_percent"], name) for one, name in zip(block["proposals"], names, strict=True)]
-    return {"choices": plots.front(rows, block["taken"])}
+    return {"choices": plots.plot_proposals(rows, block["taken"])}
 
 
 def notes(described: Mapping[str, Any]) -> list[tuple[bool, str]]:

@@ -242,7 +242,7 @@ def judge(
     params = replace(params, patience=patience, restart=thorough and piece.spirals is None)
     try:
         design = make_fabricable(
-            laid.flat, settings.spiral, *starting_spirals(piece), prove=not quick, progress=progress.quiet()
+            laid.flat, settings.spiral, *starting_spirals(piece), check_outlines=not quick, progress=progress.quiet()
         )
         found = optimise(
             design,

@@ -61,7 +61,9 @@ class PredictionStart:
         flat : one of its layouts
         progress : called with the fraction done; may cancel
         """
-        design = make_fabricable(flat, piece.settings.spiral, *starting_spirals(piece), prove=False, progress=progress)
+        design = make_fabricable(
+            flat, piece.settings.spiral, *starting_spirals(piece), check_outlines=False, progress=progress
+        )
         return cls((design.width, design.twist), _task(piece).space(design, progress))
 
     def with_uniform_spirals(self, width: float = 0.5, twist: float = 0.5) -> PredictionStart:
@@ -133,7 +135,7 @@ def _rest(
 ) -> tuple[SpiralDesign, FlatPoint]:
     """Return the starting design of a prediction, and its equilibrium as a function of spirals and flat shapes."""
     task = _task(piece)
-    design = make_fabricable(flat, piece.settings.spiral, *start.spirals, prove=False, progress=progress)
+    design = make_fabricable(flat, piece.settings.spiral, *start.spirals, check_outlines=False, progress=progress)
     problem = task.problem(design, progress, start.space.extended_to(design))
     limits = task.params.distortion_limit, MAX_SEAM_MISMATCH
     free, movable = problem.space.free_spirals, design.rim is None

@@ -32,7 +32,9 @@ def strain_of_softest(piece: LayoutProblem, flat: FlatPatches, progress: Progres
     settings = piece.settings
     try:
         softest = PredictionStart.from_layout(piece, flat, progress.part(0.0, 0.4)).with_uniform_spirals(0.0, 1.0)
-        design = make_fabricable(flat, settings.spiral, *softest.spirals, prove=False, progress=progress.part(0.4, 0.5))
+        design = make_fabricable(
+            flat, settings.spiral, *softest.spirals, check_outlines=False, progress=progress.part(0.4, 0.5)
+        )
         rest = simulate(
             design,
             piece.mesh,

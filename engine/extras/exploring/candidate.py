@@ -11,7 +11,7 @@ import numpy as np
 
 from ...arrays import Bool, Float, Int
 from ...display import plots
-from ...display.drawing import svg
+from ...display.drawing import to_svg
 from ...errors import FlexMapsError
 from ...materials import Material
 from ...params import Settings, with_values
@@ -155,7 +155,7 @@ def _draw(laid: FlatLayout) -> str:
     """Draw the surface in the colours of its panels, as SVG."""
     layout = laid.flat.layout
     sides = layout.cut[layout.mesh.quad_edges]
-    return svg(plots.thumbnail(layout.mesh.vertices, layout.mesh.quads, sides, layout.patch_of, PICTURE_WIDTH))
+    return to_svg(plots.draw_thumbnail(layout.mesh.vertices, layout.mesh.quads, sides, layout.patch_of, PICTURE_WIDTH))
 
 
 def failed_candidate(values: Values, error: Exception) -> Candidate:

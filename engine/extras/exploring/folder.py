@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ... import files
-from ...display.drawing import GREY, INK, Dots, Drawing, Text, svg, ticks
+from ...display.drawing import GREY, INK, Dots, Drawing, Text, tick_values, to_svg
 from ...display.plots import ACCENT, CURVE, Axes
 from ...errors import FlexMapsError
 from ...own_files import Guard
@@ -91,7 +91,7 @@ class Folder:
                     row = {"number": number, "front": int(one in front), **one.row()}
                     table.writerow({name: escape_formula(value) for name, value in row.items()})
             new(self.path / REPORT).write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
-            new(self.path / PLOT).write_text(svg(plot(made)), encoding="utf-8")
+            new(self.path / PLOT).write_text(to_svg(plot(made)), encoding="utf-8")
             for number, one in enumerate(made.candidates):
                 if one.picture:
                     new(self.path / f"candidate-{number:03d}.svg").write_text(one.picture, encoding="utf-8")
@@ -136,12 +136,12 @@ def plot(made: Exploration, size: tuple[float, float] = (620, 420)) -> Drawing:
     points = np.array([[one.measures[name] for name in names] for one in rows]).reshape(-1, 2)
     spans = [_axis_range(points[:, k]) for k in range(2)]
     axes = Axes(drawing, spans[0], spans[1])
-    axes.frame(MEASURES[names[0]], MEASURES[names[1]], ticks(*spans[0]), ticks(*spans[1]))
+    axes.draw_frame(MEASURES[names[0]], MEASURES[names[1]], tick_values(*spans[0]), tick_values(*spans[1]))
     if not rows:
         return drawing
-    drawing.add(Dots(axes.at(points[:, 0], points[:, 1]), 3.0, GREY))
+    drawing.add(Dots(axes.to_pixels(points[:, 0], points[:, 1]), 3.0, GREY))
     for turn, one in enumerate(made.front):
-        here = axes.at(*(np.array([one.measures.get(name, np.inf)]) for name in names))
+        here = axes.to_pixels(*(np.array([one.measures.get(name, np.inf)]) for name in names))
         if np.isfinite(here).all():
             number = made.candidates.index(one)
             drawing.add(Dots(here, 5.0, ACCENT if number == made.best else CURVE))

@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from ...arrays import Float, Int
-from ...display.panel_mesh import Detail, PanelMesh, panel_mesh
+from ...display.panel_mesh import Detail, PanelMesh, make_panel_mesh
 from ...fabrication.connectors.tips import Tip
 from ...materials import Material
 from ...mechanics.arms.bent import TIP_TOLERANCE, Bender
@@ -91,7 +91,7 @@ class Bodies:
         self, pose: Pose, closed: np.ndarray, wrench: np.ndarray, only: np.ndarray, close: float
     ) -> tuple[np.ndarray, np.ndarray]:
         arms = self.bender.bend(pose, closed, wrench, only, close)
-        return self.panels.at_pose(arms, pose, only), arms.wrench
+        return self.panels.vertices_at_pose(arms, pose, only), arms.wrench
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +141,7 @@ def film(
     FlexMapsError : a spiral is outside the elastic model's range
     """
     found = find_stages(design, pose, material, params, progress.part(0.0, 0.5))
-    panels = panel_mesh(design, detail, tips)
+    panels = make_panel_mesh(design, detail, tips)
     shots = shoot(design, pose, table, found, Bodies(panels, Bender.from_design(design)), progress.part(0.5, 1.0))
     return Film(shots.tracks, shots.length, shots.stages, shots.stage_times, panels)
 

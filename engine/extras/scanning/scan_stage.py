@@ -81,7 +81,7 @@ def drawings(shown: MapValues, described: Mapping[str, Any]) -> dict[str, Drawin
     far = Colouring.from_values(title, np.maximum(mm, 0.0), "mm", colours.ERROR_SCALE, 0.0, high)
     far = replace(far, fills=np.where((mm < 0)[:, None], colours.MISSING_GREY, far.fills))
     shape, mesh = shown.mesh.vertices if shown.shape is None else shown.shape, shown.mesh
-    return {"scan": plots.shape_map(shape, mesh.quads, np.zeros((len(mesh.quads), 4), bool), far)}
+    return {"scan": plots.draw_shape_map(shape, mesh.quads, np.zeros((len(mesh.quads), 4), bool), far)}
 
 
 def notes(described: Mapping[str, Any]) -> list[tuple[bool, str]]:

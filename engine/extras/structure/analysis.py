@@ -239,7 +239,7 @@ class _Strength:
         if strains is None or wrenches is None:
             return Borne()
         worst, wrench = max_strain_per_spiral(model.assembly, strains) / strain, wrenches[: model.assembly.inner]
-        stress = joints.stresses(wrench, self.necks, model.assembly.thickness)
+        stress = joints.neck_stresses(wrench, self.necks, model.assembly.thickness)
         force, moment = np.linalg.norm(wrench[:, :3], axis=1), np.linalg.norm(wrench[:, 3:], axis=1)
         return Borne(worst, stress / (material.youngs * strain), force, moment)
 
@@ -327,7 +327,7 @@ def analyse(
     ground = ground_of(simulation, base.pose, groups or {})
     found, stays = actions(plan, ground), lasting(plan, ground)
     mesh = simulation.design.flat.layout.mesh
-    strength = _Strength(simulation, joints.necks(simulation.design, connections)[~mesh.border])
+    strength = _Strength(simulation, joints.neck_widths(simulation.design, connections)[~mesh.border])
     material, out = simulation.material, []
     if material.lasting is not None:
         # the path is followed to the load factor 1 / share instead of reducing the stiffness; the movements of

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ... import colours
-from ...display.drawing import INK, Dots, Drawing, Line, Text, hexes, ticks
+from ...display.drawing import INK, Dots, Drawing, Line, Text, format_colours, tick_values
 from ...display.plots import ACCENT, CURVE, Axes
 
 WIDTH, HEIGHT = 520, 340  # size of the plot, pixels
@@ -32,20 +32,20 @@ def load_paths(block: Mapping[str, Any]) -> Drawing:
     curves = [np.array(one["curve"]) for one in outcomes]
     wide, tall = _axis_ends(outcomes, curves)
     axes = Axes(drawing, (0.0, ROOM * wide), (0.0, ROOM * tall), right=LEFT)
-    axes.frame("Deflection (mm)", "Factor of the load", ticks(0.0, wide), ticks(0.0, tall))
-    looks = hexes(np.clip(colours.patch_colours(len(outcomes)), 0.0, 1.0) ** (1 / 2.2))
+    axes.draw_frame("Deflection (mm)", "Factor of the load", tick_values(0.0, wide), tick_values(0.0, tall))
+    looks = format_colours(np.clip(colours.patch_colours(len(outcomes)), 0.0, 1.0) ** (1 / 2.2))
     for row, (one, curve, look) in enumerate(zip(outcomes, curves, looks, strict=True)):
         inside = _clip(curve, wide, tall)
-        points = axes.at(inside[:, 1], inside[:, 0])
+        points = axes.to_pixels(inside[:, 1], inside[:, 0])
         drawing.add(Line(points, look, 2.2))
         if one["critical"] is not None and one["critical"] <= ROOM * tall:
             highest = curve[np.abs(curve[:, 0] - one["critical"]).argmin()]
             if highest[1] <= ROOM * wide:
-                drawing.add(Dots(axes.at(highest[[1]], highest[[0]]), 4.5, ACCENT))
+                drawing.add(Dots(axes.to_pixels(highest[[1]], highest[[0]]), 4.5, ACCENT))
         y = axes.top + 12.0 + 18.0 * row
         drawing.add(Line(np.array([[WIDTH - LEFT + 8, y - 4], [WIDTH - LEFT + 28, y - 4]]), look, 2.2))
         drawing.add(Text((WIDTH - LEFT + 34, y), one["name"], 11.5, INK))
-    one_load = axes.at(np.array([0.0, ROOM * wide]), np.array([1.0, 1.0]))
+    one_load = axes.to_pixels(np.array([0.0, ROOM * wide]), np.array([1.0, 1.0]))
     drawing.add(Line(one_load, CURVE, 1.2, 4.0))
     return drawing
 

@@ -92,7 +92,7 @@ def drawings(shown: MapValues, described: Mapping[str, Any]) -> dict[str, Drawin
         high = max(100.0, 100.0 * float(used.max()))
         title = "Utilisation: the most that arms carry under any load"
         fills = Colouring.from_values(title, 100.0 * used, "% of limit", colours.ERROR_SCALE, 0.0, high)
-        found["utilisation"] = plots.shape_map(shown.shape, shown.mesh.quads, shown.sides, fills)
+        found["utilisation"] = plots.draw_shape_map(shown.shape, shown.mesh.quads, shown.sides, fills)
     return found
 
 

@@ -19,7 +19,14 @@ from ...fabrication.estimates import Estimates
 from ...fabrication.nesting.nest import nest
 from ...fabrication.panels.labels import Labels, seam_name
 from ...fabrication.panels.panel import Panel
-from ...fabrication.sheets import CutSheets, along_grain, loose_keys, make_engraving, with_keys, with_labels_beside
+from ...fabrication.sheets import (
+    CutSheets,
+    grain_rotation,
+    key_panels,
+    make_engraving,
+    with_key_sheets,
+    with_labels_beside,
+)
 from ...materials import Material
 from ...params import SheetParams
 from ...progress import SILENT, Progress
@@ -106,17 +113,17 @@ def batch(parts: Sequence[Part], params: SheetParams, progress: Progress = SILEN
     for copy, k in enumerate(progress.part(0.0, 0.2).each(of, "labels")):
         mark = seam_name(copy) if len(of) > 1 else ""
         made, of_copy = _engraved_copy(parts[k], copy, mark, params)
-        labels += [of_copy.placed, of_copy.left_out]
+        labels += [of_copy.engraved_count, of_copy.left_out_count]
         small.append(of_copy.small)
         panels += [p for p in made if p.kind != "key"]
         keys += [p for p in made if p.kind == "key"]
-    turns = np.array([along_grain(parts[of[p.piece]].design, params) for p in panels])
+    turns = np.array([grain_rotation(parts[of[p.piece]].design, params) for p in panels])
     shapes: list[Float[np.ndarray, "_ 2"]] = [
-        p.outline.moved(turn, np.zeros(2)).sampled(2e-5) for p, turn in zip(panels, turns.tolist(), strict=True)
+        p.outline.transform(turn, np.zeros(2)).sample(2e-5) for p, turn in zip(panels, turns.tolist(), strict=True)
     ]
     laid = nest(shapes, params, progress.part(0.2, 1.0))
     packing = replace(laid, rotation=laid.rotation + turns)
-    packing = with_keys(packing, tuple(Outline(key.outline, ()) for key in keys), params)
+    packing = with_key_sheets(packing, tuple(Outline(key.outline, ()) for key in keys), params)
     all_panels: tuple[Panel, ...] = (*panels, *keys)
     for copy, of_copy_small in enumerate(small):
         all_panels, more = with_labels_beside(all_panels, packing, of_copy_small, params, copy)
@@ -174,12 +181,12 @@ def _engraved_copy(part: Part, copy: int, mark: str, params: SheetParams) -> tup
     labels = make_engraving(design, made.connections, params, made.base, mark)
     plates = iter(() if made.base is None else made.base.plate_labels(params, mark))
     known = [
-        replace(p, labels=labels.strokes[p.patch], on_hubs=labels.on_hubs[p.patch], beside=())
+        replace(p, labels=labels.strokes[p.patch], hub_labels=labels.hub_strokes[p.patch], waste_labels=())
         if p.patch >= 0
         else replace(p, labels=next(plates))
         for p in known
     ]
-    keys = loose_keys(made.connections, params, mark)
+    keys = key_panels(made.connections, params, mark)
     return [replace(p, piece=copy, mark=mark) for p in (*known, *keys)], labels
 
 
@@ -188,8 +195,8 @@ def _all_connections(some: Sequence[Connections]) -> Connections:
     return Connections(
         tuple(o for c in some for o in c.outlines),
         tuple(one for c in some for one in c.connectors),
-        tuple(one for c in some for one in c.unsolved),
+        tuple(one for c in some for one in c.plain_joints),
         some[0].clearance,
-        np.concatenate([c.taken for c in some]),
+        np.concatenate([c.occupied_lengths for c in some]),
         tuple(tip for c in some for tip in c.tips),
     )

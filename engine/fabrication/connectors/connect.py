@@ -17,14 +17,14 @@ from ...spirals.contours import Outline
 from ...spirals.design import SpiralDesign
 from ..panels.labels import seam_labels
 from .free_space import SCALES, FreeSpace
-from .shape import key, least_radius, size
-from .tips import Attempt, Tip
+from .shape import connector_size, key_outline, min_radius
+from .tips import ConnectorCandidate, Tip
 
-CHUNK = 180  # attempts evaluated together, about 0.1 s of work between reports of progress
+CANDIDATES_AT_ONCE = 180  # candidates evaluated together, about 0.1 s of work between reports of progress
 _TIPS_AT_ONCE = 2000  # tips compared with all others at once; more take more memory
 # Candidates per joint evaluated together: in the second round, and at most in later rounds. Larger batches are faster
 # per candidate, but all candidates after the first that fits are wasted
-FEW, MANY = 4, 16
+SECOND_BATCH, MAX_BATCH = 4, 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,48 +33,48 @@ class Connector:
 
     name : label of the joint: letter of the seam and number of the joint along it
     seam : index of the seam
-    made : kind and size, the arm with the head, and the position
+    candidate : kind and size, the arm with the head, and the position
     faces, sides : quads and sides of both arms; the arm of the patch with the lower index comes first
-    shrunk, swapped : whether it is smaller than requested, or has its head on the other arm, for lack of room
+    is_shrunk, is_swapped : whether it is smaller than requested, or has its head on the other arm, for lack of room
     """
 
     name: str
     seam: int
-    made: Attempt
+    candidate: ConnectorCandidate
     faces: tuple[int, ...]
     sides: tuple[int, ...]
-    shrunk: bool
-    swapped: bool
+    is_shrunk: bool
+    is_swapped: bool
 
     @property
     def kind(self) -> str:
         """Dovetail, key or tab."""
-        return self.made.kind
+        return self.candidate.kind
 
 
 @dataclass(frozen=True, eq=False)
 class Connections:
     """The outlines of all panels with connectors, and the connectors.
 
-    unsolved : (name, quad, quad) of joints without room for any connector, whose arms keep plain ends
+    plain_joints : (name, quad, quad) of joints without room for any connector, whose arms keep plain ends
     clearance : gap between the finished parts, metres
-    taken : length in metres of every arm, from its joint, that a connector occupies
+    occupied_lengths : length in metres of every arm, from its joint, that a connector occupies
     tips : ends of all arms that have a connector
     """
 
     outlines: tuple[Outline, ...]
     connectors: tuple[Connector, ...]
-    unsolved: tuple[tuple[str, int, int], ...]
+    plain_joints: tuple[tuple[str, int, int], ...]
     clearance: float
-    taken: Float[np.ndarray, "quads 4"]
+    occupied_lengths: Float[np.ndarray, "quads 4"]
     tips: tuple[Tip, ...] = ()
 
     @property
-    def bridge(self) -> float:
+    def min_bridge(self) -> float:
         """Width in metres of the narrowest neck or wall of a connector; infinite without connectors."""
         return min(
             (
-                min(c.made.size.neck - c.made.size.clearance, c.made.size.thinnest)
+                min(c.candidate.size.neck - c.candidate.size.clearance, c.candidate.size.thinnest)
                 for c in self.connectors
                 if c.kind != "tab"
             ),
@@ -82,36 +82,38 @@ class Connections:
         )
 
     @property
-    def keys(self) -> tuple[Outline, ...]:
+    def key_outlines(self) -> tuple[Outline, ...]:
         """The outlines of the loose keys, each around the origin."""
-        return tuple(Outline(key(c.made.size, c.made.back), ()) for c in self.connectors if c.kind == "key")
+        return tuple(
+            Outline(key_outline(c.candidate.size, c.candidate.setback), ()) for c in self.connectors if c.kind == "key"
+        )
 
     @property
-    def _least_radius(self) -> float:
+    def _min_radius(self) -> float:
         """Smallest corner radius in metres of all heads, sockets and shoulders."""
-        sizes = {c.made.size for c in self.connectors if c.kind != "tab"}
-        return min([*map(least_radius, sizes), *(radius for tip in self.tips for radius in tip.shoulder_radii)])
+        sizes = {c.candidate.size for c in self.connectors if c.kind != "tab"}
+        return min([*map(min_radius, sizes), *(radius for tip in self.tips for radius in tip.shoulder_radii)])
 
     @property
     def report(self) -> dict[str, Any]:
         """The figures of report.json."""
         made = self.connectors
         count = {k: sum(c.kind == k for c in made) for k in ("dovetail", "key", "tab")}
-        if not made and not self.unsolved:
+        if not made and not self.plain_joints:
             return {"connectors": 0}
-        shaped = [c.made.size for c in made if c.kind != "tab"]
+        shaped = [c.candidate.size for c in made if c.kind != "tab"]
         necks = {"connector_neck_min_mm": round(min(s.neck for s in shaped) * 1e3, 4)} if shaped else {}
         return {
             "connectors": len(made),
             "connector_kinds": {k: n for k, n in count.items() if n},
             "connector_clearance_mm": round(self.clearance * 1e3, 4),
             **necks,
-            **({"connector_rounding_min_mm": round(self._least_radius * 1e3, 4)} if made else {}),
-            "shrunk": sum(c.shrunk for c in made),
-            "swapped": sum(c.swapped for c in made),
-            "shifted": sum(c.made.shift != 0.0 for c in made),
+            **({"connector_rounding_min_mm": round(self._min_radius * 1e3, 4)} if made else {}),
+            "shrunk": sum(c.is_shrunk for c in made),
+            "swapped": sum(c.is_swapped for c in made),
+            "shifted": sum(c.candidate.shift != 0.0 for c in made),
             "glued": [{"joint": c.name, "faces": list(c.faces)} for c in made if c.kind == "tab"],
-            "unsolved": [{"joint": name, "faces": list(faces)} for name, *faces in self.unsolved],
+            "unsolved": [{"joint": name, "faces": list(faces)} for name, *faces in self.plain_joints],
         }
 
 
@@ -140,7 +142,7 @@ def connect(
     if params.connector == "none" or not design.flat.layout.cut.any():
         drawn = design.outlines(tolerance, None, progress)
         return Connections(tuple(drawn), (), (), params.clearance, taken)
-    least = size(float(design.arms.joint_width.min()), params, min(SCALES), mill)
+    least = connector_size(float(design.arms.joint_width.min()), params, min(SCALES), mill)
     catch = 0.5 * (least.head - least.neck)
     if params.clearance > 0.5 * catch:
         raise FlexMapsError(
@@ -148,7 +150,7 @@ def connect(
             f"{catch * 1e3:.2g} mm; make the clearance at most {500 * catch:.2g} mm"
         )
     space = FreeSpace(design, params, mill, progress.part(0.0, 0.1))
-    chosen = _choose(space, progress.part(0.1, 0.8))
+    chosen = _choose_connectors(space, progress.part(0.1, 0.8))
     labels = seam_labels(design.flat.layout)
     made: list[Connector] = []
     unsolved: list[tuple[str, int, int]] = []
@@ -159,20 +161,20 @@ def connect(
         if choice is None:
             unsolved.append((name, quad[0], quad[1]))
             continue
-        attempt = choice.attempt
+        candidate = choice.candidate
         seam, place = int(space.joints.seam[joint]), int(space.joints.place[joint])
-        largest = space.sizes(joint, attempt.kind)[0]
-        swapped = attempt.kind == "dovetail" and attempt.male != place % 2
-        made.append(Connector(name, seam, attempt, tuple(quad), tuple(side), attempt.size != largest, swapped))
+        largest = space.connector_sizes(joint, candidate.kind)[0]
+        swapped = candidate.kind == "dovetail" and candidate.head_arm != place % 2
+        made.append(Connector(name, seam, candidate, tuple(quad), tuple(side), candidate.size != largest, swapped))
         tips.extend(choice.tips)
-    for half in (space.through.own, space.through.other):
+    for half in (space.joined_arms.own, space.joined_arms.other):
         full = np.zeros(len(half.arm))
         for tip in tips:
-            if tip.through.own is half:
-                full[tip.row] = tip.wide.full[0]
-        taken.ravel()[half.arm] = np.maximum(half.along(full), 0.0)
+            if tip.joined_arms.own is half:
+                full[tip.row] = tip.widening.taper_start[0]
+        taken.ravel()[half.arm] = np.maximum(half.arc_lengths(full), 0.0)
     progress(0.8, "outlines with connectors")
-    gathered = space.tips_as_arcs(tips, design.begin, tolerance)
+    gathered = space.tips_as_arcs(tips, design.arm_starts, tolerance)
     drawn = design.outlines(tolerance, gathered, progress.part(0.82, 1.0))
     return Connections(tuple(drawn), tuple(made), tuple(unsolved), params.clearance, taken, tuple(tips))
 
@@ -181,23 +183,23 @@ def connect(
 class _Choice:
     """A candidate connector that has room, with its two tips.
 
-    placed : (2, 2) polygons of the tips, see ``FreeSpace.judge``
+    polygons : (2, 2) polygons of the tips, see ``FreeSpace.fit_tips``
     """
 
-    attempt: Attempt
+    candidate: ConnectorCandidate
     tips: tuple[Tip, Tip]
-    placed: np.ndarray
+    polygons: np.ndarray
 
 
-class _Attempts:
+class _CandidateQueues:
     """Candidate connectors of all joints, tried in order of preference, for many joints at once."""
 
     def __init__(self, space: FreeSpace):
         self.space = space
-        self.attempts = [space.attempts(joint) for joint in range(len(space.joints.edge))]
-        self.ready: list[deque[_Choice]] = [deque() for _ in self.attempts]
+        self.untested = [space.candidates(joint) for joint in range(len(space.joints.edge))]
+        self.fitting: list[deque[_Choice]] = [deque() for _ in self.untested]
 
-    def next(self, joints: list[int], progress: Progress, first: bool = False) -> dict[int, _Choice | None]:
+    def next_fitting(self, joints: list[int], progress: Progress, first: bool = False) -> dict[int, _Choice | None]:
         """Return for each of these joints its next candidate that has room; None if there are no more.
 
         Parameters
@@ -206,43 +208,43 @@ class _Attempts:
         progress : called with the fraction done; may cancel
         first : whether to begin with a single candidate per joint, for which the free space is not measured
         """
-        found: dict[int, _Choice | None] = {j: self.ready[j].popleft() for j in joints if self.ready[j]}
-        waiting, few = [j for j in joints if j not in found], FEW
+        found: dict[int, _Choice | None] = {j: self.fitting[j].popleft() for j in joints if self.fitting[j]}
+        waiting, few = [j for j in joints if j not in found], SECOND_BATCH
         while waiting:
             tries = []
-            # limit the attempts per joint, because attempts after the first that has room are wasted
-            each = 1 if first else max(1, min(few, CHUNK // len(waiting)))
+            # limit the candidates per joint, because candidates after the first that has room are wasted
+            each = 1 if first else max(1, min(few, CANDIDATES_AT_ONCE // len(waiting)))
             for place, joint in enumerate(waiting):
-                if not first and place % CHUNK == 0:
+                if not first and place % CANDIDATES_AT_ONCE == 0:
                     progress(len(found) / len(joints), "connectors")
-                    self.space.look(waiting[place : place + CHUNK])
-                more = list(islice(self.attempts[joint], each))
-                tries += [(joint, attempt) for attempt in more]
+                    self.space.measure_free_widths(waiting[place : place + CANDIDATES_AT_ONCE])
+                more = list(islice(self.untested[joint], each))
+                tries += [(joint, candidate) for candidate in more]
                 if not more:
                     found[joint] = None
-            for begin in range(0, len(tries), CHUNK):
+            for begin in range(0, len(tries), CANDIDATES_AT_ONCE):
                 progress(len(found) / len(joints), "connectors")
-                self._judge(tries[begin : begin + CHUNK])
+                self._test_candidates(tries[begin : begin + CANDIDATES_AT_ONCE])
             for joint in waiting:
-                if self.ready[joint]:
-                    found[joint] = self.ready[joint].popleft()
+                if self.fitting[joint]:
+                    found[joint] = self.fitting[joint].popleft()
             waiting = [j for j in waiting if j not in found]
-            few, first = min(2 * each + 2, MANY), False
+            few, first = min(2 * each + 2, MAX_BATCH), False
         return found
 
-    def _judge(self, tries: list[tuple[int, Attempt]]) -> None:
-        """Evaluate attempts (joint, candidate) and store those that have room in ``ready``."""
-        made = self.space.judge([joint for joint, _ in tries], [attempt for _, attempt in tries])
-        for (joint, attempt), tips in zip(tries, made, strict=True):
+    def _test_candidates(self, tries: list[tuple[int, ConnectorCandidate]]) -> None:
+        """Evaluate candidates (joint, candidate) and store those that have room in ``fitting``."""
+        made = self.space.fit_tips([joint for joint, _ in tries], [candidate for _, candidate in tries])
+        for (joint, candidate), tips in zip(tries, made, strict=True):
             if tips is not None:
-                self.ready[joint].append(_Choice(attempt, *tips))
+                self.fitting[joint].append(_Choice(candidate, *tips))
 
 
-def _choose(space: FreeSpace, progress: Progress) -> list[_Choice | None]:
+def _choose_connectors(space: FreeSpace, progress: Progress) -> list[_Choice | None]:
     """Return for every joint its first candidate that has room beside the other joints' choices, or None."""
-    search = _Attempts(space)
+    search = _CandidateQueues(space)
     every = list(range(len(space.joints.edge)))
-    found = search.next(every, progress.part(0.0, 0.9), first=True)
+    found = search.next_fitting(every, progress.part(0.0, 0.9), first=True)
     chosen = [found[joint] for joint in every]
     # while two tips are too close to each other, replace the connector of the larger tip by its next candidate
     changed = set(every)
@@ -251,7 +253,9 @@ def _choose(space: FreeSpace, progress: Progress) -> list[_Choice | None]:
         giving = _joints_too_close(space, chosen, changed, progress.part(0.9 + 0.002 * turn, 0.9 + 0.002 * turn))
         if not giving:
             break
-        for joint, choice in search.next(giving, progress.part(0.9 + 0.002 * turn, 0.902 + 0.002 * turn)).items():
+        for joint, choice in search.next_fitting(
+            giving, progress.part(0.9 + 0.002 * turn, 0.902 + 0.002 * turn)
+        ).items():
             chosen[joint] = choice
         changed = set(giving)
     return chosen
@@ -271,7 +275,7 @@ def _joints_too_close(
     fresh = np.flatnonzero(np.isin(owner, list(changed)))
     if not len(fresh):
         return []
-    flat, mated = np.stack([c.placed for _, c in some], axis=1).reshape(2, -1)
+    flat, mated = np.stack([c.polygons for _, c in some], axis=1).reshape(2, -1)
     tree, slot = shapely.STRtree(flat), 0.999 * space.slot
     area = shapely.area(flat)
     giving: set[int] = set()

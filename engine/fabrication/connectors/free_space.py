@@ -22,34 +22,34 @@ from ...spirals.clearance.slots import min_slot_width
 from ...spirals.contours import Tips
 from ...spirals.curves.spiral import LEFT, RIGHT, edge_points
 from ...spirals.design import SpiralDesign
-from .joined_arms import Halves, Throughs, complexes, pairs
-from .shape import Size, sizes, tabs
-from .tips import Attempt, Tip, ends_of, make_tips
+from .joined_arms import JoinedArms, JointArms, to_complex, to_points
+from .shape import ConnectorSize, connector_sizes, tab_sizes
+from .tips import ConnectorCandidate, Tip, end_curves, make_tips
 
 # kinds of connectors to try, in this order, by the requested kind
 KINDS = {"dovetail": ("dovetail", "key", "tab"), "key": ("key", "tab"), "tab": ("tab",)}
 # sizes to try, in this order, as shares of the requested size; finer steps find larger connectors and take longer
 SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
-STEP = 1e-5  # metres; widths of arms are rounded down to multiples of this
-BACKS = (0.0, 3e-4, 6e-4, 1e-3, 1.5e-3)  # metres by which the faces of keys and tabs may be set back
+WIDTH_STEP = 1e-5  # metres; widths of arms are rounded down to multiples of this
+SETBACKS = (0.0, 3e-4, 6e-4, 1e-3, 1.5e-3)  # metres by which the faces of keys and tabs may be set back
 _SHIFTS = 12  # number of shifts of the parting line to try in either direction
 _STEP = 0.55  # distance between shifts, in neck widths of the smallest connector
 _SHIFTS_TRIED = 4  # number of shifts with room to try for every size, as long as the neck has to lie on its arm
-_SIGHT_STEP = 2e-4  # metres along the arm between measurements of the free space
+_RAY_STEP = 2e-4  # metres along the arm between measurements of the free space
 _BUNDLE = 8  # adjacent rays that share one search for nearby pieces
-_RAYS = 2500  # bundles of rays traced together; more take more memory
+_BUNDLES_AT_ONCE = 2500  # bundles of rays traced together; more take more memory
 _PIECES = 8  # pieces into which an arm is split; more make tighter bounding boxes and a larger search tree
 _QUADS_AT_ONCE = 500  # quads whose arms are sampled together; more take more memory
 
 
 @dataclass(frozen=True, eq=False)
-class Joints:
+class CutJoints:
     """All joints at cuts, in the order of the seams and along each seam.
 
     edge : index of the mesh edge
     seam, place : index of the seam, and of the joint along the seam
     quad, side : the two arms; the arm of the patch with the lower index comes first
-    inside : whether both arms belong to the same panel
+    is_within_panel : whether both arms belong to the same panel
     """
 
     edge: Int[np.ndarray, " joints"]
@@ -57,10 +57,10 @@ class Joints:
     place: Int[np.ndarray, " joints"]
     quad: Int[np.ndarray, "joints 2"]
     side: Int[np.ndarray, "joints 2"]
-    inside: Bool[np.ndarray, " joints"]
+    is_within_panel: Bool[np.ndarray, " joints"]
 
 
-def joints(design: SpiralDesign) -> Joints:
+def joints_at_cuts(design: SpiralDesign) -> CutJoints:
     """Return all joints of a design that lie at cuts."""
     layout = design.flat.layout
     none = [np.empty(0, dtype=np.int64)]
@@ -71,11 +71,11 @@ def joints(design: SpiralDesign) -> Joints:
     patch = layout.patch_of[quad]
     swap = patch[:, 0] > patch[:, 1]
     quad[swap], side[swap] = quad[swap][:, ::-1], side[swap][:, ::-1]
-    return Joints(edges, seam, place, quad, side, patch[:, 0] == patch[:, 1])
+    return CutJoints(edges, seam, place, quad, side, patch[:, 0] == patch[:, 1])
 
 
 @dataclass(frozen=True, eq=False)
-class Openings:
+class FreeWidths:
     """Free space on both sides of the two arms of a joint, at places along them.
 
     x : metres along the arms from the joint, positive on the second arm
@@ -88,24 +88,26 @@ class Openings:
     right: Float[np.ndarray, " places"]
     width: Float[np.ndarray, " places"]
 
-    def asides(self, s: Size, shifts: Float[np.ndarray, " shifts"], overhanging: bool) -> list[tuple[float, float]]:
-        """Return the positions at which a connector of size ``s`` has room, as pairs (shift, aside) in metres.
+    def fitting_positions(
+        self, s: ConnectorSize, shifts: Float[np.ndarray, " shifts"], may_overhang: bool
+    ) -> list[tuple[float, float]]:
+        """Return the positions at which a connector of size ``s`` has room, as pairs (shift, lateral offset) in metres.
 
-        ``shift`` is one of the given shifts along the arm, ``aside`` the offset to the left of the arm's centre line.
-        The neck stays on the arm unless ``overhanging``; then it may lie beside the arm, on the arm's widened end.
+        The shift along the arm is one of ``shifts``, the lateral offset is to the left of the arm's centre line.
+        The neck stays on the arm unless ``may_overhang``; then it may lie beside the arm, on the arm's widened end.
         """
         reach = s.length + s.clearance + 0.4 * s.wall
         shifts = shifts[(shifts - reach >= self.x[0]) & (shifts + reach <= self.x[-1])]
         if not len(shifts):
             return []
         first, last = np.searchsorted(self.x, [shifts - reach, shifts + reach])
-        extra = np.maximum(s.pad - self.width[(first + last) // 2], 0.0)
+        extra = np.maximum(s.pad_width - self.width[(first + last) // 2], 0.0)
         window = first[:, None] + np.arange(int((last - first).max()))
         outside, window = window >= last[:, None], np.minimum(window, len(self.x) - 1)
         left, right = (np.where(outside, np.inf, e[window]).min(axis=1) for e in (self.left, self.right))
         low, high = 0.5 * extra - right, left - 0.5 * extra
         best = np.clip(0.0, low, np.maximum(low, high))
-        most = 0.5 * extra if overhanging else np.minimum(0.5 * self.width[(first + last) // 2], 0.5 * extra)
+        most = 0.5 * extra if may_overhang else np.minimum(0.5 * self.width[(first + last) // 2], 0.5 * extra)
         fits = (low <= high) & (np.abs(best) <= most + 1e-9)
         return list(zip(shifts[fits].tolist(), best[fits].tolist(), strict=True))
 
@@ -115,85 +117,87 @@ class FreeSpace:
 
     def __init__(self, design: SpiralDesign, params: ConnectorParams, mill: float = 0.0, progress: Progress = SILENT):
         self.design, self.params, self.mill = design, params, mill
-        self.joints = joints(design)
+        self.joints = joints_at_cuts(design)
         self.slot = min_slot_width(design.params)
         # round the widths, more finely than any cutter can cut, so that many joints share few cached shapes
         width = design.arms.joint_width[self.joints.quad[:, 0], self.joints.side[:, 0]]
-        self.width = np.floor(width / STEP + 1e-6) * STEP
-        self._openings: dict[int, Openings] = {}
-        self.bodies = self._bodies(progress)
+        self.width = np.floor(width / WIDTH_STEP + 1e-6) * WIDTH_STEP
+        self._free_widths: dict[int, FreeWidths] = {}
+        self.obstacles = self._make_obstacles(progress)
 
     @cached_property
-    def through(self) -> Throughs:
+    def joined_arms(self) -> JoinedArms:
         """The pairs of arms of all joints, seen from the first arm of each."""
         quad, side = self.joints.quad, self.joints.side
-        return Throughs(*(Halves.from_arms(self.design, quad[:, k], side[:, k]) for k in range(2)))
+        return JoinedArms(*(JointArms.from_arms(self.design, quad[:, k], side[:, k]) for k in range(2)))
 
-    def sizes(self, joint: int, kind: str = "dovetail") -> tuple[Size, ...]:
+    def connector_sizes(self, joint: int, kind: str = "dovetail") -> tuple[ConnectorSize, ...]:
         """Return the sizes that connectors of this joint may have, largest first."""
         width = float(self.width[joint])
         if kind == "tab":
-            return tabs(width, self.params, SCALES, self.mill)
-        return sizes(width, self.params, SCALES, self.mill)
+            return tab_sizes(width, self.params, SCALES, self.mill)
+        return connector_sizes(width, self.params, SCALES, self.mill)
 
-    def attempts(self, joint: int) -> Iterator[Attempt]:
+    def candidates(self, joint: int) -> Iterator[ConnectorCandidate]:
         """Yield candidate connectors for a joint, best first."""
         # heads and sockets alternate along a seam, so that panels joined with an offset of one joint do not fit
         first = int(self.joints.place[joint]) % 2
         # a key needs no room beyond the cut, so it suits cuts inside a panel whose sides lie close together
-        inside = bool(self.joints.inside[joint])
+        inside = bool(self.joints.is_within_panel[joint])
         kinds = [k for k in KINDS[self.params.connector] if k in (self.params.connector, "tab") or inside]
         # at a cut inside a panel, a head longer than the flat gap would overlap its own socket
-        gap = abs(self.through.own.origin[joint] - self.through.other.origin[joint]) if inside else np.inf
-        best = Attempt(self.params.connector, self.sizes(joint, self.params.connector)[0], first)
+        gap = abs(self.joined_arms.own.origin[joint] - self.joined_arms.other.origin[joint]) if inside else np.inf
+        best = ConnectorCandidate(self.params.connector, self.connector_sizes(joint, self.params.connector)[0], first)
         if best.kind != "dovetail" or best.size.length <= gap:
             yield best  # this usually fits, so the free space need not be measured
-        self.look([joint])
-        openings, steps = self._openings[joint], np.array(self._shifts(joint))
+        self.measure_free_widths([joint])
+        openings, steps = self._free_widths[joint], np.array(self._shifts(joint))
         for kind in kinds:
-            for back in (0.0,) if kind == "dovetail" else BACKS:
-                for overhanging, s in product((False, True), self.sizes(joint, kind)):
+            for back in (0.0,) if kind == "dovetail" else SETBACKS:
+                for overhanging, s in product((False, True), self.connector_sizes(joint, kind)):
                     if kind == "dovetail" and s.length > gap:
                         continue
-                    fitting = openings.asides(s, steps, overhanging)
+                    fitting = openings.fitting_positions(s, steps, overhanging)
                     for shift, aside in fitting if overhanging else fitting[:_SHIFTS_TRIED]:
                         for male in (first, 1 - first) if kind == "dovetail" else (first,):
-                            yield Attempt(kind, s, male, shift, aside, back)
+                            yield ConnectorCandidate(kind, s, male, shift, aside, back)
 
     def _shifts(self, joint: int) -> list[float]:
         """Return the shifts of the parting line in metres, smallest first."""
-        step = self.sizes(joint)[-1].neck * _STEP
+        step = self.connector_sizes(joint)[-1].neck * _STEP
         return [step * n for n in sorted(range(-_SHIFTS, _SHIFTS + 1), key=lambda n: (abs(n), n))]
 
-    def judge(
-        self, which: Sequence[int], attempts: Sequence[Attempt]
+    def fit_tips(
+        self, which: Sequence[int], candidates: Sequence[ConnectorCandidate]
     ) -> list[tuple[tuple[Tip, Tip], np.ndarray] | None]:
-        """Return for every attempt its two tips and their polygons (2, 2); None where they have no room.
+        """Return for every candidate its two tips and their polygons (2, 2); None where they have no room.
 
         Both tips must keep the width of the smallest slot from everything near, in their own panels and, once joined,
         in the panels across. The second tip is made only where the first has room. The rows of the polygons are the two
-        placements of ``_apart``, the columns the two tips.
+        placements of ``_place_in_common_plane``, the columns the two tips.
 
         Parameters
         ----------
-        which : index of the joint of every attempt
-        attempts : candidate connectors
+        which : index of the joint of every candidate
+        candidates : candidate connectors
         """
         rows, left = np.array(which, dtype=int), np.arange(len(which))
-        shift, aside = (np.array([getattr(a, n) for a in attempts]) for n in ("shift", "aside"))
-        roles = [a.roles() for a in attempts]
+        shift, aside = (np.array([getattr(a, n) for a in candidates]) for n in ("shift", "lateral_offset"))
+        roles = [a.roles() for a in candidates]
         tips, placed = np.empty((len(rows), 2), dtype=object), np.empty((2, len(rows), 2), dtype=object)
-        for half, (through, sign) in enumerate(((self.through, 1.0), (self.through.from_other_side, -1.0))):
+        for half, (through, sign) in enumerate(((self.joined_arms, 1.0), (self.joined_arms.from_other_side, -1.0))):
             if not len(left):
                 break
-            role, tried = ([x[k] for k in left.tolist()] for x in ([r[half] for r in roles], attempts))
+            role, tried = ([x[k] for k in left.tolist()] for x in ([r[half] for r in roles], candidates))
             made = make_tips(through, rows[left], role, tried, sign * shift[left], sign * aside[left])
             left = left[[tip is not None for tip in made]]
             tips[left, half] = [tip for tip in made if tip is not None]
-            placed[:, left, half] = self._apart(through, tips[left, half])
+            placed[:, left, half] = self._place_in_common_plane(through, tips[left, half])
             for shapes in placed[:, :, half]:  # tips that are blocked in their own panel are not tested further
-                left = left[self._free(through, rows[left], shapes[left])]
-        left = left[[not self.joints.inside[rows[k]] or not self._touching(*tips[k]) for k in left.tolist()]]
+                left = left[self._keep_clear(through, rows[left], shapes[left])]
+        left = left[
+            [not self.joints.is_within_panel[rows[k]] or not self._are_too_close(*tips[k]) for k in left.tolist()]
+        ]
         found: list[tuple[tuple[Tip, Tip], np.ndarray] | None] = [None] * len(rows)
         for k in left.tolist():
             found[k] = (tips[k, 0], tips[k, 1]), placed[:, k]
@@ -201,13 +205,13 @@ class FreeSpace:
 
     # -- what is near --------------------------------------------------------------------------------------------------
 
-    def _bodies(self, progress: Progress) -> _Bodies:
+    def _make_obstacles(self, progress: Progress) -> _Obstacles:
         """Return all hubs, and all arms in pieces, in a common plane where panels do not overlap."""
         patch_of, found = self.design.flat.layout.patch_of, []
         for part in progress.batches(len(patch_of), _QUADS_AT_ONCE, "what is near the joints"):
             found.append(self._pieces(np.arange(part.start, part.stop)))
         rings, arm, quad = (np.concatenate(x) for x in zip(*found, strict=True))
-        return _Bodies(rings + self.pitch * patch_of[quad][:, None], arm)
+        return _Obstacles(rings + self.patch_spacing * patch_of[quad][:, None], arm)
 
     def _pieces(self, quads: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the arms of some quads in pieces, and their hubs, as complex rings (P, K) in the patches' frames.
@@ -217,10 +221,10 @@ class FreeSpace:
         arms, roots, count = self.design.arms.subset(quads), self.design.roots, len(quads)
         t_left, t_right = roots.left[quads], np.roll(roots.right[quads], 1, axis=1)
         even = np.linspace(0.0, 1.0, 10 * _PIECES + 1)
-        begin = np.where(self.design.absent, self.design.begin, 0.0)[quads][..., None]
+        begin = np.where(self.design.is_absent, self.design.arm_starts, 0.0)[quads][..., None]
         ends = ((LEFT, t_left), (RIGHT, t_right))
         drawn = [edge_points(arms, begin + even * (t[..., None] - begin), way)[0] for way, t in ends]
-        left, right = (complexes(d).reshape(4 * count, -1) for d in drawn)
+        left, right = (to_complex(d).reshape(4 * count, -1) for d in drawn)
         pieces = [
             np.concatenate([left[:, k : k + 11], right[:, k : k + 11][:, ::-1]], axis=1)
             for k in range(0, 10 * _PIECES, 10)
@@ -232,11 +236,11 @@ class FreeSpace:
         return np.concatenate([*pieces, hub]), arm, np.concatenate([np.tile(own // 4, _PIECES), quads])
 
     @cached_property
-    def pitch(self) -> float:
+    def patch_spacing(self) -> float:
         """Distance in metres between the origins of consecutive patches in the common plane; none overlap."""
         return 2.0 * float(np.ptp(self.design.flat.corners.reshape(-1, 2), axis=0).max())
 
-    def _apart(self, through: Throughs, tips: np.ndarray) -> np.ndarray:
+    def _place_in_common_plane(self, through: JoinedArms, tips: np.ndarray) -> np.ndarray:
         """Place polygons of tips (n,) in the common plane where panels do not overlap; return polygons (2, n).
 
         The first row lies in the tips' own panels, the second in the panels across, as when the joints are assembled.
@@ -247,67 +251,67 @@ class FreeSpace:
         points, owner = shapely.get_coordinates(polygons, return_index=True)
         rows = np.array([tip.row for tip in tips], dtype=int)[owner]
         own, other = through.own, through.other
-        there = complexes(points)
-        local = (there - own.origin[rows]) / own.out[rows]
-        mated = other.origin[rows] - other.out[rows] * local
-        placed = there + self.pitch * own.patch[rows], mated + self.pitch * other.patch[rows]
-        return np.stack([shapely.set_coordinates(polygons.copy(), pairs(p)) for p in placed])
+        there = to_complex(points)
+        local = (there - own.origin[rows]) / own.outwards[rows]
+        mated = other.origin[rows] - other.outwards[rows] * local
+        placed = there + self.patch_spacing * own.patch[rows], mated + self.patch_spacing * other.patch[rows]
+        return np.stack([shapely.set_coordinates(polygons.copy(), to_points(p)) for p in placed])
 
-    def look(self, which: Sequence[int]) -> None:
+    def measure_free_widths(self, which: Sequence[int]) -> None:
         """Measure and store the free space on both sides of the arms of joints ``which``."""
-        rows = np.array([j for j in which if j not in self._openings], dtype=int)
+        rows = np.array([j for j in which if j not in self._free_widths], dtype=int)
         if not len(rows):
             return
-        through = self.through.subset(rows)
-        reach = np.array([max(self._shifts(j)) + 2.0 * self.sizes(j)[0].length for j in rows.tolist()])
-        back, ahead = (np.minimum(reach, half.along(half.end)) for half in (through.own, through.other))
-        steps = int(np.ceil(reach.max() / _SIGHT_STEP))
-        x = _SIGHT_STEP * (np.arange(-(-(2 * steps + 1) // _BUNDLE) * _BUNDLE) - steps)
+        through = self.joined_arms.subset(rows)
+        reach = np.array([max(self._shifts(j)) + 2.0 * self.connector_sizes(j)[0].length for j in rows.tolist()])
+        back, ahead = (np.minimum(reach, half.arc_lengths(half.t_max)) for half in (through.own, through.other))
+        steps = int(np.ceil(reach.max() / _RAY_STEP))
+        x = _RAY_STEP * (np.arange(-(-(2 * steps + 1) // _BUNDLE) * _BUNDLE) - steps)
         there = (x >= -back[:, None]) & (x <= ahead[:, None])
-        edges, ways = through.edges(through.tau(np.repeat(-x[None], len(rows), axis=0)))
+        edges, ways = through.edge_points(through.tau_at(np.repeat(-x[None], len(rows), axis=0)))
         ways = ways * (1j * np.array([LEFT, RIGHT]))[:, None, None]
         # look as far as the widest tip could extend, plus a slot
-        view = 1.02 * self.slot + np.array([self.sizes(j)[0].pad for j in rows.tolist()])
+        view = 1.02 * self.slot + np.array([self.connector_sizes(j)[0].pad_width for j in rows.tolist()])
         view = np.repeat(np.tile(view, 2), len(x) // _BUNDLE)
         free = np.full(edges.shape, np.inf)
         own = np.stack([through.own.arm, through.other.arm], axis=1)
         own = np.repeat(np.tile(own, (2, 1)), len(x) // _BUNDLE, axis=0)
         for half, sign in ((through.own, 1.0), (through.other, -1.0)):
-            out = sign * half.out[:, None]
-            origin = half.origin[:, None] + out * edges + self.pitch * half.patch[:, None]
-            seen = self.bodies.sight(origin.reshape(-1, _BUNDLE), (out * ways).reshape(-1, _BUNDLE), view, own)
+            out = sign * half.outwards[:, None]
+            origin = half.origin[:, None] + out * edges + self.patch_spacing * half.patch[:, None]
+            seen = self.obstacles.cast_rays(origin.reshape(-1, _BUNDLE), (out * ways).reshape(-1, _BUNDLE), view, own)
             free = np.minimum(free, np.maximum(seen.reshape(free.shape) - 1.02 * self.slot, 0.0))
         width = np.abs(edges[0] - edges[1])
         for k, joint in enumerate(rows.tolist()):
             at = there[k]
-            self._openings[joint] = Openings(x[at], free[0, k, at], free[1, k, at], width[k, at])
+            self._free_widths[joint] = FreeWidths(x[at], free[0, k, at], free[1, k, at], width[k, at])
 
-    def _free(self, through: Throughs, rows: np.ndarray, shapes: np.ndarray) -> np.ndarray:
+    def _keep_clear(self, through: JoinedArms, rows: np.ndarray, shapes: np.ndarray) -> np.ndarray:
         """Return (n,) whether shapes keep a slot's width from all hubs and arms, except the arms of their joints."""
         own = np.stack([through.own.arm[rows], through.other.arm[rows]], axis=1)
-        return ~self.bodies.near(shapes, own, 0.999 * self.slot)
+        return ~self.obstacles.are_near(shapes, own, 0.999 * self.slot)
 
-    def _touching(self, one: Tip, two: Tip) -> bool:
+    def _are_too_close(self, one: Tip, two: Tip) -> bool:
         """Return whether two tips of one panel come closer to each other or their arms than the smallest slot."""
         import shapely
 
-        near = ((one.polygon, two.rest), (two.polygon, one.rest), (one.polygon, two.polygon))
+        near = ((one.polygon, two.arm_without_tip), (two.polygon, one.arm_without_tip), (one.polygon, two.polygon))
         return any(bool(shapely.dwithin(a, b, 0.999 * self.slot)) for a, b in near)
 
     def tips_as_arcs(self, tips: list[Tip], plain: np.ndarray, tolerance: float) -> Tips:
         """Return all tips together as arcs; ``plain`` (F, 4) is the parameter t at which the other arms begin."""
         blank = np.zeros(plain.shape)
         made = Tips(np.zeros((2, *plain.shape)), blank, blank + 1e-3, plain.copy(), {})
-        for tip, end in zip(tips, ends_of(tips, tolerance), strict=True):
-            at, wide = divmod(tip.arm, 4), tip.wide
-            made.extra[:, at[0], at[1]] = wide.left[0], wide.right[0]
-            made.full[at], made.over[at] = wide.full[0], wide.over[0]
+        for tip, end in zip(tips, end_curves(tips, tolerance), strict=True):
+            at, wide = divmod(tip.arm, 4), tip.widening
+            made.edge_offset[:, at[0], at[1]] = wide.left[0], wide.right[0]
+            made.taper_start[at], made.taper_end[at] = wide.taper_start[0], wide.taper_end[0]
             made.begin[at] = max(tip.begin, 0.0)
-            made.across[tip.arm] = end
+            made.end_curves[tip.arm] = end
         return made
 
 
-class _Bodies:
+class _Obstacles:
     """Hubs and pieces of arms in a common plane where panels do not overlap, with a search tree.
 
     rings : (P, K) complex points of the pieces, metres
@@ -324,18 +328,18 @@ class _Bodies:
         )
         self.tree = shapely.STRtree(shapely.box(*self.low.T, *self.high.T))
         # polygons are made on first use: most are never needed
-        self._shapes, self._known = np.empty(len(rings), dtype=object), np.zeros(len(rings), dtype=bool)
+        self._shapes, self._is_made = np.empty(len(rings), dtype=object), np.zeros(len(rings), dtype=bool)
 
     def _polygons(self, pieces: np.ndarray) -> np.ndarray:
         """Return the polygons of some pieces, made on first use."""
         import shapely
 
-        new = np.unique(pieces[~self._known[pieces]])
-        self._shapes[new] = shapely.polygons(pairs(self.rings[new]))
-        self._known[new] = True
+        new = np.unique(pieces[~self._is_made[pieces]])
+        self._shapes[new] = shapely.polygons(to_points(self.rings[new]))
+        self._is_made[new] = True
         return self._shapes[pieces]
 
-    def near(self, shapes: np.ndarray, without: np.ndarray, distance: float) -> np.ndarray:
+    def are_near(self, shapes: np.ndarray, without: np.ndarray, distance: float) -> np.ndarray:
         """Return (N,) whether a piece is within ``distance`` metres of a shape; arms ``without`` (N, 2) are ignored."""
         import shapely
 
@@ -348,7 +352,7 @@ class _Bodies:
         found[shape[shapely.dwithin(shapes[shape], self._polygons(piece), distance)]] = True
         return found
 
-    def sight(self, origin: np.ndarray, way: np.ndarray, view: np.ndarray, without: np.ndarray) -> np.ndarray:
+    def cast_rays(self, origin: np.ndarray, way: np.ndarray, view: np.ndarray, without: np.ndarray) -> np.ndarray:
         """Cast rays and return (N, K) the distances in metres to the first piece, 0 inside a piece, at most ``view``.
 
         origin, way : (N, K) complex points and unit directions; the points of a row are close together
@@ -358,8 +362,8 @@ class _Bodies:
         import shapely
 
         seen = np.repeat(view[:, None].astype(float), origin.shape[1], axis=1)
-        for first in range(0, len(origin), _RAYS):
-            part = slice(first, first + _RAYS)
+        for first in range(0, len(origin), _BUNDLES_AT_ONCE):
+            part = slice(first, first + _BUNDLES_AT_ONCE)
             start, ends = origin[part], origin[part] + view[part, None] * way[part]
             low = np.minimum(start.real, ends.real), np.minimum(start.imag, ends.imag)
             high = np.maximum(start.real, ends.real), np.maximum(start.imag, ends.imag)

@@ -15,21 +15,21 @@ import numpy as np
 
 from ...arrays import Bool, Columns, Complex, Float, Int
 from ...spirals.curves.arcs import Curve, fit_biarcs
-from ...spirals.curves.spiral import LEFT, RIGHT, Arms, centre_line, edge_points, widening, width_at
+from ...spirals.curves.spiral import LEFT, RIGHT, Arms, centre_line, edge_points, taper_width, width_at
 from ...spirals.design import SpiralDesign
 
 # minimum length of a step along an edge of a tip, as a share of the same step along the other edge; at 0 the edge folds
-UNFOLDED = 0.15
+MIN_STEP_RATIO = 0.15
 ARM_SHARE = 0.85  # share of an arm, from its tip towards its hub, that a connector may occupy
 SAMPLES = 41  # samples along an arm or the edge of a tip; more are slower and hardly more exact
 
 
-def complexes(points: Float[np.ndarray, "... 2"]) -> np.ndarray:
+def to_complex(points: Float[np.ndarray, "... 2"]) -> np.ndarray:
     """Convert points to complex numbers."""
     return points[..., 0] + 1j * points[..., 1]
 
 
-def pairs(numbers: np.ndarray) -> Float[np.ndarray, "... 2"]:
+def to_points(numbers: np.ndarray) -> Float[np.ndarray, "... 2"]:
     """Convert complex numbers to points."""
     return np.stack([numbers.real, numbers.imag], axis=-1)
 
@@ -50,128 +50,128 @@ def _interpolate_rows(x: np.ndarray, known: np.ndarray, values: np.ndarray) -> n
 class Widening(Columns):
     """Added width of arms at their tips.
 
-    left, right : metres by which each edge is moved outwards, from the tip up to tau ``full``
-    full, over : the addition falls from its full value at tau ``full`` to 0 at tau ``over``
+    left, right : metres by which each edge is moved outwards, from the tip up to tau ``taper_start``
+    taper_start, taper_end : the addition falls from its full value at tau ``taper_start`` to 0 at tau ``taper_end``
     """
 
     left: Float[np.ndarray, " arms"]
     right: Float[np.ndarray, " arms"]
-    full: Float[np.ndarray, " arms"]
-    over: Float[np.ndarray, " arms"]
+    taper_start: Float[np.ndarray, " arms"]
+    taper_end: Float[np.ndarray, " arms"]
 
-    def at(self, tau: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def added_width(self, tau: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the addition to the arms' widths at tau (n, M) that moves edges ``side``, and its derivative by tau.
 
         An edge moves by half of the addition.
         """
         extra = 2.0 * np.where(side == LEFT, self.left[:, None], self.right[:, None])
-        return widening(extra, self.full[:, None], self.over[:, None], tau)
+        return taper_width(extra, self.taper_start[:, None], self.taper_end[:, None], tau)
 
 
 @dataclass(frozen=True, eq=False)
-class Halves(Columns):
+class JointArms(Columns):
     """One arm at each of n joints.
 
     arm : 4 quad + side
     patch : patch of the arm
-    origin, out : complex origin and outward unit direction of the arm's frame in the patch's frame
+    origin, outwards : complex origin and outward unit direction of the arm's frame in the patch's frame
     t, length : table of t and the length in metres of the centre line from the joint to t
     speed : metres per unit of t at the joint
-    end : largest t that a connector may occupy
+    t_max : largest t that a connector may occupy
     """
 
     arm: Int[np.ndarray, " arms"]
     patch: Int[np.ndarray, " arms"]
     arms: Arms
     origin: Complex[np.ndarray, " arms"]
-    out: Complex[np.ndarray, " arms"]
+    outwards: Complex[np.ndarray, " arms"]
     t: Float[np.ndarray, "arms table"]
     length: Float[np.ndarray, "arms table"]
     speed: Float[np.ndarray, " arms"]
-    end: Float[np.ndarray, " arms"]
+    t_max: Float[np.ndarray, " arms"]
 
     @staticmethod
-    def from_arms(design: SpiralDesign, quad: Int[np.ndarray, " arms"], side: Int[np.ndarray, " arms"]) -> Halves:
+    def from_arms(design: SpiralDesign, quad: Int[np.ndarray, " arms"], side: Int[np.ndarray, " arms"]) -> JointArms:
         """Return the arms ``side`` of ``quad`` as halves of joints."""
         roots = design.roots
         single = design.arms.one_by_one(quad, side)
         end = np.minimum(roots.left[quad, side], roots.right[quad, side - 1])
         t = end[:, None] * np.linspace(0.0, 1.0, SAMPLES)
-        p, d, _ = (complexes(x[:, 0]) for x in centre_line(single, t[:, None]))
+        p, d, _ = (to_complex(x[:, 0]) for x in centre_line(single, t[:, None]))
         length = np.concatenate([np.zeros((len(t), 1)), np.cumsum(np.abs(np.diff(p, axis=1)), axis=1)], axis=1)
         speed = np.abs(d[:, 0])
         patch = design.flat.layout.patch_of[quad]
-        return Halves(4 * quad + side, patch, single, p[:, 0], -d[:, 0] / speed, t, length, speed, ARM_SHARE * end)
+        return JointArms(4 * quad + side, patch, single, p[:, 0], -d[:, 0] / speed, t, length, speed, ARM_SHARE * end)
 
-    def local(self, points: Complex[np.ndarray, "arms ..."]) -> Complex[np.ndarray, "arms ..."]:
+    def in_arm_frames(self, points: Complex[np.ndarray, "arms ..."]) -> Complex[np.ndarray, "arms ..."]:
         """Transform points from the patches' frames to the arms' frames."""
         shape = (-1, *(1,) * (points.ndim - 1))
-        return (points - self.origin.reshape(shape)) / self.out.reshape(shape)
+        return (points - self.origin.reshape(shape)) / self.outwards.reshape(shape)
 
     def in_patch_frames(self, points: Complex[np.ndarray, "arms ..."]) -> Complex[np.ndarray, "arms ..."]:
         """Transform points from the arms' frames to the patches' frames."""
         shape = (-1, *(1,) * (points.ndim - 1))
-        return self.origin.reshape(shape) + self.out.reshape(shape) * points
+        return self.origin.reshape(shape) + self.outwards.reshape(shape) * points
 
-    def along(self, t: Float[np.ndarray, " arms"]) -> Float[np.ndarray, " arms"]:
+    def arc_lengths(self, t: Float[np.ndarray, " arms"]) -> Float[np.ndarray, " arms"]:
         """Return the length in metres of the centre lines from the joints to t."""
         return _interpolate_rows(t[:, None], self.t, self.length)[:, 0]
 
-    def edge(
-        self, t: np.ndarray, side: np.ndarray | float, wider: tuple[np.ndarray, np.ndarray] | None = None
+    def edge_points(
+        self, t: np.ndarray, side: np.ndarray | float, added_width: tuple[np.ndarray, np.ndarray] | None = None
     ) -> np.ndarray:
         """Return points of edges at t (n, M) and their derivatives by t, (2, ..., n, M), in the arms' frames.
 
         side : LEFT or RIGHT, as a number or (..., n, 1)
-        wider : addition to the widths and its derivative by t
+        added_width : addition to the widths and its derivative by t
         """
-        added = None if wider is None else (wider[0][..., None, :], wider[1][..., None, :])
-        p, d = edge_points(self.arms, t[:, None], np.asarray(side, dtype=float)[..., None], wider=added)
-        points, ways = complexes(p[..., 0, :, :]), complexes(d[..., 0, :, :])
-        return np.stack([(points - self.origin[:, None]) / self.out[:, None], ways / self.out[:, None]])
+        added = None if added_width is None else (added_width[0][..., None, :], added_width[1][..., None, :])
+        p, d = edge_points(self.arms, t[:, None], np.asarray(side, dtype=float)[..., None], added_width=added)
+        points, ways = to_complex(p[..., 0, :, :]), to_complex(d[..., 0, :, :])
+        return np.stack([(points - self.origin[:, None]) / self.outwards[:, None], ways / self.outwards[:, None]])
 
 
 @dataclass(frozen=True, eq=False)
-class Throughs(Columns):
+class JoinedArms(Columns):
     """Both arms at each of n joints, seen from the arm ``own``; ``other`` is the arm across the cut."""
 
-    own: Halves
-    other: Halves
+    own: JointArms
+    other: JointArms
 
     @cached_property
-    def from_other_side(self) -> Throughs:
+    def from_other_side(self) -> JoinedArms:
         """These joints with ``own`` and ``other`` exchanged."""
-        return Throughs(self.other, self.own)
+        return JoinedArms(self.other, self.own)
 
     @property
-    def scale(self) -> Float[np.ndarray, " arms"]:
+    def parameter_scale(self) -> Float[np.ndarray, " arms"]:
         """Step in t of the other arm that is as long, at the joint, as a unit step in t of this arm."""
         return self.own.speed / self.other.speed
 
-    def folds(self, begin: np.ndarray, full: np.ndarray, wide: Widening) -> Bool[np.ndarray, " arms"]:
+    def have_folded_edge(self, begin: np.ndarray, full: np.ndarray, wide: Widening) -> Bool[np.ndarray, " arms"]:
         """Return whether an edge folds between tau ``begin`` and ``full`` when offset by its widening."""
-        low = np.maximum(begin, -self.other.end / self.scale)
-        tau = low[:, None] + (np.minimum(full, self.own.end) - low)[:, None] * np.linspace(0.0, 1.0, SAMPLES)
-        edges = self.edges(tau)[0]
+        low = np.maximum(begin, -self.other.t_max / self.parameter_scale)
+        tau = low[:, None] + (np.minimum(full, self.own.t_max) - low)[:, None] * np.linspace(0.0, 1.0, SAMPLES)
+        edges = self.edge_points(tau)[0]
         width = np.abs(edges[0] - edges[1])
         left, right = np.abs(np.diff(edges, axis=2))
         turn = 2.0 * (left - right) / (width[:, 1:] + width[:, :-1])
         one, two = left + turn * wide.left[:, None], right - turn * wide.right[:, None]
-        return (np.minimum(one, two) < UNFOLDED * np.maximum(one, two)).any(axis=1)
+        return (np.minimum(one, two) < MIN_STEP_RATIO * np.maximum(one, two)).any(axis=1)
 
-    def tau(self, distance: Float[np.ndarray, "arms m"]) -> Float[np.ndarray, "arms m"]:
+    def tau_at(self, distance: Float[np.ndarray, "arms m"]) -> Float[np.ndarray, "arms m"]:
         """Return the parameters tau at distances in metres from the joints, negative on the other arm."""
         ahead = _interpolate_rows(distance, self.own.length, self.own.t)
         beyond = _interpolate_rows(-distance, self.other.length, self.other.t)
-        return np.where(distance >= 0.0, ahead, -beyond / self.scale[:, None])
+        return np.where(distance >= 0.0, ahead, -beyond / self.parameter_scale[:, None])
 
-    def centre(self, tau: Float[np.ndarray, " arms"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def centre_lines(self, tau: Float[np.ndarray, " arms"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return complex points, outward unit directions and widths (n,) of the centre lines at tau."""
         found = []
-        for half, t in ((self.own, tau), (self.other, -tau * self.scale)):
+        for half, t in ((self.own, tau), (self.other, -tau * self.parameter_scale)):
             at = np.maximum(t, 0.0)[:, None, None]
-            p, d, _ = (complexes(x[:, 0]) for x in centre_line(half.arms, at))
-            found.append((half.local(p)[:, 0], -d[:, 0] / half.out, width_at(half.arms, at)[0][:, 0, 0]))
+            p, d, _ = (to_complex(x[:, 0]) for x in centre_line(half.arms, at))
+            found.append((half.in_arm_frames(p)[:, 0], -d[:, 0] / half.outwards, width_at(half.arms, at)[0][:, 0, 0]))
         (point, way, width), (far, away, beyond) = found
         inside = tau >= 0.0
         # the other arm's frame is turned by half a turn, and its outward direction points inwards here: both changes of
@@ -179,29 +179,31 @@ class Throughs(Columns):
         way = np.where(inside, way, away)
         return np.where(inside, point, -far), way / np.abs(way), np.where(inside, width, beyond)
 
-    def edges(self, tau: Float[np.ndarray, "arms m"], wide: Widening | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def edge_points(
+        self, tau: Float[np.ndarray, "arms m"], wide: Widening | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return points (2, n, M) of the widened left and right edges at tau, and their outward unit directions."""
         side = np.array([LEFT, RIGHT])[:, None, None]
-        wider = None if wide is None else wide.at(tau, side)
-        made = self.own.edge(np.maximum(tau, 0.0), side, wider)
+        wider = None if wide is None else wide.added_width(tau, side)
+        made = self.own.edge_points(np.maximum(tau, 0.0), side, wider)
         rows = np.flatnonzero((tau < 0.0).any(axis=1))
         if len(rows):
-            scale = self.scale[rows, None]
+            scale = self.parameter_scale[rows, None]
             beyond = None if wider is None else (wider[0][:, rows], -wider[1][:, rows] / scale)
-            far = self.other.subset(rows).edge(np.maximum(-tau[rows] * scale, 0.0), -side, beyond)
+            far = self.other.subset(rows).edge_points(np.maximum(-tau[rows] * scale, 0.0), -side, beyond)
             inside = tau[rows] >= 0.0
             made[0][:, rows] = np.where(inside, made[0][:, rows], -far[0])
             made[1][:, rows] = np.where(inside, made[1][:, rows], far[1])
         return made[0], -made[1] / np.abs(made[1])
 
-    def beyond(self, tau: np.ndarray, side: np.ndarray, wide: Widening, tolerance: float) -> list[Curve]:
+    def edges_beyond_joint(self, tau: np.ndarray, side: np.ndarray, wide: Widening, tolerance: float) -> list[Curve]:
         """Return the edges ``side`` (n,) beyond the joints, from tau 0 to ``tau`` (n,) < 0, fitted by arcs."""
-        scale = self.scale
+        scale = self.parameter_scale
 
         def evaluate(which: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            extra, slope = wide.subset(which).at(-t / scale[which, None], side[which, None])
-            p, d = self.other.subset(which).edge(t, -side[which, None], (extra, -slope / scale[which, None]))
-            return pairs(-p), pairs(-d)
+            extra, slope = wide.subset(which).added_width(-t / scale[which, None], side[which, None])
+            p, d = self.other.subset(which).edge_points(t, -side[which, None], (extra, -slope / scale[which, None]))
+            return to_points(-p), to_points(-d)
 
         ends = np.stack([np.zeros(len(tau)), -tau * scale], axis=1)
         fitted = fit_biarcs(evaluate, ends, tolerance)

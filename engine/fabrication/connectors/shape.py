@@ -23,30 +23,30 @@ import numpy as np
 
 from ...params import ConnectorParams
 from ...spirals.curves.arcs import Curve
-from ..panels.kerf import offset, open_inside_corners
+from ..panels.kerf import cut_dogbones, offset_curve
 
-FLANK = math.tan(math.radians(25.0))  # outward slope of the flanks of a dovetail; chosen by eye
-LENGTH = 0.85  # length of a head in neck widths
-WALL = 0.6  # thickness of the walls beside a socket, in neck widths
+FLANK_SLOPE = math.tan(math.radians(25.0))  # outward slope of the flanks of a dovetail; chosen by eye
+LENGTH_RATIO = 0.85  # length of a head in neck widths
+WALL_RATIO = 0.6  # thickness of the walls beside a socket, in neck widths
 _SLACK = 2e-5  # metres added to the radius of inside corners beyond the mill's, so that its path can turn
 _DOGBONE = 1.9  # extent of a dogbone along either side of its corner, in mill radii
 _BITE = 0.5  # depth to which a dogbone cuts into a wall, in mill radii
-_TABS = (2.0, 1.6, 1.3)  # widths of tabs to try besides those of dovetails and keys, in widths of their arms
+_TAB_RATIOS = (2.0, 1.6, 1.3)  # widths of tabs to try besides those of dovetails and keys, in widths of their arms
 _TANGENT = math.tan(math.radians(0.5 * 115.0))  # tangent length of the rounded corners of a flank, in corner radii
 
 
 @dataclass(frozen=True)
-class Size:
+class ConnectorSize:
     """Dimensions of one connector in metres.
 
     neck, head : width of the head at its narrow and at its wide end
     length : of the head, from neck to wide end
     wall : thickness of the material beside the socket in a straight arm
     thinnest : minimum thickness of this material in any arm
-    pad : width of the arm's widened end
+    pad_width : width of the arm's widened end
     clearance : gap between the finished parts
     rounding : radius of the corners
-    inside : minimum radius of inside corners that the mill can cut; 0 for a beam
+    inside_radius : minimum radius of inside corners that the mill can cut; 0 for a beam
     """
 
     neck: float
@@ -54,13 +54,13 @@ class Size:
     length: float
     wall: float
     thinnest: float
-    pad: float
+    pad_width: float
     clearance: float
     rounding: float
-    inside: float = 0.0
+    inside_radius: float = 0.0
 
 
-def size(width: float, params: ConnectorParams, scale: float = 1.0, mill: float = 0.0) -> Size:
+def connector_size(width: float, params: ConnectorParams, scale: float = 1.0, mill: float = 0.0) -> ConnectorSize:
     """Return the dimensions of a connector for arms of a given width.
 
     Parameters
@@ -71,33 +71,40 @@ def size(width: float, params: ConnectorParams, scale: float = 1.0, mill: float 
     mill : diameter of the mill, metres; 0 for a beam
     """
     c, inside = params.clearance, 0.51 * mill + _SLACK if mill else 0.0
-    neck, flank = max(params.neck * width * scale, params.thinnest + c, 2.0 * inside), math.cos(math.atan(FLANK))
+    neck, flank = max(params.neck * width * scale, params.thinnest + c, 2.0 * inside), math.cos(math.atan(FLANK_SLOPE))
     # a flank has to be long enough for both of its corners
     asked = max(params.rounding, 0.75 * c)
     corners = max(2.1 * _TANGENT * asked, (1.05 * _TANGENT + _DOGBONE) * inside)
-    length = max(LENGTH * neck, corners * flank)
+    length = max(LENGTH_RATIO * neck, corners * flank)
     # offsetting reduces some corner radii by half of the clearance; compensate for it where the flank is long enough
     rounding = max(asked, min(params.rounding + 0.5 * c, length / (2.1 * _TANGENT * flank)))
-    head = neck + 2.0 * length * FLANK
-    wall = max(WALL * neck, params.thinnest)
+    head = neck + 2.0 * length * FLANK_SLOPE
+    wall = max(WALL_RATIO * neck, params.thinnest)
     pad = max(head + c + 2.0 * (wall + _BITE * inside), width)
-    return Size(neck, head, length, wall, params.thinnest, pad, c, rounding, inside)
+    return ConnectorSize(neck, head, length, wall, params.thinnest, pad, c, rounding, inside)
 
 
 @lru_cache(maxsize=4096)
-def sizes(width: float, params: ConnectorParams, scales: tuple[float, ...], mill: float = 0.0) -> tuple[Size, ...]:
+def connector_sizes(
+    width: float, params: ConnectorParams, scales: tuple[float, ...], mill: float = 0.0
+) -> tuple[ConnectorSize, ...]:
     """Return the dimensions of connectors for these scales, in their order, without duplicates."""
-    return tuple(dict.fromkeys(size(width, params, scale, mill) for scale in scales))
+    return tuple(dict.fromkeys(connector_size(width, params, scale, mill) for scale in scales))
 
 
 @lru_cache(maxsize=4096)
-def tabs(width: float, params: ConnectorParams, scales: tuple[float, ...], mill: float = 0.0) -> tuple[Size, ...]:
-    """Return tabs (flat ends for glue), widest first: as wide as connectors of these scales, or as ``_TABS`` says."""
-    whole = size(width, params)
-    pads = [*(size(width, params, scale, mill).pad for scale in scales), *(share * width for share in _TABS)]
+def tab_sizes(
+    width: float, params: ConnectorParams, scales: tuple[float, ...], mill: float = 0.0
+) -> tuple[ConnectorSize, ...]:
+    """Return tabs (flat ends for glue), widest first: as wide as connectors of these scales, or as ``_TAB_RATIOS`` says."""
+    whole = connector_size(width, params)
+    pads = [
+        *(connector_size(width, params, scale, mill).pad_width for scale in scales),
+        *(share * width for share in _TAB_RATIOS),
+    ]
     short = 0.5 * width
     return tuple(
-        Size(
+        ConnectorSize(
             short,
             short,
             short,
@@ -140,10 +147,10 @@ def round_polyline(points: list[tuple[float, float]], radius: float | list[float
     return Curve(np.column_stack([made.real, made.imag]), np.array(bulges), closed)
 
 
-def _middle(s: Size) -> Curve:
+def _gap_middle(s: ConnectorSize) -> Curve:
     """Return the curve in the middle of the gap between head and socket, from right to left end of the shoulder."""
-    n, h, p = 0.5 * s.neck, 0.5 * s.head, 0.5 * s.pad
-    root = max(s.rounding, s.inside)
+    n, h, p = 0.5 * s.neck, 0.5 * s.head, 0.5 * s.pad_width
+    root = max(s.rounding, s.inside_radius)
     points = [(0.0, -p), (0.0, -n), (s.length, -h), (s.length, h), (0.0, n), (0.0, p)]
     return round_polyline(points, [0.0, root, s.rounding, s.rounding, root, 0.0])
 
@@ -154,16 +161,16 @@ def _in_mate_frame(curve: Curve, shift: float) -> Curve:
 
 
 @lru_cache(maxsize=512)
-def head(s: Size) -> Curve:
+def head_curve(s: ConnectorSize) -> Curve:
     """Return the end curve of an arm with a head, from right to left."""
-    return offset(_middle(s), -0.5 * s.clearance)
+    return offset_curve(_gap_middle(s), -0.5 * s.clearance)
 
 
 @lru_cache(maxsize=4096)
-def least_radius(s: Size) -> float:
+def min_radius(s: ConnectorSize) -> float:
     """Return the smallest radius in metres of the corners of a head and its socket, without dogbones."""
-    curve = offset(_middle(s), -0.5 * s.clearance)
-    other = offset(_middle(s), 0.5 * s.clearance)
+    curve = offset_curve(_gap_middle(s), -0.5 * s.clearance)
+    other = offset_curve(_gap_middle(s), 0.5 * s.clearance)
     found = []
     for one in (curve, other):
         chord, bulge = np.linalg.norm(np.diff(one.points, axis=0), axis=1), np.abs(one.bulge[:-1])
@@ -172,34 +179,34 @@ def least_radius(s: Size) -> float:
 
 
 @lru_cache(maxsize=512)
-def socket(s: Size, back: float = 0.0) -> Curve:
-    """Return the end curve of an arm with a socket, from right to left; its face lies ``back`` metres behind the cut.
+def socket_curve(s: ConnectorSize, setback: float = 0.0) -> Curve:
+    """Return the end curve of an arm with a socket, from right to left; its face lies ``setback`` metres behind the cut.
 
     Parameters
     ----------
     s : size of the connector
-    back : distance from the cut to the socket's face, metres
+    setback : distance from the cut to the socket's face, metres
     """
-    return open_inside_corners(_in_mate_frame(offset(_middle(s), 0.5 * s.clearance), -back), s.inside)
+    return cut_dogbones(_in_mate_frame(offset_curve(_gap_middle(s), 0.5 * s.clearance), -setback), s.inside_radius)
 
 
-def face(s: Size, back: float = 0.0) -> Curve:
-    """Return the flat end of a tab, from right to left, ``back`` metres plus half the clearance behind the cut."""
-    x, p = -0.5 * s.clearance - back, 0.5 * s.pad
+def face_curve(s: ConnectorSize, setback: float = 0.0) -> Curve:
+    """Return the flat end of a tab, from right to left, ``setback`` metres plus half the clearance behind the cut."""
+    x, p = -0.5 * s.clearance - setback, 0.5 * s.pad_width
     return Curve(np.array([[x, -p], [x, p]]), np.zeros(2), closed=False)
 
 
-def key(s: Size, back: float = 0.0) -> Curve:
+def key_outline(s: ConnectorSize, setback: float = 0.0) -> Curve:
     """Return the outline of a loose key, counter-clockwise about 0: two heads, neck to neck, for two sockets.
 
     Parameters
     ----------
     s : size of the connector
-    back : distance from the cut to the face of each socket, metres
+    setback : distance from the cut to the face of each socket, metres
     """
-    n, h, x = 0.5 * s.neck, 0.5 * s.head, back + s.length
-    root = max(s.rounding, s.inside)
-    right = [(back, -n), (x, -h), (x, h), (back, n)] if back else [(x, -h), (x, h), (0.0, n)]
-    radii = [root, s.rounding, s.rounding, root] if back else [s.rounding, s.rounding, root]
+    n, h, x = 0.5 * s.neck, 0.5 * s.head, setback + s.length
+    root = max(s.rounding, s.inside_radius)
+    right = [(setback, -n), (x, -h), (x, h), (setback, n)] if setback else [(x, -h), (x, h), (0.0, n)]
+    radii = [root, s.rounding, s.rounding, root] if setback else [s.rounding, s.rounding, root]
     points = right + [(-a, -b) for a, b in right]
-    return offset(round_polyline(points, radii * 2, closed=True), -0.5 * s.clearance)
+    return offset_curve(round_polyline(points, radii * 2, closed=True), -0.5 * s.clearance)

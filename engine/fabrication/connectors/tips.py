@@ -13,44 +13,46 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Complex, Float
-from ...spirals.curves.arcs import Curve, along_arcs
+from ...spirals.curves.arcs import Curve, sample_arcs
 from ...spirals.curves.spiral import LEFT, RIGHT
-from .joined_arms import ARM_SHARE, SAMPLES, UNFOLDED, Throughs, Widening, complexes, pairs
-from .shape import Size, face, head, socket
+from .joined_arms import ARM_SHARE, MIN_STEP_RATIO, SAMPLES, JoinedArms, Widening, to_complex, to_points
+from .shape import ConnectorSize, face_curve, head_curve, socket_curve
 
 # length over which a widened tip narrows to its arm, as a share of its added width: preferred and minimum
 _FLARE = (1.3, 0.5)
 _BEHIND_HEAD = 0.3  # length behind the shoulder over which an arm with a head keeps its full width, in neck widths
-_FULL = 0.1  # minimum length of full width behind a shoulder's arc, in corner radii; hardly changes connectors
-_ROUNDER = 3  # iterations that move the ends of edges inwards until shoulders are as round as required
+_MIN_FULL_WIDTH = (
+    0.1  # minimum length of full width behind a shoulder's arc, in corner radii; hardly changes connectors
+)
+_ROUNDING_STEPS = 3  # iterations that move the ends of edges inwards until shoulders are as round as required
 _TURNS = np.array([[-1j], [1j]])  # quarter turns from an edge's direction towards the other edge: left and right edge
 _TOLERANCE = 5e-6  # maximum distance in metres between the arcs of a tip and its polygon
-_WIDENING = ("left", "right", "full", "over")
+_WIDENING = ("left", "right", "taper_start", "taper_end")
 
 
 @dataclass(frozen=True)
-class Attempt:
+class ConnectorCandidate:
     """A candidate connector at a joint.
 
     kind : dovetail, key or tab
     size : its dimensions
-    male : 0 or 1, the arm with the head
+    head_arm : 0 or 1, the arm with the head
     shift : metres from the joint to the parting line, towards the second arm
-    aside : metres from the arm's centre line to the connector's, to the left of the first arm
-    back : metres by which both faces are set back from the parting line
+    lateral_offset : metres from the arm's centre line to the connector's, to the left of the first arm
+    setback : metres by which both faces are set back from the parting line
     """
 
     kind: str
-    size: Size
-    male: int
+    size: ConnectorSize
+    head_arm: int
     shift: float = 0.0
-    aside: float = 0.0
-    back: float = 0.0
+    lateral_offset: float = 0.0
+    setback: float = 0.0
 
     def roles(self) -> tuple[str, str]:
         """Return the roles of both arms: head, socket or face."""
         if self.kind == "dovetail":
-            return ("head", "socket") if self.male == 0 else ("socket", "head")
+            return ("head", "socket") if self.head_arm == 0 else ("socket", "head")
         one = "socket" if self.kind == "key" else "face"
         return one, one
 
@@ -59,85 +61,85 @@ class Attempt:
 class Tip:
     """End of one arm with its half of a connector.
 
-    through, row : the arm is row ``row`` of ``through.own``
-    wide : widening of this arm, a single row
+    joined_arms, row : the arm is row ``row`` of ``joined_arms.own``
+    widening : widening of this arm, a single row
     begin : tau at which the edges end
-    across : nodes and bulges from the right edge at ``begin`` to the left edge, in the arm's frame
-    polygon : shapely polygon of the tip from tau ``over`` outwards, in the patch's frame
+    end_curve : nodes and bulges from the right edge at ``begin`` to the left edge, in the arm's frame
+    polygon : shapely polygon of the tip from tau ``inner_end`` outwards, in the patch's frame
     """
 
-    through: Throughs
+    joined_arms: JoinedArms
     row: int
-    wide: Widening
+    widening: Widening
     begin: float
-    across: tuple[Complex[np.ndarray, " nodes"], Float[np.ndarray, " nodes"]]
+    end_curve: tuple[Complex[np.ndarray, " nodes"], Float[np.ndarray, " nodes"]]
     polygon: Any
 
     @property
     def shoulder_radii(self) -> tuple[float, ...]:
         """Radii in metres of the arcs between the arm's edges and the straight end of the tip."""
-        nodes, bulge = self.across
+        nodes, bulge = self.end_curve
         chords = (abs(nodes[1] - nodes[0]), bulge[0]), (abs(nodes[-1] - nodes[-2]), bulge[-2])
         return tuple(float(chord * (1.0 + b**2) / (4.0 * abs(b))) for chord, b in chords if b)
 
     @property
     def arm(self) -> int:
         """Index of the arm, 4 quad + side."""
-        return int(self.through.own.arm[self.row])
+        return int(self.joined_arms.own.arm[self.row])
 
     @property
     def patch(self) -> int:
         """The patch of the arm."""
-        return int(self.through.own.patch[self.row])
+        return int(self.joined_arms.own.patch[self.row])
 
     @property
-    def over(self) -> float:
+    def inner_end(self) -> float:
         """Parameter t from which on, towards the hub, the arm is not widened."""
-        return float(self.wide.over[0])
+        return float(self.widening.taper_end[0])
 
     @property
-    def rest(self) -> Any:
+    def arm_without_tip(self) -> Any:
         """The arm without its tip, a shapely polygon in the patch's frame."""
         import shapely
 
-        own = self.through.own.subset(np.array([self.row]))
-        t = np.linspace(max(self.over, 0.0), float(own.end[0]) / ARM_SHARE, SAMPLES)[None]
-        ring = np.concatenate([own.edge(t, LEFT)[0], own.edge(t[:, ::-1], RIGHT)[0]], axis=1)
-        return shapely.Polygon(pairs(own.in_patch_frames(ring)[0]))
+        own = self.joined_arms.own.subset(np.array([self.row]))
+        t = np.linspace(max(self.inner_end, 0.0), float(own.t_max[0]) / ARM_SHARE, SAMPLES)[None]
+        ring = np.concatenate([own.edge_points(t, LEFT)[0], own.edge_points(t[:, ::-1], RIGHT)[0]], axis=1)
+        return shapely.Polygon(to_points(own.in_patch_frames(ring)[0]))
 
 
-def ends_of(tips: Sequence[Tip], tolerance: float) -> list[Curve]:
+def end_curves(tips: Sequence[Tip], tolerance: float) -> list[Curve]:
     """Return for every tip the curve from its arm's right edge to its left edge, in the patch's frame.
 
     Where a tip extends beyond the joint, the curve includes the parts of its edges beyond the joint.
     """
-    made = [tip.across for tip in tips]
+    made = [tip.end_curve for tip in tips]
     long = [k for k, tip in enumerate(tips) if tip.begin < 0.0]
-    for through in dict.fromkeys(tips[k].through for k in long):
-        these = [k for k in long if tips[k].through is through]
+    for through in dict.fromkeys(tips[k].joined_arms for k in long):
+        these = [k for k in long if tips[k].joined_arms is through]
         rows = np.array([tips[k].row for k in these] * 2)
-        wide = Widening(*(np.concatenate([getattr(tips[k].wide, n) for k in these] * 2) for n in _WIDENING))
+        wide = Widening(*(np.concatenate([getattr(tips[k].widening, n) for k in these] * 2) for n in _WIDENING))
         begin, side = np.array([tips[k].begin for k in these] * 2), np.repeat([RIGHT, LEFT], len(these))
-        drawn = through.subset(rows).beyond(begin, side, wide, tolerance)
+        drawn = through.subset(rows).edges_beyond_joint(begin, side, wide, tolerance)
         for k, right, left in zip(these, drawn, drawn[len(these) :], strict=False):
             back, (nodes, bulge) = left.reversed(), made[k]
-            nodes = np.concatenate([complexes(right.points[:-1]), nodes[:-1], complexes(back.points)])
+            nodes = np.concatenate([to_complex(right.points[:-1]), nodes[:-1], to_complex(back.points)])
             made[k] = nodes, np.concatenate([right.bulge[:-1], bulge[:-1], back.bulge])
     placed = []
     for tip, (nodes, bulge) in zip(tips, made, strict=True):
-        own = tip.through.own
-        placed.append(Curve(pairs(own.origin[tip.row] + own.out[tip.row] * nodes), bulge, closed=False))
+        own = tip.joined_arms.own
+        placed.append(Curve(to_points(own.origin[tip.row] + own.outwards[tip.row] * nodes), bulge, closed=False))
     return placed
 
 
 @dataclass(frozen=True, eq=False)
-class _End:
+class _EndShape:
     """The end curve of a tip in the joint's frame, without the first and last point of its shoulder.
 
     x : position of the shoulder, metres
     nodes, bulge : complex nodes of the curve, and bulges of its segments
     low, high : smallest and largest y of the nodes
-    sampled : (M,) complex points on the curve
+    samples : (M,) complex points on the curve
     """
 
     x: float
@@ -145,79 +147,79 @@ class _End:
     bulge: np.ndarray
     low: float
     high: float
-    sampled: np.ndarray
+    samples: np.ndarray
 
 
 @lru_cache(maxsize=4096)
-def _end(role: str, s: Size, back: float) -> _End:
+def _end_shape(role: str, s: ConnectorSize, back: float) -> _EndShape:
     """Return the end curve for a role: "head", "socket" or "face"."""
-    curve = head(s) if role == "head" else socket(s, back) if role == "socket" else face(s, back)
-    nodes = complexes(curve.points[1:-1])
+    curve = head_curve(s) if role == "head" else socket_curve(s, back) if role == "socket" else face_curve(s, back)
+    nodes = to_complex(curve.points[1:-1])
     inner = Curve(curve.points[1:-1], curve.bulge[1:-1], closed=False)
-    sampled = complexes(inner.sampled(_TOLERANCE)) if len(nodes) else nodes
+    sampled = to_complex(inner.sample(_TOLERANCE)) if len(nodes) else nodes
     y = nodes.imag if len(nodes) else np.zeros(1)
-    return _End(float(curve.points[0, 0]), nodes, curve.bulge[1:-1], float(y.min()), float(y.max()), sampled)
+    return _EndShape(float(curve.points[0, 0]), nodes, curve.bulge[1:-1], float(y.min()), float(y.max()), sampled)
 
 
 def make_tips(
-    base: Throughs,
+    joined_arms: JoinedArms,
     rows: np.ndarray,
     roles: Sequence[str],
-    tries: Sequence[Attempt],
+    candidates: Sequence[ConnectorCandidate],
     shift: Float[np.ndarray, " arms"],
-    aside: Float[np.ndarray, " arms"],
+    lateral_offset: Float[np.ndarray, " arms"],
 ) -> list[Tip | None]:
-    """Return the tips of the arms ``rows`` of ``base``; None where an arm has no room for its tip.
+    """Return the tips of the arms ``rows`` of ``joined_arms``; None where an arm has no room for its tip.
 
-    base : both arms of all joints
-    rows, roles, tries : (n,) joints; "head", "socket" or "face" of every tip; candidate connector of every tip
-    shift, aside : position of the connector as in ``Attempt``, metres, but seen from these arms
+    joined_arms : both arms of all joints
+    rows, roles, candidates : (n,) joints; "head", "socket" or "face" of every tip; candidate connector of every tip
+    shift, lateral_offset : position of the connector as in ``ConnectorCandidate``, metres, but seen from these arms
     """
     found: list[Tip | None] = [None] * len(rows)
-    through = base.subset(rows)
-    size = {n: np.array([getattr(a.size, n) for a in tries]) for n in Size.__dataclass_fields__}
-    back, role = np.array([a.back for a in tries]), np.array(roles)
-    point, way, width = through.centre(through.tau(-shift[:, None])[:, 0])
-    extra = np.maximum(size["pad"] - width, 0.0)
-    aside = np.clip(aside, -0.5 * extra, 0.5 * extra)
+    through = joined_arms.subset(rows)
+    size = {n: np.array([getattr(a.size, n) for a in candidates]) for n in ConnectorSize.__dataclass_fields__}
+    back, role = np.array([a.setback for a in candidates]), np.array(roles)
+    point, way, width = through.centre_lines(through.tau_at(-shift[:, None])[:, 0])
+    extra = np.maximum(size["pad_width"] - width, 0.0)
+    lateral_offset = np.clip(lateral_offset, -0.5 * extra, 0.5 * extra)
     shoulder = 0.5 * size["clearance"] + size["rounding"]
     deep, edge_ends = back + _full_width_length(role, size, shoulder), back + shoulder
     flared = [deep + share * extra for share in (0.0, *_FLARE[::-1])]
-    full, least, over, begin = through.tau(np.stack([*flared, edge_ends], axis=1) - shift[:, None]).T
+    full, least, over, begin = through.tau_at(np.stack([*flared, edge_ends], axis=1) - shift[:, None]).T
     # where the whole tip lies beyond the joint (tau < 0), this arm is not widened up to the joint
-    over = np.maximum(np.minimum(over, through.own.end), 0.0)
-    wide = Widening(0.5 * extra + aside, 0.5 * extra - aside, full, over)
-    good = ~((over < least) | (begin >= full) | (-begin * through.scale > through.other.end))
-    good[good] = ~through.subset(good).folds(begin[good], full[good], wide.subset(good))
+    over = np.maximum(np.minimum(over, through.own.t_max), 0.0)
+    wide = Widening(0.5 * extra + lateral_offset, 0.5 * extra - lateral_offset, full, over)
+    good = ~((over < least) | (begin >= full) | (-begin * through.parameter_scale > through.other.t_max))
+    good[good] = ~through.subset(good).have_folded_edge(begin[good], full[good], wide.subset(good))
     k = np.flatnonzero(good)
     if not len(k):
         return found
-    shapes = [_end(str(role[i]), tries[i].size, tries[i].back) for i in k.tolist()]
-    through, wide, point, way, aside = through.subset(k), wide.subset(k), point[k], way[k], aside[k]
+    shapes = [_end_shape(str(role[i]), candidates[i].size, candidates[i].setback) for i in k.tolist()]
+    through, wide, point, way, lateral_offset = through.subset(k), wide.subset(k), point[k], way[k], lateral_offset[k]
     begin, wide = _round_shoulders(shapes, through, wide, (edge_ends - shift)[k], size["rounding"][k], point, way)
-    tau = begin[:, None] + (wide.over - begin)[:, None] * np.linspace(0.0, 1.0, SAMPLES)
-    (left, right), (left_way, right_way) = through.edges(tau, wide)
+    tau = begin[:, None] + (wide.taper_end - begin)[:, None] * np.linspace(0.0, 1.0, SAMPLES)
+    (left, right), (left_way, right_way) = through.edge_points(tau, wide)
     straight = _runs_straight(left, right, left_way, right_way)
-    shoulders, fits = _shoulders(shapes, aside, (right[:, 0] - point) / way, right_way[:, 0] / way,
+    shoulders, fits = _shoulder_arcs(shapes, lateral_offset, (right[:, 0] - point) / way, right_way[:, 0] / way,
                                  (left[:, 0] - point) / way, left_way[:, 0] / way)  # fmt: skip
     keep = np.flatnonzero(straight & fits)
     # measure the walls beside sockets: where the arm is curved, they differ from the nominal wall
     tubes = keep[role[k[keep]] == "socket"]
-    inner = [point[i] + way[i] * (shapes[i].sampled + 1j * aside[i]) for i in tubes.tolist()]
-    thin = _walls(inner, left[tubes], right[tubes]) < 0.999 * size["thinnest"][k[tubes]]
+    inner = [point[i] + way[i] * (shapes[i].samples + 1j * lateral_offset[i]) for i in tubes.tolist()]
+    thin = _wall_thicknesses(inner, left[tubes], right[tubes]) < 0.999 * size["thinnest"][k[tubes]]
     keep = np.setdiff1d(keep, tubes[thin])
     if not len(keep):
         return found
-    across = _across(shapes, keep, shoulders, aside, left[:, 0], right[:, 0], point, way)
+    across = _end_nodes(shapes, keep, shoulders, lateral_offset, left[:, 0], right[:, 0], point, way)
     rings = []
     for i, (nodes, _), turned, returning in zip(keep.tolist(), *across, strict=True):
-        end = point[i] + way[i] * (shapes[i].sampled + 1j * aside[i])
+        end = point[i] + way[i] * (shapes[i].samples + 1j * lateral_offset[i])
         ring = np.concatenate([right[i, :0:-1], turned, nodes[1:2], end, returning, left[i]])
-        rings.append(through.own.origin[i] + through.own.out[i] * ring)
-    polygons = _polygons(rings)
+        rings.append(through.own.origin[i] + through.own.outwards[i] * ring)
+    polygons = _make_polygons(rings)
     for i, curve, polygon in zip(keep.tolist(), across[0], polygons, strict=True):
         if polygon is not None:
-            found[k[i]] = Tip(base, int(rows[k[i]]), wide.subset(np.array([i])), float(begin[i]), curve, polygon)
+            found[k[i]] = Tip(joined_arms, int(rows[k[i]]), wide.subset(np.array([i])), float(begin[i]), curve, polygon)
     return found
 
 
@@ -228,8 +230,8 @@ def _full_width_length(
 
     shoulder : distance in metres from the ends of the arms to the inner ends of their rounded shoulders
     """
-    head = np.maximum(_BEHIND_HEAD * size["neck"], shoulder + _FULL * size["rounding"])
-    socket = size["length"] + size["clearance"] + 0.5 * size["inside"]
+    head = np.maximum(_BEHIND_HEAD * size["neck"], shoulder + _MIN_FULL_WIDTH * size["rounding"])
+    socket = size["length"] + size["clearance"] + 0.5 * size["inside_radius"]
     return np.select([role == "head", role == "socket"], [head, socket], size["neck"])
 
 
@@ -237,11 +239,11 @@ def _runs_straight(left: np.ndarray, right: np.ndarray, left_way: np.ndarray, ri
     """Return (n,) whether both edges (n, samples) of a tip run in the same direction and do not fold."""
     steps = np.abs(np.diff(left, axis=1)), np.abs(np.diff(right, axis=1))
     same = ((left_way * right_way.conj()).real > 0.0).all(axis=1)
-    return same & (np.minimum(*steps) >= UNFOLDED * np.maximum(*steps)).all(axis=1)
+    return same & (np.minimum(*steps) >= MIN_STEP_RATIO * np.maximum(*steps)).all(axis=1)
 
 
 def _round_shoulders(
-    shapes: Sequence[_End], through: Throughs, wide: Widening, distance: np.ndarray, rounding: np.ndarray,
+    shapes: Sequence[_EndShape], through: JoinedArms, wide: Widening, distance: np.ndarray, rounding: np.ndarray,
     point: np.ndarray, way: np.ndarray,
 ) -> tuple[np.ndarray, Widening]:  # fmt: skip
     """Return the tau (n,) at which edges end such that both shoulders are as round as required, and the new widening.
@@ -253,17 +255,17 @@ def _round_shoulders(
     rounding : required radius of the shoulders, metres
     point, way : end of the centre line and its outward direction, complex
     """
-    x, first = np.array([s.x for s in shapes]), through.tau(distance[:, None])[:, 0]
+    x, first = np.array([s.x for s in shapes]), through.tau_at(distance[:, None])[:, 0]
     begin = first
-    for _ in range(_ROUNDER):
-        edges, ways = (e[..., 0] for e in through.edges(begin[:, None], wide))
+    for _ in range(_ROUNDING_STEPS):
+        edges, ways = (e[..., 0] for e in through.edge_points(begin[:, None], wide))
         radius = _shoulder_radii(x, (edges - point) / way, ways / way)
         lean = 1.0 + (_TURNS * ways / way).real
         distance = distance + np.clip(((rounding - radius) * lean).max(axis=0), 0.0, rounding)
-        begin = through.tau(distance[:, None])[:, 0]
-    full = np.maximum(wide.full, through.tau(distance[:, None] + _FULL * rounding[:, None])[:, 0])
-    room = (full < wide.over) | (full == wide.full)
-    return np.where(room, begin, first), replace(wide, full=np.where(room, full, wide.full))
+        begin = through.tau_at(distance[:, None])[:, 0]
+    full = np.maximum(wide.taper_start, through.tau_at(distance[:, None] + _MIN_FULL_WIDTH * rounding[:, None])[:, 0])
+    room = (full < wide.taper_end) | (full == wide.taper_start)
+    return np.where(room, begin, first), replace(wide, taper_start=np.where(room, full, wide.taper_start))
 
 
 def _shoulder_radii(x: np.ndarray, points: np.ndarray, ways: np.ndarray) -> np.ndarray:
@@ -274,8 +276,8 @@ def _shoulder_radii(x: np.ndarray, points: np.ndarray, ways: np.ndarray) -> np.n
 _Shoulders = tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
-def _shoulders(
-    shapes: Sequence[_End], aside: np.ndarray, right: np.ndarray, right_way: np.ndarray, left: np.ndarray,
+def _shoulder_arcs(
+    shapes: Sequence[_EndShape], aside: np.ndarray, right: np.ndarray, right_way: np.ndarray, left: np.ndarray,
     left_way: np.ndarray,
 ) -> tuple[_Shoulders, np.ndarray]:  # fmt: skip
     """Return the arcs between edges and shoulders, and whether there is room for them (n,).
@@ -300,8 +302,8 @@ def _shoulders(
 _Nodes = tuple[np.ndarray, np.ndarray]
 
 
-def _across(
-    shapes: Sequence[_End], rows: np.ndarray, shoulders: _Shoulders, aside: np.ndarray, left: np.ndarray,
+def _end_nodes(
+    shapes: Sequence[_EndShape], rows: np.ndarray, shoulders: _Shoulders, aside: np.ndarray, left: np.ndarray,
     right: np.ndarray, point: np.ndarray, way: np.ndarray,
 ) -> tuple[list[_Nodes], list[np.ndarray], list[np.ndarray]]:  # fmt: skip
     """Return nodes and bulges of the end curves of arms ``rows``, from right to left edge, in the arms' frames.
@@ -316,34 +318,34 @@ def _across(
         inner = point[i] + way[i] * (shapes[i].nodes + 1j * aside[i])
         nodes = np.concatenate([[right[i], one[k]], inner, [two[k], left[i]]])
         found.append((nodes, np.concatenate([[right_bulge[k], 0.0], shapes[i].bulge, [left_bulge[k], 0.0]])))
-    turned = _sample_arcs(pairs(right[rows]), pairs(one), right_bulge)
-    back = _sample_arcs(pairs(two), pairs(left[rows]), left_bulge)
+    turned = _sample_arcs(to_points(right[rows]), to_points(one), right_bulge)
+    back = _sample_arcs(to_points(two), to_points(left[rows]), left_bulge)
     return found, turned, back
 
 
 def _sample_arcs(a: np.ndarray, b: np.ndarray, bulge: np.ndarray) -> list[np.ndarray]:
     """Return complex points on every arc from ``a`` to ``b`` (n, 2), without ``b``."""
-    points, count = along_arcs(a, b, bulge, _TOLERANCE)
-    return np.split(complexes(points), np.cumsum(count)[:-1])
+    points, count = sample_arcs(a, b, bulge, _TOLERANCE)
+    return np.split(to_complex(points), np.cumsum(count)[:-1])
 
 
-def _walls(inner: Sequence[np.ndarray], left: np.ndarray, right: np.ndarray) -> np.ndarray:
+def _wall_thicknesses(inner: Sequence[np.ndarray], left: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Return the minimum distance (n,) in metres between sockets and the edges (n, M) of their arms."""
     import shapely
 
     if not len(inner):
         return np.empty(0)
     owner = np.repeat(np.arange(len(inner)), [len(line) for line in inner])
-    lines = shapely.linestrings(pairs(np.concatenate(inner)), indices=owner)
-    return np.minimum(*(shapely.distance(lines, shapely.linestrings(pairs(e))) for e in (left, right)))
+    lines = shapely.linestrings(to_points(np.concatenate(inner)), indices=owner)
+    return np.minimum(*(shapely.distance(lines, shapely.linestrings(to_points(e))) for e in (left, right)))
 
 
-def _polygons(rings: Sequence[np.ndarray]) -> list[Any]:
+def _make_polygons(rings: Sequence[np.ndarray]) -> list[Any]:
     """Return shapely polygons of complex rings; None for rings that touch themselves."""
     import shapely
 
     if not len(rings):
         return []
     owner = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
-    made = shapely.polygons(shapely.linearrings(pairs(np.concatenate(rings)), indices=owner))
+    made = shapely.polygons(shapely.linearrings(to_points(np.concatenate(rings)), indices=owner))
     return [p if valid else None for p, valid in zip(made.tolist(), shapely.is_valid(made).tolist(), strict=True)]

@@ -20,7 +20,9 @@ from ...errors import FlexMapsError
 if TYPE_CHECKING:
     from ezdxf.entities import DXFEntity
 
-FLAT = 4e-3  # maximum distance in mm between a curve and its chords; dimensions are off by at most twice as much
+CHORD_TOLERANCE = (
+    4e-3  # maximum distance in mm between a curve and its chords; dimensions are off by at most twice as much
+)
 MAX_BYTES = 50_000_000  # maximum size in bytes of a file to read
 MAX_DEPTH = 32  # maximum nesting depth of blocks, in case a damaged block contains itself
 # mm per unit by the code in $INSUNITS: inch, foot, mile, mm, cm, m, km, microinch, mil, yard, angstrom, nm, micrometre,
@@ -54,12 +56,12 @@ class LineDrawing:
 
     lines : points (N, 2) in mm, y upwards, and whether the line is closed
     unitless : whether the file names no unit of length
-    outside : names of elements in the file that this reader does not support
+    unsupported : names of elements in the file that this reader does not support
     """
 
     lines: list[tuple[np.ndarray, bool]] = field(default_factory=list)
     unitless: bool = False
-    outside: set[str] = field(default_factory=set)
+    unsupported: set[str] = field(default_factory=set)
 
 
 def read_dxf(path: Path, unit: float) -> LineDrawing:
@@ -68,18 +70,18 @@ def read_dxf(path: Path, unit: float) -> LineDrawing:
 
     logging.getLogger("ezdxf").setLevel(logging.ERROR)
     try:
-        document = _document(path)
+        document = _read_document(path)
         code = int(document.header.get("$INSUNITS", 0) or 0)
         factor = DXF_UNITS[code] if code else unit
         frozen = {layer.dxf.name.lower() for layer in document.layers if layer.is_frozen()}
         off = {layer.dxf.name.lower() for layer in document.layers if layer.is_off()}
         made = LineDrawing(unitless=not code)
         filled: list[tuple[np.ndarray, bool]] = []
-        for kind, points, closed in _visible(
-            document.modelspace(), _DrawingContext(document.blocks, frozen, off, FLAT / factor)
+        for kind, points, closed in _visible_lines(
+            document.modelspace(), _DrawingContext(document.blocks, frozen, off, CHORD_TOLERANCE / factor)
         ):
             if len(points) < 2:
-                made.outside.add(kind)
+                made.unsupported.add(kind)
             else:
                 (filled if kind in FILLED else made.lines).append((factor * points, closed))
         made.lines = made.lines or filled  # a hatch beside lines only fills the area that they enclose
@@ -88,7 +90,7 @@ def read_dxf(path: Path, unit: float) -> LineDrawing:
     return made
 
 
-def _document(path: Path) -> Any:
+def _read_document(path: Path) -> Any:
     """Read a DXF document with ezdxf, repairing damage."""
     import ezdxf
     from ezdxf import recover
@@ -101,10 +103,10 @@ def _document(path: Path) -> Any:
     try:
         return recover.read(io.BytesIO(data))[0]
     except ezdxf.DXFStructureError:
-        return recover.read(io.BytesIO(_with_classes(data)))[0]
+        return recover.read(io.BytesIO(_with_subclass_markers(data)))[0]
 
 
-def _with_classes(data: bytes) -> bytes:
+def _with_subclass_markers(data: bytes) -> bytes:
     """Add subclass markers to LWPOLYLINE entities, and a version to the header; ezdxf requires both."""
     lines = [line.strip() for line in data.splitlines()]
     records: list[list[bytes]] = [[]]
@@ -140,7 +142,7 @@ class _DrawingContext:
     depth: int = 0
 
 
-def _visible(entities: Iterable[Any], place: _DrawingContext) -> Iterator[tuple[str, np.ndarray, bool]]:
+def _visible_lines(entities: Iterable[Any], place: _DrawingContext) -> Iterator[tuple[str, np.ndarray, bool]]:
     """Yield the type of every visible entity, its points (N, 2) in drawing units, and whether it is closed.
 
     Blocks are expanded here and not by ezdxf: entities on layer 0 take the layer of their block, and DXF has no entity
@@ -159,14 +161,14 @@ def _visible(entities: Iterable[Any], place: _DrawingContext) -> Iterator[tuple[
                 moves = np.array(one.matrix44().get_2d_transformation()).reshape(3, 3)
                 scale = max(float(np.linalg.norm(moves[:2, :2], 2)), 1e-12)
                 inner = replace(place, layer=own, depth=place.depth + 1, distance=place.distance / scale)
-                for what, points, closed in _visible(place.blocks[entity.dxf.name], inner):
+                for what, points, closed in _visible_lines(place.blocks[entity.dxf.name], inner):
                     yield what, points @ moves[:2, :2] + moves[2, :2], closed
         elif not block and kind not in ("DIMENSION", "LEADER", "MULTILEADER"):
             for part in recursive_decompose([entity]):
-                yield from ((kind, *line) for line in _flattened(part, place.distance))
+                yield from ((kind, *line) for line in _entity_lines(part, place.distance))
 
 
-def _flattened(entity: DXFEntity, distance: float) -> Iterator[tuple[np.ndarray, bool]]:
+def _entity_lines(entity: DXFEntity, distance: float) -> Iterator[tuple[np.ndarray, bool]]:
     """Yield the polylines of one entity, in its own units, and whether each is closed; one without points for text."""
     from ezdxf import path
 
@@ -204,7 +206,7 @@ def read_svg(path: Path, unit: float) -> LineDrawing:
         document = ElementTree.parse(path).getroot()
         if document.tag not in ("svg", "{http://www.w3.org/2000/svg}svg"):
             raise ValueError("no SVG")
-        made = LineDrawing(unitless=_set_size(document), outside=_without_unread(document))
+        made = LineDrawing(unitless=_set_size(document), unsupported=_remove_unsupported(document))
         scale = unit if made.unitless else PIXEL
         source = io.BytesIO(ElementTree.tostring(document))
         for shape in SVG.parse(source, ppi=25.4 / scale, reify=False, on_error="raise").elements():
@@ -212,7 +214,7 @@ def read_svg(path: Path, unit: float) -> LineDrawing:
             if shown and float(shape.values.get("opacity", 1.0)) > 0.0:
                 m = shape.transform  # apply it to points, because svgelements distorts sheared arcs
                 moves = scale * np.array([[m.a, -m.b], [m.c, -m.d]])
-                distance = FLAT / max(float(np.linalg.norm(moves, 2)), 1e-12)
+                distance = CHORD_TOLERANCE / max(float(np.linalg.norm(moves, 2)), 1e-12)
                 for part in Curve(shape.d(transformed=False)).as_subpaths():
                     points = _chords(Curve(part), distance) @ moves + scale * np.array([m.e, -m.f])
                     if len(points) >= 2:
@@ -247,7 +249,7 @@ def _set_size(document: ElementTree.Element) -> bool:
     return not any(found and found[2] for found in lengths.values())
 
 
-def _without_unread(document: ElementTree.Element) -> set[str]:
+def _remove_unsupported(document: ElementTree.Element) -> set[str]:
     """Remove markers, masks and symbols from an SVG document; return its unsupported elements and attributes."""
     outside: set[str] = set()
     for parent in list(document.iter()):

@@ -17,13 +17,13 @@ from ...params import SheetParams
 from ...progress import SILENT, Progress
 from ...workers import Workers, cores, python
 from .packing import Packing, pack
-from .remnant_packing import on_remnants
-from .remnants import read
+from .remnant_packing import pack_on_remnants
+from .remnants import read_remnants
 from .sheet_search import SheetSearch
 
 # maximum number of panels for the search; above it, the search gains nothing over the quick packing in the usual time
-MANY = 400
-AT_ONCE = 8  # maximum number of worker processes; more are faster and take more memory
+MAX_PANELS = 400
+MAX_WORKERS = 8  # maximum number of worker processes; more are faster and take more memory
 
 
 def nest(shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: Progress = SILENT) -> Packing:
@@ -39,19 +39,19 @@ def nest(shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: 
     params : size of the sheets, margin, spacing, remnants and time limit
     progress : called with the fraction done; may cancel
     """
-    remnants = read(params.remnants, params.remnant_unit) if params.remnants.strip() else []
+    remnants = read_remnants(params.remnants, params.remnant_unit) if params.remnants.strip() else []
     if remnants:
-        odd, rest = on_remnants(shapes, remnants, params, progress.part(0.0, 0.2))
+        odd, rest = pack_on_remnants(shapes, remnants, params, progress.part(0.0, 0.2))
         whole = replace(params, remnants="")
         return _append_sheets(
             odd, rest, nest([shapes[i] for i in rest], whole, progress.part(0.2, 1.0)) if rest else None
         )
     sheet = (params.sheet_width, params.sheet_height)
     rough = pack(shapes, sheet, params.margin, params.spacing, progress.part(0.0, 0.1), params.rotation)
-    if params.nesting != "TRUE" or not available() or not 2 <= len(shapes) <= MANY:
+    if params.nesting != "TRUE" or not can_search() or not 2 <= len(shapes) <= MAX_PANELS:
         return rough
-    with Workers(min(cores(), AT_ONCE)) as workers:
-        return SheetSearch(shapes, params, workers, progress.part(0.1, 1.0)).best(rough)
+    with Workers(min(cores(), MAX_WORKERS)) as workers:
+        return SheetSearch(shapes, params, workers, progress.part(0.1, 1.0)).find_best_packing(rough)
 
 
 def _append_sheets(odd: Packing, rest: list[int], whole: Packing | None) -> Packing:
@@ -63,6 +63,6 @@ def _append_sheets(odd: Packing, rest: list[int], whole: Packing | None) -> Pack
     return Packing(sheet, rotation, shift, np.concatenate([odd.sizes, whole.sizes]), odd.remnants)
 
 
-def available() -> bool:
+def can_search() -> bool:
     """Return whether spyrrow is installed, and a Python interpreter for its processes exists."""
     return importlib.util.find_spec("spyrrow") is not None and python() is not None

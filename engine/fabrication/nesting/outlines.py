@@ -11,13 +11,13 @@ from ...arrays import Float
 
 # Bays are closed in two rounds, which is ten times as fast as one: share of the width closed in the first round, and
 # tolerance in metres of the simplification after each round; a larger tolerance is faster and less exact
-SLOT, COARSE = 0.125, 8e-5
-ARC = 4  # sides per quarter circle in buffers
-STRAY = 5e-5  # metres by which an outline may grow when it is simplified
+FIRST_BAY_SHARE, COARSE_TOLERANCE = 0.125, 8e-5
+SIDES_PER_QUARTER = 4  # sides per quarter circle in buffers
+MAX_GROWTH = 5e-5  # metres by which an outline may grow when it is simplified
 
 # Total area of the convex hulls of panels that just fit on a sheet, as a share of the sheet without its margin:
 # measured mean and standard deviation
-HULLS, SPREAD = 0.82, 0.035
+MEAN_HULL_SHARE, HULL_SHARE_DEVIATION = 0.82, 0.035
 
 
 def grow_outline(shape: Float[np.ndarray, "points 2"], distance: float, bay: float) -> Float[np.ndarray, "simple 2"]:
@@ -28,16 +28,22 @@ def grow_outline(shape: Float[np.ndarray, "points 2"], distance: float, bay: flo
     import shapely
 
     outline = shapely.Polygon(shape)
-    closed = outline.simplify(COARSE)
+    closed = outline.simplify(COARSE_TOLERANCE)
     # close narrow slots first, which leaves few points for the second round; the result equals that of a single round
-    for radius in (SLOT * bay, bay):
-        closed = _largest(closed.buffer(radius, quad_segs=ARC).buffer(-radius, quad_segs=ARC)).simplify(COARSE)
+    for radius in (FIRST_BAY_SHARE * bay, bay):
+        closed = _largest(
+            closed.buffer(radius, quad_segs=SIDES_PER_QUARTER).buffer(-radius, quad_segs=SIDES_PER_QUARTER)
+        ).simplify(COARSE_TOLERANCE)
     # buffering outwards and inwards cuts a little off rounded corners; the union with the outline restores them
     largest = _largest(closed.union(outline))
     # enlarge the distance: by 2 % because GEOS omits small corners of a buffer, and by the cosine because the chords
     # of an arc lie inside it
-    far = (1.02 * distance + STRAY) / math.cos(0.25 * math.pi / ARC)
-    around = largest.simplify(0.1 * STRAY).buffer(far + 0.1 * STRAY, quad_segs=ARC).simplify(STRAY)
+    far = (1.02 * distance + MAX_GROWTH) / math.cos(0.25 * math.pi / SIDES_PER_QUARTER)
+    around = (
+        largest.simplify(0.1 * MAX_GROWTH)
+        .buffer(far + 0.1 * MAX_GROWTH, quad_segs=SIDES_PER_QUARTER)
+        .simplify(MAX_GROWTH)
+    )
     ring = shapely.geometry.polygon.orient(_largest(around)).exterior
     return np.asarray(ring.coords)[:-1]
 

@@ -32,14 +32,14 @@ class Packing:
     remnants: tuple[Remnant, ...] = ()
 
     @property
-    def areas(self) -> Float[np.ndarray, " sheets"]:
+    def sheet_areas(self) -> Float[np.ndarray, " sheets"]:
         """Area of every sheet in m2; the holes of remnants are not counted."""
         found = self.sizes.prod(axis=1)
         found[: len(self.remnants)] = [remnant.polygon.area for remnant in self.remnants]
         return found
 
 
-def least_box(points: Float[np.ndarray, "points 2"]) -> tuple[float, Float[np.ndarray, " 2"]]:
+def min_area_box(points: Float[np.ndarray, "points 2"]) -> tuple[float, Float[np.ndarray, " 2"]]:
     """Return the rotation (radians) with the smallest bounding box, longer side along x, and the sides of this box."""
     from scipy.spatial import ConvexHull
 
@@ -74,38 +74,38 @@ def pack(
     shapes : closed outlines (M, 2), metres
     sheet : width and height, metres; a larger shape gets a sheet of the size that it needs
     margin, spacing : metres kept free along the border of a sheet, and between shapes
-    rotation : allowed rotations, see ``turn_that_fits``
+    rotation : allowed rotations, see ``find_fitting_rotation``
     cells : raster cells along the longer side of a sheet; a shape may occupy up to two more than it needs
     """
     boxes = []
     for done, shape in enumerate(shapes):
         progress(0.1 * done / len(shapes), "packing")
-        boxes.append(lying_box(shape, rotation))
+        boxes.append(preferred_box(shape, rotation))
     order = sorted(range(len(shapes)), key=lambda i: -float(boxes[i][1].prod()))
     cell = max(sheet) / cells
     sheet_of = np.zeros(len(shapes), dtype=np.int64)
     turned, shift = np.zeros(len(shapes)), np.zeros((len(shapes), 2))
-    open_sheets: list[Sheet] = []
+    open_sheets: list[SheetRaster] = []
     quarters = (0, 2) if rotation == "GRAIN" else (0, 1, 2, 3)
     tries, rest = 0, len(order)
     for done, i in enumerate(order):
         if tries >= TRIES:
             rest = done
             break
-        turn, size = _slanted(shapes[i], *boxes[i], sheet, margin, cell, rotation)
-        stamp = Stamp(shapes[i], turn, cell, 0.5 * spacing, quarters)
+        turn, size = _rotation_and_box(shapes[i], *boxes[i], sheet, margin, cell, rotation)
+        stamp = ShapeMask(shapes[i], turn, cell, 0.5 * spacing, quarters)
         place = None
         for number, opened in enumerate(open_sheets):
             progress(0.1 + 0.9 * done / len(order), "packing")
-            if opened.may_hold(stamp):
+            if opened.may_fit(stamp):
                 tries += 1
                 found = opened.place(stamp)
                 if found is not None:
                     place = number, found
                     break
         if place is None:
-            tries += 1
-            open_sheets.append(Sheet(_large_enough(size, sheet, margin, cell, rotation), margin, 0.5 * spacing, cell))
+            tries, enough = tries + 1, _fitting_size(size, sheet, margin, cell, rotation)
+            open_sheets.append(SheetRaster(enough, margin, 0.5 * spacing, cell))
             fresh = open_sheets[-1].place(stamp)
             assert fresh is not None  # a new sheet is always large enough
             place = len(open_sheets) - 1, fresh
@@ -113,14 +113,14 @@ def pack(
     sizes = [s.size for s in open_sheets]
     if rest < len(order):
         small = [(shapes[i], *boxes[i]) for i in order[rest:]]
-        last = _in_rows(small, sheet, margin, spacing, progress.part(0.9, 1.0), rotation)
+        last = _pack_in_rows(small, sheet, margin, spacing, progress.part(0.9, 1.0), rotation)
         sheet_of[order[rest:]], turned[order[rest:]] = len(sizes) + last.sheet, last.rotation
         shift[order[rest:]] = last.shift
         sizes += [(width, height) for width, height in last.sizes.tolist()]
     return Packing(sheet_of, turned, shift, np.array(sizes).reshape(-1, 2))
 
 
-def _slanted(
+def _rotation_and_box(
     shape: np.ndarray,
     turn: float,
     size: np.ndarray,
@@ -130,14 +130,14 @@ def _slanted(
     rotation: str,
 ) -> tuple[float, np.ndarray]:
     """Return the rotation (radians) and box of a shape: its smallest box, or another if only that fits the sheet."""
-    if fits(size + 4.0 * cell, sheet, margin, rotation):
+    if box_fits(size + 4.0 * cell, sheet, margin, rotation):
         return turn, size
-    slanted = turn_that_fits(shape, sheet, margin + 2.0 * cell, rotation)
+    slanted = find_fitting_rotation(shape, sheet, margin + 2.0 * cell, rotation)
     turn = turn if slanted is None else slanted
-    return turn, _extent(shape, turn)
+    return turn, _box_sides(shape, turn)
 
 
-def _in_rows(
+def _pack_in_rows(
     boxed: list[tuple[np.ndarray, float, np.ndarray]],
     sheet: tuple[float, float],
     margin: float,
@@ -155,8 +155,8 @@ def _in_rows(
         progress(0.5 * done / len(boxed), "packing in rows")
         if rotation != "GRAIN" and (size > free).any():
             turn, size = turn + 0.5 * np.pi, size[::-1]
-        slanted = turn_that_fits(shape, sheet, margin + ROUNDING_GAP, rotation) if (size > free).any() else None
-        laid.append((turn, size) if slanted is None else (slanted, _extent(shape, slanted)))
+        slanted = find_fitting_rotation(shape, sheet, margin + ROUNDING_GAP, rotation) if (size > free).any() else None
+        laid.append((turn, size) if slanted is None else (slanted, _box_sides(shape, slanted)))
     count = len(boxed)
     where, shift, sizes = np.zeros(count, dtype=np.int64), np.zeros((count, 2)), []
     rows: list[list[float]] = []  # of every row: index of the sheet, height, lower edge, used length
@@ -166,7 +166,7 @@ def _in_rows(
         turn, (wide, high) = laid[i]
         if wide > free[0] or high > free[1]:
             size = laid[i][1] if rotation == "GRAIN" else np.sort(laid[i][1])[::-1]
-            sizes.append(_large_enough(size, sheet, margin, 0.0, rotation))
+            sizes.append(_fitting_size(size, sheet, margin, 0.0, rotation))
             used.append(np.inf)
             rows.append([len(sizes) - 1, np.inf, margin, np.inf])
             row, turn = rows[-1], boxed[i][1]
@@ -184,14 +184,14 @@ def _in_rows(
             corner = np.array([row[3], row[2]])
             row[3] += wide + spacing
         laid[i] = turn, laid[i][1]
-        where[i], shift[i] = row[0], corner - (boxed[i][0] @ _turn(turn)).min(axis=0)
+        where[i], shift[i] = row[0], corner - (boxed[i][0] @ _rotation_matrix(turn)).min(axis=0)
     return Packing(where, np.array([turn for turn, _ in laid]), shift, np.array(sizes).reshape(-1, 2))
 
 
-def lying_box(points: Float[np.ndarray, "points 2"], rotation: str) -> tuple[float, Float[np.ndarray, " 2"]]:
+def preferred_box(points: Float[np.ndarray, "points 2"], rotation: str) -> tuple[float, Float[np.ndarray, " 2"]]:
     """Return the preferred rotation of a shape on a sheet, and the sides of its bounding box when rotated.
 
-    The preferred rotation is 0 for "GRAIN"; otherwise the bounding box is the smallest (see ``least_box``).
+    The preferred rotation is 0 for "GRAIN"; otherwise the bounding box is the smallest (see ``min_area_box``).
 
     Parameters
     ----------
@@ -202,10 +202,10 @@ def lying_box(points: Float[np.ndarray, "points 2"], rotation: str) -> tuple[flo
     -------
     Radians; width and height, metres
     """
-    return (0.0, _extent(points, 0.0)) if rotation == "GRAIN" else least_box(points)
+    return (0.0, _box_sides(points, 0.0)) if rotation == "GRAIN" else min_area_box(points)
 
 
-def turn_that_fits(points: np.ndarray, sheet: tuple[float, float], margin: float, rotation: str) -> float | None:
+def find_fitting_rotation(points: np.ndarray, sheet: tuple[float, float], margin: float, rotation: str) -> float | None:
     """Return a rotation (radians) with which points fit on a sheet within its margin; None if there is none.
 
     Parameters
@@ -215,21 +215,21 @@ def turn_that_fits(points: np.ndarray, sheet: tuple[float, float], margin: float
     margin : metres
     rotation : "FREE" any angle; "QUARTER" longer side of the smallest box along x or y; "GRAIN" no turn or half a turn
     """
-    turn = lying_box(points, rotation)[0]
+    turn = preferred_box(points, rotation)[0]
     quarters = np.array([0.0]) if rotation == "GRAIN" else np.array([0.0, 0.5 * np.pi])
     steps = np.radians(np.arange(0.0, 90.0)) if rotation == "FREE" else np.zeros(1)
     for angle in (turn + steps[:, None] + quarters).ravel().tolist():
-        if (_extent(points, angle) <= np.array(sheet) - 2.0 * margin + 1e-9).all():
+        if (_box_sides(points, angle) <= np.array(sheet) - 2.0 * margin + 1e-9).all():
             return angle
     return None
 
 
-def _extent(points: np.ndarray, turn: float) -> np.ndarray:
+def _box_sides(points: np.ndarray, turn: float) -> np.ndarray:
     """Return the sides of the bounding box of points turned by an angle in radians."""
-    return np.ptp(points @ _turn(turn), axis=0)
+    return np.ptp(points @ _rotation_matrix(turn), axis=0)
 
 
-def _turn(angle: float) -> np.ndarray:
+def _rotation_matrix(angle: float) -> np.ndarray:
     """Return the matrix (2, 2) by which points (M, 2) are multiplied to turn them by ``angle`` radians."""
     cos, sin = np.cos(angle), np.sin(angle)
     return np.array([[cos, sin], [-sin, cos]])
@@ -251,7 +251,7 @@ def used_length(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], index:
     return max(ends)
 
 
-def fill(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], area: float, margin: float) -> float:
+def fill_ratio(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], area: float, margin: float) -> float:
     """Return the share of the sheets' area that shapes cover, not counting the largest unused end of a sheet.
 
     Parameters
@@ -264,10 +264,10 @@ def fill(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], area: float, 
     whole = range(len(packing.remnants), len(packing.sizes))
     used = {k: used_length(packing, shapes, k) + margin for k in whole}
     spare = max(((packing.sizes[k, 0] - u) * packing.sizes[k, 1] for k, u in used.items()), default=0.0)
-    return area / float(packing.areas.sum() - max(spare, 0.0))
+    return area / float(packing.sheet_areas.sum() - max(spare, 0.0))
 
 
-def fits(size: Float[np.ndarray, " 2"], sheet: tuple[float, float], margin: float, rotation: str = "FREE") -> bool:
+def box_fits(size: Float[np.ndarray, " 2"], sheet: tuple[float, float], margin: float, rotation: str = "FREE") -> bool:
     """Return whether a box (metres, longer side first) fits on the sheet, turned if needed unless "GRAIN"."""
     free = [x - 2.0 * margin + 1e-9 for x in sheet]
     if rotation == "GRAIN":
@@ -275,12 +275,12 @@ def fits(size: Float[np.ndarray, " 2"], sheet: tuple[float, float], margin: floa
     return bool(min(size) <= min(free) and max(size) <= max(free))
 
 
-def _large_enough(
+def _fitting_size(
     size: np.ndarray, sheet: tuple[float, float], margin: float, cell: float, rotation: str
 ) -> tuple[float, float]:
     """Return the size (metres) of a sheet on which a box fits: ``sheet``, enlarged if necessary."""
     slack = 2.0 * margin + 4.0 * cell
-    if fits(size + 4.0 * cell, sheet, margin, rotation):
+    if box_fits(size + 4.0 * cell, sheet, margin, rotation):
         return sheet
     # round up to whole centimetres; the longer side of the box lies along the sheet, which is never made smaller
     wide, high = (np.ceil((x + slack) * 100.0 - 1e-9) / 100.0 for x in size)
@@ -289,7 +289,7 @@ def _large_enough(
     return max(wide, *sheet), max(high, min(sheet))
 
 
-class Stamp:
+class ShapeMask:
     """Raster masks of a shape at each quarter turn; the shape is grown by ``grow`` metres and the raster's error."""
 
     def __init__(self, shape: np.ndarray, turn: float, cell: float, grow: float, quarters: tuple[int, ...]):
@@ -308,10 +308,10 @@ class Stamp:
         rings = [r for p in getattr(grown, "geoms", [grown]) for r in [p.exterior]]
         mask = _rasterise([(np.asarray(r.coords)[:-1] - self.origin) / cell for r in rings], columns, rows)
         self.masks = {k: np.ascontiguousarray(np.rot90(mask, -k)) for k in quarters}
-        self.taken = int(mask.sum())
+        self.cell_count = int(mask.sum())
         self.box = cell * np.array([columns, rows])
 
-    def shift(self, quarter: int, corner: np.ndarray) -> tuple[float, np.ndarray]:
+    def placement_at(self, quarter: int, corner: np.ndarray) -> tuple[float, np.ndarray]:
         """Return rotation (radians) and shift that bring the lower left corner of the turned raster to ``corner``."""
         # it is enough to turn the raster's box: at quarter turns both have the same lower left corner
         points = np.array([[0.0, 0.0], self.box]) + self.origin
@@ -320,7 +320,7 @@ class Stamp:
         return self.turn + quarter * 0.5 * np.pi, corner - turned.min(axis=0)
 
 
-class Sheet:
+class SheetRaster:
     """Raster of the occupied cells of one sheet; row 0 is at the bottom."""
 
     def __init__(
@@ -330,32 +330,32 @@ class Sheet:
         # shapes are grown by half of the spacing; this added strip may extend into the margin
         self.corner = np.array([margin - half, margin - half])
         columns, rows = (int(np.floor((x - 2.0 * (margin - half)) / cell + 1e-9)) for x in size)
-        self.taken = np.zeros((max(rows, 1), max(columns, 1)), dtype=bool)
+        self.occupied = np.zeros((max(rows, 1), max(columns, 1)), dtype=bool)
         # a cell is free if it lies wholly inside the remnant; grown shapes must stay inside even without a margin
         if remnant is not None:
             within = remnant.polygon.buffer(min(half - margin, 0.0) - 0.7072 * cell)
             rings = [r for p in getattr(within, "geoms", [within]) if p for r in (p.exterior, *p.interiors)]
             parts = [(np.asarray(r.coords)[:-1] - self.corner) / cell for r in rings]
-            self.taken = ~_rasterise(parts, self.taken.shape[1], self.taken.shape[0])
+            self.occupied = ~_rasterise(parts, self.occupied.shape[1], self.occupied.shape[0])
         self._spectrum: np.ndarray | None = None
-        self._refused: list[tuple[np.ndarray, int]] = []  # boxes and cell counts of shapes that found no place
+        self._rejected: list[tuple[np.ndarray, int]] = []  # boxes and cell counts of shapes that found no place
 
-    def may_hold(self, stamp: Stamp) -> bool:
+    def may_fit(self, stamp: ShapeMask) -> bool:
         """Return False if a shape that is no larger, by box and cell count, has already found no place."""
         box = np.sort(stamp.box)
-        return not any((box >= other).all() and stamp.taken >= cells for other, cells in self._refused)
+        return not any((box >= other).all() and stamp.cell_count >= cells for other, cells in self._rejected)
 
-    def place(self, stamp: Stamp, always: bool = False) -> tuple[float, np.ndarray] | None:
+    def place(self, stamp: ShapeMask, try_half_turns: bool = False) -> tuple[float, np.ndarray] | None:
         """Occupy the place with the leftmost right end, then the lowest; return rotation and shift, None without room.
 
-        always : also try half turns on an empty sheet; on an empty rectangle they gain nothing
+        try_half_turns : also try half turns on an empty sheet; on an empty rectangle they gain nothing
         """
         best: tuple[int, int, int, int] | None = None
         for quarter, mask in stamp.masks.items():
-            rows, columns = (t - m + 1 for t, m in zip(self.taken.shape, mask.shape, strict=True))
-            if rows < 1 or columns < 1 or (quarter > 1 and not always and not self.taken.any()):
+            rows, columns = (t - m + 1 for t, m in zip(self.occupied.shape, mask.shape, strict=True))
+            if rows < 1 or columns < 1 or (quarter > 1 and not try_half_turns and not self.occupied.any()):
                 continue
-            free = self._hits(mask)[:rows, :columns] < 0.5
+            free = self._overlap_counts(mask)[:rows, :columns] < 0.5
             column = int(free.any(axis=0).argmax())
             row = int(free[:, column].argmax())
             if not free[row, column]:
@@ -363,19 +363,19 @@ class Sheet:
             found = (column + mask.shape[1], row, column, quarter)
             best = found if best is None else min(best, found)
         if best is None:
-            self._refused.append((np.sort(stamp.box), stamp.taken))
+            self._rejected.append((np.sort(stamp.box), stamp.cell_count))
             return None
         _, row_, column_, quarter = best
         mask = stamp.masks[quarter]
-        self.taken[row_ : row_ + mask.shape[0], column_ : column_ + mask.shape[1]] |= mask
+        self.occupied[row_ : row_ + mask.shape[0], column_ : column_ + mask.shape[1]] |= mask
         self._spectrum = None
-        return stamp.shift(quarter, self.corner + self.cell * np.array([column_, row_]))
+        return stamp.placement_at(quarter, self.corner + self.cell * np.array([column_, row_]))
 
-    def _hits(self, mask: np.ndarray) -> np.ndarray:
+    def _overlap_counts(self, mask: np.ndarray) -> np.ndarray:
         """Return how many occupied cells the mask overlaps at every offset, by FFT correlation."""
-        shape = tuple(next_fast_len(n, real=True) for n in self.taken.shape)
+        shape = tuple(next_fast_len(n, real=True) for n in self.occupied.shape)
         if self._spectrum is None:
-            self._spectrum = rfft2(self.taken.astype(np.float32), shape)
+            self._spectrum = rfft2(self.occupied.astype(np.float32), shape)
         return irfft2(self._spectrum * np.conj(rfft2(mask.astype(np.float32), shape)), shape)
 
 

@@ -10,42 +10,44 @@ from ...arrays import Float
 from ...errors import FlexMapsError
 from ...params import SheetParams
 from ...progress import SILENT, Progress
-from .packing import CELLS, Packing, Sheet, Stamp, lying_box
+from .packing import CELLS, Packing, ShapeMask, SheetRaster, preferred_box
 from .remnants import Remnant
 
 SLANTS = 3  # rotations tried within a quarter turn, each plus 0 to 3 quarter turns; more placed no more panels
 
 
-class _Odd:
+class _RemnantInUse:
     """A remnant that is being filled, with rotation (radians) and shift of each panel on it."""
 
     def __init__(self, remnant: Remnant, params: SheetParams):
         self.remnant, self.params = remnant, params
         width, height = remnant.size.tolist()
-        self.cell = max(width, height) / CELLS
-        self.half = 0.5 * params.spacing
+        self.cell_size = max(width, height) / CELLS
+        self.half_spacing = 0.5 * params.spacing
         self.area = float(remnant.polygon.area)
         self.places: dict[int, tuple[float, np.ndarray]] = {}
-        roomy = min(width, height) > 2.0 * (params.margin - self.half) + self.cell
-        self.sheet = Sheet((width, height), params.margin, self.half, self.cell, remnant) if roomy else None
+        roomy = min(width, height) > 2.0 * (params.margin - self.half_spacing) + self.cell_size
+        self.raster = (
+            SheetRaster((width, height), params.margin, self.half_spacing, self.cell_size, remnant) if roomy else None
+        )
 
     def place(self, number: int, shape: np.ndarray, area: float) -> bool:
         """Place a panel of this area (m2) if there is room, and return whether it was placed."""
-        if self.sheet is None or area > self.area:
+        if self.raster is None or area > self.area:
             return False
         grain = self.params.rotation == "GRAIN"
         slants = np.radians(90.0 / SLANTS * np.arange(SLANTS)) if self.params.rotation == "FREE" else np.zeros(1)
         for slant in slants.tolist():
-            turn = lying_box(shape, self.params.rotation)[0] + slant
-            stamp = Stamp(shape, turn, self.cell, self.half, (0, 2) if grain else (0, 1, 2, 3))
-            found = self.sheet.place(stamp, always=True)
+            turn = preferred_box(shape, self.params.rotation)[0] + slant
+            stamp = ShapeMask(shape, turn, self.cell_size, self.half_spacing, (0, 2) if grain else (0, 1, 2, 3))
+            found = self.raster.place(stamp, try_half_turns=True)
             if found is not None:
                 self.places[number] = found
                 return True
         return False
 
 
-def on_remnants(
+def pack_on_remnants(
     shapes: Sequence[Float[np.ndarray, "_ 2"]],
     remnants: Sequence[Remnant],
     params: SheetParams,
@@ -70,14 +72,14 @@ def on_remnants(
 
     area = [float(Polygon(shape).area) for shape in shapes]
     order = sorted(range(len(shapes)), key=lambda i: -area[i])
-    odd = sorted((_Odd(remnant, params) for remnant in remnants), key=lambda one: one.area)
+    odd = sorted((_RemnantInUse(remnant, params) for remnant in remnants), key=lambda one: one.area)
     rest = []
     for i in progress.each(order, "laying panels on remnants"):
         if not any(one.place(i, shapes[i], area[i]) for one in odd):
             rest.append(i)
     for one in odd:
         if not one.places:
-            fresh = _Odd(one.remnant, params)
+            fresh = _RemnantInUse(one.remnant, params)
             if not any(fresh.place(i, shapes[i], area[i]) for i in reversed(order)):
                 width, height = one.remnant.size * 1e3
                 raise FlexMapsError(

@@ -15,11 +15,11 @@ import numpy as np
 from ...arrays import Float
 from ...errors import FlexMapsError
 from .drawings import MAX_BYTES, LineDrawing, read_dxf, read_svg
-from .rings import areas
+from .rings import enclosed_areas
 
 SEPARATOR = ";"  # separates file names in a setting
-LEAST = 1e-4  # minimum useful area of a piece, m2; smaller closed curves are ignored
-LARGEST = 20.0  # maximum extent of a drawing in metres; a larger drawing is refused, as its unit must be wrong
+MIN_AREA = 1e-4  # minimum useful area of a piece, m2; smaller closed curves are ignored
+MAX_EXTENT = 20.0  # maximum extent of a drawing in metres; a larger drawing is refused, as its unit must be wrong
 # millimetres per unit, for the units that the user may choose for files without a unit
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "pt": 25.4 / 72.0, "px": 25.4 / 96.0}
 _READERS = {".dxf": read_dxf, ".svg": read_svg}
@@ -53,7 +53,7 @@ class Remnant:
         return Polygon(self.outline, self.holes)
 
 
-def read(files: str, unit: str = "mm") -> list[Remnant]:
+def read_remnants(files: str, unit: str = "mm") -> list[Remnant]:
     """Read the remnants in files whose names are separated by ``;``.
 
     Parameters
@@ -67,11 +67,11 @@ def read(files: str, unit: str = "mm") -> list[Remnant]:
     """
     found: list[Remnant] = []
     for name in filter(None, map(str.strip, files.split(SEPARATOR))):
-        found += read_file(Path(name), unit)
+        found += read_remnant_file(Path(name), unit)
     return found
 
 
-def read_file(path: Path, unit: str = "mm") -> list[Remnant]:
+def read_remnant_file(path: Path, unit: str = "mm") -> list[Remnant]:
     """Read the pieces drawn in a file, largest first.
 
     Parameters
@@ -94,22 +94,24 @@ def read_file(path: Path, unit: str = "mm") -> list[Remnant]:
         if error.errno is None:  # ezdxf raises this for a file that is not DXF
             raise FlexMapsError(f"{path.name} cannot be read as DXF; save it again, as R2010") from None
         raise FlexMapsError(f"Cannot read the remnant {path}: {error.strerror or error}") from None
-    return _pieces(path, drawing, unit)
+    return _remnants_of_drawing(path, drawing, unit)
 
 
-def _pieces(path: Path, drawing: LineDrawing, unit: str) -> list[Remnant]:
+def _remnants_of_drawing(path: Path, drawing: LineDrawing, unit: str) -> list[Remnant]:
     """Return the areas enclosed by the lines of a drawing, with remarks about an assumed unit and unread elements."""
     import shapely
 
     if not all(np.isfinite(points).all() for points, _ in drawing.lines):
         raise FlexMapsError(f"The drawing {path.stem} has coordinates that are not numbers; draw it again")
     extent = max((float(np.ptp(points, axis=0).max()) for points, _ in drawing.lines), default=0.0) * 1e-3
-    if extent > LARGEST:
+    if extent > MAX_EXTENT:
         raise FlexMapsError(
             f"The drawing {path.stem} is {extent:.0f} m large; look at its unit, which should be the millimetre"
         )
-    parts = [p for p in areas((1e-3 * points, closed) for points, closed in drawing.lines) if p.area > LEAST]
-    unread = ", ".join(sorted(drawing.outside))
+    parts = [
+        p for p in enclosed_areas((1e-3 * points, closed) for points, closed in drawing.lines) if p.area > MIN_AREA
+    ]
+    unread = ", ".join(sorted(drawing.unsupported))
     if not parts:
         what = f"; it holds {unread}, which is not read" if unread else ""
         raise FlexMapsError(

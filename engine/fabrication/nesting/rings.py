@@ -29,7 +29,7 @@ class _Ring:
     root: int
 
 
-def areas(lines: Iterable[tuple[np.ndarray, bool]]) -> list[Polygon]:
+def enclosed_areas(lines: Iterable[tuple[np.ndarray, bool]]) -> list[Polygon]:
     """Return the areas of material (outermost rings without their holes), largest first.
 
     lines : points (N, 2) and whether the line is closed
@@ -41,8 +41,8 @@ def areas(lines: Iterable[tuple[np.ndarray, bool]]) -> list[Polygon]:
     for points, shut in lines:
         near = len(points) > 2 and float(np.linalg.norm(points[0] - points[-1])) <= SNAP_DISTANCE
         (closed if shut or near else open_).append(points)
-    rings = [p for points in closed if len(points) >= 3 for p in _simple(points)]
-    rings += [shapely.Polygon(p.exterior) for p in _enclosed([p for p in open_ if len(p) >= 2])]
+    rings = [p for points in closed if len(points) >= 3 for p in _outer_rings(points)]
+    rings += [shapely.Polygon(p.exterior) for p in _areas_within_open_lines([p for p in open_ if len(p) >= 2])]
     found: list[_Ring] = []
     made: dict[int, Polygon] = {}
     for polygon in _without_duplicates(sorted(rings, key=lambda r: -r.area)):
@@ -69,7 +69,7 @@ def _contains(outer: Polygon, inner: Polygon) -> bool:
     return bool(outer.buffer(SNAP_DISTANCE).contains(inner))
 
 
-def _simple(points: np.ndarray) -> list[Polygon]:
+def _outer_rings(points: np.ndarray) -> list[Polygon]:
     """Return the outer rings of a closed line that may cross itself; loops inside them are ignored."""
     import shapely
 
@@ -80,7 +80,7 @@ def _simple(points: np.ndarray) -> list[Polygon]:
     return [shapely.Polygon(p.exterior) for p in shapely.get_parts(shapely.unary_union(faces)) if p.area > 0.0]
 
 
-def _enclosed(lines: list[np.ndarray]) -> list[Polygon]:
+def _areas_within_open_lines(lines: list[np.ndarray]) -> list[Polygon]:
     """Return the areas enclosed by open lines whose ends meet within the snap distance."""
     import shapely
     from scipy.spatial import cKDTree
@@ -111,7 +111,7 @@ def _without_duplicates(rings: list[Polygon]) -> list[Polygon]:
     kept: list[Polygon] = []
     bands: list[Polygon] = []
     for ring in rings:
-        band = _band(ring)
+        band = _snap_band(ring)
         near = shapely.STRtree(bands).query(ring.exterior, predicate="covered_by") if bands else ()
         if not any(band.covers(kept[k].exterior) for k in near):
             kept.append(ring)
@@ -119,6 +119,6 @@ def _without_duplicates(rings: list[Polygon]) -> list[Polygon]:
     return kept
 
 
-def _band(ring: Polygon) -> Polygon:
+def _snap_band(ring: Polygon) -> Polygon:
     """Return the area within the snap distance of the sides of a ring, with sharp corners."""
     return ring.exterior.buffer(SNAP_DISTANCE, join_style="mitre")

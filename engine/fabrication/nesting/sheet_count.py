@@ -12,13 +12,13 @@ from ...errors import FlexMapsError
 from ...params import SheetParams
 
 # Maximum ratio of the estimated number of sheets to the number needed by area alone; on suitable sheets it is at most 2
-WASTE = 3.0
-FEW = 10  # up to so many sheets are always accepted
-STEP = 1.05  # factor between consecutive sheet sizes tried for the suggestion
-ROUND = 0.01  # metres; a suggested size is rounded up to a multiple of this
+MAX_WASTE_RATIO = 3.0
+FEW_SHEETS = 10  # up to so many sheets are always accepted
+SIZE_STEP = 1.05  # factor between consecutive sheet sizes tried for the suggestion
+SIZE_ROUNDING = 0.01  # metres; a suggested size is rounded up to a multiple of this
 
 
-def refuse_many(shapes: Sequence[Float[np.ndarray, "_ 2"]], params: SheetParams) -> None:
+def refuse_many_sheets(shapes: Sequence[Float[np.ndarray, "_ 2"]], params: SheetParams) -> None:
     """Raise ``FlexMapsError`` if the panels would need many almost empty sheets.
 
     Parameters
@@ -29,15 +29,15 @@ def refuse_many(shapes: Sequence[Float[np.ndarray, "_ 2"]], params: SheetParams)
     if params.many_sheets or params.remnants.strip() or not shapes:
         return
     boxes = np.array([np.ptp(points, axis=0) for points in shapes]) + params.spacing
-    area = sum(_area(points) for points in shapes)
+    area = sum(_polygon_area(points) for points in shapes)
     size = np.array([params.sheet_width, params.sheet_height])
-    count, needed = _sheets(boxes, size, params), _needed(area, size)
-    if count <= max(FEW, WASTE * needed):
+    count, needed = _sheets_in_rows(boxes, size, params), _sheets_by_area(area, size)
+    if count <= max(FEW_SHEETS, MAX_WASTE_RATIO * needed):
         return
     larger = size
-    while _sheets(boxes, larger, params) > max(FEW, WASTE * _needed(area, larger)):
-        larger = larger * STEP
-    width, height = 1e3 * np.ceil(larger / ROUND - 1e-9) * ROUND
+    while _sheets_in_rows(boxes, larger, params) > max(FEW_SHEETS, MAX_WASTE_RATIO * _sheets_by_area(area, larger)):
+        larger = larger * SIZE_STEP
+    width, height = 1e3 * np.ceil(larger / SIZE_ROUNDING - 1e-9) * SIZE_ROUNDING
     raise FlexMapsError(
         f"About {count} sheets of {size[0] * 1e3:g} x {size[1] * 1e3:g} mm would be cut where the panels' area needs {needed}: "
         f"sheets of {width:.0f} x {height:.0f} mm would do, or a piece of {floor(100 * (size / larger).min())} % of its size "
@@ -45,18 +45,18 @@ def refuse_many(shapes: Sequence[Float[np.ndarray, "_ 2"]], params: SheetParams)
     )
 
 
-def _area(points: Float[np.ndarray, "points 2"]) -> float:
+def _polygon_area(points: Float[np.ndarray, "points 2"]) -> float:
     """Return the area of a polygon in m2."""
     x, y = points.T
     return 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
 
 
-def _needed(area: float, size: Float[np.ndarray, " 2"]) -> int:
+def _sheets_by_area(area: float, size: Float[np.ndarray, " 2"]) -> int:
     """Return the number of sheets of ``size`` whose total area is at least ``area``, at least 1."""
     return max(1, int(np.ceil(area / size.prod())))
 
 
-def _sheets(boxes: Float[np.ndarray, "panels 2"], size: Float[np.ndarray, " 2"], params: SheetParams) -> int:
+def _sheets_in_rows(boxes: Float[np.ndarray, "panels 2"], size: Float[np.ndarray, " 2"], params: SheetParams) -> int:
     """Estimate the number of sheets for boxes packed in rows, highest first, each lengthwise if possible."""
     width, height = size - 2 * params.margin + params.spacing
     long, short = boxes.max(axis=1), boxes.min(axis=1)

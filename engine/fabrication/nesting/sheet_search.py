@@ -18,28 +18,28 @@ from ...params import SheetParams
 from ...progress import Progress
 from ...surface.checking.finding import with_count
 from ...workers import WorkerDied, Workers, as_done
-from .outlines import HULLS, SPREAD, grow_outline, hull_area
-from .packing import Packing, least_box, lying_box, pack, turn_that_fits, used_length
+from .outlines import HULL_SHARE_DEVIATION, MEAN_HULL_SHARE, grow_outline, hull_area
+from .packing import Packing, find_fitting_rotation, min_area_box, pack, preferred_box, used_length
 from .strip import PackedStrip, StripTask, pack_strip
 
-STEP = 5.0  # degrees between the orientations tried for a panel
+ROTATION_STEP = 5.0  # degrees between the orientations tried for a panel
 # Half the width in metres of concave bays that are closed before nesting, at most a quarter of the narrowest panel's
 # width. Larger: fewer points and a faster search, but small panels no longer lie in bays
-BAY = 0.012
+BAY_HALF_WIDTH = 0.012
 ROUNDING = 2e-5  # metres added to the spacing because spyrrow calculates in single precision
-TURN = 1  # initial search time per set of panels in seconds; it is doubled when no more sets fit
-LAST = 0.25  # minimum share of the time limit reserved for compacting the emptiest sheet
+FIRST_SECONDS = 1  # initial search time per set of panels in seconds; it is doubled when no more sets fit
+COMPACTING_SHARE = 0.25  # minimum share of the time limit reserved for compacting the emptiest sheet
 # Random starts per core when the emptiest sheet is compacted; more starts leave less time for each, but several short
 # searches beat a long one
 STARTS = 4
-SHORTER = 0.999  # end the restarts once a strip is longer than this share of the shortest so far
+MIN_SHORTENING = 0.999  # end the restarts once a strip is longer than this share of the shortest so far
 RANDOM_SETS = 400  # random sets generated per sheet (10 ms), of which a few are tried
 # Maximum hull area of the next set to try, as a share of the previous set's; nearer to 1 the sets tried differ less
 HULL_STEP = 0.985
 TRIES = 8  # maximum number of sets tried for one sheet
 # Rounds without improvement before the time per set is doubled; the search ends when the time limit would allow fewer
 # than FEWEST sets
-PATIENCE, FEWEST = 4, 12
+PATIENCE, MIN_SETS = 4, 12
 
 Places = dict[int, tuple[float, np.ndarray]]  # rotation (radians) and shift (2,) in metres, by index of the panel
 
@@ -48,8 +48,8 @@ class SheetSearch:
     """Search state: the sets of panels tried so far, and the time limit.
 
     outlines : simplified shapes grown by half of the required separation, so that they may touch
-    turns : rotations in degrees at which each shape fits on a sheet, in order of its width; empty if it is too large
-    tried : by set of panels, their positions on a sheet, or None if the set did not fit
+    rotations : rotations in degrees at which each shape fits on a sheet, in order of its width; empty if it is too large
+    results : by set of panels, their positions on a sheet, or None if the set did not fit
     """
 
     def __init__(
@@ -59,31 +59,33 @@ class SheetSearch:
 
         self.shapes, self.params, self.workers, self.progress = shapes, params, workers, progress
         self.begin = time.monotonic()
-        self.free = np.array([params.sheet_width, params.sheet_height]) - 2.0 * params.margin
+        self.usable_size = np.array([params.sheet_width, params.sheet_height]) - 2.0 * params.margin
         self.separation = params.spacing + ROUNDING
-        bay = max(min(BAY, 0.25 * min(float(least_box(s)[1].min()) for s in shapes)), 0.5 * params.spacing)
+        bay = max(
+            min(BAY_HALF_WIDTH, 0.25 * min(float(min_area_box(s)[1].min()) for s in shapes)), 0.5 * params.spacing
+        )
         each = progress.part(0.0, 0.0).each(shapes, "simplifying the panels")
         self.outlines = [grow_outline(shape, 0.5 * self.separation, bay) for shape in each]
-        self.turns = [self._turns(outline) for outline in self.outlines]
-        self.hull = np.array([hull_area(s) for s in shapes])
-        self.area = np.array([shapely.Polygon(outline).area for outline in self.outlines])
-        self.tried: dict[frozenset[int], Places | None] = {}
-        self.turn = TURN
+        self.rotations = [self._fitting_rotations(outline) for outline in self.outlines]
+        self.hull_areas = np.array([hull_area(s) for s in shapes])
+        self.areas = np.array([shapely.Polygon(outline).area for outline in self.outlines])
+        self.results: dict[frozenset[int], Places | None] = {}
+        self.seconds_per_set = FIRST_SECONDS
 
-    def best(self, rough: Packing) -> Packing:
-        """Return the best packing found within the time limit; ``rough`` if no better one is found."""
-        best, idle, rng = rough, 0, np.random.default_rng(self.params.seed)
-        while len(best.sizes) > 1 and self._going:
-            made = self._filled(rng, rough)
+    def find_best_packing(self, quick: Packing) -> Packing:
+        """Return the best packing found within the time limit; ``quick`` if no better one is found."""
+        best, idle, rng = quick, 0, np.random.default_rng(self.params.seed)
+        while len(best.sizes) > 1 and self._has_time_left:
+            made = self._fill_sheets(rng, quick)
             idle += 1
             if self._rank(made) < self._rank(best) and self._keeps_distances(made):
                 best, idle = made, 0
             elif idle == PATIENCE:  # try sets that did not fit again, with more time
-                idle, self.turn = 0, 2 * self.turn
-                self.tried = {members: places for members, places in self.tried.items() if places}
-                if self.turn * FEWEST > self._seconds:
+                idle, self.seconds_per_set = 0, 2 * self.seconds_per_set
+                self.results = {members: places for members, places in self.results.items() if places}
+                if self.seconds_per_set * MIN_SETS > self._seconds:
                     break
-        made = self._shortened(best)
+        made = self._compact_emptiest_sheet(best)
         return made if self._keeps_distances(made) else best
 
     @property
@@ -97,21 +99,21 @@ class SheetSearch:
         return (time.monotonic() - self.begin) / self._seconds
 
     @property
-    def _going(self) -> bool:
+    def _has_time_left(self) -> bool:
         """Whether time is left to try more sets."""
-        return self.share_of_time < 1.0 - max(LAST, 0.5 * TURN / self._seconds)
+        return self.share_of_time < 1.0 - max(COMPACTING_SHARE, 0.5 * FIRST_SECONDS / self._seconds)
 
     def _rank(self, packing: Packing) -> tuple[int, float]:
         """Return the rank of a packing, lower is better: number of sheets, then hull area (m2) on the emptiest."""
-        return len(packing.sizes), float(np.bincount(packing.sheet, self.hull, len(packing.sizes)).min())
+        return len(packing.sizes), float(np.bincount(packing.sheet, self.hull_areas, len(packing.sizes)).min())
 
-    def _turns(self, shape: np.ndarray) -> list[float]:
+    def _fitting_rotations(self, shape: np.ndarray) -> list[float]:
         """Return the rotations in degrees at which a grown shape fits on a sheet, in order of its width."""
-        room = self.free + self.separation
-        base = np.degrees(lying_box(shape, self.params.rotation)[0])
-        step = {"FREE": STEP, "QUARTER": 90.0, "GRAIN": 180.0}[self.params.rotation]
+        room = self.usable_size + self.separation
+        base = np.degrees(preferred_box(shape, self.params.rotation)[0])
+        step = {"FREE": ROTATION_STEP, "QUARTER": 90.0, "GRAIN": 180.0}[self.params.rotation]
         angles = base + np.arange(0.0, 360.0, step)
-        turn = turn_that_fits(shape, (float(room[0]), float(room[1])), 0.0, self.params.rotation)
+        turn = find_fitting_rotation(shape, (float(room[0]), float(room[1])), 0.0, self.params.rotation)
         if turn is not None:
             angles = np.concatenate([angles, np.degrees(turn) + np.array([0.0, 180.0])])
         cos, sin = np.cos(np.radians(angles)), np.sin(np.radians(angles))
@@ -140,23 +142,23 @@ class SheetSearch:
 
     # -- filling sheets ------------------------------------------------------------------------------------------------
 
-    def _filled(self, rng: np.random.Generator, rough: Packing) -> Packing:
+    def _fill_sheets(self, rng: np.random.Generator, rough: Packing) -> Packing:
         """Pack all panels: fill sheets one by one, large panels first, slightly shuffled except in the first round.
 
         Panels left when the time has elapsed, and panels larger than a sheet, are packed by ``pack``.
         """
-        order = self.area * np.exp(0.25 * rng.standard_normal(len(self.area)) * bool(self.tried))
-        rest = [i for i in np.argsort(-order, kind="stable").tolist() if self.turns[i]]
+        order = self.areas * np.exp(0.25 * rng.standard_normal(len(self.areas)) * bool(self.results))
+        rest = [i for i in np.argsort(-order, kind="stable").tolist() if self.rotations[i]]
         sheets: list[Places] = []
-        while rest and self._going:
+        while rest and self._has_time_left:
             beside = np.flatnonzero(rough.sheet == rough.sheet[rest[0]]).tolist()
-            least = float(self.area[[i for i in beside if i in rest]].sum())
-            sheets.append(self._fullest(rest, least, rng))
+            least = float(self.areas[[i for i in beside if i in rest]].sum())
+            sheets.append(self._fill_sheet(rest, least, rng))
             rest = [i for i in rest if i not in sheets[-1]]
         sizes = [(self.params.sheet_width, self.params.sheet_height)] * len(sheets)
-        if left := [*rest, *(i for i, turns in enumerate(self.turns) if not turns)]:
-            last = self._pack(left)
-            sheets += _places(last, left)
+        if left := [*rest, *(i for i, turns in enumerate(self.rotations) if not turns)]:
+            last = self._pack_quickly(left)
+            sheets += _places_by_sheet(last, left)
             sizes += [(width, height) for width, height in last.sizes.tolist()]
         sheet, rotation, shift = np.zeros(len(order), dtype=np.int64), np.zeros(len(order)), np.zeros((len(order), 2))
         for k, places in enumerate(sheets):
@@ -164,7 +166,7 @@ class SheetSearch:
                 sheet[i], rotation[i], shift[i] = k, turn, move
         return Packing(sheet, rotation, shift, np.array(sizes))
 
-    def _fullest(self, rest: list[int], least: float, rng: np.random.Generator) -> Places:
+    def _fill_sheet(self, rest: list[int], least: float, rng: np.random.Generator) -> Places:
         """Fill a sheet as well as possible with panels of ``rest``, including ``rest[0]``, and return their positions.
 
         If no set that fits covers more than ``least`` m2, return the sheet with ``rest[0]`` of a quick packing.
@@ -172,55 +174,62 @@ class SheetSearch:
         at_once, limit = max(self.workers.count, 2), np.inf
         for _ in range(max(TRIES // at_once, 1)):
             sets = list[frozenset[int]]()
-            for members in self._random_sets(rest, least, rng) if self._going else ():
-                hulls = float(self.hull[list(members)].sum())
+            for members in self._random_sets(rest, least, rng) if self._has_time_left else ():
+                hulls = float(self.hull_areas[list(members)].sum())
                 if hulls <= limit and len(sets) < at_once:
                     sets.append(members)
                     limit = HULL_STEP * hulls
-            self._try(sets)
-            if not sets or any(self.tried[members] for members in sets):
+            self._try_sets(sets)
+            if not sets or any(self.results[members] for members in sets):
                 break
         left = frozenset(rest)
-        fit = [m for m, places in self.tried.items() if places and rest[0] in m <= left and self._cover(m) > least]
+        fit = [
+            m for m, places in self.results.items() if places and rest[0] in m <= left and self._total_area(m) > least
+        ]
         if fit:
-            places = self.tried[max(fit, key=self._cover)]
+            places = self.results[max(fit, key=self._total_area)]
             assert places is not None
             return places
-        return next(places for places in _places(self._pack(rest), rest) if rest[0] in places)
+        return next(places for places in _places_by_sheet(self._pack_quickly(rest), rest) if rest[0] in places)
 
-    def _cover(self, members: frozenset[int]) -> float:
+    def _total_area(self, members: frozenset[int]) -> float:
         """Return the total area of panels in m2."""
-        return float(self.area[list(members)].sum())
+        return float(self.areas[list(members)].sum())
 
     def _random_sets(self, rest: list[int], least: float, rng: np.random.Generator) -> list[frozenset[int]]:
         """Return new random sets with panel ``rest[0]`` that cover more than ``least`` m2, most promising first.
 
         Sets are ordered by their gain in area times the probability that they fit: a logistic function of their hulls'
-        share of the sheet, with mean ``HULLS`` and standard deviation ``SPREAD``.
+        share of the sheet, with mean ``MEAN_HULL_SHARE`` and standard deviation ``HULL_SHARE_DEVIATION``.
         """
-        first, others, sheet = rest[0], np.array(rest[1:], dtype=np.int64), float(self.free.prod())
-        failed = [members for members, places in self.tried.items() if places is None]
+        first, others, sheet = rest[0], np.array(rest[1:], dtype=np.int64), float(self.usable_size.prod())
+        failed = [members for members, places in self.results.items() if places is None]
         found: dict[frozenset[int], float] = {}
         for _ in range(RANDOM_SETS if len(others) else 0):
-            some, left = {first}, (HULLS + rng.uniform(-2.0, 1.5) * SPREAD) * sheet - self.hull[first]
+            some, left = (
+                {first},
+                (MEAN_HULL_SHARE + rng.uniform(-2.0, 1.5) * HULL_SHARE_DEVIATION) * sheet - self.hull_areas[first],
+            )
             for i in rng.permutation(others).tolist():
-                if self.hull[i] <= left:
+                if self.hull_areas[i] <= left:
                     some.add(i)
-                    left -= self.hull[i]
+                    left -= self.hull_areas[i]
             members = frozenset(some)
-            gain = self._cover(members) - least
-            if gain > 0.0 and members not in self.tried and not any(fewer <= members for fewer in failed):
-                beyond = float(self.hull[list(members)].sum()) / sheet - HULLS
-                found[members] = gain / (1.0 + math.exp(beyond * math.pi / (math.sqrt(3.0) * SPREAD)))
+            gain = self._total_area(members) - least
+            if gain > 0.0 and members not in self.results and not any(fewer <= members for fewer in failed):
+                beyond = float(self.hull_areas[list(members)].sum()) / sheet - MEAN_HULL_SHARE
+                found[members] = gain / (1.0 + math.exp(beyond * math.pi / (math.sqrt(3.0) * HULL_SHARE_DEVIATION)))
         return sorted(found, key=lambda members: -found[members])
 
-    def _try(self, sets: Sequence[frozenset[int]]) -> None:
-        """Try to pack every set of panels on a sheet of its own, and store the results in ``tried``."""
-        found = self._strips([self._task(members, self.turn, 0, float(self.free[0])) for members in sets])
+    def _try_sets(self, sets: Sequence[frozenset[int]]) -> None:
+        """Try to pack every set of panels on a sheet of its own, and store the results in ``results``."""
+        found = self._pack_strips(
+            [self._strip_task(members, self.seconds_per_set, 0, float(self.usable_size[0])) for members in sets]
+        )
         for members, strip in zip(sets, found, strict=True):
-            self.tried[members] = self._on_sheet(strip)
+            self.results[members] = self._places_on_sheet(strip)
 
-    def _pack(self, some: list[int]) -> Packing:
+    def _pack_quickly(self, some: list[int]) -> Packing:
         """Pack the panels ``some`` quickly with ``packing.pack``."""
         p = self.params
         size = p.sheet_width, p.sheet_height
@@ -228,29 +237,31 @@ class SheetSearch:
 
     # -- strips --------------------------------------------------------------------------------------------------------
 
-    def shortest(self, members: frozenset[int], seconds: float) -> PackedStrip | None:
+    def pack_shortest_strip(self, members: frozenset[int], seconds: float) -> PackedStrip | None:
         """Return the shortest strip of panels ``members``, in metres, that all cores find; None if they find none.
 
         Every core restarts with new seeds, because results differ more by seed than by duration.
         """
-        end, turn, start = time.monotonic() + seconds, max(TURN, int(seconds / STARTS)), 0
+        end, turn, start = time.monotonic() + seconds, max(FIRST_SECONDS, int(seconds / STARTS)), 0
         best: PackedStrip | None = None
         while best is None or time.monotonic() + turn <= end:
-            tasks = [self._task(members, turn, start + k) for k in range(self.workers.count)]
-            found = min((s for s in self._strips(tasks) if s is not None), key=lambda s: s.length, default=None)
-            if found is None or (best is not None and found.length > SHORTER * best.length):
+            tasks = [self._strip_task(members, turn, start + k) for k in range(self.workers.count)]
+            found = min((s for s in self._pack_strips(tasks) if s is not None), key=lambda s: s.length, default=None)
+            if found is None or (best is not None and found.length > MIN_SHORTENING * best.length):
                 break
             best, start = found, start + len(tasks)
         return best
 
-    def _shortened(self, packing: Packing) -> Packing:
+    def _compact_emptiest_sheet(self, packing: Packing) -> Packing:
         """Compact the panels of the emptiest sheet, so that a larger offcut is left."""
-        k = int(np.argmin(np.bincount(packing.sheet, self.hull, len(packing.sizes))))
+        k = int(np.argmin(np.bincount(packing.sheet, self.hull_areas, len(packing.sizes))))
         members = frozenset(np.flatnonzero(packing.sheet == k).tolist())
-        if not all(self.turns[i] for i in members):
+        if not all(self.rotations[i] for i in members):
             return packing
-        places = self._alone(*members) if len(members) == 1 else None
-        places = places or self._on_sheet(self.shortest(members, (1.0 - self.share_of_time) * self._seconds))
+        places = self._place_alone(*members) if len(members) == 1 else None
+        places = places or self._places_on_sheet(
+            self.pack_shortest_strip(members, (1.0 - self.share_of_time) * self._seconds)
+        )
         if places is None:
             return packing
         rotation, shift = packing.rotation.copy(), packing.shift.copy()
@@ -259,24 +270,26 @@ class SheetSearch:
         made = Packing(packing.sheet, rotation, shift, packing.sizes)
         return min(packing, made, key=lambda one: used_length(one, self.shapes, k))
 
-    def _alone(self, i: int) -> Places:
+    def _place_alone(self, i: int) -> Places:
         """Place a single panel in the corner of its sheet, turned so that it takes the least of the sheet's length."""
-        turn = math.radians(self.turns[i][0])
+        turn = math.radians(self.rotations[i][0])
         cos, sin = math.cos(turn), math.sin(turn)
         return {i: (turn, self.params.margin - (self.shapes[i] @ np.array([[cos, sin], [-sin, cos]])).min(axis=0))}
 
-    def _task(self, members: frozenset[int], seconds: int, start: int, enough: float = 0.0) -> StripTask:
+    def _strip_task(self, members: frozenset[int], seconds: int, start: int, enough: float = 0.0) -> StripTask:
         """Return the task (in millimetres) of packing panels into a strip as high as a sheet.
 
         The search ends early at a length of ``enough`` metres; 0 searches for the whole time.
         """
-        items = [(i, [(x, y) for x, y in (1e3 * self.outlines[i]).tolist()], self.turns[i]) for i in sorted(members)]
-        high = 1e3 * float(self.free[1] + self.separation)
+        items = [
+            (i, [(x, y) for x, y in (1e3 * self.outlines[i]).tolist()], self.rotations[i]) for i in sorted(members)
+        ]
+        high = 1e3 * float(self.usable_size[1] + self.separation)
         return StripTask(
             items, high, seconds, self.params.seed + start, 1e3 * (enough + self.separation) if enough else 0.0
         )
 
-    def _strips(self, tasks: Sequence[StripTask]) -> list[PackedStrip | None]:
+    def _pack_strips(self, tasks: Sequence[StripTask]) -> list[PackedStrip | None]:
         """Pack strips in parallel; return them in metres from the margins of a sheet, None for tasks that failed."""
         most = max((len(task.items) for task in tasks), default=0)
         progress = self.progress.at(min(self.share_of_time, 1.0), f"nesting {with_count(most, 'panel', 'panels')}")
@@ -292,15 +305,15 @@ class SheetSearch:
         places = {i: (turn, (1e-3 * x - half, 1e-3 * y - half)) for i, (turn, (x, y)) in strip.places.items()}
         return PackedStrip(1e-3 * strip.length - self.separation, places)
 
-    def _on_sheet(self, strip: PackedStrip | None) -> Places | None:
+    def _places_on_sheet(self, strip: PackedStrip | None) -> Places | None:
         """Return the positions of a strip's panels on a sheet; None if the strip is longer than the sheet."""
-        if strip is None or strip.length > self.free[0]:
+        if strip is None or strip.length > self.usable_size[0]:
             return None
         margin = self.params.margin
         return {i: (math.radians(turn), np.array(move) + margin) for i, (turn, move) in strip.places.items()}
 
 
-def _places(packing: Packing, some: Sequence[int]) -> list[Places]:
+def _places_by_sheet(packing: Packing, some: Sequence[int]) -> list[Places]:
     """Return the positions of panels ``some`` in their packing, one dictionary per sheet."""
     sheets: list[Places] = [{} for _ in packing.sizes]
     for k, i in enumerate(some):

@@ -22,14 +22,14 @@ class StripTask(NamedTuple):
     height : of the strip
     seconds : time limit
     seed : of the search
-    enough : length at which the search stops early
+    target_length : length at which the search stops early
     """
 
     items: list[tuple[int, list[tuple[float, float]], list[float]]]
     height: float
     seconds: int
     seed: int
-    enough: float = 0.0
+    target_length: float = 0.0
 
 
 class PackedStrip(NamedTuple):
@@ -47,11 +47,11 @@ def pack_strip(task: StripTask) -> PackedStrip | None:
     strip = spyrrow.StripPackingInstance("", task.height, items)
     config = spyrrow.StripPackingConfig(total_computation_time=task.seconds, num_workers=1, seed=task.seed)
     reports, done = spyrrow.ProgressQueue(), threading.Event()
-    threading.Thread(target=_solve, args=(strip, config, reports, done), daemon=True).start()
+    threading.Thread(target=_run_search, args=(strip, config, reports, done), daemon=True).start()
     feasible = (spyrrow.ReportType.ExplFeas, spyrrow.ReportType.CmprFeas, spyrrow.ReportType.Final)
     best: Any = None
     end, ended = time.monotonic() + task.seconds + GRACE, False
-    while not ended and (best is None or best.width > task.enough):
+    while not ended and (best is None or best.width > task.target_length):
         ended = done.wait(WAIT) or time.monotonic() > end
         for kind, found in reports.drain():
             if kind in feasible and (best is None or found.width < best.width):
@@ -61,7 +61,7 @@ def pack_strip(task: StripTask) -> PackedStrip | None:
     return PackedStrip(best.width, {int(p.id): (p.rotation, p.translation) for p in best.placed_items})
 
 
-def _solve(strip: Any, config: Any, reports: Any, done: threading.Event) -> None:
+def _run_search(strip: Any, config: Any, reports: Any, done: threading.Event) -> None:
     """Run the search and set ``done`` at its end; target of a thread."""
     with suppress(BaseException):  # a panic in the Rust code raises a BaseException; there is no solution then
         strip.solve(config, reports)

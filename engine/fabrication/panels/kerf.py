@@ -14,8 +14,10 @@ from ...spirals.contours import Outline
 from ...spirals.curves.arcs import Curve
 from ...tolerances import DOUBLE_TOL
 
-SMOOTH = 2e-3  # radians; segments that change direction by less count as tangent
-SHORT = 2e-5  # metres; shorter segments are removed: controllers stutter on them, while longer ones would be visible
+TANGENT_ANGLE = 2e-3  # radians; segments that change direction by less count as tangent
+MIN_SEGMENT = (
+    2e-5  # metres; shorter segments are removed: controllers stutter on them, while longer ones would be visible
+)
 
 Arc = tuple[complex, complex, float]  # start, end, bulge
 
@@ -28,14 +30,14 @@ def without_empty_segments(curve: Curve) -> Curve:
     return curve if kept.all() else Curve(curve.points[kept], curve.bulge[kept], curve.closed)
 
 
-def without_short(curve: Curve) -> Curve:
-    """Return the curve without segments shorter than ``SHORT``; the ends of an open curve stay.
+def without_short_segments(curve: Curve) -> Curve:
+    """Return the curve without segments shorter than ``MIN_SEGMENT``; the ends of an open curve stay.
 
     The neighbours of a short segment are extended until they meet, or else meet in its middle.
     """
     points, bulge = curve.points @ np.array([1.0, 1.0j]), curve.bulge.copy()
     while len(points) > 3:
-        short = np.flatnonzero(np.abs(np.roll(points, -1) - points)[: None if curve.closed else -1] < SHORT)
+        short = np.flatnonzero(np.abs(np.roll(points, -1) - points)[: None if curve.closed else -1] < MIN_SEGMENT)
         if not len(short):
             break
         i, count = int(short[0]), len(points)
@@ -48,17 +50,17 @@ def without_short(curve: Curve) -> Curve:
             sides = bulge[[before, j]]
             one, two = ((complex(a), complex(b), float(k)) for a, b, k in zip(start, end, sides, strict=True))
             nearest = min(_crossings(one, two), key=lambda p: abs(p - middle), default=middle)
-            if 0.0 < abs(nearest - middle) < SHORT:
+            if 0.0 < abs(nearest - middle) < MIN_SEGMENT:
                 middle = nearest
                 first, last = np.array([start[0], middle]), np.array([middle, end[1]])
-                bulge[[before, j]] = _shortened(start, end, sides, first, last)
+                bulge[[before, j]] = _trimmed_bulges(start, end, sides, first, last)
         points[j] = middle
         # keep the node at which the next segment begins
         points, bulge = np.delete(points, i), np.delete(bulge, i)
     return Curve(np.column_stack([points.real, points.imag]), bulge, curve.closed)
 
 
-def offset(curve: Curve, distance: float) -> Curve:
+def offset_curve(curve: Curve, distance: float) -> Curve:
     """Return the offset of a curve by ``distance`` metres to the right, to the left if negative; arcs stay arcs.
 
     Where the curve turns away from the offset, an arc about the corner fills the gap. Where it turns towards the
@@ -86,7 +88,7 @@ def offset(curve: Curve, distance: float) -> Curve:
     ahead = np.roll(row, -1)
     turn = np.angle(before[ahead] * after[row].conj())
     adjacent = (row + 1) % len(bulge) == ahead
-    smooth = adjacent & (np.abs(turn) < SMOOTH)
+    smooth = adjacent & (np.abs(turn) < TANGENT_ANGLE)
     fill = adjacent & ~smooth & (turn * distance > 0.0)
     inner = np.arange(len(row)) < len(row) - (not curve.closed)
     first, last = begins.copy(), ends.copy()
@@ -94,7 +96,7 @@ def offset(curve: Curve, distance: float) -> Curve:
     last[joined[0]] = first[joined[1]] = 0.5 * (ends[joined[0]] + begins[joined[1]])
     for i, j in zip(row[~smooth & ~fill & inner].tolist(), ahead[~smooth & ~fill & inner].tolist()):
         last[i] = first[j] = _intersection((begins[i], ends[i], bulge[i]), (begins[j], ends[j], bulge[j]))
-    kept = _shortened(begins, ends, bulge, first, last)
+    kept = _trimmed_bulges(begins, ends, bulge, first, last)
     # a filled corner adds a node at the end of its segment, where its arc begins
     count = np.ones(len(row), dtype=int) + (fill & inner)
     place = np.cumsum(count) - count
@@ -122,17 +124,17 @@ def _directions(start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> tuple[
     return chord / turn, chord * turn
 
 
-def _centre(start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> np.ndarray:
+def _arc_centres(start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> np.ndarray:
     """Return the complex centres (N,) of arcs; no bulge may be 0."""
     return 0.5 * (start + end) + 0.25j * (end - start) * (1.0 / bulge - bulge)
 
 
-def _shortened(
+def _trimmed_bulges(
     start: np.ndarray, end: np.ndarray, bulge: np.ndarray, first: np.ndarray, last: np.ndarray
 ) -> np.ndarray:
     """Return the bulges (N,) of arcs after moving their ends along their circles to ``first`` and ``last`` (N,)."""
     round_ = np.abs(bulge) > 1e-9
-    centre = _centre(start, end, np.where(round_, bulge, 1.0))
+    centre = _arc_centres(start, end, np.where(round_, bulge, 1.0))
     tiny = np.abs(start - centre) < DOUBLE_TOL
     centre = np.where(tiny, centre + 1.0, centre)
     change = np.angle((last - centre) / (end - centre)) - np.angle((first - centre) / (start - centre))
@@ -164,13 +166,13 @@ def _crossings(one: Arc, two: Arc) -> list[complex]:
         return [one[0] + d * ((two[0] - one[0]).conjugate() * e).imag / det]
     if flat[1]:
         one, two, flat = two, one, [True, False]
-    centre = complex(_centre(np.array(two[0]), np.array(two[1]), np.array(two[2])))
+    centre = complex(_arc_centres(np.array(two[0]), np.array(two[1]), np.array(two[2])))
     radius = abs(two[0] - centre)
     if flat[0]:
         d = (one[1] - one[0]) / abs(one[1] - one[0])
         foot = one[0] + d * ((centre - one[0]) * d.conjugate()).real
     else:
-        other = complex(_centre(np.array(one[0]), np.array(one[1]), np.array(one[2])))
+        other = complex(_arc_centres(np.array(one[0]), np.array(one[1]), np.array(one[2])))
         apart = abs(other - centre)
         if apart < DOUBLE_TOL:
             return []
@@ -180,7 +182,7 @@ def _crossings(one: Arc, two: Arc) -> list[complex]:
     return [foot + d * s * rest**0.5 for s in (-1.0, 1.0)] if rest >= 0.0 else []
 
 
-def open_inside_corners(curve: Curve, radius: float) -> Curve:
+def cut_dogbones(curve: Curve, radius: float) -> Curve:
     """Cut dogbones into the inside corners of an open curve that are too sharp for a mill.
 
     A dogbone contains the whole original corner: its circle passes through the middle of the corner's arc. In an acute
@@ -220,7 +222,7 @@ def _dogbone(start: np.ndarray, end: np.ndarray, bulge: float, radius: float) ->
     """
     half = 0.5 * np.pi + 2.0 * np.arctan(bulge)  # half of the angle between the lines
     middle = 0.5 * (start[1] + end[1]) - 0.5j * (end[1] - start[1]) * bulge
-    arc = complex(_centre(start[1], end[1], np.array(bulge)))
+    arc = complex(_arc_centres(start[1], end[1], np.array(bulge)))
     inwards = (arc - middle) / abs(arc - middle)
     corner = arc - inwards * abs(arc - middle) / np.sin(half)
     centre = middle + radius * inwards
@@ -251,6 +253,6 @@ def cut_paths(outline: Outline, outer: float, holes: float) -> Outline:
     outer, holes : whole widths of the kerf, metres
     """
     return Outline(
-        offset(without_empty_segments(outline.outer), 0.5 * outer),
-        tuple(offset(without_empty_segments(h), 0.5 * holes) for h in outline.holes),
+        offset_curve(without_empty_segments(outline.outer), 0.5 * outer),
+        tuple(offset_curve(without_empty_segments(h), 0.5 * holes) for h in outline.holes),
     )

@@ -16,10 +16,10 @@ from ...progress import SILENT, Progress
 from ...spirals.curves.arcs import Curve
 from ...spirals.curves.spiral import Arms, centre_line, width_at
 from ...spirals.roots import SlotRoots
-from .lettering import FILL_SHARE, along, length, straight
+from .lettering import FILL_SHARE, curved_text, straight_text, text_length
 
 _SAMPLES = 97  # samples along an arm, joined by straight lines along which labels run; more follow curves more exactly
-LEGIBLE = 0.002  # minimum height in metres of letters that can be read without a lens
+LEGIBLE_HEIGHT = 0.002  # minimum height in metres of letters that can be read without a lens
 _TICK = 8  # length of a tick along its arm from the hub, in samples
 _PLACES = 8  # maximum number of arm ends to which the tick of a panel's number may point
 _TOGETHER = 1000  # quads whose arms are sampled together; more take more memory
@@ -33,13 +33,13 @@ class SmallLabel:
 
     patch : index of the patch to which it belongs
     places : points (metres, patch frame) to which a tick from beside the panel may point
-    placed : whether it is engraved on the material, in small letters
+    is_engraved : whether it is engraved on the material, in small letters
     """
 
     text: str
     patch: int
     places: Float[np.ndarray, "places 2"]
-    placed: bool
+    is_engraved: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,15 +47,15 @@ class Labels:
     """The strokes of the labels of every patch in its frame.
 
     strokes : a tuple of open curves per patch
-    placed, left_out : number of labels that are engraved, and of labels without room
-    on_hubs : legible labels on hubs, contained in ``strokes``
+    engraved_count, left_out_count : number of labels that are engraved, and of labels without room
+    hub_strokes : legible labels on hubs, contained in ``strokes``
     small : labels that may also be written beside their panels
     """
 
     strokes: tuple[tuple[Curve, ...], ...]
-    placed: int
-    left_out: int
-    on_hubs: tuple[tuple[Curve, ...], ...] = ()
+    engraved_count: int
+    left_out_count: int
+    hub_strokes: tuple[tuple[Curve, ...], ...] = ()
     small: tuple[SmallLabel, ...] = ()
 
 
@@ -109,10 +109,10 @@ def make_labels(
     arms: Arms,
     hubs: SlotRoots,
     params: SheetParams,
-    taken: Float[np.ndarray, "quads 4"] | None = None,
+    occupied_lengths: Float[np.ndarray, "quads 4"] | None = None,
     progress: Progress = SILENT,
     mark: str = "",
-    pierced: Sequence[int] = (),
+    quads_with_holes: Sequence[int] = (),
 ) -> Labels:
     """Make all labels: the number of every panel on its hub or arm with most room, and the name of every joint.
 
@@ -125,25 +125,25 @@ def make_labels(
     layout : panels and seams
     arms, hubs : arms of all quads, and the inner ends of their slots
     params : heights of labels
-    taken : length in metres of every arm, from its joint, that a connector occupies
+    occupied_lengths : length in metres of every arm, from its joint, that a connector occupies
     progress : called with the fraction done; may cancel
     mark : letter of the piece, see ``panel_name``
-    pierced : quads whose hubs have a hole
+    quads_with_holes : quads whose hubs have a hole
     """
-    taken = np.zeros((len(arms.centre), 4)) if taken is None else taken
-    lines = _Lines(arms, hubs, taken, progress.part(0.0, 0.2))
-    lines.hub[list(pierced)] = 0.0
+    occupied_lengths = np.zeros((len(arms.centre), 4)) if occupied_lengths is None else occupied_lengths
+    lines = _LabelPlaces(arms, hubs, occupied_lengths, progress.part(0.0, 0.2))
+    lines.hub_radius[list(quads_with_holes)] = 0.0
     strokes: list[list[Curve]] = [[] for _ in layout.patches]
     on_hubs: list[list[Curve]] = [[] for _ in layout.patches]
     small: list[SmallLabel] = []
-    legible = min(LEGIBLE, params.label_height)
+    legible = min(LEGIBLE_HEIGHT, params.label_height)
     names, numbers = seam_labels(layout), panel_numbers(layout)
 
     def add(label: _PlacedLabel, text: str, patch: int, places: np.ndarray) -> None:
         strokes[patch] += [*label.letters, *label.tick]
-        on_hubs[patch] += label.letters if label.hub and label.height >= legible else ()
+        on_hubs[patch] += label.letters if label.is_on_hub and label.height >= legible else ()
         if label.height < legible:
-            small.append(SmallLabel(text, patch, places, placed=bool(label.letters)))
+            small.append(SmallLabel(text, patch, places, is_engraved=bool(label.letters)))
 
     for patch, quads in enumerate(layout.patches):
         progress(0.2 + 0.3 * patch / len(layout.patches), "labels")
@@ -155,12 +155,12 @@ def make_labels(
         progress(0.5 + 0.5 * number / len(names), "labels")
         text, patch = with_mark(joint, mark), int(layout.patch_of[quad])
         add(_joint_label(text, quad, side, lines, params), text, patch, lines.points[quad, side, :1])
-    left_out = sum(not one.placed for one in small)
+    left_out = sum(not one.is_engraved for one in small)
     placed = len(layout.patches) + len(names) - left_out
     return Labels(tuple(map(tuple, strokes)), placed, left_out, tuple(map(tuple, on_hubs)), tuple(small))
 
 
-def hub_circles(arms: Arms, roots: SlotRoots) -> Float[np.ndarray, " quads"]:
+def free_hub_radii(arms: Arms, roots: SlotRoots) -> Float[np.ndarray, " quads"]:
     """Return for every hub the radius in metres of the largest circle about its centre that no slot cuts into.
 
     Parameters
@@ -185,18 +185,18 @@ def key_label(name: str, neck: float, long: float, params: SheetParams) -> tuple
     neck, long : width of the key's neck and length of the key, metres
     params : heights of labels, and whether there are any
     """
-    height = min(params.label_height, FILL_SHARE * neck, 0.8 * long / length(name))
+    height = min(params.label_height, FILL_SHARE * neck, 0.8 * long / text_length(name))
     if not params.labels or height < params.label_min:
         return ()
-    found = straight(name, height, np.zeros(2), np.array([1.0, 0.0]))
+    found = straight_text(name, height, np.zeros(2), np.array([1.0, 0.0]))
     return tuple(_curves(found))
 
 
-class _Lines:
+class _LabelPlaces:
     """Lines and room for letters: the centre line of every arm from joint to hub, and the circle on every hub."""
 
     def __init__(self, arms: Arms, hubs: SlotRoots, taken: np.ndarray, progress: Progress):
-        self.taken = taken
+        self.occupied_lengths = taken
         end = np.minimum(hubs.left, np.roll(hubs.right, 1, axis=1))
         points, widths = [], []
         for part in progress.batches(len(end), _TOGETHER, "labels"):
@@ -211,61 +211,61 @@ class _Lines:
         self.narrowest = self.width.min(axis=-1)
         self.centre = arms.centre
         # radius of the free circle on each hub
-        self.hub = hub_circles(arms, hubs)
+        self.hub_radius = free_hub_radii(arms, hubs)
 
-    def height(self, quad: int, side: int, text: str, largest: float) -> float:
+    def height_on_arm(self, quad: int, side: int, text: str, largest: float) -> float:
         """Return the maximum height in metres of letters along this arm, at most ``largest``."""
-        room = 0.9 * (self.length[quad, side] - self.taken[quad, side] - 0.4 * self.width[quad, side, 0])
-        return float(min(largest, FILL_SHARE * self.narrowest[quad, side], room / length(text)))
+        room = 0.9 * (self.length[quad, side] - self.occupied_lengths[quad, side] - 0.4 * self.width[quad, side, 0])
+        return float(min(largest, FILL_SHARE * self.narrowest[quad, side], room / text_length(text)))
 
-    def on_hub(self, quad: int, text: str, largest: float) -> float:
+    def height_on_hub(self, quad: int, text: str, largest: float) -> float:
         """Return the maximum height in metres of letters on this hub, at most ``largest``; 0 if it is occupied."""
-        return min(largest, 1.8 * float(self.hub[quad]) / float(np.hypot(length(text), 1.0)))
+        return min(largest, 1.8 * float(self.hub_radius[quad]) / float(np.hypot(text_length(text), 1.0)))
 
 
 class _PlacedLabel(NamedTuple):
     """A label on the material; it has no letters if there is no room.
 
     height : of the letters, metres
-    hub : whether the label is on a hub
+    is_on_hub : whether the label is on a hub
     tick : stroke on the arm to which a label on a hub belongs
     """
 
     letters: tuple[Curve, ...] = ()
     height: float = 0.0
-    hub: bool = False
+    is_on_hub: bool = False
     tick: tuple[Curve, ...] = ()
 
 
-def _joint_label(text: str, quad: int, side: int, lines: _Lines, params: SheetParams) -> _PlacedLabel:
+def _joint_label(text: str, quad: int, side: int, lines: _LabelPlaces, params: SheetParams) -> _PlacedLabel:
     """Write the name of a joint on its arm, or on its hub if letters on the arm are illegible and smaller."""
-    height = lines.height(quad, side, text, params.label_height)
-    on_hub = lines.on_hub(quad, text, params.label_height)
-    if height < min(LEGIBLE, params.label_height) and max(height, params.label_min) < on_hub:
-        lines.hub[quad] = 0.0  # no further label fits on this hub
+    height = lines.height_on_arm(quad, side, text, params.label_height)
+    on_hub = lines.height_on_hub(quad, text, params.label_height)
+    if height < min(LEGIBLE_HEIGHT, params.label_height) and max(height, params.label_min) < on_hub:
+        lines.hub_radius[quad] = 0.0  # no further label fits on this hub
         tick = lines.points[quad, side, -_TICK:]
-        letters = straight(text, on_hub, lines.centre[quad], np.array([1.0, 0.0]))
+        letters = straight_text(text, on_hub, lines.centre[quad], np.array([1.0, 0.0]))
         return _PlacedLabel(tuple(_curves(letters)), on_hub, True, tuple(_curves([tick])))
     if height < params.label_min:
         return _PlacedLabel()
     width = float(lines.width[quad, side, 0])
-    middle = float(lines.taken[quad, side]) + 0.4 * width + 0.5 * height * length(text)
-    return _PlacedLabel(tuple(_curves(along(text, height, lines.points[quad, side], middle))), height)
+    middle = float(lines.occupied_lengths[quad, side]) + 0.4 * width + 0.5 * height * text_length(text)
+    return _PlacedLabel(tuple(_curves(curved_text(text, height, lines.points[quad, side], middle))), height)
 
 
 def _panel_label(
-    text: str, quads: np.ndarray, lines: _Lines, taken: dict[tuple[int, int], str], largest: float
+    text: str, quads: np.ndarray, lines: _LabelPlaces, taken: dict[tuple[int, int], str], largest: float
 ) -> _PlacedLabel:
     """Write a panel's number as large as possible, on the hub with most room or along an arm without a joint's name."""
-    roomiest = int(quads[np.argmax(lines.hub[quads])])
-    on_hub = lines.on_hub(roomiest, text, largest)
+    roomiest = int(quads[np.argmax(lines.hub_radius[quads])])
+    on_hub = lines.height_on_hub(roomiest, text, largest)
     free = [(q, k) for q in quads[np.argsort(-lines.narrowest[quads].min(axis=1))[:8]].tolist() for k in range(4)]
     free = [a for a in free if a not in taken] or free
-    quad, side = max(free, key=lambda a: lines.height(a[0], a[1], text, largest))
-    on_arm = lines.height(quad, side, text, largest)
+    quad, side = max(free, key=lambda a: lines.height_on_arm(a[0], a[1], text, largest))
+    on_arm = lines.height_on_arm(quad, side, text, largest)
     if on_hub >= on_arm:
-        lines.hub[roomiest] = 0.0  # no further label fits on this hub
-        letters = straight(text, on_hub, lines.centre[roomiest], np.array([1.0, 0.0]))
+        lines.hub_radius[roomiest] = 0.0  # no further label fits on this hub
+        letters = straight_text(text, on_hub, lines.centre[roomiest], np.array([1.0, 0.0]))
         return _PlacedLabel(tuple(_curves(letters)), on_hub, True)
     line, middle = lines.points[quad, side], 0.5 * float(lines.length[quad, side])
-    return _PlacedLabel(tuple(_curves(along(text, on_arm, line, middle))), on_arm)
+    return _PlacedLabel(tuple(_curves(curved_text(text, on_arm, line, middle))), on_arm)

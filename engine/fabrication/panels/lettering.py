@@ -24,7 +24,7 @@ _STROKES = {
 }  # fmt: skip
 
 
-def strokes(text: str) -> list[Float[np.ndarray, "_ 2"]]:
+def text_strokes(text: str) -> list[Float[np.ndarray, "_ 2"]]:
     """Return the strokes of a text of height 1 from x = 0 on the baseline y = 0; its length is ``length(text)``.
 
     Letters missing in the font are left blank.
@@ -37,12 +37,14 @@ def strokes(text: str) -> list[Float[np.ndarray, "_ 2"]]:
     return found
 
 
-def length(text: str) -> float:
+def text_length(text: str) -> float:
     """Return the length of a text of height 1."""
     return ADVANCE * (len(text) - 1) + _SQUEEZE if text else 0.0
 
 
-def straight(text: str, height: float, centre: np.ndarray, direction: np.ndarray) -> list[Float[np.ndarray, "_ 2"]]:
+def straight_text(
+    text: str, height: float, centre: np.ndarray, direction: np.ndarray
+) -> list[Float[np.ndarray, "_ 2"]]:
     """Return the strokes of a text of this height (metres), centred on ``centre`` (2,) along ``direction`` (2,).
 
     Parameters
@@ -58,10 +60,10 @@ def straight(text: str, height: float, centre: np.ndarray, direction: np.ndarray
     """
     along = np.asarray(direction) / np.linalg.norm(direction)
     frame = height * np.array([along, [-along[1], along[0]]])
-    return [(s - [0.5 * length(text), 0.5]) @ frame + centre for s in strokes(text)]
+    return [(s - [0.5 * text_length(text), 0.5]) @ frame + centre for s in text_strokes(text)]
 
 
-def along(text: str, height: float, line: Float[np.ndarray, "points 2"], middle: float) -> list[np.ndarray]:
+def curved_text(text: str, height: float, line: Float[np.ndarray, "points 2"], middle: float) -> list[np.ndarray]:
     """Return the strokes of a text that follows a polyline through the middle of its letters.
 
     Parameters
@@ -79,8 +81,8 @@ def along(text: str, height: float, line: Float[np.ndarray, "points 2"], middle:
     size = np.linalg.norm(step, axis=1)
     at = np.concatenate([[0.0], np.cumsum(size)])
     found = []
-    for s in strokes(text):
-        x = middle + height * (s[:, 0] - 0.5 * length(text))
+    for s in text_strokes(text):
+        x = middle + height * (s[:, 0] - 0.5 * text_length(text))
         cell = np.clip(np.searchsorted(at, x) - 1, 0, len(size) - 1)
         direction = step[cell] / size[cell][:, None]
         foot = line[cell] + (x - at[cell])[:, None] * direction

@@ -11,8 +11,8 @@ from ...arrays import Float, Int
 from ...progress import SILENT, Progress
 from ...spirals.curves.arcs import Curve
 
-ORDER = "the order of the cuts"
-_FIRST = 32  # nearest nodes queried at the end of a cut; four times as many if all of them belong to finished cuts
+ORDERING = "the order of the cuts"
+_NEIGHBOURS = 32  # nearest nodes queried at the end of a cut; four times as many if all of them belong to finished cuts
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,23 +20,23 @@ class CutGroup:
     """Curves that are cut one after the other, such as the parts of an outline between holding tabs.
 
     group : number of the group; all cuts of a group are consecutive
-    turns : whether a single open curve may also be cut from its other end
+    is_reversible : whether a single open curve may also be cut from its other end
     """
 
     curves: tuple[Curve, ...]
     group: int
-    turns: bool = False
+    is_reversible: bool = False
 
     @property
-    def nodes(self) -> Float[np.ndarray, "nodes 2"]:
+    def start_nodes(self) -> Float[np.ndarray, "nodes 2"]:
         """Points (n, 2), metres, at which the cut may begin."""
         first, last = self.curves[0], self.curves[-1]
         if first.closed:
             return first.points
-        return np.stack([first.points[0], last.points[-1]]) if self.turns else first.points[:1]
+        return np.stack([first.points[0], last.points[-1]]) if self.is_reversible else first.points[:1]
 
     def starting_at(self, node: int) -> tuple[Curve, ...]:
-        """Return the curves such that cutting begins at node ``node`` of ``nodes``."""
+        """Return the curves such that cutting begins at node ``node`` of ``start_nodes``."""
         first = self.curves[0]
         if first.closed:
             return (Curve(np.roll(first.points, -node, axis=0), np.roll(first.bulge, -node)),)
@@ -48,20 +48,23 @@ class _Tour:
 
     def __init__(self, cuts: Sequence[CutGroup], begin: complex, progress: Progress):
         self.cuts, self.begin = cuts, begin
-        self.nodes = [c.nodes @ np.array([1.0, 1.0j]) for c in progress.each(cuts, ORDER)]
+        self.nodes = [c.start_nodes @ np.array([1.0, 1.0j]) for c in progress.each(cuts, ORDERING)]
         # a closed cut ends at the node where it begins, an open cut at its last point
-        self.far = [complex(*c.curves[-1].points[-1]) for c in cuts]
-        self.closed = np.array([c.curves[0].closed for c in cuts])
+        self.end_points = [complex(*c.curves[-1].points[-1]) for c in cuts]
+        self.is_closed = np.array([c.curves[0].closed for c in cuts])
         self.order: Int[np.ndarray, " cuts"] = np.arange(len(cuts))
         self.node = np.zeros(len(cuts), dtype=int)
 
-    def ends(self, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def starts_and_ends(self, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the complex start and end points of cuts ``which``."""
         start = np.array([self.nodes[i][self.node[i]] for i in which.tolist()])
-        far = [self.nodes[i][1 - self.node[i]] if self.cuts[i].turns else self.far[i] for i in which.tolist()]
-        return start, np.where(self.closed[which], start, far)
+        far = [
+            self.nodes[i][1 - self.node[i]] if self.cuts[i].is_reversible else self.end_points[i]
+            for i in which.tolist()
+        ]
+        return start, np.where(self.is_closed[which], start, far)
 
-    def nearest(self, progress: Progress) -> None:
+    def order_by_nearest(self, progress: Progress) -> None:
         """Order the cuts: go to the nearest remaining cut, first within the current group."""
         from scipy.spatial import cKDTree
 
@@ -74,7 +77,7 @@ class _Tour:
         left, here, order = np.ones(len(self.cuts), dtype=bool), self.begin, []
         alive, now = np.arange(len(points)), -1
         tree = cKDTree(np.column_stack([points.real, points.imag]))
-        for _ in progress.each(self.cuts, ORDER):
+        for _ in progress.each(self.cuts, ORDERING):
             own = by_group[first[now] : first[now + 1]] if now >= 0 else alive[:0]
             own = own[left[owner[own]]]
             if len(own):
@@ -84,7 +87,7 @@ class _Tour:
                 if left[owner[alive]].sum() < 0.5 * len(alive):
                     alive = alive[left[owner[alive]]]
                     tree = cKDTree(np.column_stack([points[alive].real, points[alive].imag]))
-                found, count = -1, _FIRST
+                found, count = -1, _NEIGHBOURS
                 while found < 0:
                     near = np.atleast_1d(tree.query([here.real, here.imag], min(count, len(alive)))[1])
                     free = alive[near][left[owner[alive[near]]]]
@@ -92,15 +95,15 @@ class _Tour:
             cut = int(owner[found])
             self.node[cut], left[cut], now = place[found], False, int(group[cut])
             order.append(cut)
-            here = complex(self.ends(np.array([cut]))[1][0])
+            here = complex(self.starts_and_ends(np.array([cut]))[1][0])
         self.order = np.array(order)
 
-    def begin_well(self, progress: Progress) -> None:
+    def choose_start_nodes(self, progress: Progress) -> None:
         """Begin every closed cut at the node with the least travel from the previous cut and to the next."""
-        start, end = self.ends(self.order)
-        for k in progress.each(range(len(self.order)), ORDER):
+        start, end = self.starts_and_ends(self.order)
+        for k in progress.each(range(len(self.order)), ORDERING):
             i = int(self.order[k])
-            if not self.closed[i]:
+            if not self.is_closed[i]:
                 continue
             before = end[k - 1] if k else self.begin
             way = np.abs(self.nodes[i] - before)
@@ -110,7 +113,7 @@ class _Tour:
             start[k] = end[k] = self.nodes[i][self.node[i]]
 
 
-def in_order(
+def order_cuts(
     cuts: Sequence[CutGroup], begin: complex = 0.0, progress: Progress = SILENT
 ) -> tuple[tuple[Curve, ...], complex]:
     """Return the curves of some cuts in an order with little travel, and the point at which the last curve ends.
@@ -126,8 +129,8 @@ def in_order(
     if not cuts:
         return (), begin
     tour = _Tour(cuts, begin, progress.part(0.0, 0.1))
-    tour.nearest(progress.part(0.1, 0.8))
-    tour.begin_well(progress.part(0.8, 1.0))
-    ordered = progress.part(1.0, 1.0).each(tour.order.tolist(), ORDER)
+    tour.order_by_nearest(progress.part(0.1, 0.8))
+    tour.choose_start_nodes(progress.part(0.8, 1.0))
+    ordered = progress.part(1.0, 1.0).each(tour.order.tolist(), ORDERING)
     curves = tuple(c for i in ordered for c in cuts[i].starting_at(int(tour.node[i])))
-    return curves, complex(tour.ends(tour.order[-1:])[1][0])
+    return curves, complex(tour.starts_and_ends(tour.order[-1:])[1][0])

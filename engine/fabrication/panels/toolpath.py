@@ -14,14 +14,17 @@ from ...arrays import Float
 from ...params import CutParams
 from ...progress import SILENT, Progress
 from ...spirals.curves.arcs import Curve, arc_points
-from .kerf import without_short
-from .order import CutGroup, in_order
+from .kerf import without_short_segments
+from .order import CutGroup, order_cuts
 
-WAY = "the way of the cutter"
-_STARTS, _SHARES = 24, (1.0, 0.5)  # number of start points tried for a lead-in, and shares of its full length tried
+CUTTER_PATH = "the way of the cutter"
+_START_COUNT, _LENGTH_SHARES = (
+    24,
+    (1.0, 0.5),
+)  # number of start points tried for a lead-in, and shares of its full length tried
 # Maximum length of either half of a tab along the outline, as a multiple of the gap in the cut
-WIDEST = 0.95  # where the outline turns back within the gap, as around narrow tips
-WIDE = 2.5  # elsewhere, as in bays that open outwards; tabs are more than twice this length apart
+MAX_HALF_TAB_AT_TIPS = 0.95  # where the outline turns back within the gap, as around narrow tips
+MAX_HALF_TAB = 2.5  # elsewhere, as in bays that open outwards; tabs are more than twice this length apart
 _NARROW_PENALTY = 1e6  # penalty factor of places where the tab would be narrower than requested, so they come last
 _HALVINGS = 20  # bisections for the length of a tab: exact to a millionth of its width
 _ANGLES = np.radians([25.0, 45.0, 65.0, 90.0])  # angles in radians between a lead-in and its path, tried in order
@@ -31,19 +34,19 @@ _ANGLES = np.radians([25.0, 45.0, 65.0, 90.0])  # angles in radians between a le
 class SheetCuts:
     """The cuts of one sheet, in the order of cutting.
 
-    engraved, inner, outer : open and closed curves; outlines are split into open parts at holding tabs
-    without_lead : number of cuts that begin on their path because a lead-in has no room
-    tabs : number of holding tabs
+    engraving, inner_cuts, outer_cuts : open and closed curves; outlines are split into open parts at holding tabs
+    lead_ins_left_out : number of cuts that begin on their path because a lead-in has no room
+    tab_count : number of holding tabs
     """
 
-    engraved: tuple[Curve, ...]
-    inner: tuple[Curve, ...]
-    outer: tuple[Curve, ...]
-    without_lead: int
-    tabs: int
+    engraving: tuple[Curve, ...]
+    inner_cuts: tuple[Curve, ...]
+    outer_cuts: tuple[Curve, ...]
+    lead_ins_left_out: int
+    tab_count: int
 
 
-def plan(
+def plan_cuts(
     labels: list[Curve],
     holes: list[tuple[Curve, ...]],
     outlines: list[Curve],
@@ -69,30 +72,34 @@ def plan(
     pieces = [[o] for o in outlines]
     if cut.tabs:
         held = list(zip(outlines, places, strict=True))
-        pieces = [_with_tabs(o, p, cut) for o, p in progress.part(0.0, 0.3).each(held, WAY)]
+        pieces = [_with_tabs(o, p, cut) for o, p in progress.part(0.0, 0.3).each(held, CUTTER_PATH)]
     tabs = sum(len(p) for p in pieces if not p[0].closed)
     whole = [(h, panel) for panel, some in enumerate(holes) for h in some]
-    inner = [(without_short(h), panel) for h, panel in progress.part(0.3, 0.32).each(whole, WAY)]
-    pieces = [[without_short(c) for c in some] for some in progress.part(0.32, 0.34).each(pieces, WAY)]
+    inner = [(without_short_segments(h), panel) for h, panel in progress.part(0.3, 0.32).each(whole, CUTTER_PATH)]
+    pieces = [[without_short_segments(c) for c in some] for some in progress.part(0.32, 0.34).each(pieces, CUTTER_PATH)]
     missing = 0
     if cut.lead_in:
-        led = [with_lead(h, cut.lead_in, _inside(h)) for h, _ in progress.part(0.34, 0.5).each(inner, WAY)]
-        free = _outside(outlines, size, progress.part(0.5, 0.55))
-        out = [[with_lead(c, cut.lead_in, free) for c in p] for p in progress.part(0.55, 0.7).each(pieces, WAY)]
+        led = [
+            with_lead_in(h, cut.lead_in, _inside_test(h)) for h, _ in progress.part(0.34, 0.5).each(inner, CUTTER_PATH)
+        ]
+        free = _outside_test(outlines, size, progress.part(0.5, 0.55))
+        out = [
+            [with_lead_in(c, cut.lead_in, free) for c in p] for p in progress.part(0.55, 0.7).each(pieces, CUTTER_PATH)
+        ]
         missing = sum(c is None for c in (*led, *(c for some in out for c in some)))
         inner = [(h if c is None else c, panel) for (h, panel), c in zip(inner, led, strict=True)]
         pieces = [[p if c is None else c for p, c in zip(*both, strict=True)] for both in zip(pieces, out, strict=True)]
-    strokes = [CutGroup((c,), i, turns=True) for i, c in enumerate(labels)]
-    engraved, here = in_order(strokes, 0.0, progress.part(0.7, 0.8))
-    first, here = in_order([CutGroup((h,), panel) for h, panel in inner], here, progress.part(0.8, 0.9))
-    last, _ = in_order([CutGroup(tuple(p), i) for i, p in enumerate(pieces)], here, progress.part(0.9, 1.0))
+    strokes = [CutGroup((c,), i, is_reversible=True) for i, c in enumerate(labels)]
+    engraved, here = order_cuts(strokes, 0.0, progress.part(0.7, 0.8))
+    first, here = order_cuts([CutGroup((h,), panel) for h, panel in inner], here, progress.part(0.8, 0.9))
+    last, _ = order_cuts([CutGroup(tuple(p), i) for i, p in enumerate(pieces)], here, progress.part(0.9, 1.0))
     return SheetCuts(engraved, first, last, missing, tabs)
 
 
 # -- lead-ins --------------------------------------------------------------------------------------------------------
 
 
-def with_lead(curve: Curve, length: float, free: Any) -> Curve | None:
+def with_lead_in(curve: Curve, length: float, free: Any) -> Curve | None:
     """Return the curve as an open cut with a lead-in; None if there is no room for a lead-in.
 
     Parameters
@@ -106,11 +113,13 @@ def with_lead(curve: Curve, length: float, free: Any) -> Curve | None:
     points = curve.points @ np.array([1.0, 1.0j])
     # enter at a right angle after a holding tab, or the lead-in would cut into the tab
     angles = _ANGLES if curve.closed else _ANGLES[-1:]
-    starts = np.unique(np.linspace(0, len(points) - 1, _STARTS).astype(int)) if curve.closed else np.zeros(1, dtype=int)
+    starts = (
+        np.unique(np.linspace(0, len(points) - 1, _START_COUNT).astype(int)) if curve.closed else np.zeros(1, dtype=int)
+    )
     following = points[(starts + 1) % len(points)]
     way = (following - points[starts]) * np.exp(-2j * np.arctan(curve.bulge[starts]))
     way = way / np.abs(way)
-    for share in _SHARES:
+    for share in _LENGTH_SHARES:
         # lead-ins extend backwards from the start of the path, and to its right
         offset = share * length * -way[:, None] * np.exp(1j * angles)
         begin, end = points[starts][:, None] + offset, points[starts][:, None] + 0.02 * offset
@@ -128,20 +137,20 @@ def with_lead(curve: Curve, length: float, free: Any) -> Curve | None:
     return None
 
 
-def _inside(hole: Curve) -> Any:
+def _inside_test(hole: Curve) -> Any:
     """Return a function that tests which lines lie inside a hole."""
     import shapely
 
-    waste = shapely.Polygon(hole.sampled(5e-6))
+    waste = shapely.Polygon(hole.sample(5e-6))
     shapely.prepare(waste)
     return lambda lines: shapely.contains_properly(waste, lines)
 
 
-def _outside(outlines: list[Curve], size: tuple[float, float], progress: Progress) -> Any:
+def _outside_test(outlines: list[Curve], size: tuple[float, float], progress: Progress) -> Any:
     """Return a function that tests which lines lie on the sheet and outside all outlines."""
     import shapely
 
-    parts = shapely.STRtree([shapely.Polygon(o.sampled(5e-6)) for o in progress.each(outlines, WAY)])
+    parts = shapely.STRtree([shapely.Polygon(o.sample(5e-6)) for o in progress.each(outlines, CUTTER_PATH)])
     sheet = shapely.box(0.0, 0.0, *size)
 
     def free(lines: np.ndarray) -> np.ndarray:
@@ -165,23 +174,23 @@ def _with_tabs(outline: Curve, places: np.ndarray, cut: CutParams) -> list[Curve
     if not len(places):
         return [outline]
     at = _nearest_along(outline, places[:, :2])
-    wide = _chord_across(outline, at, WIDE * gap) >= gap
+    wide = _chord_across(outline, at, MAX_HALF_TAB * gap) >= gap
     liked = np.where(wide, 1.0, _NARROW_PENALTY) * places[:, 2]
     chosen: list[float] = []
     reach: dict[float, float] = {}
     for _ in range(cut.tabs):
         apart = np.array([[abs((a - c + 0.5 * length) % length - 0.5 * length) for c in chosen] for a in at])
         alone = apart.min(axis=1) if chosen else np.full(len(at), length)
-        worth = np.where(alone > 2.0 * WIDE * gap, alone / liked, -1.0)
+        worth = np.where(alone > 2.0 * MAX_HALF_TAB * gap, alone / liked, -1.0)
         if worth.max() < 0.0:
             break
         best = int(np.argmax(worth))
         chosen.append(float(at[best]))
-        reach[chosen[-1]] = WIDE if wide[best] else WIDEST
+        reach[chosen[-1]] = MAX_HALF_TAB if wide[best] else MAX_HALF_TAB_AT_TIPS
     chosen.sort()
     halves = [_half_gap(outline, at, gap, reach[at]) for at in chosen]
     return [
-        piece(outline, a + before, b - after)
+        curve_between(outline, a + before, b - after)
         for (a, b), before, after in zip(
             zip(chosen, [*chosen[1:], chosen[0] + length], strict=True), halves, [*halves[1:], halves[0]], strict=True
         )
@@ -190,7 +199,7 @@ def _with_tabs(outline: Curve, places: np.ndarray, cut: CutParams) -> list[Curve
 
 def _chord_across(outline: Curve, middle: np.ndarray, half: float) -> np.ndarray:
     """Return the distances (K,) between the points ``half`` metres before and after places (K,) on a closed curve."""
-    line = outline.sampled(1e-6)
+    line = outline.sample(1e-6)
     line = np.concatenate([line, line[:1]])
     run = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
     ends = [(middle + way) % outline.length * run[-1] / outline.length for way in (-half, half)]
@@ -206,7 +215,7 @@ def _half_gap(outline: Curve, middle: float, gap: float, widest: float) -> float
     low, high = 0.5 * gap, widest * gap
     for _ in range(_HALVINGS):
         half = 0.5 * (low + high)
-        part = piece(outline, middle - half, middle + half)
+        part = curve_between(outline, middle - half, middle + half)
         low, high = (half, high) if np.linalg.norm(part.points[-1] - part.points[0]) < gap else (low, half)
     return high
 
@@ -215,7 +224,7 @@ def _nearest_along(curve: Curve, points: np.ndarray) -> np.ndarray:
     """Return the positions (K,) in metres along a closed curve that are nearest to points (K, 2)."""
     from scipy.spatial import cKDTree
 
-    line = curve.sampled(1e-6)
+    line = curve.sample(1e-6)
     line = np.concatenate([line, line[:1]])
     step = np.linalg.norm(np.diff(line, axis=0), axis=1)
     count = np.maximum(np.ceil(step / 1e-4).astype(int), 1)
@@ -228,7 +237,7 @@ def _nearest_along(curve: Curve, points: np.ndarray) -> np.ndarray:
     return (run[which[found]] + share[found] * step[which[found]]) * curve.length / run[-1]
 
 
-def piece(curve: Curve, begin: float, end: float) -> Curve:
+def curve_between(curve: Curve, begin: float, end: float) -> Curve:
     """Return the open part of a closed curve between two positions in metres along it.
 
     Parameters
@@ -236,7 +245,7 @@ def piece(curve: Curve, begin: float, end: float) -> Curve:
     curve : closed curve
     begin, end : positions, begin < end; negative positions and positions beyond the curve's length wrap around
     """
-    lengths = _lengths(curve)
+    lengths = _segment_lengths(curve)
     run = np.concatenate([[0.0], np.cumsum(np.tile(lengths, 3))]) - lengths.sum()
     first, last = np.searchsorted(run, begin, side="right") - 1, np.searchsorted(run, end, side="left") - 1
     count, nodes, bulges = len(lengths), [], []
@@ -244,20 +253,20 @@ def piece(curve: Curve, begin: float, end: float) -> Curve:
         a, b = curve.points[k % count], curve.points[(k + 1) % count]
         low, high = max(begin - run[k], 0.0) / lengths[k % count], min((end - run[k]) / lengths[k % count], 1.0)
         quarter = np.arctan(curve.bulge[k % count])
-        nodes.append(_point(a, b, quarter, low))
+        nodes.append(_arc_point(a, b, quarter, low))
         bulges.append(np.tan((high - low) * quarter))
         if k == last:
-            nodes.append(_point(a, b, quarter, high))
+            nodes.append(_arc_point(a, b, quarter, high))
     return Curve(np.array(nodes), np.array([*bulges, 0.0]), closed=False)
 
 
-def _lengths(curve: Curve) -> np.ndarray:
+def _segment_lengths(curve: Curve) -> np.ndarray:
     """Return the length of every segment in metres."""
     chord = np.linalg.norm(np.roll(curve.points, -1, axis=0) - curve.points, axis=1)
     half = 2.0 * np.abs(np.arctan(curve.bulge))
     return chord * np.where(half > 1e-9, half / np.maximum(np.sin(half), 1e-300), 1.0)
 
 
-def _point(a: np.ndarray, b: np.ndarray, quarter: float, share: float) -> np.ndarray:
+def _arc_point(a: np.ndarray, b: np.ndarray, quarter: float, share: float) -> np.ndarray:
     """Return the point at a share of the arc from ``a`` to ``b``; ``quarter`` is a quarter of the arc's angle."""
     return arc_points(a[None], b[None], np.tan(np.array([quarter])), np.array([[share]]))[0, 0]

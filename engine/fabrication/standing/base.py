@@ -14,14 +14,14 @@ from ...mechanics.assembly import Pose
 from ...params import BaseParams, SheetParams, SpiralParams
 from ...spirals.curves.arcs import Curve
 from ...spirals.design import SpiralDesign
-from ..nesting.packing import turn_that_fits
-from ..panels.lettering import FILL_SHARE, length, straight
-from .corners import hull
+from ..nesting.packing import find_fitting_rotation
+from ..panels.lettering import FILL_SHARE, straight_text, text_length
+from .corners import hull_outline
 from .eyelets import Eyelet, eyelets_report
 from .feet import Foot, make_feet
-from .frame import planks
+from .frame import make_planks
 
-BESIDE = 0.001  # metres between a slot and its number
+NUMBER_GAP = 0.001  # metres between a slot and its number
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,21 +49,21 @@ class Base:
     """Base that a piece stands on or hangs from.
 
     design : the design, with feet instead of the arms that they replace
-    ground : height of the upper side of the plates, metres
+    ground_height : height of the upper side of the plates, metres
     thickness : of the plates and of the sheet, metres
     eyelets : holes to hang the piece by, instead of feet
-    framed : whether the plates are the planks of a frame
+    is_frame : whether the plates are the planks of a frame
     """
 
     design: SpiralDesign
     feet: tuple[Foot, ...]
     plates: tuple[Plate, ...]
-    ground: float
+    ground_height: float
     thickness: float
     eyelets: tuple[Eyelet, ...] = ()
-    framed: bool = False
+    is_frame: bool = False
 
-    def holes(self, patch: int) -> tuple[Curve, ...]:
+    def eyelet_holes(self, patch: int) -> tuple[Curve, ...]:
         """Return the eyelets of a patch as holes in its panel."""
         return tuple(one.hole for one in self.eyelets if one.patch == patch)
 
@@ -73,11 +73,11 @@ class Base:
         if self.eyelets:
             return eyelets_report(self.eyelets)
         lean = np.degrees([foot.lean for foot in self.feet])
-        reach = [1e3 * foot.shoulder for foot in self.feet]
+        reach = [1e3 * foot.shoulder_distance for foot in self.feet]
         return {
-            ("planks" if self.framed else "plates"): len(self.plates),
+            ("planks" if self.is_frame else "plates"): len(self.plates),
             "feet": len(self.feet),
-            "ground_mm": round(1e3 * self.ground, 3),
+            "ground_mm": round(1e3 * self.ground_height, 3),
             "lean_deg": [round(float(x), 2) for x in (lean.min(), lean.max())],
             "foot_mm": [round(x, 2) for x in (min(reach), max(reach))],
         }
@@ -90,7 +90,7 @@ class Base:
         params : height of the letters, and whether there are labels
         mark : letter of the piece, if several pieces share sheets
         """
-        return [_numbers(p.feet, p.slots, p.outline, params, mark) for p in self.plates]
+        return [_number_strokes(p.feet, p.slots, p.outline, params, mark) for p in self.plates]
 
     def foot_labels(self, params: SheetParams, mark: str = "") -> dict[int, list[Curve]]:
         """Return by patch the strokes of the numbers engraved along its feet.
@@ -101,10 +101,16 @@ class Base:
         """
         found: dict[int, list[Curve]] = {}
         for foot in self.feet if params.labels else ():
-            text, height = foot_name(foot, mark), _height(foot, params, mark)
-            left = foot.aside * np.array([-foot.way[1], foot.way[0]])
-            tip = self.design.arms.centre[foot.quad] + left + (foot.shoulder - 0.6 * length(text) * height) * foot.way
-            strokes = [Curve(s, np.zeros(len(s)), closed=False) for s in straight(text, height, tip, foot.way)]
+            text, height = foot_name(foot, mark), _letter_height(foot, params, mark)
+            left = foot.tongue_offset * np.array([-foot.direction[1], foot.direction[0]])
+            tip = (
+                self.design.arms.centre[foot.quad]
+                + left
+                + (foot.shoulder_distance - 0.6 * text_length(text) * height) * foot.direction
+            )
+            strokes = [
+                Curve(s, np.zeros(len(s)), closed=False) for s in straight_text(text, height, tip, foot.direction)
+            ]
             found.setdefault(foot.cap.patch, []).extend(strokes)
         return found
 
@@ -120,9 +126,11 @@ def foot_name(foot: Foot, mark: str = "") -> str:
     return f"-{mark}{foot.number}-"
 
 
-def _height(foot: Foot, params: SheetParams, mark: str = "") -> float:
+def _letter_height(foot: Foot, params: SheetParams, mark: str = "") -> float:
     """Return the height in metres of the letters of a foot's number."""
-    return min(params.label_height, FILL_SHARE * foot.width, 0.4 * foot.shoulder / length(foot_name(foot, mark)))
+    return min(
+        params.label_height, FILL_SHARE * foot.width, 0.4 * foot.shoulder_distance / text_length(foot_name(foot, mark))
+    )
 
 
 def make_base(
@@ -158,17 +166,17 @@ def make_base(
     refuse_rim(design.params)
     feet = make_feet(design, pose, supports, lowest, params)
     thickness, ground = design.params.thickness, lowest - params.base_height
-    slots = np.array([foot.slot(thickness, clearance) for foot in feet])
+    slots = np.array([foot.slot_corners(thickness, clearance) for foot in feet])
     _refuse_touching(feet, slots, thickness)
     footed = replace(design, feet=tuple(foot.cap for foot in feet))
     if params.base == "frame":
-        cut = planks(slots, params.base_edge, clearance, thickness, sheet)
+        cut = make_planks(slots, params.base_edge, clearance, thickness, sheet)
         made = tuple(_plate_with_slots(feet, slots, rows, outline, sheet) for outline, rows in cut)
-        return Base(footed, feet, made, ground, thickness, framed=True)
+        return Base(footed, feet, made, ground, thickness, is_frame=True)
     groups = (
         [np.arange(len(feet))] if params.base == "plate" else _feet_per_plate(design, feet, slots, params.base_edge)
     )
-    plates = [_plate(feet, slots, rows, params.base_edge, sheet, thickness) for rows in groups]
+    plates = [_make_plates(feet, slots, rows, params.base_edge, sheet, thickness) for rows in groups]
     return Base(footed, feet, tuple(plate for some in plates for plate in some), ground, thickness)
 
 
@@ -186,7 +194,7 @@ def _plate_with_slots(
 ) -> Plate:
     """Return a plate with this outline and the slots of the feet ``rows``."""
     some = tuple(feet[k] for k in rows.tolist())
-    return Plate(outline, some, slots[rows], _numbers(some, slots[rows], outline, sheet))
+    return Plate(outline, some, slots[rows], _number_strokes(some, slots[rows], outline, sheet))
 
 
 def _refuse_touching(feet: Sequence[Foot], slots: np.ndarray, wall: float) -> None:
@@ -225,15 +233,15 @@ def _feet_per_plate(design: SpiralDesign, feet: Sequence[Foot], slots: np.ndarra
     return [np.array(sorted(rows)) for rows, _ in groups]
 
 
-def _plate(
+def _make_plates(
     feet: Sequence[Foot], slots: np.ndarray, rows: np.ndarray, margin: float, sheet: SheetParams, thickness: float
 ) -> list[Plate]:
     """Return a plate around the slots ``rows``, or several plates if a single one would be larger than the sheet."""
     import shapely
 
-    outline = hull(slots[rows].reshape(-1, 2), margin)
+    outline = hull_outline(slots[rows].reshape(-1, 2), margin)
     size = sheet.sheet_width, sheet.sheet_height
-    if turn_that_fits(outline.sampled(1e-4), size, sheet.margin, sheet.rotation) is not None:
+    if find_fitting_rotation(outline.sample(1e-4), size, sheet.margin, sheet.rotation) is not None:
         return [_plate_with_slots(feet, slots, rows, outline, sheet)]
     middles = slots[rows].mean(axis=1)
     along = np.linalg.svd(middles - middles.mean(axis=0))[2][0]
@@ -250,10 +258,10 @@ def _plate(
             "The base is larger than the sheet and cannot be divided between its slots; take a larger sheet, or choose feet",
             faces=[feet[k].quad for k in rows.tolist()],
         )
-    return [plate for half in halves for plate in _plate(feet, slots, half, margin, sheet, thickness)]
+    return [plate for half in halves for plate in _make_plates(feet, slots, half, margin, sheet, thickness)]
 
 
-def _numbers(
+def _number_strokes(
     feet: Sequence[Foot], slots: np.ndarray, outline: Curve, sheet: SheetParams, mark: str = ""
 ) -> tuple[Curve, ...]:
     """Return the strokes of the feet's numbers beside their slots, left out where neither side has room."""
@@ -262,17 +270,17 @@ def _numbers(
     if not sheet.labels:
         return ()
     holes = shapely.polygons(slots)
-    plate = shapely.Polygon(outline.sampled(1e-4)).buffer(-BESIDE)
+    plate = shapely.Polygon(outline.sample(1e-4)).buffer(-NUMBER_GAP)
     shapely.prepare(plate)
     found: list[Curve] = []
     for foot, corners in zip(feet, slots, strict=True):
         text = foot_name(foot, mark)
-        height, middle, along = _height(foot, sheet, mark), corners.mean(axis=0), foot.across[:2]
+        height, middle, along = _letter_height(foot, sheet, mark), corners.mean(axis=0), foot.across[:2]
         for side in (1.0, -1.0):
-            beside = np.abs((corners - middle) @ along).max() + BESIDE + 0.5 * height * length(text)
-            strokes = straight(text, height, middle + side * beside * along, along)
+            beside = np.abs((corners - middle) @ along).max() + NUMBER_GAP + 0.5 * height * text_length(text)
+            strokes = straight_text(text, height, middle + side * beside * along, along)
             lines = shapely.multilinestrings([[shapely.linestrings(s) for s in strokes]])[0]
-            if plate.contains(lines) and shapely.distance(lines, holes).min() > 0.5 * BESIDE:
+            if plate.contains(lines) and shapely.distance(lines, holes).min() > 0.5 * NUMBER_GAP:
                 found += [Curve(s, np.zeros(len(s)), closed=False) for s in strokes]
                 break
     return tuple(found)

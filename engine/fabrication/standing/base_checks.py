@@ -8,14 +8,14 @@ from ...errors import FlexMapsError
 from ...params import BaseParams, SimulateParams, SpiralParams
 from ...surface.mesh import QuadMesh
 from .base import refuse_rim
-from .feet import FLATTEST, SIDEWAYS, quads_for_feet, refuse_flat, refuse_inside, refuse_sideways
+from .feet import MAX_SIDEWAYS_ANGLE, MIN_SLOPE, quads_for_feet, refuse_flat, refuse_inside, refuse_sideways
 
 # Angle in radians by which supports may violate a limit on the target without being refused here, because the simulated
 # shape deviates from the target; chosen by eye as several times the deviation of optimised pieces
-SLACK = np.radians(10.0)
+ANGLE_TOLERANCE = np.radians(10.0)
 
 
-def check_hold(base: BaseParams, simulate: SimulateParams) -> None:
+def check_clamping(base: BaseParams, simulate: SimulateParams) -> None:
     """Raise ``FlexMapsError`` if the base clamps the supports but the simulation hinges them, or the reverse.
 
     Parameters
@@ -35,7 +35,7 @@ def check_hold(base: BaseParams, simulate: SimulateParams) -> None:
         )
 
 
-def check_early(
+def check_base_on_target(
     mesh: QuadMesh, supports: np.ndarray | None, base: BaseParams, simulate: SimulateParams, spiral: SpiralParams
 ) -> None:
     """Raise ``FlexMapsError`` if no shape close to the target could stand on or hang by these supports.
@@ -50,7 +50,7 @@ def check_early(
         return
     if base.stands:
         refuse_rim(spiral)
-    check_hold(base, simulate)
+    check_clamping(base, simulate)
     if supports is None or not len(supports):
         hangs = base.base == "eyelets"
         raise FlexMapsError(
@@ -62,13 +62,13 @@ def check_early(
 
 
 def _check_feet(mesh: QuadMesh, supports: np.ndarray) -> None:
-    """Apply the checks of module ``feet`` to the target surface, with tolerance ``SLACK`` on the angles."""
+    """Apply the checks of module ``feet`` to the target surface, with tolerance ``ANGLE_TOLERANCE`` on the angles."""
     refuse_inside(np.setdiff1d(supports, quads_for_feet(mesh, supports)))
     corners = mesh.vertices[mesh.quads[supports]]
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
     slope = np.linalg.norm(normal[:, :2], axis=1)
-    refuse_flat(supports[slope < np.sin(FLATTEST - SLACK)])
+    refuse_flat(supports[slope < np.sin(MIN_SLOPE - ANGLE_TOLERANCE)])
     # in the plane of every quad: direction of steepest descent, and directions to the middles of its sides
     down = normal[:, 2:] * normal - np.array([0.0, 0.0, 1.0])
     down /= np.linalg.norm(down, axis=1)[:, None]
@@ -76,4 +76,4 @@ def _check_feet(mesh: QuadMesh, supports: np.ndarray) -> None:
     sides -= np.einsum("nki,ni->nk", sides, normal)[..., None] * normal[:, None]
     away = np.einsum("nki,ni->nk", sides, down) / np.maximum(np.linalg.norm(sides, axis=2), 1e-300)
     away[~mesh.border[mesh.quad_edges[supports]]] = -1.0
-    refuse_sideways(supports[away.max(axis=1) < np.cos(SIDEWAYS + SLACK)])
+    refuse_sideways(supports[away.max(axis=1) < np.cos(MAX_SIDEWAYS_ANGLE + ANGLE_TOLERANCE)])

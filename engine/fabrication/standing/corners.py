@@ -8,7 +8,7 @@ from ...arrays import Float
 from ...spirals.curves.arcs import Curve
 from ...tolerances import SINGLE_TOL
 
-CORNER = 0.0006  # metres, radius of the outer corners of feet and planks
+CORNER_RADIUS = 0.0006  # metres, radius of the outer corners of feet and planks
 
 
 def round_corners(
@@ -48,7 +48,7 @@ def round_corners(
     return Curve(np.array(nodes), np.array(bulges), closed=closed)
 
 
-def hull(points: Float[np.ndarray, "n 2"], margin: float) -> Curve:
+def hull_outline(points: Float[np.ndarray, "n 2"], margin: float) -> Curve:
     """Return the outline ``margin`` metres around the convex hull of points, counter-clockwise, with round corners."""
     import shapely
 

@@ -20,10 +20,10 @@ from ...params import CutParams
 from ...spirals.curves.arcs import Curve
 from ...spirals.design import SpiralDesign
 from ...surface.checking.finding import with_count
-from ..panels.labels import hub_circles
+from ..panels.labels import free_hub_radii
 
-EDGE = 1.0  # minimum material around a hole, in diameters; handbooks require so much between a pin and an edge
-ROUNDED = 1e-3  # relative tolerance on the radius required in a hub, because hubs are sized iteratively
+EDGE_RATIO = 1.0  # minimum material around a hole, in diameters; handbooks require so much between a pin and an edge
+RADIUS_TOLERANCE = 1e-3  # relative tolerance on the radius required in a hub, because hubs are sized iteratively
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,9 +33,9 @@ class Eyelet:
     number : from 1, as on the assembly sheet
     quad, patch : indices of the quad and the patch in which it lies
     centre : in the patch's frame, metres
-    diameter, edge : diameter of the hole, and minimum width of the material around it, metres
+    diameter, edge_width : diameter of the hole, and minimum width of the material around it, metres
     place : centre in the simulated shape, metres
-    pull : force vector in N that holds the piece there; None if unknown
+    support_force : force vector in N that holds the piece there; None if unknown
     """
 
     number: int
@@ -43,9 +43,9 @@ class Eyelet:
     patch: int
     centre: Float[np.ndarray, " 2"]
     diameter: float
-    edge: float
+    edge_width: float
     place: Float[np.ndarray, " 3"]
-    pull: Float[np.ndarray, " 3"] | None = None
+    support_force: Float[np.ndarray, " 3"] | None = None
 
     @property
     def name(self) -> str:
@@ -59,15 +59,15 @@ class Eyelet:
         return Curve(np.stack([self.centre - beside, self.centre + beside]), np.array([-1.0, -1.0]))
 
     @property
-    def force(self) -> float | None:
+    def force_magnitude(self) -> float | None:
         """Magnitude of the force in N, or None."""
-        return None if self.pull is None else float(np.linalg.norm(self.pull))
+        return None if self.support_force is None else float(np.linalg.norm(self.support_force))
 
     def stress(self, thickness: float) -> float | None:
         """Return the larger of the bearing stress and the tear-out shear stress at the pin, Pa; None if unknown."""
-        if self.force is None:
+        if self.force_magnitude is None:
             return None
-        return self.force / thickness * max(1.0 / self.diameter, 1.0 / (2.0 * self.edge))
+        return self.force_magnitude / thickness * max(1.0 / self.diameter, 1.0 / (2.0 * self.edge_width))
 
 
 def make_eyelets(
@@ -76,7 +76,7 @@ def make_eyelets(
     supports: Int[np.ndarray, " held"] | None,
     diameter: float,
     cut: CutParams,
-    pull: Float[np.ndarray, "quads 3"] | None = None,
+    support_forces: Float[np.ndarray, "quads 3"] | None = None,
 ) -> tuple[Eyelet, ...]:
     """Make a hole in the hub of every supported spiral of a design.
 
@@ -87,7 +87,7 @@ def make_eyelets(
     supports : supported quads
     diameter : of the holes, metres
     cut : kerf and mill, which bound the diameter from below
-    pull : force in N that holds every hub
+    support_forces : force in N that holds every hub
 
     Raises
     ------
@@ -102,13 +102,13 @@ def make_eyelets(
         raise FlexMapsError(
             f"Eyelets of {1e3 * diameter:g} mm are no larger than the cutter's width of {1e3 * least:g} mm; make them larger"
         )
-    room = hub_circles(design.arms, design.roots)[supports]
-    needed = (0.5 + EDGE) * diameter
-    narrow = room < (1.0 - ROUNDED) * needed
+    room = free_hub_radii(design.arms, design.roots)[supports]
+    needed = (0.5 + EDGE_RATIO) * diameter
+    narrow = room < (1.0 - RADIUS_TOLERANCE) * needed
     if narrow.any():
         raise FlexMapsError(
             f"The hubs of {with_count(int(narrow.sum()), 'supported spiral', 'supported spirals')} are too small for eyelets of {1e3 * diameter:g} mm with as much "
-            f"material round them: they have room for {1e3 * room.min() / (0.5 + EDGE):.2g} mm; make the eyelets smaller or the "
+            f"material round them: they have room for {1e3 * room.min() / (0.5 + EDGE_RATIO):.2g} mm; make the eyelets smaller or the "
             "largest width larger, and press Spirals again while eyelets are chosen, which makes these spirals as wide as possible",
             faces=supports[narrow],
         )
@@ -116,7 +116,7 @@ def make_eyelets(
     return tuple(
         Eyelet(
             n + 1, f, int(patch[n]), centre[n], diameter, float(room[n]) - 0.5 * diameter, pose.centres[f],
-            None if pull is None else pull[f],
+            None if support_forces is None else support_forces[f],
         )
         for n, f in enumerate(supports.tolist())
     )  # fmt: skip
@@ -127,12 +127,14 @@ def eyelets_report(eyelets: tuple[Eyelet, ...]) -> dict[str, Any]:
     found: dict[str, Any] = {
         "eyelets": len(eyelets),
         "eyelet_mm": round(1e3 * eyelets[0].diameter, 3),
-        "edge_mm": round(1e3 * min(one.edge for one in eyelets), 3),
+        "edge_mm": round(1e3 * min(one.edge_width for one in eyelets), 3),
         "faces": [one.quad for one in eyelets],
         "places_mm": [[round(1e3 * float(x), 2) for x in one.place] for one in eyelets],
     }
-    if eyelets[0].pull is not None:
-        found["forces_N"] = [[float(f"{x:.4g}") for x in one.pull] for one in eyelets if one.pull is not None]
+    if eyelets[0].support_force is not None:
+        found["forces_N"] = [
+            [float(f"{x:.4g}") for x in one.support_force] for one in eyelets if one.support_force is not None
+        ]
     return found
 
 
@@ -151,6 +153,6 @@ def warn_of_overload(eyelets: tuple[Eyelet, ...], thickness: float, material: Ma
         return []
     one = eyelets[worst]
     return [
-        f"{with_count(sum(share > 1.0 for share in found), 'eyelet bears', 'eyelets bear')} more than {material.name}: {one.name} {one.force:.3g} N, "
+        f"{with_count(sum(share > 1.0 for share in found), 'eyelet bears', 'eyelets bear')} more than {material.name}: {one.name} {one.force_magnitude:.3g} N, "
         f"{100.0 * found[worst]:.0f} % of what it can; hang the piece by more spirals, or make the eyelets larger"
     ]

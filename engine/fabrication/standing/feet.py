@@ -17,23 +17,23 @@ from ...mechanics.assembly import Pose
 from ...params import BaseParams
 from ...spirals.caps import Cap, make_caps, stump_starts
 from ...spirals.clearance.slots import min_slot_width
-from ...spirals.curves.arcs import Curve, biarcs
+from ...spirals.curves.arcs import Curve, interpolate_biarcs
 from ...spirals.curves.spiral import LEFT, RIGHT, edge_points
 from ...spirals.design import SpiralDesign
 from ...surface.checking.finding import with_count
 from ...surface.mesh import QuadMesh
-from .corners import CORNER, round_corners
+from .corners import CORNER_RADIUS, round_corners
 
 # Minimum slope in radians of a sheet at a foot. Flatter sheets would lie on the base rather than stand, with slots
 # wider than three thicknesses
-FLATTEST = np.radians(25.0)
+MIN_SLOPE = np.radians(25.0)
 # Maximum angle in radians between a foot and the direction from the hub to the middle of the side by which it leaves;
 # at a corner of the border it is 45 degrees for both sides
-SIDEWAYS = np.radians(60.0)
-UNWOUND = 0.02  # maximum twist in radians of a spiral that counts as straight
-TONGUE = 0.6  # width of the tongue as a share of the foot's; the rest are two equal shoulders; by eye
-FLARE = 0.8  # length over which a foot widens from its hub, as a share of the widening on one side; by eye
-BEYOND = 1.0  # length by which the tongue extends below the slot, in thicknesses of the sheet
+MAX_SIDEWAYS_ANGLE = np.radians(60.0)
+MAX_STRAIGHT_TWIST = 0.02  # maximum twist in radians of a spiral that counts as straight
+TONGUE_SHARE = 0.6  # width of the tongue as a share of the foot's; the rest are two equal shoulders; by eye
+FLARE_RATIO = 0.8  # length over which a foot widens from its hub, as a share of the widening on one side; by eye
+TONGUE_OVERHANG = 1.0  # length by which the tongue extends below the slot, in thicknesses of the sheet
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,10 +43,10 @@ class Foot:
     number : engraved number, from 1
     quad, side : the arm that it replaces
     cap : its outline in the patch's frame
-    shoulder, aside : distance from the hub's centre to the shoulders along the foot, and offset of the tongue's middle
+    shoulder_distance, tongue_offset : distance from the hub's centre to the shoulders along the foot, and offset of the tongue's middle
         to the left, metres
-    width, tongue : widths of the foot and of its tongue, metres
-    way : unit vector along the foot in the patch's frame
+    width, tongue_width : widths of the foot and of its tongue, metres
+    direction : unit vector along the foot in the patch's frame
     down, across : unit vectors in space along the foot and along its level shoulders
     place : intersection of its centre line with the ground, metres
     lean : angle between the sheet and the ground, radians
@@ -56,17 +56,17 @@ class Foot:
     quad: int
     side: int
     cap: Cap
-    shoulder: float
-    aside: float
+    shoulder_distance: float
+    tongue_offset: float
     width: float
-    tongue: float
-    way: Float[np.ndarray, " 2"]
+    tongue_width: float
+    direction: Float[np.ndarray, " 2"]
     down: Float[np.ndarray, " 3"]
     across: Float[np.ndarray, " 3"]
     place: Float[np.ndarray, " 3"]
     lean: float
 
-    def slot(self, thickness: float, clearance: float) -> Float[np.ndarray, "4 2"]:
+    def slot_corners(self, thickness: float, clearance: float) -> Float[np.ndarray, "4 2"]:
         """Return the corners of the foot's slot, counter-clockwise, metres.
 
         The slot has vertical walls and contains the leaning tongue over the whole thickness of the base, which equals
@@ -81,7 +81,7 @@ class Foot:
         ahead *= np.sign(ahead @ self.down[:2]) or 1.0
         half = 0.5 * thickness / np.sin(self.lean)
         ends = np.array([-half - clearance, half + thickness / np.tan(self.lean) + clearance])
-        side = (0.5 * self.tongue + clearance) * self.across[:2]
+        side = (0.5 * self.tongue_width + clearance) * self.across[:2]
         a, b = self.place[:2] + ends[:, None] * ahead
         corners = np.array([a - side, b - side, b + side, a + side])
         turned = (b - a)[0] * side[1] - (b - a)[1] * side[0] > 0.0
@@ -116,8 +116,8 @@ def make_feet(
     ------
     FlexMapsError : a foot is impossible; the error names the faces
     """
-    side, way = _sides(design, pose, supports)
-    wound = supports[design.twist[supports] > UNWOUND]
+    side, way = _sides_and_directions(design, pose, supports)
+    wound = supports[design.twist[supports] > MAX_STRAIGHT_TWIST]
     if len(wound):
         raise FlexMapsError(
             f"{with_count(len(wound), 'supported spiral is', 'supported spirals are')} wound, so that arms would cross feet; press Spirals again while a "
@@ -130,30 +130,32 @@ def make_feet(
     shoulder = (height - 0.5 * design.params.thickness * level) / slope
     made = []
     for n, (f, k) in enumerate(zip(supports.tolist(), side.tolist(), strict=True)):
-        cap, aside = _cap(design, f, k, way[n], float(shoulder[n]), float(slope[n]), params.foot_width)
+        cap, aside = _foot_cap(design, f, k, way[n], float(shoulder[n]), float(slope[n]), params.foot_width)
         flat = np.array([way[n], [-way[n, 1], way[n, 0]]])
         down, across = flat @ rotations[n, :, :2].T
         place = pose.centres[f] + height[n] / slope[n] * down + aside * across
         lean = float(np.arcsin(slope[n]))
         width = params.foot_width
-        numbers = float(shoulder[n]), aside, width, TONGUE * width
+        numbers = float(shoulder[n]), aside, width, TONGUE_SHARE * width
         made.append(Foot(n + 1, f, k, cap, *numbers, way[n], down, across, place, lean))
     _refuse_crowded(design, made)
     return tuple(made)
 
 
-def _sides(design: SpiralDesign, pose: Pose, supports: Int[np.ndarray, " held"]) -> tuple[np.ndarray, np.ndarray]:
+def _sides_and_directions(
+    design: SpiralDesign, pose: Pose, supports: Int[np.ndarray, " held"]
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the side (n,) by which every foot leaves its quad, and its direction (n, 2) in the patch's frame."""
     mesh, rotations = design.flat.layout.mesh, pose.rotations[supports]
     refuse_inside(np.setdiff1d(supports, quads_for_feet(mesh, supports)))
     way = -rotations[:, 2, :2]  # project -z onto the plane of the hub
     slope = np.linalg.norm(way, axis=1)
-    refuse_flat(supports[slope < np.sin(FLATTEST)])
+    refuse_flat(supports[slope < np.sin(MIN_SLOPE)])
     way /= slope[:, None]
     aside = design.arms.angle[supports] - np.arctan2(way[:, 1], way[:, 0])[:, None]
     aside = np.abs((aside + np.pi) % (2.0 * np.pi) - np.pi)
     aside[~mesh.border[mesh.quad_edges[supports]]] = np.inf
-    refuse_sideways(supports[aside.min(axis=1) > SIDEWAYS])
+    refuse_sideways(supports[aside.min(axis=1) > MAX_SIDEWAYS_ANGLE])
     return aside.argmin(axis=1), way
 
 
@@ -172,7 +174,7 @@ def refuse_flat(faces: Int[np.ndarray, " some"]) -> None:
     if len(faces):
         raise FlexMapsError(
             f"{with_count(len(faces), 'supported spiral lies', 'supported spirals lie')} too flat for a foot to reach the ground: "
-            f"{np.degrees(FLATTEST):.0f} degrees at least are needed; support the piece elsewhere, turn it, or choose no base",
+            f"{np.degrees(MIN_SLOPE):.0f} degrees at least are needed; support the piece elsewhere, turn it, or choose no base",
             faces=faces,
         )
 
@@ -187,7 +189,7 @@ def refuse_sideways(faces: Int[np.ndarray, " some"]) -> None:
         )
 
 
-def _cap(
+def _foot_cap(
     design: SpiralDesign, quad: int, side: int, way: np.ndarray, shoulder: float, slope: float, width: float
 ) -> tuple[Cap, float]:
     """Return the outline of a foot, from right to left edge of the arm that it replaces, and the tongue's offset.
@@ -205,13 +207,13 @@ def _cap(
     (right, right_way), (left, left_way) = (
         [x[0, 0, 0] for x in edge_points(arm, np.full((1, 1, 1), begin), s)] for s in (RIGHT, LEFT)
     )
-    frame, half, narrow = np.array([way, [-way[1], way[0]]]), 0.5 * width, 0.5 * TONGUE * width
+    frame, half, narrow = np.array([way, [-way[1], way[0]]]), 0.5 * width, 0.5 * TONGUE_SHARE * width
     out = frame @ [np.cos(arm.angle[0, 0]), np.sin(arm.angle[0, 0])]
     normal, knee = np.array([-out[1], out[0]]), out * arm.radius[0, 0]
     starts = [frame @ (p - arm.centre[0]) for p in (right, left)]
-    wide = max(float(p @ out) for p in starts) + FLARE * (half - min(abs(float(p @ normal)) for p in starts))
+    wide = max(float(p @ out) for p in starts) + FLARE_RATIO * (half - min(abs(float(p @ normal)) for p in starts))
     turn = half * abs(out[1]) / (1.0 + out[0])  # length by which the bend shortens the foot's inner edge on both sides
-    short = max(knee[0] + turn + 2.0 * CORNER - shoulder, wide + turn - arm.radius[0, 0])
+    short = max(knee[0] + turn + 2.0 * CORNER_RADIUS - shoulder, wide + turn - arm.radius[0, 0])
     if short > 0.0:
         raise FlexMapsError(
             f"There is no room for a foot of {1e3 * width:g} mm at a supported spiral: {1e3 * short:.2g} mm are lacking; make the "
@@ -220,21 +222,24 @@ def _cap(
         )
     # the tongue passes through the base; as it leans, one of its faces reaches the lower side later than the other
     thickness, level = design.params.thickness, np.sqrt(max(1.0 - slope**2, 0.0))
-    end, bend = shoulder + thickness * (1.0 + level + BEYOND) / slope, (normal + np.array([0.0, 1.0])) / (1.0 + out[0])
+    end, bend = (
+        shoulder + thickness * (1.0 + level + TONGUE_OVERHANG) / slope,
+        (normal + np.array([0.0, 1.0])) / (1.0 + out[0]),
+    )
     aside = knee[1]
     lines = []
     for sign in (-1.0, 1.0):
         corners = [wide * out + sign * half * normal, knee + sign * half * bend]
         corners += [(shoulder, aside + sign * half), (shoulder, aside + sign * narrow), (end, aside + sign * narrow)]
         lines.append(np.array(corners))
-    radii = np.array([0.0, half, CORNER, 0.0, CORNER])
+    radii = np.array([0.0, half, CORNER_RADIUS, 0.0, CORNER_RADIUS])
     line = np.concatenate([lines[0], lines[1][::-1]])
     post = round_corners(line @ frame + arm.centre[0], np.concatenate([radii, radii[::-1]]), closed=False)
     away = out @ frame
     parts = [
-        _flare(right, -right_way, post.points[0], away),
+        _flare_biarc(right, -right_way, post.points[0], away),
         (post.points[:-1], post.bulge[:-1]),
-        _flare(post.points[-1], -away, left, left_way),
+        _flare_biarc(post.points[-1], -away, left, left_way),
         (left[None], np.zeros(1)),
     ]
     nodes, bulge = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
@@ -242,9 +247,11 @@ def _cap(
     return Cap(4 * quad + side, patch, float(begin), Curve(nodes, bulge, closed=False)), float(aside)
 
 
-def _flare(start: np.ndarray, first: np.ndarray, end: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _flare_biarc(
+    start: np.ndarray, first: np.ndarray, end: np.ndarray, last: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return nodes and bulges of a biarc from a point and direction to another, without the last point."""
-    nodes, bulge = biarcs(np.stack([start, end])[None], np.stack([first, last])[None])
+    nodes, bulge = interpolate_biarcs(np.stack([start, end])[None], np.stack([first, last])[None])
     return nodes[0], bulge[0]
 
 
@@ -257,7 +264,7 @@ def _refuse_crowded(design: SpiralDesign, feet: list[Foot]) -> None:
     mask.ravel()[[foot.cap.arm for foot in feet]] = True
     bare = replace(design, feet=make_caps(design.arms, stump_starts(design.roots), mask, layout.patch_of))
     drawn = bare.outlines()
-    bodies = np.array([shapely.Polygon(o.outer.sampled(1e-5), [h.sampled(1e-5) for h in o.holes]) for o in drawn])
+    bodies = np.array([shapely.Polygon(o.outer.sample(1e-5), [h.sample(1e-5) for h in o.holes]) for o in drawn])
     patch = np.array([foot.cap.patch for foot in feet])
     shapes = np.array([foot.cap.polygon for foot in feet])
     # ignore a disc around the foot's own hub, where the foot and the other arms begin

@@ -17,24 +17,28 @@ from ...errors import FlexMapsError
 from ...params import SheetParams
 from ...spirals.curves.arcs import Curve
 from ...tolerances import DOUBLE_TOL
-from ..nesting.packing import turn_that_fits
-from .corners import CORNER, round_corners
+from ..nesting.packing import find_fitting_rotation
+from .corners import CORNER_RADIUS, round_corners
 
-TURN = np.radians(75.0)  # maximum change of direction along a plank in radians, so that it stays slender; by eye
+MAX_PLANK_TURN = np.radians(
+    75.0
+)  # maximum change of direction along a plank in radians, so that it stays slender; by eye
 # width of a dovetail at its neck and at its head, and its depth, as shares of the plank's width; by eye
-NECK, HEAD, DEEP = 0.3, 0.42, 0.25
+NECK_SHARE, HEAD_SHARE, DEPTH_SHARE = 0.3, 0.42, 0.25
 # maximum width of the ring at a cut, as a multiple of its width in straight parts; a wider place is a corner, where a
 # cut would run along the ring
-WIDER = 1.4
-SMALLEST = 0.4  # minimum size of a dovetail as a share of the full size, where feet are close together; by eye
+MAX_CUT_WIDTH_RATIO = 1.4
+MIN_DOVETAIL_SHARE = (
+    0.4  # minimum size of a dovetail as a share of the full size, where feet are close together; by eye
+)
 # chords per quarter circle in the buffer around slots, whose corners are rounded with arcs later, and tolerance of its
 # simplification in metres
-CHORDS, STRAY = 12, 1e-5
-BEHIND = 1e-7  # metres by which shapes to be subtracted extend beyond an edge, so that no slivers are left
-LEAST = 3  # minimum number of slots for a ring
+CHORDS_PER_QUARTER, SIMPLIFY_TOLERANCE = 12, 1e-5
+OVERLAP = 1e-7  # metres by which shapes to be subtracted extend beyond an edge, so that no slivers are left
+MIN_SLOTS = 3  # minimum number of slots for a ring
 
 
-def planks(
+def make_planks(
     slots: Float[np.ndarray, "slots 4 2"], margin: float, clearance: float, wall: float, sheet: SheetParams
 ) -> list[tuple[Curve, np.ndarray]]:
     """Return for every plank its outline, counter-clockwise in metres, and the indices of the slots in it.
@@ -53,14 +57,14 @@ def planks(
     """
     import shapely
 
-    if len(slots) < LEAST:
+    if len(slots) < MIN_SLOTS:
         raise FlexMapsError(
-            f"A frame goes round at least {LEAST} feet; support more spirals, or choose a plate or feet"
+            f"A frame goes round at least {MIN_SLOTS} feet; support more spirals, or choose a plate or feet"
         )
-    order = shortest_round(slots.mean(axis=1))
+    order = shortest_closed_path(slots.mean(axis=1))
     slots = slots[order]
     links = shapely.convex_hull(shapely.multipoints(np.concatenate([slots, np.roll(slots, -1, axis=0)], axis=1)))
-    ring = shapely.union_all(shapely.buffer(links, margin, quad_segs=CHORDS)).simplify(STRAY)
+    ring = shapely.union_all(shapely.buffer(links, margin, quad_segs=CHORDS_PER_QUARTER)).simplify(SIMPLIFY_TOLERANCE)
     inner = [shapely.Polygon(hole) for hole in ring.interiors]
     if not inner:
         raise FlexMapsError(
@@ -68,7 +72,7 @@ def planks(
         )
     # keep only the largest hole, and fill slivers between the hulls
     ring = shapely.Polygon(ring.exterior, [max(inner, key=lambda one: one.area).exterior])
-    parts = _cuts(slots, ring, margin, wall, sheet)
+    parts = _choose_cuts(slots, ring, margin, wall, sheet)
     if len(parts) < 2:
         raise FlexMapsError(
             "The feet stand too near to each other to cut a frame between them; choose a plate, or feet"
@@ -76,7 +80,7 @@ def planks(
     return _cut_into_planks(slots, ring, parts, order, clearance, margin)
 
 
-def shortest_round(points: Float[np.ndarray, "n 2"]) -> np.ndarray:
+def shortest_closed_path(points: Float[np.ndarray, "n 2"]) -> np.ndarray:
     """Return the order of points on a short closed path, counter-clockwise, that does not cross itself.
 
     Found by 2-opt (Croes 1958), starting from the order of their directions from the mean.
@@ -100,36 +104,40 @@ def shortest_round(points: Float[np.ndarray, "n 2"]) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Cut:
+class _RingCut:
     """A place where the ring may be cut.
 
     after : index of the slot after which the cut lies
-    middle, way : centre of the cut, and direction of the ring there
+    middle, direction : centre of the cut, and direction of the ring there
     width : of the ring midway between the two slots, metres
-    size : width that scales the dovetail, metres: at most ``width``, smaller where the slots are close
+    dovetail_scale : width that scales the dovetail, metres: at most ``width``, smaller where the slots are close
     """
 
     after: int
     middle: Float[np.ndarray, " 2"]
-    way: Float[np.ndarray, " 2"]
+    direction: Float[np.ndarray, " 2"]
     width: float
-    size: float
+    dovetail_scale: float
 
     @property
-    def aside(self) -> Float[np.ndarray, " 2"]:
+    def left_normal(self) -> Float[np.ndarray, " 2"]:
         """Unit vector to the left of the ring's direction."""
-        return np.array([-self.way[1], self.way[0]])
+        return np.array([-self.direction[1], self.direction[0]])
 
-    def dovetail(self, behind: float) -> Any:
+    def tongue(self, behind: float) -> Any:
         """Return the shapely polygon of the dovetail's tongue, which begins ``behind`` metres behind the cut."""
         import shapely
 
-        neck, head, deep = 0.5 * NECK * self.size, 0.5 * HEAD * self.size, DEEP * self.size
+        neck, head, deep = (
+            0.5 * NECK_SHARE * self.dovetail_scale,
+            0.5 * HEAD_SHARE * self.dovetail_scale,
+            DEPTH_SHARE * self.dovetail_scale,
+        )
         rows = [(-behind, -neck), (0.0, -neck), (deep, -head), (deep, head), (0.0, neck), (-behind, neck)]
-        return shapely.Polygon([self.middle + u * self.way + v * self.aside for u, v in rows])
+        return shapely.Polygon([self.middle + u * self.direction + v * self.left_normal for u, v in rows])
 
 
-def _cut_between(slots: np.ndarray, k: int, ring: Any, margin: float, wall: float) -> _Cut | None:
+def _cut_between(slots: np.ndarray, k: int, ring: Any, margin: float, wall: float) -> _RingCut | None:
     """Return the cut of the ring between slot k and the next slot; None if there is no room for a dovetail."""
     import shapely
 
@@ -149,21 +157,21 @@ def _cut_between(slots: np.ndarray, k: int, ring: Any, margin: float, wall: floa
         return near[0] if near else np.zeros((2, 2))
 
     width, room = float(np.linalg.norm(np.ptp(across(middle), axis=0))), gap - 2.0 * wall
-    size = min(width, room / DEEP)
+    size = min(width, room / DEPTH_SHARE)
     # width of the ring here if it ran straight
     usual = 2.0 * margin + float(np.ptp(slots[[k, (k + 1) % len(slots)]] @ aside, axis=1).max())
-    if not 0.0 < width < WIDER * usual or size < SMALLEST * width:
+    if not 0.0 < width < MAX_CUT_WIDTH_RATIO * usual or size < MIN_DOVETAIL_SHARE * width:
         return None
     # the dovetail extends only ahead of the cut, so the cut is moved towards the slot behind it
-    ends = across(middle - 0.5 * DEEP * size * way)
+    ends = across(middle - 0.5 * DEPTH_SHARE * size * way)
     there = float(np.linalg.norm(np.ptp(ends, axis=0)))
-    if not 0.0 < there < WIDER * usual:
+    if not 0.0 < there < MAX_CUT_WIDTH_RATIO * usual:
         return None
     middle = ends.mean(axis=0)
-    return _Cut(k, middle, way, width, size)
+    return _RingCut(k, middle, way, width, size)
 
 
-def _cuts(slots: np.ndarray, ring: Any, margin: float, wall: float, sheet: SheetParams) -> list[_Cut]:
+def _choose_cuts(slots: np.ndarray, ring: Any, margin: float, wall: float, sheet: SheetParams) -> list[_RingCut]:
     """Return as few cuts of the ring as possible such that planks are slender and fit on the sheet."""
     import shapely
 
@@ -178,18 +186,18 @@ def _cuts(slots: np.ndarray, ring: Any, margin: float, wall: float, sheet: Sheet
     # begin where the ring turns most, so that the corners of the ring become ends of planks
     start = max(places, key=lambda k: turns[k] + turns[k - 1])
     places = [k for k in places if k > start] + [k + count for k in places if k <= start]
-    parts: list[_Cut] = []
+    parts: list[_RingCut] = []
     since = start
 
     def fits(first: int, last: int) -> bool:
         rows = np.arange(first + 1, last + 1) % count
-        if turns[rows[:-1]].sum() > TURN:
+        if turns[rows[:-1]].sum() > MAX_PLANK_TURN:
             return False
         ends = open_[first % count], open_[last % count]
         points = np.concatenate([slots[rows].reshape(-1, 2), [end.middle for end in ends]])
-        around = shapely.convex_hull(shapely.multipoints(points)).buffer(margin + DEEP * ends[1].size)
+        around = shapely.convex_hull(shapely.multipoints(points)).buffer(margin + DEPTH_SHARE * ends[1].dovetail_scale)
         around = shapely.get_coordinates(around)
-        return turn_that_fits(around, size, sheet.margin, sheet.rotation) is not None
+        return find_fitting_rotation(around, size, sheet.margin, sheet.rotation) is not None
 
     for here, after in zip(places, [*places[1:], None], strict=True):
         if after is None or not fits(since, after):
@@ -199,15 +207,15 @@ def _cuts(slots: np.ndarray, ring: Any, margin: float, wall: float, sheet: Sheet
 
 
 def _cut_into_planks(
-    slots: np.ndarray, ring: Any, cuts: list[_Cut], order: np.ndarray, clearance: float, margin: float
+    slots: np.ndarray, ring: Any, cuts: list[_RingCut], order: np.ndarray, clearance: float, margin: float
 ) -> list[tuple[Curve, np.ndarray]]:
     """Cut the ring into planks, each with a dovetail at its end and a socket at its beginning."""
     import shapely
 
     count = len(slots)
-    tongues = [cut.dovetail(2.0 * clearance + BEHIND) for cut in cuts]
+    tongues = [cut.tongue(2.0 * clearance + OVERLAP) for cut in cuts]
     sockets = [tongue.buffer(clearance, join_style="mitre") for tongue in tongues]
-    gates = [_gate(cut, ring, clearance) for cut in cuts]
+    gates = [_gap_at_cut(cut, ring, clearance) for cut in cuts]
     parts = shapely.get_parts(ring.difference(shapely.union_all(gates)))
     found = []
     for n, cut in enumerate(cuts):
@@ -222,27 +230,27 @@ def _cut_into_planks(
         body = max(shapely.get_parts(body), key=lambda one: one.area)
         corners = shapely.get_coordinates(shapely.orient_polygons(body).exterior.simplify(1e-7))[:-1]
         cutting = shapely.union_all([tongues[n], gates[n], sockets[n - 1], gates[n - 1]])
-        sharp = shapely.distance(shapely.points(corners), cutting) < CORNER
-        found.append((round_corners(corners, _radii(corners, sharp, margin)), order[rows]))
+        sharp = shapely.distance(shapely.points(corners), cutting) < CORNER_RADIUS
+        found.append((round_corners(corners, _corner_radii(corners, sharp, margin)), order[rows]))
     return found
 
 
-def _gate(cut: _Cut, ring: Any, clearance: float) -> Any:
+def _gap_at_cut(cut: _RingCut, ring: Any, clearance: float) -> Any:
     """Return the gap between two planks: a strip across the ring, as wide as the clearance."""
     import shapely
 
-    reach = 4.0 * cut.width * cut.aside
+    reach = 4.0 * cut.width * cut.left_normal
     strip = shapely.LineString([cut.middle - reach, cut.middle + reach]).buffer(0.5 * clearance, cap_style="flat")
     inside = min(shapely.get_parts(strip.intersection(ring)), key=lambda one: one.distance(shapely.Point(cut.middle)))
-    return inside.buffer(BEHIND, join_style="mitre")
+    return inside.buffer(OVERLAP, join_style="mitre")
 
 
-def _radii(corners: np.ndarray, sharp: np.ndarray, margin: float) -> np.ndarray:
-    """Return the radius of every corner in metres: ``CORNER`` where planks meet, else up to the margin if it fits."""
+def _corner_radii(corners: np.ndarray, sharp: np.ndarray, margin: float) -> np.ndarray:
+    """Return the radius of every corner in metres: ``CORNER_RADIUS`` where planks meet, else up to the margin if it fits."""
     ahead = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     sides, turn = np.minimum(ahead, np.roll(ahead, 1)), np.roll(corners, -1, axis=0) - corners
     angle = np.arctan2(turn[:, 1], turn[:, 0])
     angle = np.abs((angle - np.roll(angle, 1) + np.pi) % (2.0 * np.pi) - np.pi)
     # an arc shortens both sides by its radius times the tangent of half the turn
     most = 0.45 * sides / np.maximum(np.tan(0.5 * np.minimum(angle, 3.0)), 1e-6)
-    return np.minimum(np.where(sharp, CORNER, margin), most)
+    return np.minimum(np.where(sharp, CORNER_RADIUS, margin), most)

@@ -14,14 +14,14 @@ import numpy as np
 from ... import MARK
 from ...progress import SILENT, Progress
 from ...spirals.curves.arcs import Curve
-from .operations import FRAME, OPERATIONS, DrawableSheets, Operation, frame, on_sheet
+from .operations import FRAME, OPERATIONS, DrawableSheets, Operation, curves_by_operation, frame_curves
 
 # Minimum bulge of an arc; flatter arcs become straight lines, because FreeCAD loses polylines with them. The error is
 # 1 um on a chord of 20 mm
-FLAT = 1e-4
+MIN_BULGE = 1e-4
 
 
-def write(sheets: DrawableSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
+def write_dxf(sheets: DrawableSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
     """Write one sheet as DXF R2010, which stores its units.
 
     Parameters
@@ -31,7 +31,7 @@ def write(sheets: DrawableSheets, index: int, path: Path, progress: Progress = S
     path : to write to
     progress : receives the share done
     """
-    document = _document(sheets, index, "R2010")
+    document = _new_document(sheets, index, "R2010")
     owner, handles = document.modelspace().layout_key, document.entitydb.handles
     parts, handle = list[str](), int(str(handles), 16)
     for name, curve in _entities(sheets, index, progress):
@@ -39,36 +39,38 @@ def write(sheets: DrawableSheets, index: int, path: Path, progress: Progress = S
             f"  0\nLWPOLYLINE\n  5\n{handle:X}\n330\n{owner}\n100\nAcDbEntity\n  8\n{name}\n100\nAcDbPolyline\n"
             f" 90\n{len(curve.points)}\n 70\n{int(curve.closed)}\n"
         )
-        parts.extend(f" 10\n{x}\n 20\n{y}\n{_bulge(bulge, 17)}" for x, y, bulge in _rows(curve))
+        parts.extend(f" 10\n{x}\n 20\n{y}\n{_bulge_tag(bulge, 17)}" for x, y, bulge in _node_rows(curve))
         handle += 1
     handles.reset(f"{handle:X}")  # the header stores the next free handle
-    path.write_text(_framed(document, parts), encoding=document.output_encoding)
+    path.write_text(_with_entities(document, parts), encoding=document.output_encoding)
 
 
-def write_r12(sheets: DrawableSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
+def write_dxf_r12(sheets: DrawableSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
     """Write one sheet as DXF R12, which the programs of all cutters read; every vertex is stored as an entity of its own.
 
     Parameters
     ----------
-    sheets, index, path, progress : as for ``write``
+    sheets, index, path, progress : as for ``write_dxf``
     """
     parts = list[str]()
     for name, curve in _entities(sheets, index, progress):
         parts.append(f"  0\nPOLYLINE\n  8\n{name}\n 66\n1\n 10\n0.0\n 20\n0.0\n 30\n0.0\n 70\n{int(curve.closed)}\n")
         head = f"  0\nVERTEX\n  8\n{name}\n 10\n"
-        parts.extend(f"{head}{x:.10g}\n 20\n{y:.10g}\n 30\n0.0\n{_bulge(bulge, 12)}" for x, y, bulge in _rows(curve))
+        parts.extend(
+            f"{head}{x:.10g}\n 20\n{y:.10g}\n 30\n0.0\n{_bulge_tag(bulge, 12)}" for x, y, bulge in _node_rows(curve)
+        )
         parts.append(f"  0\nSEQEND\n  8\n{name}\n")
     # R12 has no field for the program's name, so write it as a comment (group code 999)
-    text = f"999\n{MARK}\n{_framed(_document(sheets, index, 'R12'), parts)}"
+    text = f"999\n{MARK}\n{_with_entities(_new_document(sheets, index, 'R12'), parts)}"
     path.write_text(text, encoding="ascii", newline="\r\n")
 
 
-def _bulge(bulge: float, digits: int) -> str:
+def _bulge_tag(bulge: float, digits: int) -> str:
     """Return the DXF tag of a bulge; empty if it is 0, because some programs lose polylines with a bulge of 0."""
     return f" 42\n{bulge:.{digits}g}\n" if bulge else ""
 
 
-def _framed(document: Any, entities: Sequence[str]) -> str:
+def _with_entities(document: Any, entities: Sequence[str]) -> str:
     """Return the text of a document with these entities inserted; ezdxf would write them ten times as slowly."""
     stream = io.StringIO()
     document.write(stream)
@@ -77,12 +79,12 @@ def _framed(document: Any, entities: Sequence[str]) -> str:
     return "".join([before, mark, *entities, after])
 
 
-def _document(sheets: DrawableSheets, index: int, version: str) -> Any:
+def _new_document(sheets: DrawableSheets, index: int, version: str) -> Any:
     """Return a document with header and layers for one sheet."""
     import ezdxf
     from ezdxf import units
 
-    with _quiet():  # ezdxf warns that R12 stores no units; millimetres are customary there
+    with _without_warnings():  # ezdxf warns that R12 stores no units; millimetres are customary there
         document = ezdxf.new(version, units=units.MM)
     if version != "R12":
         document.header["$MEASUREMENT"] = 1
@@ -93,14 +95,14 @@ def _document(sheets: DrawableSheets, index: int, version: str) -> Any:
     document.modelspace().reset_extents((0.0, 0.0, 0.0), (*size, 0.0))
     document.modelspace().reset_limits((0.0, 0.0), size)
     for operation in OPERATIONS:
-        document.layers.add(_layer(operation), color=operation.aci)
+        document.layers.add(_layer_name(operation), color=operation.aci)
     if sheets.params.frame:
-        document.layers.add(_layer(FRAME), color=FRAME.aci, plot=False)
+        document.layers.add(_layer_name(FRAME), color=FRAME.aci, plot=False)
     return document
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def _without_warnings() -> Iterator[None]:
     """Suppress warnings of ezdxf."""
     logger = logging.getLogger("ezdxf")
     level = logger.level
@@ -113,19 +115,19 @@ def _quiet() -> Iterator[None]:
 
 def _entities(sheets: DrawableSheets, index: int, progress: Progress) -> Iterator[tuple[str, Curve]]:
     """Yield the layer name and curve of every cut and of the frame."""
-    for operation, curves in on_sheet(sheets, index, progress):
+    for operation, curves in curves_by_operation(sheets, index, progress):
         for curve in curves:
-            yield _layer(operation), curve
-    for curve in frame(sheets, index):
-        yield _layer(FRAME), curve
+            yield _layer_name(operation), curve
+    for curve in frame_curves(sheets, index):
+        yield _layer_name(FRAME), curve
 
 
-def _layer(operation: Operation) -> str:
+def _layer_name(operation: Operation) -> str:
     """Return the name of an operation's layer."""
     return operation.name.upper().replace(" ", "_")
 
 
-def _rows(curve: Curve) -> list[list[float]]:
-    """Return x and y in mm and the bulge of every node; a bulge below ``FLAT`` becomes 0."""
-    bulge = np.where(np.abs(curve.bulge) < FLAT, 0.0, curve.bulge)
+def _node_rows(curve: Curve) -> list[list[float]]:
+    """Return x and y in mm and the bulge of every node; a bulge below ``MIN_BULGE`` becomes 0."""
+    bulge = np.where(np.abs(curve.bulge) < MIN_BULGE, 0.0, curve.bulge)
     return np.column_stack([np.round(curve.points * 1e3, 6), bulge]).tolist()

@@ -22,41 +22,41 @@ class Format(NamedTuple):
     ending : text after the base of the file's name; the number of the sheet is inserted before its last dot
     setting, values : setting of ``ExportParams`` that selects the format, and the values with which it does
     write : function that writes a sheet
-    usual : whether scripts and the command line write this format by default
+    is_default : whether scripts and the command line write this format by default
     """
 
     ending: str
     setting: str
     values: Collection[str | bool]
     write: Callable[[CutSheets, int, Path, Progress], None]
-    usual: bool = False
+    is_default: bool = False
 
 
 # DXF is offered twice: every program reads R12, but only R2010 stores its units
-TABLE = {
-    "svg": Format(".svg", "svg", {True}, svg.write, usual=True),
-    "dxf": Format(".dxf", "dxf", {"R2010", "BOTH"}, dxf.write, usual=True),
-    "dxf-r12": Format("-r12.dxf", "dxf", {"R12", "BOTH"}, dxf.write_r12, usual=True),
-    "pdf": Format(".pdf", "pdf", {True}, pdf.write, usual=True),
+FORMAT_TABLE = {
+    "svg": Format(".svg", "svg", {True}, svg.write_svg, is_default=True),
+    "dxf": Format(".dxf", "dxf", {"R2010", "BOTH"}, dxf.write_dxf, is_default=True),
+    "dxf-r12": Format("-r12.dxf", "dxf", {"R12", "BOTH"}, dxf.write_dxf_r12, is_default=True),
+    "pdf": Format(".pdf", "pdf", {True}, pdf.write_pdf, is_default=True),
     "stl": Format(".stl", "solids", {"STL", "BOTH"}, panel_solids.write_stl),
     "3mf": Format(".3mf", "solids", {"3MF", "BOTH"}, panel_solids.write_3mf),
 }
-FORMATS = tuple(TABLE)
-USUAL = tuple(key for key, kind in TABLE.items() if kind.usual)
+FORMATS = tuple(FORMAT_TABLE)
+DEFAULT_FORMATS = tuple(key for key, kind in FORMAT_TABLE.items() if kind.is_default)
 
 
 def chosen_formats(params: ExportParams) -> tuple[str, ...]:
     """Return the formats selected by the settings; raises ``FlexMapsError`` if there are none."""
-    formats = tuple(key for key, kind in TABLE.items() if getattr(params, kind.setting) in kind.values)
+    formats = tuple(key for key, kind in FORMAT_TABLE.items() if getattr(params, kind.setting) in kind.values)
     if not formats:
         raise FlexMapsError("No kind of file is chosen; switch SVG, DXF or PDF on")
     return formats
 
 
-def write(
+def write_sheets(
     sheets: CutSheets,
     base: Path,
-    formats: tuple[str, ...] = USUAL,
+    formats: tuple[str, ...] = DEFAULT_FORMATS,
     new: NewFile | None = None,
     progress: Progress = SILENT,
 ) -> list[Path]:
@@ -68,7 +68,7 @@ def write(
     ----------
     sheets : the sheets
     base : path of the files without number and ending
-    formats : keys of ``TABLE``
+    formats : keys of ``FORMAT_TABLE``
     new : function from ``files.write_all_atomically``, if the files must appear together with other files
     progress : called with the fraction done; may cancel
 
@@ -85,20 +85,20 @@ def write(
         wrong = f"There is no format '{min(unknown)}'" if unknown else "No format is chosen"
         raise FlexMapsError(f"{wrong}; choose among {', '.join(FORMATS)}")
     if new is None:
-        with write_all_atomically(stale(base, sheets.count), base.parent) as new:
-            return write(sheets, base, formats, new, progress)
+        with write_all_atomically(surplus_files(base, sheets.count), base.parent) as new:
+            return write_sheets(sheets, base, formats, new, progress)
     wanted = [key for key in FORMATS if key in formats]
     files = [
-        (TABLE[key], index, path)
+        (FORMAT_TABLE[key], index, path)
         for key in wanted
-        for index, path in enumerate(numbered_files.numbered_paths(_named(base, key), sheets.count))
+        for index, path in enumerate(numbered_files.numbered_paths(_unnumbered_path(base, key), sheets.count))
     ]
     for number, (kind, index, path) in enumerate(files):
         kind.write(sheets, index, new(path), progress.part(number / len(files), (number + 1) / len(files)))
     return [path for _, _, path in files]
 
 
-def stale(base: Path, count: int) -> list[Path]:
+def surplus_files(base: Path, count: int) -> list[Path]:
     """Return the surplus files of an earlier run that had more sheets than ``count``, in all formats.
 
     Parameters
@@ -106,16 +106,16 @@ def stale(base: Path, count: int) -> list[Path]:
     base : path of the files without number and suffix
     count : number of sheets of this run
     """
-    return [path for key in FORMATS for path in numbered_files.numbered_before(_named(base, key), count)]
+    return [path for key in FORMATS for path in numbered_files.surplus_paths(_unnumbered_path(base, key), count)]
 
 
-def present(base: Path, formats: Collection[str]) -> list[Path]:
+def existing_files(base: Path, formats: Collection[str]) -> list[Path]:
     """Return existing files that a run with these formats may replace, for any number of sheets.
 
     Parameters
     ----------
     base : path of the files without number and suffix
-    formats : keys of ``TABLE``
+    formats : keys of ``FORMAT_TABLE``
 
     Raises
     ------
@@ -128,8 +128,8 @@ def present(base: Path, formats: Collection[str]) -> list[Path]:
     except OSError as error:
         raise FlexMapsError(f"Cannot look into the folder {base.parent}: {describe_error(error)}") from None
     found = []
-    for key in TABLE.keys() & set(formats):
-        series_of = _named(base, key)
+    for key in FORMAT_TABLE.keys() & set(formats):
+        series_of = _unnumbered_path(base, key)
         numbers = re.compile(rf"{re.escape(series_of.stem)}-(\d\d+){re.escape(series_of.suffix)}", re.IGNORECASE)
         matches = [match for match in map(numbers.fullmatch, names) if match is not None]
         found += [base.with_name(f"{series_of.stem}-{match[1]}{series_of.suffix}") for match in matches]
@@ -137,6 +137,6 @@ def present(base: Path, formats: Collection[str]) -> list[Path]:
     return [path for path in dict.fromkeys([*found, *others]) if os.path.lexists(path)]
 
 
-def _named(base: Path, key: str) -> Path:
+def _unnumbered_path(base: Path, key: str) -> Path:
     """Return the path of the files of a format, without the number of the sheet."""
-    return base.with_name(base.name + TABLE[key].ending)
+    return base.with_name(base.name + FORMAT_TABLE[key].ending)

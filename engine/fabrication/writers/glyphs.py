@@ -1,7 +1,7 @@
 """Outlines of letters that the standard fonts of PDF readers lack.
 
 Helvetica need not be embedded and has the letters of western Europe. Other letters are drawn from outlines that are
-registered in ``known`` beforehand (``bridge/hosts/letters.py`` takes them from Blender's font); letters without
+registered in ``outlines_by_run`` beforehand (``bridge/hosts/letters.py`` takes them from Blender's font); letters without
 outlines become question marks.
 """
 
@@ -17,7 +17,7 @@ from ...arrays import Float
 
 
 @dataclass(frozen=True, eq=False)
-class Outlines:
+class GlyphOutlines:
     """The outlines of a run of letters at font size 1, which begins at x = 0 on the baseline y = 0.
 
     width : length of the run
@@ -29,11 +29,13 @@ class Outlines:
     splines: tuple[Float[np.ndarray, "nodes 3 2"], ...]
 
 
-known: dict[str, Outlines] = {}  # outlines by run; filled on the main thread before a job begins, read-only after
+outlines_by_run: dict[
+    str, GlyphOutlines
+] = {}  # outlines by run; filled on the main thread before a job begins, read-only after
 
 
 @cache  # called for every letter of every page
-def plain(text: str) -> bool:
+def is_in_helvetica(text: str) -> bool:
     """Return whether Helvetica has all letters of a text."""
     try:
         text.encode("cp1252")
@@ -42,11 +44,11 @@ def plain(text: str) -> bool:
     return True
 
 
-def runs(text: str) -> Iterator[str]:
+def split_runs(text: str) -> Iterator[str]:
     """Split a text into runs of letters that Helvetica has and runs of letters that it lacks."""
     run = ""
     for letter in text:
-        if run and plain(letter) != plain(run[-1]):
+        if run and is_in_helvetica(letter) != is_in_helvetica(run[-1]):
             yield run
             run = ""
         run += letter
@@ -54,7 +56,7 @@ def runs(text: str) -> Iterator[str]:
         yield run
 
 
-def path(run: Outlines, x: float, y: float, size: float) -> str:
+def glyph_operators(run: GlyphOutlines, x: float, y: float, size: float) -> str:
     """Return the PDF operators of the outlines as a path at (x, y) and of this font size, in units of the page."""
     parts = []
     for spline in run.splines:

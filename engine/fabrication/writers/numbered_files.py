@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ... import PROGRAM
 
-_LOOK = 1 << 16  # number of bytes at each end of a file that are searched for this program's name
+_SEARCHED_BYTES = 1 << 16  # number of bytes at each end of a file that are searched for this program's name
 
 
 def numbered_paths(path: str | os.PathLike[str], count: int) -> list[Path]:
@@ -17,7 +17,7 @@ def numbered_paths(path: str | os.PathLike[str], count: int) -> list[Path]:
     return [path.with_name(f"{path.stem}-{i + 1:02d}{path.suffix}") for i in range(count)]
 
 
-def numbered_before(path: str | os.PathLike[str], count: int) -> list[Path]:
+def surplus_paths(path: str | os.PathLike[str], count: int) -> list[Path]:
     """Return the files numbered ``count`` + 1 and on that an earlier run of this program left.
 
     Parameters
@@ -29,19 +29,19 @@ def numbered_before(path: str | os.PathLike[str], count: int) -> list[Path]:
     path = Path(path)
     while os.path.isfile(old := path.with_name(f"{path.stem}-{count + len(found) + 1:02d}{path.suffix}")):
         found.append(old)
-    return [old for old in found if ours(old)]
+    return [old for old in found if is_own_file(old)]
 
 
-def ours(path: Path) -> bool:
+def is_own_file(path: Path) -> bool:
     """Return whether a file contains this program's name, as all files of sheets do."""
     mark = PROGRAM.encode()
     try:
         if path.suffix.lower() == ".3mf":
             with zipfile.ZipFile(path) as package, package.open("3D/3dmodel.model") as model:
-                return mark in model.read(_LOOK)
+                return mark in model.read(_SEARCHED_BYTES)
         with open(path, "rb") as stream:
-            head = stream.read(_LOOK)
-            stream.seek(max(path.stat().st_size - _LOOK, 0))
+            head = stream.read(_SEARCHED_BYTES)
+            stream.seek(max(path.stat().st_size - _SEARCHED_BYTES, 0))
             return mark in head or mark in stream.read()
     except (OSError, KeyError, ValueError, zipfile.BadZipFile, NotImplementedError, RuntimeError):
         return False  # do not remove files that cannot be read

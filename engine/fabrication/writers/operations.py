@@ -25,7 +25,7 @@ class DrawableSheets(Protocol):
     def cut(self) -> CutParams: ...
     @property
     def count(self) -> int: ...
-    def runs(self, index: int, progress: Progress = SILENT) -> SheetCuts: ...
+    def cuts_on_sheet(self, index: int, progress: Progress = SILENT) -> SheetCuts: ...
 
 
 class Operation(NamedTuple):
@@ -45,11 +45,13 @@ OPERATIONS = (
 )
 # edge of the sheet, shown but not cut: the colour of LightBurn's first tool layer, and in DXF a layer without plotting
 FRAME = Operation("sheet", "#f36926", 30)
-ORIGIN = 0.005  # extent in x and y of the mark at the origin of a sheet, metres; twice the usual height of letters
+ORIGIN_MARK_SIZE = (
+    0.005  # extent in x and y of the mark at the origin of a sheet, metres; twice the usual height of letters
+)
 WRITING = "writing the sheets"  # text of the progress
 
 
-def frame(sheets: DrawableSheets, index: int) -> list[Curve]:
+def frame_curves(sheets: DrawableSheets, index: int) -> list[Curve]:
     """Return the edges of one sheet and a stroke that marks its origin; empty if the frame is not requested."""
     if not sheets.params.frame:
         return []
@@ -60,15 +62,15 @@ def frame(sheets: DrawableSheets, index: int) -> list[Curve]:
         remnant = sheets.packing.remnants[index]
         edges = [remnant.outline, *remnant.holes]
     lines = [Curve(points, np.zeros(len(points))) for points in edges]
-    return [*lines, Curve(np.array([[0.0, 0.0], [ORIGIN, ORIGIN]]), np.zeros(2), closed=False)]
+    return [*lines, Curve(np.array([[0.0, 0.0], [ORIGIN_MARK_SIZE, ORIGIN_MARK_SIZE]]), np.zeros(2), closed=False)]
 
 
-def on_sheet(
+def curves_by_operation(
     sheets: DrawableSheets, index: int, progress: Progress = SILENT
 ) -> Iterator[tuple[Operation, Iterator[Curve]]]:
     """Yield every operation with its curves on one sheet; ``progress`` advances while the curves are consumed."""
-    runs = sheets.runs(index, progress.part(0.0, 0.5))
-    curves = [runs.engraved, runs.inner, runs.outer]
+    runs = sheets.cuts_on_sheet(index, progress.part(0.0, 0.5))
+    curves = [runs.engraving, runs.inner_cuts, runs.outer_cuts]
     total = max(sum(map(len, curves)), 1)
     done = iter(range(total))
 

@@ -21,13 +21,17 @@ from ..panels.panel import Panel
 from ..sheets import CutSheets
 from .operations import WRITING
 
-ROWS = 10_000  # vertices or triangles formatted between reports of progress, some hundredths of a second of work
+ROWS_AT_ONCE = (
+    10_000  # vertices or triangles formatted between reports of progress, some hundredths of a second of work
+)
 # maximum distance in metres between arcs and edges of the solid; printers resolve nothing finer, and smaller values
 # make files larger and slicing slower
 TOLERANCE = 2e-5
 
-GROOVE = 4e-4  # stroke width in metres of engraved letters if no nozzle is given: the nozzle of most printers
-DEPTH = 0.2  # depth of letters as a share of the thickness; deeper letters are clearer and weaken hubs in bending
+GROOVE_WIDTH = 4e-4  # stroke width in metres of engraved letters if no nozzle is given: the nozzle of most printers
+GROOVE_DEPTH = (
+    0.2  # depth of letters as a share of the thickness; deeper letters are clearer and weaken hubs in bending
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +56,7 @@ def extrude_panel(panel: Panel, thickness: float, tolerance: float = TOLERANCE, 
     panel : the panel
     thickness : metres
     tolerance : maximum distance between arcs and edges of the solid, metres
-    nozzle : width of the grooves in metres; 0 for ``GROOVE``
+    nozzle : width of the grooves in metres; 0 for ``GROOVE_WIDTH``
 
     Raises
     ------
@@ -60,25 +64,27 @@ def extrude_panel(panel: Panel, thickness: float, tolerance: float = TOLERANCE, 
     """
     import shapely
 
-    rings = [curve.sampled(tolerance) for curve in (panel.outline, *panel.holes)]
+    rings = [curve.sample(tolerance) for curve in (panel.outline, *panel.holes)]
     polygon = shapely.Polygon(rings[0], rings[1:])
     if not polygon.is_valid:
         raise FlexMapsError(f"Panel {panel.number} cannot be made a solid: its outline touches itself")
-    grooves = _grooves(panel, polygon, nozzle or GROOVE)
+    grooves = _grooves(panel, polygon, nozzle or GROOVE_WIDTH)
     # rings of grooves have the material on their left, like the rings of the panel
-    edges = [_ring(r, way) for g in grooves for way, some in ((-1, [g.exterior]), (1, g.interiors)) for r in some]
+    edges = [
+        _ring_points(r, way) for g in grooves for way, some in ((-1, [g.exterior]), (1, g.interiors)) for r in some
+    ]
     left = shapely.difference(polygon, shapely.MultiPolygon(grooves))
     top = list(getattr(left, "geoms", [left]))
     outer, flat = np.concatenate(rings), np.concatenate([*rings, *edges])
     floor = np.concatenate(edges) if edges else np.zeros((0, 2))
     # points at the bottom, at the top, and on the bottoms of the grooves
-    layers = [(outer, 0.0), (flat, thickness), (floor, (1.0 - DEPTH) * thickness)]
+    layers = [(outer, 0.0), (flat, thickness), (floor, (1.0 - GROOVE_DEPTH) * thickness)]
     first = np.cumsum([0, *(len(points) for points, _ in layers)])
     faces = [triangulate([polygon], outer)[:, ::-1], triangulate(top, flat) + first[1]]
     faces += [triangulate(grooves, floor) + first[2]] if grooves else []
     faces += [
-        _walls([len(r) for r in rings], 0, int(first[1])),
-        _walls([len(r) for r in edges], int(first[2]), int(first[1] + len(outer))),
+        _wall_triangles([len(r) for r in rings], 0, int(first[1])),
+        _wall_triangles([len(r) for r in edges], int(first[2]), int(first[1] + len(outer))),
     ]
     vertices = np.concatenate([np.column_stack([points, np.full(len(points), z)]) for points, z in layers])
     return TriangleSolid(
@@ -90,19 +96,19 @@ def _grooves(panel: Panel, polygon: Any, width: float) -> list[Any]:
     """Return the strokes of letters on hubs as shapely polygons of this stroke width, except any near an edge."""
     import shapely
 
-    lines = [shapely.LineString(c.points).buffer(0.5 * width, quad_segs=2) for c in panel.on_hubs]
+    lines = [shapely.LineString(c.points).buffer(0.5 * width, quad_segs=2) for c in panel.hub_labels]
     inside = [one for one in lines if polygon.contains(one.buffer(width))]
     joined = shapely.unary_union(inside)
     return [one for one in getattr(joined, "geoms", [joined]) if not one.is_empty]
 
 
-def _ring(ring: Any, way: int) -> Float[np.ndarray, "points 2"]:
+def _ring_points(ring: Any, way: int) -> Float[np.ndarray, "points 2"]:
     """Return the points of a shapely ring, counter-clockwise, or clockwise for ``way`` -1."""
     points = np.asarray(ring.coords)[:-1]
     return points if ring.is_ccw == (way > 0) else points[::-1]
 
 
-def _walls(counts: list[int], low: int, high: int) -> Int[np.ndarray, "triangles 3"]:
+def _wall_triangles(counts: list[int], low: int, high: int) -> Int[np.ndarray, "triangles 3"]:
     """Return the triangles of vertical walls along rings that have the material on their left.
 
     counts : number of points of every ring
@@ -121,17 +127,17 @@ def _walls(counts: list[int], low: int, high: int) -> Int[np.ndarray, "triangles
 
 def write_stl(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
     """Write one sheet as binary STL, with the panels in their places."""
-    stl(_solids(sheets, index, progress), path, progress)
+    write_solids_stl(_sheet_solids(sheets, index, progress), path, progress)
 
 
 def write_3mf(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
     """Write one sheet as 3MF, with each panel as a numbered object."""
-    package_3mf(_solids(sheets, index, progress), path, progress)
+    write_solids_3mf(_sheet_solids(sheets, index, progress), path, progress)
 
 
-def _solids(sheets: CutSheets, index: int, progress: Progress) -> list[TriangleSolid]:
+def _sheet_solids(sheets: CutSheets, index: int, progress: Progress) -> list[TriangleSolid]:
     """Return the panels of one sheet as solids."""
-    panels = sheets.on_sheet(index)
+    panels = sheets.panels_on_sheet(index)
     solids = []
     for number, panel in enumerate(panels):
         progress(0.7 * number / len(panels), f"solids of sheet {index + 1}")
@@ -139,7 +145,7 @@ def _solids(sheets: CutSheets, index: int, progress: Progress) -> list[TriangleS
     return solids
 
 
-def stl(solids: list[TriangleSolid], path: str | os.PathLike[str], progress: Progress = SILENT) -> None:
+def write_solids_stl(solids: list[TriangleSolid], path: str | os.PathLike[str], progress: Progress = SILENT) -> None:
     """Write all solids into one binary STL file, in millimetres."""
     count = sum(len(s.triangles) for s in solids)
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("unused", "<u2")])
@@ -155,7 +161,7 @@ def stl(solids: list[TriangleSolid], path: str | os.PathLike[str], progress: Pro
             stream.write(rows.tobytes())
 
 
-def package_3mf(solids: list[TriangleSolid], path: str | os.PathLike[str], progress: Progress = SILENT) -> None:
+def write_solids_3mf(solids: list[TriangleSolid], path: str | os.PathLike[str], progress: Progress = SILENT) -> None:
     """Write a 3MF package (3MF Core Specification 1.3) with one object per solid, in millimetres."""
     head = '<?xml version="1.0" encoding="UTF-8"?>\n'
     kinds = (
@@ -182,20 +188,20 @@ def package_3mf(solids: list[TriangleSolid], path: str | os.PathLike[str], progr
             )
             for number, solid in enumerate(solids, start=1):
                 share = progress.part(0.7 + 0.3 * (number - 1) / len(solids), 0.7 + 0.3 * number / len(solids))
-                for text in _object(number, solid, share):
+                for text in _object_xml(number, solid, share):
                     stream.write(text.encode())
             items = "".join(f'<item objectid="{n}"/>' for n in range(1, len(solids) + 1))
             stream.write(f"</resources><build>{items}</build></model>".encode())
 
 
-def _object(number: int, solid: TriangleSolid, progress: Progress) -> Iterator[str]:
+def _object_xml(number: int, solid: TriangleSolid, progress: Progress) -> Iterator[str]:
     """Yield the XML of one object."""
     yield f'<object id="{number}" type="model" name="{solid.name}"><mesh><vertices>'
-    for part in progress.part(0.0, 0.4).batches(len(solid.vertices), ROWS, WRITING):
+    for part in progress.part(0.0, 0.4).batches(len(solid.vertices), ROWS_AT_ONCE, WRITING):
         # nine significant digits resolve a tenth of a micrometre and keep vertices distinct
         points = (solid.vertices[part] * 1e3).tolist()
         yield "".join(f'<vertex x="{x:.9g}" y="{y:.9g}" z="{z:.9g}"/>' for x, y, z in points)
     yield "</vertices><triangles>"
-    for part in progress.part(0.4, 1.0).batches(len(solid.triangles), ROWS, WRITING):
+    for part in progress.part(0.4, 1.0).batches(len(solid.triangles), ROWS_AT_ONCE, WRITING):
         yield "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in solid.triangles[part].tolist())
     yield "</triangles></mesh></object>"

@@ -31,7 +31,7 @@ COLUMNS = (
 )
 
 
-def write(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material, path: Path) -> Path:
+def write_parts_list(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material, path: Path) -> Path:
     """Write the parts list as CSV (RFC 4180), with sums in its last row, and return its path.
 
     Width and height describe the bounding box of a part as it lies on its sheet; holes do not count as area.
@@ -43,7 +43,7 @@ def write(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material
     material : of the sheets
     path : file to write
     """
-    rows = _rows(sheets, designs, material)
+    rows = _part_rows(sheets, designs, material)
     numbers = range(COLUMNS.index("spirals"), COLUMNS.index("note"))
     boxes = {COLUMNS.index("width_mm"), COLUMNS.index("height_mm")}
     sums = ["" if i in boxes else _format(sum(row[i] for row in rows)) for i in numbers]
@@ -55,7 +55,7 @@ def write(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material
     return path
 
 
-def _rows(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material) -> list[list[float]]:
+def _part_rows(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material) -> list[list[float]]:
     """Return one row of values per part, in the order of ``COLUMNS``, without the note."""
     where, found, of_kind = sheets.packing, [], Counter[tuple[int, str]]()
     for number, panel in enumerate(sheets.panels):
@@ -64,8 +64,8 @@ def _rows(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material
         joints = layout.cut[layout.mesh.quad_edges[quads]].sum()
         of_kind[panel.piece, panel.kind] += 1
         count = of_kind[panel.piece, panel.kind]
-        placed = panel.outline.moved(float(where.rotation[number]), where.shift[number])
-        width, height = np.ptp(placed.sampled(1e-5), axis=0) * 1e3
+        placed = panel.outline.transform(float(where.rotation[number]), where.shift[number])
+        width, height = np.ptp(placed.sample(1e-5), axis=0) * 1e3
         length = sum(curve.length for curve in (panel.outline, *panel.holes))
         mass = material.density * sheets.thickness * panel.area
         found.append([

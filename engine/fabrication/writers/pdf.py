@@ -17,11 +17,11 @@ from ... import MARK
 from ...progress import SILENT, Progress
 from ...spirals.curves.arcs import Curve
 from . import glyphs
-from .operations import DrawableSheets, on_sheet
+from .operations import DrawableSheets, curves_by_operation
 
 POINT = 0.0254 / 72.0  # metres per point
-LARGEST = 14400.0  # maximum size of a page in its units; larger pages need a unit larger than a point
-LEVEL = 4  # zlib compression level; higher levels make slightly smaller files and take much longer
+MAX_PAGE_UNITS = 14400.0  # maximum size of a page in its units; larger pages need a unit larger than a point
+COMPRESSION_LEVEL = 4  # zlib compression level; higher levels make slightly smaller files and take much longer
 # widths of Helvetica's characters, starting at the space, in thousandths of the font size (Adobe Font Metrics)
 _WIDTHS = (
     "278 278 355 556 556 889 667 191 333 333 389 584 278 333 278 278 556 556 556 556 556 556 556 556 556 556 278 278 584 "
@@ -29,7 +29,7 @@ _WIDTHS = (
     "611 278 278 278 469 556 333 556 556 500 556 556 278 556 556 222 222 500 222 833 556 556 556 556 333 500 278 556 500 "
     "722 500 500 500 334 260 334 584"
 )
-WIDTHS = tuple(int(w) for w in _WIDTHS.split())
+HELVETICA_WIDTHS = tuple(int(w) for w in _WIDTHS.split())
 
 
 @dataclass
@@ -47,9 +47,9 @@ class Page:
     layers: list[str] = field(default_factory=list)
 
     @property
-    def unit(self) -> float:
+    def metres_per_unit(self) -> float:
         """Metres per unit of the page's coordinates."""
-        return POINT * max(1.0, np.ceil(max(self.width, self.height) / POINT / LARGEST))
+        return POINT * max(1.0, np.ceil(max(self.width, self.height) / POINT / MAX_PAGE_UNITS))
 
     def begin_layer(self, name: str) -> None:
         """Begin a layer of this name, which ends at ``end_layer``."""
@@ -61,7 +61,7 @@ class Page:
         """End the current layer."""
         self.commands.append("EMC")
 
-    def stroke(self, curve: Curve, colour: str = "#000000", width: float = 2e-4) -> None:
+    def draw_curve(self, curve: Curve, colour: str = "#000000", width: float = 2e-4) -> None:
         """Draw a curve as a line.
 
         Parameters
@@ -71,11 +71,11 @@ class Page:
         width : of the line, metres
         """
         self.commands.append(
-            f"{_colour(colour)} RG {width / self.unit:.5g} w [] 0 d {path(curve, self.unit)} "
+            f"{_colour_operands(colour)} RG {width / self.metres_per_unit:.5g} w [] 0 d {curve_operators(curve, self.metres_per_unit)} "
             + ("s" if curve.closed else "S")
         )
 
-    def fill(self, points: np.ndarray, colour: str, line: str | None = None, width: float = 2e-4) -> None:
+    def fill_polygon(self, points: np.ndarray, colour: str, line: str | None = None, width: float = 2e-4) -> None:
         """Fill a polygon, and draw its outline if ``line`` gives a colour for it.
 
         Parameters
@@ -84,36 +84,36 @@ class Page:
         colour, line : "#rrggbb" of the area and of its outline; without an outline by default
         width : line width of the outline, metres
         """
-        command = f"{_colour(colour)} rg {path(Curve(points, np.zeros(len(points))), self.unit)} "
+        command = f"{_colour_operands(colour)} rg {curve_operators(Curve(points, np.zeros(len(points))), self.metres_per_unit)} "
         if line is not None:
-            command = f"{_colour(line)} RG {width / self.unit:.5g} w [] 0 d {command}"
+            command = f"{_colour_operands(line)} RG {width / self.metres_per_unit:.5g} w [] 0 d {command}"
         self.commands.append(command + ("b" if line is not None else "h f"))
 
-    def text(
-        self, text: str, at: tuple[float, float], size: float, colour: str = "#000000", middle: bool = False
+    def draw_text(
+        self, text: str, position: tuple[float, float], size: float, colour: str = "#000000", is_centred: bool = False
     ) -> None:
         """Write a line of text.
 
         Parameters
         ----------
         text : one line, in any script
-        at : x and y of the start of its baseline, metres
+        position : x and y of the start of its baseline, metres
         size : of the font, metres
         colour : "#rrggbb"
-        middle : whether ``at`` is the middle of the baseline and not its start
+        is_centred : whether ``position`` is the middle of the baseline and not its start
         """
-        x = at[0] - (0.5 * text_width(text, size) if middle else 0.0)
-        for run in glyphs.runs(text):
-            outlines = glyphs.known.get(run)
-            place = x / self.unit, at[1] / self.unit
+        x = position[0] - (0.5 * text_width(text, size) if is_centred else 0.0)
+        for run in glyphs.split_runs(text):
+            outlines = glyphs.outlines_by_run.get(run)
+            place = x / self.metres_per_unit, position[1] / self.metres_per_unit
             if outlines is not None:
-                drawn = glyphs.path(outlines, *place, size / self.unit)
-                self.commands.append(f"{_colour(colour)} rg {drawn} f")
+                drawn = glyphs.glyph_operators(outlines, *place, size / self.metres_per_unit)
+                self.commands.append(f"{_colour_operands(colour)} rg {drawn} f")
             else:
                 written = run.encode("cp1252", "replace").decode("latin-1")
                 written = written.replace("\\", "\\\\").replace("(", "\\(").replace(")", "\\)")
                 self.commands.append(
-                    f"{_colour(colour)} rg BT /F {size / self.unit:.5g} Tf {place[0]:.5g} {place[1]:.5g} Td ({written}) Tj ET"
+                    f"{_colour_operands(colour)} rg BT /F {size / self.metres_per_unit:.5g} Tf {place[0]:.5g} {place[1]:.5g} Td ({written}) Tj ET"
                 )
             x += text_width(run, size)
 
@@ -126,19 +126,19 @@ def text_width(text: str, size: float) -> float:
     text : one line
     size : of the font, metres
     """
-    drawn = [run for run in glyphs.runs(text) if run in glyphs.known]
-    known = (ord(c) - 32 for run in glyphs.runs(text) if run not in glyphs.known for c in run)
-    plain = 1e-3 * sum(WIDTHS[n] if 0 <= n < len(WIDTHS) else 556 for n in known)
-    return size * (plain + sum(glyphs.known[run].width for run in drawn))
+    drawn = [run for run in glyphs.split_runs(text) if run in glyphs.outlines_by_run]
+    known = (ord(c) - 32 for run in glyphs.split_runs(text) if run not in glyphs.outlines_by_run for c in run)
+    plain = 1e-3 * sum(HELVETICA_WIDTHS[n] if 0 <= n < len(HELVETICA_WIDTHS) else 556 for n in known)
+    return size * (plain + sum(glyphs.outlines_by_run[run].width for run in drawn))
 
 
 @lru_cache(maxsize=4096)
-def _colour(text: str) -> str:
+def _colour_operands(text: str) -> str:
     """Return the red, green and blue components (0 to 1) of a colour "#rrggbb" as PDF operands."""
     return " ".join(f"{int(text[i : i + 2], 16) / 255:.4g}" for i in (1, 3, 5))
 
 
-def path(curve: Curve, unit: float) -> str:
+def curve_operators(curve: Curve, unit: float) -> str:
     """Return the PDF path operators of a curve, in units of ``unit`` metres.
 
     Arcs become cubic Bezier curves of at most an eighth of a turn, which deviate by less than 1e-6 of the radius.
@@ -150,10 +150,10 @@ def path(curve: Curve, unit: float) -> str:
         ends = [*following, nodes[0]] if curve.closed else following
         return first + " ".join([f"{x:.10g} {y:.10g} l" for x, y in ends])
     points = np.ascontiguousarray(curve.points).view(complex)[:, 0] / unit
-    return first + " ".join(_segments(points[:count], np.roll(points, -1)[:count], bulge))
+    return first + " ".join(_segment_operators(points[:count], np.roll(points, -1)[:count], bulge))
 
 
-def _segments(start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> list[str]:
+def _segment_operators(start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> list[str]:
     """Return the PDF operators of lines and cubics from ``start`` to ``end`` (N,), complex, in order."""
     straight = np.abs(bulge) < 1e-9
     angle = 4.0 * np.arctan(np.where(straight, 1.0, bulge))
@@ -175,7 +175,7 @@ def _segments(start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> list[str
     ]
 
 
-def document(pages: list[Page], title: str, progress: Progress = SILENT) -> bytes:
+def pdf_bytes(pages: list[Page], title: str, progress: Progress = SILENT) -> bytes:
     """Return the content of a PDF file with these pages.
 
     Parameters
@@ -194,11 +194,11 @@ def document(pages: list[Page], title: str, progress: Progress = SILENT) -> byte
     bodies += [f"<</Type/OCG/Name({name})>>".encode("latin-1") for name in names]
     for i, page in enumerate(pages):
         progress(0.95 + 0.05 * i / len(pages), "writing the pages")
-        content = zlib.compress("\n".join(["1 J 1 j", *page.commands]).encode("latin-1"), LEVEL)
+        content = zlib.compress("\n".join(["1 J 1 j", *page.commands]).encode("latin-1"), COMPRESSION_LEVEL)
         used = "".join(f"/L{k} {4 + names.index(name)} 0 R" for k, name in enumerate(page.layers))
-        scale = page.unit / POINT
+        scale = page.metres_per_unit / POINT
         bodies.append(
-            f"<</Type/Page/Parent 2 0 R/MediaBox[0 0 {page.width / page.unit:.8g} {page.height / page.unit:.8g}]"
+            f"<</Type/Page/Parent 2 0 R/MediaBox[0 0 {page.width / page.metres_per_unit:.8g} {page.height / page.metres_per_unit:.8g}]"
             f"{f'/UserUnit {scale:g}' if scale > 1 else ''}"
             f"/Resources<</Font<</F 3 0 R>>/Properties<<{used}>>>>/Contents {first + 2 * i + 1} 0 R>>".encode()
         )
@@ -236,7 +236,7 @@ def _assemble(bodies: list[bytes]) -> bytes:
 # -- the sheets ----------------------------------------------------------------------------------------------------
 
 
-def write(sheets: DrawableSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
+def write_pdf(sheets: DrawableSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
     """Write one sheet as a page of true size, with one layer and colour per operation.
 
     Parameters
@@ -248,9 +248,9 @@ def write(sheets: DrawableSheets, index: int, path: Path, progress: Progress = S
     """
     width, height = sheets.packing.sizes[index].tolist()
     page = Page(width, height)
-    for (name, colour, _), curves in on_sheet(sheets, index, progress):
+    for (name, colour, _), curves in curves_by_operation(sheets, index, progress):
         page.begin_layer(name)
         for curve in curves:
-            page.stroke(curve, colour, sheets.cut.line_width)
+            page.draw_curve(curve, colour, sheets.cut.line_width)
         page.end_layer()
-    path.write_bytes(document([page], f"sheet {index + 1} of {sheets.count}"))
+    path.write_bytes(pdf_bytes([page], f"sheet {index + 1} of {sheets.count}"))

@@ -11,13 +11,13 @@ import numpy as np
 from ... import MARK
 from ...progress import SILENT, Progress
 from ...spirals.curves.arcs import Curve
-from .operations import FRAME, DrawableSheets, frame, on_sheet
+from .operations import FRAME, DrawableSheets, curves_by_operation, frame_curves
 
 UNITS = {"mm": 1e-3, "in": 0.0254}  # metres per unit
 DIGITS = {1e-3: 4, 0.0254: 6}  # decimals of coordinates by metres per unit: steps of 0.1 um or finer
 
 
-def write(sheets: DrawableSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
+def write_svg(sheets: DrawableSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
     """Write one sheet as SVG.
 
     Parameters
@@ -27,10 +27,10 @@ def write(sheets: DrawableSheets, index: int, path: Path, progress: Progress = S
     path : to write to
     progress : receives the share done
     """
-    path.write_text(text(sheets, index, progress), encoding="utf-8")
+    path.write_text(svg_document(sheets, index, progress), encoding="utf-8")
 
 
-def text(sheets: DrawableSheets, index: int, progress: Progress = SILENT) -> str:
+def svg_document(sheets: DrawableSheets, index: int, progress: Progress = SILENT) -> str:
     """Return the SVG document of one sheet."""
     size = sheets.packing.sizes[index]
     unit = UNITS[sheets.cut.svg_unit]
@@ -43,9 +43,9 @@ def text(sheets: DrawableSheets, index: int, progress: Progress = SILENT) -> str
         f"<title>{title}</title>",
         f"<metadata>{MARK}</metadata>",
     ]
-    edge = frame(sheets, index)
+    edge = frame_curves(sheets, index)
     # the frame is the last layer, so that layers which programs select by their order keep their numbers
-    layers = chain(on_sheet(sheets, index, progress), [(FRAME, iter(edge))] if edge else [])
+    layers = chain(curves_by_operation(sheets, index, progress), [(FRAME, iter(edge))] if edge else [])
     for (name, colour, _), curves in layers:
         lines.append(
             f'<g id="{name.replace(" ", "-")}" inkscape:groupmode="layer" inkscape:label="{name}" fill="none"'

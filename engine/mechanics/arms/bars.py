@@ -69,7 +69,7 @@ class Bars:
         )
         end, end_by = _bar_ends(lines, numbers[:, BESIDE], fillet)
         t = end[:, None] * _STATIONS
-        point, velocity, _, half = lines.at(np.arange(len(end))[:, None], t)[:4]
+        point, velocity, _, half = lines.evaluate(np.arange(len(end))[:, None], t)[:4]
         return cls(lines, end, end_by, t, point, velocity, 2.0 * half[:, 1::2])
 
     @cached_property

@@ -84,12 +84,12 @@ def _line(rim: Rim, arm: int, share: np.ndarray) -> tuple[np.ndarray, np.ndarray
     if arm == NECK:
         long = np.full(count, rim.depth + 0.5 * rim.width)
         return (
-            -(long[:, None] * share) * rim.out[:, None],
-            np.broadcast_to(-rim.out[:, None], (count, len(share))),
+            -(long[:, None] * share) * rim.outwards[:, None],
+            np.broadcast_to(-rim.outwards[:, None], (count, len(share))),
             long,
         )
     back = arm == BACKWARDS
     long = rim.reach[:, int(back)]
     gone = long[:, None] * share
-    place, way = rim.half(np.repeat(np.arange(count), len(share)), back, gone.ravel())
+    place, way = rim.vectors_along_strip(np.repeat(np.arange(count), len(share)), back, gone.ravel())
     return place.reshape(gone.shape), (-way if back else way).reshape(gone.shape), long

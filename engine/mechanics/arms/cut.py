@@ -289,8 +289,11 @@ def _blend_lines(arms: CutArms, by: slice = _BY_DESIGN) -> tuple[_Line, _Line]:
     x, w = x[:, None], w[:, None]
     t, weight = share * x, share * w
     place, pace, width = _pure_spirals(arms, t, of_design)
-    bent, speed = place + product(slope, share) * arm_formulas.offset(x), pace + slope * arm_formulas.offset_slope(x)
-    return (bent, speed, width + (joint - width) * arm_formulas.fade(x), weight), (place, pace, width, weight)
+    bent, speed = (
+        place + product(slope, share) * arm_formulas.blend_quintic(x),
+        pace + slope * arm_formulas.blend_quintic_slope(x),
+    )
+    return (bent, speed, width + (joint - width) * arm_formulas.fade_out(x), weight), (place, pace, width, weight)
 
 
 def _root_line(arms: CutArms, of_design: bool = True) -> _Line:

@@ -134,7 +134,7 @@ class TipBeams:
         """
         hub = hub_ends(lines.radius, lines.wind, 0.5 * lines.width + fillet)[0]
         t = hub[:, None] * np.linspace(1.0, 0.0, 2 * pieces + 1)
-        points, velocity, change, half = lines.at(np.arange(len(hub))[:, None], t)[:4]
+        points, velocity, change, half = lines.evaluate(np.arange(len(hub))[:, None], t)[:4]
         flat = points - lines.centre[:, None]
         lever = 1j * (flat[:, -1:] - flat[:, 1::2])
         velocity, change = velocity[:, 1::2], change[:, 1::2]

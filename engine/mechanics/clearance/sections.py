@@ -71,7 +71,7 @@ class Section:
         """Compute the sections of the bent arms ``arm`` at t."""
         beams, every = field.beams, arm[:, None]
         pieces, hub = beams.velocity.shape[1], beams.hub[arm, None]
-        point, velocity, change, half, widening = beams.lines.at(every, t)[:5]
+        point, velocity, change, half, widening = beams.lines.evaluate(every, t)[:5]
         point, size = point - beams.lines.centre[every], np.abs(velocity)
         tangent = velocity / size
         way = np.clip(1.0 - t / hub, 0.0, 1.0) * pieces

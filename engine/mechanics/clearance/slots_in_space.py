@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from ...arrays import Float, Int
 from ...progress import SILENT, Progress
-from ...spirals.clearance.slots import beside_absent, is_clockwise, slot_widths
+from ...spirals.clearance.slots import is_beside_absent, is_clockwise, slot_widths
 from ...spirals.curves.spiral import Arms, centre_line, width_at
 from ...spirals.design import SpiralDesign
 from ..arms.bent import BentArms
@@ -115,7 +115,7 @@ def slots_in_space(
     some = np.arange(len(design.width)) if quads is None else quads
     one, two, t, s = _slots_within(design, some)
     width = _narrowest_widths(design, bent, one, two, t, s, progress.part(0.1, 0.6))
-    width[beside_absent(design.absent[some]).ravel()] = np.inf
+    width[is_beside_absent(design.is_absent[some]).ravel()] = np.inf
     progress(0.6, MEASURING)
     near, far, u, v = _slots_between(design, bent, some)
     others = _narrowest_widths(design, bent, near, far, u, v, progress.part(0.7, 1.0))
@@ -157,7 +157,7 @@ def _slots_between(
     mate[joint] = joint[:, ::-1]
     body = mesh.body_of[arm // 4]
     keep = (arm[:, 0] // 4 != arm[:, 1] // 4) & (mate[arm[:, 0]] != arm[:, 1]) & (body[:, 0] == body[:, 1])
-    keep &= ~design.absent.ravel()[arm].any(axis=1)
+    keep &= ~design.is_absent.ravel()[arm].any(axis=1)
     pair, arm = pair[keep], arm[keep]
     apart = np.linalg.norm(np.diff(bent.place.reshape(-1, 3)[pair], axis=1)[:, 0], axis=1)
     order = np.lexsort((apart, arm[:, 1], arm[:, 0]))

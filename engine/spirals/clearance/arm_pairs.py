@@ -23,7 +23,7 @@ SAME_QUAD, ACROSS, ROUND = range(3)
 DEPTHS = np.array([[1.0 / 3.0, 1.0], [0.7, 0.9], [0.8, 0.8]])
 # Twists of an arm and of its mate, as shares of the largest twist, at which the reach of arms is sampled. Apart from
 # blends, arms with less twist lie within the region that arms with the largest twist surround.
-_OWN, _MATES = (0.0, 0.5, 1.0), (0.0, 1.0)
+_OWN_TWISTS, _MATE_TWISTS = (0.0, 0.5, 1.0), (0.0, 1.0)
 _REACH_T = np.linspace(0.0, 0.9, 25)  # arm parameters t at which the reach is sampled
 _DIRECTIONS = 32  # number of directions in which the reach is sampled; more exclude more pairs and take longer
 # angles between the normals of the separating lines that are tried and the line between the quads' centres, radians
@@ -34,13 +34,13 @@ _MARGIN = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs(Columns):
+class ArmPairs(Columns):
     """Pairs of arms that can come near each other.
 
     one, two : numbers of both arms
     kind : SAME_QUAD, ACROSS or ROUND
     turn, shift : map from the second arm's frame to the first arm's frame: point q (complex, metres) to turn q + shift
-    laid : whether the quads are placed side by side across a cut, so that turn and shift depend on the flat corners
+    is_across_cut : whether the quads are placed side by side across a cut, so that turn and shift depend on the flat corners
     """
 
     one: Int[np.ndarray, " n"]
@@ -48,16 +48,18 @@ class Pairs(Columns):
     kind: Int[np.ndarray, " n"]
     turn: Complex[np.ndarray, " n"]
     shift: Complex[np.ndarray, " n"]
-    laid: Bool[np.ndarray, " n"]
+    is_across_cut: Bool[np.ndarray, " n"]
 
-    def with_flat(self, flat: FlatPatches) -> Pairs:
+    def with_flat(self, flat: FlatPatches) -> ArmPairs:
         """Return the pairs with turn and shift recomputed for moved flat points."""
         mate, side = opposite_sides(flat.layout.mesh)
         turn, shift = _align_sides(flat, self.one, (4 * mate + side).ravel()[self.one])
-        return replace(self, turn=np.where(self.laid, turn, 1.0), shift=np.where(self.laid, shift, 0.0))
+        return replace(
+            self, turn=np.where(self.is_across_cut, turn, 1.0), shift=np.where(self.is_across_cut, shift, 0.0)
+        )
 
 
-def pairs_of(flat: FlatPatches, params: SpiralParams, near: float) -> Pairs:
+def find_arm_pairs(flat: FlatPatches, params: SpiralParams, near: float) -> ArmPairs:
     """Return all pairs of arms that may come nearer than ``near`` metres in some design on these flat patches."""
     layout = flat.layout
     mate, side = opposite_sides(layout.mesh)
@@ -88,12 +90,12 @@ def pairs_of(flat: FlatPatches, params: SpiralParams, near: float) -> Pairs:
         np.concatenate([np.broadcast_to(np.asarray(row[c], dtype=types[c]), len(row[0])) for row in groups])
         for c in range(6)
     ]
-    pairs = Pairs(*columns)
+    pairs = ArmPairs(*columns)
     return pairs.subset((pairs.kind == SAME_QUAD) | _can_meet(flat, params, pairs, near))
 
 
 def _align_sides(flat: FlatPatches, own: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return turn and shift, as in ``Pairs``, that place the sides ``there`` on the sides ``own``, reversed."""
+    """Return turn and shift, as in ``ArmPairs``, that place the sides ``there`` on the sides ``own``, reversed."""
     z = flat.corners @ [1.0, 1j]
     ends = [(z[a // 4, a % 4], z[a // 4, (a + 1) % 4]) for a in (own, there)]
     (a, b), (c, d) = ends
@@ -126,7 +128,7 @@ def _arms_around(flat: FlatPatches) -> tuple[Int[np.ndarray, " n"], Int[np.ndarr
     return both[~excluded, 0], both[~excluded, 1]
 
 
-def _can_meet(flat: FlatPatches, params: SpiralParams, pairs: Pairs, near: float) -> Bool[np.ndarray, " n"]:
+def _can_meet(flat: FlatPatches, params: SpiralParams, pairs: ArmPairs, near: float) -> Bool[np.ndarray, " n"]:
     """Return whether arms can come within ``near`` metres of each other: no line separates their regions."""
     centre, radius, _ = spokes(flat.corners)
     extents, c = _extents(flat, params), np.repeat(centre @ np.array([1.0, 1j]), 4)
@@ -156,7 +158,7 @@ def _extents(flat: FlatPatches, params: SpiralParams) -> Float[np.ndarray, "arms
     directions = np.exp(2j * np.pi / _DIRECTIONS * np.arange(_DIRECTIONS))
     out = np.full((_DIRECTIONS, radius.size), -np.inf)
     zero, sense = np.zeros(radius.size, dtype=complex), -1.0 if params.clockwise else 1.0
-    for own, other in product(_OWN, _MATES):
+    for own, other in product(_OWN_TWISTS, _MATE_TWISTS):
         twist = sense * params.twist_max * np.stack([np.full(radius.size, own), other * sign.ravel()], axis=1)
         lines = ArmCurves.from_arms(zero, radius.ravel(), angle.ravel(), (width, twist, both), params.blend)
         # arms along the last axis, so that numpy compares long contiguous runs

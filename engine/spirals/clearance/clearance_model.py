@@ -6,9 +6,9 @@ not fold, and the twist of every arm must stay within the range of the stiffness
 (also called room): 0 at the limit, negative beyond it (closed). A gap has clearance 1 at about twice its least width;
 the clearance of a twist is its distance from the limit in radians.
 
-    room = ClearanceModel.from_flat(flat, params)                 # once; ``with_flat`` when the flat points move
-    terms = room.terms(width, twist)                              # clearances below SUPPORT with their Jacobian
-    room.quads_with_closed_gaps(trial_width, trial_twist, quads)  # quads whose steps must be shorter
+    model = ClearanceModel.from_flat(flat, params)                # once; ``with_flat`` when the flat points move
+    terms = model.clearances(width, twist)                        # clearances below SUPPORT with their Jacobian
+    model.quads_with_closed_gaps(trial_width, trial_twist, quads) # quads whose steps must be shorter
 """
 
 from __future__ import annotations
@@ -26,30 +26,30 @@ from ..curves.arm_curves import N_ARM_PARAMETERS, ArmCurves
 from ..curves.arm_geometry import ArmGeometry
 from ..curves.blends import MATE_WIDTH, MATE_WIND, OWN_WIDTH, OWN_WIND, RADIUS
 from ..curves.spiral import same_width
-from .arm_pairs import ROUND, SAME_QUAD, Pairs, pairs_of
-from .gaps import gap_slopes, narrow, sharp, sharp_slopes
+from .arm_pairs import ROUND, SAME_QUAD, ArmPairs, find_arm_pairs
+from .gaps import find_narrow_gaps, find_sharp_edges, gap_slopes, sharp_edge_slopes
 from .slots import min_slot_width, width_range
 from .table_range import twist_margin
 
-# clearance below which terms are computed by default; larger values let steps foresee limits earlier and take longer
+# clearance below which clearances are computed by default; larger values let steps foresee limits earlier and take longer
 SUPPORT = 0.5
 # safety factor on the smallest slot, because gaps are measured at some points of the arms only; larger is safer and
 # leaves less room for twist
 _SAFETY = 1.015
 # relaxed requirement where even the thinnest straight arms are too close, as a share of their gap; larger is stricter
-_THIN = 0.95
+_RELAXED_SHARE = 0.95
 # Largest radius of a short arm, as a multiple of the slot at seams; only beside short arms at seams is that wider slot
 # required. Larger values leave more room for connectors and less twist.
-_SHORT = 6.0
+_SHORT_ARM_RATIO = 6.0
 # largest slot at seams, as a share of the gap between the thinnest straight arms; smaller values leave small quads more
 # twist and less room for connectors
-_AT_SEAMS = 0.5
+_SEAM_SLOT_SHARE = 0.5
 # least radius of curvature of a blend's inner edge, as a share of the centre line's radius; larger keeps edges rounder
-_SHARPEST = 0.25
+_MIN_RADIUS_RATIO = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class Terms:
+class Clearances:
     """All clearances of a design that lie below a threshold, with derivatives.
 
     value : (K,) clearances
@@ -70,18 +70,18 @@ class ClearanceModel:
 
     params : settings of the spirals
     pairs : pairs of arms that some design brings near each other
-    shapes : geometry of the flat quads
-    need : required gap of each pair, metres
-    sharpest : required radius of curvature of each arm's inner edge in the blend, as a share of the centre line's
-    joined : mask of the arms whose twist must stay within the range of the stiffness table
+    geometry : geometry of the flat quads
+    required_gaps : required gap of each pair, metres
+    min_radius_ratio : required radius of curvature of each arm's inner edge in the blend, as a share of the centre line's
+    has_joint : mask of the arms whose twist must stay within the range of the stiffness table
     """
 
     params: SpiralParams
-    pairs: Pairs
-    shapes: ArmGeometry
-    need: Float[np.ndarray, " pairs"]
-    sharpest: Float[np.ndarray, " arms"]
-    joined: Bool[np.ndarray, " arms"]
+    pairs: ArmPairs
+    geometry: ArmGeometry
+    required_gaps: Float[np.ndarray, " pairs"]
+    min_radius_ratio: Float[np.ndarray, " arms"]
+    has_joint: Bool[np.ndarray, " arms"]
 
     @classmethod
     @lru_cache(maxsize=2)  # all starts and stages of a search use the same patches
@@ -103,81 +103,88 @@ class ClearanceModel:
         """
         slot, shapes = _SAFETY * min_slot_width(params), ArmGeometry.from_flat(flat, params)
         wide = max(slot, _SAFETY * params.slot_seam)
-        pairs = pairs_of(flat, params, wide + SUPPORT * slot)
+        pairs = find_arm_pairs(flat, params, wide + SUPPORT * slot)
         arms = len(shapes.mate)
-        short = np.minimum(shapes.radius, shapes.radius[shapes.mate]) < _SHORT * params.slot_seam
+        short = np.minimum(shapes.radius, shapes.radius[shapes.mate]) < _SHORT_ARM_RATIO * params.slot_seam
         seam = (pairs.kind != ROUND) & (short & flat.layout.cut[flat.layout.mesh.quad_edges].ravel())[pairs.one]
         mesh = flat.layout.mesh
         joined = ~mesh.border[mesh.quad_edges].ravel()
-        room = cls(params, pairs, shapes, np.where(seam, wide, slot), np.full(arms, _SHARPEST), joined)
-        lines, need = room._lines(same_width(width_range(flat, params)[0]), np.zeros(arms // 4)), room.need.copy()
-        thin = narrow(lines, pairs, np.where(seam, need / _AT_SEAMS, need), params.clockwise)
-        least = _THIN * thin.gap
-        least = np.where(seam[thin.pair], np.maximum(_AT_SEAMS * thin.gap, np.minimum(least, slot)), least)
+        room = cls(params, pairs, shapes, np.where(seam, wide, slot), np.full(arms, _MIN_RADIUS_RATIO), joined)
+        lines, need = (
+            room._arm_curves(same_width(width_range(flat, params)[0]), np.zeros(arms // 4)),
+            room.required_gaps.copy(),
+        )
+        thin = find_narrow_gaps(lines, pairs, np.where(seam, need / _SEAM_SLOT_SHARE, need), params.clockwise)
+        least = _RELAXED_SHARE * thin.gap
+        least = np.where(seam[thin.pair], np.maximum(_SEAM_SLOT_SHARE * thin.gap, np.minimum(least, slot)), least)
         np.minimum.at(need, thin.pair, least)
-        arm, _, left = sharp(lines, np.arange(arms), room.sharpest)
-        np.minimum.at(room.sharpest, arm, left - (1.0 - _THIN) * np.abs(left))
+        arm, _, left = find_sharp_edges(lines, np.arange(arms), room.min_radius_ratio)
+        np.minimum.at(room.min_radius_ratio, arm, left - (1.0 - _RELAXED_SHARE) * np.abs(left))
         some = need > 0.0
-        return replace(room, pairs=pairs.subset(some), need=need[some])
+        return replace(room, pairs=pairs.subset(some), required_gaps=need[some])
 
     def with_flat(self, flat: FlatPatches) -> ClearanceModel:
         """Return the model for slightly moved flat points; pairs and requirements stay."""
-        return replace(self, pairs=self.pairs.with_flat(flat), shapes=ArmGeometry.from_flat(flat, self.params))
+        return replace(self, pairs=self.pairs.with_flat(flat), geometry=ArmGeometry.from_flat(flat, self.params))
 
     @property
-    def by_gaps(self) -> ClearanceModel:
+    def without_twist_limits(self) -> ClearanceModel:
         """The clearance model without the limit on twists from the stiffness table."""
-        return replace(self, joined=np.zeros_like(self.joined))
+        return replace(self, has_joint=np.zeros_like(self.has_joint))
 
     @property
-    def slot(self) -> float:
+    def gap_unit(self) -> float:
         """Unit of clearances of gaps, metres: the smallest slot, but at least a tenth of the smallest arm width."""
         return max(min_slot_width(self.params), 0.1 * self.params.width_min)
 
-    def terms(
+    def clearances(
         self,
         width: Float[np.ndarray, "quads 4"],
         twist: Float[np.ndarray, " quads"],
         *,
         below: float = SUPPORT,
-        flat: bool = False,
+        with_flat: bool = False,
         quads: Bool[np.ndarray, " quads"] | None = None,
-        least: bool = False,
-    ) -> Terms:
+        narrowest_only: bool = False,
+    ) -> Clearances:
         """Compute all clearances below a threshold, with derivatives.
 
         Parameters
         ----------
         width, twist : metres, radians
         below : threshold on the clearance
-        flat : whether to compute derivatives by the flat points too
+        with_flat : whether to compute derivatives by the flat points too
         quads : mask of quads; compute only clearances that depend on them; default is all
-        least : compute only the narrowest place between every two arms, as in ``gaps.narrow``
+        narrowest_only : compute only the narrowest place between every two arms, as in ``gaps.find_narrow_gaps``
         """
-        lines = self._lines(width, twist)
-        pairs, need, arms = self._about(quads)
-        gaps = narrow(lines, pairs, need + below * self.slot, self.params.clockwise, least=least)
-        i, u, left = sharp(lines, arms, self.sharpest[arms] + below * _SHARPEST)
+        lines = self._arm_curves(width, twist)
+        pairs, need, arms = self._restricted_to(quads)
+        gaps = find_narrow_gaps(
+            lines, pairs, need + below * self.gap_unit, self.params.clockwise, narrowest_only=narrowest_only
+        )
+        i, u, left = find_sharp_edges(lines, arms, self.min_radius_ratio[arms] + below * _MIN_RADIUS_RATIO)
         first, second, way, place = gap_slopes(lines, pairs, gaps)
         ends = np.zeros((len(i), first.shape[1]))
-        slopes = sharp_slopes(lines, i, u)
-        ends[:, : slopes.shape[1]] = slopes / _SHARPEST
-        twisted, spare, by_spare = self._twist_terms(width, twist, arms, below)
-        value = np.concatenate([(gaps.gap - need[gaps.pair]) / self.slot, (left - self.sharpest[i]) / _SHARPEST, spare])
+        slopes = sharp_edge_slopes(lines, i, u)
+        ends[:, : slopes.shape[1]] = slopes / _MIN_RADIUS_RATIO
+        twisted, spare, by_spare = self._twist_clearances(width, twist, arms, below)
+        value = np.concatenate(
+            [(gaps.gap - need[gaps.pair]) / self.gap_unit, (left - self.min_radius_ratio[i]) / _MIN_RADIUS_RATIO, spare]
+        )
         one, two = (np.concatenate([a, i, twisted]) for a in (pairs.one[gaps.pair], pairs.two[gaps.pair]))
-        by_one = np.concatenate([first / self.slot, ends, by_spare])
-        by_two = np.concatenate([second / self.slot, np.zeros_like(ends), np.zeros_like(by_spare)])
+        by_one = np.concatenate([first / self.gap_unit, ends, by_spare])
+        by_two = np.concatenate([second / self.gap_unit, np.zeros_like(ends), np.zeros_like(by_spare)])
         by_flat = None
-        if flat:
-            by_flat = self.shapes.by_points(one, by_one) + self.shapes.by_points(two, by_two)
-            laid = np.flatnonzero(pairs.laid[gaps.pair])
+        if with_flat:
+            by_flat = self.geometry.by_points(one, by_one) + self.geometry.by_points(two, by_two)
+            laid = np.flatnonzero(pairs.is_across_cut[gaps.pair])
             own = one[laid]
-            rows = self.shapes.by_sides(laid, len(value), own, self.shapes.mate[own], way[laid], place[laid])
-            by_flat = by_flat + rows / self.slot
-        mate = self.shapes.mate
+            rows = self.geometry.by_sides(laid, len(value), own, self.geometry.mate[own], way[laid], place[laid])
+            by_flat = by_flat + rows / self.gap_unit
+        mate = self.geometry.mate
         four = np.stack([one, mate[one], two, mate[two]], axis=1)
         four[len(four) - len(twisted) :] = twisted[:, None]
-        return Terms(value, self._by_design(four, by_one, by_two), by_flat, four)
+        return Clearances(value, self._by_design(four, by_one, by_two), by_flat, four)
 
     def quads_with_closed_gaps(
         self,
@@ -192,18 +199,18 @@ class ClearanceModel:
         width, twist : metres, radians
         quads : mask of quads; check only clearances that depend on them; default is all
         """
-        lines, mate = self._lines(width, twist), self.shapes.mate
-        pairs, need, arms = self._about(quads)
-        which = narrow(lines, pairs, need, self.params.clockwise, least=True).pair
-        i = sharp(lines, arms, self.sharpest[arms])[0]
+        lines, mate = self._arm_curves(width, twist), self.geometry.mate
+        pairs, need, arms = self._restricted_to(quads)
+        which = find_narrow_gaps(lines, pairs, need, self.params.clockwise, narrowest_only=True).pair
+        i = find_sharp_edges(lines, arms, self.min_radius_ratio[arms])[0]
         out = np.zeros(len(twist), dtype=bool)
         for a in (pairs.one[which], pairs.two[which], i):
             out[a // 4] = out[mate[a] // 4] = True
-        out[self._twist_terms(width, twist, arms, 0.0)[0] // 4] = True
+        out[self._twist_clearances(width, twist, arms, 0.0)[0] // 4] = True
         return out
 
     @classmethod
-    def gaps(
+    def measure_gaps(
         cls,
         flat: FlatPatches,
         params: SpiralParams,
@@ -225,47 +232,47 @@ class ClearanceModel:
         arms : (k, 2) both arms of every gap
         width : (k,) width of every gap, metres; negative where arms overlap
         """
-        pairs, shapes = pairs_of(flat, params, below), ArmGeometry.from_flat(flat, params)
-        pairs = pairs.subset((pairs.kind != SAME_QUAD) & ~pairs.laid)
+        pairs, shapes = find_arm_pairs(flat, params, below), ArmGeometry.from_flat(flat, params)
+        pairs = pairs.subset((pairs.kind != SAME_QUAD) & ~pairs.is_across_cut)
         every = np.zeros(len(shapes.mate))
         room = cls(params, pairs, shapes, np.full(len(pairs.one), below), every, every > 0.0)
-        gaps = narrow(room._lines(width, twist), pairs, room.need, params.clockwise)
+        gaps = find_narrow_gaps(room._arm_curves(width, twist), pairs, room.required_gaps, params.clockwise)
         return np.stack([pairs.one[gaps.pair], pairs.two[gaps.pair]], axis=1), gaps.gap
 
-    def _twist_terms(
+    def _twist_clearances(
         self, width: np.ndarray, twist: np.ndarray, arms: Int[np.ndarray, " n"], below: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the arms whose twist is within ``below`` of its limit, the margin (radians), and its derivatives."""
-        arms = arms[self.joined[arms]]
-        spare, by_radius, by_width = twist_margin(self.shapes.radius[arms], width.ravel()[arms], twist[arms // 4])
+        arms = arms[self.has_joint[arms]]
+        spare, by_radius, by_width = twist_margin(self.geometry.radius[arms], width.ravel()[arms], twist[arms // 4])
         some = spare < below
         by = np.zeros((int(some.sum()), N_ARM_PARAMETERS))
         by[:, RADIUS], by[:, OWN_WIDTH] = by_radius[some], by_width[some]
         by[:, OWN_WIND] = 1.0 if self.params.clockwise else -1.0
         return arms[some], spare[some], by
 
-    def _about(self, quads: np.ndarray | None) -> tuple[Pairs, np.ndarray, np.ndarray]:
+    def _restricted_to(self, quads: np.ndarray | None) -> tuple[ArmPairs, np.ndarray, np.ndarray]:
         """Return pairs, required gaps and arms that depend on the spirals of a mask of quads; all of them for None."""
-        arms = np.arange(len(self.shapes.mate))
+        arms = np.arange(len(self.geometry.mate))
         if quads is None:
-            return self.pairs, self.need, arms
-        some = quads[arms // 4] | quads[self.shapes.mate // 4]
+            return self.pairs, self.required_gaps, arms
+        some = quads[arms // 4] | quads[self.geometry.mate // 4]
         near = some[self.pairs.one] | some[self.pairs.two]
-        return self.pairs.subset(near), self.need[near], arms[some]
+        return self.pairs.subset(near), self.required_gaps[near], arms[some]
 
-    def _lines(self, width: np.ndarray, twist: np.ndarray) -> ArmCurves:
+    def _arm_curves(self, width: np.ndarray, twist: np.ndarray) -> ArmCurves:
         """Return the centre lines of all arms of a design, with blends."""
-        wind, s = np.repeat((-1.0 if self.params.clockwise else 1.0) * twist, 4), self.shapes
+        wind, s = np.repeat((-1.0 if self.params.clockwise else 1.0) * twist, 4), self.geometry
         widths = np.stack([width.ravel(), width.ravel()[s.mate]], axis=1)
         winds, leans = (np.stack([x, s.sign * x[s.mate]], axis=1) for x in (wind, s.lean))
         return ArmCurves.from_arms(s.centre, s.radius, s.angle, (widths, winds, leans), self.params.blend)
 
     def _by_design(self, four: np.ndarray, one: np.ndarray, two: np.ndarray) -> csr_array:
-        """Turn derivatives by both arms' parameters into derivatives by the design; ``four`` as ``Terms.arms``."""
-        sign, arms = -1.0 if self.params.clockwise else 1.0, len(self.shapes.mate)
+        """Turn derivatives by both arms' parameters into derivatives by the design; ``four`` as ``Clearances.arms``."""
+        sign, arms = -1.0 if self.params.clockwise else 1.0, len(self.geometry.mate)
         columns = np.concatenate([four, arms + four // 4], axis=1)
         widths = [by[:, k] for by in (one, two) for k in (OWN_WIDTH, MATE_WIDTH)]
-        mates = self.shapes.sign[four[:, [0, 2]].T]
+        mates = self.geometry.sign[four[:, [0, 2]].T]
         twists = [
             sign * by[:, k] * s
             for by, m in ((one, mates[0]), (two, mates[1]))

@@ -12,16 +12,16 @@ from .clearance_model import ClearanceModel
 # largest number of rounds that change spirals by the derivatives of closed gaps (mostly under 10 are needed), and of
 # all rounds; the remaining rounds change all spirals at closed gaps by a fixed share
 SLOPE_ROUNDS, ROUNDS = 25, 90
-SPARE_ROOM = 0.02  # target clearance, as in ``Terms.value``; larger values need fewer rounds but unwind more
-# least derivative of a clearance (``Terms.value``) by the twists, 1/radian, for which spirals are unwound; for smaller
+TARGET_CLEARANCE = 0.02  # target clearance, as in ``Clearances.value``; larger values need fewer rounds but unwind more
+# least derivative of a clearance (``Clearances.value``) by the twists, 1/radian, for which spirals are unwound; for smaller
 # derivatives arms become thinner instead
-IDLE = 0.02
+MIN_TWIST_SLOPE = 0.02
 # largest change in one round: twist in radians, width as a share; larger values need fewer rounds but overshoot
 MAX_UNWIND, MAX_THIN = 0.4, 0.1
 
 
 def open_gaps(
-    room: ClearanceModel,
+    model: ClearanceModel,
     low: np.ndarray,
     width: np.ndarray,
     twist: np.ndarray,
@@ -36,7 +36,7 @@ def open_gaps(
 
     Parameters
     ----------
-    room : clearance model of the flat patches
+    model : clearance model of the flat patches
     low : (F,) smallest widths, metres
     width, twist : (F, 4) metres and (F,) radians, the design to start from
     free : mask of the spirals that may change
@@ -45,12 +45,12 @@ def open_gaps(
     least, quads = np.minimum(low[:, None], width), np.ones(len(twist), dtype=bool)
     for turn in range(SLOPE_ROUNDS):
         progress(turn / ROUNDS, "room between the arms")
-        terms = room.terms(width, twist, below=0.0, quads=quads)
+        terms = model.clearances(width, twist, below=0.0, quads=quads)
         if not len(terms.value):
             return width, twist
-        short = SPARE_ROOM - terms.value
+        short = TARGET_CLEARANCE - terms.value
         by_twist = _opening_slopes(terms.by_design[:, width.size :], free & (twist > 0.0))
-        idle = by_twist.power(2).sum(axis=1) < IDLE**2
+        idle = by_twist.power(2).sum(axis=1) < MIN_TWIST_SLOPE**2
         unwind = _largest_request(by_twist, np.where(idle, 0.0, short))
         thin = _largest_request(
             _opening_slopes(terms.by_design[:, : width.size], (free[:, None] & (width > least)).ravel()),
@@ -63,7 +63,7 @@ def open_gaps(
         quads[terms.arms // 4] = True
     for turn in range(SLOPE_ROUNDS, ROUNDS):
         progress(turn / ROUNDS, "room between the arms")
-        quads = room.quads_with_closed_gaps(width, twist, quads) & free
+        quads = model.quads_with_closed_gaps(width, twist, quads) & free
         straight = quads & (twist == 0.0)
         width = np.where(straight[:, None], np.maximum((1.0 - MAX_THIN) * width, least), width)
         twist = np.where(quads, np.where(twist < 0.1, 0.0, 0.9 * twist), twist)

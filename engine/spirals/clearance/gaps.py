@@ -17,7 +17,7 @@ from ..curves import arm_formulas
 from ..curves.arm_curves import ArmCurves, blend_offset
 from ..curves.blends import ANGLE, OWN_WIND, RADIUS
 from ..curves.spiral import arm_widths
-from .arm_pairs import DEPTHS, ROUND, SAME_QUAD, Pairs
+from .arm_pairs import DEPTHS, ROUND, SAME_QUAD, ArmPairs
 
 _PLACES = 13  # number of t on the first arm where gaps are measured; more find narrower gaps and take longer
 _COARSE = 25  # number of points of the second arm, of which the nearest starts the search; more take longer
@@ -39,97 +39,98 @@ class NarrowGaps(Columns):
 
     pair : index of the pair
     t, s : arm parameters of the nearest points on the first and on the second arm
-    side : -1 where the arms have passed through each other, so that they lie in the wrong order, else 1
+    sign : -1 where the arms have passed through each other, so that they lie in the wrong order, else 1
     gap : width of the gap, metres; negative where arms overlap
     """
 
     pair: Int[np.ndarray, " k"]
     t: Float[np.ndarray, " k"]
     s: Float[np.ndarray, " k"]
-    side: Float[np.ndarray, " k"]
+    sign: Float[np.ndarray, " k"]
     gap: Float[np.ndarray, " k"]
 
-    def both(self, pairs: Pairs) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    def arms_and_places(self, pairs: ArmPairs) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
         """Return the first arms with their t, and the second arms with their s."""
         return (pairs.one[self.pair], self.t), (pairs.two[self.pair], self.s)
 
 
-def narrow(
-    lines: ArmCurves, pairs: Pairs, below: Float[np.ndarray, " n"], clockwise: bool, *, least: bool = False
+def find_narrow_gaps(
+    lines: ArmCurves, pairs: ArmPairs, below: Float[np.ndarray, " n"], clockwise: bool, *, narrowest_only: bool = False
 ) -> NarrowGaps:
     """Return the gaps that are narrower than ``below`` (n,), a limit in metres for every pair.
 
-    least : return only the narrowest place of every pair, which is faster; if any arms cross, return all places
+    narrowest_only : return only the narrowest place of every pair (faster); if any arms cross, return all places
     """
-    which, t, s = _near(lines, pairs, below)
+    which, t, s = _near_places(lines, pairs, below)
     beside = pairs.kind[which] == SAME_QUAD
-    s[beside] = _estimate_beside(lines, pairs, which[beside], t[beside], clockwise)
+    s[beside] = _facing_places(lines, pairs, which[beside], t[beside], clockwise)
     s, gap, less = _nearest(lines, pairs, which, t, s, _FIRST)
     between = _BETWEEN * (lines.width[pairs.one[which]] + lines.width[pairs.two[which]])
     some = np.flatnonzero(gap - 2.0 * less < below[which] + between)
     which, t, s, gap, less = which[some], t[some], s[some], gap[some], less[some]
-    if least and not _passes_outside(lines, pairs, which, t, clockwise).any():
+    if narrowest_only and not _passes_outside(lines, pairs, which, t, clockwise).any():
         smallest = np.full(len(below), np.inf)
         np.minimum.at(smallest, which, gap)
         # keep only places that may turn out to be the narrowest of their pair
         some = np.flatnonzero(gap - 2.0 * less <= smallest[which])
-        gaps = _narrowest_of_pairs(lines, pairs, which[some], t[some], s[some])
+        gaps = _narrowest_gaps(lines, pairs, which[some], t[some], s[some])
         return gaps.subset(gaps.gap < below[gaps.pair])
     s, gap, _ = _nearest(lines, pairs, which, t, s, _LAST)
     # add the exact narrowest place of every pair
-    lowest = _lowest(which, gap)
+    lowest = _narrowest_rows(which, gap)
     narrowest = _narrowest(lines, pairs, which[lowest], t[lowest], s[lowest])
     both = zip((which, t, s, gap), (which[lowest], *narrowest), strict=True)
     which, t, s, gap = (np.concatenate(x) for x in both)
     side = np.where(_passes_outside(lines, pairs, which, t, clockwise), -1.0, 1.0)
     some = np.flatnonzero((gap < below[which]) | (side < 0.0))
     gaps = NarrowGaps(which, t, s, side, gap).subset(some)
-    if not (gaps.side < 0.0).any():
+    if not (gaps.sign < 0.0).any():
         return gaps
     # count the distance between centre lines as negative where arms have passed through each other
-    half = [0.5 * arm_widths(lines.width[a], lines.end.width[a], lines.end.share[a], x)[0] for a, x in gaps.both(pairs)]
-    return replace(gaps, gap=gaps.side * (gaps.gap + half[0] + half[1]) - half[0] - half[1])
+    end = lines.blends
+    half = [0.5 * arm_widths(lines.width[a], end.width[a], end.share[a], x)[0] for a, x in gaps.arms_and_places(pairs)]
+    return replace(gaps, gap=gaps.sign * (gaps.gap + half[0] + half[1]) - half[0] - half[1])
 
 
-def _narrowest_of_pairs(lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray) -> NarrowGaps:
+def _narrowest_gaps(lines: ArmCurves, pairs: ArmPairs, which: np.ndarray, t: np.ndarray, s: np.ndarray) -> NarrowGaps:
     """Return the narrowest gap of every pair in ``which``, searching from the narrowest of the places t."""
     s, gap, _ = _nearest(lines, pairs, which, t, s, _LAST)
-    lowest = _lowest(which, gap)
+    lowest = _narrowest_rows(which, gap)
     which = which[lowest]
     t, s, gap = _narrowest_jointly(lines, pairs, which, t[lowest], s[lowest], gap[lowest])
     return NarrowGaps(which, t, s, np.ones(len(which)), gap)
 
 
-def _lowest(which: Int[np.ndarray, " n"], gap: Float[np.ndarray, " n"]) -> Int[np.ndarray, " k"]:
+def _narrowest_rows(which: Int[np.ndarray, " n"], gap: Float[np.ndarray, " n"]) -> Int[np.ndarray, " k"]:
     """Return the index of the least gap of every pair; ``which`` holds the pairs of the gaps."""
     order = np.lexsort((gap, which))
     return order[np.flatnonzero(np.diff(which[order], prepend=-1))]
 
 
-def _opening(lines: ArmCurves, one: np.ndarray, two: np.ndarray, clockwise: bool) -> np.ndarray:
+def _angle_between_tips(lines: ArmCurves, one: np.ndarray, two: np.ndarray, clockwise: bool) -> np.ndarray:
     """Return the angle from the second arm's tip to the first arm's tip, as arms wind inwards, radians."""
     return ((-1.0 if clockwise else 1.0) * (lines.angle[one] - lines.angle[two])) % (2.0 * np.pi)
 
 
-def _estimate_beside(lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, clockwise: bool) -> np.ndarray:
+def _facing_places(lines: ArmCurves, pairs: ArmPairs, which: np.ndarray, t: np.ndarray, clockwise: bool) -> np.ndarray:
     """Estimate s of the nearest point on the facing arm of the same quad: the point at the same polar angle."""
     one, two = pairs.one[which], pairs.two[which]
-    opening = _opening(lines, one, two, clockwise)
+    opening = _angle_between_tips(lines, one, two, clockwise)
     level = t + opening / np.maximum(np.abs(lines.wind[one]), 1e-9)
     # bound for arms with little twist: the foot of the perpendicular on a straight arm
     foot = lines.radius[one] / lines.radius[two] * np.maximum(np.cos(opening), 0.0)
     return np.clip(np.minimum(level, 1.0 - foot * (1.0 - t)), 0.0, 1.0)
 
 
-def _passes_outside(lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, clockwise: bool) -> np.ndarray:
+def _passes_outside(lines: ArmCurves, pairs: ArmPairs, which: np.ndarray, t: np.ndarray, clockwise: bool) -> np.ndarray:
     """Return a mask of places where the facing arm of the same quad lies outside the first arm: both have crossed."""
     one, two = pairs.one[which], pairs.two[which]
-    level = t + _opening(lines, one, two, clockwise) / np.maximum(np.abs(lines.wind[one]), 1e-9)
+    level = t + _angle_between_tips(lines, one, two, clockwise) / np.maximum(np.abs(lines.wind[one]), 1e-9)
     beyond = lines.radius[two] * (1.0 - level) > lines.radius[one] * (1.0 - t)
     return (pairs.kind[which] == SAME_QUAD) & (level < 1.0) & beyond
 
 
-def _near(lines: ArmCurves, pairs: Pairs, below: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _near_places(lines: ArmCurves, pairs: ArmPairs, below: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return pair, t and approximate s of all places where gaps may be narrower than ``below`` (broad phase)."""
     places: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for kind in np.unique(pairs.kind):
@@ -139,7 +140,7 @@ def _near(lines: ArmCurves, pairs: Pairs, below: np.ndarray) -> tuple[np.ndarray
         arms, back = np.unique([pairs.one[here], pairs.two[here]], return_inverse=True)
         one, two = back.reshape(2, -1)
         p, q = _sample(lines, arms, t), _sample(lines, arms, s)
-        widest = np.maximum(lines.width[arms], lines.end.width[arms])
+        widest = np.maximum(lines.width[arms], lines.blends.width[arms])
         enough = below[here] + 0.5 * (widest[one] + widest[two])
         # between two samples the arm may be nearer than at the samples, by up to half of the distance between them
         enough = enough**2 + 0.3 * (np.abs(np.diff(q, axis=0)).max(axis=0) ** 2)[two]
@@ -151,7 +152,7 @@ def _near(lines: ArmCurves, pairs: Pairs, below: np.ndarray) -> tuple[np.ndarray
             some = here[part]
             # pairs along the last axis, so that numpy sums long contiguous runs
             there = pairs.turn[some] * q[:, two[part]] + pairs.shift[some]
-            apart = _squares(p[:, one[part]], there)
+            apart = _squared_distances(p[:, one[part]], there)
             place, row = np.nonzero(apart.min(axis=1) < enough[part])
             places.append((some[row], t[place], s[apart[place, :, row].argmin(axis=1)]))
     if not places:
@@ -163,7 +164,7 @@ _NORMALS = np.exp(0.25j * np.pi * np.arange(4))  # unit normals of the separatin
 _BATCH = 100  # number of pairs whose points are compared at once; more exceed the processor's cache
 
 
-def _squares(p: Complex[np.ndarray, "i n"], q: Complex[np.ndarray, "j n"]) -> Float[np.ndarray, "i j n"]:
+def _squared_distances(p: Complex[np.ndarray, "i n"], q: Complex[np.ndarray, "j n"]) -> Float[np.ndarray, "i j n"]:
     """Return the squared distances of all points in every column of p from all points in the same column of q."""
     out, aside = (x.copy()[:, None] - y.copy() for x, y in ((p.real, q.real), (p.imag, q.imag)))
     np.square(out, out=out)
@@ -184,7 +185,7 @@ def _separation(p: np.ndarray, q: np.ndarray, one: np.ndarray, two: np.ndarray) 
 
 def _sample(lines: ArmCurves, arms: np.ndarray, t: Float[np.ndarray, " m"]) -> Complex[np.ndarray, "m n"]:
     """Return points (M, N) of arms (N,) at t (M,), which must start at 0 and be evenly spaced."""
-    centre, slope, share = lines.centre[arms], lines.end.slope[arms], lines.end.share[arms]
+    centre, slope, share = lines.centre[arms], lines.blends.slope[arms], lines.blends.share[arms]
     spoke = lines.radius[arms] * np.exp(1j * lines.angle[arms])
     further, longest = np.exp(1j * lines.wind[arms] * t[1]), share.max()
     out = np.empty((len(t), len(arms)), dtype=complex)
@@ -199,20 +200,20 @@ def _sample(lines: ArmCurves, arms: np.ndarray, t: Float[np.ndarray, " m"]) -> C
 
 
 def _nearest(
-    lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray, steps: int
+    lines: ArmCurves, pairs: ArmPairs, which: np.ndarray, t: np.ndarray, s: np.ndarray, steps: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Find the s on the second arm nearest to t on the first arm by Newton's method, starting at ``s``.
 
     Return s, the gap in metres, and an estimate of the gap's decrease in one more step, metres.
     """
     one, two, kind = pairs.one[which], pairs.two[which], pairs.kind[which]
-    p, _, _, half = lines.at(one, t)[:4]
+    p, _, _, half = lines.evaluate(one, t)[:4]
     # transform to the frame of the second arm
     p, last = (p - pairs.shift[which]) * np.conj(pairs.turn[which]), DEPTHS[kind, 1]
     gap = less = before = np.zeros(len(s))
     farthest = np.full(len(s), _FARTHEST)
     for step in range(steps + 1):
-        q, d1, d2, h, h1, h2 = lines.at(two, s)
+        q, d1, d2, h, h1, h2 = lines.evaluate(two, s)
         off = q - p
         apart = np.maximum(np.abs(off), 1e-12)
         gap = apart - h - half
@@ -232,7 +233,7 @@ def _nearest(
 
 
 def _narrowest(
-    lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray
+    lines: ArmCurves, pairs: ArmPairs, which: np.ndarray, t: np.ndarray, s: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Find the narrowest gap between the sampled places before and after t on the first arm.
 
@@ -246,7 +247,7 @@ def _narrowest(
     for _ in range(_LAST):
         now = which[moving], t[moving]
         s[moving], gap[moving], _ = _nearest(lines, pairs, *now, s[moving], _LAST)
-        slope, bend = _along(lines, pairs, *now, s[moving])
+        slope, bend = _derivatives_along_arm(lines, pairs, *now, s[moving])
         low[moving] = np.where(slope < 0.0, now[1], low[moving])
         high[moving] = np.where(slope > 0.0, now[1], high[moving])
         to = now[1] - slope / np.where(bend > 0.0, bend, 1e-300)
@@ -259,7 +260,7 @@ def _narrowest(
 
 
 def _narrowest_jointly(
-    lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray, bounds: np.ndarray
+    lines: ArmCurves, pairs: ArmPairs, which: np.ndarray, t: np.ndarray, s: np.ndarray, bounds: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the results of ``_narrowest`` faster, by Newton's method for t and s together.
 
@@ -272,7 +273,7 @@ def _narrowest_jointly(
     moving, before, far = np.arange(len(t)), np.zeros(len(t)), 2.0 * step
     for _ in range(_JOINT_STEPS):
         at, there = out[0][moving], out[1][moving]
-        gap, (by_t, by_s), (own, cross, other) = _bends(lines, pairs, which[moving], at, there)
+        gap, (by_t, by_s), (own, cross, other) = _gap_derivatives(lines, pairs, which[moving], at, there)
         held = ((there <= 0.0) & (by_s > 0.0)) | ((there >= last[moving]) & (by_s < 0.0))
         share = np.where(held, 0.0, cross / other)
         slope, bend = by_t - np.where(held, 0.0, share * by_s), own - share * cross
@@ -298,26 +299,26 @@ def _narrowest_jointly(
     return out
 
 
-def _along(
-    lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray
+def _derivatives_along_arm(
+    lines: ArmCurves, pairs: ArmPairs, which: np.ndarray, t: np.ndarray, s: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the first and second derivatives of gaps by t, while s stays at the nearest point on the second arm."""
-    _, (by_t, _), (own, cross, other) = _bends(lines, pairs, which, t, s)
+    _, (by_t, _), (own, cross, other) = _gap_derivatives(lines, pairs, which, t, s)
     # a nearest point at an end of the second arm does not move
     free = (s > 0.0) & (s < DEPTHS[pairs.kind[which], 1])
     return by_t, own - np.where(free, cross**2 / np.maximum(other, 1e-12), 0.0)
 
 
-def _bends(
-    lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray
+def _gap_derivatives(
+    lines: ArmCurves, pairs: ArmPairs, which: np.ndarray, t: np.ndarray, s: np.ndarray
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Return gaps in metres, their first derivatives (by t, by s) and their second derivatives (tt, ts, ss).
 
     The second derivative by s is kept above a quarter of its value for straight arms, so that Newton steps descend.
     """
     turn = pairs.turn[which]
-    p, p1, p2, half, half1, half2 = lines.at(pairs.one[which], t)
-    q, q1, q2, h, h1, h2 = lines.at(pairs.two[which], s)
+    p, p1, p2, half, half1, half2 = lines.evaluate(pairs.one[which], t)
+    q, q1, q2, h, h1, h2 = lines.evaluate(pairs.two[which], s)
     off, q1, q2 = turn * q + pairs.shift[which] - p, turn * q1, turn * q2
     apart = np.maximum(np.abs(off), 1e-12)
     off /= apart
@@ -330,24 +331,24 @@ def _bends(
 
 
 def gap_slopes(
-    lines: ArmCurves, pairs: Pairs, gaps: NarrowGaps
+    lines: ArmCurves, pairs: ArmPairs, gaps: NarrowGaps
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return derivatives of K gaps by both arms' parameters and by the nearest points, and these points.
 
     Derivatives by an arm's parameters have the shape (K, lines.N_ARM_PARAMETERS); the first arm comes first. The
     nearest points lie on the second arms; they are complex, in the first arm's frame, metres.
     """
-    (one, t), (two, s) = gaps.both(pairs)
+    (one, t), (two, s) = gaps.arms_and_places(pairs)
     turn = pairs.turn[gaps.pair]
     place = turn * lines.points(two, s) + pairs.shift[gaps.pair]
     off = place - lines.points(one, t)
-    way = gaps.side * off / np.maximum(np.abs(off), 1e-12)
-    point, half = lines.pull(one, t, way)
-    there, width = lines.pull(two, s, way * np.conj(turn))
+    way = gaps.sign * off / np.maximum(np.abs(off), 1e-12)
+    point, half = lines.point_and_width_vjp(one, t, way)
+    there, width = lines.point_and_width_vjp(two, s, way * np.conj(turn))
     return -point - half, there - width, way, place
 
 
-def sharp(
+def find_sharp_edges(
     lines: ArmCurves, arms: Int[np.ndarray, " n"], below: Float[np.ndarray, " n"]
 ) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Find the places in blends where the inner edge is sharp.
@@ -355,26 +356,26 @@ def sharp(
     An edge is sharp if its radius of curvature is less than the centre line's radius of curvature times ``below`` (n,).
     Return the arm, u = t / (length of the blend) and the ratio of both radii of every such place.
     """
-    end = lines.end
+    end = lines.blends
     i = np.broadcast_to(arms[:, None], (len(arms), len(_BLEND_PLACES)))
     u = np.broadcast_to(_BLEND_PLACES, i.shape)
-    _, d1, d2, half = lines.at(i, end.share[i] * u)[:4]
+    _, d1, d2, half = lines.evaluate(i, end.share[i] * u)[:4]
     left = 1.0 - half * np.abs((np.conj(d1) * d2).imag) / np.abs(d1) ** 3
     some = left < below[:, None]
     return i[some], u[some], left[some]
 
 
-def sharp_slopes(
+def sharp_edge_slopes(
     lines: ArmCurves, i: Int[np.ndarray, " k"], u: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, "k numbers"]:
-    """Return the derivatives of the ratios from ``sharp`` by the parameters of the arms' blends."""
-    end = lines.end
+    """Return the derivatives of the ratios from ``find_sharp_edges`` by the parameters of the arms' blends."""
+    end = lines.blends
     share, slope, wind = end.share[i], end.slope[i], lines.wind[i]
     t = share * u
-    _, d1, d2, half = lines.at(i, t)[:4]
-    turn = arm_formulas.turn(lines.angle[i], wind, t)
+    _, d1, d2, half = lines.evaluate(i, t)[:4]
+    turn = arm_formulas.spiral_directions(lines.angle[i], wind, t)
     r = lines.radius[i] * (1.0 - t)
-    q1, q2 = arm_formulas.offset_slope(u), arm_formulas.offset_bend(u)
+    q1, q2 = arm_formulas.blend_quintic_slope(u), arm_formulas.blend_quintic_curvature(u)
     first, second = slope * q1, slope * q2 / share
     pure = d1 - first, d2 - second
     third = (3.0 * wind**2 * lines.radius[i] - 1j * wind**3 * r) * turn
@@ -391,7 +392,7 @@ def sharp_slopes(
     bent = (np.conj(d1) * d2).imag
     change = (np.conj(moves[0]) * d2[:, None] + np.conj(d1)[:, None] * moves[1]).imag / (size**3)[:, None]
     change -= (3.0 * bent / size**5)[:, None] * (np.conj(d1)[:, None] * moves[0]).real
-    joint = arm_formulas.fade(u)
+    joint = arm_formulas.fade_out(u)
     # at a fixed u, the width does not depend on the length of the blend
     wide = 0.5 * joint[:, None] * end.width_by[i]
     wide[:, 0] += 0.5 * (1.0 - joint)

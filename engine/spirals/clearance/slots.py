@@ -23,9 +23,9 @@ from ..curves.spiral import (
     LEFT,
     RIGHT,
     Arms,
-    arms,
     centre_line,
     edge_points,
+    make_arms,
     widest_arms,
     widest_beside_slots,
     width_at,
@@ -91,7 +91,7 @@ def width_range(
     return np.minimum(params.width_min, high), high
 
 
-def too_small(flat: FlatPatches, params: SpiralParams, quads: Int[np.ndarray, " n"]) -> str:
+def too_small_message(flat: FlatPatches, params: SpiralParams, quads: Int[np.ndarray, " n"]) -> str:
     """Return the error message for quads that are far too small for the smallest width.
 
     Parameters
@@ -127,10 +127,10 @@ def _facing_gap(outer: Arms, inner: Arms, step: int) -> Float[np.ndarray, "quads
     off = centre_line(inner, s)[0] - p
     gap = np.sqrt(dot(off, off)) - 0.5 * (width_at(outer, t)[0] + width_at(inner, s)[0])
     through = (level < 1.0) & (inner.radius[..., None] * (1.0 - level) > outer.radius[..., None] * (1.0 - t))
-    return _lowest(np.where(through, -np.abs(gap), gap))
+    return _interpolated_minimum(np.where(through, -np.abs(gap), gap))
 
 
-def _lowest(samples: np.ndarray) -> np.ndarray:
+def _interpolated_minimum(samples: np.ndarray) -> np.ndarray:
     """Return the lowest value along the last axis, with parabolic interpolation between the samples."""
     inner = np.clip(samples.argmin(axis=-1), 1, samples.shape[-1] - 2)[..., None]
     before, at, after = (np.take_along_axis(samples, inner + k, axis=-1)[..., 0] for k in (-1, 0, 1))
@@ -160,7 +160,7 @@ def twist_bound(
     most : (F,) upper limit in radians; default is ``params.twist_max``
     """
     slot, count = min_slot_width(params), len(flat.corners)
-    pure = arms(flat, replace(params, clockwise=False), width, np.zeros(count))
+    pure = make_arms(flat, replace(params, clockwise=False), width, np.zeros(count))
     low, high = np.zeros(count), np.full(count, params.twist_max)
     # the middles of a quad's sides are symmetric about its centre: with equal arms, two of the four slots suffice
     slots = 2 if (width == width[:, :1]).all() else 4
@@ -192,7 +192,7 @@ def twist_bound(
     return low
 
 
-def _roll(arms: Arms, step: int) -> Arms:
+def _renumber_arms(arms: Arms, step: int) -> Arms:
     """Renumber the arms of every quad, so that arm k - step becomes arm k."""
     fields = {
         name: np.roll(getattr(arms, name), step, axis=1)
@@ -201,7 +201,7 @@ def _roll(arms: Arms, step: int) -> Arms:
     return replace(arms, **fields)
 
 
-def beside_absent(absent: Bool[np.ndarray, "quads 4"]) -> Bool[np.ndarray, "quads 4"]:
+def is_beside_absent(absent: Bool[np.ndarray, "quads 4"]) -> Bool[np.ndarray, "quads 4"]:
     """Return a mask of the slots beside absent arms; slot k lies between arm k and arm k + 1."""
     return absent | np.roll(absent, -1, axis=1)
 
@@ -225,12 +225,12 @@ def min_slot_and_bridge(
     absent = np.zeros(left.shape, dtype=bool) if absent is None else absent
     # width of the arms, from their left to their right edge, up to the hub
     t = np.linspace(0.0, 0.9, 24) * np.minimum(left, np.roll(right, 1, axis=1))[..., None]
-    bridge = _apart(arms, LEFT, t, arms, RIGHT, t, np.full((*left.shape, 1), 0.9999))[0]
+    bridge = _distance_to_edge(arms, LEFT, t, arms, RIGHT, t, np.full((*left.shape, 1), 0.9999))[0]
     bridge = np.where(absent[..., None], NO_NEIGHBOUR, bridge).min()
     # a slot without fillet ends in a point: measure its outer half only
     apart, lean = slot_widths(arms, left, right, np.linspace(0.0, 0.97 if fillet > 0.0 else 0.5, 32))[:2]
     # edges that enclose a wide angle do not bound a slot
-    slot = float(np.where((lean > PARALLEL_COSINE) & ~beside_absent(absent)[..., None], apart, NO_NEIGHBOUR).min())
+    slot = float(np.where((lean > PARALLEL_COSINE) & ~is_beside_absent(absent)[..., None], apart, NO_NEIGHBOUR).min())
     return (min(slot, 2.0 * fillet) if fillet > 0.0 else slot), float(bridge)
 
 
@@ -257,20 +257,20 @@ def slot_widths(
     outer, inner : (F, 4, N) arm parameters t of the facing points on the outer and on the inner arm
     """
     step = 1 if is_clockwise(arms) else -1
-    other = _roll(arms, -1)
+    other = _renumber_arms(arms, -1)
     opening = ((other.angle - arms.angle) % (2.0 * math.pi))[..., None]
     turned = opening / np.maximum(np.abs(arms.wind), 1e-9)[:, None, None]
     outer, inner, ends = (arms, other, (left, right)) if step > 0 else (other, arms, (right, left))
     t = share * ends[0][..., None]
     s = np.minimum(t + turned, ends[1][..., None])
-    apart, lean, s = _apart(
+    apart, lean, s = _distance_to_edge(
         outer, LEFT if step > 0 else RIGHT, t, inner, RIGHT if step > 0 else LEFT, s, ends[1][..., None]
     )
     # between edges at the angle a, the touching circle's diameter is the distance of the edges times 1 / cos^2(a / 2)
     return apart * 2.0 / np.maximum(1.0 + lean, 1e-3), lean, t, s
 
 
-def _apart(
+def _distance_to_edge(
     one: Arms, side: float, t: np.ndarray, two: Arms, other: float, s: np.ndarray, end: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Find the points of another edge, near s and up to ``end``, that are nearest to the points of an edge at t.

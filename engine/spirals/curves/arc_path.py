@@ -11,7 +11,7 @@ class ArcPath:
     def __init__(self, start: complex):
         self.points, self.bulges = [complex(start)], [0.0]
 
-    def to(self, place: complex, bulge: float = 0.0) -> None:
+    def add_segment(self, place: complex, bulge: float = 0.0) -> None:
         """Add a straight segment or an arc to a point.
 
         Parameters

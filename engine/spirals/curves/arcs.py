@@ -54,7 +54,7 @@ class Curve:
         share = np.where(np.abs(angle) > 1e-4, (safe - np.sin(safe)) / (8.0 * np.sin(0.5 * safe) ** 2), angle / 12.0)
         return float(polygon + (chord2 * share).sum())
 
-    def moved(self, rotation: float, shift: Float[np.ndarray, " 2"]) -> Curve:
+    def transform(self, rotation: float, shift: Float[np.ndarray, " 2"]) -> Curve:
         """Rotate the curve about the origin, then shift it.
 
         Parameters
@@ -70,13 +70,13 @@ class Curve:
         bulge = -self.bulge[::-1]
         return Curve(self.points[::-1], np.roll(bulge, -1), self.closed)
 
-    def sampled(self, tolerance: float = 1e-5) -> Float[np.ndarray, "m 2"]:
+    def sample(self, tolerance: float = 1e-5) -> Float[np.ndarray, "m 2"]:
         """Return points on the curve (metres) whose chords deviate from the arcs by at most ``tolerance`` metres."""
-        points = along_arcs(*self._segments(), tolerance)[0]
+        points = sample_arcs(*self._segments(), tolerance)[0]
         return points if self.closed else np.concatenate([points, self.points[-1:]])
 
 
-def along_arcs(
+def sample_arcs(
     a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "n 2"], bulge: Float[np.ndarray, " n"], tolerance: float
 ) -> tuple[Float[np.ndarray, "points 2"], Int[np.ndarray, " n"]]:
     """Sample arcs so that the chords between points deviate from the arcs by at most ``tolerance``.
@@ -129,7 +129,7 @@ def arc_points(
     return a[:, None] + np.stack([x, y], axis=-1)
 
 
-def biarcs(points: np.ndarray, tangents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def interpolate_biarcs(points: np.ndarray, tangents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Interpolate points and tangents of C curves by two arcs between successive points; arcs meet with equal tangents.
 
     The two arcs of such a span meet where both tangent lengths are equal (Bolton 1975).
@@ -198,7 +198,7 @@ class FittedArcs:
 
 
 Evaluate = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-SPANS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 48, 64)  # numbers of biarcs that are tried for a curve
+SPAN_COUNTS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 48, 64)  # numbers of biarcs that are tried for a curve
 
 
 BATCH = 1500  # number of curves fitted at once (0.25 s, 40 MB); larger batches need more memory and delay a cancel
@@ -213,7 +213,7 @@ def fit_biarcs(
     ----------
     evaluate : function of curve indices (C',) and parameters (C', M); returns points and derivatives, each (C', M, 2)
     ends : (C, 2) parameters of the first and last point of every curve
-    tolerance : largest distance of the arcs from the curves, metres; exceeded where the most ``SPANS`` do not suffice
+    tolerance : largest distance of the arcs from the curves, metres; exceeded where the most ``SPAN_COUNTS`` do not suffice
     progress : called with the fraction done; may cancel
     """
     parts = []
@@ -232,7 +232,7 @@ def fit_biarcs(
 
 
 def _fit_batch(evaluate: Evaluate, ends: np.ndarray, tolerance: float) -> FittedArcs:
-    """Fit curves by increasing numbers of biarcs, until all are within the tolerance or ``SPANS`` are exhausted."""
+    """Fit curves by increasing numbers of biarcs, until all are within the tolerance or ``SPAN_COUNTS`` are exhausted."""
     count = len(ends)
     even = np.linspace(0.0, 1.0, 49)
     sizes = np.zeros(count, dtype=np.int64)
@@ -242,17 +242,17 @@ def _fit_batch(evaluate: Evaluate, ends: np.ndarray, tolerance: float) -> Fitted
     samples, tangents = evaluate(every, t)
     weight, need = _fitting_effort(samples, tangents * np.sign(ends[:, 1] - ends[:, 0])[:, None, None], tolerance)
     open_ = every
-    for spans in SPANS:
-        now = open_ if spans == SPANS[-1] else open_[need[open_] <= spans]
+    for spans in SPAN_COUNTS:
+        now = open_ if spans == SPAN_COUNTS[-1] else open_[need[open_] <= spans]
         if not len(now):
             continue
         # spans meet at every sixth point; at the five points between, the arcs are compared with the curve
-        marks = _inverse(weight[now], np.linspace(0.0, 1.0, 6 * spans + 1))
+        marks = _inverse_interpolate(weight[now], np.linspace(0.0, 1.0, 6 * spans + 1))
         p, d = evaluate(now, ends[now, :1] + marks * (ends[now, 1:] - ends[now, :1]))
         d = d[:, ::6] * np.sign(ends[now, 1] - ends[now, 0])[:, None, None]
-        nodes, bulge = biarcs(p[:, ::6], d)
+        nodes, bulge = interpolate_biarcs(p[:, ::6], d)
         deviation = _largest_deviation(nodes, p[:, -1], bulge, p, spans)
-        good = (deviation <= tolerance) | (spans == SPANS[-1])
+        good = (deviation <= tolerance) | (spans == SPAN_COUNTS[-1])
         fits.append((now[good], nodes[good], bulge[good]))
         sizes[now[good]] = 2 * spans
         # deviations fall with the cube of the number of spans: skip numbers that would leave ten times the tolerance
@@ -285,10 +285,10 @@ def _fitting_effort(samples: np.ndarray, tangents: np.ndarray, tolerance: float)
     effort = effort + (0.05 * whole + 1e-9) * step / np.maximum(step.sum(axis=1, keepdims=True), 1e-15)
     total = np.concatenate([np.zeros((len(step), 1)), np.cumsum(effort, axis=1)], axis=1)
     need = np.floor(0.8 * whole[:, 0] / np.cbrt(324.0 * tolerance))
-    return total / total[:, -1:], np.clip(need, 1, SPANS[-1])
+    return total / total[:, -1:], np.clip(need, 1, SPAN_COUNTS[-1])
 
 
-def _inverse(
+def _inverse_interpolate(
     weight: Float[np.ndarray, "curves m"], levels: Float[np.ndarray, " loops"]
 ) -> Float[np.ndarray, "curves loops"]:
     """Return the places in [0, 1] where each row of ``weight``, ascending and evenly sampled, reaches ``levels``."""

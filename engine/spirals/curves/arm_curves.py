@@ -24,7 +24,7 @@ class ArmCurves:
     radius, angle : length (metres) and direction (radians) from the centre to the joint
     wind : twist with the sign of the sense of rotation, radians
     width : width away from the joint, metres
-    end : blends at the joints
+    blends : blends at the joints
     """
 
     centre: Complex[np.ndarray, " n"]
@@ -32,7 +32,7 @@ class ArmCurves:
     angle: Float[np.ndarray, " n"]
     wind: Float[np.ndarray, " n"]
     width: Float[np.ndarray, " n"]
-    end: Blends
+    blends: Blends
 
     @classmethod
     def from_arms(
@@ -56,7 +56,7 @@ class ArmCurves:
             centre, radius, angle, wind[:, 0], width[:, 0], blend_joints(width, wind, lean, radius, angle, shortest)
         )
 
-    def at(
+    def evaluate(
         self, i: Int[np.ndarray, "*arms"], t: Float[np.ndarray, "*m"]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Evaluate centre lines and half widths at t.
@@ -70,7 +70,7 @@ class ArmCurves:
         -------
         points (complex, metres) with their first and second derivatives by t, then half widths (metres) with theirs
         """
-        end = self.end
+        end = self.blends
         p, d1, d2 = curve_points(self.radius[i], self.angle[i], self.wind[i], end.slope[i], end.share[i], t)
         w, w1, w2 = arm_widths(self.width[i], end.width[i], end.share[i], t)
         return self.centre[i] + p, d1, d2, 0.5 * w, 0.5 * w1, 0.5 * w2
@@ -87,12 +87,12 @@ class ArmCurves:
         -------
         complex points, metres
         """
-        end = self.end
-        pure = self.radius[i] * (1.0 - t) * arm_formulas.turn(self.angle[i], self.wind[i], t)
+        end = self.blends
+        pure = self.radius[i] * (1.0 - t) * arm_formulas.spiral_directions(self.angle[i], self.wind[i], t)
         return self.centre[i] + pure + end.slope[i] * blend_offset(end.share[i], t)
 
-    def pull(
-        self, i: Int[np.ndarray, " m"], t: Float[np.ndarray, " m"], along: Complex[np.ndarray, " m"]
+    def point_and_width_vjp(
+        self, i: Int[np.ndarray, " m"], t: Float[np.ndarray, " m"], cotangent: Complex[np.ndarray, " m"]
     ) -> tuple[Float[np.ndarray, "m numbers"], Float[np.ndarray, "m numbers"]]:
         """Return the derivatives of points and half widths at t by the arms' parameters (vector-Jacobian products).
 
@@ -100,24 +100,24 @@ class ArmCurves:
         ----------
         i : indices of M arms
         t : a place along each of these arms, 0 at the tip
-        along : vector with which each point's derivative is multiplied (scalar product)
+        cotangent : vector with which each point's derivative is multiplied (scalar product)
 
         Returns
         -------
         two arrays (M, N_ARM_PARAMETERS), for the points and for the half widths
         """
-        end, share, slope = self.end, self.end.share[i], self.end.slope[i]
+        end, share, slope = self.blends, self.blends.share[i], self.blends.slope[i]
         u = np.minimum(t / share, 1.0)
-        value, change = arm_formulas.offset(u), arm_formulas.offset_slope(u)
-        turn = arm_formulas.turn(self.angle[i], self.wind[i], t)
+        value, change = arm_formulas.blend_quintic(u), arm_formulas.blend_quintic_slope(u)
+        turn = arm_formulas.spiral_directions(self.angle[i], self.wind[i], t)
         point = np.zeros((len(i), N_ARM_PARAMETERS))
 
         def project(move: np.ndarray) -> np.ndarray:
-            return move.real * along.real + move.imag * along.imag
+            return move.real * cotangent.real + move.imag * cotangent.imag
 
         by_slope, by_share = (share * value), project(slope) * (value - u * change)
         point[:, :N_BLEND_PARAMETERS] = by_slope[:, None] * (
-            end.slope_by[i].real * along.real[:, None] + end.slope_by[i].imag * along.imag[:, None]
+            end.slope_by[i].real * cotangent.real[:, None] + end.slope_by[i].imag * cotangent.imag[:, None]
         )
         point[:, :N_BLEND_PARAMETERS] += by_share[:, None] * end.share_by[i]
         radial = project(turn) * (1.0 - t)
@@ -125,8 +125,8 @@ class ArmCurves:
         point[:, OWN_WIND] += t * across
         point[:, RADIUS] += radial
         point[:, ANGLE] += across
-        point[:, CENTRE_X], point[:, CENTRE_Y] = along.real, along.imag
-        joint, narrows = arm_formulas.fade(u), -30.0 * (u * (1.0 - u)) ** 2 * -u / share
+        point[:, CENTRE_X], point[:, CENTRE_Y] = cotangent.real, cotangent.imag
+        joint, narrows = arm_formulas.fade_out(u), -30.0 * (u * (1.0 - u)) ** 2 * -u / share
         half = np.zeros((len(i), N_ARM_PARAMETERS))
         half[:, :N_BLEND_PARAMETERS] = 0.5 * joint[:, None] * end.width_by[i]
         half[:, :N_BLEND_PARAMETERS] += (0.5 * (end.width[i] - self.width[i]) * narrows)[:, None] * end.share_by[i]
@@ -151,9 +151,9 @@ class ArmCurves:
         -------
         (N, N_BLEND_PARAMETERS) derivatives by the arms' parameters without their centres, and (N, M) derivatives by t
         """
-        end, rest, radius, wind = self.end, 1.0 - t, self.radius[:, None], self.wind[:, None]
+        end, rest, radius, wind = self.blends, 1.0 - t, self.radius[:, None], self.wind[:, None]
         # in a frame that turns with the spiral, derivatives along the spoke (real part) and across it (imaginary part)
-        back = np.conj(arm_formulas.turn(self.angle[:, None], wind, t))
+        back = np.conj(arm_formulas.spiral_directions(self.angle[:, None], wind, t))
         own, pace = back * point, back * velocity
         (along, aside), (along1, aside1) = ((np.ascontiguousarray(x) for x in (y.real, y.imag)) for y in (own, pace))
         level = wind * rest
@@ -170,10 +170,10 @@ class ArmCurves:
         point, velocity, half = point[:, some], velocity[:, some], half[:, some]
         u = np.minimum(t[:, some] / share, 1.0)
         value, change, again, joint = (
-            arm_formulas.offset(u),
-            arm_formulas.offset_slope(u),
-            arm_formulas.offset_bend(u),
-            arm_formulas.fade(u),
+            arm_formulas.blend_quintic(u),
+            arm_formulas.blend_quintic_slope(u),
+            arm_formulas.blend_quintic_curvature(u),
+            arm_formulas.fade_out(u),
         )
         by_point, by_velocity = _dot(point, slope), _dot(velocity, slope)
         narrowing = half * (-15.0 * (end.width - self.width)[:, None] / share) * (u * (1.0 - u)) ** 2
@@ -201,4 +201,4 @@ def blend_offset(share: np.ndarray, t: np.ndarray) -> np.ndarray:
     share : length of the blend, in t
     t : places on the arm; broadcasts with ``share``
     """
-    return arm_formulas.offset(np.minimum(t / share, 1.0), share)
+    return arm_formulas.blend_quintic(np.minimum(t / share, 1.0), share)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 
-def turn(angle: np.ndarray | float, wind: np.ndarray, t: np.ndarray) -> np.ndarray:
+def spiral_directions(angle: np.ndarray | float, wind: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Return the directions from the centres of spirals to their points at t, as complex unit numbers.
 
     Parameters
@@ -30,12 +30,12 @@ def spiral_points(
     wind : twist with the sign of the sense of rotation, radians
     t : 0 at the joint, 1 at the centre; all arguments broadcast
     """
-    way, rest = turn(angle, wind, t), radius * (1.0 - t)
+    way, rest = spiral_directions(angle, wind, t), radius * (1.0 - t)
     across = rest * wind
     return rest * way, (1j * across - radius) * way, (-wind * across - 2j * (wind * radius)) * way
 
 
-def offset(u: np.ndarray, share: np.ndarray | float = 1.0) -> np.ndarray:
+def blend_quintic(u: np.ndarray, share: np.ndarray | float = 1.0) -> np.ndarray:
     """Return the blend's offset at u: a quintic with slope 1 and no curvature at 0; value, slope, curvature are 0 at 1.
 
     Parameters
@@ -46,22 +46,22 @@ def offset(u: np.ndarray, share: np.ndarray | float = 1.0) -> np.ndarray:
     return share * u * (1.0 + u * u * (-6.0 + u * (8.0 - 3.0 * u)))
 
 
-def offset_slope(u: np.ndarray) -> np.ndarray:
+def blend_quintic_slope(u: np.ndarray) -> np.ndarray:
     """Return the derivative of the blend's offset (with ``share`` 1) by u."""
     return 1.0 + u * u * (-18.0 + u * (32.0 - 15.0 * u))
 
 
-def offset_bend(u: np.ndarray) -> np.ndarray:
+def blend_quintic_curvature(u: np.ndarray) -> np.ndarray:
     """Return the second derivative of the blend's offset (with ``share`` 1) by u."""
     return u * (-36.0 + u * (96.0 - 60.0 * u))
 
 
-def fade(u: np.ndarray) -> np.ndarray:
+def fade_out(u: np.ndarray) -> np.ndarray:
     """Return a quintic that falls from 1 at u = 0 to 0 at u = 1, without slope and curvature at both ends."""
     return 1.0 + u * u * u * (-10.0 + u * (15.0 - 6.0 * u))
 
 
-def fade_slope(u: np.ndarray) -> np.ndarray:
-    """Return the derivative of ``fade`` by u."""
+def fade_out_slope(u: np.ndarray) -> np.ndarray:
+    """Return the derivative of ``fade_out`` by u."""
     rest = u * (1.0 - u)
     return -30.0 * rest * rest

@@ -26,7 +26,7 @@ class ArmGeometry:
     sign : factor on the mate's wind (signed twist) and lean, see ``spiral.mate_signs``
     corner : (A, 4) flat points of the quad, beginning at the start of the arm's side
     corners : (A, 4) positions of these points, metres
-    points : number of flat points
+    point_count : number of flat points
     """
 
     centre: Complex[np.ndarray, " arms"]
@@ -37,7 +37,7 @@ class ArmGeometry:
     sign: Float[np.ndarray, " arms"]
     corner: Int[np.ndarray, "arms 4"]
     corners: Complex[np.ndarray, "arms 4"]
-    points: int
+    point_count: int
 
     @classmethod
     def from_flat(cls, flat: FlatPatches, params: SpiralParams) -> ArmGeometry:
@@ -82,11 +82,11 @@ class ArmGeometry:
         radial, across = spoke[:, None] * weights, (1j * spoke / self.radius[arm])[:, None] * weights
         g = by[:, RADIUS, None] * radial + (by[:, ANGLE] + by[:, OWN_LEAN])[:, None] * across
         g = g + 0.25 * (by[:, CENTRE_X] + 1j * by[:, CENTRE_Y])[:, None]
-        g[:, :2] -= by[:, OWN_LEAN, None] * self._side(arm)
+        g[:, :2] -= by[:, OWN_LEAN, None] * self._side_slopes(arm)
         there, lean = self.mate[arm], (self.sign[arm] * by[:, MATE_LEAN])[:, None]
         h = lean * (1j * np.exp(1j * self.angle[there]) / self.radius[there])[:, None] * weights
-        h[:, :2] -= lean * self._side(there)
-        return self._rows(
+        h[:, :2] -= lean * self._side_slopes(there)
+        return self._matrix_by_points(
             np.arange(len(arm)), len(arm), np.hstack([self.corner[arm], self.corner[there]]), np.hstack([g, h])
         )
 
@@ -111,22 +111,22 @@ class ArmGeometry:
         middle = 0.5 * (self.corners[own, 0] + self.corners[own, 1])
         # place = middle + turn (q - middle of ``there``); the rotation turn depends on the directions of both sides
         about = (np.conj(way) * 1j * (place - middle)).real[:, None]
-        g = about * self._side(own) + 0.5 * way[:, None]
+        g = about * self._side_slopes(own) + 0.5 * way[:, None]
         along = (self.corners[own, 1] - self.corners[own, 0]) / (self.corners[there, 1] - self.corners[there, 0])
         turn = -along / np.abs(along)
-        h = -about * self._side(there) - 0.5 * (np.conj(turn) * way)[:, None]
+        h = -about * self._side_slopes(there) - 0.5 * (np.conj(turn) * way)[:, None]
         points = np.hstack([self.corner[own, :2], self.corner[there, :2]])
-        return self._rows(row, count, points, np.hstack([g, h]))
+        return self._matrix_by_points(row, count, points, np.hstack([g, h]))
 
-    def _side(self, arm: np.ndarray) -> np.ndarray:
+    def _side_slopes(self, arm: np.ndarray) -> np.ndarray:
         """Return the derivative of the direction of an arm's side by its two corners, (K, 2) complex."""
         side = self.corners[arm, 1] - self.corners[arm, 0]
         across = 1j * side / np.abs(side) ** 2
         return np.stack([-across, across], axis=1)
 
-    def _rows(self, row: np.ndarray, count: int, points: np.ndarray, g: np.ndarray) -> csr_array:
+    def _matrix_by_points(self, row: np.ndarray, count: int, points: np.ndarray, g: np.ndarray) -> csr_array:
         """Make a matrix (count, 2 V) from complex gradients ``g`` by the flat points ``points``."""
         columns = np.stack([2 * points, 2 * points + 1], axis=-1)
         data = np.stack([g.real, g.imag], axis=-1)
         rows = np.broadcast_to(row[:, None, None], columns.shape)
-        return csr_array((data.ravel(), (rows.ravel(), columns.ravel())), shape=(count, 2 * self.points))
+        return csr_array((data.ravel(), (rows.ravel(), columns.ravel())), shape=(count, 2 * self.point_count))

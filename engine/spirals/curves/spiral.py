@@ -105,7 +105,7 @@ def anisotropy(width: Float[np.ndarray, "quads 4"]) -> Float[np.ndarray, " quads
     return np.abs(width @ np.array([1.0, -1.0, 1.0, -1.0])) / width.sum(axis=1)
 
 
-def arms(
+def make_arms(
     flat: FlatPatches, params: SpiralParams, width: Float[np.ndarray, "quads 4"], twist: Float[np.ndarray, " quads"]
 ) -> Arms:
     """Compute the arms of spirals, including blends.
@@ -124,7 +124,7 @@ def arms(
     widths = np.stack([width, width[quad, side]], axis=-1)
     winds, both = (np.stack([own, sign * own[quad, side]], axis=-1) for own in (every, lean))
     end = blend_joints(widths, winds, both, radius, angle, params.blend)
-    return Arms(centre, radius, angle, wind, width, end.width, _pairs(end.slope), end.share)
+    return Arms(centre, radius, angle, wind, width, end.width, _to_points(end.slope), end.share)
 
 
 def widest_arms(flat: FlatPatches, params: SpiralParams) -> Float[np.ndarray, " quads"]:
@@ -175,11 +175,11 @@ def centre_line(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
     arms : of F quads
     t : (F, 4, N) 0 at the joint, 1 at the centre
     """
-    slope = _complex(arms.blend_slope)[..., None]
+    slope = _to_complex(arms.blend_slope)[..., None]
     numbers = arms.radius[..., None], arms.angle[..., None], arms.wind[:, None, None], slope, arms.share[..., None]
     p, d1, d2 = curve_points(*numbers, t)
-    p += _complex(arms.centre)[:, None, None]
-    return _pairs(p), _pairs(d1), _pairs(d2)
+    p += _to_complex(arms.centre)[:, None, None]
+    return _to_points(p), _to_points(d1), _to_points(d2)
 
 
 def curve_points(
@@ -199,17 +199,17 @@ def curve_points(
     p, d1, d2 = arm_formulas.spiral_points(radius, angle, wind, t)
     if slope.any():
         u = np.minimum(t / share, 1.0)
-        p += slope * arm_formulas.offset(u, share)
-        d1 += slope * arm_formulas.offset_slope(u)
-        d2 += slope * (arm_formulas.offset_bend(u) / share)
+        p += slope * arm_formulas.blend_quintic(u, share)
+        d1 += slope * arm_formulas.blend_quintic_slope(u)
+        d2 += slope * (arm_formulas.blend_quintic_curvature(u) / share)
     return p, d1, d2
 
 
-def _complex(pairs: np.ndarray) -> np.ndarray:
+def _to_complex(pairs: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(pairs).view(np.complex128)[..., 0]
 
 
-def _pairs(numbers: np.ndarray) -> np.ndarray:
+def _to_points(numbers: np.ndarray) -> np.ndarray:
     return numbers.view(np.float64).reshape(*numbers.shape, 2)
 
 
@@ -238,33 +238,33 @@ def arm_widths(
     u = np.minimum(t / share, 1.0)
     change, bend = joint - width, -60.0 * (u * (1.0 - u)) * (1.0 - 2.0 * u)
     return (
-        width + change * arm_formulas.fade(u),
-        change * (arm_formulas.fade_slope(u) / share),
+        width + change * arm_formulas.fade_out(u),
+        change * (arm_formulas.fade_out_slope(u) / share),
         change * (bend / share**2),
     )
 
 
-def widening(extra: Floats, full: Floats, over: Floats, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def taper_width(extra: Floats, taper_start: Floats, taper_end: Floats, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the additional width of a tip at t and its derivative by t, smooth to the second derivative.
 
     Parameters
     ----------
     extra : additional width at the tip, metres; all arguments broadcast
-    full, over : t up to which the additional width is complete, and t from which it is 0
+    taper_start, taper_end : t up to which the additional width is complete, and t from which it is 0
     t : 0 at the joint, 1 at the centre
     """
-    span = np.maximum(np.asarray(over) - full, 1e-9)
-    u = np.clip((t - full) / span, 0.0, 1.0)
+    span = np.maximum(np.asarray(taper_end) - taper_start, 1e-9)
+    u = np.clip((t - taper_start) / span, 0.0, 1.0)
     rest = u * (1.0 - u)
-    return extra * arm_formulas.fade(u), -30.0 * extra * rest * rest / span
+    return extra * arm_formulas.fade_out(u), -30.0 * extra * rest * rest / span
 
 
 def edge_points(
     arms: Arms,
     t: np.ndarray,
     side: float | np.ndarray,
-    away: Floats = 0.0,
-    wider: tuple[np.ndarray, np.ndarray] | None = None,
+    offset: Floats = 0.0,
+    added_width: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return points on an edge of the arms at t and their derivatives by t (inwards), each (F, 4, N, 2), metres.
 
@@ -273,13 +273,13 @@ def edge_points(
     arms : of F quads
     t : (F, 4, N) 0 at the joint, 1 at the centre
     side : LEFT, RIGHT, or an array of both that broadcasts with t; its additional leading axes remain in the result
-    away : outward offset of the points from the edge, metres: the centres of a cutter or fillet of this radius
-    wider : additional width of the arms (metres), and its derivative by t
+    offset : outward offset of the points from the edge, metres: the centres of a cutter or fillet of this radius
+    added_width : additional width of the arms (metres), and its derivative by t
     """
     p, d1, d2 = centre_line(arms, t)
     width, slope = width_at(arms, t)
-    if wider is not None:
-        width, slope = width + wider[0], slope + wider[1]
+    if added_width is not None:
+        width, slope = width + added_width[0], slope + added_width[1]
     side = np.asarray(side, dtype=float)
     speed = np.hypot(d1[..., 0], d1[..., 1])
     normal: np.ndarray = np.empty((*np.broadcast_shapes(side.shape, speed.shape), 2))
@@ -287,11 +287,11 @@ def edge_points(
     curvature = side * _cross(d1, d2) / speed**3
     point = p + normal * (0.5 * width)[..., None]
     tangent = d1 * (1.0 + 0.5 * width * curvature)[..., None] + normal * (0.5 * slope)[..., None]
-    if np.any(away):
+    if np.any(offset):
         length = np.hypot(tangent[..., 0], tangent[..., 1])
-        point[..., 0] += away * side * tangent[..., 1] / length
-        point[..., 1] -= away * side * tangent[..., 0] / length
-        tangent = tangent + d1 * (away * curvature)[..., None]
+        point[..., 0] += offset * side * tangent[..., 1] / length
+        point[..., 1] -= offset * side * tangent[..., 0] / length
+        tangent = tangent + d1 * (offset * curvature)[..., None]
     return point, tangent
 
 

@@ -29,18 +29,18 @@ def _placed(flat, shift):
 
 @pytest.mark.parametrize("width", [None, 0.3, 0.8])
 def test_no_two_patches_touch(angle_iron, width):
-    patches, _ = _placed(angle_iron, arrange.side_by_side(angle_iron, width))
+    patches, _ = _placed(angle_iron, arrange.arrange_patches(angle_iron, width))
     assert len(patches) == 5
     apart = [one.distance(other) for k, one in enumerate(patches) for other in patches[:k]]
     assert min(apart) > 0.6 * EDGE
 
 
 def test_the_bay_of_a_patch_is_used_where_xatlas_is_installed(angle_iron, monkeypatch):
-    patches, page = _placed(angle_iron, arrange.side_by_side(angle_iron))
+    patches, page = _placed(angle_iron, arrange.arrange_patches(angle_iron))
     large = max(patches, key=lambda patch: patch.area)
     assert any(large.envelope.contains(other) for other in patches if other is not large)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    in_rows, other_page = _placed(angle_iron, arrange.side_by_side(angle_iron))
+    in_rows, other_page = _placed(angle_iron, arrange.arrange_patches(angle_iron))
     assert min(one.distance(other) for k, one in enumerate(in_rows) for other in in_rows[:k]) > 0.99 * EDGE
     assert page.prod() < 0.9 * other_page.prod()
 
@@ -50,7 +50,7 @@ def test_panels_lie_on_the_table_in_front_of_the_middle_of_the_piece(flat_grid):
     flat = flat_grid(6, 3, EDGE, cut=lambda x, y: x in (2, 4))
     made, away, count = fabricable.uniform_design(flat, SpiralParams()), np.array([0.3, -0.7, 0.05]), 18
     pose = Pose(np.c_[made.arms.centre, np.zeros(count)] + away, np.broadcast_to(np.eye(3), (count, 3, 3)).copy())
-    placed = arrange.on_table(made, pose)
+    placed = arrange.places_before_assembly(made, pose)
     corners = flat.corners + placed[flat.layout.patch_of][:, None, :2]
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     assert high[1] == pytest.approx(away[1] - 2.0 * EDGE)

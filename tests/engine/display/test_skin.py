@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flexmaps.engine.display import arrange
-from flexmaps.engine.display.panel_mesh import PanelMesh, panel_mesh
+from flexmaps.engine.display.panel_mesh import PanelMesh, make_panel_mesh
 from flexmaps.engine.display.rim_mesh import RimMesh
-from flexmaps.engine.display.skin import Skin, detail_of
+from flexmaps.engine.display.skin import Skin, choose_detail
 from flexmaps.engine.extras.film import assembly_film, passage, unfinished_pieces
 from flexmaps.engine.extras.film.blend import Blend
 from flexmaps.engine.materials import MATERIALS
@@ -46,8 +46,8 @@ def rimmed():
 
 def sections(panels: PanelMesh, points: np.ndarray) -> np.ndarray:
     """(n, 4, 3): of the drawn vertices those of the sections, as the skin has them; NaN where two arms share a section."""
-    out = np.full((4 * len(panels.arm) + 2 * len(panels.rim_quad), 3), np.nan)
-    out[panels.used] = points
+    out = np.full((4 * len(panels.arm) + 2 * len(panels.fillet_quad), 3), np.nan)
+    out[panels.kept_vertices] = points
     return out[: 4 * len(panels.arm)].reshape(-1, 4, 3)
 
 
@@ -57,9 +57,9 @@ def joined(skin: Skin) -> np.ndarray:
 
 def test_it_ends_as_the_elastic_arms_do(piece):
     made, pose = piece
-    panels, skin = panel_mesh(made, detail_of(made)), Skin.from_design(made, pose)
-    wanted = sections(panels, panels.at_pose(bend_arms(made, pose), pose))
-    found = skin.edges_at_pose(pose, joined(skin), made.params.thickness)
+    panels, skin = make_panel_mesh(made, choose_detail(made)), Skin.from_design(made, pose)
+    wanted = sections(panels, panels.vertices_at_pose(bend_arms(made, pose), pose))
+    found = skin.corners_at_pose(pose, joined(skin), made.params.thickness)
     there = np.isfinite(wanted)
     assert there.mean() > 0.8
     assert found[there] == pytest.approx(wanted[there], abs=1e-9)
@@ -67,23 +67,23 @@ def test_it_ends_as_the_elastic_arms_do(piece):
 
 def test_it_begins_flat(piece):
     made, pose = piece
-    panels, skin = panel_mesh(made, detail_of(made)), Skin.from_design(made, pose)
-    places = arrange.side_by_side(made.flat)
-    wanted = sections(panels, panels.flat(places))
+    panels, skin = make_panel_mesh(made, choose_detail(made)), Skin.from_design(made, pose)
+    places = arrange.arrange_patches(made.flat)
+    wanted = sections(panels, panels.flat_vertices(places))
     centres = np.c_[made.arms.centre + places[made.flat.layout.patch_of], np.zeros(len(made.width))]
     flat = Pose(centres, np.broadcast_to(np.eye(3), (len(centres), 3, 3)))
-    found = skin.edges_at_pose(flat, np.zeros(len(skin.tip)), made.params.thickness)
+    found = skin.corners_at_pose(flat, np.zeros(len(skin.tip)), made.params.thickness)
     there = np.isfinite(wanted)
     assert found[there] == pytest.approx(wanted[there], abs=1e-9)
 
 
 def placed_strip(skin, pose, closed, thickness):
     """Positions (points, 2, 3) above and below every point of the rim, metres, as the page computes them."""
-    assert skin.strip is not None
-    quad, up = skin.strip.quad, np.array([0.0, 0.0, 1.0])
-    bend = skin._means(skin.measure(skin.tips(pose, closed)))[quad, None]
-    middle = np.c_[skin.strip.flat, np.zeros(len(quad))] + bend * skin.strip.way
-    lift = (1.0 - bend) * up + bend * skin.strip.up
+    assert skin.rim_strip is not None
+    quad, up = skin.rim_strip.quad, np.array([0.0, 0.0, 1.0])
+    bend = skin._mean_over_joints(skin.joint_bend_shares(skin.tip_motions(pose, closed)))[quad, None]
+    middle = np.c_[skin.rim_strip.flat, np.zeros(len(quad))] + bend * skin.rim_strip.way
+    lift = (1.0 - bend) * up + bend * skin.rim_strip.up
     lift *= 0.5 * thickness / np.linalg.norm(lift, axis=1, keepdims=True)
     ends = np.stack([middle + lift, middle - lift], axis=1)
     return pose.centres[quad, None] + ends @ np.swapaxes(pose.rotations, 1, 2)[quad]
@@ -92,17 +92,17 @@ def placed_strip(skin, pose, closed, thickness):
 def test_a_rim_begins_flat_and_ends_as_the_elastic_one_does(rimmed):
     made, pose = rimmed
     rim, skin = RimMesh.from_design(made), Skin.from_design(made, pose)
-    assert rim is not None and skin.strip is not None
+    assert rim is not None and skin.rim_strip is not None
     order, half = np.argsort(rim.quad, kind="stable"), 0.5 * made.params.thickness
-    place, up = rim.at_pose(bend_arms(made, pose))
+    place, up = rim.points_at_pose(bend_arms(made, pose))
     wanted = np.stack([place + half * up, place - half * up], axis=1)[order]
     assert placed_strip(skin, pose, joined(skin), made.params.thickness) == pytest.approx(wanted, abs=1e-9)
     centres = np.c_[made.arms.centre, np.zeros(len(made.width))]
     flat = Pose(centres, np.broadcast_to(np.eye(3), (len(centres), 3, 3)))
     lying = placed_strip(skin, flat, np.zeros(len(skin.tip)), made.params.thickness)
-    assert lying.mean(axis=1) == pytest.approx(rim.flat[order], abs=1e-9)
+    assert lying.mean(axis=1) == pytest.approx(rim.flat_points[order], abs=1e-9)
     # the same bodies, though their points are in another order
-    same = place[order][skin.strip.triangles].mean(axis=1)
+    same = place[order][skin.rim_strip.triangles].mean(axis=1)
     assert np.sort(same, axis=0) == pytest.approx(np.sort(place[rim.triangles].mean(axis=1), axis=0), abs=1e-9)
 
 
@@ -111,17 +111,19 @@ def test_necks_of_another_design_on_the_same_rim_leave_its_outer_edge(rimmed):
     rim, wider = RimMesh.from_design(made), replace(made, width=1.3 * made.width)
     assert rim is not None
     there = rim.with_necks_of(wider)
-    outer = rim.plane[:, 1] > 0.49 * rim.rim.width
-    assert outer.any() and np.array_equal(there.plane[outer], rim.plane[outer])
-    at_neck = np.isclose(np.abs(rim.plane[:, 0]), rim.necks[rim.node]) & (rim.plane[:, 1] < -0.49 * rim.rim.width)
-    assert np.abs(there.plane[at_neck, 0]) == pytest.approx(1.3 * np.abs(rim.plane[at_neck, 0]), rel=1e-6)
+    outer = rim.strip_points[:, 1] > 0.49 * rim.rim.width
+    assert outer.any() and np.array_equal(there.strip_points[outer], rim.strip_points[outer])
+    at_neck = np.isclose(np.abs(rim.strip_points[:, 0]), rim.half_necks[rim.node]) & (
+        rim.strip_points[:, 1] < -0.49 * rim.rim.width
+    )
+    assert np.abs(there.strip_points[at_neck, 0]) == pytest.approx(1.3 * np.abs(rim.strip_points[at_neck, 0]), rel=1e-6)
 
 
 def test_half_way_it_is_near_the_elastic_arms(piece):
     """Poses that no simulation has seen: arms are where a beam would be, as nearly as can be seen."""
     made, pose = piece
     layout, count = made.flat.layout, len(made.width)
-    mesh, panels, skin = layout.mesh, panel_mesh(made, detail_of(made)), Skin.from_design(made, pose)
+    mesh, panels, skin = layout.mesh, make_panel_mesh(made, choose_detail(made)), Skin.from_design(made, pose)
     flat = Pose(np.c_[made.arms.centre, np.zeros(count)], np.broadcast_to(np.eye(3), (count, 3, 3)).copy())
     inner = ~mesh.border
     inside = ~layout.cut[inner]
@@ -129,8 +131,8 @@ def test_half_way_it_is_near_the_elastic_arms(piece):
     here = Blend.between(flat, pose, pairs[inside], lever[inside]).at(0.5)
     closed = np.zeros(len(skin.tip))
     closed[(4 * mesh.edge_quads[inner] + mesh.edge_sides[inner])[inside]] = 1.0
-    wanted = sections(panels, panels.at_pose(bend_arms(made, here, closed=inside), here))
-    off = np.linalg.norm(skin.edges_at_pose(here, closed, made.params.thickness) - wanted, axis=2) / mesh.median_edge
+    wanted = sections(panels, panels.vertices_at_pose(bend_arms(made, here, closed=inside), here))
+    off = np.linalg.norm(skin.corners_at_pose(here, closed, made.params.thickness) - wanted, axis=2) / mesh.median_edge
     # a pixel, where the piece of ten quads fills a screen of 500
     assert np.nanmean(off) < 0.02
     assert np.nanmax(off) < 0.15
@@ -140,7 +142,7 @@ def test_half_way_it_is_near_the_elastic_arms(piece):
 def test_hubs_come_together_as_in_the_film(piece, resting):
     made, pose = piece
     layout = made.flat.layout
-    table = arrange.on_table(made, pose)
+    table = arrange.places_before_assembly(made, pose)
     found = (
         unfinished_pieces.find_stages(made, pose, POM, SimulateParams())
         if resting
@@ -164,7 +166,7 @@ def test_every_seam_is_closed_once_and_in_the_order_of_the_assembly_sheet(piece)
     made, pose = piece
     layout = made.flat.layout
     found = unfinished_pieces.at_once(made, pose)
-    shots = assembly_film.shoot(made, pose, arrange.on_table(made, pose), found, passage.Hubs(made))
+    shots = assembly_film.shoot(made, pose, arrange.places_before_assembly(made, pose), found, passage.Hubs(made))
     times = passage.closings(made, shots)
     assert np.isfinite(times).all() and (times[:, 0] < times[:, 1]).all()
     joint = np.cumsum(~layout.mesh.border) - 1

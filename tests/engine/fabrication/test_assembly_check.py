@@ -33,7 +33,7 @@ def test_lengths_of_both_sides(flat_grid):
     assert sorted(seam.lengths) == pytest.approx([0.06, 0.0648])
     assert seam.mismatch == pytest.approx(0.08 / 1.04)
     assert seam.stretch == pytest.approx(0.08 / 1.04)
-    assert (seam.joints, seam.panels, seam.hard) == (3, (1, 2), ("stretch",))
+    assert (seam.joints, seam.panels, seam.difficulties) == (3, (1, 2), ("stretch",))
     assert seam.force is seam.moment is seam.load is None
 
 
@@ -88,8 +88,8 @@ def test_the_force_of_a_pulled_strip(flat_grid):
     joined = connectors.connect(made, ConnectorParams())
     (seam,) = assembly_check.check_assembly(made, joined, found).seams
     assert seam.force == pytest.approx(0.8, rel=1e-5)  # statics
-    assert seam.hard == ()
-    size = joined.connectors[0].made.size
+    assert seam.difficulties == ()
+    size = joined.connectors[0].candidate.size
     tension = 0.8 / ((size.neck - size.clearance) * made.params.thickness) / (POM.youngs * POM.strain_limit)
     assert seam.load >= tension
     # a strip keeps its plane, so that what is beyond tension is bending in it
@@ -101,13 +101,13 @@ def test_the_force_of_a_pulled_strip(flat_grid):
 def test_necks_are_those_of_the_connectors(flat_grid, kind):
     made = fabricable.uniform_design(flat_grid(4, 2, cut=lambda x, y: x == 2), SpiralParams())
     joined = connectors.connect(made, ConnectorParams(connector=kind))
-    neck = joints.necks(made, joined)
+    neck = joints.neck_widths(made, joined)
     cut = made.flat.layout.cut
     arm = made.arms.joint_width[made.flat.layout.mesh.edge_quads[:, 0], made.flat.layout.mesh.edge_sides[:, 0]]
     np.testing.assert_array_equal(neck[~cut], arm[~cut])
     if kind in ("dovetail", "key"):
         assert len(joined.connectors) == 2
-        assert (neck[cut] == [c.made.size.neck - c.made.size.clearance for c in joined.connectors]).all()
+        assert (neck[cut] == [c.candidate.size.neck - c.candidate.size.clearance for c in joined.connectors]).all()
     else:
         np.testing.assert_array_equal(neck[cut], arm[cut])
 
@@ -129,7 +129,7 @@ def test_hard_seams_are_named(flat_grid):
         is_locked=False,
     )
     checked = assembly_check.check_assembly(made, None, weak)
-    assert checked.seams[0].hard == ("load",)
+    assert checked.seams[0].difficulties == ("load",)
     block = checked.report()
     assert block["hard"] == 1 and "beyond what the material bears" in block["warnings"][0]
     assert block["force_n_max"] == block["seams"][0]["force_n"] == pytest.approx(0.8, abs=1e-3)

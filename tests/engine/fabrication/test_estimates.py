@@ -27,9 +27,9 @@ def test_figures_of_a_small_design(flat_grid):
 
 
 def test_thicker_sheets_are_cut_more_slowly():
-    speed = estimates.SPEEDS["acrylic"]
-    assert speed.at(0.006) == pytest.approx(0.5 * speed.at(0.003))
-    assert speed.at(0.0001) == estimates.FASTEST
+    speed = estimates.CUT_SPEEDS["acrylic"]
+    assert speed.at_thickness(0.006) == pytest.approx(0.5 * speed.at_thickness(0.003))
+    assert speed.at_thickness(0.0001) == estimates.MAX_CUT_SPEED
 
 
 @pytest.mark.parametrize("material", [MATERIALS["pla"], MaterialParams(material="custom").chosen])
@@ -47,12 +47,10 @@ def test_costs_are_prices_times_what_is_needed(flat_grid):
     found = estimates.estimate(cut, made, MATERIALS["birch"], CostParams(8.0, 60.0, 30.0))
     assert found.costs["sheets"] == 8.0 * cut.count
     assert found.costs["machine"] == pytest.approx(found.cut_seconds / 60)  # one a minute
-    assert found.costs["assembly"] == pytest.approx(3 * estimates.JOINT / 120)
+    assert found.costs["assembly"] == pytest.approx(3 * estimates.SECONDS_PER_JOINT / 120)
     block = estimates.estimates_report(found)
     assert block["cost"]["total"] == pytest.approx(sum(found.costs.values()), abs=0.006)
-    material = sum(
-        shapely.Polygon(p.outline.sampled(1e-6), [h.sampled(1e-6) for h in p.holes]).area for p in cut.panels
-    )
+    material = sum(shapely.Polygon(p.outline.sample(1e-6), [h.sample(1e-6) for h in p.holes]).area for p in cut.panels)
     assert block["waste"] == pytest.approx(1 - material / (cut.count * 0.02), abs=1e-3)
     assert "cost" not in estimates.estimates_report(estimates.estimate(cut, made, MATERIALS["birch"]))
     printed = estimates.estimate(cut, made, MATERIALS["pla"], CostParams(machine_rate=60.0))
@@ -62,8 +60,8 @@ def test_costs_are_prices_times_what_is_needed(flat_grid):
 def test_the_parts_list_names_every_part_and_sums(flat_grid, tmp_path):
     made = fabricable.uniform_design(flat_grid(4, 3, cut=lambda x, y: x == 2), SpiralParams(thickness=0.003))
     cut = sheets.make_sheets(made, SheetParams(nesting="FAST"), connectors=ConnectorParams(connector="key"))
-    path = parts.write(cut, [made], MATERIALS["birch"], tmp_path / "parts.csv")
-    assert numbered_files.ours(path)
+    path = parts.write_parts_list(cut, [made], MATERIALS["birch"], tmp_path / "parts.csv")
+    assert numbered_files.is_own_file(path)
     with open(path, encoding="utf-8", newline="") as stream:
         *rows, total = csv.DictReader(stream)
     panels, keys = ([row for row in rows if row["kind"] == kind] for kind in ("panel", "key"))
@@ -72,7 +70,7 @@ def test_the_parts_list_names_every_part_and_sums(flat_grid, tmp_path):
     assert [int(row["joints"]) for row in panels] == [3, 3]  # both sides of three
     assert all(row["sheet"] == "1" for row in panels)
     for row, panel in zip(rows, cut.panels, strict=True):
-        shape = shapely.Polygon(panel.outline.sampled(1e-6), [h.sampled(1e-6) for h in panel.holes])
+        shape = shapely.Polygon(panel.outline.sample(1e-6), [h.sample(1e-6) for h in panel.holes])
         assert float(row["area_cm2"]) == pytest.approx(shape.area * 1e4, abs=0.01)
         assert float(row["mass_g"]) == pytest.approx(680e3 * 0.003 * shape.area, abs=0.01)
     found = estimates.estimate(cut, made, MATERIALS["birch"])
@@ -87,4 +85,4 @@ def test_every_contour_and_engraved_stroke_takes_its_time():
 
     each = seconds(1) - seconds(0)
     assert each > 0.0 and seconds(4) == pytest.approx(seconds(0) + 4.0 * each)
-    assert seconds(4, 0.6) == pytest.approx(seconds(4) + 0.6 / estimates.ENGRAVING)
+    assert seconds(4, 0.6) == pytest.approx(seconds(4) + 0.6 / estimates.ENGRAVING_SPEED)

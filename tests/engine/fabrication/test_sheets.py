@@ -16,7 +16,7 @@ from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.fabrication import sheets, sheets_report
 from flexmaps.engine.fabrication.nesting import packing
 from flexmaps.engine.fabrication.panels import lettering
-from flexmaps.engine.fabrication.panels.labels import hub_circles, panel_name, seam_name
+from flexmaps.engine.fabrication.panels.labels import free_hub_radii, panel_name, seam_name
 from flexmaps.engine.fabrication.writers import export, operations, svg
 from flexmaps.engine.params import ConnectorParams, ExportParams, LayoutParams, Settings, SheetParams, SpiralParams
 from flexmaps.engine.patches.splitting import split
@@ -46,12 +46,12 @@ def made(flat_grid):
 
 
 def _polygon(panel):
-    return shapely.Polygon(panel.outline.sampled(1e-6), [h.sampled(1e-6) for h in panel.holes])
+    return shapely.Polygon(panel.outline.sample(1e-6), [h.sample(1e-6) for h in panel.holes])
 
 
 def test_panels_lie_apart_on_the_sheet(made):
     assert made.count == 1
-    one, two = (_polygon(p) for p in made.on_sheet(0))
+    one, two = (_polygon(p) for p in made.panels_on_sheet(0))
     assert one.is_valid
     assert two.is_valid
     assert one.distance(two) >= made.params.spacing
@@ -76,7 +76,7 @@ def test_labels_lie_inside_the_material(made):
     assert made.labels_left_out == 0
     # both panels' numbers, 6 joints of one seam and 2 of the cut inside, each on both sides
     assert made.labels_placed == 2 + 2 * (6 + 2)
-    for panel in made.on_sheet(0):
+    for panel in made.panels_on_sheet(0):
         material = _polygon(panel).buffer(-0.00005)
         assert len(panel.labels) > 20
         assert all(material.contains(shapely.LineString(s.points)) for s in panel.labels)
@@ -86,7 +86,7 @@ def test_names_of_joints_stand_on_hubs_where_arms_are_narrow(flat_grid):
     narrow = fabricable.uniform_design(
         flat_grid(3, 2, 0.03, cut=lambda x, y: x == 1), SpiralParams(), width=0.001, twist=1.0
     )
-    circles = hub_circles(narrow.arms, narrow.roots)
+    circles = free_hub_radii(narrow.arms, narrow.roots)
     made = sheets.make_sheets(narrow, SheetParams(nesting="FAST"))
     assert made.labels_left_out == 0
     heights = []
@@ -136,7 +136,7 @@ def test_numbers_of_the_report(made):
     assert report["area_m2"] == pytest.approx(sum(p.area for p in polygons), rel=3e-4)
     assert report["cut_length_m"] == pytest.approx(sum(p.length for p in polygons), rel=1e-3)
     # of the only sheet what lies beyond the panels and their margin is left over
-    used = (max(_polygon(p).bounds[2] for p in made.on_sheet(0)) + 0.005) * 0.4
+    used = (max(_polygon(p).bounds[2] for p in made.panels_on_sheet(0)) + 0.005) * 0.4
     assert report["fill"] == pytest.approx(sum(shapely.Polygon(p.exterior).area for p in polygons) / used, rel=1e-3)
     assert report["slot_min_mm"] >= 0.3 - 1e-6
     assert 0.99 <= report["bridge_min_mm"] <= 1.1
@@ -159,7 +159,7 @@ def _svg_polygons(path):
 
 
 def test_svg_reads_back_in_true_millimetres(made, tmp_path):
-    (path,) = export.write(made, tmp_path / "sheet", ("svg",))
+    (path,) = export.write_sheets(made, tmp_path / "sheet", ("svg",))
     assert path.name == "sheet-01.svg"
     root = ET.parse(path).getroot()
     assert (root.get("width"), root.get("height"), root.get("viewBox")) == ("600mm", "400mm", "0 0 600 400")
@@ -169,16 +169,16 @@ def test_svg_reads_back_in_true_millimetres(made, tmp_path):
     edge, mark = found["sheet"]
     assert shapely.Polygon(edge).symmetric_difference(shapely.box(0, 0, 600, 400)).area < 1.0
     np.testing.assert_allclose(sorted(map(tuple, mark)), [(0, 400), (5, 395)], atol=1e-3)  # from the lower left corner
-    panels, runs = made.on_sheet(0), made.runs(0)
-    assert sorted(c.length for c in runs.outer) == pytest.approx(sorted(p.outline.length for p in panels))
-    assert sorted(c.length for c in runs.inner) == pytest.approx(sorted(h.length for p in panels for h in p.holes))
-    for outline, points in zip(runs.outer, found["cut outer"], strict=True):
+    panels, runs = made.panels_on_sheet(0), made.cuts_on_sheet(0)
+    assert sorted(c.length for c in runs.outer_cuts) == pytest.approx(sorted(p.outline.length for p in panels))
+    assert sorted(c.length for c in runs.inner_cuts) == pytest.approx(sorted(h.length for p in panels for h in p.holes))
+    for outline, points in zip(runs.outer_cuts, found["cut outer"], strict=True):
         # y points down in the file: the same place, seen from the other side
-        expected = shapely.Polygon(outline.sampled(1e-6) * [1e3, -1e3] + [0, 400])
+        expected = shapely.Polygon(outline.sample(1e-6) * [1e3, -1e3] + [0, 400])
         assert shapely.Polygon(points).symmetric_difference(expected).area < 1e-3 * expected.area
-    for hole, points in zip(runs.inner, found["cut inner"], strict=True):
+    for hole, points in zip(runs.inner_cuts, found["cut inner"], strict=True):
         assert shapely.Polygon(points).area == pytest.approx(-hole.area * 1e6, rel=1e-3)
-    assert len(found["engrave"]) == sum(len(p.labels) + len(p.beside) for p in made.panels)
+    assert len(found["engrave"]) == sum(len(p.labels) + len(p.waste_labels) for p in made.panels)
 
 
 def test_a_closed_path_comes_back_to_its_start_once():
@@ -190,7 +190,7 @@ def test_a_closed_path_comes_back_to_its_start_once():
 
 def test_the_sheets_edge_is_left_out_where_it_is_not_wanted(made, tmp_path):
     plain = replace(made, params=replace(made.params, frame=False))
-    flat, drawing, old = export.write(plain, tmp_path / "sheet", ("svg", "dxf", "dxf-r12"))
+    flat, drawing, old = export.write_sheets(plain, tmp_path / "sheet", ("svg", "dxf", "dxf-r12"))
     assert 'label="sheet"' not in flat.read_text()
     for path in (drawing, old):
         document = ezdxf.readfile(path)
@@ -199,7 +199,7 @@ def test_the_sheets_edge_is_left_out_where_it_is_not_wanted(made, tmp_path):
 
 @pytest.mark.parametrize("kind, version", [("dxf-r12", "R12"), ("dxf", "R2010")])
 def test_dxf_reads_back_in_true_millimetres(made, tmp_path, kind, version, caplog):
-    (path,) = export.write(made, tmp_path / "sheet", (kind,))
+    (path,) = export.write_sheets(made, tmp_path / "sheet", (kind,))
     assert not caplog.records
     document = ezdxf.readfile(path)
     assert not document.audit().errors
@@ -220,8 +220,8 @@ def test_dxf_reads_back_in_true_millimetres(made, tmp_path, kind, version, caplo
     for area in (("$EXTMIN", "$EXTMAX"), ("$LIMMIN", "$LIMMAX")):
         np.testing.assert_allclose([tuple(document.header[name])[:2] for name in area], [(0, 0), size])
     assert version != "R12" or not re.search(r"\n 42\r?\n-?0(\.0*)?\r?\n", path.read_text()), "a bulge of nothing"
-    runs = made.runs(0)
-    for name, expected in {"CUT_OUTER": runs.outer, "CUT_INNER": runs.inner}.items():
+    runs = made.cuts_on_sheet(0)
+    for name, expected in {"CUT_OUTER": runs.outer_cuts, "CUT_INNER": runs.inner_cuts}.items():
         for entity, curve in zip(curves[name], expected, strict=True):
             points = [(v.x, v.y) for v in ezdxf.path.make_path(entity).flattening(1e-3)]
             assert shapely.Polygon(points).area == pytest.approx(abs(curve.area) * 1e6, rel=1e-3)
@@ -231,30 +231,30 @@ def test_dxf_reads_back_in_true_millimetres(made, tmp_path, kind, version, caplo
 
 def test_unknown_formats_are_refused(made, tmp_path):
     with pytest.raises(FlexMapsError, match=", ".join(export.FORMATS)):
-        export.write(made, tmp_path / "sheet", ("dxf", "dxf-r99"))
+        export.write_sheets(made, tmp_path / "sheet", ("dxf", "dxf-r99"))
 
 
 def test_the_settings_choose_every_format():
     assert export.chosen_formats(ExportParams(dxf="R12", pdf=False, solids="3MF")) == ("svg", "dxf-r12", "3mf")
-    off = {kind.setting: False if True in kind.values else "NONE" for kind in export.TABLE.values()}
+    off = {kind.setting: False if True in kind.values else "NONE" for kind in export.FORMAT_TABLE.values()}
     with pytest.raises(FlexMapsError, match="switch SVG"):
         export.chosen_formats(ExportParams(**off))
-    for name, kind in export.TABLE.items():
+    for name, kind in export.FORMAT_TABLE.items():
         for value in kind.values:
             assert name in export.chosen_formats(ExportParams(**off | {kind.setting: value}))
 
 
 def test_fewer_sheets_than_before_leave_no_stale_ones(made, tmp_path):
-    earlier = svg.text(made, 0)
+    earlier = svg.svg_document(made, 0)
     for name in ("sheet-02.svg", "sheet-03.svg", "sheet-05.svg"):
         (tmp_path / name).write_text(earlier)
-    export.write(made, tmp_path / "sheet", ("svg",))
+    export.write_sheets(made, tmp_path / "sheet", ("svg",))
     assert sorted(p.name for p in tmp_path.iterdir()) == ["sheet-01.svg", "sheet-05.svg"]
 
 
 def test_every_kind_of_file_is_known_again_as_the_programs_own(made, tmp_path):
     base = tmp_path / "sheet"
-    written = export.write(made, base, export.FORMATS)
+    written = export.write_sheets(made, base, export.FORMATS)
     assert len(written) == len(export.FORMATS)
     for path in written:
         second = path.with_name(path.name.replace("-01", "-02"))
@@ -262,7 +262,7 @@ def test_every_kind_of_file_is_known_again_as_the_programs_own(made, tmp_path):
         # what another program wrote, or nobody can read, is left alone
         second.with_name(second.name.replace("-02", "-03")).write_bytes(b"solid of another program")
     left = {p.name for p in tmp_path.iterdir()} - {p.name.replace("-01", "-02") for p in written}
-    export.write(made, base, export.FORMATS)
+    export.write_sheets(made, base, export.FORMATS)
     assert {p.name for p in tmp_path.iterdir()} == left | {p.name for p in written}
 
 
@@ -328,10 +328,10 @@ def test_sheets_of_real_layouts(name):
     # arms are at least 1 mm wide, necks and walls of connectors 0.8 mm
     assert result.bridge_min >= 0.8e-3 - 1e-9
     for index in range(result.count):
-        panels = result.on_sheet(index)
+        panels = result.panels_on_sheet(index)
         assert all(_polygon(p).is_valid for p in panels)
         # chords stray from their arcs by a hundredth of a millimetre
-        grown = [shapely.Polygon(p.outline.sampled(1e-5)).buffer(0.00149) for p in panels]
+        grown = [shapely.Polygon(p.outline.sample(1e-5)).buffer(0.00149) for p in panels]
         one, two = shapely.STRtree(grown).query(grown, predicate="intersects")
         assert (one == two).all()
 
@@ -344,8 +344,8 @@ def test_keys_carry_the_names_of_their_joints(flat_grid):
     keys = [p for p in made.panels if p.patch < 0]
     assert len(keys) == 3
     for key, joint in zip(keys, made.connections.connectors, strict=True):
-        assert len(key.labels) == len(lettering.strokes(joint.name))
-        material = shapely.Polygon(key.outline.sampled(1e-6)).buffer(-0.0001)
+        assert len(key.labels) == len(lettering.text_strokes(joint.name))
+        material = shapely.Polygon(key.outline.sample(1e-6)).buffer(-0.0001)
         assert all(material.contains(shapely.LineString(s.points)) for s in key.labels)
     small = SheetParams(nesting="FAST", label_min=0.005)
     made = sheets.make_sheets(spirals, small, connectors=ConnectorParams(connector="key"))
@@ -357,7 +357,7 @@ def test_loose_keys_stay_on_sheets_of_the_size_that_is_there(count):
     square = Curve(0.004 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]), np.zeros(4))
     params = SheetParams(sheet_width=0.2, sheet_height=0.1)
     none = packing.Packing(np.zeros(0, int), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2)))
-    found = sheets.with_keys(none, (Outline(square, ()),) * count, params)
+    found = sheets.with_key_sheets(none, (Outline(square, ()),) * count, params)
     assert len(found.sheet) == count
     assert (found.sizes <= [0.2, 0.1]).all()
     assert sorted(set(found.sheet.tolist())) == list(range(len(found.sizes)))
@@ -394,7 +394,7 @@ def test_sizes_in_the_report_are_millimetres(made):
 
 
 def test_the_frame_is_closed_and_the_stroke_at_its_origin_is_not(made):
-    edge, stroke = operations.frame(replace(made, params=replace(made.params, frame=True)), 0)
+    edge, stroke = operations.frame_curves(replace(made, params=replace(made.params, frame=True)), 0)
     assert edge.closed and not stroke.closed
     assert np.ptp(edge.points, axis=0) == pytest.approx(made.packing.sizes[0])
     assert stroke.points[0] == pytest.approx([0.0, 0.0]) and (stroke.points[1] > 0.0).all()

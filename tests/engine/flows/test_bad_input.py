@@ -20,7 +20,7 @@ def _write(out, name="sheet", **blocks):
         made = {key: make() for key, make in blocks.items()}
         settings = Settings(**{"sheet": SheetParams(**QUICK)} | made)
         result = job.run(PolygonMesh.from_quads(shapes.make("strip")), settings, edge=0.02)
-        return export.write(result.sheets, out / name, ("svg",), new)
+        return export.write_sheets(result.sheets, out / name, ("svg",), new)
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +136,7 @@ def test_unwritable_folder(earlier):
 
 @pytest.mark.parametrize("name", ["a sheet (1) & more", "Blätter ✂ 100%", "'quoted' \"twice\"", "...dots"])
 def test_odd_file_names(strip, tmp_path, name):
-    assert [p.name for p in export.write(strip, tmp_path / name, ("svg",))] == [f"{name}-01.svg"]
+    assert [p.name for p in export.write_sheets(strip, tmp_path / name, ("svg",))] == [f"{name}-01.svg"]
     assert (tmp_path / f"{name}-01.svg").read_text().rstrip().endswith("</svg>")
 
 

@@ -5,7 +5,7 @@ import pytest
 import shapely
 import trimesh
 from flexmaps.engine.display import arrange, solids
-from flexmaps.engine.display.panel_mesh import DETAILS, panel_mesh
+from flexmaps.engine.display.panel_mesh import DETAILS, make_panel_mesh
 from flexmaps.engine.fabrication import sheets
 from flexmaps.engine.fabrication.panels.kerf import cut_paths
 from flexmaps.engine.materials import MATERIALS
@@ -20,7 +20,7 @@ STUBS, OUT = SpiralParams(border="stubs"), SpiralParams(border="left_out")
 
 
 def _polygon(outline):
-    return shapely.Polygon(outline.outer.sampled(1e-7), [h.sampled(1e-7) for h in outline.holes])
+    return shapely.Polygon(outline.outer.sample(1e-7), [h.sample(1e-7) for h in outline.holes])
 
 
 def _designs(flat, twist):
@@ -36,8 +36,8 @@ def test_a_panel_is_the_same_but_for_the_arms_that_are_left_out(flat_grid, degre
     assert less.difference(whole).area < 5e-7 * less.length
     # what is gone lies along the arms at the border, from their round ends outwards, and nowhere else
     border = out.flat.layout.mesh.border[out.flat.layout.mesh.quad_edges]
-    assert (out.absent == border).all()
-    line = spiral.centre_line(out.arms, out.begin[..., None] * np.linspace(0.0, 1.0, 400))[0][border]
+    assert (out.is_absent == border).all()
+    line = spiral.centre_line(out.arms, out.arm_starts[..., None] * np.linspace(0.0, 1.0, 400))[0][border]
     width = np.repeat(out.width[:, :1], 4, axis=1)[border]
     gone = shapely.union_all([shapely.LineString(p).buffer(0.5 * w) for p, w in zip(line, width, strict=True)])
     assert whole.difference(less).difference(gone.buffer(1e-6)).area < 5e-7 * less.length
@@ -46,7 +46,7 @@ def test_a_panel_is_the_same_but_for_the_arms_that_are_left_out(flat_grid, degre
     assert whole.area - less.area == pytest.approx(removed, rel=2e-3)
     # both are made of chords, which lose most where arms are wound most
     assert stubs.area.sum() - out.area.sum() == pytest.approx(removed, rel=1e-2)
-    assert out.narrowest[0] >= stubs.narrowest[0] - 1e-9
+    assert out.min_slot_and_bridge[0] >= stubs.min_slot_and_bridge[0] - 1e-9
 
 
 @pytest.mark.parametrize("border", [STUBS, OUT], ids=["stubs", "left out"])
@@ -68,7 +68,7 @@ def test_without_weight_the_shape_is_the_same_and_no_slot_closes_beside_what_is_
     ]
     assert np.allclose(*(f.equilibrium.pose.centres for f in found), atol=1e-12)
     widths = [f.slots().width for f in found]
-    beside = found[1].design.absent.ravel()[found[1].slots().arms].any(axis=1)
+    beside = found[1].design.is_absent.ravel()[found[1].slots().arms].any(axis=1)
     assert np.isinf(widths[1][beside]).all()
     assert widths[1].min() >= widths[0].min() - 1e-12
 
@@ -78,14 +78,14 @@ def test_sheets_kerf_and_labels_go_with_it(flat_grid):
     made = sheets.make_sheets(out, SheetParams())
     assert len(made.connections.connectors) == 3
     for panel in made.panels:
-        shape = shapely.Polygon(panel.outline.sampled(1e-6), [h.sampled(1e-6) for h in panel.holes])
+        shape = shapely.Polygon(panel.outline.sample(1e-6), [h.sample(1e-6) for h in panel.holes])
         assert shape.is_valid
         assert panel.area == pytest.approx(shape.area, rel=3e-4)
         assert all(shape.contains(shapely.LineString(stroke.points)) for stroke in panel.labels)
         path = cut_paths(type(out.outlines()[0])(panel.outline, panel.holes), 0.00015, 0.00015)
-        wider = shapely.Polygon(path.outer.sampled(1e-6), [h.sampled(1e-6) for h in path.holes])
+        wider = shapely.Polygon(path.outer.sample(1e-6), [h.sample(1e-6) for h in path.holes])
         assert wider.symmetric_difference(shape.buffer(0.000075, quad_segs=64)).area < 2e-4 * shape.area
-        places = shapely.points(panel.holds[:, :2])
+        places = shapely.points(panel.tab_places[:, :2])
         assert shapely.distance(places, shape.boundary).max() < 0.0016  # as far as an end is wide
 
 
@@ -93,12 +93,12 @@ def test_sheets_kerf_and_labels_go_with_it(flat_grid):
 def test_drawn_bodies_are_closed_and_hold_what_is_cut(flat_grid, degrees):
     _, out = _designs(flat_grid(3, 3), np.radians(degrees))
     (panel,) = map(_polygon, out.outlines())
-    centres = arrange.side_by_side(out.flat)
+    centres = arrange.arrange_patches(out.flat)
     flat_pose = Pose(np.c_[out.arms.centre, np.zeros(9)], np.broadcast_to(np.eye(3), (9, 3, 3)).copy())
-    drawn = panel_mesh(out, DETAILS["FINE"])
-    shown = solids.solid(out, centres)
+    drawn = make_panel_mesh(out, DETAILS["FINE"])
+    shown = solids.make_solids(out, centres)
     for points, corners, sizes in (
-        (drawn.at_pose(bend_arms(out, flat_pose), flat_pose), drawn.corners, drawn.sizes),
+        (drawn.vertices_at_pose(bend_arms(out, flat_pose), flat_pose), drawn.corners, drawn.sizes),
         (shown.vertices, shown.corners, shown.sizes),
     ):
         starts = np.cumsum(sizes) - sizes

@@ -16,7 +16,7 @@ import shapely
 import svgelements
 import trimesh
 from ezdxf import path as paths
-from flexmaps.engine.fabrication.nesting.nest import available
+from flexmaps.engine.fabrication.nesting.nest import can_search
 from flexmaps.engine.fabrication.sheets import CutSheets, make_sheets
 from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.params import ConnectorParams, SheetParams, SpiralParams
@@ -28,7 +28,7 @@ TURN = 0.02  # radians by which a least box may be aslant of its sheet; outlines
 @pytest.fixture(params=["FAST", "TRUE"])
 def sheets(request: pytest.FixtureRequest, flat_grid: Any) -> CutSheets:
     """Three panels of 2 x 5 spirals that stand upright in their patches, the grain along them, so that all have to be turned."""
-    if request.param == "TRUE" and not available():
+    if request.param == "TRUE" and not can_search():
         pytest.skip("spyrrow is not installed")
     made = fabricable.uniform_design(
         flat_grid(6, 5, 0.02, cut=lambda x, y: x in (2, 4)), SpiralParams(grain=0.5 * np.pi), width=0.0015, twist=1.0
@@ -83,7 +83,7 @@ READERS = {".svg": of_svg, ".dxf": of_dxf, ".pdf": of_pdf, ".3mf": of_solids, ".
 
 
 def test_in_every_kind_of_file(sheets: CutSheets, tmp_path: Path) -> None:
-    files = export.write(sheets, tmp_path / "sheet", export.FORMATS)
+    files = export.write_sheets(sheets, tmp_path / "sheet", export.FORMATS)
     keys = sum(p.patch < 0 for p in sheets.panels)
     assert not keys
     seen: dict[str, int] = {}

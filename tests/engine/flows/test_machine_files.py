@@ -40,16 +40,16 @@ def boxes(text: str, folder: Path) -> np.ndarray:
 
 
 def test_inches_are_as_large_as_millimetres(made: CutSheets, tmp_path: Path) -> None:
-    inches = svg.text(replace(made, cut=CutParams(svg_unit="in")), 0)
+    inches = svg.svg_document(replace(made, cut=CutParams(svg_unit="in")), 0)
     assert 'width="23.622in" height="15.748in"' in inches
-    np.testing.assert_allclose(boxes(inches, tmp_path), boxes(svg.text(made, 0), tmp_path), atol=1e-3)
+    np.testing.assert_allclose(boxes(inches, tmp_path), boxes(svg.svg_document(made, 0), tmp_path), atol=1e-3)
 
 
 @pytest.mark.parametrize(
     ("width", "unit", "wanted"), [(2.54e-5, "mm", "0.0254"), (1e-4, "mm", "0.1"), (1e-4, "in", "0.00393701")]
 )
 def test_lines_are_as_wide_as_the_machine_wants_them(made: CutSheets, width: float, unit: str, wanted: str) -> None:
-    text = svg.text(replace(made, cut=CutParams(line_width=width, svg_unit=unit)), 0)
+    text = svg.svg_document(replace(made, cut=CutParams(line_width=width, svg_unit=unit)), 0)
     assert text.count(f'stroke-width="{wanted}"') == text.count("stroke-width") == 4
 
 
@@ -65,12 +65,12 @@ def test_arms_are_compared_with_the_nozzle(drawn: SpiralDesign) -> None:
 def test_solids_are_as_fine_as_they_are_printed(made: CutSheets) -> None:
     panel = made.panels[0]
     solid = panel_solids.extrude_panel(panel, 0.002)
-    fine = shapely.Polygon(panel.outline.sampled(1e-7), [h.sampled(1e-7) for h in panel.holes])
+    fine = shapely.Polygon(panel.outline.sample(1e-7), [h.sample(1e-7) for h in panel.holes])
     flat = solid.vertices[: len(solid.vertices) // 2, :2]
     assert shapely.distance(shapely.points(flat), fine.boundary).max() < 1e-6
     rings = [panel.outline, *panel.holes]
-    starts = np.cumsum([0, *(len(r.sampled(panel_solids.TOLERANCE)) for r in rings)])
+    starts = np.cumsum([0, *(len(r.sample(panel_solids.TOLERANCE)) for r in rings)])
     lines = [shapely.LinearRing(flat[a:b]) for a, b in pairwise(starts.tolist())]
-    away = [shapely.distance(shapely.points(r.sampled(1e-7)), line).max() for r, line in zip(rings, lines, strict=True)]
+    away = [shapely.distance(shapely.points(r.sample(1e-7)), line).max() for r, line in zip(rings, lines, strict=True)]
     assert 1e-5 < max(away) <= 2.01e-5
     assert len(solid.triangles) < 0.55 * len(panel_solids.extrude_panel(panel, 0.002, 4e-6).triangles)

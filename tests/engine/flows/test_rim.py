@@ -11,7 +11,7 @@ import pytest
 import shapely
 import trimesh
 from flexmaps.engine.display import arrange, solids
-from flexmaps.engine.display.panel_mesh import DETAILS, panel_mesh
+from flexmaps.engine.display.panel_mesh import DETAILS, make_panel_mesh
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms import bent_rim
@@ -41,7 +41,7 @@ RIM = SpiralParams(border="rim")
 
 
 def polygon(outline):
-    return shapely.Polygon(outline.outer.sampled(1e-7), [h.sampled(1e-7) for h in outline.holes])
+    return shapely.Polygon(outline.outer.sample(1e-7), [h.sample(1e-7) for h in outline.holes])
 
 
 @lru_cache(maxsize=4)
@@ -72,22 +72,22 @@ def test_a_panel_is_a_strip_beside_the_same_spirals(flat_grid, degrees):
     whole = fabricable.uniform_design(flat, RIM, width=0.0015, twist=np.radians(degrees))
     rim = whole.rim
     assert rim is not None
-    following = np.flatnonzero(rim.following >= 0)
+    following = np.flatnonzero(rim.next_node >= 0)
     strips = RimJoints.from_rim(rim, whole.arms.centre).pairs
-    assert np.array_equal(strips, np.column_stack([following, rim.following[following]]))
+    assert np.array_equal(strips, np.column_stack([following, rim.next_node[following]]))
     for outline, own in zip(whole.outlines(1e-7), range(2), strict=True):
         shape = polygon(outline)
         assert shape.is_valid
         # the area of the drawn panel is known before it is drawn, but for the fillets
         assert whole.area[flat.layout.patch_of == own].sum() == pytest.approx(shape.area, rel=2e-3)
-        holes = [h.sampled(1e-7) for h in outline.holes]
+        holes = [h.sample(1e-7) for h in outline.holes]
         round_ = [h for h in holes if abs(shapely.Polygon(h).area - np.pi * 0.001**2) < 1e-9]
-        patches, places = rim.hole_places
+        patches, places = rim.hole_centres
         assert len(round_) == (patches == own).sum() >= 10
         # as much material as the strip that its middle line is buffered to, its holes and the necks
-        node, way = np.flatnonzero(rim.following >= 0), np.linspace(0.0, 1.0, 200)
+        node, way = np.flatnonzero(rim.next_node >= 0), np.linspace(0.0, 1.0, 200)
         node = node[rim.patch[node] == own]
-        lines = [rim.place(np.full(200, n), way * rim.length[n])[0] for n in node]
+        lines = [rim.points_at(np.full(200, n), way * rim.length[n])[0] for n in node]
         ends = [
             rim.centre[n] + s * o * rim.along[n]
             for n in np.flatnonzero(rim.patch == own)
@@ -110,7 +110,7 @@ def test_area_of_round_ends_and_holes_is_that_of_the_outline(flat_grid):
     flat = flat_grid(4, 3, cut=lambda x, y: x == 2.0)
     whole = fabricable.uniform_design(flat, dataclasses.replace(RIM, fillet=1e-5), width=0.0015, twist=0.0)
     rim = whole.rim
-    assert rim is not None and (rim.end_bores > 0.0).any() and rim.holes.any()
+    assert rim is not None and (rim.end_hole_distances > 0.0).any() and rim.hole_count.any()
     drawn = sum(polygon(outline).area for outline in whole.outlines(1e-7))
     assert whole.area.sum() == pytest.approx(drawn, abs=1e-8)
 
@@ -133,11 +133,11 @@ def test_the_strip_goes_round_corners_outside_the_border(flat_grid):
     """From node to node without a jump; straight parts at one distance from the border, its inner edge nowhere within."""
     flat = flat_grid(4, 4, move=lambda p: p + 0.15 * p[:, ::-1] * [1.0, 0.0], without=lambda i, j: i > 1 and j > 1)
     rim = fabricable.uniform_design(flat, RIM, width=0.0015, twist=0.0).rim
-    assert rim is not None and (rim.following >= 0).all() and (rim.turn > 0.1).any() and (rim.turn < -0.1).any()
+    assert rim is not None and (rim.next_node >= 0).all() and (rim.turn > 0.1).any() and (rim.turn < -0.1).any()
     node = np.repeat(np.arange(len(rim.quad)), 60)
     share = np.tile(np.linspace(0.0, 1.0, 60), len(rim.quad))
-    place, _ = rim.place(node, share * rim.length[node])
-    np.testing.assert_allclose(place[share == 1.0], rim.centre[rim.following], atol=1e-12)
+    place, _ = rim.points_at(node, share * rim.length[node])
+    np.testing.assert_allclose(place[share == 1.0], rim.centre[rim.next_node], atol=1e-12)
     border = shapely.union_all([shapely.Polygon(quad) for quad in flat.corners]).exterior
     apart = shapely.distance(shapely.points(place.real, place.imag), border)
     assert apart[share == 0.0] == pytest.approx(rim.depth + 0.5 * rim.width, abs=1e-12)
@@ -153,7 +153,7 @@ def test_strips_of_uneven_quads_join_where_both_nodes_end(flat_grid):
     joints = RimJoints.from_rim(rim, whole.arms.centre)
     then = joints.pairs[:, 1]
     assert np.ptp(rim.reach[rim.reach > 0.0]) > 1e-3  # quads of several sizes
-    back, _ = rim.half(then, True, rim.reach[then, 1])
+    back, _ = rim.vectors_along_strip(then, True, rim.reach[then, 1])
     np.testing.assert_allclose(joints.strip_lever[:, 1, :2] @ [1.0, 1j], back, atol=1e-9)
     neck = bent_rim._line(rim, NECK, np.array([0.0, 1.0]))[0]
     np.testing.assert_allclose(neck[:, 1], rim.middle - rim.centre, atol=1e-12)
@@ -295,9 +295,9 @@ def test_rooms_beside_arms_at_the_rim_follow_the_design():
 
     def value(t: float) -> float:
         moved = whole.width + t * way[:size].reshape(-1, 4), whole.twist + t * way[size:]
-        return float(room.terms(*moved, below=np.inf).value.sum())
+        return float(room.clearances(*moved, below=np.inf).value.sum())
 
-    here, h = room.terms(whole.width, whole.twist, below=np.inf), 1e-6
+    here, h = room.clearances(whole.width, whole.twist, below=np.inf), 1e-6
     slope = (8 * (value(h) - value(-h)) - value(2 * h) + value(-2 * h)) / (12 * h)
     assert slope == pytest.approx(float((here.by_design @ way).sum()), rel=1e-5)
 
@@ -320,14 +320,14 @@ def test_the_rod_model_is_refused():
 def test_drawn_bodies_are_closed_and_hold_what_is_cut():
     whole, mesh = made()
     pose = simulate(whole, mesh, VERO, SimulateParams()).equilibrium.pose
-    drawn, centres = panel_mesh(whole, DETAILS["FINE"]), arrange.side_by_side(whole.flat)
-    shown = solids.solid(whole, centres)
+    drawn, centres = make_panel_mesh(whole, DETAILS["FINE"]), arrange.arrange_patches(whole.flat)
+    shown = solids.make_solids(whole, centres)
     cut = sum(polygon(outline).area for outline in whole.outlines()) * whole.params.thickness
     # the same where only the hubs' poses are known, as they are stored
     arms = bend_arms(whole, Pose(pose.centres, pose.rotations))
     for points, corners, sizes in (
-        (drawn.at_pose(arms, pose), drawn.corners, drawn.sizes),
-        (drawn.flat(centres), drawn.corners, drawn.sizes),
+        (drawn.vertices_at_pose(arms, pose), drawn.corners, drawn.sizes),
+        (drawn.flat_vertices(centres), drawn.corners, drawn.sizes),
         (shown.vertices, shown.corners, shown.sizes),
     ):
         starts = np.cumsum(sizes) - sizes

@@ -10,7 +10,7 @@ import shapely
 import svgelements
 import trimesh
 from flexmaps.engine.display import arrange, solids
-from flexmaps.engine.display.panel_mesh import DETAILS, panel_mesh
+from flexmaps.engine.display.panel_mesh import DETAILS, make_panel_mesh
 from flexmaps.engine.extras.film import assembly_film
 from flexmaps.engine.fabrication import estimates, sheets
 from flexmaps.engine.fabrication.writers import export, operations
@@ -77,14 +77,14 @@ def case(request):
 
 
 def _polygon(outline, holes=()):
-    return shapely.Polygon(outline.sampled(1e-6), [h.sampled(1e-6) for h in holes])
+    return shapely.Polygon(outline.sample(1e-6), [h.sample(1e-6) for h in holes])
 
 
 def test_what_is_drawn_is_what_was_asked_for(case):
     """Nearly everywhere: the widths of half of the quads differ as much as they may."""
     _, made, _ = case
     spread = np.ptp(made.width, axis=1) / (made.params.width_max - made.params.width_min)
-    assert np.median(spread) > 0.5 and not len(made.thin)
+    assert np.median(spread) > 0.5 and not len(made.thin_quads)
     assert np.median(made.twist) > 1.0 and not len(fabricable.unfabricable_quads(made))
 
 
@@ -105,7 +105,7 @@ def test_panels_are_whole_and_can_be_cut(case):
         assert len(polygon.buffer(0.49 * slot).interiors) == len(panel.holes)
         assert polygon.buffer(-0.49 * ConnectorParams.thinnest).geom_type == "Polygon"
     for index in range(cut.count):
-        placed = [_polygon(p.outline) for p in cut.on_sheet(index)]
+        placed = [_polygon(p.outline) for p in cut.panels_on_sheet(index)]
         assert min((a.distance(b) for a in placed for b in placed if a is not b), default=1.0) >= cut.params.spacing
 
 
@@ -113,7 +113,7 @@ def test_connectors_fit_and_nearly_every_joint_has_one(case):
     _, made, cut = case
     gaps = fit(made, cut.connections, KERF)
     kinds = [c.kind for c in cut.connections.connectors]
-    assert kinds.count("tab") <= 0.1 * len(kinds) and not cut.connections.unsolved
+    assert kinds.count("tab") <= 0.1 * len(kinds) and not cut.connections.plain_joints
     assert gaps.overlap.max() == 0.0
     assert np.abs(gaps.least - cut.connections.clearance).max() < 1e-6
 
@@ -130,7 +130,7 @@ def test_labels_lie_inside_the_material(case):
 def test_paths_beside_the_kerf_leave_the_panels(case):
     _, _, cut = case
     for index in range(cut.count):
-        for panel, path in zip(cut.on_sheet(index), cut.paths_on_sheet(index), strict=True):
+        for panel, path in zip(cut.panels_on_sheet(index), cut.paths_on_sheet(index), strict=True):
             wanted, left = _polygon(panel.outline, panel.holes), _polygon(path.outline, path.holes)
             assert left.is_valid and len(left.interiors) == len(wanted.interiors)
             wrong = left.buffer(-0.5 * KERF, quad_segs=32).symmetric_difference(wanted)
@@ -169,7 +169,7 @@ def test_solids_are_closed_and_as_heavy_as_the_panels(case):
         length = panel.outline.length + sum(hole.length for hole in panel.holes)
         lost = 2.0 / 3.0 * TOLERANCE * length * made.params.thickness
         assert mesh.is_watertight and mesh.volume == pytest.approx(panel.area * made.params.thickness, abs=lost)
-    shown = solids.solid(made, arrange.side_by_side(made.flat), cut.connections.tips)
+    shown = solids.make_solids(made, arrange.arrange_patches(made.flat), cut.connections.tips)
     volume = sum(p.area for p in cut.panels if p.patch >= 0) * made.params.thickness
     assert _closed(shown.vertices, shown.corners, shown.sizes).volume == pytest.approx(volume, rel=5e-3)
 
@@ -177,7 +177,7 @@ def test_solids_are_closed_and_as_heavy_as_the_panels(case):
 @pytest.mark.parametrize("case", [("saddle", "random")], indirect=True, ids="-".join)
 def test_files_hold_the_same_polygons(case, tmp_path):
     _, _, cut = case
-    written = export.write(cut, tmp_path / "sheet", ("svg", "dxf"))
+    written = export.write_sheets(cut, tmp_path / "sheet", ("svg", "dxf"))
     for index in range(cut.count):
         paths = cut.paths_on_sheet(index)
         wanted = [_polygon(c) for p in paths for c in (p.outline, *p.holes)]
@@ -217,8 +217,8 @@ def _of_dxf(path):
 def test_the_assembled_piece_is_drawn_without_gaps(case):
     mesh, made, cut = case
     pose = target_pose(mesh, made.flat.corners)
-    panels = panel_mesh(made, DETAILS["MEDIUM"], cut.connections.tips)
-    points = panels.at_pose(bend_arms(made, pose), pose)
+    panels = make_panel_mesh(made, DETAILS["MEDIUM"], cut.connections.tips)
+    points = panels.vertices_at_pose(bend_arms(made, pose), pose)
     assert np.isfinite(points).all()
     volume = sum(p.area for p in cut.panels if p.patch >= 0) * made.params.thickness
     assert _closed(points, panels.corners, panels.sizes).volume == pytest.approx(volume, rel=0.02)

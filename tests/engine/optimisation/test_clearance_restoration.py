@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from flexmaps.engine.optimisation.clearance_restoration import ClearanceProblem, narrowest_per_pair, restore_clearances
 from flexmaps.engine.optimisation.polytope import LinearClearances
-from flexmaps.engine.spirals.clearance.clearance_model import Terms
+from flexmaps.engine.spirals.clearance.clearance_model import Clearances
 from scipy.sparse import csr_array
 
 
@@ -14,7 +14,7 @@ def test_the_narrowest_gap_of_every_pair_of_arms_is_kept() -> None:
     """Arm 0, whose mate is arm 9, has gaps to arms 1 (at three places) and 2, and its own inner edge and winding."""
     arms = np.array([[0, 9, 1, 8], [0, 9, 2, 7], [0, 9, 1, 8], [0, 9, 0, 9], [0, 9, 1, 8], [0, 0, 0, 0]])
     value = np.array([0.3, 0.5, 0.1, 0.4, 0.2, 0.6])
-    found = narrowest_per_pair(Terms(value, csr_array(np.diag(value)), csr_array(np.diag(-value)), arms))
+    found = narrowest_per_pair(Clearances(value, csr_array(np.diag(value)), csr_array(np.diag(-value)), arms))
     assert sorted(found.value) == [0.1, 0.4, 0.5, 0.6]
     assert found.by_flat is not None
     for row, by, flat, pair in zip(

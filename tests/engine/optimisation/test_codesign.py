@@ -70,7 +70,7 @@ def problem(
     design, mesh = made()
     assembly = assembly_from_design(design)
     space = DesignSpace.from_design(
-        design, assembly, groups, constraints=Constraints(kept=np.arange(4)) if kept else NO_CONSTRAINTS
+        design, assembly, groups, constraints=Constraints(fixed=np.arange(4)) if kept else NO_CONSTRAINTS
     )
     supports = parse_supports(mesh, "lowest")[::2] if feet else None
     loads = Loads.for_spirals(assembly.size, supports=supports, clamped=feet == "clamped")

@@ -62,7 +62,7 @@ def problem(
     loads = Loads.for_spirals(assembly.size, supports=held)
     wanted = Wishes(np.array([2, 7]), mesh.centroids[[2, 7]] + [0.0, 0.004, 0.01]) if wishes else None
     aim = Target(assembly.pairs, mesh.centroids, lies, supports=held, wishes=wanted)
-    asked = Constraints(kept=np.arange(0, assembly.size, 3)) if kept else NO_CONSTRAINTS
+    asked = Constraints(fixed=np.arange(0, assembly.size, 3)) if kept else NO_CONSTRAINTS
     space = DesignSpace.from_design(design, assembly, groups, constraints=asked)
     strain_limit = None if strain is None else StrainLimit(VERO, strain)
     whole = InverseProblem(

@@ -23,7 +23,7 @@ def test_a_larger_piece_is_strained_as_one_made_in_that_size() -> None:
     random = np.random.default_rng(3)
     width = random.uniform(0.001, 0.002, made.design.width.shape)
     twist = random.uniform(0.2, 1.0, made.design.twist.shape) * made.design.twist
-    design = make_fabricable(made.flat, SETTINGS.spiral, width, twist, prove=False)
+    design = make_fabricable(made.flat, SETTINGS.spiral, width, twist, check_outlines=False)
     small = simulate(design, made.mesh, SETTINGS.material.chosen, ALONE)
     forecast = forecast_strain(small)
     assert forecast is not None and small.strain is not None

@@ -12,8 +12,8 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from flexmaps.engine.display.panel_mesh import panel_mesh
-from flexmaps.engine.display.skin import Skin, detail_of
+from flexmaps.engine.display.panel_mesh import make_panel_mesh
+from flexmaps.engine.display.skin import Skin, choose_detail
 from flexmaps.engine.fabrication.panels.labels import panel_name, seam_labels, seam_name
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.bent import bend_arms
@@ -137,11 +137,13 @@ def test_what_is_packed_is_within_a_twentieth_of_a_millimetre(name, request):
         way=1e-3 * arrays["way"], turn=arrays["turn"],
     )  # fmt: skip
     here, closed = Pose(1e-3 * centres, rotations), (true.partner >= 0).astype(float)
-    corners = replace(skin, full=skin.tips(here, closed)).edges_at_pose(here, closed, 1e-3 * made["thickness"])
-    panels = panel_mesh(found.design, detail_of(found.design))
+    corners = replace(skin, final_motion=skin.tip_motions(here, closed)).corners_at_pose(
+        here, closed, 1e-3 * made["thickness"]
+    )
+    panels = make_panel_mesh(found.design, choose_detail(found.design))
     drawn = np.full((4 * len(panels.arm), 3), np.nan)
-    used = panels.used < len(drawn)
-    drawn[panels.used[used]] = panels.at_pose(bend_arms(found.design, pose), pose)[used]
+    used = panels.kept_vertices < len(drawn)
+    drawn[panels.kept_vertices[used]] = panels.vertices_at_pose(bend_arms(found.design, pose), pose)[used]
     assert 1e3 * np.nanmax(np.linalg.norm(corners.reshape(-1, 3) - drawn, axis=1)) < 0.05
 
 

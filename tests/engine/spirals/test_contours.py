@@ -16,9 +16,7 @@ TAPER = lambda p: p * [[1.0, 1.0]] + np.column_stack([0.25 * p[:, 0] * p[:, 1] /
 
 
 def _polygons(made, tolerance=1e-5):
-    return [
-        shapely.Polygon(o.outer.sampled(1e-7), [h.sampled(1e-7) for h in o.holes]) for o in made.outlines(tolerance)
-    ]
+    return [shapely.Polygon(o.outer.sample(1e-7), [h.sample(1e-7) for h in o.holes]) for o in made.outlines(tolerance)]
 
 
 def _buffered(made, fillet):
@@ -158,9 +156,9 @@ def test_few_nodes(flat_grid):
 def test_outlines_stay_within_the_tolerance(flat_grid):
     made = fabricable.uniform_design(flat_grid(1, 1), SpiralParams(), width=0.0012, twist=5.0)
     fine, coarse = (made.outlines(t)[0].outer for t in (1e-7, 2e-5))
-    line = shapely.LinearRing(fine.sampled(1e-7))
+    line = shapely.LinearRing(fine.sample(1e-7))
     shapely.prepare(line)
-    assert shapely.distance(line, shapely.points(coarse.sampled(1e-6))).max() < 2.1e-5
+    assert shapely.distance(line, shapely.points(coarse.sample(1e-6))).max() < 2.1e-5
     assert len(coarse.points) < 0.5 * len(fine.points)
 
 
@@ -179,7 +177,7 @@ def test_touching_places_are_found(flat_grid):
     made = fabricable.uniform_design(flat, SpiralParams())
     outline = made.outlines()[0]
     assert not len(find_contacts([outline]))
-    shifted = contours.Outline(outline.outer, (*outline.holes, outline.holes[0].moved(0.0, np.array([0.001, 0.0]))))
+    shifted = contours.Outline(outline.outer, (*outline.holes, outline.holes[0].transform(0.0, np.array([0.001, 0.0]))))
     places = find_contacts([shifted])
     assert len(places) > 0
     assert (np.abs(places[:, 1:] - 0.02) < 0.02).all()

@@ -29,7 +29,7 @@ def test_bound_leaves_exactly_the_smallest_slot(flat_grid, move):
     width = np.full((1, 4), 0.0015)
     bound = slots.twist_bound(flat, params, width)
     assert 0.0 < bound[0] < 2 * np.pi
-    arms = spiral.arms(flat, params, width, bound)
+    arms = spiral.make_arms(flat, params, width, bound)
     whole = np.broadcast_to(np.linspace(0, 1, 4001), (1, 4, 4001))
     lines = spiral.centre_line(arms.without_blends(bound), whole)[0][0]
     outer = round(4000 * slots.OPEN_SHARE)
@@ -87,7 +87,7 @@ def test_uniform_design_keeps_what_fits_and_unwinds_what_does_not(flat_grid):
     np.testing.assert_array_equal(made.twist, 5.0)
     tight = fabricable.uniform_design(flat_grid(3, 3, 0.01), SpiralParams(), width=0.0015, twist=5.0)
     assert (tight.twist < 4.0).all()
-    assert tight.narrowest[0] >= 0.0003 - 1e-9
+    assert tight.min_slot_and_bridge[0] >= 0.0003 - 1e-9
 
 
 def test_too_small_quads_are_named(flat_grid):
@@ -120,7 +120,7 @@ def test_quads_a_little_too_small_get_thinner_arms_and_a_warning(flat_grid):
         return p
 
     made = fabricable.uniform_design(flat_grid(3, 2, move=squeezed), SpiralParams())
-    assert made.thin.tolist() == [4, 5]
+    assert made.thin_quads.tolist() == [4, 5]
     assert 0.0005 < made.width[4].min() == made.width[4].max() < 0.001
     assert design_report(made)["too_thin"] == 2
     assert any("2 quads have no room for arms 1 mm wide" in w for w in make_sheets(made, SheetParams()).warnings)
@@ -134,8 +134,8 @@ def test_a_design_with_a_few_other_spirals_is_drawn_as_one_made_anew(flat_grid, 
     assert before.outlines()
     twist, width = before.twist.copy(), before.width.copy()
     twist[3], width[20, 1] = 2.0, 0.0014
-    once = replace(before, twist=twist).reusing(before)
-    twice = replace(once, width=width).reusing(once)
+    once = replace(before, twist=twist).reuse_cache_of(before)
+    twice = replace(once, width=width).reuse_cache_of(once)
     pairs = flat.layout.mesh.dual
     assert {*np.flatnonzero(before.changed_arms(once))} == {*pairs[(pairs == 3).any(axis=1)].ravel()}
     for made in (once, twice):
@@ -149,10 +149,10 @@ def test_a_design_with_a_few_other_spirals_is_drawn_as_one_made_anew(flat_grid, 
 def test_contacts_are_sought_where_spirals_have_changed(flat_grid):
     flat = flat_grid(4, 1, 0.02)
     before = fabricable.uniform_design(flat, SpiralParams(), width=0.0012, twist=3.0)
-    assert before.drawn.sound == {0}  # proved
+    assert before.cache.contact_free == {0}  # proved
     twist = before.twist.copy()
     twist[1] = 14.0  # arms run through each other
-    touching = replace(before, twist=twist).reusing(before)
-    assert not touching.drawn.sound
+    touching = replace(before, twist=twist).reuse_cache_of(before)
+    assert not touching.cache.contact_free
     mended = fabricable.resolve_contacts(touching)
-    assert mended.twist[1] < 14.0 and mended.drawn.sound == {0}
+    assert mended.twist[1] < 14.0 and mended.cache.contact_free == {0}

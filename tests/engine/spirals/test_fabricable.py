@@ -30,7 +30,7 @@ def test_a_cancel_is_looked_for_before_and_after_the_clearance_model(monkeypatch
 
     monkeypatch.setattr(fabricable.ClearanceModel, "from_flat", from_flat)
     look = Progress(stopped=lambda: bool(events.append("look")))
-    fabricable.make_fabricable(flat, params, design.width, design.twist, prove=False, progress=look)
+    fabricable.make_fabricable(flat, params, design.width, design.twist, check_outlines=False, progress=look)
     assert events[:3] == ["look", "model", "look"]
 
 
@@ -40,14 +40,14 @@ def test_a_cancel_is_heard_while_the_spirals_around_a_new_solid_hub_are_restored
     """Straight arms as thin as they may be touch in one quad, so that it gets a solid hub; the cancel comes after that."""
     made = fabricable.uniform_design(flat_grid(10, 10), SpiralParams(), twist=0.0)
     thinnest = np.full_like(made.width, fabricable.slots.MIN_WIDTH_SHARE * made.params.width_min)
-    monkeypatch.setattr(fabricable, "_culprits", lambda *_: (np.array([12]), None))
+    monkeypatch.setattr(fabricable, "_quads_in_contact", lambda *_: (np.array([12]), None))
     restoring = []
 
     def set_solid(params: SpiralParams, width: np.ndarray, twist: np.ndarray, solid: np.ndarray) -> Any:
         restoring.append(np.flatnonzero(solid).tolist())
         return width, twist
 
-    monkeypatch.setattr(fabricable, "set_solid", set_solid)
+    monkeypatch.setattr(fabricable, "with_solid_hubs", set_solid)
     with pytest.raises(Cancelled):
         fabricable.resolve_contacts(replace(made, width=thinnest), Progress(stopped=lambda: bool(restoring)), rounds=1)
     assert restoring == [[12]]

@@ -77,7 +77,7 @@ def test_brushes_do_what_their_names_say() -> None:
     even = uniform_design(design.flat, design.params, width=1.4e-3, twist=1.0)
     wider = paint_spirals(even, "width", weight)
     assert (wider.width[inside] > even.width[inside]).all() and (wider.twist == even.twist).all()
-    wound = paint_spirals(design, "twist", weight, Stroke(inverted=True))
+    wound = paint_spirals(design, "twist", weight, Stroke(is_inverted=True))
     assert (wound.twist[inside] < design.twist[inside]).all() and (wound.width == design.width).all()
 
 
@@ -160,7 +160,7 @@ def test_the_optimiser_leaves_protected_spirals_exactly_as_they_are(codesign: bo
     kept = np.flatnonzero(spot(mesh, 12, 0.06) > 0.0)
     mine = paint_spirals(design, "stiffer", np.where(np.isin(np.arange(len(design.twist)), kept), 0.7, 0.0))
     params = OptimiseParams(iterations=3, codesign=codesign, smoothness=0.01, strain_share=0.0, open_slots=False)
-    found = optimise(mine, mesh, POM, params, SimulateParams(), constraints=Constraints(kept=kept), prove=False)
+    found = optimise(mine, mesh, POM, params, SimulateParams(), constraints=Constraints(fixed=kept), prove=False)
     assert found.start == "given"  # painted spirals are where it starts, though others may lie nearer
     assert (found.design.width[kept] == mine.width[kept]).all() and (found.design.twist[kept] == mine.twist[kept]).all()
     free = np.setdiff1d(np.arange(len(design.twist)), kept)
@@ -173,4 +173,4 @@ def test_the_optimiser_leaves_protected_spirals_exactly_as_they_are(codesign: bo
         still = mine.flat.corners[free] - mine.flat.corners[free].mean(axis=1, keepdims=True)
         assert np.abs(moved - still).max() > 1e-5
     with pytest.raises(FlexMapsError, match="All spirals are protected"):
-        optimise(mine, mesh, POM, params, SimulateParams(), constraints=Constraints(kept=np.arange(len(design.twist))))
+        optimise(mine, mesh, POM, params, SimulateParams(), constraints=Constraints(fixed=np.arange(len(design.twist))))

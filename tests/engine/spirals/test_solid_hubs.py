@@ -38,7 +38,7 @@ def needle(flat_grid: Callable[..., FlatPatches]) -> FlatPatches:
 
 def test_a_needle_gets_a_solid_hub_and_all_others_keep_what_they_can(needle: FlatPatches) -> None:
     made = fabricable.uniform_design(needle, SpiralParams())
-    assert np.flatnonzero(made.solid).tolist() == [5 * SIZE + 5]
+    assert np.flatnonzero(made.has_solid_hub).tolist() == [5 * SIZE + 5]
     assert not len(fabricable.unfabricable_quads(made))
     far = np.ones(len(made.twist), dtype=bool)
     far[[5 * SIZE + 5, *(np.array([4, 6]) * SIZE + 5), 5 * SIZE + 4, 5 * SIZE + 6]] = False
@@ -52,7 +52,7 @@ def test_a_needle_gets_a_solid_hub_and_all_others_keep_what_they_can(needle: Fla
 def test_its_panel_is_one_sound_piece_with_more_material_there(needle: FlatPatches) -> None:
     made = fabricable.uniform_design(needle, SpiralParams())
     outline = made.outlines()[0]
-    panel = shapely.Polygon(outline.outer.sampled(1e-6), [hole.sampled(1e-6) for hole in outline.holes])
+    panel = shapely.Polygon(outline.outer.sample(1e-6), [hole.sample(1e-6) for hole in outline.holes])
     assert panel.is_valid
     quad = shapely.Polygon(needle.corners[5 * SIZE + 5])
     assert panel.contains(shapely.Point(needle.corners[5 * SIZE + 5].mean(axis=0)))
@@ -63,15 +63,15 @@ def test_its_panel_is_one_sound_piece_with_more_material_there(needle: FlatPatch
 def test_it_is_known_again_by_its_widths_alone(needle: FlatPatches) -> None:
     made = fabricable.uniform_design(needle, SpiralParams())
     stored = made.width.astype(np.float32).astype(float)
-    assert (solid_hubs.without_spiral(stored, made.params) == made.solid).all()
+    assert (solid_hubs.mark_solid_hubs(stored, made.params) == made.has_solid_hub).all()
     again = fabricable.make_fabricable(needle, made.params, stored, made.twist)
-    assert (again.solid == made.solid).all() and not len(fabricable.unfabricable_quads(again))
+    assert (again.has_solid_hub == made.has_solid_hub).all() and not len(fabricable.unfabricable_quads(again))
 
 
 def test_a_brush_leaves_it_alone(needle: FlatPatches) -> None:
     made = fabricable.uniform_design(needle, SpiralParams())
     for brush in ("stiffer", "softer", "smooth", "width"):
-        assert (painting.paint_spirals(made, brush, np.ones(len(made.twist))).solid == made.solid).all()
+        assert (painting.paint_spirals(made, brush, np.ones(len(made.twist))).has_solid_hub == made.has_solid_hub).all()
 
 
 def test_more_than_one_in_a_hundred_are_refused_with_a_count_that_would_do(
@@ -95,7 +95,7 @@ def test_neighbours_make_room_and_outlines_stay(flat_grid: Callable[..., FlatPat
     along = np.roll(corners, -1, axis=1) - corners
     assert ((np.conj(np.roll(along, 1, axis=1)) * along).imag > 0).all(), "no corner is turned over"
     made = fabricable.design_from_curvature(flat, SpiralParams(), np.ones(SIZE**2))
-    assert made.flat is not flat and not made.solid.any()
+    assert made.flat is not flat and not made.has_solid_hub.any()
 
 
 def test_nothing_moves_where_all_have_room(flat_grid: Callable[..., FlatPatches]) -> None:

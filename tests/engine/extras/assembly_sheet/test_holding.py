@@ -29,8 +29,8 @@ def test_eyelets_are_drawn_where_they_are_held(
             names[words] = at
 
     areas: list[np.ndarray] = []
-    monkeypatch.setattr(Page, "text", text)
-    monkeypatch.setattr(Page, "fill", lambda page, points, *_: areas.append(points))
+    monkeypatch.setattr(Page, "draw_text", text)
+    monkeypatch.setattr(Page, "fill_polygon", lambda page, points, *_: areas.append(points))
     design = fabricable.uniform_design(flat_grid(4, 2, size), SpiralParams())
     places = size * np.array([[0.5, 0.5, 3.0], [3.5, 0.5, 3.0], [0.5, 1.5, 3.0]])
     eyelets = tuple(

@@ -110,13 +110,13 @@ def test_joints_that_do_not_hold_by_themselves_are_named(flat_grid):
     spirals = fabricable.uniform_design(flat_grid(4, 3, cut=lambda x, _: x == 2), SpiralParams(), twist=1.0)
     made = sheets.make_sheets(spirals, SheetParams(nesting="FAST"))
     one, *rest = made.connections.connectors
-    tab = replace(one, made=replace(one.made, kind="tab"))
-    joints = replace(made.connections, connectors=(tab, *rest), unsolved=(("B7", 0, 1),))
+    tab = replace(one, candidate=replace(one.candidate, kind="tab"))
+    joints = replace(made.connections, connectors=(tab, *rest), plain_joints=(("B7", 0, 1),))
 
     def words(sheet):
         figures = estimates.estimate(sheet, spirals, MATERIALS["pom"])
         page = assembly_sheet.pages(spirals, sheet, figures, "x")[0]
-        text = pdfium.PdfDocument(assembly_sheet.document([page], "x"))[0].get_textpage().get_text_range()
+        text = pdfium.PdfDocument(assembly_sheet.pdf_bytes([page], "x"))[0].get_textpage().get_text_range()
         return " ".join(text.split())
 
     assert "Glue" not in words(made)
@@ -135,7 +135,7 @@ def test_steps_beyond_the_pictures_are_told_in_words(flat_grid, monkeypatch):
     found = assembly_sheet.pages(spirals, made, figures, "x", progress=Progress(lambda f, _: seen.append(f)))
     assert seen == sorted(seen)
     assert len(found) == 1 + 4 + 1  # the overview, ten pictures on pages of three, and words
-    document = pdfium.PdfDocument(pdf.document(found, "x"))
+    document = pdfium.PdfDocument(pdf.pdf_bytes(found, "x"))
     text = [" ".join(page.get_textpage().get_text_range().split()) for page in document]
     order, numbers = steps(flat.layout), panel_numbers(flat.layout)
     assert [int(number) for number in re.findall(r"(\d+)\. Add panel", text[-1])] == list(range(11, 37))

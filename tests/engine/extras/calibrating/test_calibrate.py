@@ -226,12 +226,12 @@ def test_its_pieces_are_sound_and_apart(name: str) -> None:
     for piece in drawn.pieces:
         cut = piece.cut(drawn.coupons.kerf, drawn.coupons.kerf_holes)
         assert all(c.area > 0.0 for c in piece.outlines) and all(c.area < 0.0 for c in piece.holes)
-        outer = [shapely.Polygon(c.sampled(1e-6)) for c in cut.outlines]
-        holes = [shapely.Polygon(c.sampled(1e-6)) for c in (*cut.holes, *[c for c in cut.shared if c.closed])]
+        outer = [shapely.Polygon(c.sample(1e-6)) for c in cut.outlines]
+        holes = [shapely.Polygon(c.sample(1e-6)) for c in (*cut.holes, *[c for c in cut.shared if c.closed])]
         assert all(p.is_valid for p in (*outer, *holes))
         assert all(any(p.contains(h) for p in outer) for h in holes)
         # no letter in a hole or beyond its piece
-        own = shapely.unary_union([shapely.Polygon(c.sampled(1e-6)) for c in piece.outlines])
+        own = shapely.unary_union([shapely.Polygon(c.sample(1e-6)) for c in piece.outlines])
         letters = shapely.MultiLineString([c.points for c in piece.engraved])
         assert own.buffer(1e-9).contains(letters) and not any(h.intersects(letters) for h in holes)
         paths += outer
@@ -243,7 +243,7 @@ def test_its_pieces_are_sound_and_apart(name: str) -> None:
 def test_its_pieces_keep_the_distance_of_the_sheet_and_two_kerfs(name: str) -> None:
     settings = with_values(Settings(), KINDS_OF_SHEETS[name])
     drawn = sheet_files.make(settings)
-    pieces = [shapely.union_all([shapely.Polygon(c.sampled(1e-6)) for c in p.outlines]) for p in drawn.pieces]
+    pieces = [shapely.union_all([shapely.Polygon(c.sample(1e-6)) for c in p.outlines]) for p in drawn.pieces]
     nearest = min(one.distance(other) for k, one in enumerate(pieces) for other in pieces[:k])
     assert nearest > max(settings.sheet.spacing, 2.0 * drawn.coupons.kerf, 2.0 * drawn.coupons.mill) - 1e-6
 
@@ -253,8 +253,8 @@ def test_the_frame_of_a_spiral_is_at_least_five_sheets_wide(name: str) -> None:
     c = made(**KINDS_OF_SHEETS[name])
     for one in c.spirals:
         piece = calibration_pieces.spiral(c, one)
-        holes = shapely.union_all([shapely.Polygon(hole.sampled(1e-6)) for hole in piece.holes])
-        edge = shapely.LinearRing(piece.outlines[0].sampled(1e-6))
+        holes = shapely.union_all([shapely.Polygon(hole.sample(1e-6)) for hole in piece.holes])
+        edge = shapely.LinearRing(piece.outlines[0].sample(1e-6))
         assert edge.distance(holes) > max(calibration_pieces.RIM, 5.0 * c.thickness)
 
 
@@ -268,7 +268,7 @@ def test_the_arms_of_a_spiral_are_as_wide_as_their_stiffness_assumes(name: str) 
         centre = np.array([0.5 * (left + right), high - 0.5 * (right - left)])
         t = np.broadcast_to(np.linspace(0.02, 0.5, 40), (1, 4, 40))
         places = centre_line(calibration_pieces._arms(one), t)[0].reshape(-1, 2) + centre
-        holes = shapely.union_all([shapely.Polygon(hole.sampled(1e-7)) for hole in piece.holes])
+        holes = shapely.union_all([shapely.Polygon(hole.sample(1e-7)) for hole in piece.holes])
         distances = shapely.distance(holes, shapely.points(places))
         assert distances == pytest.approx(0.5 * one.width, abs=0.01 * one.width)
 
@@ -289,8 +289,8 @@ def test_the_comb_counts_its_kerfs(laser: Coupons) -> None:
 def test_rungs_leave_their_clearance(laser: Coupons, kind: str) -> None:
     """The counterpart laid into its recess stays the engraved clearance away from it everywhere, by shapely."""
     piece = calibration_pieces.ladder(laser, ConnectorParams(), kind)
-    rail = shapely.Polygon(piece.outlines[0].sampled(1e-7))
-    others = [shapely.Polygon(c.sampled(1e-7)) for c in piece.outlines[1:]]
+    rail = shapely.Polygon(piece.outlines[0].sample(1e-7))
+    others = [shapely.Polygon(c.sample(1e-7)) for c in piece.outlines[1:]]
     parts = others[::2] if kind == "key" else others  # the loose key goes first into the rail
     assert len(parts) == len(laser.clearances)
     for part, clearance in zip(parts, laser.clearances, strict=True):
@@ -307,7 +307,7 @@ def test_rungs_leave_their_clearance(laser: Coupons, kind: str) -> None:
 
 def test_plain_ends_have_play_on_both_sides(laser: Coupons) -> None:
     piece = calibration_pieces.ladder(laser, ConnectorParams(), "tab")
-    rail, *tongues = (shapely.Polygon(c.sampled(1e-7)) for c in piece.outlines)
+    rail, *tongues = (shapely.Polygon(c.sample(1e-7)) for c in piece.outlines)
     across = shapely.LineString([(-1.0, rail.bounds[3] - 6e-4), (1.0, rail.bounds[3] - 6e-4)])
     walls = [part.bounds for part in shapely.get_parts(rail.intersection(across))]
     slots = [after[0] - before[2] for before, after in pairwise(walls)]
@@ -328,8 +328,8 @@ def test_files_are_read_by_others(tmp_path: Path) -> None:
     assert svg.viewbox.width == pytest.approx(width, abs=1e-3) and svg.viewbox.height == pytest.approx(height, abs=1e-3)
     document = ezdxf.readfile(tmp_path / "calibration.dxf")
     layers = [e.dxf.layer for e in document.modelspace()]
-    runs = drawn.runs(0)
-    assert layers.count("CUT_OUTER") == len(runs.outer) and layers.count("CUT_INNER") == len(runs.inner)
+    runs = drawn.cuts_on_sheet(0)
+    assert layers.count("CUT_OUTER") == len(runs.outer_cuts) and layers.count("CUT_INNER") == len(runs.inner_cuts)
     assert len(list(svg.elements(lambda e: isinstance(e, svgelements.Path)))) == len(layers)
     again = read(tmp_path)
     assert again == drawn.coupons == read(tmp_path / FILE)

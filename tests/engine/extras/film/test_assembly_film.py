@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from flexmaps.engine.display.panel_mesh import DETAILS, panel_mesh
+from flexmaps.engine.display.panel_mesh import DETAILS, make_panel_mesh
 from flexmaps.engine.extras.film import assembly_film, passage
 from flexmaps.engine.extras.film.blend import Blend
 from flexmaps.engine.materials import MATERIALS
@@ -38,7 +38,7 @@ def dome():
 def film(dome):
     made, pose = dome
     count = len(made.flat.layout.patches)
-    low = panel_mesh(made, DETAILS["COARSE"]).at_pose(bend_arms(made, pose), pose)[:, 2].min()
+    low = make_panel_mesh(made, DETAILS["COARSE"]).vertices_at_pose(bend_arms(made, pose), pose)[:, 2].min()
     table = np.c_[0.4 * np.arange(count), np.zeros(count), np.full(count, low + 0.5 * made.params.thickness)]
     return assembly_film.film(made, pose, table, DETAILS["COARSE"], POM, SimulateParams()), table
 
@@ -66,7 +66,7 @@ def tips(found):
     arms = 4 * mesh.edge_quads[seam] + mesh.edge_sides[seam]
     first = np.flatnonzero(np.r_[True, np.diff(panels.arm) > 0])  # sections at the tips
     index = np.full(4 * len(panels.arm), -1)
-    index[panels.used[panels.used < len(index)]] = np.flatnonzero(panels.used < len(index))
+    index[panels.kept_vertices[panels.kept_vertices < len(index)]] = np.flatnonzero(panels.kept_vertices < len(index))
     left, right = index[4 * first[arms]], index[4 * first[arms] + 1]
     assert (left >= 0).all() and (right >= 0).all()
     # what is left of one arm is right of the other
@@ -95,7 +95,7 @@ def test_nothing_dips_under_the_table(film):
 def test_it_ends_in_the_pose(dome, film):
     made, pose = dome
     found, _ = film
-    ends = panel_mesh(made, DETAILS["COARSE"]).at_pose(bend_arms(made, pose), pose)
+    ends = make_panel_mesh(made, DETAILS["COARSE"]).vertices_at_pose(bend_arms(made, pose), pose)
     seen = np.concatenate([track.vertices for track in found.tracks])
     assert (np.sort(seen) == np.arange(len(ends))).all()
     for track in found.tracks:
@@ -123,7 +123,7 @@ def test_at_its_stages_it_shows_them(dome, film):
         stand = Pose(pose.centres.copy(), pose.rotations.copy())
         stand.centres[stage.hubs], stand.rotations[stage.hubs] = stage.pose.centres, stage.pose.rotations
         there = np.isin(owner, np.unique(made.flat.layout.patch_of[stage.hubs]))
-        wanted = found.panels.at_pose(bend_arms(made, stand, closed=stage.closed), stand)[there]
+        wanted = found.panels.vertices_at_pose(bend_arms(made, stand, closed=stage.closed), stand)[there]
         away = shown(found, time)[there] - wanted
         lift = away[:, 2].mean()
         assert lift > -0.01 * edge

@@ -44,7 +44,7 @@ def test_all_copies_lie_apart_on_common_sheets(pieces: list[Result]) -> None:
     names = [panel_name(p.number, p.mark) for p in panels]
     assert len(set(names)) == len(names)
     for k in range(made.sheets.count):
-        placed = [shapely.Polygon(p.outline.sampled(1e-5)) for p in made.sheets.on_sheet(k)]
+        placed = [shapely.Polygon(p.outline.sample(1e-5)) for p in made.sheets.panels_on_sheet(k)]
         box = shapely.box(0, 0, *made.sheets.packing.sizes[k])
         assert all(box.contains(p) for p in placed)
         tree = shapely.STRtree(placed)
@@ -69,7 +69,7 @@ def test_the_letter_is_engraved_before_the_number(pieces: list[Result]) -> None:
                 (panel_name(panel.number, mark), panel_name(panel.number)),
                 *((f"{mark}-{j}", j) for j in joints),
             ]
-            more = sum(len(lettering.strokes(a)) - len(lettering.strokes(b)) for a, b in both)
+            more = sum(len(lettering.text_strokes(a)) - len(lettering.text_strokes(b)) for a, b in both)
             assert len(panel.labels) - len(bare.labels) == more > 0
     assert made.sheets.labels_left_out == plain.sheets.labels_left_out == 0
     assert made.sheets.labels_placed == 2 * plain.sheets.labels_placed
@@ -77,12 +77,12 @@ def test_the_letter_is_engraved_before_the_number(pieces: list[Result]) -> None:
 
 def test_parts_list_and_files(pieces: list[Result], tmp_path: Path) -> None:
     made = nest_together(["arch", "dome"], pieces, copies(1, 2))
-    parts.write(made.sheets, made.designs, made.parts[0].material, tmp_path / "parts.csv")
+    parts.write_parts_list(made.sheets, made.designs, made.parts[0].material, tmp_path / "parts.csv")
     rows = list(csv.DictReader((tmp_path / "parts.csv").open(encoding="utf-8")))[:-1]
     assert len(rows) == len(made.sheets.panels) and len({row["part"] for row in rows}) == len(rows)
     spirals = sum(int(row["spirals"]) for row in rows)
     assert spirals == len(pieces[0].mesh.quads) + 2 * len(pieces[1].mesh.quads)
-    files = export.write(made.sheets, tmp_path / "all", ("svg", "dxf"))
+    files = export.write_sheets(made.sheets, tmp_path / "all", ("svg", "dxf"))
     assert len(files) == 2 * made.sheets.count
     seen = made.seen_by(1)
     assert {p.piece for p in seen.panels if p.patch >= 0} == {1, 2} and made.letters_of(1) == ["B", "C"]

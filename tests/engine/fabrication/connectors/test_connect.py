@@ -8,7 +8,7 @@ import shapely
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.fabrication import sheets, sheets_report
 from flexmaps.engine.fabrication.connectors import connect as connectors
-from flexmaps.engine.fabrication.connectors.shape import head, key, size, socket
+from flexmaps.engine.fabrication.connectors.shape import connector_size, head_curve, key_outline, socket_curve
 from flexmaps.engine.params import ConnectorParams, CutParams, SheetParams, SpiralParams
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.spirals import design, fabricable
@@ -25,7 +25,7 @@ def _halves(flat_grid, twist, *, clockwise=False, size=0.02, rows=3):
 
 
 def _polygons(made):
-    return [shapely.Polygon(o.outer.sampled(1e-7), [h.sampled(1e-7) for h in o.holes]) for o in made.outlines]
+    return [shapely.Polygon(o.outer.sample(1e-7), [h.sample(1e-7) for h in o.holes]) for o in made.outlines]
 
 
 # -- shapes ------------------------------------------------------------------------------------------------------------
@@ -34,8 +34,8 @@ def _polygons(made):
 @pytest.mark.parametrize("clearance", [0.0, 0.00005, 0.0002])
 @pytest.mark.parametrize("width", [0.0006, 0.001, 0.002])
 def test_head_and_socket_leave_the_clearance_everywhere(width, clearance):
-    s = size(width, ConnectorParams(connector="dovetail", clearance=clearance))
-    one, two = head(s).sampled(1e-8), -socket(s).sampled(1e-8)
+    s = connector_size(width, ConnectorParams(connector="dovetail", clearance=clearance))
+    one, two = head_curve(s).sample(1e-8), -socket_curve(s).sample(1e-8)
     assert shapely.hausdorff_distance(shapely.LineString(one), shapely.LineString(two)) == pytest.approx(
         clearance, abs=2e-7
     )
@@ -46,11 +46,11 @@ def test_head_and_socket_leave_the_clearance_everywhere(width, clearance):
 def test_nothing_is_thinner_than_asked(width):
     params = ConnectorParams(connector="dovetail", thinnest=0.0008)
     for scale in (1.0, 0.5):
-        s = size(width, params, scale)
-        half = 0.5 * s.pad
+        s = connector_size(width, params, scale)
+        half = 0.5 * s.pad_width
         # closing the ends makes polygons of them
-        male = shapely.Polygon([*head(s).points, (-0.003, half), (-0.003, -half)])
-        female = shapely.Polygon([*socket(s).points, (-0.004, half), (-0.004, -half)])
+        male = shapely.Polygon([*head_curve(s).points, (-0.003, half), (-0.003, -half)])
+        female = shapely.Polygon([*socket_curve(s).points, (-0.004, half), (-0.004, -half)])
         for part in (male, female):
             left = part.buffer(-0.5 * 0.999 * params.thinnest)
             assert left.geom_type == "Polygon"  # still one piece: no neck or wall is thinner
@@ -58,13 +58,13 @@ def test_nothing_is_thinner_than_asked(width):
 
 
 def test_key_fits_both_sockets():
-    s = size(0.001, ConnectorParams(connector="key"))
+    s = connector_size(0.001, ConnectorParams(connector="key"))
     for back in (0.0, 0.0005):
-        loose = shapely.Polygon(key(s, back).sampled(1e-8))
+        loose = shapely.Polygon(key_outline(s, back).sample(1e-8))
         for way in (1.0, -1.0):
-            assert shapely.distance(loose, shapely.LineString(way * socket(s, back).sampled(1e-8))) == pytest.approx(
-                s.clearance, abs=2e-7
-            )
+            assert shapely.distance(
+                loose, shapely.LineString(way * socket_curve(s, back).sample(1e-8))
+            ) == pytest.approx(s.clearance, abs=2e-7)
 
 
 def _convex_radii(curve):
@@ -81,7 +81,7 @@ def test_corners_are_as_round_as_asked(flat_grid, kind, rounding):
     for twist in (0.0, 2.0, 6.0):
         made = _halves(flat_grid, twist)
         found = connectors.connect(made, ConnectorParams(connector=kind, rounding=rounding))
-        least = min(_convex_radii(o.outer).min(initial=1.0) for o in (*found.outlines, *found.keys))
+        least = min(_convex_radii(o.outer).min(initial=1.0) for o in (*found.outlines, *found.key_outlines))
         assert least >= 0.995 * (min(rounding, 0.2 * 0.0012) if kind == "tab" else rounding)  # ends for glue are short
         assert found.report["connector_rounding_min_mm"] == pytest.approx(1e3 * least, rel=0.01)
 
@@ -96,7 +96,7 @@ def test_every_joint_has_one_that_fits(flat_grid, kind, twist, clockwise):
     made = _halves(flat_grid, twist, clockwise=clockwise)
     found = connectors.connect(made, ConnectorParams(connector=kind))
     assert [c.name for c in found.connectors] == ["A1", "A2", "A3"]
-    assert not found.unsolved
+    assert not found.plain_joints
     assert not len(find_contacts(list(found.outlines)))
     for polygon, plain in zip(_polygons(found), made.outlines(), strict=True):
         assert polygon.is_valid
@@ -144,15 +144,15 @@ def test_fit_sees_a_wrong_gap(flat_grid):
     wide = connectors.connect(made, ConnectorParams(connector="dovetail", clearance=0.00015, rounding=0.0002))
     # the panels of one with the panels of the other: half of either clearance
     mixed = connectors.Connections(
-        (tight.outlines[0], wide.outlines[1]), wide.connectors, (), wide.clearance, wide.taken
+        (tight.outlines[0], wide.outlines[1]), wide.connectors, (), wide.clearance, wide.occupied_lengths
     )
     assert fit(made, mixed, 0.0001).least == pytest.approx(0.000075, abs=5e-6)
 
 
 def test_heads_and_sockets_take_turns(flat_grid):
     made = connectors.connect(_halves(flat_grid, 1.0, rows=6), ConnectorParams(connector="dovetail"))
-    assert [c.made.roles()[0] for c in made.connectors] == ["head", "socket"] * 3
-    assert all(set(c.made.roles()) == {"head", "socket"} for c in made.connectors)
+    assert [c.candidate.roles()[0] for c in made.connectors] == ["head", "socket"] * 3
+    assert all(set(c.candidate.roles()) == {"head", "socket"} for c in made.connectors)
     assert all(c.faces[0] < c.faces[1] for c in made.connectors)
 
 
@@ -170,8 +170,8 @@ def test_arms_elsewhere_are_as_before(flat_grid):
     made = _halves(flat_grid, 2.0)
     plain, drawn = made.outlines(), connectors.connect(made, ConnectorParams(connector="dovetail")).outlines
     for before, after in zip(plain, drawn, strict=True):
-        changed = shapely.Polygon(before.outer.sampled(1e-7)).symmetric_difference(
-            shapely.Polygon(after.outer.sampled(1e-7))
+        changed = shapely.Polygon(before.outer.sample(1e-7)).symmetric_difference(
+            shapely.Polygon(after.outer.sample(1e-7))
         )
         far = shapely.box(0.0, 0.0, 0.027, 0.06).union(shapely.box(0.053, 0.0, 0.08, 0.06))
         assert changed.intersection(far).area < 1e-10
@@ -184,7 +184,7 @@ def test_cut_inside_a_panel_gets_keys_where_its_sides_touch(flat_grid):
     assert len(found.outlines) == 1
     assert len(found.connectors) == 2
     assert {c.kind for c in found.connectors} == {"key"}  # both sides lie on each other here: no room for a head
-    assert len(found.keys) == 2
+    assert len(found.key_outlines) == 2
     (polygon,) = _polygons(found)
     assert polygon.is_valid
     assert np.abs(fit(made, found, 0.0001).least - found.clearance).max() < 1e-6
@@ -205,11 +205,11 @@ def test_joints_without_room_for_a_dovetail_get_ends_for_glue(flat_grid):
 
 def test_joints_without_any_room_keep_plain_ends_and_are_told(flat_grid, monkeypatch):
     made = _halves(flat_grid, 0.5)
-    monkeypatch.setattr(connectors.FreeSpace, "judge", lambda self, which, *_: [None] * len(which))
+    monkeypatch.setattr(connectors.FreeSpace, "fit_tips", lambda self, which, *_: [None] * len(which))
     found = connectors.connect(made, ConnectorParams(connector="dovetail"))
     assert not found.connectors
-    assert [name for name, *_ in found.unsolved] == ["A1", "A2", "A3"]
-    assert found.report["unsolved"][0]["faces"] == list(found.unsolved[0][1:])
+    assert [name for name, *_ in found.plain_joints] == ["A1", "A2", "A3"]
+    assert found.report["unsolved"][0]["faces"] == list(found.plain_joints[0][1:])
     for a, b in zip(found.outlines, made.outlines(), strict=True):
         assert a.outer.area == pytest.approx(b.outer.area, rel=1e-9)
 
@@ -267,12 +267,12 @@ def test_sheets_with_keys_labels_and_kerf(flat_grid):
     assert len(loose) == 3
     width, height = result.packing.sizes[1]
     frame = shapely.box(0.0, 0.0, width, height).buffer(-0.9 * result.params.margin)
-    shapes = [shapely.Polygon(p.outline.sampled(1e-6)) for p in loose]
+    shapes = [shapely.Polygon(p.outline.sample(1e-6)) for p in loose]
     assert all(frame.contains(s) for s in shapes)
     assert min(a.distance(b) for a in shapes for b in shapes if a is not b) > 0.002
     # every label's strokes lie inside the material, clear of its sockets
     for panel in result.panels[:2]:
-        material = shapely.Polygon(panel.outline.sampled(1e-6), [h.sampled(1e-6) for h in panel.holes])
+        material = shapely.Polygon(panel.outline.sample(1e-6), [h.sample(1e-6) for h in panel.holes])
         assert panel.labels
         assert all(material.contains(shapely.LineString(c.points)) for c in panel.labels)
 
@@ -286,7 +286,7 @@ def test_sphere_as_one_panel_with_cuts_that_end_inside_it():
     polygons = PolygonMesh.from_quads(shapes.make("cubesphere"))
     made = job.run(polygons, Settings(), stop_after="spirals").design
     found = connectors.connect(made, ConnectorParams(connector="dovetail"))
-    assert not found.unsolved
+    assert not found.plain_joints
     assert len(found.connectors) == int(made.flat.layout.cut.sum())
     assert not len(find_contacts(list(found.outlines)))
     gaps = fit(made, found, 0.00015)
@@ -299,8 +299,8 @@ def test_sphere_as_one_panel_with_cuts_that_end_inside_it():
 
 def test_edges_that_were_drawn_before_are_those_that_are_drawn_with_the_connectors(flat_grid):
     fresh, drawn = (_halves(flat_grid, 2.0) for _ in range(2))
-    fresh.drawn.plain.clear()  # what the proof has drawn
-    assert drawn.drawn.plain
+    fresh.cache.by_tolerance.clear()  # what the proof has drawn
+    assert drawn.cache.by_tolerance
     one, two = (connectors.connect(made, ConnectorParams()).outlines for made in (fresh, drawn))
     for a, b in zip(one, two, strict=True):
         for curve, other in zip((a.outer, *a.holes), (b.outer, *b.holes), strict=True):
@@ -314,16 +314,16 @@ def test_edges_that_were_drawn_before_are_those_that_are_drawn_with_the_connecto
 def test_lines_of_sight_end_where_shapely_sees_the_first_piece(flat_grid):
     space = connectors.FreeSpace(_halves(flat_grid, 0.5), ConnectorParams())
     rng = np.random.default_rng(3)
-    rings = space.bodies.rings
+    rings = space.obstacles.rings
     view = 0.004
     near = rings[rng.integers(0, len(rings), 40), 0]
     origin = near[:, None] + rng.uniform(-0.002, 0.002, (40, 8)) + 1j * rng.uniform(-0.002, 0.002, (40, 8))
     way = np.exp(2j * np.pi * rng.random(origin.shape))
-    arm = rng.integers(0, space.bodies.arm.max() + 1, (40, 2))
-    seen = space.bodies.sight(origin, way, np.full(40, view), arm)
+    arm = rng.integers(0, space.obstacles.arm.max() + 1, (40, 2))
+    seen = space.obstacles.cast_rays(origin, way, np.full(40, view), arm)
     expected = np.full(seen.shape, view)
     for row in range(len(origin)):
-        other = ~np.isin(space.bodies.arm, arm[row])
+        other = ~np.isin(space.obstacles.arm, arm[row])
         pieces = shapely.union_all(shapely.polygons(np.stack([rings[other].real, rings[other].imag], axis=-1)))
         for k, (start, end) in enumerate(zip(origin[row], origin[row] + view * way[row], strict=True)):
             ray = shapely.LineString([(start.real, start.imag), (end.real, end.imag)])

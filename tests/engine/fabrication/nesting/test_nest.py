@@ -10,7 +10,7 @@ from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.fabrication.nesting import nest as nesting
 from flexmaps.engine.fabrication.nesting import sheet_search
 from flexmaps.engine.fabrication.nesting.outlines import grow_outline
-from flexmaps.engine.fabrication.nesting.packing import Packing, fill, pack, used_length
+from flexmaps.engine.fabrication.nesting.packing import Packing, fill_ratio, pack, used_length
 from flexmaps.engine.fabrication.nesting.sheet_search import SheetSearch
 from flexmaps.engine.fabrication.nesting.strip import PackedStrip, StripTask, pack_strip
 from flexmaps.engine.params import SheetParams
@@ -51,7 +51,7 @@ def _nest_until(reached, shapes, params, monkeypatch):
     How far a search comes in a second depends on what else the machine does.
     """
     for factor in (1, 4, 16, 64):
-        monkeypatch.setattr(sheet_search, "TURN", factor)
+        monkeypatch.setattr(sheet_search, "FIRST_SECONDS", factor)
         packing = nesting.nest(shapes, replace(params, nesting_seconds=factor * params.nesting_seconds))
         if reached(packing):
             break
@@ -92,7 +92,7 @@ def test_on_as_few_sheets_as_can_be_the_last_bears_less_than_the_quick_packing_l
     # with half of the spacing a little more than a sheet
     shapes = [0.19 * np.array([[0, 0], [1, 0.1], [0.3, 0.8]])] * 8
     rough = pack(shapes, (0.4, 0.3), 0.005, 0.002)
-    monkeypatch.setattr(sheet_search, "TURN", 5)  # the machine may be busy
+    monkeypatch.setattr(sheet_search, "FIRST_SECONDS", 5)  # the machine may be busy
     packing = nesting.nest(shapes, params)
     assert len(packing.sizes) == len(rough.sizes) == 2
     assert np.bincount(packing.sheet).min() < np.bincount(rough.sheet).min()
@@ -121,7 +121,7 @@ def test_a_panel_that_is_too_large_gets_its_own_sheet():
 def test_quick_or_without_spyrrow_it_is_the_quick_packing(monkeypatch):
     shapes = _triangles(6)
     rough = pack(shapes, (0.6, 0.4), 0.005, 0.003)
-    monkeypatch.setattr(nesting, "available", lambda: False)
+    monkeypatch.setattr(nesting, "can_search", lambda: False)
     for params in (SheetParams(nesting="FAST"), SheetParams()):
         packing = nesting.nest(shapes, params)
         np.testing.assert_array_equal(packing.shift, rough.shift)
@@ -164,7 +164,7 @@ def test_fill_counts_the_last_sheet_as_far_as_it_is_used():
     shift = np.array([[0.005, 0.005], [0.13, 0.005], [0.005, 0.005]])
     found = Packing(np.array([0, 0, 1]), np.zeros(3), shift, np.array([[0.24, 0.12], [0.24, 0.12]]))
     wanted = 0.03 / (0.24 * 0.12 + 0.11 * 0.12)
-    assert fill(found, [square] * 3, 0.03, 0.005) == pytest.approx(wanted)
+    assert fill_ratio(found, [square] * 3, 0.03, 0.005) == pytest.approx(wanted)
 
 
 def _search(shapes, params, answers=None):
@@ -176,7 +176,7 @@ def _search(shapes, params, answers=None):
             sets = [frozenset(i for i, *_ in task.items) for task in tasks]
             return [PackedStrip(answers(s), dict.fromkeys(s, (0.0, (0.0, 0.0)))) for s in sets]
 
-        search._strips = strips
+        search._pack_strips = strips
     return search
 
 
@@ -203,7 +203,7 @@ def test_a_strip_that_is_short_enough_ends_the_search():
 
 def test_it_stops_at_once_in_the_middle_of_a_search(monkeypatch):
     shapes = [_wedge(0.38, 0.17, 0.02)] * 12
-    monkeypatch.setattr(sheet_search, "TURN", 60)  # one call of spyrrow that would go on for a minute
+    monkeypatch.setattr(sheet_search, "FIRST_SECONDS", 60)  # one call of spyrrow that would go on for a minute
     started, asked = [], []
 
     def start(self, original=Workers._new):
@@ -249,9 +249,9 @@ def test_of_the_sets_that_fit_the_fullest_is_taken_and_sets_that_hold_one_that_d
     search = _search(shapes, SheetParams(nesting_seconds=1e4), answers)
     rest = np.argsort(-search.area).tolist()
     for seed in range(3):
-        places = search._fullest(rest, 0.0, np.random.default_rng(seed))
+        places = search._fill_sheet(rest, 0.0, np.random.default_rng(seed))
     failed, fit = asked[::2], asked[1::2]
-    assert len(fit) == 3 and frozenset(places) == max(fit, key=search._cover)
+    assert len(fit) == 3 and frozenset(places) == max(fit, key=search._total_area)
     later = search._random_sets(rest, 0.0, np.random.default_rng(9))
     assert later and not any(m <= other for m in failed for other in later) and not set(asked) & set(later)
 
@@ -263,7 +263,7 @@ def test_sets_that_did_not_fit_get_more_time_when_nothing_else_is_left():
     search = _search([square] * 4, params, lambda members: 0.9)
     rough = pack([square] * 4, (0.47, 0.3), params.margin, params.spacing)
     assert search.best(rough) is rough
-    assert search.turn == 16  # the first power of two of which 12 are longer than the time limit
+    assert search.seconds_per_set == 16  # the first power of two of which 12 are longer than the time limit
 
 
 def test_panels_of_one_sheet_leave_no_less_room_than_before():
@@ -277,7 +277,7 @@ def test_panels_of_one_sheet_leave_no_less_room_than_before():
 def test_a_panel_alone_takes_the_least_of_its_sheet():
     wedge = _wedge(0.3, 0.12, 0.02)
     search = SheetSearch([wedge, wedge], SheetParams(), Workers(1), SILENT)
-    ((i, (turn, shift)),) = search._alone(1).items()
+    ((i, (turn, shift)),) = search._place_alone(1).items()
     turned = affinity.translate(affinity.rotate(shapely.Polygon(wedge), turn, origin=(0, 0), use_radians=True), *shift)
     x0, y0, x1, _ = turned.bounds
     least = min(np.ptp(affinity.rotate(shapely.Polygon(wedge), a).exterior.coords.xy[0]) for a in range(180))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from flexmaps.engine.fabrication.nesting import packing
-from flexmaps.engine.fabrication.nesting.packing import fits, least_box, pack
+from flexmaps.engine.fabrication.nesting.packing import box_fits, min_area_box, pack
 from flexmaps.engine.progress import Progress
 from shapely import Polygon, affinity
 
@@ -78,14 +78,14 @@ def test_least_box_of_a_turned_rectangle():
     corners = np.array([[-1.5, -0.5], [1.5, -0.5], [1.5, 0.5], [-1.5, 0.5]])
     angle = 0.6
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    found, size = least_box(np.vstack([inside, corners]) @ turn)
+    found, size = min_area_box(np.vstack([inside, corners]) @ turn)
     np.testing.assert_allclose(size, [3.0, 1.0])
     assert np.sin(found + angle) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_fits_either_way_round():
-    assert fits(np.array([0.1, 0.5]), (0.52, 0.12), 0.01)
-    assert not fits(np.array([0.1, 0.51]), (0.52, 0.12), 0.01)
+    assert box_fits(np.array([0.1, 0.5]), (0.52, 0.12), 0.01)
+    assert not box_fits(np.array([0.1, 0.51]), (0.52, 0.12), 0.01)
 
 
 @pytest.mark.parametrize("rotation", ["FREE", "QUARTER", "GRAIN"])

@@ -12,7 +12,7 @@ import shapely
 import shapely.affinity
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication.nesting import nest, remnants
-from flexmaps.engine.fabrication.nesting.packing import Packing, fill
+from flexmaps.engine.fabrication.nesting.packing import Packing, fill_ratio
 from flexmaps.engine.params import SheetParams
 
 L_SHAPE = np.array([[0, 0], [300, 0], [300, 120], [130, 120], [130, 250], [0, 250]], dtype=float)  # mm
@@ -68,7 +68,7 @@ def test_an_outline_with_a_hole_is_read(tmp_path: Path, name: str) -> None:
         made = as_svg(path, 'viewBox="0 0 300 250" width="11.811023622in" height="9.8425196850in"')
     else:
         made = as_svg(path) if name.endswith("svg") else as_dxf(path, *((1, 25.4) if "inch" in name else (4, 1.0)))
-    (found,) = remnants.read_file(made)
+    (found,) = remnants.read_remnant_file(made)
     assert found.size == pytest.approx([0.3, 0.25], rel=1e-6)
     assert 1e6 * found.polygon.area == pytest.approx(AREA, rel=1e-4) and len(found.holes) == 1
     # the right way up: the tall part lies on the left
@@ -82,7 +82,7 @@ def test_circles_arcs_and_turned_groups(tmp_path: Path) -> None:
         '<g transform="rotate(30) scale(2)"><circle cx="100" cy="0" r="50"/>'
         '<path d="M 90 0 a 10 10 0 1 0 20 0 a 10 10 0 1 0 -20 0 z"/></g></svg>', encoding="utf-8",
     )  # fmt: skip
-    (found,) = remnants.read_file(path)
+    (found,) = remnants.read_remnant_file(path)
     assert found.size == pytest.approx([0.2, 0.2], rel=1e-3)
     assert found.polygon.area == pytest.approx(np.pi * (0.1**2 - 0.02**2), rel=2e-3)
     document = ezdxf.new()
@@ -90,7 +90,7 @@ def test_circles_arcs_and_turned_groups(tmp_path: Path) -> None:
     document.modelspace().add_circle((50, 60), 80)
     document.modelspace().add_circle((300, 60), 20)
     document.saveas(tmp_path / "two.dxf")
-    two = remnants.read(f"{tmp_path / 'two.dxf'}; {path}")
+    two = remnants.read_remnants(f"{tmp_path / 'two.dxf'}; {path}")
     assert [round(1e3 * float(r.size[0])) for r in two] == [160, 40, 200]
 
 
@@ -110,9 +110,9 @@ def test_circles_arcs_and_turned_groups(tmp_path: Path) -> None:
 def test_what_is_no_drawing_is_refused(tmp_path: Path, name: str, text: str, says: str) -> None:
     (tmp_path / name).write_text(text, encoding="utf-8")
     with pytest.raises(FlexMapsError, match=says):
-        remnants.read_file(tmp_path / name)
+        remnants.read_remnant_file(tmp_path / name)
     with pytest.raises(FlexMapsError, match="Cannot read the remnant"):
-        remnants.read(str(tmp_path / "nowhere.dxf"))
+        remnants.read_remnants(str(tmp_path / "nowhere.dxf"))
 
 
 # -- laying panels on them ---------------------------------------------------------------------------------------------
@@ -142,8 +142,8 @@ def test_panels_lie_inside_and_apart(tmp_path: Path, rotation: str, margin: floa
 def test_none_is_left_over_where_all_have_room(tmp_path: Path) -> None:
     params = SheetParams(remnants=str(as_dxf(tmp_path / "a.dxf")), nesting="FAST")
     packing = nest.nest(stars(4), params)
-    assert len(packing.sizes) == 1 and packing.areas == pytest.approx([1e-6 * AREA], rel=1e-6)
-    assert 0.0 < fill(packing, stars(4), 0.001, params.margin) == pytest.approx(0.001 / (1e-6 * AREA), rel=1e-6)
+    assert len(packing.sizes) == 1 and packing.sheet_areas == pytest.approx([1e-6 * AREA], rel=1e-6)
+    assert 0.0 < fill_ratio(packing, stars(4), 0.001, params.margin) == pytest.approx(0.001 / (1e-6 * AREA), rel=1e-6)
 
 
 def test_a_remnant_smaller_than_every_panel_is_refused(tmp_path: Path) -> None:
@@ -169,10 +169,10 @@ def test_a_piece_on_a_remnant(tmp_path: Path) -> None:
     made = result.sheets
     assert made is not None and result.design is not None and made.packing.remnants
     assert sheets_report.sheets_report(made)["remnants"] == ["a"]
-    dxf.write(made, 0, tmp_path / "out.dxf")
+    dxf.write_dxf(made, 0, tmp_path / "out.dxf")
     lines = [e for e in ezdxf.readfile(tmp_path / "out.dxf").modelspace() if e.dxf.layer == "SHEET" and e.closed]
     assert sorted(round(shapely.Polygon([p[:2] for p in e]).area) for e in lines) == [1600, AREA + 1600]
     figures = estimates.estimate(made, result.design, MATERIALS["pom"], CostParams(sheet_price=10.0))
     assert figures.costs.get("sheets", 0.0) == pytest.approx(10.0 * (made.count - 1))
     plain = replace(settings.sheet, remnants="")
-    assert not nest.nest([p.outline.sampled(1e-4) for p in made.panels], plain).remnants
+    assert not nest.nest([p.outline.sample(1e-4) for p in made.panels], plain).remnants

@@ -19,7 +19,7 @@ NOTCHED = [(0.0, 0.0), (0.03, 0.0), (0.03, 0.02), (0.02, 0.02), (0.016, 0.01), (
 
 
 def _polygon(curve):
-    return shapely.Polygon(curve.sampled(1e-8))
+    return shapely.Polygon(curve.sample(1e-8))
 
 
 def _corners(points):
@@ -29,11 +29,11 @@ def _corners(points):
 def test_circle_stays_a_circle():
     circle = Curve(np.array([[0.01, 0.0], [-0.01, 0.0]]), np.ones(2))
     for distance in (0.001, -0.001, -0.009):
-        made = kerf.offset(circle, distance)
+        made = kerf.offset_curve(circle, distance)
         assert len(made.points) == 2
         assert made.area == pytest.approx(math.pi * (0.01 + distance) ** 2, rel=1e-12)
     with pytest.raises(FlexMapsError, match="too small"):
-        kerf.offset(circle, -0.0101)
+        kerf.offset_curve(circle, -0.0101)
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.0005])
@@ -41,7 +41,7 @@ def test_circle_stays_a_circle():
 @pytest.mark.parametrize("distance", [2e-4, -2e-4, 4e-4])
 def test_offset_is_the_buffer(points, radius, distance):
     curve = round_polyline(points, radius, closed=True) if radius else _corners(points)
-    made = kerf.offset(curve, distance)
+    made = kerf.offset_curve(curve, distance)
     wanted = _polygon(curve).buffer(distance, quad_segs=400)
     assert shapely.hausdorff_distance(_polygon(made).boundary, wanted.boundary) < 1e-7
     # corners that are filled get an arc each, nothing else does
@@ -49,7 +49,7 @@ def test_offset_is_the_buffer(points, radius, distance):
 
 
 def test_arcs_smaller_than_the_offset_vanish():
-    made = kerf.offset(round_polyline(NOTCHED, 0.0005, closed=True), 0.0007)
+    made = kerf.offset_curve(round_polyline(NOTCHED, 0.0005, closed=True), 0.0007)
     wanted = shapely.Polygon(NOTCHED).buffer(0.0007, quad_segs=400)
     assert _polygon(made).is_valid
     # outside corners were rounded before, so only the notch is compared
@@ -60,11 +60,13 @@ def test_arcs_smaller_than_the_offset_vanish():
 def test_segments_without_length_go():
     doubled = _corners([p for p in SQUARE for _ in range(2)])
     assert len(kerf.without_empty_segments(doubled).points) == 4
-    assert kerf.offset(doubled, 1e-4).area == pytest.approx(kerf.offset(_corners(SQUARE), 1e-4).area, rel=1e-12)
+    assert kerf.offset_curve(doubled, 1e-4).area == pytest.approx(
+        kerf.offset_curve(_corners(SQUARE), 1e-4).area, rel=1e-12
+    )
 
 
 def test_open_curve_keeps_its_ends():
-    made = kerf.offset(Curve(np.array([[0.0, 0.0], [0.01, 0.0], [0.01, 0.01]]), np.zeros(3), closed=False), 0.001)
+    made = kerf.offset_curve(Curve(np.array([[0.0, 0.0], [0.01, 0.0], [0.01, 0.01]]), np.zeros(3), closed=False), 0.001)
     assert made.points[0] == pytest.approx([0.0, -0.001])
     assert made.points[-1] == pytest.approx([0.011, 0.01])
 
@@ -81,12 +83,12 @@ def made(flat_grid):
 def test_material_is_left_as_drawn(made, outline, holes):
     cut = CutParams(kerf_outline=outline, kerf_holes=holes)
     result = sheets.make_sheets(made, SheetParams(nesting="FAST", labels=False), cut=cut)
-    drawn, paths = result.on_sheet(0)[0], result.paths_on_sheet(0)[0]
+    drawn, paths = result.panels_on_sheet(0)[0], result.paths_on_sheet(0)[0]
     # the beam takes away half of the kerf on the inner side of the outline and around every hole
     left = _polygon(paths.outline).buffer(-outline / 2, quad_segs=32)
     for hole in paths.holes:
         left -= _polygon(hole).buffer(holes / 2, quad_segs=32)
-    wanted = shapely.Polygon(drawn.outline.sampled(1e-8), [h.sampled(1e-8) for h in drawn.holes])
+    wanted = shapely.Polygon(drawn.outline.sample(1e-8), [h.sample(1e-8) for h in drawn.holes])
     assert left.symmetric_difference(wanted).area < 1e-4 * wanted.area
     assert left.area == pytest.approx(drawn.area, rel=1e-5)
     nodes = sum(len(c.points) for c in (paths.outline, *paths.holes))

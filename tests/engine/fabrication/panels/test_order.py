@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from flexmaps.engine.fabrication.panels.order import CutGroup, in_order
+from flexmaps.engine.fabrication.panels.order import CutGroup, order_cuts
 from flexmaps.engine.spirals.curves.arcs import Curve
 
 
@@ -38,7 +38,7 @@ def test_near_the_shortest_of_all_tours(seed: int, kind: str) -> None:
     random = np.random.default_rng(seed)
     places = random.uniform(0.0, 0.4, (7, 2))
     made = [square(p) if kind == "closed" else stroke(p, p + random.uniform(-0.05, 0.05, 2)) for p in places]
-    ordered, end = in_order([CutGroup((c,), i, turns=kind == "open") for i, c in enumerate(made)])
+    ordered, end = order_cuts([CutGroup((c,), i, is_reversible=kind == "open") for i, c in enumerate(made)])
     assert sorted(map(normal, ordered)) == sorted(map(normal, made))
     assert complex(*(ordered[-1].points[0] if kind == "closed" else ordered[-1].points[-1])) == end
 
@@ -63,7 +63,7 @@ def test_near_the_shortest_of_all_tours(seed: int, kind: str) -> None:
     least = min(shortest(order) for order in itertools.permutations(range(5)))
     if kind == "led":  # what may not be turned round may take a longer way
         return
-    five, _ = in_order([CutGroup((c,), i, turns=kind == "open") for i, c in enumerate(made[:5])])
+    five, _ = order_cuts([CutGroup((c,), i, is_reversible=kind == "open") for i, c in enumerate(made[:5])])
     assert least * (1.0 - 1e-9) <= travel(five) <= 1.25 * least
 
 
@@ -72,7 +72,7 @@ def test_panels_stay_together_and_starts_are_free() -> None:
     cuts = [
         CutGroup((square(p),), int(g)) for g, p in zip(random.integers(0, 9, 120), random.uniform(0.0, 0.4, (120, 2)))
     ]
-    ordered, _ = in_order(cuts)
+    ordered, _ = order_cuts(cuts)
     groups = [next(c.group for c in cuts if normal(c.curves[0]) == normal(o)) for o in ordered]
     assert len(ordered) == 120 and len(list(itertools.groupby(groups))) == 9
     as_given = travel(tuple(c.curves[0] for c in sorted(cuts, key=lambda c: c.group)))
@@ -84,6 +84,6 @@ def test_panels_stay_together_and_starts_are_free() -> None:
 def test_pieces_of_an_outline_stay_in_their_order() -> None:
     corners = np.array([[0.1, 0.1], [0.2, 0.1], [0.2, 0.2], [0.1, 0.2]])
     parts = tuple(stroke(a, b) for a, b in itertools.pairwise(corners))
-    ordered, end = in_order([CutGroup((square(np.array([0.3, 0.3])),), 0), CutGroup(parts, 1)])
+    ordered, end = order_cuts([CutGroup((square(np.array([0.3, 0.3])),), 0), CutGroup(parts, 1)])
     assert ordered[:3] == parts and end == complex(*ordered[-1].points[0])
-    assert in_order([]) == ((), 0.0)
+    assert order_cuts([]) == ((), 0.0)

@@ -7,9 +7,9 @@ import pytest
 import shapely
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication import sheets, sheets_report
-from flexmaps.engine.fabrication.connectors.shape import head, size, socket
+from flexmaps.engine.fabrication.connectors.shape import connector_size, head_curve, socket_curve
 from flexmaps.engine.fabrication.panels import toolpath
-from flexmaps.engine.fabrication.panels.kerf import open_inside_corners, without_short
+from flexmaps.engine.fabrication.panels.kerf import cut_dogbones, without_short_segments
 from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.params import ConnectorParams, CutParams, SheetParams, SpiralParams
 from flexmaps.engine.spirals import fabricable
@@ -35,7 +35,7 @@ def milled(flat_grid):
 
 
 def _line(curve):
-    return shapely.LineString(curve.sampled(1e-7))
+    return shapely.LineString(curve.sample(1e-7))
 
 
 # -- pieces ------------------------------------------------------------------------------------------------------------
@@ -43,12 +43,12 @@ def _line(curve):
 
 @pytest.mark.parametrize("begin, end", [(0.001, 0.002), (0.0, 0.05), (0.05, 0.07), (0.06, 0.0648)])
 def test_piece_of_a_circle(begin, end):
-    part = toolpath.piece(RING, begin, end)
+    part = toolpath.curve_between(RING, begin, end)
     assert not part.closed
     assert part.length == pytest.approx(end - begin, rel=1e-9)
     for at, point in ((begin, part.points[0]), (end, part.points[-1])):
         assert point == pytest.approx([0.01 * np.cos(at / 0.01), 0.01 * np.sin(at / 0.01)], abs=1e-12)
-    assert np.linalg.norm(part.sampled(1e-7), axis=1) == pytest.approx(0.01, abs=1e-9)
+    assert np.linalg.norm(part.sample(1e-7), axis=1) == pytest.approx(0.01, abs=1e-9)
 
 
 # -- lead-ins ----------------------------------------------------------------------------------------------------------
@@ -57,14 +57,14 @@ def test_piece_of_a_circle(begin, end):
 def test_lead_ins_lie_in_the_waste(made):
     cut = CutParams(kerf_outline=0.0001, kerf_holes=0.0001, lead_in=0.001)
     result = sheets.make_sheets(made, FAST, cut=cut)
-    runs, plain = result.runs(0), result.paths_on_sheet(0)
+    runs, plain = result.cuts_on_sheet(0), result.paths_on_sheet(0)
     material = [
-        shapely.Polygon(p.outline.sampled(1e-7), [h.sampled(1e-7) for h in p.holes]) for p in result.on_sheet(0)
+        shapely.Polygon(p.outline.sample(1e-7), [h.sample(1e-7) for h in p.holes]) for p in result.panels_on_sheet(0)
     ]
     beam = 0.499 * cut.kerf_outline
     led = 0
     paths = [c for p in plain for c in (p.outline, *p.holes)]
-    for run in (*runs.inner, *runs.outer):
+    for run in (*runs.inner_cuts, *runs.outer_cuts):
         if run.closed:
             continue
         led += 1
@@ -76,17 +76,17 @@ def test_lead_ins_lie_in_the_waste(made):
         whole = min(paths, key=lambda c: np.linalg.norm(c.points - run.points[1], axis=1).min())
         assert run.length - lead.length == pytest.approx(whole.length, rel=1e-9)
         assert run.points[-1] == pytest.approx(run.points[1], abs=1e-12)
-    assert led + runs.without_lead == len(runs.inner) + len(runs.outer)
-    assert led > 0.9 * len(runs.inner)
-    assert sheets_report.sheets_report(result)["lead_ins_left_out"] == runs.without_lead
+    assert led + runs.lead_ins_left_out == len(runs.inner_cuts) + len(runs.outer_cuts)
+    assert led > 0.9 * len(runs.inner_cuts)
+    assert sheets_report.sheets_report(result)["lead_ins_left_out"] == runs.lead_ins_left_out
 
 
 def test_slots_without_room_have_no_lead_in(flat_grid):
     wound = fabricable.uniform_design(flat_grid(3, 3, 0.006), SpiralParams(), width=0.001, twist=1.0)
     result = sheets.make_sheets(wound, FAST, cut=CutParams(lead_in=0.02))
-    runs = result.runs(0)
-    assert runs.without_lead == len(runs.inner)
-    assert [c.closed for c in (*runs.inner, *runs.outer)] == [True] * 4 + [False]
+    runs = result.cuts_on_sheet(0)
+    assert runs.lead_ins_left_out == len(runs.inner_cuts)
+    assert [c.closed for c in (*runs.inner_cuts, *runs.outer_cuts)] == [True] * 4 + [False]
 
 
 # -- holding tabs ------------------------------------------------------------------------------------------------------
@@ -96,17 +96,17 @@ def test_slots_without_room_have_no_lead_in(flat_grid):
 def test_tabs_hold_every_panel(made, lead):
     cut = CutParams(kerf_outline=0.0002, kerf_holes=0.0002, tabs=3, tab_width=0.0008, lead_in=lead)
     result = sheets.make_sheets(made, FAST, cut=cut)
-    runs, panels = result.runs(0), result.paths_on_sheet(0)
-    assert runs.tabs == 3 * len(panels)
-    assert len(runs.outer) == 3 * len(panels)
+    runs, panels = result.cuts_on_sheet(0), result.paths_on_sheet(0)
+    assert runs.tab_count == 3 * len(panels)
+    assert len(runs.outer_cuts) == 3 * len(panels)
     whole = sum(p.outline.length for p in panels)
-    leads = sum(np.linalg.norm(c.points[1] - c.points[0]) for c in runs.outer) if lead else 0.0
-    assert whole - sum(c.length for c in runs.outer) + leads == pytest.approx(runs.tabs * 0.001, rel=1e-3)
-    cutter = shapely.union_all([_line(c).buffer(0.0001) for c in (*runs.inner, *runs.outer)])
+    leads = sum(np.linalg.norm(c.points[1] - c.points[0]) for c in runs.outer_cuts) if lead else 0.0
+    assert whole - sum(c.length for c in runs.outer_cuts) + leads == pytest.approx(runs.tab_count * 0.001, rel=1e-3)
+    cutter = shapely.union_all([_line(c).buffer(0.0001) for c in (*runs.inner_cuts, *runs.outer_cuts)])
     sheet = shapely.box(0, 0, *result.packing.sizes[0]) - cutter
     held = max(shapely.get_parts(sheet), key=lambda g: g.area)
-    for panel in result.on_sheet(0):
-        inside = shapely.Polygon(panel.outline.sampled(1e-6), [h.sampled(1e-6) for h in panel.holes]).buffer(-0.0003)
+    for panel in result.panels_on_sheet(0):
+        inside = shapely.Polygon(panel.outline.sample(1e-6), [h.sample(1e-6) for h in panel.holes]).buffer(-0.0003)
         assert held.contains(inside)  # the panel hangs on the sheet
 
 
@@ -115,9 +115,9 @@ def test_tabs_keep_away_from_connectors(made):
     result = sheets.make_sheets(made, FAST, cut=cut)
     border = made.flat.layout.mesh.border[made.flat.layout.mesh.quad_edges]
     for panel in result.panels:
-        assert (panel.holds[:, 2] == 1.0).sum() == border[made.flat.layout.patches[panel.patch]].sum()
+        assert (panel.tab_places[:, 2] == 1.0).sum() == border[made.flat.layout.patches[panel.patch]].sum()
     # arms at the cut lie on the line x = 0.04 of the grid, which keeps its coordinates
-    assert all(np.abs(p.holds[p.holds[:, 2] == 1.0][:, 0] - 0.04).min() > 0.005 for p in result.panels)
+    assert all(np.abs(p.tab_places[p.tab_places[:, 2] == 1.0][:, 0] - 0.04).min() > 0.005 for p in result.panels)
 
 
 @pytest.mark.parametrize("tabs", [0, 2])
@@ -127,20 +127,20 @@ def test_files_hold_the_runs(made, tabs, lead, tmp_path):
     import svgelements
 
     result = sheets.make_sheets(made, FAST, cut=CutParams(tabs=tabs, lead_in=lead))
-    runs = result.runs(0)
-    document = ezdxf.readfile(export.write(result, tmp_path / "a", ("dxf",))[0])
+    runs = result.cuts_on_sheet(0)
+    document = ezdxf.readfile(export.write_sheets(result, tmp_path / "a", ("dxf",))[0])
     outer = document.modelspace().query('LWPOLYLINE[layer=="CUT_OUTER"]')
-    assert [e.closed for e in outer] == [c.closed for c in runs.outer]
-    read = svgelements.SVG.parse(str(export.write(result, tmp_path / "a", ("svg",))[0]), ppi=25.4)
+    assert [e.closed for e in outer] == [c.closed for c in runs.outer_cuts]
+    read = svgelements.SVG.parse(str(export.write_sheets(result, tmp_path / "a", ("svg",))[0]), ppi=25.4)
     red = [e for e in read.elements() if isinstance(e, svgelements.Path) and e.stroke.hex == "#ff0000"]
-    assert [any(isinstance(s, svgelements.Close) for s in e) for e in red] == [c.closed for c in runs.outer]
+    assert [any(isinstance(s, svgelements.Close) for s in e) for e in red] == [c.closed for c in runs.outer_cuts]
 
 
 @pytest.mark.parametrize("middle", [0.0, 0.003, 0.01, 0.0205, 0.03])
 def test_a_tab_is_as_wide_as_asked_round_a_bend(middle):
     drop = Curve(np.array([[0.0, 0.0], [0.02, 0.0], [0.02, 0.002], [0.0, 0.002]]), np.array([0.0, 1.0, 0.0, 1.0]))
     cut = CutParams(tabs=1, tab_width=0.0013, kerf_outline=0.0002)
-    place = toolpath.piece(drop, middle, middle + 0.001).points[:1]
+    place = toolpath.curve_between(drop, middle, middle + 0.001).points[:1]
     (part,) = toolpath._with_tabs(drop, np.array([[*place[0], 1.0]]), cut)
     assert np.linalg.norm(part.points[-1] - part.points[0]) == pytest.approx(0.0015, rel=1e-5)
 
@@ -152,21 +152,21 @@ def test_no_segment_is_too_short_to_run():
         0.02 * np.column_stack([np.cos(angle), np.sin(angle)]), np.tan(0.25 * np.diff(angle, append=2.0 * np.pi))
     )
     for curve in (ring, Curve(ring.points, ring.bulge, closed=False)):
-        made = without_short(curve)
+        made = without_short_segments(curve)
         step = np.linalg.norm(np.diff(made.points, axis=0), axis=1)
         assert step.min() >= 2e-5 and len(made.points) <= 201 and made.closed == curve.closed
-        assert np.abs(np.linalg.norm(made.sampled(1e-7), axis=1) - 0.02).max() < 1.2e-5
+        assert np.abs(np.linalg.norm(made.sample(1e-7), axis=1) - 0.02).max() < 1.2e-5
         if not curve.closed:
             np.testing.assert_array_equal(made.points[[0, -1]], curve.points[[0, -1]])
 
 
 def test_neighbours_of_a_short_segment_stay_on_their_lines():
     blunt = [[0.0, 0.0], [0.02, 0.0], [0.02, 0.019991], [0.019991, 0.02], [0.0, 0.02]]
-    made = without_short(Curve(np.array(blunt), np.zeros(5)))
+    made = without_short_segments(Curve(np.array(blunt), np.zeros(5)))
     np.testing.assert_allclose(made.points, [[0.0, 0.0], [0.02, 0.0], [0.02, 0.02], [0.0, 0.02]], atol=1e-12)
     half = Curve(np.array([[0.0, 0.0], [0.02, 0.0], [0.02, 0.00001], [0.0, 0.00001]]), np.array([0.0, 0.0, 1.0, 0.0]))
     centre = np.array([0.01, 0.00001])
-    for point in without_short(half).sampled(1e-8)[2:-2]:
+    for point in without_short_segments(half).sample(1e-8)[2:-2]:
         assert abs(np.linalg.norm(point - centre) - 0.01) < 1e-7 or abs(point[1]) < 1e-9
 
 
@@ -175,9 +175,9 @@ def test_neighbours_of_a_short_segment_stay_on_their_lines():
 
 @pytest.mark.parametrize("mill", [0.001, 0.002, 0.003])
 def test_mill_reaches_all_of_a_socket_and_its_head_fits(mill):
-    s = size(0.003, ConnectorParams(clearance=0.0001), 1.0, mill)
-    pocket, part = -socket(s).sampled(1e-7), head(s).sampled(1e-7)
-    half, deep = 0.5 * s.pad, -0.01
+    s = connector_size(0.003, ConnectorParams(clearance=0.0001), 1.0, mill)
+    pocket, part = -socket_curve(s).sample(1e-7), head_curve(s).sample(1e-7)
+    half, deep = 0.5 * s.pad_width, -0.01
     # what is free in front of either part; a mill reaches what stays when it is shrunk and grown by its radius
     male = shapely.Polygon([(deep, -half), *part, (deep, half)])
     waste = {
@@ -186,7 +186,7 @@ def test_mill_reaches_all_of_a_socket_and_its_head_fits(mill):
     }
     for free in waste.values():
         reached = free.buffer(-0.5 * mill, quad_segs=64).buffer(0.5 * mill, quad_segs=64)
-        high = 0.5 * s.head + 0.7 * s.inside
+        high = 0.5 * s.head + 0.7 * s.inside_radius
         near = shapely.box(-0.0004, -high, s.length + 0.003, high)
         missed = (free - reached.buffer(2e-6)) & near
         assert max((g.area for g in shapely.get_parts(missed)), default=0.0) < 2e-3 * mill**2
@@ -195,15 +195,15 @@ def test_mill_reaches_all_of_a_socket_and_its_head_fits(mill):
 
 def test_dogbone_holds_the_corner():
     corner = Curve(np.array([[0.0, 0.0], [0.0098, 0.0], [0.01, -0.0002], [0.01, -0.01]])[:, ::1], np.array([0, -np.tan(np.pi / 8), 0, 0]), closed=False)  # fmt: skip
-    made = open_inside_corners(corner, 0.001)
+    made = cut_dogbones(corner, 0.001)
     assert len(made.points) == 4
-    ring = made.sampled(1e-8)
+    ring = made.sample(1e-8)
     # the free side is on the right: below and to the left; the mill's circle passes through the middle of the old arc
-    opened, before = (shapely.Polygon([*r, (0.0, -0.01)]) for r in (ring, corner.sampled(1e-8)))
+    opened, before = (shapely.Polygon([*r, (0.0, -0.01)]) for r in (ring, corner.sample(1e-8)))
     assert before.difference(opened).area < 1e-12
     assert opened.difference(before).area > 0.0
     with pytest.raises(FlexMapsError, match="mill"):
-        open_inside_corners(corner, 0.02)
+        cut_dogbones(corner, 0.02)
 
 
 def test_panels_for_a_mill(milled):
@@ -220,12 +220,12 @@ def test_mill_too_thick_for_the_slots_names_the_faces(made, milled):
     with pytest.raises(FlexMapsError, match="mill") as error:
         sheets.make_sheets(made, FAST, cut=CutParams(mill=0.001))
     assert len(error.value.faces) == len(made.width)
-    assert not len(milled.narrower(0.003))
+    assert not len(milled.quads_with_narrow_slots(0.003))
     with pytest.raises(FlexMapsError, match="spacing"):
         sheets.make_sheets(milled, SheetParams(nesting="FAST", spacing=0.002), cut=CutParams(mill=0.003))
 
 
 def test_slots_as_wide_as_the_mill_will_do(flat_grid):
     spirals = fabricable.uniform_design(flat_grid(4, 3, 0.05), SpiralParams(fillet=0.0015), width=0.002, twist=3.0)
-    assert not len(spirals.narrower(0.003))
-    assert spirals.narrower(0.0031).tolist() == list(range(12))
+    assert not len(spirals.quads_with_narrow_slots(0.003))
+    assert spirals.quads_with_narrow_slots(0.0031).tolist() == list(range(12))

@@ -7,7 +7,7 @@ import pytest
 import shapely
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication.standing import corners
-from flexmaps.engine.fabrication.standing.frame import CORNER, _radii, shortest_round
+from flexmaps.engine.fabrication.standing.frame import CORNER_RADIUS, _corner_radii, shortest_closed_path
 from flexmaps.engine.fabrication.writers import parts
 from flexmaps.engine.params import Settings, with_values
 from flexmaps.engine.runs import job, report
@@ -90,7 +90,7 @@ def test_panels_with_feet_are_whole_and_so_are_parts_and_plates(tmp_path):
     plates = [p for p in sheets.panels if p.kind == "base"]
     assert len(plates) == 1
     (plate,) = plates
-    whole = shapely.Polygon(plate.outline.sampled(1e-6), [h.sampled(1e-6) for h in plate.holes])
+    whole = shapely.Polygon(plate.outline.sample(1e-6), [h.sample(1e-6) for h in plate.holes])
     assert whole.is_valid
     assert plate.area == pytest.approx(whole.area, rel=1e-4)
     slots = shapely.union_all([shapely.Polygon(h.points) for h in plate.holes])
@@ -100,10 +100,12 @@ def test_panels_with_feet_are_whole_and_so_are_parts_and_plates(tmp_path):
         shapely.Polygon(whole.exterior).symmetric_difference(slots.convex_hull.buffer(0.012, quad_segs=200)).area < 1e-7
     )
     for panel in sheets.panels:
-        shape = shapely.Polygon(panel.outline.sampled(1e-6), [h.sampled(1e-6) for h in panel.holes])
+        shape = shapely.Polygon(panel.outline.sample(1e-6), [h.sample(1e-6) for h in panel.holes])
         assert shape.is_valid
         assert all(shape.contains(shapely.LineString(stroke.points)) for stroke in panel.labels)
-    written = parts.write(sheets, [made.design], Settings().material.chosen, tmp_path / "parts.csv").read_text()
+    written = parts.write_parts_list(
+        sheets, [made.design], Settings().material.chosen, tmp_path / "parts.csv"
+    ).read_text()
     assert "base 1,base,1,0,0" in written
     assert report.blocks(made, ("sheets",))["sheets"]["base"]["plates"] == 1
     # what is simulated anew stands elsewhere: sheets with a base are made anew, others are not
@@ -116,7 +118,7 @@ def test_a_base_larger_than_the_sheet_is_several():
     plates = [p for p in made.sheets.panels if p.kind == "base"]
     assert len(plates) > 1
     assert sum(len(p.holes) for p in plates) == made.sheets.base.report["feet"]
-    shapes_ = [shapely.Polygon(p.outline.sampled(1e-5)) for p in plates]
+    shapes_ = [shapely.Polygon(p.outline.sample(1e-5)) for p in plates]
     assert all(not a.intersects(b) for k, a in enumerate(shapes_) for b in shapes_[:k])
 
 
@@ -147,10 +149,10 @@ def test_a_wound_support_asks_for_spirals_anew():
 def test_rounded_corners_touch_their_sides():
     square = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [0.0, 3.0]])
     curve = corners.round_corners(square, 0.5)
-    shape = shapely.Polygon(curve.sampled(1e-6))
+    shape = shapely.Polygon(curve.sample(1e-6))
     assert shape.symmetric_difference(shapely.Polygon(square).buffer(-0.5).buffer(0.5, quad_segs=400)).area < 1e-4
     notch = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [2.0, 4.0], [2.0, 2.0], [0.0, 2.0]])
-    inner = shapely.Polygon(corners.round_corners(notch, np.array([0, 0, 0, 0, 0.5, 0])).sampled(1e-6))
+    inner = shapely.Polygon(corners.round_corners(notch, np.array([0, 0, 0, 0, 0.5, 0])).sample(1e-6))
     assert inner.area == pytest.approx(12.0 + (1 - np.pi / 4) * 0.25, abs=1e-5)
 
 
@@ -167,7 +169,7 @@ def test_the_planks_of_a_frame_lock_into_a_ring_under_the_feet(bench):
     # there is the edge that was asked for round every slot, but where rounded corners cut it
     for plate in made.sheets.base.plates:
         slots = shapely.MultiPolygon([shapely.Polygon(corners) for corners in plate.slots])
-        assert shapely.Polygon(plate.outline.sampled(1e-6)).covers(slots.buffer(0.002))
+        assert shapely.Polygon(plate.outline.sample(1e-6)).covers(slots.buffer(0.002))
 
 
 def test_an_arch_hangs_by_holes_in_its_hubs_that_bear_its_weight(bench):
@@ -238,18 +240,18 @@ def test_the_way_round_points_is_the_shortest_of_a_circle_and_never_crosses_itse
     angle = np.arange(12) * np.pi / 6
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
     mixed = rng.permutation(12)
-    steps_ = np.diff(mixed[shortest_round(circle[mixed])]) % 12
+    steps_ = np.diff(mixed[shortest_closed_path(circle[mixed])]) % 12
     assert set(steps_.tolist()) == {1}  # counter-clockwise
     for _ in range(20):
         points = rng.normal(size=(9, 2))
-        ring = shapely.LinearRing(points[shortest_round(points)])
+        ring = shapely.LinearRing(points[shortest_closed_path(points)])
         assert ring.is_simple
         assert ring.is_ccw
 
 
 def test_rounded_corners_fit_their_sides():
     square = np.array([[0.0, 0.0], [0.02, 0.0], [0.02, 0.3], [0.0, 0.3]])
-    radius = _radii(square, np.array([True, False, False, False]), 0.05)
-    assert radius[0] <= CORNER and radius[1:] == pytest.approx(0.45 * 0.02)
+    radius = _corner_radii(square, np.array([True, False, False, False]), 0.05)
+    assert radius[0] <= CORNER_RADIUS and radius[1:] == pytest.approx(0.45 * 0.02)
     # two arcs share a side: together they are no longer than it
     assert (radius + np.roll(radius, -1) <= np.linalg.norm(np.roll(square, -1, axis=0) - square, axis=1)).all()

@@ -33,20 +33,20 @@ def lost(panel: Panel) -> float:
 
 
 def test_stl_reads_back_as_closed_solids(made, tmp_path):
-    (path,) = export.write(made, tmp_path / "sheet", ("stl",))
+    (path,) = export.write_sheets(made, tmp_path / "sheet", ("stl",))
     mesh = trimesh.load_mesh(path)
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
     assert mesh.body_count == 2
     assert mesh.volume == pytest.approx(1.5 * sum(p.area for p in made.panels) * 1e6, abs=sum(map(lost, made.panels)))
     low, high = mesh.bounds
-    outlines = np.concatenate([p.outline.sampled(1e-5) for p in made.on_sheet(0)]) * 1e3
+    outlines = np.concatenate([p.outline.sample(1e-5) for p in made.panels_on_sheet(0)]) * 1e3
     np.testing.assert_allclose(low, [*outlines.min(axis=0), 0.0], atol=0.02)
     np.testing.assert_allclose(high, [*outlines.max(axis=0), 1.5], atol=0.02)
 
 
 def test_3mf_holds_every_panel_by_its_number(made, tmp_path):
-    (path,) = export.write(made, tmp_path / "sheet", ("3mf",))
+    (path,) = export.write_sheets(made, tmp_path / "sheet", ("3mf",))
     space = {"m": "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"}
     with zipfile.ZipFile(path) as package:
         assert package.testzip() is None
@@ -54,9 +54,9 @@ def test_3mf_holds_every_panel_by_its_number(made, tmp_path):
         root = ET.fromstring(package.read("3D/3dmodel.model"))
     assert root.get("unit") == "millimeter"
     objects = root.findall(".//m:object", space)
-    assert [o.get("name") for o in objects] == [f"panel {panel.number}" for panel in made.on_sheet(0)]
+    assert [o.get("name") for o in objects] == [f"panel {panel.number}" for panel in made.panels_on_sheet(0)]
     assert [i.get("objectid") for i in root.findall(".//m:item", space)] == ["1", "2"]
-    for found, panel in zip(objects, made.on_sheet(0), strict=True):
+    for found, panel in zip(objects, made.panels_on_sheet(0), strict=True):
         vertices = np.array([[float(v.get(k)) for k in "xyz"] for v in found.iterfind(".//m:vertex", space)])
         triangles = np.array(
             [[int(t.get(k)) for k in ("v1", "v2", "v3")] for t in found.iterfind(".//m:triangle", space)]
@@ -79,13 +79,13 @@ def test_a_ring_has_exactly_its_volume():
 @pytest.mark.parametrize("text", ["A1", "B08A", "D-69", "Q8"])
 def test_letters_on_hubs_are_grooves_of_a_fifth_of_the_thickness(text):
     square = Curve(np.array([[0, 0], [0.1, 0], [0.1, 0.1], [0, 0.1]]), np.zeros(4))
-    lines = lettering.straight(text, 0.004, np.array([0.05, 0.05]), np.array([0.8, 0.6]))
+    lines = lettering.straight_text(text, 0.004, np.array([0.05, 0.05]), np.array([0.8, 0.6]))
     strokes = tuple(Curve(s, np.zeros(len(s)), closed=False) for s in lines)
     for nozzle in (0.0, 0.0006):
-        solid = solid_files.extrude_panel(Panel(1, 0, square, (), (), 0.01, on_hubs=strokes), 0.002, nozzle=nozzle)
+        solid = solid_files.extrude_panel(Panel(1, 0, square, (), (), 0.01, hub_labels=strokes), 0.002, nozzle=nozzle)
         mesh = trimesh.Trimesh(solid.vertices, solid.triangles, process=False)
         assert mesh.is_volume
-        wide = nozzle or solid_files.GROOVE
+        wide = nozzle or solid_files.GROOVE_WIDTH
         letters = shapely.union_all([shapely.LineString(s).buffer(0.5 * wide, quad_segs=2) for s in lines])
         assert mesh.volume == pytest.approx(0.01 * 0.002 - letters.area * 0.0004, rel=1e-9)
         assert set(np.round(mesh.vertices[:, 2], 9)) == {0.0, 0.0016, 0.002}
@@ -94,7 +94,7 @@ def test_letters_on_hubs_are_grooves_of_a_fifth_of_the_thickness(text):
 def test_letters_near_an_edge_are_left_out():
     square = Curve(np.array([[0, 0], [0.1, 0], [0.1, 0.1], [0, 0.1]]), np.zeros(4))
     stroke = Curve(np.array([[0.0005, 0.01], [0.0005, 0.02]]), np.zeros(2), closed=False)
-    solid = solid_files.extrude_panel(Panel(1, 0, square, (), (), 0.01, on_hubs=(stroke,)), 0.002)
+    solid = solid_files.extrude_panel(Panel(1, 0, square, (), (), 0.01, hub_labels=(stroke,)), 0.002)
     assert set(solid.vertices[:, 2]) == {0.0, 0.002}
 
 
@@ -105,6 +105,9 @@ def test_an_outline_that_crosses_itself_is_refused():
 
 
 def test_solids_are_written_only_when_asked_for(made, tmp_path):
-    names = {p.name for p in export.write(made, tmp_path / "sheet")}
+    names = {p.name for p in export.write_sheets(made, tmp_path / "sheet")}
     assert names == {"sheet-01.svg", "sheet-01.dxf", "sheet-r12-01.dxf", "sheet-01.pdf"}
-    assert {p.name for p in export.write(made, tmp_path / "sheet", ("stl", "3mf"))} == {"sheet-01.stl", "sheet-01.3mf"}
+    assert {p.name for p in export.write_sheets(made, tmp_path / "sheet", ("stl", "3mf"))} == {
+        "sheet-01.stl",
+        "sheet-01.3mf",
+    }

@@ -23,14 +23,14 @@ def _drawn(data, dots_per_mm=10.0):
 def test_page_sizes_are_the_sheets(flat_grid, tmp_path):
     made = fabricable.uniform_design(flat_grid(3, 3, 0.03, cut=lambda x, y: x == 1), SpiralParams())
     cut = sheets.make_sheets(made, SheetParams(sheet_width=0.2, sheet_height=0.11, nesting="FAST"))
-    (path,) = export.write(cut, tmp_path / "sheet", ("pdf",))
+    (path,) = export.write_sheets(cut, tmp_path / "sheet", ("pdf",))
     assert path.name == "sheet-01.pdf"
     document = pdfium.PdfDocument(path)
     np.testing.assert_allclose(np.array(document[0].get_size()) * MM, [200.0, 110.0], atol=1e-4)
     # every panel lies where the sheet has it: the ink's extent is that of the outlines, and of labels beside them
     ink = np.nonzero(_drawn(path) < 200)
-    curves = [curve for p in cut.on_sheet(0) for curve in (p.outline, *p.labels, *p.beside)]
-    corners = np.concatenate([curve.sampled(1e-5) for curve in curves]) * 1e3
+    curves = [curve for p in cut.panels_on_sheet(0) for curve in (p.outline, *p.labels, *p.waste_labels)]
+    corners = np.concatenate([curve.sample(1e-5) for curve in curves]) * 1e3
     assert ink[1].min() / 10 == pytest.approx(corners[:, 0].min(), abs=0.15)
     assert ink[1].max() / 10 == pytest.approx(corners[:, 0].max(), abs=0.15)
     assert 110 - ink[0].max() / 10 == pytest.approx(corners[:, 1].min(), abs=0.15)
@@ -41,7 +41,7 @@ def test_page_sizes_are_the_sheets(flat_grid, tmp_path):
 def test_arcs_are_round(bulge):
     # both halves of a lens or of a circle of another size
     curve = Curve(np.array([[0.01, 0.02], [0.03, 0.02]]), np.array([bulge, bulge]))
-    numbers = pdf.path(curve, 1e-3).replace("m", "").split("c")[:-1]
+    numbers = pdf.curve_operators(curve, 1e-3).replace("m", "").split("c")[:-1]
     values = [np.array(n.split(), dtype=float) for n in numbers]
     start = complex(*values[0][:2])
     values[0] = values[0][2:]
@@ -57,26 +57,26 @@ def test_arcs_are_round(bulge):
 
 def test_text_stands_where_it_should():
     page = pdf.Page(0.1, 0.05)
-    page.text("HHHH (1) \\", (0.05, 0.02), 0.01, middle=True)
-    ink = np.nonzero(_drawn(pdf.document([page], "a (title)")) < 128)
+    page.draw_text("HHHH (1) \\", (0.05, 0.02), 0.01, is_centred=True)
+    ink = np.nonzero(_drawn(pdf.pdf_bytes([page], "a (title)")) < 128)
     assert ink[1].min() / 10 + ink[1].max() / 10 == pytest.approx(100.0, abs=4.0)
     assert (ink[1].max() - ink[1].min()) / 10 == pytest.approx(1e3 * pdf.text_width("HHHH (1) \\", 0.01), abs=3.0)
 
 
 def test_a_page_larger_than_the_format_allows_gets_another_unit():
     page = pdf.Page(8.0, 6.0)
-    page.stroke(Curve(np.array([[1.0, 1.0], [2.0, 1.0]]), np.zeros(2), closed=False))
-    size = np.array(pdfium.PdfDocument(pdf.document([page], "large"))[0].get_size())
+    page.draw_curve(Curve(np.array([[1.0, 1.0], [2.0, 1.0]]), np.zeros(2), closed=False))
+    size = np.array(pdfium.PdfDocument(pdf.pdf_bytes([page], "large"))[0].get_size())
     assert size.max() <= 14400
-    assert b"/UserUnit 2" in pdf.document([page], "large")
+    assert b"/UserUnit 2" in pdf.pdf_bytes([page], "large")
 
 
 def test_areas_and_layers():
     page = pdf.Page(0.1, 0.1)
     page.begin_layer("cut inner")
-    page.fill(np.array([[0.02, 0.02], [0.06, 0.02], [0.06, 0.06], [0.02, 0.06]]), "#000000")
+    page.fill_polygon(np.array([[0.02, 0.02], [0.06, 0.02], [0.06, 0.06], [0.02, 0.06]]), "#000000")
     page.end_layer()
-    data = pdf.document([page], "areas")
+    data = pdf.pdf_bytes([page], "areas")
     assert (_drawn(data) < 128).sum() == pytest.approx(400 * 400, rel=0.01)
     assert b"/Type/OCG/Name(cut inner)" in data
 
@@ -87,9 +87,9 @@ def test_the_file_is_built_as_the_standard_says():
     for k in range(3):
         pages.append(pdf.Page(0.1, 0.1))
         pages[-1].begin_layer(f"layer {k}")
-        pages[-1].text("(a) \\ b", (0.02, 0.02), 0.005)
+        pages[-1].draw_text("(a) \\ b", (0.02, 0.02), 0.005)
         pages[-1].end_layer()
-    data = pdf.document(pages, "a (title) \\")
+    data = pdf.pdf_bytes(pages, "a (title) \\")
     start = int(re.search(rb"\nstartxref\n(\d+)\n%%EOF\n$", data)[1])
     table = re.match(rb"xref\n0 (\d+)\n0000000000 65535 f \n((?:\d{10} 00000 n \n)*)trailer\n?<<", data[start:])
     offsets = [int(line[:10]) for line in table[2].splitlines()]
@@ -109,20 +109,20 @@ def test_letters_that_the_font_lacks_are_drawn(monkeypatch):
     from flexmaps.engine.fabrication.writers import glyphs
 
     square = np.array([[0.0, 0.0], [0.5, 0.0], [0.5, 1.0], [0.0, 1.0]])
-    outlines = glyphs.Outlines(0.6, (np.repeat(square[:, None], 3, axis=1),))
-    assert list(glyphs.runs("aЖЖ b")) == ["a", "ЖЖ", " b"] and list(glyphs.runs("")) == []
+    outlines = glyphs.GlyphOutlines(0.6, (np.repeat(square[:, None], 3, axis=1),))
+    assert list(glyphs.split_runs("aЖЖ b")) == ["a", "ЖЖ", " b"] and list(glyphs.split_runs("")) == []
     plain = pdf.text_width("a", 1.0) + pdf.text_width(" b", 1.0)
     assert pdf.text_width("aЖЖ b", 1.0) == pytest.approx(plain + 2 * 0.556)
-    monkeypatch.setitem(glyphs.known, "ЖЖ", outlines)
+    monkeypatch.setitem(glyphs.outlines_by_run, "ЖЖ", outlines)
     assert pdf.text_width("aЖЖ b", 1.0) == pytest.approx(plain + 0.6)
     page = pdf.Page(0.1, 0.1)
-    page.text("aЖЖ b", (0.01, 0.02), 0.01)
+    page.draw_text("aЖЖ b", (0.01, 0.02), 0.01)
     first, drawn, last = page.commands
     assert "(a) Tj" in first and "( b) Tj" in last and drawn.endswith(" f")
-    x, y = (float(word) * page.unit for word in drawn.split(" rg ")[1].split()[:2])
+    x, y = (float(word) * page.metres_per_unit for word in drawn.split(" rg ")[1].split()[:2])
     assert (x, y) == (pytest.approx(0.01 + pdf.text_width("a", 0.01), rel=1e-4), pytest.approx(0.02, rel=1e-4))
 
 
 def test_the_title_is_in_any_script():
-    written = pdf.document([pdf.Page(0.1, 0.1)], "Ж (日本) \\ 😀")
+    written = pdf.pdf_bytes([pdf.Page(0.1, 0.1)], "Ж (日本) \\ 😀")
     assert pdfium.PdfDocument(written).get_metadata_dict()["Title"] == "Ж (日本) \\ 😀"

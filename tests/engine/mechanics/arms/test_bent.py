@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
-from flexmaps.engine.display.panel_mesh import DETAILS, Detail, panel_mesh
+from flexmaps.engine.display.panel_mesh import DETAILS, Detail, make_panel_mesh
 from flexmaps.engine.fabrication.connectors.connect import connect
 from flexmaps.engine.materials import material
 from flexmaps.engine.mechanics.arms import bent as bent_arms
@@ -125,10 +125,10 @@ def test_arms_keep_their_length(dome):
 
 def test_sections_keep_width_and_thickness(dome):
     made, pose = dome
-    panels = panel_mesh(made, DETAILS["MEDIUM"])
+    panels = make_panel_mesh(made, DETAILS["MEDIUM"])
     whole = np.full((panels.section.max() + 1, 4, 3), np.nan)
-    order = np.concatenate([np.tile(np.arange(4), len(panels.arm)), np.tile(np.arange(2), len(panels.rim_quad))])
-    whole[panels.section, order[panels.used]] = panels.at_pose(bend_arms(made, pose), pose)
+    order = np.concatenate([np.tile(np.arange(4), len(panels.arm)), np.tile(np.arange(2), len(panels.fillet_quad))])
+    whole[panels.section, order[panels.kept_vertices]] = panels.vertices_at_pose(bend_arms(made, pose), pose)
     whole = whole[: len(panels.arm)]
     width = np.linalg.norm(whole[:, 0] - whole[:, 1], axis=1)
     flat = np.linalg.norm(panels.sides[:, 0] - panels.sides[:, 1], axis=1)
@@ -147,17 +147,17 @@ def test_at_rest_every_panel_is_its_own_outline(dome):
     made, _ = dome
     pose = flat_pose(made)
     layout = made.flat.layout
-    panels = panel_mesh(made, Detail(20, 4.0, 4))
+    panels = make_panel_mesh(made, Detail(20, 4.0, 4))
     inside = ~layout.cut[~layout.mesh.border]
-    points = panels.at_pose(bend_arms(made, pose, closed=inside), pose)
-    assert points == pytest.approx(panels.flat(np.zeros((len(layout.patches), 2))), abs=1e-12)
+    points = panels.vertices_at_pose(bend_arms(made, pose, closed=inside), pose)
+    assert points == pytest.approx(panels.flat_vertices(np.zeros((len(layout.patches), 2))), abs=1e-12)
     starts = np.cumsum(panels.sizes) - panels.sizes
     faces = [panels.corners[s : s + n] for s, n in zip(starts, panels.sizes)]
     above = [k for k, f in enumerate(faces) if (points[f, 2] > 0).all()]
     patch = layout.patch_of[panels.quad_of]
     for number, outline in enumerate(made.outlines()[:1]):
         drawn = shapely.polygons([shapely.linearrings(points[faces[k], :2]) for k in above if patch[k] == number])
-        true = shapely.Polygon(outline.outer.sampled(1e-5), [hole.sampled(1e-5) for hole in outline.holes])
+        true = shapely.Polygon(outline.outer.sample(1e-5), [hole.sample(1e-5) for hole in outline.holes])
         shapely.prepare(true)
         assert shapely.area(drawn).sum() == pytest.approx(true.area, rel=0.002)
         corners = shapely.points(shapely.get_coordinates(drawn))
@@ -175,7 +175,7 @@ def closed_body(panels, points):
         for s in [starts[panels.sizes > k + 1]]
     ]
     solid = trimesh.Trimesh(points, np.concatenate(fans), process=False)
-    assert len(solid.faces) == panels.triangles
+    assert len(solid.faces) == panels.triangle_count
     assert solid.is_watertight and solid.is_winding_consistent
     return solid
 
@@ -183,8 +183,8 @@ def closed_body(panels, points):
 def test_every_part_is_a_closed_body(dome):
     made, pose = dome
     for name, much in (("COARSE", 0.04), ("MEDIUM", 0.01), ("FINE", 0.005)):
-        panels = panel_mesh(made, DETAILS[name])
-        solid = closed_body(panels, panels.at_pose(bend_arms(made, pose), pose))
+        panels = make_panel_mesh(made, DETAILS[name])
+        solid = closed_body(panels, panels.vertices_at_pose(bend_arms(made, pose), pose))
         assert solid.body_count == len(made.flat.layout.patches)
         assert solid.volume == pytest.approx(made.area.sum() * made.params.thickness, rel=much)
 
@@ -193,10 +193,10 @@ def test_connectors_have_their_true_outlines(dome):
     made, pose = dome
     found = connect(made, ConnectorParams(), 2e-5)
     assert len(found.tips) > 20
-    panels = panel_mesh(made, DETAILS["FINE"], found.tips)
-    solid = closed_body(panels, panels.at_pose(bend_arms(made, pose), pose))
+    panels = make_panel_mesh(made, DETAILS["FINE"], found.tips)
+    solid = closed_body(panels, panels.vertices_at_pose(bend_arms(made, pose), pose))
     assert solid.body_count == len(made.flat.layout.patches)
-    flat = closed_body(panels, panels.flat(np.zeros((len(made.flat.layout.patches), 2))))
+    flat = closed_body(panels, panels.flat_vertices(np.zeros((len(made.flat.layout.patches), 2))))
     area = sum(o.outer.area + sum(hole.area for hole in o.holes) for o in found.outlines)
     assert flat.volume == pytest.approx(area * made.params.thickness, rel=0.005)
     assert solid.volume == pytest.approx(flat.volume, rel=0.005)
@@ -233,8 +233,8 @@ def test_spirals_wound_too_far_for_their_settings_can_be_drawn(flat_grid):
     """As they are after a setting was changed: arms that are hub to the tip keep to it."""
     made = design.SpiralDesign(flat_grid(2, 1), SpiralParams(fillet=0.002), np.full((2, 4), 0.0015), np.full(2, 6.2))
     assert hub_edge_of_design(made).min() == 0.0
-    panels, pose = panel_mesh(made, DETAILS["MEDIUM"]), flat_pose(made)
-    points = panels.at_pose(bend_arms(made, pose), pose)
+    panels, pose = make_panel_mesh(made, DETAILS["MEDIUM"]), flat_pose(made)
+    points = panels.vertices_at_pose(bend_arms(made, pose), pose)
     apart = points[:, :2] - made.arms.centre[panels.vertex_quad]
     assert np.abs(apart).max() < 0.02 and np.abs(points[:, 2]).max() < 0.002
 
@@ -266,6 +266,6 @@ def test_necks_and_strips_of_a_rim_reach_from_its_nodes_to_their_joints():
         if arm == NECK:
             assert place[:, 1] == pytest.approx(rim.middle - rim.centre, abs=1e-12)
     # both halves of a strip end in its middle
-    node = np.flatnonzero(rim.following >= 0)
+    node = np.flatnonzero(rim.next_node >= 0)
     halves = [bent_rim._line(rim, arm, ends)[0][:, 1] + rim.centre for arm in (FORWARDS, BACKWARDS)]
-    assert halves[0][node] == pytest.approx(halves[1][rim.following[node]], abs=1e-9)
+    assert halves[0][node] == pytest.approx(halves[1][rim.next_node[node]], abs=1e-9)

@@ -63,7 +63,7 @@ def test_what_places_do_follows_motions_and_numbers() -> None:
 
     def value(numbers: np.ndarray, motion: np.ndarray) -> np.ndarray:
         field = bent(numbers, motion)
-        here, pace, _, wide = field.beams.lines.at(ROWS, t)[:4]
+        here, pace, _, wide = field.beams.lines.evaluate(ROWS, t)[:4]
         members = field.shift, field.turn, field.bend, field.stretch
         out = sum((x[ROWS, piece].space * by).sum(axis=1) for x, by in zip(members, vectors))
         pairs = (field.beams.flat[ROWS, piece], station), (here, point), (pace, velocity)

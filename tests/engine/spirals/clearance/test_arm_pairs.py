@@ -7,7 +7,7 @@ import pytest
 from flexmaps.engine.params import LayoutParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
-from flexmaps.engine.spirals.clearance.arm_pairs import ACROSS, DEPTHS, pairs_of
+from flexmaps.engine.spirals.clearance.arm_pairs import ACROSS, DEPTHS, find_arm_pairs
 from flexmaps.engine.spirals.curves.spiral import centre_line, opposite_sides, width_at
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface import shapes
@@ -21,8 +21,8 @@ POINTS = 40  # of a centre line
 def test_arms_that_come_near_across_a_seam_are_pairs(name: str) -> None:
     mesh, params, rng = shapes.make(name), SpiralParams(), np.random.default_rng(3)
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
-    found = pairs_of(flat, params, NEAR)
-    laid = found.subset((found.kind == ACROSS) & found.laid)
+    found = find_arm_pairs(flat, params, NEAR)
+    laid = found.subset((found.kind == ACROSS) & found.is_across_cut)
     known = set(zip(laid.one.tolist(), laid.two.tolist(), strict=True))
     mate, side = opposite_sides(mesh)
     corners = flat.corners @ np.array([1.0, 1j])
@@ -63,4 +63,4 @@ def test_the_narrowest_slot_may_lie_deep_inside_an_uneven_quad() -> None:
     (one, other), (half, beside) = centre_line(design.arms, t)[0], 0.5 * width_at(design.arms, t)[0]
     edges = np.linalg.norm(one[3][:, None] - other[3], axis=2) - half[3][:, None] - beside[3]
     assert edges.min() < 0.9 * SpiralParams().slot_min
-    assert design.measure()[0] == pytest.approx(edges.min(), rel=1e-3)
+    assert design.measure_slot_and_bridge()[0] == pytest.approx(edges.min(), rel=1e-3)

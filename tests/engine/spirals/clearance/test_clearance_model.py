@@ -61,20 +61,20 @@ def _difference(rooms, step, at, way):
 def test_derivatives_agree_with_differences(case, by):
     room, flat, width, twist = case
     rng = np.random.default_rng(6)
-    terms = room.terms(width, twist, below=WIDE, flat=True)
+    terms = room.clearances(width, twist, below=WIDE, with_flat=True)
     # where centre lines cross, their distance has a kink
     apart = terms.value > -3.0
     for _ in range(2):
         w, t, p = rng.normal(size=width.shape), rng.normal(size=12), rng.normal(size=flat.points.size)
         if by == "widths":
-            found = _difference(partial(room.terms, below=WIDE), 1e-7, (width, twist), (w, 0.0))
+            found = _difference(partial(room.clearances, below=WIDE), 1e-7, (width, twist), (w, 0.0))
             exact = terms.by_design[:, :48] @ w.ravel()
         elif by == "twists":
-            found = _difference(partial(room.terms, below=WIDE), 1e-6, (width, twist), (0.0, t))
+            found = _difference(partial(room.clearances, below=WIDE), 1e-6, (width, twist), (0.0, t))
             exact = terms.by_design[:, 48:] @ t
         else:
             found = _difference(
-                lambda x: room.with_flat(_moved(flat, x)).terms(width, twist, below=WIDE), 1e-8, (0.0,), (p,)
+                lambda x: room.with_flat(_moved(flat, x)).clearances(width, twist, below=WIDE), 1e-8, (0.0,), (p,)
             )
             exact = terms.by_flat @ p
         for kind, name in enumerate(("beside", "across", "round", "sharp", "wound")):
@@ -86,7 +86,7 @@ def test_derivatives_agree_with_differences(case, by):
 def test_what_is_closed_is_found_from_any_quad_that_has_a_part_in_it(case):
     room, _, width, twist = case
     every = room.quads_with_closed_gaps(width, twist)
-    terms = room.terms(width, twist, below=0.0)
+    terms = room.clearances(width, twist, below=0.0)
     part = np.unique(terms.arms[terms.value < 0.0] // 4)
     assert np.flatnonzero(every).tolist() == part.tolist()
     for quad in range(12):
@@ -102,7 +102,8 @@ def test_the_narrowest_places_alone_are_those_among_all(case, below):
     for most in (1.5, 3.0, 4.0, 5.0, 6.0):
         twist = rng.uniform(0.3 * most, most, 12)
         every, alone = (
-            narrowest_per_pair(room.terms(width, twist, below=below, flat=True, least=least)) for least in (False, True)
+            narrowest_per_pair(room.clearances(width, twist, below=below, with_flat=True, narrowest_only=least))
+            for least in (False, True)
         )
         assert alone.arms.tolist() == every.arms.tolist()
         assert (room.quads_with_closed_gaps(width, twist).sum() > 0) == bool((every.value < 0.0).any())
@@ -118,7 +119,7 @@ def test_the_narrowest_gaps_agree_with_shapely(flat_grid, clockwise):
     params = replace(SpiralParams(), clockwise=clockwise)
     room, terms = (
         ClearanceModel.from_flat(flat, params),
-        ClearanceModel.from_flat(flat, params).terms(width, twist, below=12.0),
+        ClearanceModel.from_flat(flat, params).clearances(width, twist, below=12.0),
     )
     least: dict[tuple[int, int], float] = {}
     for (
@@ -126,7 +127,7 @@ def test_the_narrowest_gaps_agree_with_shapely(flat_grid, clockwise):
         value,
     ) in zip(terms.arms.tolist(), terms.value.tolist(), strict=True):
         least[one, two] = min(value, least.get((one, two), np.inf))
-    shape = spiral.arms(flat, params, width, twist)
+    shape = spiral.make_arms(flat, params, width, twist)
     lines = [
         [
             spiral.centre_line(shape, np.broadcast_to(np.linspace(0, d, 2001), (9, 4, 2001)))[0].reshape(36, -1, 2)
@@ -135,14 +136,14 @@ def test_the_narrowest_gaps_agree_with_shapely(flat_grid, clockwise):
         for depths in arm_pairs.DEPTHS.tolist()
     ]
     seen = np.zeros(3, dtype=int)
-    for a, b, kind, need in zip(room.pairs.one, room.pairs.two, room.pairs.kind, room.need, strict=True):
+    for a, b, kind, need in zip(room.pairs.one, room.pairs.two, room.pairs.kind, room.required_gaps, strict=True):
         if (a, b) in least and least[a, b] > -3.0:
             exact = shapely.LineString(lines[kind][0][a]).distance(shapely.LineString(lines[kind][1][b])) - 0.001
-            assert least[a, b] * room.slot + need == pytest.approx(exact, abs=1e-7)
+            assert least[a, b] * room.gap_unit + need == pytest.approx(exact, abs=1e-7)
             seen[kind] += 1
     assert seen[arm_pairs.SAME_QUAD] > 10 and seen[arm_pairs.ACROSS] > 1
     # nothing else is near
-    mates = {tuple(sorted(pair)) for pair in enumerate(room.shapes.mate.tolist())}
+    mates = {tuple(sorted(pair)) for pair in enumerate(room.geometry.mate.tolist())}
     known = {tuple(sorted(pair)) for pair in zip(room.pairs.one.tolist(), room.pairs.two.tolist(), strict=True)}
     outer = [shapely.LineString(line[:1201]) for line in lines[arm_pairs.SAME_QUAD][1]]
     for a, b in combinations(range(36), 2):
@@ -156,8 +157,13 @@ def test_spirals_are_unwound_until_the_elastic_model_knows_them(flat_grid, clock
     flat = flat_grid(4, 3, move=lambda p: _sheared(p, -0.6 if clockwise else 0.6))
     params = replace(SpiralParams(), clockwise=clockwise)
     room, width, wound = ClearanceModel.from_flat(flat, params), same_width(np.full(12, 0.002)), np.full(12, 9.0)
-    none = np.zeros(len(room.need), dtype=bool)
-    room = replace(room, pairs=room.pairs.subset(none), need=room.need[none], sharpest=np.full(48, -np.inf))
+    none = np.zeros(len(room.required_gaps), dtype=bool)
+    room = replace(
+        room,
+        pairs=room.pairs.subset(none),
+        required_gaps=room.required_gaps[none],
+        min_radius_ratio=np.full(48, -np.inf),
+    )
 
     def beyond(twist):
         model = build_model(
@@ -170,4 +176,4 @@ def test_spirals_are_unwound_until_the_elastic_model_knows_them(flat_grid, clock
     same, twist = open_gaps(room, np.full(12, 0.001), width, wound, free)
     assert (same == width).all() and not beyond(twist) and beyond(1.01 * twist)
     assert not room.quads_with_closed_gaps(width, twist).any()
-    assert (open_gaps(room.by_gaps, np.full(12, 0.001), width, wound, free)[1] == wound).all()
+    assert (open_gaps(room.without_twist_limits, np.full(12, 0.001), width, wound, free)[1] == wound).all()

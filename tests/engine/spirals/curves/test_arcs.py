@@ -22,19 +22,17 @@ def test_straight_bulges_give_a_polygon():
     square = Curve(np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]]), np.zeros(4))
     assert square.area == pytest.approx(2.0)
     assert square.length == pytest.approx(6.0)
-    np.testing.assert_allclose(square.sampled(), square.points)
+    np.testing.assert_allclose(square.sample(), square.points)
 
 
 def test_area_agrees_with_shapely_after_moving():
     rng = np.random.default_rng(1)
     angle = np.sort(rng.uniform(0, 2 * np.pi, 12))
-    curve = Curve(np.stack([np.cos(angle), np.sin(angle)], axis=1), rng.uniform(-0.3, 0.3, 12)).moved(
+    curve = Curve(np.stack([np.cos(angle), np.sin(angle)], axis=1), rng.uniform(-0.3, 0.3, 12)).transform(
         0.7, np.array([3.0, -2.0])
     )
-    assert Polygon(curve.sampled(1e-9)).area == pytest.approx(curve.area, rel=1e-6)
-    assert LineString(np.vstack([curve.sampled(1e-9), curve.points[:1]])).length == pytest.approx(
-        curve.length, rel=1e-6
-    )
+    assert Polygon(curve.sample(1e-9)).area == pytest.approx(curve.area, rel=1e-6)
+    assert LineString(np.vstack([curve.sample(1e-9), curve.points[:1]])).length == pytest.approx(curve.length, rel=1e-6)
 
 
 def test_points_on_an_arc_lie_on_its_circle():
@@ -61,7 +59,7 @@ def test_fitted_arcs_stay_within_their_tolerance_and_run_smoothly(tolerance):
         curve = Curve(np.vstack([fitted.points[part], last]), np.append(fitted.bulge[part], 0.0), closed=False)
         true = evaluate(np.array([i]), np.linspace(*ends[i], 40001)[None])[0][0]
         line = LineString(true)
-        assert max(line.distance(Point(p)) for p in curve.sampled(tolerance / 20)) < 1.1 * tolerance
+        assert max(line.distance(Point(p)) for p in curve.sample(tolerance / 20)) < 1.1 * tolerance
         np.testing.assert_allclose(curve.points[0], true[0], atol=1e-12)
         # end tangents of consecutive arcs agree: chord angle plus and minus half of each arc's angle
         a, half = np.diff(curve.points, axis=0), 2 * np.arctan(curve.bulge[:-1])

@@ -44,7 +44,7 @@ def test_derivatives_of_points_and_half_widths_are_differences(number: int) -> N
     step = 1e-5 if PLACES[number][0] in ("wind", "lean", "angle") else 1e-7
     after, before = (curves(number, way * step) for way in (1.0, -1.0))
     points = (np.conj(along) * (after.points(i, t) - before.points(i, t))).real / (2.0 * step)
-    halves = (after.at(i, t)[3] - before.at(i, t)[3]) / (2.0 * step)
-    point, half = curves().pull(i, t, along)
+    halves = (after.evaluate(i, t)[3] - before.evaluate(i, t)[3]) / (2.0 * step)
+    point, half = curves().point_and_width_vjp(i, t, along)
     for found, exact in ((points, point[:, number]), (halves, half[:, number])):
         np.testing.assert_allclose(found, exact, rtol=0, atol=1e-6 * max(float(np.abs(exact).max()), 1e-3))

@@ -17,7 +17,7 @@ def shaken(flat_grid):
     """Arms of many different spirals in distorted quads, two patches with a seam between them."""
     flat = flat_grid(4, 3, move=_shaken, cut=lambda x, y: x == 2)
     rng = np.random.default_rng(5)
-    return flat, spiral.arms(flat, SpiralParams(), rng.uniform(0.001, 0.002, (12, 4)), rng.uniform(0, 5, 12))
+    return flat, spiral.make_arms(flat, SpiralParams(), rng.uniform(0.001, 0.002, (12, 4)), rng.uniform(0, 5, 12))
 
 
 @pytest.mark.parametrize("clockwise", [False, True])
@@ -95,7 +95,7 @@ def inner_radius(arms):
 
 def test_sharp_turns_get_longer_blends_and_never_fold(flat_grid):
     flat = flat_grid(2, 1)
-    arms = spiral.arms(flat, SpiralParams(), spiral.same_width(np.array([0.002, 0.001])), np.array([0.0, 6.0]))
+    arms = spiral.make_arms(flat, SpiralParams(), spiral.same_width(np.array([0.002, 0.001])), np.array([0.0, 6.0]))
     assert arms.share[0, 1] > 0.2  # the straight, thick arm at the joint with the wound one
     assert arms.share[0, 3] == pytest.approx(0.15)
     assert inner_radius(arms).min() > 0.25
