@@ -181,7 +181,7 @@ def calibration_sheet(
     ----------
     folder : folder for the files and for ``calibration.json``, which ``calibrated`` reads
     settings : as in ``load``; what is already known: thickness, material, kerf, widths
-    formats : any of "svg", "dxf", "dxf-r12", "pdf"; default ``sheet_files.USUAL``
+    formats : any of "svg", "dxf", "dxf-r12", "pdf"; default ``sheet_files.DEFAULT_FORMATS``
     name : start of the file names
     overwrite : as in ``export``
     progress : called with a fraction and a text
@@ -198,8 +198,10 @@ def calibration_sheet(
     from ..engine.extras.calibrating import sheet_files
 
     wanted = settings if isinstance(settings, ObjectSettings) else with_values(ObjectSettings(), settings or {})
-    guard, kinds = Guard(remnant_files(wanted), overwrite), sheet_files.USUAL if formats is None else formats
-    return sheet_files.write(sheet_files.make(wanted), Path(folder), kinds, name, as_progress(progress), guard)
+    guard, kinds = Guard(remnant_files(wanted), overwrite), sheet_files.DEFAULT_FORMATS if formats is None else formats
+    return sheet_files.write_calibration_sheet(
+        sheet_files.make_calibration_sheet(wanted), Path(folder), kinds, name, as_progress(progress), guard
+    )
 
 
 def calibrated(sheet: str | Path, *, name: str | None = None, **readings: Any) -> Calibration:
@@ -224,7 +226,7 @@ def calibrated(sheet: str | Path, *, name: str | None = None, **readings: Any) -
     registry.need("calibrating")
     from ..engine.extras.calibrating import calibrate, coupons
 
-    made = calibrate.calibrate(coupons.read(sheet), calibrate.Readings.from_measurements(**readings))
+    made = calibrate.calibrate(coupons.read_coupons(sheet), calibrate.Readings.from_measurements(**readings))
     if name is not None:
         from ..bridge.store import presets
 

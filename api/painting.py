@@ -10,7 +10,7 @@ import numpy as np
 
 from ..engine.errors import FlexMapsError
 from ..engine.mechanics.loads import parse_supports
-from ..engine.runs.by_hand import with_design
+from ..engine.runs.manual_changes import with_design
 from ..engine.runs.outputs import DesignVersion
 from ..engine.runs.piece import Piece
 from ..engine.runs.stages import BY_HAND

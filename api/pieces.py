@@ -278,7 +278,7 @@ def begin_piece(piece: Piece, edge: float | None, height: float | None) -> Piece
     """
     source = checking.scale_to_metres(piece.source, edge=edge, height=height)
     try:
-        made = job.begin(source).with_surface(edge=edge, height=height)
+        made = job.check_input(source).with_surface(edge=edge, height=height)
     except FlexMapsError:
         made = None  # the mesh has an error, which ``check`` and every stage report
     uid, seams = (piece.uid, piece.seams) if source is piece.source else (None, None)

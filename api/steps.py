@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ..engine.errors import FlexMapsError
 from ..engine.extras import registry
 from ..engine.params import goal_values, with_values
-from ..engine.runs import by_hand
+from ..engine.runs import manual_changes
 from ..engine.runs.outputs import LAYOUTS
 from ..engine.runs.piece import Piece
 from .pieces import (
@@ -60,7 +60,7 @@ def layout(piece: Piece, *, keep_seams: bool = False, progress: ProgressLike = N
         return run_until(replace(piece, made=piece.result.without(*LAYOUTS)), "flat", progress)
     if piece.seams is None:
         raise FlexMapsError(f"{piece.name} has no seams to keep; load an object, or let the panels be traced")
-    made = by_hand.flatten_by_hand(piece.result, piece.seams, piece.settings, as_progress(progress))
+    made = manual_changes.flatten_by_hand(piece.result, piece.seams, piece.settings, as_progress(progress))
     return replace(piece, made=made)
 
 
@@ -141,9 +141,9 @@ def compare(
     FlexMapsError where the scan cannot be read.
     """
     registry.need("scanning")
-    from ..engine.extras.scanning import reading
+    from ..engine.extras.scanning import scan_reader
 
-    ready = piece.result.with_user(scanned=reading.read(scan, unit, anywhere))
+    ready = piece.result.with_user(scanned=scan_reader.read_scan(scan, unit, anywhere))
     if piece.uid is not None and ready.simulation is None:
         from ..bridge.store import snapshot
 
@@ -227,8 +227,8 @@ def explore(
     vary : what to vary: "section.name", "edge" or "height" (millimetres) or "quads" -> "low:high" or a list of values,
         see ``make_space``
     folder : folder for table, plot and pictures; an exploration that was stopped there is continued
-    goals : such as "rms_percent<=1"; default ``space.GOALS``
-    minimised : the two measures of the Pareto front; default ``space.MINIMISED``
+    goals : such as "rms_percent<=1"; default ``space.DEFAULT_GOALS``
+    minimised : the two measures of the Pareto front; default ``space.DEFAULT_OBJECTIVES``
     overwrite : also replace files in the folder that FlexMaps did not write or that changed since
     progress : called with a fraction and a text; if it raises ``Cancelled``, the candidates so far are returned
     search : further arguments ``candidates``, ``scheduler``, ``cores``, ``effort``, ``seed``, see ``explore_piece``
@@ -239,15 +239,15 @@ def explore(
     """
     registry.need("exploring")
     from ..engine.extras.exploring.folder import refuse_to_replace
-    from ..engine.extras.exploring.run import explore_piece
-    from ..engine.extras.exploring.space import GOALS, MINIMISED, make_space
+    from ..engine.extras.exploring.run_exploration import explore_piece
+    from ..engine.extras.exploring.space import DEFAULT_GOALS, DEFAULT_OBJECTIVES, make_space
 
     if search.get("scheduler"):
         _refuse_offline()
     guard = make_guard([piece], overwrite)
     if folder is not None:
         refuse_to_replace(Path(folder), guard)
-    wanted, least = GOALS if goals is None else goals, MINIMISED if minimised is None else minimised
+    wanted, least = DEFAULT_GOALS if goals is None else goals, DEFAULT_OBJECTIVES if minimised is None else minimised
     reporter, question = as_progress(progress), make_space(vary, piece.settings, wanted, least)
     pieces = {count: remesh(piece, quads=count) if count else piece for count in question.quads}
     laid_out = {count: one if one.result.flat is not None else layout(one) for count, one in pieces.items()}

@@ -7,7 +7,7 @@ from typing import Any
 
 from .. import api
 from ..engine.extras.calibrating.coupons import KINDS
-from ..engine.extras.calibrating.sheet_files import USUAL, WRITERS
+from ..engine.extras.calibrating.sheet_files import DEFAULT_FORMATS, WRITERS
 from .sources import parse_assignments
 
 
@@ -16,8 +16,8 @@ def add_commands(commands: Any) -> None:
     help = "draw a small sheet to measure kerf, clearances and stiffness with"
     made = commands.add_parser("calibrate", help=help, description=f"{help.capitalize()}.")
     made.add_argument("--out", required=True, metavar="FOLDER", help="folder for the files")
-    made.add_argument("--formats", nargs="+", choices=tuple(WRITERS), default=list(USUAL), metavar="NAME",
-                      help=f"kinds of files: {', '.join(WRITERS)} (default: {' '.join(USUAL)})")  # fmt: skip
+    made.add_argument("--formats", nargs="+", choices=tuple(WRITERS), default=list(DEFAULT_FORMATS), metavar="NAME",
+                      help=f"kinds of files: {', '.join(WRITERS)} (default: {' '.join(DEFAULT_FORMATS)})")  # fmt: skip
     made.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", dest="settings",
                       help="what is known so far: spiral.thickness, material.material, cut.kerf_outline, ...")  # fmt: skip
     made.add_argument("--overwrite", action="store_true",

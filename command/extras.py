@@ -37,7 +37,7 @@ def add_commands(commands: Any) -> None:
 
 
 def _add_compare_arguments(made: argparse.ArgumentParser) -> None:
-    from ..engine.extras.scanning.reading import UNITS
+    from ..engine.extras.scanning.scan_reader import UNITS
 
     made.add_argument("scan", help="an .ply, .obj, .stl or .off file of points or of a mesh")
     made.add_argument("--out", metavar="FOLDER", help="folder for report.html, report.json and the plots")
@@ -57,16 +57,16 @@ def _add_case_arguments(made: argparse.ArgumentParser) -> None:
 
 
 def _add_explore_arguments(made: argparse.ArgumentParser) -> None:
-    from ..engine.extras.exploring.space import GOALS, MEASURES, MINIMISED
+    from ..engine.extras.exploring.space import DEFAULT_GOALS, DEFAULT_OBJECTIVES, MEASURES
 
     made.add_argument("--out", required=True, metavar="FOLDER",
                       help="folder for table, plot and pictures; one that was stopped goes on there")  # fmt: skip
     made.add_argument("--vary", action="append", default=[], metavar="NAME=LOW:HIGH", required=True,
                       help="a setting, edge, height or quads, with its bounds, or with what is tried: NAME=A,B,C")  # fmt: skip
     made.add_argument("--goal", action="append", metavar="MEASURE<=NUMBER", dest="goals",
-                      help=f"what a candidate shall hold (default: {' '.join(GOALS)}); of {', '.join(MEASURES)}")  # fmt: skip
-    made.add_argument("--minimise", nargs=2, default=MINIMISED, metavar="MEASURE",
-                      help=f"what is to be small (default: {' '.join(MINIMISED)})")  # fmt: skip
+                      help=f"what a candidate shall hold (default: {' '.join(DEFAULT_GOALS)}); of {', '.join(MEASURES)}")  # fmt: skip
+    made.add_argument("--minimise", nargs=2, default=DEFAULT_OBJECTIVES, metavar="MEASURE",
+                      help=f"what is to be small (default: {' '.join(DEFAULT_OBJECTIVES)})")  # fmt: skip
     made.add_argument("--candidates", type=int, default=64, metavar="NUMBER", help="how many are tried (default: 64)")
     made.add_argument("--cores", type=int, metavar="NUMBER", help="processes beside this one (default: one a core)")
     made.add_argument("--scheduler", metavar="ADDRESS", help="work on the Dask cluster there, such as tcp://name:8786")

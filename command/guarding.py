@@ -28,7 +28,7 @@ def run_guarded(run: Any, args: argparse.Namespace, progress: Any) -> dict[str, 
     if args.command == "export":
         guard.check(export.existing_files(Path(args.out) / "sheet", args.formats), Path(args.out))
     elif args.command in REPORT_COMMANDS and args.out:
-        guard.check([*report_page.stale(Path(args.out)), Path(args.out) / "report.json"], Path(args.out))
+        guard.check([*report_page.stale_files(Path(args.out)), Path(args.out) / "report.json"], Path(args.out))
     elif getattr(args, "out", None):
         guard.check([Path(args.out)])
     return run(args, progress)

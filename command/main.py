@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-from ..engine.remaining import Remaining, format_seconds
+from ..engine.remaining import RemainingTime, format_seconds
 
 NAME = "flexmaps"
 UNDONE_STATUS = 3  # exit status: files are written, but the report lists something as undone
@@ -152,7 +152,7 @@ class Console:
         self.is_stopping = False
         self._live = sys.stderr.isatty()
         self._last = 0.0
-        self._began, self._remaining = time.monotonic(), Remaining()
+        self._began, self._remaining = time.monotonic(), RemainingTime()
 
     def __call__(self, fraction: float, text: str) -> None:
         if self.is_stopping:

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..engine.arrays import Float, Int
-from ..engine.extras.calibrating.bending import fillet
+from ..engine.extras.calibrating.bending import fillet_radius
 from ..engine.extras.calibrating.coupons import GRAVITY, Coupons, SpiralCoupon
-from ..engine.linalg import Pattern, SparseCholesky
+from ..engine.linalg import SparseCholesky, SparsityPattern
 from .elastic import Elements, lower_entries
 from .geometry import Spiral
 from .solid import LOBATTO, Fineness, make_solid
@@ -42,7 +42,7 @@ class Held(Model):
         # what is held gets a number that is none, and its entries are left out
         rows, cols = lower_entries(number[3 * self.elements.index[..., None] + np.arange(3)])
         self._kept = (rows < self.size) & (cols < self.size)
-        self.pattern = Pattern(rows[self._kept], cols[self._kept], self.size)
+        self.pattern = SparsityPattern(rows[self._kept], cols[self._kept], self.size)
         self.cholesky = SparseCholesky(self.pattern)
 
     def expand(self, q: Float[np.ndarray, " size *columns"]) -> Float[np.ndarray, "nodes 3 *columns"]:
@@ -83,7 +83,7 @@ def spiral_sag(made: Coupons, one: SpiralCoupon, youngs: float, load: float, fin
     """Metres that a spiral's hub sinks under ``load`` kg, all nodes of its arms' ends held, by the solid."""
     unit = one.width
     solid = make_solid(
-        Spiral(one.scale / unit, made.thickness / unit, one.twist, fillet(made, one.width) / unit), fineness
+        Spiral(one.scale / unit, made.thickness / unit, one.twist, fillet_radius(made, one.width) / unit), fineness
     )
     model = Held(solid.nodes, solid.elements, made.poisson, np.unique(np.concatenate(solid.tips)))
     own = np.zeros(len(solid.nodes))

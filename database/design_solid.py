@@ -13,9 +13,9 @@ import numpy as np
 
 from ..engine.arrays import Bool, Float, Int
 from ..engine.errors import FlexMapsError
-from ..engine.linalg import NotPositiveDefinite, Pattern, SparseCholesky
+from ..engine.linalg import NotPositiveDefinite, SparseCholesky, SparsityPattern
 from ..engine.mechanics.assembly import Pose, assembly_from_design
-from ..engine.newton import CONVERGED, INDEFINITE, Iteration, Local, minimise
+from ..engine.newton import CONVERGED, INDEFINITE, Iteration, LocalExpansion, minimise
 from ..engine.progress import SILENT, Progress
 from ..engine.spirals.design import SpiralDesign
 from .condensed import Condensed, Pieces, condense
@@ -150,7 +150,7 @@ class DesignSolid:
         ends = self.mesh.numbering.hub_size + np.arange(self.tips.size).reshape(ARMS, -1)
         return np.concatenate([self.mesh.numbering.sections[:, 0], ends], axis=1)
 
-    def _pattern(self) -> Pattern:
+    def _pattern(self) -> SparsityPattern:
         rows, cols = [], []
         hub, ends = self.mesh.numbering.hub, self._ends()
         for batch in self.batches:
@@ -162,7 +162,7 @@ class DesignSolid:
         for spiral in self.held:
             r, c = np.meshgrid(self.hub_dofs(spiral), self.hub_dofs(spiral), indexing="ij")
             rows, cols = [*rows, r.ravel()], [*cols, c.ravel()]
-        return Pattern(np.concatenate(rows), np.concatenate(cols), self.size)
+        return SparsityPattern(np.concatenate(rows), np.concatenate(cols), self.size)
 
     def hub_dofs(self, spiral: int) -> np.ndarray:
         return (3 * self.number[spiral, : self.mesh.numbering.hub_size][:, None] + np.arange(3)).ravel()
@@ -331,8 +331,8 @@ class Loaded:
         f = self.solid.gradients(nodes)
         return _State(nodes, f, [np.zeros_like(one) for one in f], self.solid.energy(f))
 
-    def expand(self, state: _State) -> Local:
-        return Local(state.energy, self.solid.forces(state.f) - self.load, own=state)
+    def expand(self, state: _State) -> LocalExpansion:
+        return LocalExpansion(state.energy, self.solid.forces(state.f) - self.load, own=state)
 
     def moved(self, state: _State, step: np.ndarray) -> _State:
         """The mixed stress is that of the strain linearised about the state (Magisano, Leonetti, Garcea 2017)."""
@@ -353,7 +353,7 @@ class Loaded:
         done = (len(history) - 1) / ITERATIONS
         self.progress(done, f"iteration {len(history)}, work of the last step over the energy {work:.1e}")
 
-    def factor(self, here: Local, convex: float, shift: float) -> bool:
+    def factor(self, here: LocalExpansion, convex: float, shift: float) -> bool:
         solid, state = self.solid, here.own
         ends = solid._ends()
         kept = 3 * solid.number[..., None] + np.arange(3)
@@ -373,7 +373,7 @@ class Loaded:
         self.kept = right
         return solid.cholesky.attempt(solid.pattern.sum(np.concatenate(values)))
 
-    def step(self, here: Local) -> np.ndarray:
+    def step(self, here: LocalExpansion) -> np.ndarray:
         solid, n = self.solid, self.solid.mesh.numbering
         columns = solid.cholesky.solve(np.column_stack([-self.kept, self.functionals]))
         now = np.zeros(solid.size)
@@ -392,7 +392,7 @@ class Loaded:
             out[batch.spirals][:, n.sections] = inside
         return out
 
-    def slope(self, here: Local, step: np.ndarray) -> float:
+    def slope(self, here: LocalExpansion, step: np.ndarray) -> float:
         kept = 3 * self.solid.number[..., None] + np.arange(3)
         moved = np.zeros(self.solid.size)
         moved[kept] = step[:, self.solid.local]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.newton import CONVERGED, DIVERGED, INDEFINITE, ITERATIONS, Factored, Iteration, Local
+from ..engine.newton import CONVERGED, DIVERGED, INDEFINITE, ITERATIONS, FactoredProblem, Iteration, LocalExpansion
 
 GROWN, PATIENCE = 1e6, 6  # it diverges if the decrement exceeds GROWN times its minimum after PATIENCE steps; by eye
 
@@ -31,7 +31,9 @@ class FullSteps:
     patience: int = PATIENCE
     best: float = field(default=np.inf, init=False)
 
-    def advance(self, problem: Factored, state: Any, here: Local, history: list[Iteration]) -> tuple[Any, str | None]:
+    def advance(
+        self, problem: FactoredProblem, state: Any, here: LocalExpansion, history: list[Iteration]
+    ) -> tuple[Any, str | None]:
         row = history[-1]
         for row.modified in self.convex:
             if problem.factor(here, row.modified, 0.0):

@@ -17,12 +17,12 @@ from .workers import WorkerDied
 
 ROOT = Path(__file__).resolve().parents[1]
 # Seconds to wait for answers of scheduler and workers, as in the folder ``database``; less gives up on slow networks
-PATIENCE = 20
+CONNECTION_SECONDS = 20
 # Number of times that a task is repeated on another worker after its worker was lost, as in the folder ``database``
 RETRIES = 3
 
 
-def version(root: str | Path = ROOT) -> str:
+def source_checksum(root: str | Path = ROOT) -> str:
     """Return a checksum of the engine: manifest, sources and data, independent of line endings."""
     digest = hashlib.sha256()
     manifest = Path(root, MANIFEST.name)
@@ -32,7 +32,7 @@ def version(root: str | Path = ROOT) -> str:
 
 
 def _remote(root: str, package: str, wanted: str, function: bytes, arguments: bytes) -> bytes:
-    """Call a function on a worker of the cluster; return what ``worker.answer`` returns.
+    """Call a function on a worker of the cluster; return what ``worker.run_pickled`` returns.
 
     The first call on a worker imports the program there, under the package name that it has in this process.
 
@@ -40,7 +40,7 @@ def _remote(root: str, package: str, wanted: str, function: bytes, arguments: by
     ----------
     root : folder of the program on the worker
     package : full name of the program's package
-    wanted : checksum of the program, which the worker's must equal, see ``version``
+    wanted : checksum of the program, which the worker's must equal, see ``source_checksum``
     function, arguments : pickled
     """
     import importlib.util
@@ -59,8 +59,8 @@ def _remote(root: str, package: str, wanted: str, function: bytes, arguments: by
         worker = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(worker)
         if package not in sys.modules:
-            worker.load(package, root)
-        worker.version = importlib.import_module(f"{package}.engine.cluster").version()  # type: ignore[attr-defined]
+            worker.import_package(package, root)
+        worker.version = importlib.import_module(f"{package}.engine.cluster").source_checksum()  # type: ignore[attr-defined]
         sys.modules[name] = worker
     worker = sys.modules[name]
     if worker.version != wanted:
@@ -70,7 +70,7 @@ def _remote(root: str, package: str, wanted: str, function: bytes, arguments: by
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1):
-        return worker.answer(pickle.loads(function), arguments)
+        return worker.run_pickled(pickle.loads(function), arguments)
 
 
 # functions of __main__ are pickled by value, so that workers need not import this package to unpickle it
@@ -101,14 +101,14 @@ class Cluster(Executor):
                 "Dask is not installed; install dask and distributed beside this Python, or name no scheduler"
             ) from None
         try:
-            self._client = Client(address, timeout=f"{PATIENCE}s")
+            self._client = Client(address, timeout=f"{CONNECTION_SECONDS}s")
         except (OSError, ValueError) as error:
             raise FlexMapsError(f"No Dask scheduler answers at {address}: {' '.join(str(error).split())}") from None
-        self._remote = partial(_remote, os.fspath(root), __name__.rpartition(".engine.")[0], version())
+        self._remote = partial(_remote, os.fspath(root), __name__.rpartition(".engine.")[0], source_checksum())
         self._pickled: tuple[Any, bytes] = (None, b"")
         self._executor = self._client.get_executor(retries=RETRIES, pure=False)
         try:
-            self._client.wait_for_workers(1, timeout=PATIENCE)
+            self._client.wait_for_workers(1, timeout=CONNECTION_SECONDS)
             answers = self._client.run(self._remote, pickle.dumps(os.getpid), pickle.dumps(()))
         except TimeoutError:
             self.shutdown()

@@ -29,19 +29,19 @@ LEAST_SLOT = 0.3  # mm, smallest upper end of the scale of slot widths: the narr
 LIGHT = np.array([0.27, -0.45, 0.85])  # unit vector towards the light: enough shade to see the shape; by eye
 
 
-def linear(srgb: np.ndarray) -> np.ndarray:
+def srgb_to_linear(srgb: np.ndarray) -> np.ndarray:
     """Convert sRGB to linear RGB; any shape, values in [0, 1]."""
     srgb = np.asarray(srgb, dtype=float)
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 
-def hexadecimal(rows: np.ndarray) -> list[str]:
+def to_hexadecimal(rows: np.ndarray) -> list[str]:
     """Format linear RGB colours (N, 3) as sRGB texts "#rrggbb"."""
     srgb = np.where(rows <= 0.0031308, 12.92 * rows, 1.055 * np.maximum(rows, 0.0) ** (1 / 2.4) - 0.055)
     return ["#" + "".join(f"{round(255 * min(max(x, 0.0), 1.0)):02x}" for x in row) for row in srgb.tolist()]
 
 
-def oklch(lightness: np.ndarray, chroma: np.ndarray, hue: np.ndarray) -> np.ndarray:
+def oklch_to_linear(lightness: np.ndarray, chroma: np.ndarray, hue: np.ndarray) -> np.ndarray:
     """Convert colours from Oklch (Ottosson 2020), in which colours of equal lightness look equally light.
 
     Parameters
@@ -75,16 +75,16 @@ def oklch(lightness: np.ndarray, chroma: np.ndarray, hue: np.ndarray) -> np.ndar
 def patch_colours(count: int) -> np.ndarray:
     """Return soft colours (count, 3), linear RGB; consecutive colours are far apart in hue (golden angle)."""
     i = np.arange(count)
-    return oklch(0.76 + 0.05 * np.cos(2.4 * i), np.full(count, 0.095), 0.9 + 2.399963 * i)
+    return oklch_to_linear(0.76 + 0.05 * np.cos(2.4 * i), np.full(count, 0.095), 0.9 + 2.399963 * i)
 
 
 def seam_colours(count: int) -> np.ndarray:
     """Return strong colours (count, 3), linear RGB, by which people find both sides of a seam."""
     i = np.arange(count)
-    return oklch(np.full(count, 0.58), np.full(count, 0.16), 0.4 + 2.399963 * i)
+    return oklch_to_linear(np.full(count, 0.58), np.full(count, 0.16), 0.4 + 2.399963 * i)
 
 
-def on_scale(share: np.ndarray, scale: np.ndarray) -> np.ndarray:
+def interpolate_scale(share: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """Interpolate sRGB colours (N, 3) of a scale.
 
     Parameters
@@ -111,9 +111,9 @@ def map_to_scale(values: np.ndarray, low: float, high: float, scale: np.ndarray)
     """
     span = high - low
     t = np.clip((values - low) / span, 0.0, 1.0) if span > 0 else np.zeros(len(values))
-    return linear(on_scale(t, scale))
+    return srgb_to_linear(interpolate_scale(t, scale))
 
 
-def pale(scale: Float[np.ndarray, "anchors 3"]) -> Float[np.ndarray, "anchors 3"]:
+def mix_with_white(scale: Float[np.ndarray, "anchors 3"]) -> Float[np.ndarray, "anchors 3"]:
     """Mix a colour scale half and half with white, so that dark lines and arms stand out on it."""
     return 0.5 + 0.5 * scale

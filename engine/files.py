@@ -46,7 +46,7 @@ _WINDOWS = {
 _DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{name}{digit}" for name in ("COM", "LPT") for digit in "0123456789¹²³")}
 # Largest number of UTF-8 bytes of a name; most file systems allow 255, and "-assembly", a number and a suffix are
 # appended
-LONGEST = 150
+MAX_NAME_LENGTH = 150
 # Attempts to move a file, and seconds between them: virus scanners keep new files open for about a second
 TRIES, PAUSE = 10, 0.1
 
@@ -104,33 +104,33 @@ def write_all_atomically(
 
     def new(path: str | os.PathLike[str]) -> Path:
         target = Path(path)
-        with _writing(wanted):
+        with _convert_write_errors(wanted):
             made.extend(_make_folder(target.parent))
             if target.is_dir():
                 raise IsADirectoryError(errno.EISDIR, "is a folder", str(target))
             if guard is not None:
                 guard.check([target], root)
             if target not in wanted:
-                wanted[target] = _beside(target)
+                wanted[target] = _temporary_path(target)
                 wanted[target].touch()  # fail before the work is done if the folder is read-only
         return wanted[target]
 
     try:
         if alone_in is not None:
-            with _writing(wanted):
+            with _convert_write_errors(wanted):
                 made.extend(_make_folder(Path(alone_in)))
-                held = _locked(Path(alone_in))
+                held = _folder_lock(Path(alone_in))
         try:
             yield new
         except OSError as error:
-            if not _by_writing(error, wanted):
+            if not _is_write_error(error, wanted):
                 raise
-            raise _refused(error, wanted) from error
-        with _writing(wanted):
+            raise _write_error(error, wanted) from error
+        with _convert_write_errors(wanted):
             gone = [p for p in map(Path, stale) if p not in wanted and p.is_file()]
             if guard is not None:
                 gone = [p for p in gone if guard.may_remove(p, root)]
-                _note(wanted, gone, root)
+                _add_checksum_records(wanted, gone, root)
             _swap(wanted, gone)
         made.clear()
     finally:
@@ -144,32 +144,32 @@ def write_all_atomically(
                 folder.rmdir()
 
 
-def _note(wanted: dict[Path, Path], gone: list[Path], root: Path | None) -> None:
+def _add_checksum_records(wanted: dict[Path, Path], gone: list[Path], root: Path | None) -> None:
     """Add the files that list checksums to the files to write."""
     for folder in {target.parent if root is None else root for target in (*wanted, *gone)}:
         own = {target: now for target, now in wanted.items() if root is not None or target.parent == folder}
-        text = own_files.note_text(folder, own, gone)
-        wanted[folder / own_files.CHECKSUM_FILE] = _beside(folder / own_files.CHECKSUM_FILE)
+        text = own_files.format_checksums(folder, own, gone)
+        wanted[folder / own_files.CHECKSUM_FILE] = _temporary_path(folder / own_files.CHECKSUM_FILE)
         wanted[folder / own_files.CHECKSUM_FILE].write_text(text, encoding="utf-8")
 
 
 @contextmanager
-def _writing(wanted: dict[Path, Path]) -> Iterator[None]:
+def _convert_write_errors(wanted: dict[Path, Path]) -> Iterator[None]:
     """Convert errors to ``FlexMapsError``, for steps that only write; file names with a zero byte raise ValueError."""
     try:
         yield
     except (OSError, ValueError) as error:
-        raise _refused(error, wanted) from error
+        raise _write_error(error, wanted) from error
 
 
-def _by_writing(error: OSError, wanted: dict[Path, Path]) -> bool:
+def _is_write_error(error: OSError, wanted: dict[Path, Path]) -> bool:
     """Return whether an error comes from writing a wanted file: it names the file, or no file (as for a full disk)."""
     if error.filename is None:
         return error.errno in _FULL
     return str(error.filename) in {str(temporary) for temporary in wanted.values()}
 
 
-def _refused(error: OSError | ValueError, wanted: dict[Path, Path]) -> FlexMapsError:
+def _write_error(error: OSError | ValueError, wanted: dict[Path, Path]) -> FlexMapsError:
     name = getattr(error, "filename", None)
     target = next((t for t, temporary in wanted.items() if str(temporary) == str(name)), None)
     place = target or name or next(iter(wanted), "the file")
@@ -180,21 +180,21 @@ def safe_file_name(text: str) -> str:
     """Convert a user's text to a file name that is valid on every system.
 
     Punctuation, spaces and invisible characters become "_", as in Blender's own file names; letters of all scripts
-    stay. Names that Windows reserves for devices get a "_" at the end. Names are cut to ``LONGEST`` bytes.
+    stay. Names that Windows reserves for devices get a "_" at the end. Names are cut to ``MAX_NAME_LENGTH`` bytes.
     """
     signs = (letter.isascii() and not letter.isalnum() and letter != "-" for letter in text)
     unseen = (unicodedata.category(letter)[0] in "CZ" for letter in text)
     clean = "".join("_" if any(bad) else letter for letter, *bad in zip(text, signs, unseen, strict=True))
-    clean = clean.encode()[:LONGEST].decode(errors="ignore")
+    clean = clean.encode()[:MAX_NAME_LENGTH].decode(errors="ignore")
     return f"{clean}_" if clean.upper() in _DEVICES else clean
 
 
-def _beside(target: Path) -> Path:
+def _temporary_path(target: Path) -> Path:
     """Return an unused hidden path in the target's folder, with its suffix, by which some writers choose the format."""
     return target.with_name(f".{uuid.uuid4().hex[:12]}{target.suffix}")
 
 
-def _locked(folder: Path) -> BinaryIO:
+def _folder_lock(folder: Path) -> BinaryIO:
     """Lock a folder until ``_unlock``, or until the process ends for any reason.
 
     Raises ``FlexMapsError`` if another run has locked it.
@@ -274,7 +274,7 @@ def _swap(wanted: dict[Path, Path], stale: list[Path]) -> None:
         for target in [*wanted, *stale]:
             old = None
             if target.exists() or target.is_symlink():
-                old = _beside(target)
+                old = _temporary_path(target)
                 _move(target, old)
             done.append((target, old))
             if target in wanted:

@@ -19,7 +19,7 @@ class NotPositiveDefinite(ArithmeticError):
     """The matrix has no Cholesky factor; Newton's method must modify its Hessian."""
 
 
-class Pattern:
+class SparsityPattern:
     """Sparsity pattern of a symmetric matrix: its lower triangle in compressed columns, with all diagonal entries.
 
     size : number of rows
@@ -79,7 +79,7 @@ class SparseCholesky:
     backend : "cvxopt" or "superlu"; None for cvxopt if it is installed, else SuperLU
     """
 
-    def __init__(self, pattern: Pattern, backend: str | None = None):
+    def __init__(self, pattern: SparsityPattern, backend: str | None = None):
         self.pattern = pattern
         self.backend = backend or _first_backend()
         self._factor: Any = None
@@ -140,7 +140,7 @@ class SparseLU:
     """
 
     def __init__(self, matrix: csc_array):
-        self._factor = _unpivoted(matrix)
+        self._factor = _lu_without_pivoting(matrix)
 
     @property
     def negative(self) -> int:
@@ -156,7 +156,7 @@ class SparseLU:
         return self._factor.solve(np.asarray(rhs, dtype=float))
 
 
-def negative_eigenvalues(pattern: Pattern, values: np.ndarray) -> int:
+def negative_eigenvalues(pattern: SparsityPattern, values: np.ndarray) -> int:
     """Count the negative eigenvalues of a symmetric matrix from the signs of its pivots (Sylvester's law of inertia).
 
     Parameters
@@ -171,12 +171,12 @@ def negative_eigenvalues(pattern: Pattern, values: np.ndarray) -> int:
     return int((_symmetric_lu(pattern, values).U.diagonal() < 0).sum())
 
 
-def _symmetric_lu(pattern: Pattern, values: np.ndarray) -> Any:
+def _symmetric_lu(pattern: SparsityPattern, values: np.ndarray) -> Any:
     """Return LU factors without pivoting; as many diagonal entries of U as eigenvalues of the matrix are negative."""
-    return _unpivoted(pattern.matrix(values))
+    return _lu_without_pivoting(pattern.matrix(values))
 
 
-def _unpivoted(matrix: csc_array) -> Any:
+def _lu_without_pivoting(matrix: csc_array) -> Any:
     try:
         return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     except RuntimeError as error:

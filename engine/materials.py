@@ -241,7 +241,7 @@ MATERIALS: dict[str, Material] = {
 }
 
 
-def material(name: str) -> Material:
+def find_material(name: str) -> Material:
     """Return the material with a key. Raises ``FlexMapsError``, which lists all keys, if there is none."""
     try:
         return MATERIALS[name]

@@ -3,7 +3,7 @@
 A problem (``Problem``) defines its states, such as hubs with rotations, nodes of a solid, or a design. At a state it
 evaluates energy and gradient and solves with its Hessian, in increments that ``moved`` adds to the state; increments of
 fixed degrees of freedom are zero. A rule chooses the next state: ``LineSearch`` if the Hessian may be indefinite on the
-way, ``Damped`` for least squares whose Hessian is available only as products with vectors.
+way, ``LevenbergMarquardt`` for least squares whose Hessian is available only as products with vectors.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ NEGLIGIBLE = 1e-9  # length of a negligible step, in variables scaled to a box o
 
 
 @dataclass(frozen=True, eq=False)
-class Local:
+class LocalExpansion:
     """Expansion of a problem about a state.
 
     energy : objective; terms : sum of its terms' absolute values, for estimates of rounding errors
@@ -85,7 +85,7 @@ class Run:
     """Outcome: last state, last computed expansion, reason for the end (a constant of this module), all iterations."""
 
     state: Any
-    here: Local
+    here: LocalExpansion
     ended: str
     history: list[Iteration]
 
@@ -93,7 +93,7 @@ class Run:
 class Problem(Protocol):
     """A minimisation problem. States are never changed in place."""
 
-    def expand(self, state: Any) -> Local:
+    def expand(self, state: Any) -> LocalExpansion:
         """Return energy, gradient and the data that the Hessian needs."""
 
     def energy(self, state: Any) -> float:
@@ -103,27 +103,27 @@ class Problem(Protocol):
         """Observe every new state; raise ``Cancelled`` if the user cancels."""
 
 
-class Factored(Problem, Protocol):
+class FactoredProblem(Problem, Protocol):
     """A problem whose Hessian can be factored."""
 
     def moved(self, state: Any, step: np.ndarray) -> Any:
         """Return the state after an increment; rotations are composed, vectors added."""
 
-    def factor(self, here: Local, convex: float, shift: float) -> bool:
+    def factor(self, here: LocalExpansion, convex: float, shift: float) -> bool:
         """Factor the Hessian; return False if it is not positive definite.
 
         A share ``convex`` of it is replaced by its convex part, whose diagonal is raised by the share ``shift`` of
         itself.
         """
 
-    def step(self, here: Local) -> np.ndarray:
+    def step(self, here: LocalExpansion) -> np.ndarray:
         """Return Newton's step with the last factor, limited to where the expansion is accurate."""
 
-    def slope(self, here: Local, step: np.ndarray) -> float:
+    def slope(self, here: LocalExpansion, step: np.ndarray) -> float:
         """Return the directional derivative of the energy along a step."""
 
 
-class Escapable(Factored, Protocol):
+class SaddleProblem(FactoredProblem, Protocol):
     """A problem with saddles."""
 
     def stable(self, state: Any) -> bool:
@@ -143,17 +143,17 @@ class DampedProblem(Problem, Protocol):
     def reached(self, state: Any) -> bool:
         """Return whether a state is so good that the search ends."""
 
-    def proposed(self, here: Local, damping: float, following: float) -> Any:
+    def proposed(self, here: LocalExpansion, damping: float, following: float) -> Any:
         """Return a step (``step``, ``gain``) that nearly minimises the damped quadratic model; None if there is none.
 
         ``damping`` acts on the variables, ``following`` on the dependent quantities; ``gain`` is the predicted
         decrease.
         """
 
-    def tried(self, here: Local, proposal: Any) -> Any | None:
+    def tried(self, here: LocalExpansion, proposal: Any) -> Any | None:
         """Return the state after a proposed step; None if the dependent quantities cannot follow it."""
 
-    def shortened(self, here: Local, proposal: Any, share: float) -> Any:
+    def shortened(self, here: LocalExpansion, proposal: Any, share: float) -> Any:
         """Return a proposal with the given share of another proposal's step, and the decrease predicted for it."""
 
     def gentle(self, proposal: Any) -> float:
@@ -169,7 +169,9 @@ class DampedProblem(Problem, Protocol):
 class Rule(Protocol):
     """Iteration scheme."""
 
-    def advance(self, problem: Any, state: Any, here: Local, history: list[Iteration]) -> tuple[Any, str | None]:
+    def advance(
+        self, problem: Any, state: Any, here: LocalExpansion, history: list[Iteration]
+    ) -> tuple[Any, str | None]:
         """Return the next state, and the reason if the search ends there, else None.
 
         Parameters
@@ -193,10 +195,10 @@ def minimise(problem: Problem, start: Any, rule: Rule) -> Run:
     -------
     the outcome: last state, reason for the end, and history
     """
-    return run_to_end(stepping(problem, start, rule))
+    return run_to_end(minimise_stepwise(problem, start, rule))
 
 
-def stepping(problem: Problem, start: Any, rule: Rule) -> Generator[Any, None, Run]:
+def minimise_stepwise(problem: Problem, start: Any, rule: Rule) -> Generator[Any, None, Run]:
     """Minimise step by step: yield every new state, and return the run at the end.
 
     Parameters
@@ -240,7 +242,9 @@ class LineSearch:
     decay: float = DECAY
     convex: float = 0.0
 
-    def advance(self, problem: Escapable, state: Any, here: Local, history: list[Iteration]) -> tuple[Any, str | None]:
+    def advance(
+        self, problem: SaddleProblem, state: Any, here: LocalExpansion, history: list[Iteration]
+    ) -> tuple[Any, str | None]:
         if here.residual <= self.tolerance:
             if problem.stable(state):
                 return state, CONVERGED
@@ -256,7 +260,7 @@ class LineSearch:
         found = self._searched(problem, state, here, step, history)
         return (state, NO_DESCENT) if found is None else (found, None)
 
-    def _factored(self, problem: Factored, here: Local, history: list[Iteration]) -> bool:
+    def _factored(self, problem: FactoredProblem, here: LocalExpansion, history: list[Iteration]) -> bool:
         """Factor the Hessian with the present share of its convex part; if that fails, with small shares, then 1."""
         row = history[-1]
         row.modified = self.convex if self.convex >= LEAST_CONVEX else 0.0
@@ -276,7 +280,7 @@ class LineSearch:
         return len(residuals) > STEPS and CREEPING > min(residuals[-STEPS:]) > 0.5 * min(residuals[:-STEPS])
 
     def _searched(
-        self, problem: Factored, state: Any, here: Local, step: np.ndarray, history: list[Iteration]
+        self, problem: FactoredProblem, state: Any, here: LocalExpansion, step: np.ndarray, history: list[Iteration]
     ) -> Any | None:
         """Halve the step until the energy is sufficiently below the recent maximum; None if no halving is enough."""
         row, slope = history[-1], problem.slope(here, step)
@@ -295,7 +299,7 @@ class LineSearch:
 
 
 @dataclass(eq=False)
-class Damped:
+class LevenbergMarquardt:
     """Levenberg-Marquardt steps: damping grows when the model predicts badly and shrinks when it predicts well.
 
     iterations : largest number of iterations
@@ -318,7 +322,7 @@ class Damped:
     too_far: bool = False
 
     def advance(
-        self, problem: DampedProblem, state: Any, here: Local, history: list[Iteration]
+        self, problem: DampedProblem, state: Any, here: LocalExpansion, history: list[Iteration]
     ) -> tuple[Any, str | None]:
         if not history[1:]:
             along = float(np.linalg.norm(here.gradient) / (self.first * np.sqrt(here.gradient.size)))
@@ -339,7 +343,7 @@ class Damped:
             return found, ITERATIONS
         return found, TIME if problem.over else None
 
-    def _tried(self, problem: DampedProblem, here: Local, row: Iteration) -> tuple[Any | None, float]:
+    def _tried(self, problem: DampedProblem, here: LocalExpansion, row: Iteration) -> tuple[Any | None, float]:
         """Propose steps with ever more damping until one is accepted, as a whole or shortened.
 
         Return the accepted state, None if all are refused, and its predicted decrease.
@@ -379,7 +383,7 @@ class Damped:
 
     @staticmethod
     def _shorter(
-        problem: DampedProblem, here: Local, proposal: Any, share: float, row: Iteration
+        problem: DampedProblem, here: LocalExpansion, proposal: Any, share: float, row: Iteration
     ) -> tuple[Any | None, float]:
         """Return the state after a share of a refused step, and its predicted decrease; None if that is refused too."""
         shorter = problem.shortened(here, proposal, share)
@@ -390,7 +394,7 @@ class Damped:
         return found, shorter.gain
 
 
-def _least_share(here: Local, step: np.ndarray, energy: float) -> float:
+def _least_share(here: LocalExpansion, step: np.ndarray, energy: float) -> float:
     """Return the share of a step, in ``SHARES``, that minimises the parabola through slope here and both energies."""
     along = float(here.gradient @ step)
     bend = energy - here.energy - along

@@ -56,15 +56,15 @@ class Guard:
             source = next((path for path in self._read if _same(path, target)), None)
             if source is not None:
                 raise FlexMapsError(
-                    f"{target} is read in this run ({source}) and would be written over; {_elsewhere(target, root)}"
+                    f"{target} is read in this run ({source}) and would be written over; {_advise_other_target(target, root)}"
                 )
-            if not self.overwrite and not is_ours(target, root):
+            if not self.overwrite and not is_unchanged_output(target, root):
                 foreign.append(target)
         if foreign:
             more = f" and {len(foreign) - 1} more" if len(foreign) > 1 else ""
             raise UserFileError(
                 f"{foreign[0]}{more} would be written over, but FlexMaps did not write it, or it was changed since; "
-                f"{_elsewhere(foreign[0], root)}, or allow it (--overwrite, overwrite=True)"
+                f"{_advise_other_target(foreign[0], root)}, or allow it (--overwrite, overwrite=True)"
             )
 
     def may_remove(self, path: Path, root: Path | None = None) -> bool:
@@ -75,10 +75,10 @@ class Guard:
         path : the stale file
         root : folder with the recorded checksum; None for the file's own folder
         """
-        return is_ours(path, root) and not any(_same(source, path) for source in self._read)
+        return is_unchanged_output(path, root) and not any(_same(source, path) for source in self._read)
 
 
-def is_ours(path: Path, root: Path | None = None) -> bool:
+def is_unchanged_output(path: Path, root: Path | None = None) -> bool:
     """Return whether this program wrote a file and nobody changed it: its checksum equals the recorded one.
 
     Parameters
@@ -87,14 +87,14 @@ def is_ours(path: Path, root: Path | None = None) -> bool:
     root : folder with the recorded checksum; None for the file's own folder
     """
     folder = path.parent if root is None else root
-    noted = read_note(folder).get(_key(path, folder))
+    noted = read_checksums(folder).get(_key(path, folder))
     try:
         return noted is not None and not path.is_symlink() and noted == checksum(path)
     except OSError:
         return False
 
 
-def read_note(folder: Path) -> dict[str, str]:
+def read_checksums(folder: Path) -> dict[str, str]:
     """Return the recorded checksums by the files' paths in the folder; empty if the record is missing or damaged."""
     try:
         noted = json.loads((folder / CHECKSUM_FILE).read_text(encoding="utf-8"))
@@ -103,7 +103,7 @@ def read_note(folder: Path) -> dict[str, str]:
     return noted if isinstance(noted, dict) else {}
 
 
-def note_text(folder: Path, written: dict[Path, Path], removed: Iterable[Path]) -> str:
+def format_checksums(folder: Path, written: dict[Path, Path], removed: Iterable[Path]) -> str:
     """Return the text of a folder's new record of checksums.
 
     Parameters
@@ -112,7 +112,7 @@ def note_text(folder: Path, written: dict[Path, Path], removed: Iterable[Path]) 
     written : temporary path of every new file, by its target
     removed : files to delete from the record
     """
-    noted = read_note(folder) | {_key(place, folder): checksum(now) for place, now in written.items()}
+    noted = read_checksums(folder) | {_key(place, folder): checksum(now) for place, now in written.items()}
     gone = {_key(path, folder) for path in removed}
     return json.dumps({name: noted[name] for name in sorted(noted) if name not in gone}, indent=1) + "\n"
 
@@ -134,7 +134,7 @@ def _same(one: Path, other: Path) -> bool:
         return False
 
 
-def _elsewhere(target: Path, root: Path | None) -> str:
+def _advise_other_target(target: Path, root: Path | None) -> str:
     """Return the advice to write to another folder (with ``root``) or file, with a name that is free."""
     place = (target if root is None else root).absolute()
     names = (

@@ -13,7 +13,7 @@ KEPT = 400  # largest number of stored reports; beyond it every other report is 
 
 
 @dataclass
-class Remaining:
+class RemainingTime:
     """Estimator of the remaining time: feed it with the reports of a progress.
 
     seen : elapsed seconds and fraction of the reports so far

@@ -16,7 +16,7 @@ class OtherVersion(UserWarning):
     """Warning of ``api.load``: another version made the piece, and results have changed since."""
 
 
-def order(version: str) -> tuple[int, ...]:
+def version_key(version: str) -> tuple[int, ...]:
     """Return the sort key of a version; texts that are not versions sort before all versions."""
     parts = version.split(".")
     return tuple(int(part) for part in parts) if all(part.isascii() and part.isdigit() for part in parts) else ()
@@ -29,7 +29,9 @@ def changes_between(version: str, now: str = VERSION) -> tuple[str, ...]:
     ----------
     version, now : older and newer version, as "1.2.3"
     """
-    return tuple(text for first, text in RESULT_CHANGES if order(version) < order(first) <= order(now))
+    return tuple(
+        text for first, text in RESULT_CHANGES if version_key(version) < version_key(first) <= version_key(now)
+    )
 
 
 def version_warning(version: str, now: str = VERSION) -> str:
@@ -40,7 +42,7 @@ def version_warning(version: str, now: str = VERSION) -> str:
     version : version that made the piece
     now : version of this program
     """
-    if order(version) > order(now):
+    if version_key(version) > version_key(now):
         return f"It was made with FlexMaps {version}, which is newer than this {now}: what is new there is not read"
     changed = changes_between(version, now)
     return f"It was made with FlexMaps {version}, this is {now}; since then: {'; '.join(changed)}" if changed else ""

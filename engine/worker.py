@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 
-def load(package: str, folder: str) -> None:
+def import_package(package: str, folder: str) -> None:
     """Import a package from a folder.
 
     Parameters
@@ -42,7 +42,7 @@ def load(package: str, folder: str) -> None:
     spec.loader.exec_module(sys.modules[package])
 
 
-def answer(function: Any, arguments: bytes) -> bytes:
+def run_pickled(function: Any, arguments: bytes) -> bytes:
     """Call a function with pickled arguments; return a pickled pair: whether it succeeded, and value or exception."""
     try:
         return pickle.dumps((True, function(*pickle.loads(arguments))))
@@ -56,7 +56,7 @@ def answer(function: Any, arguments: bytes) -> bytes:
             return pickle.dumps((False, RuntimeError("".join(traceback.format_exception(error)))))
 
 
-def _take(source: BinaryIO, wanted: queue.SimpleQueue[tuple[bytes, bytes]]) -> None:
+def _read_calls(source: BinaryIO, wanted: queue.SimpleQueue[tuple[bytes, bytes]]) -> None:
     try:
         while True:
             wanted.put(pickle.load(source))
@@ -75,9 +75,9 @@ def main() -> None:
     os.dup2(2, 1)  # redirect print() of libraries to standard error, away from the answers
     begin = json.loads(source.readline())
     sys.path[:] = begin["path"]
-    load(begin["package"], begin["folder"])
+    import_package(begin["package"], begin["folder"])
     wanted: queue.SimpleQueue[tuple[bytes, bytes]] = queue.SimpleQueue()
-    threading.Thread(target=_take, args=(source, wanted), daemon=True).start()
+    threading.Thread(target=_read_calls, args=(source, wanted), daemon=True).start()
     reply, function = pickle.dumps((True, "ready")), None
     while True:
         answers.write(reply)
@@ -88,7 +88,7 @@ def main() -> None:
         except Exception as error:
             reply, function = pickle.dumps((False, RuntimeError(f"{type(error).__name__}: {error}"))), None
         else:
-            reply = answer(function, arguments)
+            reply = run_pickled(function, arguments)
 
 
 if __name__ == "__main__":

@@ -31,13 +31,13 @@ ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
 SCRIPT = Path(__file__).with_name("worker.py")
 
 
-def python() -> str | None:
+def python_path() -> str | None:
     """Return the path of the Python executable (inside Blender, the bundled one); None if there is none."""
     name = Path(sys.executable or "").name.lower()
     return sys.executable if name.startswith(("python", "pypy")) else None
 
 
-def cores() -> int:
+def count_cores() -> int:
     """Return the number of processor cores that this program may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
@@ -60,7 +60,7 @@ class Workers(Executor):
     """
 
     def __init__(self, count: int | None = None):
-        self.count = max(1, cores() if count is None else count)
+        self.count = max(1, count_cores() if count is None else count)
         self.note = ""
         self._idle: queue.LifoQueue[_Process | None] = queue.LifoQueue()
         for _ in range(self.count):
@@ -92,7 +92,7 @@ class Workers(Executor):
         # once processes have started, a single item goes to a process too, so that the user can cancel with ESC
         if self.count < 2 or len(items) < (1 if self._all else 2):
             return [function(item) for item in progress.each(items, text)]
-        futures = dict(as_done(self, function, items, progress, text))
+        futures = dict(as_completed(self, function, items, progress, text))
         return [futures[number].result() for number in range(len(items))]
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
@@ -171,7 +171,7 @@ class Workers(Executor):
         process.close()
 
 
-def as_done(
+def as_completed(
     executor: Executor,
     function: Callable[[Any], Any],
     items: Sequence[Any],
@@ -210,7 +210,7 @@ class _Process:
     """A worker process that runs one call at a time. Raises OSError or ``WorkerDied`` if it cannot be started."""
 
     def __init__(self) -> None:
-        executable = python()
+        executable = python_path()
         if executable is None:
             raise FileNotFoundError("this program has no Python executable")
         self._stopped = False

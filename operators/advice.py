@@ -83,7 +83,7 @@ class RemedyStage(ContinuedStage["RemediedPiece"]):
             progress(0.92, "Drawing outlines")
             panels = PanelDrawing.from_design(made.need(DesignVersion).design, wanted, progress.part(0.92, 0.99))
             return remedied_piece.RemediedPiece(
-                result, made, panels, report.blocks(made, progress=progress.part(0.99, 1.0))
+                result, made, panels, report.report_blocks(made, progress=progress.part(0.99, 1.0))
             )
 
         return go_on
@@ -225,7 +225,7 @@ class MakeFiner(RemedyStage, bpy.types.Operator):
 
         settings, polygons = snapshot.settings, snapshot.surface.polygons
         remeshed = remesh.make_quads(polygons, round(self._amount), settings, progress.part(0.0, 0.5))
-        begun = job.begin(remeshed.polygons)
+        begun = job.check_input(remeshed.polygons)
         made = job.run_until(begun, settings, "design", progress=progress.part(0.5, 1.0), fresh=True)
         return made.with_surface(findings=[*check.all_findings(PolygonMesh.from_quads(made.mesh)), *remeshed.findings])
 

@@ -55,7 +55,7 @@ class Animate(ContinuedStage["FinishedFilm"], bpy.types.Operator):
             tips = preview.connector_tips(design, settings, progress.part(0.0, 0.2))
             rest = progress.part(0.2 if tips else 0.0, 1.0)
             material = settings.material.chosen
-            made = assembly_film.film(design, stored, table, detail, material, settings.simulate, rest, tips)
+            made = assembly_film.make_film(design, stored, table, detail, material, settings.simulate, rest, tips)
             return made, stored, settings
 
         return go_on

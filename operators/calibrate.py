@@ -39,10 +39,10 @@ class CalibrationSheet(FileWriter, ImmediateOperator, ObjectOperator, bpy.types.
 
 def _formats(wanted: ObjectSettings) -> tuple[str, ...]:
     """Return the object's export formats that the calibration sheet supports, or if there are none, the usual ones."""
-    from ..engine.extras.calibrating.sheet_files import USUAL, WRITERS
+    from ..engine.extras.calibrating.sheet_files import DEFAULT_FORMATS, WRITERS
     from ..engine.fabrication.writers import export
 
-    return tuple(key for key in export.chosen_formats(wanted.export) if key in WRITERS) or USUAL
+    return tuple(key for key in export.chosen_formats(wanted.export) if key in WRITERS) or DEFAULT_FORMATS
 
 
 def _reading_property(name: str, description: str) -> object:
@@ -80,7 +80,7 @@ class Calibrated(ImmediateOperator, ObjectOperator, bpy.types.Operator):
 
         obj = context.object
         wanted = settings.read(obj.flexmaps, ObjectSettings)
-        made = coupons.read(resolve_folder(wanted.export.folder) / SUBFOLDER)
+        made = coupons.read_coupons(resolve_folder(wanted.export.folder) / SUBFOLDER)
         result = calibrate.calibrate(made, self._readings())
         settings.write(obj.flexmaps, with_values(wanted, result.settings))
         kept = presets.write_preset(self.preset, result.settings) if self.preset.strip() else None
@@ -88,15 +88,15 @@ class Calibrated(ImmediateOperator, ObjectOperator, bpy.types.Operator):
         return _describe(result, kept)
 
     def _readings(self) -> Readings:
-        from ..engine.extras.calibrating.calibrate import Readings, numbers
+        from ..engine.extras.calibrating.calibrate import Readings, parse_numbers
 
-        a, b = numbers(self.sag_a), numbers(self.sag_b)
+        a, b = parse_numbers(self.sag_a), parse_numbers(self.sag_b)
         if len(a) != len(b):
             raise FlexMapsError("Give as many sags of spiral A as of spiral B")
         return Readings.from_measurements(
-            kerf_comb=numbers(self.kerf_comb), clearance=numbers(self.clearance), kind=self.kind,
-            thickness=numbers(self.thickness), strip_sag=numbers(self.strip_sag), strip_weight=numbers(self.strip_weight),
-            strip_mass=numbers(self.strip_mass), spiral_sag=list(zip(a, b, strict=True)), spiral_weight=numbers(self.weights),
+            kerf_comb=parse_numbers(self.kerf_comb), clearance=parse_numbers(self.clearance), kind=self.kind,
+            thickness=parse_numbers(self.thickness), strip_sag=parse_numbers(self.strip_sag), strip_weight=parse_numbers(self.strip_weight),
+            strip_mass=parse_numbers(self.strip_mass), spiral_sag=list(zip(a, b, strict=True)), spiral_weight=parse_numbers(self.weights),
         )  # fmt: skip
 
 

@@ -148,10 +148,10 @@ class TakeChoice(LayoutStage, bpy.types.Operator):
 
         def go_on(result: Result, progress: Progress) -> Any:
             from ..bridge.store import choices
-            from ..engine.runs import by_hand
+            from ..engine.runs import manual_changes
 
             cut = choices.read_cuts(snapshot.surface, number)
-            return with_report(by_hand.flatten_by_hand(result, cut, snapshot.settings, progress)), block | {
+            return with_report(manual_changes.flatten_by_hand(result, cut, snapshot.settings, progress)), block | {
                 "taken": number
             }
 

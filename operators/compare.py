@@ -58,7 +58,7 @@ class Compare(ScanProperties, ContinuedStage["Result"], bpy.types.Operator):
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Result]:
         from ..bridge.store import equilibrium
-        from ..engine.extras.scanning import reading
+        from ..engine.extras.scanning import scan_reader
 
         path = Path(bpy.path.abspath(self.filepath))
         unit, anywhere = "" if self.unit == "GUESS" else self.unit, self.anywhere
@@ -68,7 +68,7 @@ class Compare(ScanProperties, ContinuedStage["Result"], bpy.types.Operator):
             from ..engine.runs import job
 
             progress(0.0, "Reading the scan")
-            scan = reading.read(path, unit, anywhere)
+            scan = scan_reader.read_scan(path, unit, anywhere)
             return job.run_stages(result.with_user(rest=rest, scanned=scan), snapshot.settings, ("compare",), progress)
 
         return go_on
@@ -79,7 +79,7 @@ class Compare(ScanProperties, ContinuedStage["Result"], bpy.types.Operator):
         from ..engine.runs import report
 
         scans.write(obj, result.scan, scan_points.show_points(obj, context.scene, result.scan))
-        blocks = report.blocks(result, ("scan",))
+        blocks = report.report_blocks(result, ("scan",))
         stored_report.write_all(obj.data, blocks)
         return scans.describe_result(blocks["scan"])
 

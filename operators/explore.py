@@ -31,7 +31,7 @@ class Explore(ContinuedStage["Exploration"], bpy.types.Operator):
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Exploration]:
         def go_on(result: Result, progress: Progress) -> Exploration:
             from ..engine.extras.exploring.explore_params import ExploreParams
-            from ..engine.extras.exploring.run import explore_piece
+            from ..engine.extras.exploring.run_exploration import explore_piece
             from ..engine.extras.exploring.space import space_from_switches
 
             settings = snapshot.settings

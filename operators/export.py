@@ -68,7 +68,7 @@ class Export(FolderWriter, ContinuedStage["SheetFiles"], bpy.types.Operator):
                 written = job_folder.write_sheets(
                     made, snapshot.name, base, formats, new, guide, progress.part(0.85, 1.0)
                 )
-            blocks = report.blocks(made, ("sheets", "assembly"))
+            blocks = report.report_blocks(made, ("sheets", "assembly"))
             blocks["sheets"] |= {"files": [file.name for file in written]}
             cut = made.need(DesignVersion).design if sheets.base is None else sheets.base.design
             again = stale or sheets.base is not None

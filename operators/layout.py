@@ -99,9 +99,11 @@ class Merge(LayoutStage, bpy.types.Operator):
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         def go_on(result: Result, progress: Progress) -> FlatReported:
-            from ..engine.runs import by_hand, job
+            from ..engine.runs import job, manual_changes
 
-            traced = by_hand.traced_at(result, snapshot.read_seams(result), snapshot.settings, progress.part(0.0, 0.1))
+            traced = manual_changes.trace_with_seams(
+                result, snapshot.read_seams(result), snapshot.settings, progress.part(0.0, 0.1)
+            )
             return with_report(job.run_stages(traced, snapshot.settings, ("merge", "split"), progress.part(0.1, 1.0)))
 
         return go_on
@@ -118,11 +120,13 @@ class FlattenStage(LayoutStage):
         reuse = self.reuse
 
         def go_on(result: Result, progress: Progress) -> FlatReported:
-            from ..engine.runs import by_hand
+            from ..engine.runs import manual_changes
 
             previous = mesh.read_flat(snapshot.surface, result.mesh) if reuse else None
             return with_report(
-                by_hand.flatten_by_hand(result, snapshot.read_seams(result), snapshot.settings, progress, previous)
+                manual_changes.flatten_by_hand(
+                    result, snapshot.read_seams(result), snapshot.settings, progress, previous
+                )
             )
 
         return go_on

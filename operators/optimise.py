@@ -111,7 +111,7 @@ def _with_remedy_effects(made: Result, settings: ObjectSettings, progress: Progr
     """Return the result with the predicted effect of remedies; unchanged after a cancel or with drag targets."""
     if not registry.has("choosing"):
         return made
-    from ..engine.extras.choosing.prospects import prospects
+    from ..engine.extras.choosing.prospects import find_prospects
     from ..engine.runs.outputs import SimulatedShape
 
     shape = made.get(SimulatedShape)
@@ -119,7 +119,7 @@ def _with_remedy_effects(made: Result, settings: ObjectSettings, progress: Progr
         return made
     unseen = replace(progress, shown=None)  # do not show the trial pieces in the 3D view
     try:
-        tried = prospects(
+        tried = find_prospects(
             shape.simulation, shape.limits, settings, supports=made.supports, force=made.force, progress=unseen
         )
     except Cancelled:

@@ -58,7 +58,7 @@ class Report(FolderWriter, ContinuedStage["Plots"], bpy.types.Operator):
         export_folder, folder = snapshot.settings.export.folder, None
         if self.files and not is_relative_to_unsaved(export_folder):
             folder = resolve_folder(export_folder) / f"{file_name(snapshot.name)}-report"
-            guard = self.guard(snapshot.settings, report_page.stale(folder), folder)
+            guard = self.guard(snapshot.settings, report_page.stale_files(folder), folder)
 
         def go_on(result: Result, progress: Progress) -> Plots:
             from ..engine import files
@@ -74,9 +74,9 @@ class Report(FolderWriter, ContinuedStage["Plots"], bpy.types.Operator):
                 drawing_it(k / len(drawn), f"Drawing: {drawing.title}")
                 shown[kind] = raster.render_drawing(drawing, letters.result())
             if folder is not None:
-                with files.write_all_atomically(report_page.stale(folder), folder, guard) as new:
+                with files.write_all_atomically(report_page.stale_files(folder), folder, guard) as new:
                     rest = progress.part(0.9, 1.0)
-                    report_page.write(page.report, drawn, folder, new, progress=rest, piece=view)
+                    report_page.write_page(page.report, drawn, folder, new, progress=rest, piece=view)
             return snapshot.name, shown, folder
 
         return go_on

@@ -36,7 +36,7 @@ class Simulate(ContinuedStage["Result"], bpy.types.Operator):
 
         shape = result.need(SimulatedShape)
         equilibrium.write(obj, surface, shape.simulation, shape.limits)
-        blocks = report.blocks(result, ("equilibrium", "reach"))
+        blocks = report.report_blocks(result, ("equilibrium", "reach"))
         stored_report.write_all(obj.data, blocks)
         text, warning = equilibrium.describe_result(blocks["equilibrium"])
         self.level = "WARNING" if warning else "INFO"

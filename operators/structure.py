@@ -16,11 +16,11 @@ from .stage import ImmediateOperator, ObjectOperator
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
     from ..bridge.store.surface import ObjectSurface
-    from ..engine.extras.structure.analysis import Structure
+    from ..engine.extras.structure.analysis import StructuralAnalysis
     from ..engine.runs.result import Result
 
 
-class CheckStructure(ContinuedStage["Structure"], bpy.types.Operator):
+class CheckStructure(ContinuedStage["StructuralAnalysis"], bpy.types.Operator):
     """Follow every load case until the piece snaps, and tell how far it gives way, and what its arms and joints carry. The shape itself stays"""
 
     bl_idname = "flexmaps.structure"
@@ -29,7 +29,7 @@ class CheckStructure(ContinuedStage["Structure"], bpy.types.Operator):
     reads_loads = True
     overlay_kind = "UTILISATION"
 
-    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Structure]:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[StructuralAnalysis]:
         from ..bridge.store import equilibrium
 
         rest = equilibrium.read_rest_pose(obj, bpy.context.scene, snapshot.surface)
@@ -37,7 +37,7 @@ class CheckStructure(ContinuedStage["Structure"], bpy.types.Operator):
             raise FlexMapsError("The simulated shape is not an equilibrium, or is out of date; press Simulate first")
         settings = snapshot.settings
 
-        def go_on(result: Result, progress: Progress) -> Structure:
+        def go_on(result: Result, progress: Progress) -> StructuralAnalysis:
             from ..engine.extras.structure.load_stage import LoadAnalysis
             from ..engine.runs import job
 
@@ -48,7 +48,7 @@ class CheckStructure(ContinuedStage["Structure"], bpy.types.Operator):
         return go_on
 
     def finish(
-        self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Structure
+        self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: StructuralAnalysis
     ) -> str:
         from ..bridge.store import equilibrium
 
@@ -111,8 +111,8 @@ class AddLoad(ImmediateOperator, ObjectOperator, bpy.types.Operator):
         from ..engine.extras.structure import cases
 
         wanted = context.object.flexmaps.structure
-        line = cases.line_of(self.name, self.kind, self.value, self.axis, self.group, self.factor, self.lasting)
-        wanted.cases = "; ".join([*cases.lines(wanted.cases), line])
+        line = cases.format_line(self.name, self.kind, self.value, self.axis, self.group, self.factor, self.lasting)
+        wanted.cases = "; ".join([*cases.split_lines(wanted.cases), line])
 
 
 class RemoveLoad(ImmediateOperator, ObjectOperator, bpy.types.Operator):
@@ -127,7 +127,7 @@ class RemoveLoad(ImmediateOperator, ObjectOperator, bpy.types.Operator):
         from ..engine.extras.structure import cases
 
         wanted = context.object.flexmaps.structure
-        left = cases.lines(wanted.cases)
+        left = cases.split_lines(wanted.cases)
         del left[self.number : self.number + 1]
         wanted.cases = "; ".join(left)
 

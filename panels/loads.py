@@ -19,7 +19,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     wanted = context.object.flexmaps.structure
     row = body.row()
     column = row.box().column(align=True)
-    for number, text in enumerate(cases.lines(wanted.cases)):
+    for number, text in enumerate(cases.split_lines(wanted.cases)):
         one = column.row(align=True)
         one.label(text=text, translate=False)
         one.operator("flexmaps.remove_load", text="", icon="X", emboss=False).number = number

@@ -141,14 +141,14 @@ def merge_without_prediction() -> Iterator[None]:
 
     Predicting the match takes most of the time that a small piece needs from its mesh to its simulation.
     """
-    tighten = importlib.import_module("flexmaps.engine.extras.choosing.tighten")
-    original = tighten.tighten
+    module = importlib.import_module("flexmaps.engine.extras.choosing.refine_merged")
+    original = module.refine_merged
 
     def kept(piece: Any, begun: Any, flat: Any, *more: Any) -> Any:
         return original(piece, begun, flat, *more) if _predicting else flat
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tighten, "tighten", kept)
+        patch.setattr(module, "refine_merged", kept)
         yield
 
 

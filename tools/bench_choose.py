@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 from bench_first import OBJECTS
-from flexmaps.engine.extras.choosing.choice import INITIAL
-from flexmaps.engine.extras.choosing.prospects import holding, prospects
+from flexmaps.engine.extras.choosing.choice import INITIAL_ORIGIN
+from flexmaps.engine.extras.choosing.prospects import find_prospects, support_options
 from flexmaps.engine.params import Settings
 from flexmaps.engine.progress import Progress
-from flexmaps.engine.remaining import Remaining
+from flexmaps.engine.remaining import RemainingTime
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface.mesh import PolygonMesh
 from harness import MESHES, Bench, Cases, Options, Rows, at_most, from_blender, from_folder, from_zoo, made, processor
@@ -54,7 +54,7 @@ def measure(name: str, polygons: PolygonMesh, options: Options) -> Rows:
         choice, best = chosen.choice, chosen.choice.best
         again = chosen if chosen.design is not None else job.run_stages(chosen, settings, SEARCH)
         allowed = max(SAME * before, settings.choose.match if choice.reached else 0.0)
-        stays = {"stays": best.judged.laid.origin == INITIAL, "judged": choice.judged, "note": choice.note[:120]}
+        stays = {"stays": best.judged.laid.origin == INITIAL_ORIGIN, "judged": choice.judged, "note": choice.note[:120]}
         yield at_most(name, "panels taken", None, best.panels, stays)
         yield at_most(name, "RMS % after the search", allowed, _rms(again), {"as proposed": f"{100.0 * best.rms:.4g}"})
         yield at_most(name, "seconds until the first proposal", FIRST, watch.first)
@@ -68,7 +68,7 @@ def measure(name: str, polygons: PolygonMesh, options: Options) -> Rows:
 
 def _held(first: Any, settings: Settings) -> tuple[float, dict[str, Any]]:
     """Return the RMS distance in percent on the best supports that *Optimise* offers, infinite without any, and what was offered."""
-    offered, ways = prospects(first.simulation, first.limits, settings) or {}, dict(holding(first.mesh))
+    offered, ways = find_prospects(first.simulation, first.limits, settings) or {}, dict(support_options(first.mesh))
     where = next((way for way in offered if way in ways), None)
     if where is None:
         return np.inf, offered
@@ -85,7 +85,7 @@ class _Watch:
 
     def __init__(self) -> None:
         self.first, self.least, self.rise = np.inf, np.inf, 1.0
-        self._began, self.used, self._remaining = time.monotonic(), processor(), Remaining()
+        self._began, self.used, self._remaining = time.monotonic(), processor(), RemainingTime()
 
     def report(self, fraction: float, text: str) -> None:
         now = time.monotonic() - self._began

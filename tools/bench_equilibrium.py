@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from flexmaps.engine.materials import material
+from flexmaps.engine.materials import find_material
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Pose, assembly_from_design, target_pose
 from flexmaps.engine.mechanics.equilibrium import Equilibrium, solve
@@ -43,7 +43,7 @@ class Subject:
 
     @classmethod
     def from_design(cls, design: SpiralDesign, mesh: QuadMesh) -> Subject:
-        model = ArmModel.from_assembly(assembly_from_design(design), material("vero"))
+        model = ArmModel.from_assembly(assembly_from_design(design), find_material("vero"))
         return cls(model, target_pose(mesh, design.flat.corners))
 
     @classmethod

@@ -19,9 +19,9 @@ from typing import Any
 import bpy
 import numpy as np
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.extras.live.given import LiveInput
+from flexmaps.engine.extras.live.live_input import LiveInput
 from flexmaps.engine.extras.live.session import forget_pieces
-from flexmaps.engine.materials import material
+from flexmaps.engine.materials import find_material
 from flexmaps.engine.mechanics.loads import parse_supports
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.surface import shapes
@@ -66,7 +66,7 @@ def others(mesh: Any) -> dict[str, Callable[[LiveInput], LiveInput]]:
     """Return changes of other kinds."""
     return {
         "thickness": lambda g: replace(g, spiral=replace(g.spiral, thickness=1.2 * g.spiral.thickness)),
-        "material": lambda g: replace(g, material=material("pla")),
+        "material": lambda g: replace(g, material=find_material("pla")),
         "supports": lambda g: replace(g, supports=parse_supports(mesh, "lowest")),
         "gravity": lambda g: replace(g, simulate=replace(g.simulate, gravity=True)),
         "vertices of the target pulled": pull_vertices,

@@ -14,8 +14,8 @@ import igl
 import numpy as np
 import zoo
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.extras.scanning.compare import compare
-from flexmaps.engine.extras.scanning.reading import Scan
+from flexmaps.engine.extras.scanning.compare import compare_scan
+from flexmaps.engine.extras.scanning.scan_reader import Scan
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.check import as_quad_mesh
 from flexmaps.engine.surface.mesh import QuadMesh
@@ -81,7 +81,7 @@ def _end(mesh: QuadMesh, seed: int, anywhere: bool) -> float:
     shift = 0.1 * size * random.normal(size=3)
     scan = np.concatenate([true + NOISE * size * random.normal(size=true.shape), others]) @ turn.T + shift
     try:
-        found = compare(mesh, Scan(scan, unit="m", anywhere=anywhere))
+        found = compare_scan(mesh, Scan(scan, unit="m", anywhere=anywhere))
     except FlexMapsError:
         return float("inf")
     laid = (true @ turn.T + shift) @ found.turn.T + found.shift

@@ -64,7 +64,7 @@ def measure(name: str, make: Callable[[], PolygonMesh], kind: str, _: Options) -
     polygons = make()
     values: dict[str, Any] = {"base.base": kind, "sheet.nesting": "FAST"}
     if kind == "eyelets":
-        height = job.begin(polygons, edge=EDGE).mesh.centroids[:, 2]
+        height = job.check_input(polygons, edge=EDGE).mesh.centroids[:, 2]
         top = np.flatnonzero(height >= height.max() - 0.005).tolist()
         values |= {"simulate.clamped": False, "simulate.gravity": True}
         return judged(name, WANTED, read_eyelets(made(polygons, values=values, supports=top)))

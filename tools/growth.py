@@ -77,5 +77,5 @@ def _stages(layout: PatchLayout, params: SheetParams) -> Iterator[tuple[str, flo
     on_sheets = sheets.make_sheets(spirals, params)
     figures = estimates.estimate(on_sheets, spirals, MaterialParams().chosen)
     spent("again")
-    assembly_sheet.pages(spirals, on_sheets, figures, "growth")
+    assembly_sheet.draw_pages(spirals, on_sheets, figures, "growth")
     yield spent("assembly sheet")

@@ -11,10 +11,10 @@ from itertools import islice
 
 import numpy as np
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.extras.choosing.drawn_cuts import equal_cuts
-from flexmaps.engine.extras.choosing.judge import FlatLayout, Idea, LayoutProblem, lay_flat
+from flexmaps.engine.extras.choosing.drawn_cuts import cuts_into_equal_parts
+from flexmaps.engine.extras.choosing.judge import CutPlan, FlatLayout, LayoutProblem, flatten_cuts
 from flexmaps.engine.extras.choosing.predict import PredictionStart, predict
-from flexmaps.engine.extras.choosing.tighten import FURTHER
+from flexmaps.engine.extras.choosing.refine_merged import EXTRA_STEPS
 from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.params import Settings
 from flexmaps.engine.patches.merging import merge
@@ -41,7 +41,7 @@ def measure(name: str, polygons: PolygonMesh, options: Options) -> Iterator[Row]
     for laid in several:
         key = f"{name} {hashlib.sha256(laid.cut.tobytes()).hexdigest()[:16]}"
         reached = answers.answer(key, partial(_search, piece, laid, options.patience))
-        seconds, share = timed(partial(predict, piece, laid.flat, start, further=FURTHER), time.thread_time)
+        seconds, share = timed(partial(predict, piece, laid.flat, start, further=EXTRA_STEPS), time.thread_time)
         peer = {"reached": reached, "s for 1,000 quads": round(1e3 * seconds / len(piece.mesh.quads), 2)}
         yield note(name, f"{laid.panels} panels{PREDICTED}", float(f"{100.0 * share:.4g}"), peer)
 
@@ -50,7 +50,7 @@ def _layouts(piece: LayoutProblem) -> Iterator[FlatLayout]:
     """Layouts of a surface, each once: merged under several limits, then equal parts."""
     seen = set[bytes]()
     for cut in _cuts(piece.mesh, piece.settings):
-        laid = lay_flat(piece, Idea(cut & ~piece.mesh.border, ""))
+        laid = flatten_cuts(piece, CutPlan(cut & ~piece.mesh.border, ""))
         if laid is not None and laid.cut.tobytes() not in seen:
             seen.add(laid.cut.tobytes())
             yield laid
@@ -63,7 +63,7 @@ def _cuts(mesh: QuadMesh, settings: Settings) -> Iterator[np.ndarray]:
             yield merge.merge(trace.trace(mesh, layout), layout).layout.cut
         except FlexMapsError:
             continue
-    yield from (cut for _, cut in equal_cuts(mesh, PARTS, []))
+    yield from (cut for _, cut in cuts_into_equal_parts(mesh, PARTS, []))
 
 
 def _search(piece: LayoutProblem, laid: FlatLayout, patience: float) -> float:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from flexmaps.engine.extras.live.given import LiveInput
+from flexmaps.engine.extras.live.live_input import LiveInput
 from flexmaps.engine.params import LayoutParams, MaterialParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.flattening.flatten import FlatPatches

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from flexmaps.engine.extras.live.given import LiveInput
+from flexmaps.engine.extras.live.live_input import LiveInput
 from flexmaps.engine.extras.live.live_piece import LiveEquilibrium
 from flexmaps.engine.extras.live.session import LiveRequest, step_piece
 from flexmaps.engine.simulation.simulate import simulate

@@ -51,7 +51,7 @@ TYPES = {
     "Meshes": ("api.QuadMesh", "api.PolygonMesh"),
     "Inside a result": (
         "engine.patches.layout.PatchLayout", "engine.patches.flattening.flatten.FlatPatches", "engine.spirals.design.SpiralDesign",
-        "engine.simulation.simulate.Simulation", "engine.optimisation.optimise.Optimisation", "engine.extras.structure.analysis.Structure",
+        "engine.simulation.simulate.Simulation", "engine.optimisation.optimise.Optimisation", "engine.extras.structure.analysis.StructuralAnalysis",
         "engine.extras.scanning.compare.Comparison", "engine.fabrication.sheets.CutSheets",
     ),
     "Errors": ("api.FlexMapsError", "api.Cancelled"),

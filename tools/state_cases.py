@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from flexmaps.engine.extras.choosing.judge import FlatLayout, LayoutProblem, judge
-from flexmaps.engine.extras.live.given import LiveInput
+from flexmaps.engine.extras.live.live_input import LiveInput
 from flexmaps.engine.extras.live.live_piece import LivePiece
-from flexmaps.engine.extras.structure.analysis import without_loads
+from flexmaps.engine.extras.structure.analysis import solve_without_loads
 from flexmaps.engine.mechanics.assembly import Pose
 from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.optimisation.wishes import Wishes
@@ -129,7 +129,7 @@ def after_optimise(result: Result, settings: Settings) -> list[Comparison]:
     found = fresh(made, settings, made.design, start=start)
     block = made.optimisation.report()
     told = State(found.size * block["rms_percent"] / 100.0, None, block["strain_share_max"])
-    rest = without_loads(made.simulation, settings.simulate)
+    rest = solve_without_loads(made.simulation, settings.simulate)
     at_rest = replace(made.simulation, equilibrium=rest.with_pose(made.simulation.loads.align(
         rest.pose, made.simulation.assembly.pairs, made.simulation.equilibrium.pose)))  # fmt: skip
     return [

@@ -9,7 +9,7 @@ from flexmaps.database.design_mesh import UNIT
 from flexmaps.database.design_solid import DesignSolid
 from flexmaps.database.validation_cases import MATERIAL, SIDE, cells, grid_mesh, sheet, shell
 from flexmaps.engine.extras.structure.actions import Action
-from flexmaps.engine.extras.structure.load_path import Path, PathFollower, follow
+from flexmaps.engine.extras.structure.load_path import LoadPath, PathFollower, follow_path
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Pose, assembly_from_design, target_pose
 from flexmaps.engine.mechanics.equilibrium import Equilibrium, solve
@@ -55,8 +55,8 @@ class Pushed:
         system = NewtonSystem(self.model.pairs, self.loads.held_increments(self.model.pairs, self.rest.pose.centres))
         return PathFollower(self.model, system, self.action, PARAMS.tolerance)
 
-    def path(self, most: float, marks: tuple[float, ...] = ()) -> Path:
-        return follow(self.follower, self.rest.pose, most=most, marks=marks)
+    def path(self, most: float, marks: tuple[float, ...] = ()) -> LoadPath:
+        return follow_path(self.follower, self.rest.pose, most=most, marks=marks)
 
     def fall(self, pose: Pose) -> float:
         """Metres, of the middle from its rest."""

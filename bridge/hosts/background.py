@@ -15,7 +15,7 @@ from typing import Any
 from ...engine import packages
 from ...engine.errors import Cancelled, FlexMapsError
 from ...engine.progress import Progress
-from ...engine.remaining import Remaining, format_seconds
+from ...engine.remaining import RemainingTime, format_seconds
 
 Work = Callable[[Progress], Any]
 
@@ -50,7 +50,7 @@ class Job:
         self.result: Any = None
         self.error: BaseException | None = None
         self._work = work
-        self._began, self._remaining = time.monotonic(), Remaining()
+        self._began, self._remaining = time.monotonic(), RemainingTime()
         self._stop = threading.Event()
         self._interval = sys.getswitchinterval()
         self._thread = threading.Thread(target=self._run, name=f"FlexMaps {title}", daemon=True)
@@ -116,7 +116,7 @@ class ConsoleProgress:
         self._title = title
         self._steps: set[str] = set()
         self._time = 0.0
-        self._began, self._remaining = time.monotonic(), Remaining()
+        self._began, self._remaining = time.monotonic(), RemainingTime()
 
     def __call__(self, fraction: float, text: str) -> None:
         now = time.monotonic()

@@ -110,13 +110,13 @@ def write(
                     progress(share, f"rendering {file}")
                     draw(model, new(out / file))
                     shown.insert(0 if file == TITLE else len(shown), (says, new(out / file)))
-    described = report.build(result, source=name, files=written, settings=settings) | findings
+    described = report.build_report(result, source=name, files=written, settings=settings) | findings
     new(out / REPORT).write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
     drawn = report_page.draw_plots(result, described, settings.layout.distortion_limit)
     view, show = ViewContent.from_result(result), settings.page.viewer
     rest = progress.part(0.9, 1.0)
     piece = page_data.to_json(view, settings, report_page.title_of(described), rest) if view and show else None
-    report_page.write(described, drawn, out, new, shown, piece=piece)
+    report_page.write_page(described, drawn, out, new, shown, piece=piece)
     progress(1.0, "done")
     return described
 
@@ -172,7 +172,9 @@ def write_sheets(
 
         drawing = progress.part(0.7, 1.0)
         drawing(0.0, "drawing the assembly sheet")
-        written.append(assembly_sheet.write(design, made, figures, guide, title, new, estimate.assembly, drawing))
+        written.append(
+            assembly_sheet.write_assembly_sheet(design, made, figures, guide, title, new, estimate.assembly, drawing)
+        )
     return written
 
 
@@ -208,7 +210,7 @@ def write_batch(
         path = base.with_name(f"{base.name}-{letters[0]}-assembly.pdf")
         title = f"{part.name} ({', '.join(letters)})"
         written.append(
-            assembly_sheet.write(
+            assembly_sheet.write_assembly_sheet(
                 part.design, made.seen_by(number), part.figures, path, title, new, part.assembly, drawing
             )
         )
@@ -236,7 +238,7 @@ def refuse_to_replace(out: Path, guard: Guard, formats: tuple[str, ...], picture
 def _list_replaced(out: Path, formats: tuple[str, ...], pictures: bool) -> list[Path]:
     """Return the existing files that ``write`` would replace, and the names that it always writes."""
     names = [out / name for name in (MODEL, REPORT, *(PICTURES if pictures else ()))]
-    return [*export.existing_files(out / SHEET, formats), *names, *report_page.stale(out)]
+    return [*export.existing_files(out / SHEET, formats), *names, *report_page.stale_files(out)]
 
 
 def _list_stale(out: Path) -> list[Path]:
@@ -246,7 +248,7 @@ def _list_stale(out: Path) -> list[Path]:
         *map(out.joinpath, PICTURES),
         out / GUIDE,
         out / f"{SHEET}-parts.csv",
-        *report_page.stale(out),
+        *report_page.stale_files(out),
     ]
 
 

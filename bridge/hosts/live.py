@@ -15,7 +15,7 @@ from ..store import stored_report
 from . import background
 
 if TYPE_CHECKING:
-    from ...engine.extras.live.given import LiveInput
+    from ...engine.extras.live.live_input import LiveInput
     from ...engine.extras.live.live_piece import LiveEquilibrium
     from ..view.live_mode_shape import LiveModeShape
     from .live_process import LiveProcess

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ...engine.errors import Cancelled, FlexMapsError
-from ...engine.extras.live.given import LiveInput
+from ...engine.extras.live.live_input import LiveInput
 from ...engine.extras.live.live_piece import LiveEquilibrium
 from ...engine.extras.live.session import LiveRequest, step_piece
 from ...engine.mechanics.assembly import Pose

@@ -50,7 +50,7 @@ class PageContent:
 def build_report(piece: Piece | bpy.types.Object) -> dict[str, Any]:
     """Return the report of a piece or an object."""
     if isinstance(piece, Piece):
-        return report.build(piece.result, source=piece.name, settings=piece.settings)
+        return report.build_report(piece.result, source=piece.name, settings=piece.settings)
     return _content_of(piece).report
 
 
@@ -64,11 +64,11 @@ def write(piece: Piece | bpy.types.Object, out: Path, guard: Guard, progress: Pr
     guard : protects the user's files from being replaced
     progress : called with a fraction and a text
     """
-    guard.check([*report_page.stale(out), out / "report.json"], out)
+    guard.check([*report_page.stale_files(out), out / "report.json"], out)
     content = _content_of(piece)
     view = content.view_json(progress.part(0.0, 0.9))
-    with files.write_all_atomically(report_page.stale(out), out, guard) as new:
-        report_page.write(content.report, content.plots, out, new, progress=progress.part(0.9, 1.0), piece=view)
+    with files.write_all_atomically(report_page.stale_files(out), out, guard) as new:
+        report_page.write_page(content.report, content.plots, out, new, progress=progress.part(0.9, 1.0), piece=view)
         new(out / "report.json").write_text(json.dumps(content.report, indent=2) + "\n", encoding="utf-8")
     return content.report
 
@@ -108,7 +108,7 @@ def write_share_content(content: PageContent, path: Path, guard: Guard, progress
         raise content.failure or FlexMapsError(stages.MISSING["design"])
     title = report_page.title_of(content.report)
     view = page_data.to_json(content.view_content, content.settings, title, progress.part(0.0, 0.95))
-    text = share_page.page(view, title, content.report, content.plots)
+    text = share_page.render_share_page(view, title, content.report, content.plots)
     with files.write_atomically(path, guard) as new:
         new.write_text(text, encoding="utf-8")
     return path

@@ -70,7 +70,7 @@ def median_edge_mm(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
     from . import mesh
 
     bpy.context.view_layer.update()  # update ``matrix_world`` after a change of the scale
-    return 1e3 * float(job.begin(mesh.read_surface(obj, scene).polygons).mesh.median_edge)
+    return 1e3 * float(job.check_input(mesh.read_surface(obj, scene).polygons).mesh.median_edge)
 
 
 def describe_value(name: str, found: object) -> str:

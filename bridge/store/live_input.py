@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from ...engine.errors import FlexMapsError
-from ...engine.extras.live.given import LiveInput
+from ...engine.extras.live.live_input import LiveInput
 from ...engine.params import LayoutParams, LoadParams, MaterialParams, SimulateParams, SpiralParams
 from ...engine.runs.stages import MISSING
 from . import attributes, mesh, settings, supports

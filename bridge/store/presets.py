@@ -43,7 +43,7 @@ def write_preset(name: str, values: Mapping[str, Any]) -> Path:
     ------
     FlexMapsError for a name without letters and digits.
     """
-    from ...engine.extras.calibrating.calibrate import preset
+    from ...engine.extras.calibrating.calibrate import preset_script
 
     stem = files.safe_file_name(name.strip()).strip("_")
     if not stem:
@@ -51,7 +51,7 @@ def write_preset(name: str, values: Mapping[str, Any]) -> Path:
     folder = bpy.utils.user_resource("SCRIPTS", path=f"presets/{SUBFOLDER}", create=True)
     path = Path(folder) / f"{stem}.py"
     with files.write_atomically(path) as new:
-        new.write_text(preset(values, f"Measured on a calibration sheet: {name}"), encoding="utf-8")
+        new.write_text(preset_script(values, f"Measured on a calibration sheet: {name}"), encoding="utf-8")
     return path
 
 

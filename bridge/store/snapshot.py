@@ -14,8 +14,8 @@ from ...engine.mechanics.assembly import Pose
 from ...engine.optimisation.wishes import Wishes
 from ...engine.params import ObjectSettings
 from ...engine.runs import job
-from ...engine.runs.by_hand import with_design
-from ...engine.runs.outputs import FinalLayout, made_by
+from ...engine.runs.manual_changes import with_design
+from ...engine.runs.outputs import FinalLayout, provenance
 from ...engine.runs.result import Result
 from ...engine.runs.stages import CHOSEN, STORED
 from ...engine.surface.mesh import PolygonMesh
@@ -57,7 +57,7 @@ class Snapshot:
         ------
         FlexMapsError with the first error of the mesh check.
         """
-        begun = job.begin(self.surface.polygons)
+        begun = job.check_input(self.surface.polygons)
         made = begun.with_user(
             supports=self.supports,
             force=self.force,
@@ -74,7 +74,7 @@ class Snapshot:
         if flat is None:
             return replace(made, lost=spoilt_design)
         start = mesh.last_spirals(self.surface) if self.is_layout_chosen else None
-        stored = made_by("split", self.settings, made.inputs("mesh"))
+        stored = provenance("split", self.settings, made.inputs("mesh"))
         made = made.with_outputs(FinalLayout(flat, CHOSEN if self.is_layout_chosen else STORED, start, **stored))
         design = mesh.read_design(self.surface, flat, self.settings.spiral)
         return replace(made, lost=spoilt_design) if design is None else self._with_stored(made, design)

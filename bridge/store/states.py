@@ -33,7 +33,7 @@ def _list_inputs(members: Iterable[str], settings: Iterable[str]) -> tuple[str, 
 
 
 def _block_inputs(block: str) -> tuple[str, ...]:
-    writers = stages.writers(block)
+    writers = stages.stages_writing(block)
     return _list_inputs((m for s in writers for m in s.needs), (name for s in writers for name in s.settings))
 
 
@@ -51,7 +51,7 @@ MESH_INPUTS = {*EDITABLE.values(), "pose"}
 SETTINGS_INPUTS = {part for parts in (*INPUTS.values(), *SIDE_RESULTS.values()) for part in parts} - MESH_INPUTS
 # report block -> report blocks of the stages whose results it uses
 BLOCKS_USED = {
-    block: stages.blocks_describing(need for stage in stages.writers(block) for need in stage.needs) - {block}
+    block: stages.blocks_describing(need for stage in stages.stages_writing(block) for need in stage.needs) - {block}
     for block in stages.BLOCKS
 }
 

@@ -124,11 +124,11 @@ def read_version(mesh: bpy.types.Mesh) -> str:
         return versions.FIRST_VERSION
     made = read_input_checksums(mesh)
     made_by = [str(made.get(name, {}).get(PROGRAM, versions.FIRST_VERSION)) for name in read(mesh).keys() - {"checks"}]
-    newest = max(made_by, key=versions.order, default=VERSION)
+    newest = max(made_by, key=versions.version_key, default=VERSION)
     return (
         newest
-        if versions.order(newest) > versions.order(VERSION)
-        else min(made_by, key=versions.order, default=VERSION)
+        if versions.version_key(newest) > versions.version_key(VERSION)
+        else min(made_by, key=versions.version_key, default=VERSION)
     )
 
 

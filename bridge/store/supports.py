@@ -58,7 +58,7 @@ def read_groups(obj: bpy.types.Object, surface: ObjectSurface, used: Settings) -
 
     params = used.section(StructureParams)
     try:
-        wanted = cases.plan(params.cases, params.combinations).groups
+        wanted = cases.parse_plan(params.cases, params.combinations).groups
     except FlexMapsError:
         return {}  # the stage parses the load cases again and reports the error
     quads = {}

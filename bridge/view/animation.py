@@ -19,7 +19,7 @@ from . import collection, materials, meshes, preview
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ...engine.extras.film.assembly_film import Film, Track
+    from ...engine.extras.film.assembly_film import Film, PanelTrack
 
 KIND, ROOT = "film", "Assembly"
 LAST_FRAME = "flexmaps_last_frame"  # custom property of the empty: last frame of the animation
@@ -119,7 +119,7 @@ def last_frame(obj: bpy.types.Object) -> int:
 
 
 def _make_panel(
-    obj: bpy.types.Object, scene: bpy.types.Scene, film: Film, track: Track, whole: bpy.types.Mesh
+    obj: bpy.types.Object, scene: bpy.types.Scene, film: Film, track: PanelTrack, whole: bpy.types.Mesh
 ) -> bpy.types.Object:
     """Make the object of a panel: its faces, UV map and colours are taken from the mesh of all panels, ``whole``."""
     panels = film.panels
@@ -145,7 +145,7 @@ def _make_panel(
     return made
 
 
-def _animate_shape(made: bpy.types.Object, track: Track, frame: Callable[[float], float]) -> None:
+def _animate_shape(made: bpy.types.Object, track: PanelTrack, frame: Callable[[float], float]) -> None:
     """Add the panel's shapes as absolute shape keys, and animate their evaluation time; ``frame`` converts times."""
     for k, points in enumerate(track.shapes):
         key = made.shape_key_add(name="Flat" if k == 0 else f"Shape {k}", from_mix=False)
@@ -159,7 +159,7 @@ def _animate_shape(made: bpy.types.Object, track: Track, frame: Callable[[float]
     _interpolate_linearly(keys)
 
 
-def _animate_motion(made: bpy.types.Object, track: Track, frame: Callable[[float], float]) -> None:
+def _animate_motion(made: bpy.types.Object, track: PanelTrack, frame: Callable[[float], float]) -> None:
     from mathutils import Matrix
 
     made.rotation_mode = "QUATERNION"

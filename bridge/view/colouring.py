@@ -129,7 +129,7 @@ def colours_and_legend(
         high = max(high, colours.LEAST_DISTANCE)
         text = f"{label}, grey where there is none"
         rgb, legend = _error_colours(np.maximum(values, 0.0), high, text, f"{high:.3g} mm")
-        rgb[values < 0] = colours.linear(colours.MISSING_GREY)
+        rgb[values < 0] = colours.srgb_to_linear(colours.MISSING_GREY)
         return rgb, legend
     if kind == "DISTANCE":
         high = max(high, colours.LEAST_DISTANCE)
@@ -177,7 +177,7 @@ def _reason_colours(kinds: Int[np.ndarray, " quads"]) -> tuple[Float[np.ndarray,
     looks = [colours.LIMITS[name] for name in REASON_NAMES]
     count = np.bincount(kinds, minlength=len(looks))
     entries = tuple((rgb, f"{text}: {n}") for (rgb, text), n in zip(looks, count.tolist(), strict=True) if n)
-    rgb = colours.linear(np.array([rgb for rgb, _ in looks]))
+    rgb = colours.srgb_to_linear(np.array([rgb for rgb, _ in looks]))
     return rgb[kinds], Legend(KINDS["REACH"].label, entries=entries)
 
 

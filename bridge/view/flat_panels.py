@@ -73,7 +73,7 @@ def show_flat(
     palette = colours.seam_colours(len(flat.layout.seams))  # same colours as on the assembly sheet
     for k, colour in enumerate(palette):
         curve.materials.append(plain_material(f"FlexMaps seam {k + 1:02d}", colour))
-    curve.materials.append(plain_material("FlexMaps border", colours.linear(colours.SEAM)))
+    curve.materials.append(plain_material("FlexMaps border", colours.srgb_to_linear(colours.SEAM)))
     for spline, (_, seam) in zip(curve.splines, runs, strict=True):
         spline.material_index = seam if seam >= 0 else len(palette)
     collection.add(obj, scene, "seams", "seams", curve, place)

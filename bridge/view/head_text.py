@@ -163,7 +163,7 @@ def general_notices(context: bpy.types.Context) -> tuple[Notice, ...]:
         sentence = interface("The mesh is shared with {}: seams and results are common to all", others)
         notices.append(Notice("shared", interface("Shared mesh"), sentence, INFORMATION))
     changed = versions.changes_between(version)
-    if versions.order(version) > versions.order(VERSION):
+    if versions.version_key(version) > versions.version_key(VERSION):
         sentence = interface(
             "Made with FlexMaps {}, which is newer than this {}: what is new there is not read", version, VERSION
         )

@@ -67,7 +67,7 @@ def _draw_bar(x: float, y: float, width: float, height: float, scale: Float[np.n
     from gpu_extras.batch import batch_for_shader
 
     steps = np.linspace(0.0, 1.0, 25)
-    rgb = colours.on_scale(steps, scale)
+    rgb = colours.interpolate_scale(steps, scale)
     points = np.zeros((2 * len(steps), 3), np.float32)
     points[:, 0], points[:, 1] = np.repeat(x + width * steps, 2), np.tile([y, y + height], len(steps))
     rgba = np.repeat(np.c_[rgb, np.ones(len(rgb))], 2, axis=0).astype(np.float32)

@@ -24,7 +24,7 @@ class LiveModeShape(LiveShape):
         self._end = float(SCALE_ENDS[min(int(np.searchsorted(SCALE_ENDS, far.max(initial=0.0))), len(SCALE_ENDS) - 1)])
         self._share = np.clip(far / self._end, 0.0, 1.0)
         title = translate("Live: distance to the target, RMS {:.2f} mm", 1e3 * shape.rms)
-        self.legend = Legend(title, "0", f"{self._end:g} mm", colours.pale(colours.ERROR_SCALE))
+        self.legend = Legend(title, "0", f"{self._end:g} mm", colours.mix_with_white(colours.ERROR_SCALE))
 
     @classmethod
     def from_shape(cls, shape: LiveEquilibrium, unit: float) -> LiveModeShape | None:
@@ -43,4 +43,4 @@ class LiveModeShape(LiveShape):
 
     @property
     def colours(self) -> np.ndarray:
-        return colours.on_scale(self._share, colours.pale(colours.ERROR_SCALE))
+        return colours.interpolate_scale(self._share, colours.mix_with_white(colours.ERROR_SCALE))

@@ -152,7 +152,7 @@ def assign_colours(
     if len(distinct) > MAX_MATERIALS:
         data.materials.append(plain_material("FlexMaps panel", None))
         return
-    for name, colour in zip(colours.hexadecimal(distinct), distinct, strict=True):
+    for name, colour in zip(colours.to_hexadecimal(distinct), distinct, strict=True):
         data.materials.append(plain_material(f"FlexMaps {name}", colour))
     index = (which.ravel() if of is None else which.ravel()[of]).astype(np.int32)
     if lines:
@@ -162,7 +162,7 @@ def assign_colours(
 
 
 def _to_rgba(srgb: tuple[float, float, float]) -> tuple[float, ...]:
-    return (*map(float, colours.linear(np.array(srgb))), 1.0)
+    return (*map(float, colours.srgb_to_linear(np.array(srgb))), 1.0)
 
 
 def _add_node(tree: bpy.types.NodeTree, kind: str, place: tuple[float, float], **inputs: Any) -> bpy.types.Node:

@@ -38,13 +38,13 @@ class OptimisationShape(LiveShape):
         self._highest = params.twist_max
         high = f"{np.degrees(params.twist_max):.3g}\N{DEGREE SIGN}"
         title = f"Twist of the spirals; step {step.step}, {1e3 * step.distance:.3g} mm from the target"
-        self.legend = Legend(title, "0\N{DEGREE SIGN}", high, colours.pale(colours.QUANTITY_SCALE))
+        self.legend = Legend(title, "0\N{DEGREE SIGN}", high, colours.mix_with_white(colours.QUANTITY_SCALE))
 
     @property
     def colours(self) -> np.ndarray:
         # scale to the largest twist that the settings allow, so that a colour means the same in every step
         share = np.clip(self._twist / max(self._highest, 1e-9), 0.0, 1.0)
-        return colours.on_scale(share, colours.pale(colours.QUANTITY_SCALE))
+        return colours.interpolate_scale(share, colours.mix_with_white(colours.QUANTITY_SCALE))
 
     def bands(self, unit: float) -> tuple[np.ndarray, np.ndarray]:
         """Return points (N, 3) in the scene's units, and triangles (T, 3), of the arms."""

@@ -61,7 +61,7 @@ class PaintedShape(LiveShape):
     @property
     def colours(self) -> np.ndarray:
         share = stiffness_share(self._stiffness, *self._range)
-        rgb = colours.on_scale(share, colours.pale(colours.QUANTITY_SCALE))
+        rgb = colours.interpolate_scale(share, colours.mix_with_white(colours.QUANTITY_SCALE))
         return np.where(self._protected[:, None], PROTECTED, rgb)
 
     def bands(self, unit: float) -> tuple[np.ndarray, np.ndarray]:

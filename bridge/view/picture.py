@@ -284,7 +284,7 @@ def _add_target(place: Studio, obj: bpy.types.Object, finish: str) -> ObjectGrou
         meshes.set_corner_colours(data, np.repeat(preview.quad_colours(obj, "PATCH"), polygons.sizes, axis=0))
         data.materials.append(materials.plain_material("FlexMaps panel", None))
     else:
-        data.materials.append(materials.plain_material("FlexMaps clay", colours.linear(np.array(CLAY))))
+        data.materials.append(materials.plain_material("FlexMaps clay", colours.srgb_to_linear(np.array(CLAY))))
     made = place.add_data(data)
     pairs, count = np.sort(surface.edge_vertices, axis=1), np.array([len(polygons.vertices), 1])
     sides = np.stack([polygons.corners, polygons.corners[polygons.next_corner]], axis=1)
@@ -363,7 +363,7 @@ def _add_lines(
         curve = curves.make_lines(
             f"FlexMaps {name} lines", [points[p] for p in curves.join_chains(pairs[chosen])], radius
         )
-        colour = colours.linear(np.array([grey, grey, 1.25 * grey]))
+        colour = colours.srgb_to_linear(np.array([grey, grey, 1.25 * grey]))
         curve.materials.append(materials.plain_material(f"FlexMaps {name} line", colour))
         yield place.add_data(curve, framed=False)
 
@@ -392,7 +392,7 @@ def _add_legend(studio: Studio, legend: Legend) -> None:
     ):
         letters = bpy.data.curves.new("FlexMaps legend", "FONT")
         letters.body, letters.size, letters.align_x = text, 1.9, align
-        letters.materials.append(materials.emissive_material("FlexMaps ink", colours.linear(colours.SEAM)))
+        letters.materials.append(materials.emissive_material("FlexMaps ink", colours.srgb_to_linear(colours.SEAM)))
         place(letters, x, y)
     if legend.scale is not None:
         steps = np.linspace(0.0, 1.0, 41)

@@ -120,7 +120,7 @@ def build_from_input(
     """
     stored = content.snapshot
     result.need(FinalLayout)
-    described = report.build(result, source=stored.name, settings=stored.settings, progress=progress)
+    described = report.build_report(result, source=stored.name, settings=stored.settings, progress=progress)
     measured = _measured_values(result, content)
     described |= {name: block for name, block in content.blocks.items() if name != "checks"}
     described["checks"] = content.blocks.get("checks", described["checks"])

@@ -39,7 +39,7 @@ from . import collection, colouring, flat_panels, materials, meshes, scan_points
 if TYPE_CHECKING:
     from ...engine.extras.choosing.choice import Choice
     from ...engine.extras.scanning.compare import Comparison
-    from ...engine.extras.structure.analysis import Structure
+    from ...engine.extras.structure.analysis import StructuralAnalysis
 
 
 def open_blend(path: str | Path) -> bpy.types.Object:
@@ -174,10 +174,10 @@ def write_result(
     if scan is not None:
         scans.write(obj, scan, scan_points.show_points(obj, scene, scan))
     fields.write_protected(obj, result.protected)
-    examined = cast("Structure | None", result.value("structure"))
+    examined = cast("StructuralAnalysis | None", result.value("structure"))
     if examined is not None:
         equilibrium.write_utilisation(obj, examined.utilisation)
-    stored_report.write_all(obj.data, report.blocks(result))
+    stored_report.write_all(obj.data, report.report_blocks(result))
     states.stamp(obj, scene)
 
 

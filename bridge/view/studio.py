@@ -193,7 +193,10 @@ class Studio:
         paper = bpy.data.materials.new("FlexMaps ground")
         paper.use_nodes = True
         shader = paper.node_tree.nodes["Principled BSDF"]
-        shader.inputs["Base Color"].default_value = (*colours.linear(np.array(GROUNDS[self._ground])).tolist(), 1.0)
+        shader.inputs["Base Color"].default_value = (
+            *colours.srgb_to_linear(np.array(GROUNDS[self._ground])).tolist(),
+            1.0,
+        )
         shader.inputs["Roughness"].default_value = 1.0
         shader.inputs["Specular IOR Level"].default_value = 0.1
         ground.materials.append(paper)

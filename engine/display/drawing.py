@@ -186,7 +186,7 @@ def colour_by_scale(values: np.ndarray, low: float, high: float, scale: np.ndarr
     span = high - low
     share = np.clip((np.asarray(values, dtype=float) - low) / span, 0.0, 1.0) if span > 0 else np.zeros(len(values))
     share = np.round(share * (SHADES - 1)) / (SHADES - 1)
-    return colours.on_scale(share, scale)
+    return colours.interpolate_scale(share, scale)
 
 
 def tick_values(low: float, high: float, count: int = 5) -> list[float]:

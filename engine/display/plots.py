@@ -314,7 +314,7 @@ def _fit_to_page(points: Float[np.ndarray, "quads 4 2"], colouring: Colouring) -
 
 def patch_fills(patch: Int[np.ndarray, " quads"]) -> Float[np.ndarray, "quads 3"]:
     """Return the colours (F, 3) sRGB of quads by their patch."""
-    looks = colours.hexadecimal(colours.patch_colours(int(patch.max()) + 1))
+    looks = colours.to_hexadecimal(colours.patch_colours(int(patch.max()) + 1))
     return np.array([parse_colour(name) for name in looks])[patch]
 
 

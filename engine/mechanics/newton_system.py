@@ -9,7 +9,7 @@ from scipy.linalg import eigh
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from ..arrays import Float, Num
-from ..linalg import NotPositiveDefinite, Pattern, SparseCholesky, negative_eigenvalues
+from ..linalg import NotPositiveDefinite, SparseCholesky, SparsityPattern, negative_eigenvalues
 from ..progress import SILENT, Progress
 from .loads import Springs
 
@@ -39,7 +39,7 @@ class NewtonSystem:
         of_joint = number[(pairs[:, :, None] * 6 + np.arange(6)).reshape(-1, 12)]
         rows, cols = np.broadcast_arrays(of_joint[:, :, None], of_joint[:, None, :])
         self._used = np.flatnonzero(((rows >= cols) & (cols >= 0)).ravel())
-        self.pattern = Pattern(rows.ravel()[self._used], cols.ravel()[self._used], len(self.free))
+        self.pattern = SparsityPattern(rows.ravel()[self._used], cols.ravel()[self._used], len(self.free))
         self.cholesky = SparseCholesky(self.pattern, backend)
         self._springs: Float[np.ndarray, " free"] | None = None
         if springs is not None:

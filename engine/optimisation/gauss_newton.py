@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..arrays import Float
-from ..newton import ITERATIONS, NEGLIGIBLE, REACHED, TIME, Damped, Iteration, Local, minimise
+from ..newton import ITERATIONS, NEGLIGIBLE, REACHED, TIME, Iteration, LevenbergMarquardt, LocalExpansion, minimise
 from ..params import OptimiseParams
 from ..progress import SILENT, Progress
 from ..threads import one_thread
@@ -102,7 +102,7 @@ def run_gauss_newton(
         trace.ended = REACHED
     elif params.iterations and not problem.work.over:
         first = FIRST_STEP if start.stability_barrier is None else FIRST_STEP_NEAR_SNAP
-        rule = Damped(params.iterations, params.stop, first, trace.damping.get(len(start.x)))
+        rule = LevenbergMarquardt(params.iterations, params.stop, first, trace.damping.get(len(start.x)))
         trace.ended = minimise(search, start, rule).ended
         if rule.damping is not None:
             trace.damping[len(start.x)] = rule.damping
@@ -153,7 +153,7 @@ class _GaussNewtonProblem:
     def watch(self, point: DesignPoint, history: list[Iteration]) -> None:
         pass  # every equilibrium checks for a cancel
 
-    def expand(self, point: DesignPoint) -> Local:
+    def expand(self, point: DesignPoint) -> LocalExpansion:
         within, point = (
             self.step_progress(point),
             point.with_barrier_weight() if isinstance(point, FlatPoint) else point,
@@ -162,7 +162,7 @@ class _GaussNewtonProblem:
         within(0.0)
         self.bending.refine(point.gauss_newton_product)
         self.before = _depending_on_shape(point)
-        return Local(point.value, point.gradient, float(np.linalg.norm(point.gradient)), own=point)
+        return LocalExpansion(point.value, point.gradient, float(np.linalg.norm(point.gradient)), own=point)
 
     def energy(self, point: DesignPoint) -> float:
         return point.value
@@ -170,7 +170,7 @@ class _GaussNewtonProblem:
     def reached(self, point: DesignPoint) -> bool:
         return is_near(point, self.params)
 
-    def proposed(self, here: Local, damping: float, following: float) -> _Proposal | None:
+    def proposed(self, here: LocalExpansion, damping: float, following: float) -> _Proposal | None:
         """Return a step that nearly minimises the damped model; None if the search must end."""
         point: DesignPoint = here.own
         within = self.step_progress(point)
@@ -183,7 +183,7 @@ class _GaussNewtonProblem:
         point.problem.work.note_proposal()
         return proposal
 
-    def shortened(self, here: Local, proposal: _Proposal, share: float) -> _Proposal:
+    def shortened(self, here: LocalExpansion, proposal: _Proposal, share: float) -> _Proposal:
         point: DesignPoint = here.own
         # damping and units are not needed: the predicted decrease leaves damping out, and no step is solved for
         model = CompositeModel(point, 0.0, 0.0, np.ones_like(point.x), lambda: None)
@@ -198,7 +198,7 @@ class _GaussNewtonProblem:
         increments = point.hub_increments(step)
         return _Proposal(step, increments, point.value - model.after(step, increments).value)
 
-    def tried(self, here: Local, proposal: _Proposal) -> DesignPoint | None:
+    def tried(self, here: LocalExpansion, proposal: _Proposal) -> DesignPoint | None:
         return _take_step(here.own, proposal.step, proposal.increments, self.trace, self.step_progress(here.own))
 
     def gentle(self, proposal: _Proposal) -> float:

@@ -12,7 +12,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import coo_array, csr_array
 
 from ..arrays import Bool, Float
-from ..linalg import Pattern, SparseCholesky
+from ..linalg import SparseCholesky, SparsityPattern
 
 # Tikhonov term added to the unit diagonal of the Gram matrix, which is singular where slots have equal gradients, as
 # the four of a regular quad. Larger: less accurate projections
@@ -115,7 +115,7 @@ def _make_solver(square: csr_array, soft: float) -> Callable[[np.ndarray], np.nd
         factor = cho_factor(full, lower=True, overwrite_a=True, check_finite=False)
         return lambda rhs: cho_solve(factor, rhs, check_finite=False)
     entries = coo_array(square)
-    pattern = Pattern(entries.coords[0], entries.coords[1], count)
+    pattern = SparsityPattern(entries.coords[0], entries.coords[1], count)
     values = pattern.sum(entries.data).astype(float)
     values[pattern.indices == pattern.columns] += soft
     sparse = SparseCholesky(pattern)

@@ -49,7 +49,7 @@ def setting(
     return field(default=default, metadata=meta)
 
 
-LARGEST = 1e300  # largest magnitude of any setting, which also refuses infinity and NaN
+MAX_VALUE = 1e300  # largest magnitude of any setting, which also refuses infinity and NaN
 
 
 def describe_numbers(f: Field) -> str:
@@ -80,7 +80,7 @@ class Params:
     def __post_init__(self) -> None:
         known = {f.name: f for f in fields(self)}  # type: ignore[arg-type]
         for f in known.values():
-            _refuse_wrong(f, getattr(self, f.name))
+            _check_value(f, getattr(self, f.name))
         for name, other in self.ORDERED:
             refuse_if_above(self, name, self, other, "exchange them, or change one of them")
 
@@ -104,7 +104,7 @@ def refuse_if_above(block: Params, name: str, other: Params, limit: str, remedy:
 
 def is_number(value: Any, *, whole: bool = False) -> bool:
     """Return whether a value is a finite number, and a whole one if ``whole``; booleans are not numbers."""
-    return isinstance(value, Integral if whole else Real) and not isinstance(value, bool) and abs(value) <= LARGEST  # type: ignore[operator]
+    return isinstance(value, Integral if whole else Real) and not isinstance(value, bool) and abs(value) <= MAX_VALUE  # type: ignore[operator]
 
 
 def quote(value: Any) -> str:
@@ -117,7 +117,7 @@ def quote(value: Any) -> str:
     return f"'{text if len(text) <= 60 else text[:57] + '...'}'"
 
 
-def _refuse_wrong(f: Field, value: Any) -> None:
+def _check_value(f: Field, value: Any) -> None:
     """Raise FlexMapsError if a field cannot have this value."""
     meta, default = f.metadata, f.default
     if meta["choices"]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..materials import MATERIALS, LongTermProperties, Material, Orthotropy, material
+from ..materials import MATERIALS, LongTermProperties, Material, Orthotropy, find_material
 from .fields import Params, setting
 
 
@@ -92,7 +92,7 @@ class MaterialParams(Params):
     def sheet(self) -> Material:
         """The material with its properties for days and, if known, for years under load."""
         if self.material != "custom":
-            return material(self.material)
+            return find_material(self.material)
         given = "given by the user"
         lasting = LongTermProperties(self.lasting_share, self.lasting_strain, given) if self.lasting_share else None
         rest = (self.poisson, self.density, self.strain_limit, True, given)

@@ -26,19 +26,21 @@ from ..surface.checking import check
 from ..surface.checking.check import Finding
 from ..surface.mesh import PolygonMesh
 from ..threads import one_thread
-from .by_hand import laid_out, with_design
-from .outputs import OUTPUTS, DesignVersion, FinalLayout, MergedLayout, Surface, TracedLayout, UserInput, made_by
+from .manual_changes import with_design, with_manual_layout
+from .outputs import OUTPUTS, DesignVersion, FinalLayout, MergedLayout, Surface, TracedLayout, UserInput, provenance
 from .result import Result
 from .stage import Stage
 from .stages import STAGES, TABLE, TRACED
-from .steps import at_rest, function_of, simulated_shape
+from .steps import function_of, simulate_design, simulated_shape
 
 CHECK, CHECK_SHARE = "check", 0.05  # check of the mesh before the stages of the table, and its part of the progress bar
-COARSE = 1e-4  # metres, tolerance of outlines that only serve to estimate the number of sheets; larger: less accurate
+COARSE_TOLERANCE = (
+    1e-4  # metres, tolerance of outlines that only serve to estimate the number of sheets; larger: less accurate
+)
 STAGE_NAMES = (CHECK, *(stage.name for stage in TABLE if not stage.quick))
 
 
-class _Stages:
+class _StageTimer:
     """Timer and progress splitter: gives every stage its part of the progress bar and records its wall time."""
 
     def __init__(self, wanted: list[str], progress: Progress):
@@ -97,10 +99,10 @@ def run(
     Cancelled : the user cancels
     """
     wanted = stages(stop_after, optimised, chosen, structured)
-    stage = _Stages(wanted, progress)
+    stage = _StageTimer(wanted, progress)
     with stage(CHECK):
-        result = begin(polygons, edge=edge, height=height, supports=supports)
-    return _through(result, settings, wanted[1:], stage, lenient=True)
+        result = check_input(polygons, edge=edge, height=height, supports=supports)
+    return _run_all(result, settings, wanted[1:], stage, lenient=True)
 
 
 def stages(stop_after: str, optimised: bool = False, chosen: bool = False, structured: bool = False) -> list[str]:
@@ -126,7 +128,7 @@ def stages(stop_after: str, optimised: bool = False, chosen: bool = False, struc
     return [name for name in first if name in wanted or not STAGES[name].asked]
 
 
-def begin(
+def check_input(
     polygons: PolygonMesh,
     *,
     edge: float | None = None,
@@ -167,7 +169,7 @@ def run_stages(
     FlexMapsError : an input of a stage is missing, or a setting does not allow the stage
     Cancelled : the user cancels
     """
-    return _through(result, settings, wanted, _Stages(list(wanted), progress), lenient)
+    return _run_all(result, settings, wanted, _StageTimer(list(wanted), progress), lenient)
 
 
 def run_until(
@@ -222,12 +224,12 @@ def scale_piece(
     version = result.need(DesignVersion)
     design, flat = version.design, version.design.flat
     mesh = result.mesh.with_vertices(about + factor * (result.mesh.vertices - about))
-    begun = begin(PolygonMesh.from_quads(mesh)).with_user(supports=result.supports, force=result.force)
+    begun = check_input(PolygonMesh.from_quads(mesh)).with_user(supports=result.supports, force=result.force)
     notes = dict(flat.layout.notes)
     for key in ("expected_percent", "strain_softest"):
         notes.pop(key, None)  # these predictions depend on the size
     larger = flatten.with_energies(PatchLayout(begun.mesh, flat.layout.cut, notes), factor * flat.points)
-    made = run_stages(laid_out(begun, larger, settings), settings, ("split",), progress.part(0.0, 0.8))
+    made = run_stages(with_manual_layout(begun, larger, settings), settings, ("split",), progress.part(0.0, 0.8))
     last = progress.part(0.8, 1.0)
     flat = made.need(FinalLayout).flat
     again = make_fabricable(flat, settings.spiral, design.width, design.twist, check_outlines=False, progress=last)
@@ -253,7 +255,7 @@ def simulate_from_pose(result: Result, pose: Pose, settings: Settings, progress:
     """
     design = result.need(DesignVersion).design
     once = replace(settings, simulate=replace(settings.simulate, restarts=0))
-    found = at_rest(result, design, once, pose, progress)
+    found = simulate_design(result, design, once, pose, progress)
     return result.with_outputs(simulated_shape(result, found, None, settings))
 
 
@@ -267,14 +269,14 @@ def run_quick_stages(result: Result, settings: Settings, progress: Progress = SI
     progress : reports and cancels
     """
     if result.get(FinalLayout) is None:
-        result = _with_flat(result, settings, progress)
+        result = _with_final_layout(result, settings, progress)
     for stage in TABLE:
-        if stage.quick and _could(stage, result):
-            result = _done(stage, result, settings, progress, lenient=False)
+        if stage.quick and _can_run(stage, result):
+            result = _run_stage(stage, result, settings, progress, lenient=False)
     return result
 
 
-def _with_flat(result: Result, settings: Settings, progress: Progress) -> Result:
+def _with_final_layout(result: Result, settings: Settings, progress: Progress) -> Result:
     """Add a final layout from the merged patches, or else from the traced patches, flattened."""
     traced, merged = result.get(TracedLayout), result.get(MergedLayout)
     if merged is not None:
@@ -283,34 +285,34 @@ def _with_flat(result: Result, settings: Settings, progress: Progress) -> Result
         flat, origin = flatten.flatten(traced.layout, settings.layout, progress), TRACED
     else:
         return result
-    made = made_by("merge", settings, result.inputs("mesh", "layout", "merged"))
+    made = provenance("merge", settings, result.inputs("mesh", "layout", "merged"))
     return result.with_outputs(FinalLayout(flat, origin, **made))
 
 
-def _could(stage: Stage, result: Result) -> bool:
+def _can_run(stage: Stage, result: Result) -> bool:
     """Return whether a stage has all its inputs, and one of its outputs is missing."""
     return all(result.value(name) is not None for name in stage.needs) and not result.outputs.keys() >= {*stage.makes}
 
 
 # stages before which to check whether the piece can stand on its base: two take long, and "sheets" makes the base
-HELD = {"choose", "optimise", "sheets"}
+STAGES_NEEDING_HOLD = {"choose", "optimise", "sheets"}
 
 
 @one_thread
-def _through(result: Result, settings: Settings, wanted: Sequence[str], stage: _Stages, lenient: bool) -> Result:
-    if HELD.intersection(wanted):
+def _run_all(result: Result, settings: Settings, wanted: Sequence[str], stage: _StageTimer, lenient: bool) -> Result:
+    if STAGES_NEEDING_HOLD.intersection(wanted):
         check_base_on_target(result.mesh, result.supports, settings.base, settings.simulate, settings.spiral)
     for name in wanted:
         if name == "optimise" and "sheets" in wanted:  # refuse panels before the search, which takes long
-            drawn = result.need(DesignVersion).design.outlines(COARSE)
-            refuse_many_sheets([one.outer.sample(COARSE) for one in drawn], settings.sheet)
+            drawn = result.need(DesignVersion).design.outlines(COARSE_TOLERANCE)
+            refuse_many_sheets([one.outer.sample(COARSE_TOLERANCE) for one in drawn], settings.sheet)
         with stage(name) as part:
-            result = _done(STAGES[name], result, settings, part, lenient and name != wanted[-1])
+            result = _run_stage(STAGES[name], result, settings, part, lenient and name != wanted[-1])
     result = run_quick_stages(result, settings, stage.end)
     return replace(result, seconds=result.seconds | stage.seconds)
 
 
-def _done(stage: Stage, result: Result, settings: Settings, progress: Progress, lenient: bool) -> Result:
+def _run_stage(stage: Stage, result: Result, settings: Settings, progress: Progress, lenient: bool) -> Result:
     """Run a stage; if it fails, is optional and ``lenient``, record why and drop the outputs of its earlier run."""
     inputs = [result.need(OUTPUTS[name]) for name in stage.needs if name in OUTPUTS]
     if not stage.optional:  # optional stages make nothing to cut, so they accept settings in the wrong order

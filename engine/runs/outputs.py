@@ -71,7 +71,7 @@ class UserInput:
     rest: Pose | None = None
 
 
-NOTHING = UserInput()
+NO_USER_INPUT = UserInput()
 
 
 # -- outputs of the stages ---------------------------------------------------------------------------------------------
@@ -180,7 +180,7 @@ LAYOUTS = (TracedLayout.name, MergedLayout.name, FinalLayout.name)
 OUTPUTS: dict[str, type[StageOutput]] = {kind.name: kind for kind in StageOutput.__subclasses__()}
 
 
-def made_by(stage: str, settings: Settings, inputs: Mapping[str, object]) -> dict[str, Any]:
+def provenance(stage: str, settings: Settings, inputs: Mapping[str, object]) -> dict[str, Any]:
     """Return the arguments ``inputs`` and ``settings`` for an output of a stage.
 
     Parameters

@@ -131,8 +131,8 @@ def view_data(shown: ViewContent, settings: ObjectSettings, title: str, progress
     layout = design.flat.layout
     steps = joining.steps(layout)
     skin = Skin.from_design(design, pose, progress.part(0.0, 0.2))
-    _skin(packed, skin)
-    _target(packed, shown.measured)
+    _pack_skin(packed, skin)
+    _pack_target(packed, shown.measured)
     place = target_pose(layout.mesh, design.flat.corners) if pose is None else pose
     table = arrange.places_before_assembly(design, place)
     described: dict[str, Any] = {
@@ -140,30 +140,30 @@ def view_data(shown: ViewContent, settings: ObjectSettings, title: str, progress
         "simulated": pose is not None,
         "thickness": MM * design.params.thickness,
         "edge": round(MM * layout.mesh.median_edge, 3),
-        "panels": _panels(design, [step.panel for step in steps]),
-        "colourings": _colourings(packed, shown, material),
-        "seams": _seams(design, steps),
+        "panels": _describe_panels(design, [step.panel for step in steps]),
+        "colourings": _pack_colourings(packed, shown, material),
+        "seams": _describe_seams(design, steps),
     }
     if pose is None:
-        described |= {"length": 0.0, "tracks": _still(packed, design, _on_table(design, table)), "notes": []}
+        described |= {"length": 0.0, "tracks": _static_tracks(packed, design, _on_table(design, table)), "notes": []}
     elif not registry.has("film"):
-        described |= {"length": 0.0, "tracks": _still(packed, design, pose), "notes": []}
+        described |= {"length": 0.0, "tracks": _static_tracks(packed, design, pose), "notes": []}
         packed.add("closings", np.tile([-1.0, -0.5], (int((~layout.mesh.border).sum()), 1)), 1e-3)
     else:
-        passage, resting = registry.load("film.passage"), settings.page.coming == "RESTING"
-        hubs, rest = passage.Hubs(design), progress.part(0.2, 1.0)
-        shots = passage.shots(hubs, pose, table, material, settings.simulate, rest, resting=resting)
-        described |= {"length": shots.length, "tracks": _tracks(packed, hubs, shots)}
-        described["notes"] = _notes(shots.stages.skipped)
+        hub_film, resting = registry.load("film.hub_film"), settings.page.coming == "RESTING"
+        hubs, rest = hub_film.HubActors(design), progress.part(0.2, 1.0)
+        shots = hub_film.make_hub_film(hubs, pose, table, material, settings.simulate, rest, resting=resting)
+        described |= {"length": shots.length, "tracks": _moving_tracks(packed, hubs, shots)}
+        described["notes"] = _describe_skipped(shots.stages.skipped)
         # clamp infinite closing times to a time after the film's end
-        packed.add("closings", np.minimum(passage.closings(design, shots), shots.length + 1.0), 1e-3)
+        packed.add("closings", np.minimum(hub_film.closing_times(design, shots), shots.length + 1.0), 1e-3)
     mesh = layout.mesh
     packed.add("patch", layout.patch_of)
     packed.add("joints", 4 * mesh.edge_quads[~mesh.border] + mesh.edge_sides[~mesh.border])
     return described | {"arrays": packed.listed, "block": packed.block()}
 
 
-def _skin(packed: ArrayPacker, skin: Skin) -> None:
+def _pack_skin(packed: ArrayPacker, skin: Skin) -> None:
     quads = len(skin.tip) // 4
     packed.add("sections", np.bincount(skin.arm, minlength=4 * quads))
     packed.add("share", skin.share, SHARE)
@@ -181,18 +181,18 @@ def _skin(packed: ArrayPacker, skin: Skin) -> None:
         packed.add("rim_walls", skin.rim_strip.walls)
 
 
-def _target(packed: ArrayPacker, measured: MapValues) -> None:
+def _pack_target(packed: ArrayPacker, measured: MapValues) -> None:
     packed.add("target", MM * measured.mesh.vertices, PLACE)
     packed.add("quads", measured.mesh.quads)
 
 
-def _panels(design: SpiralDesign, joined: list[int]) -> list[dict[str, Any]]:
+def _describe_panels(design: SpiralDesign, joined: list[int]) -> list[dict[str, Any]]:
     """Return for each patch: name and colour of its panel, the quad for its label, and its step of the assembly.
 
     joined : panels in the order of the assembly
     """
     layout = design.flat.layout
-    shades, numbers = colours.hexadecimal(colours.patch_colours(len(layout.patches))), joining.panel_numbers(layout)
+    shades, numbers = colours.to_hexadecimal(colours.patch_colours(len(layout.patches))), joining.panel_numbers(layout)
     found = []
     for patch, quads in enumerate(layout.patches):
         centres = design.arms.centre[quads]
@@ -203,11 +203,11 @@ def _panels(design: SpiralDesign, joined: list[int]) -> list[dict[str, Any]]:
     return found
 
 
-def _seams(design: SpiralDesign, steps: list[joining.Step]) -> list[list[dict[str, Any]]]:
+def _describe_seams(design: SpiralDesign, steps: list[joining.Step]) -> list[list[dict[str, Any]]]:
     """Return the seams that each assembly step closes: name, colour, other panel, and arm and name of every joint."""
     layout = design.flat.layout
     mesh, names, numbers = layout.mesh, seam_labels(layout), joining.panel_numbers(layout)
-    shades = colours.hexadecimal(colours.seam_colours(max(len(layout.seams), 1)))
+    shades = colours.to_hexadecimal(colours.seam_colours(max(len(layout.seams), 1)))
     found = []
     for step in steps:
         row = []
@@ -222,13 +222,13 @@ def _seams(design: SpiralDesign, steps: list[joining.Step]) -> list[list[dict[st
     return found
 
 
-def _still(packed: ArrayPacker, design: SpiralDesign, pose: Pose) -> list[dict[str, Any]]:
+def _static_tracks(packed: ArrayPacker, design: SpiralDesign, pose: Pose) -> list[dict[str, Any]]:
     """Return tracks for panels that do not move: every panel stays in one pose."""
     patch, found = design.flat.layout.patch_of, []
     for panel in range(len(design.flat.layout.patches)):
         own = patch == panel
-        _poses(packed, panel, pose.centres[None, own], pose.rotations[None, own])
-        found.append(_track(panel, [0.0], [0], [0.0], np.eye(3)[None], np.zeros((1, 3))))
+        _pack_poses(packed, panel, pose.centres[None, own], pose.rotations[None, own])
+        found.append(_pack_track(panel, [0.0], [0], [0.0], np.eye(3)[None], np.zeros((1, 3))))
     return found
 
 
@@ -239,24 +239,24 @@ def _on_table(design: SpiralDesign, table: np.ndarray) -> Pose:
     return Pose(flat, np.broadcast_to(np.eye(3), (len(flat), 3, 3)))
 
 
-def _tracks(packed: ArrayPacker, hubs: Any, shots: Any) -> list[dict[str, Any]]:
+def _moving_tracks(packed: ArrayPacker, hubs: Any, shots: Any) -> list[dict[str, Any]]:
     """Return the tracks of the moving panels, in the order of the assembly."""
     found = []
     for one in shots.tracks:
-        _poses(packed, one.patch, *hubs.poses(one.shapes))
+        _pack_poses(packed, one.patch, *hubs.poses(one.shapes))
         times, which = one.shape_times.tolist(), one.which.tolist()
-        found.append(_track(one.patch, times, which, one.times.tolist(), one.turns, one.places))
+        found.append(_pack_track(one.patch, times, which, one.times.tolist(), one.turns, one.places))
     return found
 
 
-def _poses(
+def _pack_poses(
     packed: ArrayPacker, panel: int, centres: np.ndarray, rotations: Float[np.ndarray, "shapes hubs 3 3"]
 ) -> None:
     packed.add(f"centres {panel}", MM * centres, FINE)
     packed.add(f"turns {panel}", _quaternions(rotations), QUATERNION)
 
 
-def _track(
+def _pack_track(
     panel: int, changes: list[float], which: list[int], times: list[float], turns: np.ndarray, places: np.ndarray
 ) -> dict[str, Any]:
     return {
@@ -279,7 +279,7 @@ def _quaternions(rotations: Float[np.ndarray, "times ... 3 3"]) -> Float[np.ndar
     return np.concatenate([found[:1], found[1:] * np.cumprod(turned, axis=0)])
 
 
-def _colourings(packed: ArrayPacker, shown: ViewContent, material: Material) -> list[dict[str, Any]]:
+def _pack_colourings(packed: ArrayPacker, shown: ViewContent, material: Material) -> list[dict[str, Any]]:
     """Pack the values per spiral that colours can show; return their names, units and colour scales."""
     m, found = shown.measured, []
     values: list[tuple[str, str, str, np.ndarray | None, float, np.ndarray]] = []
@@ -305,7 +305,7 @@ def _colourings(packed: ArrayPacker, shown: ViewContent, material: Material) -> 
     return found
 
 
-def _notes(skipped: tuple[tuple[str, str], ...]) -> list[str]:
+def _describe_skipped(skipped: tuple[tuple[str, str], ...]) -> list[str]:
     if not skipped:
         return []
     names = ", ".join(f"{panel}-{seam}" for panel, seam in skipped[:4]) + ", ..." * (len(skipped) > 4)

@@ -31,7 +31,7 @@ from .stages import BLOCKS, OF_EXTRAS
 SCHEMA = 1  # version of the report's keys
 
 
-def build(
+def build_report(
     result: Result,
     *,
     source: str,
@@ -53,7 +53,7 @@ def build(
     report: dict[str, Any] = {
         "schema": SCHEMA,
         "program": MARK,
-        "input": _input(result.mesh, source),
+        "input": _input_block(result.mesh, source),
         "checks": [finding.as_dict() for finding in (*result.findings, *result.undone.values())],
     }
     undone = [*result.undone]
@@ -61,7 +61,7 @@ def build(
         undone.append("simulate")  # the simulation found no equilibrium
     if undone:
         report["undone"] = undone
-    report |= blocks(result, BLOCKS, within)
+    report |= report_blocks(result, BLOCKS, within)
     if "sheets" in report:
         report["sheets"] = {"files": [path.name for path in files], **report["sheets"]}
     if result.supports is not None:
@@ -78,7 +78,9 @@ def build(
     return report
 
 
-def blocks(result: Result, wanted: Collection[str] = BLOCKS, progress: Progress = SILENT) -> dict[str, dict[str, Any]]:
+def report_blocks(
+    result: Result, wanted: Collection[str] = BLOCKS, progress: Progress = SILENT
+) -> dict[str, dict[str, Any]]:
     """Return the blocks of report.json for the stages that have run; a .blend file stores them as notes.
 
     Parameters
@@ -96,7 +98,7 @@ def blocks(result: Result, wanted: Collection[str] = BLOCKS, progress: Progress 
     return told
 
 
-def _sheets(result: Result, progress: Progress) -> dict[str, Any]:
+def _sheets_block(result: Result, progress: Progress) -> dict[str, Any]:
     sheets = result.need(SheetPlan).sheets
     block, figures = sheets_report(sheets), result.estimates
     if figures is None:
@@ -105,7 +107,7 @@ def _sheets(result: Result, progress: Progress) -> dict[str, Any]:
     return block | {"warnings": warnings} | estimates_report(figures)
 
 
-def _own(member: str) -> tuple[str, Callable[[Any, Progress], dict[str, Any]]]:
+def _member_report(member: str) -> tuple[str, Callable[[Any, Progress], dict[str, Any]]]:
     """Return an entry of ``_BLOCKS`` for a member of the result that has a ``report`` method."""
     return member, lambda result, progress: getattr(result, member).report()
 
@@ -114,16 +116,16 @@ def _own(member: str) -> tuple[str, Callable[[Any, Progress], dict[str, Any]]]:
 _BLOCKS: dict[str, tuple[str, Callable[[Any, Progress], dict[str, Any]]]] = {
     "layout": ("flat", lambda result, progress: layout_report(result.flat)),
     "spirals": ("design", lambda result, progress: design_report(result.design, progress)),
-    "optimise": _own("optimisation"),
+    "optimise": _member_report("optimisation"),
     "equilibrium": ("simulation", lambda result, progress: result.simulation.report(progress)),
-    "reach": _own("limits"),
-    "sheets": ("sheets", _sheets),
-    "assembly": _own("assembly"),
+    "reach": _member_report("limits"),
+    "sheets": ("sheets", _sheets_block),
+    "assembly": _member_report("assembly"),
 }
-_BLOCKS |= {block: _own(stage.makes[0]) for stage in OF_EXTRAS for block in stage.blocks}
+_BLOCKS |= {block: _member_report(stage.makes[0]) for stage in OF_EXTRAS for block in stage.blocks}
 
 
-def _input(mesh: QuadMesh, source: str) -> dict[str, Any]:
+def _input_block(mesh: QuadMesh, source: str) -> dict[str, Any]:
     is_open = bool(mesh.border.any())
     used = len(np.unique(mesh.quads))
     euler = used - len(mesh.edges) + len(mesh.quads)

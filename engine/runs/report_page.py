@@ -35,7 +35,7 @@ def draw_plots(result: Result, described: Mapping[str, Any], distortion: float) 
     Parameters
     ----------
     result : outputs of the stages
-    described : the report, see ``report.build``
+    described : the report, see ``report.build_report``
     distortion : limit of the layout's distortion, to mark in its plot
 
     Returns
@@ -65,7 +65,7 @@ def collect_values(result: Result) -> MapValues:
     return replace(found, more={name: values for each in more for name, values in each.items()})
 
 
-def write(
+def write_page(
     described: Mapping[str, Any],
     drawn: Mapping[str, Drawing],
     out: Path,
@@ -78,7 +78,7 @@ def write(
 
     Parameters
     ----------
-    described : the report, see ``report.build``
+    described : the report, see ``report.build_report``
     drawn : plots by name, see ``draw_plots``
     out : folder to write to
     new : function from a target file to the temporary path to write to, see ``files.write_all_atomically``
@@ -94,15 +94,15 @@ def write(
     shown = [(text, file.read_bytes()) for text, file in pictures]
     texts = {out / PAGE: render_page(described, plots, shown, datetime.now().strftime("%Y-%m-%d %H:%M"), piece)}
     if piece is not None:
-        texts[out / share_page.SHARE] = share_page.page(piece, title_of(described), described, drawn)
+        texts[out / share_page.SHARE] = share_page.render_share_page(piece, title_of(described), described, drawn)
     texts |= {out / PLOTS / f"{name}.svg": text for name, text in plots.items()}
     for path, text in texts.items():
         new(path).write_text(text, encoding="utf-8")
     return [*texts]
 
 
-def stale(out: Path) -> list[Path]:
-    """Return the files that an earlier call of ``write`` may have left in a folder."""
+def stale_files(out: Path) -> list[Path]:
+    """Return the files that an earlier call of ``write_page`` may have left in a folder."""
     names = [*run_plots.PLOT_NAMES, *(name for stage in OF_EXTRAS for name in registry.load(stage.code).PLOTS)]
     return [out / PAGE, out / share_page.SHARE, *(out / PLOTS / f"{name}.svg" for name in names)]
 
@@ -118,7 +118,7 @@ def render_page(
 
     Parameters
     ----------
-    described : the report, see ``report.build``
+    described : the report, see ``report.build_report``
     plots : SVG texts by name, see ``run_plots.make_plots``
     pictures : captions and contents of PNG files for the top of the page; if there are more than three, the first is
         large
@@ -129,7 +129,7 @@ def render_page(
     environment.filters["sheet_size"] = _sheet_size
     scripts = share_page.scripts() if piece is not None else []
     seconds = described.get("seconds", {})
-    changed, settings = _settings(described.get("settings", {}))
+    changed, settings = _format_settings(described.get("settings", {}))
     text = environment.get_template("report.html.j2").render(
         report=described,
         extras=_templates(described),
@@ -142,7 +142,7 @@ def render_page(
         made=made,
         title=title_of(described),
         subtitle=_subtitle(described),
-        notes=_notes(described),
+        notes=_collect_notes(described),
         changed=changed,
         settings=settings,
         times_plot=to_svg(plot_bars([*seconds.items()], f"{sum(seconds.values()):.1f} seconds in all", "s")),
@@ -184,7 +184,7 @@ def _templates(described: Mapping[str, Any]) -> list[str]:
     return [f"{stage.code.partition('.')[0]}/report.html.j2" for stage in _described_extras(described)]
 
 
-def _notes(described: Mapping[str, Any]) -> list[tuple[bool, str]]:
+def _collect_notes(described: Mapping[str, Any]) -> list[tuple[bool, str]]:
     """Return the notes at the top of the page as (is a warning, text), warnings first."""
     notes = [(True, finding["message"]) for finding in described.get("checks", ())]
     notes += [(True, text) for text in described.get("layout", {}).get("remarks", ())]
@@ -207,7 +207,7 @@ def _notes(described: Mapping[str, Any]) -> list[tuple[bool, str]]:
     return sorted(notes, key=lambda note: not note[0])
 
 
-def _settings(
+def _format_settings(
     values: Mapping[str, Any],
 ) -> tuple[list[tuple[str, str]], list[tuple[str, list[tuple[str, str, bool]]]]]:
     """Return the changed settings, and all settings by section, as texts for the page.
@@ -223,7 +223,7 @@ def _settings(
             value = values[section][f.name]
             factor, unit = SHOWN[f.metadata["unit"]]
             default = f.default * factor if isinstance(f.default, float) else f.default
-            text = _value(value, unit, {c[0]: c[1] for c in f.metadata["choices"]})
+            text = _format_setting(value, unit, {c[0]: c[1] for c in f.metadata["choices"]})
             other = abs(value - default) > 1e-6 * abs(default) if isinstance(default, float) else value != default
             lines.append((f.metadata["label"], text, other))
             if other:
@@ -233,7 +233,7 @@ def _settings(
     return changed, sections
 
 
-def _value(value: Any, unit: str, names: Mapping[str, str]) -> str:
+def _format_setting(value: Any, unit: str, names: Mapping[str, str]) -> str:
     if isinstance(value, bool):
         return "on" if value else "off"
     if isinstance(value, str):

@@ -27,7 +27,7 @@ from ..spirals.design import SpiralDesign
 from ..surface.checking.check import Finding
 from ..surface.mesh import QuadMesh
 from .outputs import (
-    NOTHING,
+    NO_USER_INPUT,
     DesignVersion,
     FinalLayout,
     MakingEstimate,
@@ -70,7 +70,7 @@ class Result:
     """
 
     surface: Surface
-    user: UserInput = NOTHING
+    user: UserInput = NO_USER_INPUT
     outputs: Mapping[str, StageOutput] = field(default_factory=dict)
     lost: dict[str, FlexMapsError] = field(default_factory=dict)
     undone: dict[str, Finding] = field(default_factory=dict)
@@ -153,7 +153,7 @@ class Result:
         """Return the result without outputs that are out of date."""
         for name in (name for stage in TABLE for name in stage.makes if name in self.outputs):
             now = self.outputs[name].inputs
-            if not all(_same(value, self.value(member)) for member, value in now.items()):
+            if not all(_is_same_value(value, self.value(member)) for member, value in now.items()):
                 return self.without(name)
         return self
 
@@ -228,7 +228,7 @@ class Result:
         return None if (found := self.get(MakingEstimate)) is None else found.assembly
 
 
-def _same(one: object, other: object) -> bool:
+def _is_same_value(one: object, other: object) -> bool:
     """Return whether two values are the same object, or arrays with equal numbers."""
     if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
         return np.array_equal(one, other)

@@ -1,7 +1,7 @@
 """Write ``share.html``, a page with the piece in 3D to send to others, and the parts that the report's page has too.
 
 Both pages are self-contained: they hold the piece as JSON (``page_data``), three.js and the scripts in the folder
-``page``. Their content security policy forbids the browser to fetch anything or to run other scripts.
+``render_share_page``. Their content security policy forbids the browser to fetch anything or to run other scripts.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ FOLDER = Path(__file__).with_name("page")
 # view
 SCRIPTS = ("three.min.js", "packed.js", "turns.js", "skin.js", "scene.js", "view.js")
 # names of the plots to show in browsers without 3D, in order of preference
-INSTEAD = ("shape", "surface", "patches")
+REPLACED_PLOTS = ("shape", "surface", "patches")
 
 
 def environment() -> Any:
-    """Return the Jinja environment for the templates in the folder ``page`` and in the folders of the extras."""
+    """Return the Jinja environment for the templates in the folder ``render_share_page`` and in the folders of the extras."""
     import jinja2
 
     loader = jinja2.FileSystemLoader([FOLDER, Path(registry.__file__).parent])
@@ -55,12 +55,12 @@ def policy(texts: Sequence[str] = ()) -> str:
     )
 
 
-def page(
+def render_share_page(
     piece: str,
     title: str,
     described: Mapping[str, Any],
     drawn: Mapping[str, Drawing],
-    pictures: Sequence[str] = INSTEAD,
+    pictures: Sequence[str] = REPLACED_PLOTS,
 ) -> str:
     """Return the page as HTML text.
 
@@ -78,7 +78,7 @@ def page(
         environment()
         .get_template("share.html.j2")
         .render(
-            piece=piece, title=title, scripts=texts, policy=policy(texts), facts=facts(described),
+            piece=piece, title=title, scripts=texts, policy=policy(texts), facts=key_figures(described),
             pictures=[to_svg(drawn[name]) for name in shown], steps=steps_in_words(piece),
         )
     )  # fmt: skip
@@ -103,7 +103,7 @@ def steps_in_words(piece: str) -> list[str]:
     return found
 
 
-def facts(described: Mapping[str, Any]) -> list[str]:
+def key_figures(described: Mapping[str, Any]) -> list[str]:
     """Return the piece's key figures as texts: size, panels, spirals, material, distance from the target, mass."""
     found = []
     source, shape, sheets = (described.get(name, {}) for name in ("input", "equilibrium", "sheets"))

@@ -89,7 +89,7 @@ def dependents(members: Iterable[str], *, may_use: bool = True) -> set[str]:
 BLOCKS = tuple(dict.fromkeys(block for stage in TABLE for block in stage.blocks))
 
 
-def writers(block: str) -> tuple[Stage, ...]:
+def stages_writing(block: str) -> tuple[Stage, ...]:
     """Return the stages that write a block of report.json."""
     return tuple(stage for stage in TABLE if block in stage.blocks)
 
@@ -102,7 +102,7 @@ def blocks_describing(members: Iterable[str]) -> set[str]:
 
 def stale_blocks(block: str) -> set[str]:
     """Return the other blocks of report.json that become out of date when a block is written anew."""
-    members = {member for stage in writers(block) for member in stage.makes}
+    members = {member for stage in stages_writing(block) for member in stage.makes}
     return blocks_describing(dependents(members, may_use=False)) - {block}
 
 

@@ -40,23 +40,23 @@ from .outputs import (
     SheetPlan,
     SimulatedShape,
     TracedLayout,
-    made_by,
+    provenance,
 )
 from .result import Result
 from .stage import Stage
 from .stages import CHOSEN, CURVED, OPTIMISED
 
 # Fraction of the progress of the stage "merge" for merging, by eye; tightening to the wanted match takes the rest
-MERGED = 0.4
+MERGING_SHARE = 0.4
 
 
 def _regularise(result: Result, settings: Settings, progress: Progress) -> Result:
     surface = result.surface
     mesh = regularise.regularise(surface.mesh, settings.regularise, progress)
-    return result.with_surface(mesh=_resized(mesh, surface.edge, surface.height), regularised=True)
+    return result.with_surface(mesh=_restore_size(mesh, surface.edge, surface.height), regularised=True)
 
 
-def _resized(mesh: QuadMesh, edge: float | None, height: float | None) -> QuadMesh:
+def _restore_size(mesh: QuadMesh, edge: float | None, height: float | None) -> QuadMesh:
     """Scale a mesh about the origin to the requested size, because regularising shrinks it a little."""
     if edge is not None:
         return mesh.with_vertices(mesh.vertices * (edge / mesh.median_edge))
@@ -67,22 +67,22 @@ def _resized(mesh: QuadMesh, edge: float | None, height: float | None) -> QuadMe
 
 def _trace(result: Result, settings: Settings, progress: Progress) -> Result:
     layout = trace.trace(result.mesh, settings.layout, progress)
-    return result.with_outputs(TracedLayout(layout, **made_by("trace", settings, result.inputs("mesh"))))
+    return result.with_outputs(TracedLayout(layout, **provenance("trace", settings, result.inputs("mesh"))))
 
 
 def _merge(result: Result, traced: TracedLayout, settings: Settings, progress: Progress) -> Result:
     held = result.supports is not None and len(result.supports) > 0
-    flat = merge.merge(traced.layout, settings.layout, progress.part(0.0, MERGED), held=held)
+    flat = merge.merge(traced.layout, settings.layout, progress.part(0.0, MERGING_SHARE), held=held)
     if registry.has("choosing"):  # this extra predicts the match
         piece = registry.load("choosing.judge").LayoutProblem(result.mesh, settings, result.supports, result.force)
-        nearer, rest = registry.load("choosing.tighten").tighten, progress.part(MERGED, 1.0)
-        flat = nearer(piece, traced.layout, flat, settings.choose, rest)
-    return result.with_outputs(MergedLayout(flat, **made_by("merge", settings, result.inputs("mesh", "layout"))))
+        refine, rest = registry.load("choosing.refine_merged").refine_merged, progress.part(MERGING_SHARE, 1.0)
+        flat = refine(piece, traced.layout, flat, settings.choose, rest)
+    return result.with_outputs(MergedLayout(flat, **provenance("merge", settings, result.inputs("mesh", "layout"))))
 
 
 def _split(result: Result, merged: MergedLayout, settings: Settings, progress: Progress) -> Result:
     flat = split.split(merged.merged, settings.layout, settings.sheet, progress)
-    made = made_by("split", settings, result.inputs("mesh", "merged"))
+    made = provenance("split", settings, result.inputs("mesh", "merged"))
     return result.with_outputs(FinalLayout(flat, merged.origin, **made))
 
 
@@ -93,7 +93,7 @@ def _spirals(result: Result, layout: FinalLayout, settings: Settings, progress: 
         spirals, origin = fabricable.curvature_adjusted(settings.spiral, curvature.rms_curvature(result.mesh)), CURVED
     asked = _constraints(result, settings)
     made = fabricable.design_from_spirals(layout.flat, settings.spiral, *spirals, progress, constraints=asked)
-    return result.with_outputs(DesignVersion(made, origin, **made_by("spirals", settings, result.inputs("flat"))))
+    return result.with_outputs(DesignVersion(made, origin, **provenance("spirals", settings, result.inputs("flat"))))
 
 
 def _constraints(result: Result, settings: Settings) -> Constraints:
@@ -123,7 +123,7 @@ def _optimise(result: Result, start: DesignVersion, settings: Settings, progress
         progress=progress,
     )
     version = replace(start, design=found.design, origin=OPTIMISED)
-    made = made_by("optimise", settings, {"design": found.design, **result.inputs("supports", "force")})
+    made = provenance("optimise", settings, {"design": found.design, **result.inputs("supports", "force")})
     return result.with_outputs(version, OptimisationRecord(found, **made))
 
 
@@ -134,7 +134,7 @@ def _simulate(result: Result, version: DesignVersion, settings: Settings, progre
         found = _with_band(better.after, settings, progress.part(0.3, 1.0))
     else:
         start = None if better is None else better.after.equilibrium.pose
-        plain = at_rest(result, version.design, settings, start, progress.part(0.0, 0.6))
+        plain = simulate_design(result, version.design, settings, start, progress.part(0.0, 0.6))
         limits = match_limits.find_limits(plain if better is None else better, progress.part(0.6, 0.65))
         found = _with_band(plain, settings, progress.part(0.65, 1.0))
     return result.with_outputs(simulated_shape(result, found, limits, settings))
@@ -151,11 +151,11 @@ def simulated_shape(
     simulation, limits : values of the output
     settings : of the run
     """
-    made = made_by("simulate", settings, result.inputs("mesh", "design", "optimisation", "supports", "force"))
+    made = provenance("simulate", settings, result.inputs("mesh", "design", "optimisation", "supports", "force"))
     return SimulatedShape(simulation, limits, **made)
 
 
-def at_rest(
+def simulate_design(
     result: Result, design: SpiralDesign, settings: Settings, start: Pose | None, progress: Progress
 ) -> Simulation:
     """Simulate a design under the result's loads.
@@ -192,17 +192,17 @@ def _with_band(simulation: Simulation, settings: Settings, progress: Progress) -
 
 def _sheets(result: Result, version: DesignVersion, settings: Settings, progress: Progress) -> Result:
     split.check_size(version.design.flat, settings.sheet)
-    base = None if settings.base.base == "none" else _base(result, version.design, settings)
+    base = None if settings.base.base == "none" else _make_base(result, version.design, settings)
     found = sheets.make_sheets(version.design, settings.sheet, progress, settings.connect, settings.cut, base)
     inputs = ["design"]
     if base is not None:
         more = warn_of_overload(base.eyelets, base.thickness, settings.material.chosen)
         found = replace(found, warnings=(*found.warnings, *more))
         inputs += ["simulation", "supports"]
-    return result.with_outputs(SheetPlan(found, **made_by("sheets", settings, result.inputs(*inputs))))
+    return result.with_outputs(SheetPlan(found, **provenance("sheets", settings, result.inputs(*inputs))))
 
 
-def _base(result: Result, design: SpiralDesign, settings: Settings) -> Base:
+def _make_base(result: Result, design: SpiralDesign, settings: Settings) -> Base:
     """Make the base of the simulated piece. Raises ``FlexMapsError`` if there is no simulated shape."""
     simulation = result.simulation
     if simulation is None or not simulation.equilibrium.converged:
@@ -247,7 +247,7 @@ def _estimate(result: Result, plan: SheetPlan, settings: Settings, progress: Pro
     figures = estimates.estimate(made, design, settings.material.chosen, settings.cost)
     joins = assembly_check.check_assembly(design, made.connections, result.simulation)
     inputs = result.inputs("design", "sheets", "simulation")
-    return result.with_outputs(MakingEstimate(figures, joins, **made_by("estimate", settings, inputs)))
+    return result.with_outputs(MakingEstimate(figures, joins, **provenance("estimate", settings, inputs)))
 
 
 # by stage; arguments: the result, the outputs that the stage needs, the settings that its row lists, the progress

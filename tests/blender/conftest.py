@@ -39,13 +39,13 @@ def optimise_without_prospects() -> Iterator[None]:
     Trying other cuts and supports takes about as long as the search for the spirals itself. It holds for the modules of this tier
     alone: tests of the function itself may run in the same process.
     """
-    original = prospects.prospects
+    original = prospects.find_prospects
 
     def found(*args: Any, **named: Any) -> dict[str, float] | None:
         return original(*args, **named) if _trying else {}
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(prospects, "prospects", found)
+        patch.setattr(prospects, "find_prospects", found)
         yield
 
 

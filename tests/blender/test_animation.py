@@ -96,7 +96,7 @@ def _film_and_preview(piece: Any) -> np.ndarray:
 
 def test_half_finished_pieces_that_find_no_rest_are_told_of(piece: Any, capsys: Any, monkeypatch: Any) -> None:
     piece.flexmaps.simulate.iterations = 1
-    monkeypatch.setattr(unfinished_pieces, "WEAKER", ())
+    monkeypatch.setattr(unfinished_pieces, "STIFFNESS_SHARES", ())
     press("animate")
     assert "find no rest" in capsys.readouterr().out
     assert len(animation.find_objects(piece)) > 2

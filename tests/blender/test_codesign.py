@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge.store import attributes, mesh, settings, stored_report
-from flexmaps.engine.materials import material
+from flexmaps.engine.materials import find_material
 from flexmaps.engine.params import SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening.flattening_report import layout_report
 from flexmaps.engine.simulation.simulate import simulate
@@ -38,5 +38,5 @@ def test_flat_shapes_that_moved_are_written(add: Any) -> None:
     assert found["layout"]["energy_max"] < obj.flexmaps.optimise.distortion_limit
     # read back from the mesh, the piece takes the shape that the report tells
     design = mesh.read_design(surface, flat, settings.read(obj.flexmaps.spiral, SpiralParams))
-    again = simulate(design, flat.layout.mesh, material(obj.flexmaps.material.material), SimulateParams())
+    again = simulate(design, flat.layout.mesh, find_material(obj.flexmaps.material.material), SimulateParams())
     assert again.report()["laplacian_rmse_mm"] == pytest.approx(found["optimise"]["laplacian_rmse_mm"], rel=2e-3)

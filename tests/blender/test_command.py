@@ -12,9 +12,9 @@ import bpy
 import pytest
 from flexmaps.command import arguments, sources
 from flexmaps.command import main as command
-from flexmaps.engine.extras.exploring import run as running
+from flexmaps.engine.extras.exploring import run_exploration as running
 from flexmaps.engine.extras.exploring.candidate import Candidate
-from flexmaps.engine.extras.exploring.folder import Folder
+from flexmaps.engine.extras.exploring.folder import ExplorationFolder
 from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.surface import shapes
 
@@ -116,13 +116,13 @@ def test_control_c_ends_an_exploration_with_what_it_found(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The first one; the second ends it at once, as of any program."""
-    add = Folder.add
+    add = ExplorationFolder.add
 
-    def pressed(folder: Folder, one: Candidate) -> None:
+    def pressed(folder: ExplorationFolder, one: Candidate) -> None:
         add(folder, one)
         signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(Folder, "add", pressed)
+    monkeypatch.setattr(ExplorationFolder, "add", pressed)
     monkeypatch.setitem(running.explore_piece.__kwdefaults__, "effort", 0.02)
     words = ("explore", "shape:strip", "--out", tmp_path, "--vary", "edge=10:30", "--cores", 1, *QUICK)
     assert run(*words) == 0

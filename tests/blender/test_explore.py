@@ -14,7 +14,7 @@ from flexmaps import api
 from flexmaps.bridge.store import exploration
 from flexmaps.command import main as command
 from flexmaps.engine import workers
-from flexmaps.engine.extras.exploring import run as running
+from flexmaps.engine.extras.exploring import run_exploration as running
 from flexmaps.engine.materials import MATERIALS
 from support.bowl import bowl
 from support.buttons import press
@@ -24,7 +24,7 @@ from support.drawing import draw
 @pytest.fixture
 def tried(add: Any, once: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setitem(running.explore_piece.__kwdefaults__, "effort", 0.02)
-    monkeypatch.setattr(workers, "cores", lambda: 1)  # starting processes takes longer than their work
+    monkeypatch.setattr(workers, "count_cores", lambda: 1)  # starting processes takes longer than their work
 
     def make() -> None:
         obj = add(bowl())

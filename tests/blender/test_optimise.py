@@ -100,7 +100,7 @@ def test_changed_seams_begin_with_the_last_spirals(piece: Any, attribute: Any) -
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(engine, "optimise", optimise)
-        patch.setattr(prospects, "prospects", lambda *_, **__: {"cut": 0.5})
+        patch.setattr(prospects, "find_prospects", lambda *_, **__: {"cut": 0.5})
         press("optimise")
     assert block(piece, "reach")["prospects"] == {"cut": 0.5}
     assert seen[0].width * 1e3 == pytest.approx(width.reshape(-1, 4), abs=0.3) and len(seen[0].flat.layout.patches) == 1

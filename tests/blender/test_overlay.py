@@ -107,7 +107,7 @@ def test_seams_have_the_colours_of_the_assembly_sheet(dome: Any, mode: str) -> N
     wanted = flat.layout.seam_of[flat.layout.mesh.quad_edges]
     assert (np.where(seams == overlay.NO_SEAM, -1, seams) == wanted).all() and wanted.max() >= 0
     drawn = overlay._seam_colours(np.array([wanted.max(), -1]), "PATCH")
-    assert np.abs(colours.linear(drawn[0, :3]) - colours.seam_colours(int(wanted.max()) + 1)[-1]).max() < 0.01
+    assert np.abs(colours.srgb_to_linear(drawn[0, :3]) - colours.seam_colours(int(wanted.max()) + 1)[-1]).max() < 0.01
     assert drawn[1, :3] == pytest.approx(colours.SEAM)
     assert overlay._seam_colours(np.array([0]), "ENERGY")[0, :3] == pytest.approx(colours.SEAM)
 

@@ -127,7 +127,7 @@ def test_the_assembly_sheet_tells_the_forces_at_rest(
         new(target).write_bytes(b"")
         return target
 
-    monkeypatch.setattr(assembly_sheet, "write", write)
+    monkeypatch.setattr(assembly_sheet, "write_assembly_sheet", write)
     spiralled.flexmaps.export.folder, spiralled.flexmaps.export.dxf = str(tmp_path), "NONE"
 
     assert bpy.ops.flexmaps.export() == {"FINISHED"}

@@ -111,4 +111,9 @@ def test_what_changed_between_two_versions(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(versions, "RESULT_CHANGES", (("0.1.0", "a"), ("0.9.0", "b"), ("0.10.0", "c"), ("2.0.0", "d")))
     assert versions.changes_between("0.1", "0.10.0") == ("a", "b", "c")
     assert versions.changes_between("0.9.0", "0.10.0") == ("c",) and versions.changes_between("0.10.0", "0.9.0") == ()
-    assert versions.order("rubbish") < versions.order("0.1") < versions.order("0.1.0") < versions.order("0.10.0")
+    assert (
+        versions.version_key("rubbish")
+        < versions.version_key("0.1")
+        < versions.version_key("0.1.0")
+        < versions.version_key("0.10.0")
+    )

@@ -6,7 +6,7 @@ import pytest
 from flexmaps.database import coupons as solids
 from flexmaps.engine.extras.calibrating import bending
 from flexmaps.engine.extras.calibrating.coupons import GRAVITY, Coupons
-from flexmaps.engine.extras.calibrating.sizes import coupons
+from flexmaps.engine.extras.calibrating.sizes import choose_coupons
 from flexmaps.engine.params import Settings, with_values
 
 MATERIALS = (
@@ -20,7 +20,7 @@ MATERIALS = (
 @pytest.mark.parametrize("times", [0.1, 2.0])
 def test_strip(values: dict, times: float) -> None:
     """Up to a sag of a fifth of its length."""
-    made = coupons(with_values(Settings(), values))
+    made = choose_coupons(with_values(Settings(), values))
     sag = bending.strip_sag(made, made.youngs, times * made.strip_load)
     assert sag == pytest.approx(solids.strip_sag(made, made.youngs, times * made.strip_load), rel=0.003)
 
@@ -35,7 +35,7 @@ def test_strip(values: dict, times: float) -> None:
 )
 def test_spirals(values: dict, which: int) -> None:
     """Their arms' ends are held in every point in the solid, and on the whole in the table: stiffer by that, as a real frame is or not."""
-    made: Coupons = coupons(with_values(Settings(), values))
+    made: Coupons = choose_coupons(with_values(Settings(), values))
     one = made.spirals[which]
     sag = one.load * GRAVITY / bending.spiral_stiffness(made, one.scale, one.width, one.twist, made.youngs)
     assert sag == pytest.approx(solids.spiral_sag(made, one, made.youngs, one.load), rel=0.025)

@@ -19,7 +19,7 @@ from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
-from flexmaps.engine.workers import Workers, as_done
+from flexmaps.engine.workers import Workers, as_completed
 
 
 @pytest.fixture(scope="module")
@@ -60,17 +60,17 @@ def cluster(processes):
 
 
 def test_answers_and_errors_come_back_as_themselves(cluster):
-    assert [f.result() for _, f in sorted(as_done(cluster, math.factorial, [1, 5, 9]))] == [1, 120, 362880]
-    found = dict(as_done(cluster, shapes.make, ["dome", "no such shape"]))
+    assert [f.result() for _, f in sorted(as_completed(cluster, math.factorial, [1, 5, 9]))] == [1, 120, 362880]
+    found = dict(as_completed(cluster, shapes.make, ["dome", "no such shape"]))
     assert len(found[0].result().quads) == len(shapes.make("dome").quads)
     assert isinstance(found[1].exception(), FlexMapsError)
-    assert isinstance(dict(as_done(cluster, eval, ["1 / 0"]))[0].exception(), ZeroDivisionError)
-    pids = {f.result() for _, f in as_done(cluster, eval, ["__import__('os').getpid()"] * 8)}
+    assert isinstance(dict(as_completed(cluster, eval, ["1 / 0"]))[0].exception(), ZeroDivisionError)
+    pids = {f.result() for _, f in as_completed(cluster, eval, ["__import__('os').getpid()"] * 8)}
     assert os.getpid() not in pids
 
 
 def test_workers_of_another_version_are_refused(processes, monkeypatch):
-    monkeypatch.setattr(module, "version", lambda *_: "another one")
+    monkeypatch.setattr(module, "source_checksum", lambda *_: "another one")
     with pytest.raises(FlexMapsError, match="another version of FlexMaps") as told:
         module.Cluster(processes[0])
     assert "\n" not in str(told.value)
@@ -82,7 +82,7 @@ def test_a_folder_without_the_program_is_named(processes, tmp_path):
 
 
 def test_a_cluster_that_is_not_there_is_said(monkeypatch):
-    monkeypatch.setattr(module, "PATIENCE", 1)
+    monkeypatch.setattr(module, "CONNECTION_SECONDS", 1)
     with pytest.raises(FlexMapsError, match="No Dask scheduler answers"):
         module.Cluster("tcp://127.0.0.1:9")
 
@@ -98,7 +98,7 @@ def test_a_killed_worker_costs_nothing(processes):
     address, made = processes
     settings = ObjectSettings()
     result = job.run_stages(
-        job.begin(PolygonMesh.from_quads(shapes.strip(12)), edge=0.02), settings, ("trace", "merge")
+        job.check_input(PolygonMesh.from_quads(shapes.strip(12)), edge=0.02), settings, ("trace", "merge")
     )
     base = ExplorationInput({0: StartSurface(result.mesh, result.flat.layout.cut)}, settings, effort=0.02)
     asked = make_space({"edge": "15:25", "spiral.thickness": "1:2"}, settings)

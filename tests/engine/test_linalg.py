@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flexmaps.engine.linalg import NotPositiveDefinite, Pattern, SparseCholesky
+from flexmaps.engine.linalg import NotPositiveDefinite, SparseCholesky, SparsityPattern
 from scipy.sparse import random as sparse_random
 
 
@@ -23,7 +23,7 @@ def backend(request):
 
 def test_solves_like_dense_and_factors_again(system, backend):
     rows, cols = np.nonzero(system)
-    pattern = Pattern(rows, cols, 120)
+    pattern = SparsityPattern(rows, cols, 120)
     solver = SparseCholesky(pattern, backend)
     rhs = np.random.default_rng(0).normal(size=(120, 3))
     for factor in (1.0, 2.5):
@@ -35,14 +35,14 @@ def test_solves_like_dense_and_factors_again(system, backend):
 
 
 def test_repeated_triplets_add_up():
-    pattern = Pattern(np.array([0, 1, 1, 0, 1]), np.array([0, 0, 0, 1, 1]), 2)
+    pattern = SparsityPattern(np.array([0, 1, 1, 0, 1]), np.array([0, 0, 0, 1, 1]), 2)
     found = pattern.matrix(pattern.sum(np.array([4.0, 0.5, 0.25, 9.0, 3.0]))).toarray()
     assert np.allclose(found, [[4.0, 0.75], [0.75, 3.0]])
 
 
 def test_refuses_indefinite_and_recovers(system, backend):
     rows, cols = np.nonzero(system)
-    pattern = Pattern(rows, cols, 120)
+    pattern = SparsityPattern(rows, cols, 120)
     solver = SparseCholesky(pattern, backend)
     good = pattern.sum(system[rows, cols])
     with pytest.raises(NotPositiveDefinite):

@@ -15,7 +15,7 @@ from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Assembly, Pose
 from flexmaps.engine.mechanics.rods.rod_model import RodModel
-from flexmaps.engine.newton import Damped, Iteration, LineSearch, Local, minimise
+from flexmaps.engine.newton import Iteration, LevenbergMarquardt, LineSearch, LocalExpansion, minimise
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.optimize import rosen, rosen_der, rosen_hess
 from scipy.spatial.transform import Rotation
@@ -30,10 +30,12 @@ class Dense:
         self.value, self.gradient, self.hessian, self.stop = value, slope, hessian, stop
         self.held, self.seen = list(held), []
 
-    def expand(self, x: np.ndarray) -> Local:
+    def expand(self, x: np.ndarray) -> LocalExpansion:
         gradient = self.gradient(x)
         gradient[self.held] = 0.0
-        return Local(float(self.value(x)), gradient, float(np.linalg.norm(gradient)), abs(float(self.value(x))), x)
+        return LocalExpansion(
+            float(self.value(x)), gradient, float(np.linalg.norm(gradient)), abs(float(self.value(x))), x
+        )
 
     def moved(self, x: np.ndarray, step: np.ndarray) -> np.ndarray:
         return x + step
@@ -46,7 +48,7 @@ class Dense:
         if len(self.seen) > self.stop:
             raise Cancelled
 
-    def factor(self, here: Local, convex: float, shift: float) -> bool:
+    def factor(self, here: LocalExpansion, convex: float, shift: float) -> bool:
         eye = np.eye(len(here.own))
         matrix = (1.0 - convex) * np.asarray(self.hessian(here.own)) + convex * eye
         matrix[self.held] = matrix[:, self.held] = 0.0
@@ -57,10 +59,10 @@ class Dense:
             return False
         return True
 
-    def step(self, here: Local) -> np.ndarray:
+    def step(self, here: LocalExpansion) -> np.ndarray:
         return -cho_solve(self.factors, here.gradient)
 
-    def slope(self, here: Local, step: np.ndarray) -> float:
+    def slope(self, here: LocalExpansion, step: np.ndarray) -> float:
         return float(here.gradient @ step)
 
     def stable(self, x: np.ndarray) -> bool:
@@ -168,7 +170,7 @@ class Residuals(Dense):
         super().__init__(lambda x: 0.5 * rosen(x), lambda x: 0.5 * rosen_der(x), None)
         self.refused = 0
 
-    def proposed(self, here: Local, damping: float, following: float) -> Any:
+    def proposed(self, here: LocalExpansion, damping: float, following: float) -> Any:
         jacobian = np.array([[-20.0 * here.own[0], 10.0], [-1.0, 0.0]])
         square = jacobian.T @ jacobian
         step = -np.linalg.solve(square + damping * np.eye(2), here.gradient)
@@ -176,10 +178,10 @@ class Residuals(Dense):
             return None
         return type("Step", (), {"step": step, "gain": -(here.gradient @ step + 0.5 * step @ square @ step)})
 
-    def shortened(self, here: Local, proposal: Any, share: float) -> Any:
+    def shortened(self, here: LocalExpansion, proposal: Any, share: float) -> Any:
         return type("Step", (), {"step": share * proposal.step, "gain": share * proposal.gain})
 
-    def tried(self, here: Local, proposal: Any) -> Any:
+    def tried(self, here: LocalExpansion, proposal: Any) -> Any:
         return here.own + proposal.step
 
     def reached(self, x: np.ndarray) -> bool:
@@ -194,7 +196,7 @@ class Residuals(Dense):
 
 def test_damped_steps_go_downhill_to_the_end() -> None:
     problem = Residuals()
-    run = minimise(problem, np.array([-1.2, 1.0]), Damped(300, 0.0, 0.3))
+    run = minimise(problem, np.array([-1.2, 1.0]), LevenbergMarquardt(300, 0.0, 0.3))
     assert run.state == pytest.approx([1.0, 1.0], abs=1e-5)
     assert (np.diff([one.energy for one in run.history]) < 0.0).all() and problem.refused > 0
 
@@ -202,7 +204,7 @@ def test_damped_steps_go_downhill_to_the_end() -> None:
 @pytest.mark.parametrize("share", [0.1, 10.0])
 def test_damping_of_an_earlier_search_holds_where_it_is_less(share: float) -> None:
     start = np.array([-1.2, 1.0])
-    fresh, later = Damped(1, 0.0, 0.3), Damped(1, 0.0, 0.3)
+    fresh, later = LevenbergMarquardt(1, 0.0, 0.3), LevenbergMarquardt(1, 0.0, 0.3)
     first = minimise(Residuals(), start, fresh).history[0].modified
     later.damping = share * first
     again = minimise(Residuals(), start, later).history[0].modified
@@ -211,18 +213,20 @@ def test_damping_of_an_earlier_search_holds_where_it_is_less(share: float) -> No
 
 def test_a_longer_first_step_begins_with_less_damping() -> None:
     start = np.array([-1.2, 1.0])
-    short, long = (minimise(Residuals(), start, Damped(1, 0.0, first)).history[0].modified for first in (0.3, 3.0))
+    short, long = (
+        minimise(Residuals(), start, LevenbergMarquardt(1, 0.0, first)).history[0].modified for first in (0.3, 3.0)
+    )
     assert short == pytest.approx(10.0 * long)
 
 
 @pytest.mark.parametrize(("stop", "refused"), [(0.0, newton.TRIALS), (1e-3, 1)])
 def test_a_refused_step_that_was_to_bring_next_to_nothing_is_the_last(stop: float, refused: int) -> None:
     class Uphill(Residuals):
-        def proposed(self, here: Local, damping: float, following: float) -> Any:
+        def proposed(self, here: LocalExpansion, damping: float, following: float) -> Any:
             return type("Step", (), {"step": here.gradient, "gain": 5e-4 * here.energy})
 
     problem = Uphill()
-    run = minimise(problem, np.array([-1.2, 1.0]), Damped(300, stop, 0.3))
+    run = minimise(problem, np.array([-1.2, 1.0]), LevenbergMarquardt(300, stop, 0.3))
     assert run.ended == newton.CONVERGED and problem.refused == refused
 
 
@@ -232,11 +236,11 @@ def test_of_a_refused_step_the_share_is_taken_that_a_parabola_finds_least() -> N
             Dense.__init__(self, lambda x: 0.5 * x @ x, lambda x: x, None)
             self.refused = 0
 
-        def proposed(self, here: Local, damping: float, following: float) -> Any:
+        def proposed(self, here: LocalExpansion, damping: float, following: float) -> Any:
             return type("Step", (), {"step": -10.0 * here.own, "gain": here.energy})
 
     problem = TooFar()
-    run = minimise(problem, np.array([-1.2, 1.0]), Damped(1, 0.0, 0.3))
+    run = minimise(problem, np.array([-1.2, 1.0]), LevenbergMarquardt(1, 0.0, 0.3))
     assert problem.refused == 1 and run.state == pytest.approx([0.0, 0.0], abs=1e-12)
 
 
@@ -244,11 +248,11 @@ def test_damping_falls_faster_until_a_step_goes_too_far() -> None:
     noted: list[tuple[float, int]] = []
 
     class Noting(Residuals):
-        def proposed(self, here: Local, damping: float, following: float) -> Any:
+        def proposed(self, here: LocalExpansion, damping: float, following: float) -> Any:
             noted.append((damping, self.refused))
             return super().proposed(here, damping, following)
 
-    minimise(Noting(), np.array([-1.2, 1.0]), Damped(300, 0.0, 0.3))
+    minimise(Noting(), np.array([-1.2, 1.0]), LevenbergMarquardt(300, 0.0, 0.3))
     damping, refused = np.array(noted).T
     falls = damping[1:] / damping[:-1]
     assert falls[refused[1:] == 0].min() < 0.5 * newton.CUT
@@ -312,11 +316,11 @@ def test_a_step_may_rise_to_the_largest_of_five_recent_energies(recent: tuple[fl
     """Grippo, Lampariello and Lucidi: to 4, where one of the last five was 5, but not where only an earlier one was higher."""
 
     class Hill(Dense):
-        def slope(self, here: Local, step: np.ndarray) -> float:
+        def slope(self, here: LocalExpansion, step: np.ndarray) -> float:
             return -1.0
 
     hill = Hill(lambda x: 4.0, None, None)
     history = [Iteration(energy, 1.0) for energy in recent]
-    here = Local(recent[-1], np.ones(1))
+    here = LocalExpansion(recent[-1], np.ones(1))
     found = LineSearch(1e-9, 10)._searched(hill, np.zeros(1), here, np.ones(1), history)
     assert (found is not None) == taken

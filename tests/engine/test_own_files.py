@@ -9,7 +9,7 @@ import pytest
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.files import write_all_atomically, write_atomically
-from flexmaps.engine.own_files import CHECKSUM_FILE, Guard, UserFileError, is_ours
+from flexmaps.engine.own_files import CHECKSUM_FILE, Guard, UserFileError, is_unchanged_output
 
 OUTPUTS = (
     "sheet-01.svg",
@@ -91,7 +91,7 @@ def test_files_of_others_stay_unless_that_is_allowed(tmp_path: Path, name: str, 
     assert os.path.islink(target) if before is None else target.read_bytes() == before
     with write_all_atomically(alone_in=tmp_path, guard=Guard(overwrite=True)) as new:
         new(target).write_text("ours now")
-    assert target.read_text() == "ours now" and is_ours(target, tmp_path)
+    assert target.read_text() == "ours now" and is_unchanged_output(target, tmp_path)
 
 
 def test_what_the_last_run_wrote_is_replaced_and_removed(tmp_path: Path) -> None:
@@ -108,7 +108,7 @@ def test_two_kinds_of_files_share_a_note(tmp_path: Path) -> None:
         new.write_text("one")
     with write_all_atomically(alone_in=tmp_path, guard=Guard()) as new:
         new(tmp_path / "b.svg").write_text("two")
-    assert is_ours(tmp_path / "a.html") and is_ours(tmp_path / "b.svg")
+    assert is_unchanged_output(tmp_path / "a.html") and is_unchanged_output(tmp_path / "b.svg")
 
 
 @pytest.mark.parametrize("error", [Cancelled("stopped"), FlexMapsError("refused"), OSError(28, "disk full")])

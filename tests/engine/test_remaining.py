@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.progress import Progress
-from flexmaps.engine.remaining import FIRST_SECONDS, FIRST_SHARE, Remaining, format_seconds
+from flexmaps.engine.remaining import FIRST_SECONDS, FIRST_SHARE, RemainingTime, format_seconds
 
 
 def test_of_even_work_it_is_exact() -> None:
-    left = Remaining()
+    left = RemainingTime()
     for now in np.arange(0.0, 60.0, 0.1):
         left.report(now, now / 100.0)
         found = left.seconds(now)
@@ -23,7 +23,7 @@ def test_of_even_work_it_is_exact() -> None:
 
 def test_work_that_slows_down_is_seen_to() -> None:
     """Half of the work in a tenth of the time: later on the pace of now counts."""
-    left = Remaining()
+    left = RemainingTime()
     for now in np.arange(0.0, 60.0, 0.5):
         left.report(now, now / 20.0 if now < 10.0 else 0.5 + (now - 10.0) / 180.0)
     found = left.seconds(60.0)
@@ -33,7 +33,7 @@ def test_work_that_slows_down_is_seen_to() -> None:
 
 
 def test_nothing_is_told_where_nothing_is_done() -> None:
-    left = Remaining()
+    left = RemainingTime()
     assert left.seconds(100.0) is None
     left.report(1.0, 0.0)
     assert left.seconds(100.0) is None

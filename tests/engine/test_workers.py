@@ -16,9 +16,9 @@ from flexmaps.engine import workers as module
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.surface import shapes
-from flexmaps.engine.workers import WorkerDied, Workers, as_done
+from flexmaps.engine.workers import WorkerDied, Workers, as_completed
 
-needs_python = pytest.mark.skipif(module.python() is None, reason="this program is no Python")
+needs_python = pytest.mark.skipif(module.python_path() is None, reason="this program is no Python")
 
 
 def test_answers_come_in_the_order_of_the_items() -> None:
@@ -103,7 +103,7 @@ def gone(pid: int) -> bool:
 
 def test_a_process_that_breaks_off_loses_only_its_item(workers):
     calls = [partial(pow, 2, 5), partial(os._exit, 3), *(partial(pow, 2, k) for k in range(6))]
-    found = dict(as_done(workers, operator.call, calls))
+    found = dict(as_completed(workers, operator.call, calls))
     assert isinstance(found[1].exception(), WorkerDied)
     assert [found[k].result() for k in (0, *range(2, 8))] == [32, *(2**k for k in range(6))]
 
@@ -145,7 +145,7 @@ def test_nothing_is_left_behind_one_that_is_killed(root):
 
 
 def test_without_a_python_everything_runs_here(monkeypatch):
-    monkeypatch.setattr(module, "python", lambda: None)
+    monkeypatch.setattr(module, "python_path", lambda: None)
     with Workers(4) as made:
         assert made(operator.methodcaller("__call__"), [os.getpid] * 3) == [os.getpid()] * 3
         assert "one process" in made.note
@@ -157,7 +157,7 @@ def test_a_package_of_another_name_is_found(root, tmp_path):
         import importlib, sys
         sys.path.append({str(root / "engine")!r})
         import worker
-        worker.load("bl_ext.here.flexmaps", {str(root)!r})
+        worker.import_package("bl_ext.here.flexmaps", {str(root)!r})
         workers = importlib.import_module("bl_ext.here.flexmaps.engine.workers")
         params = importlib.import_module("bl_ext.here.flexmaps.engine.params")
         sys.path.remove({str(root / "engine")!r})

@@ -39,14 +39,14 @@ def written(found: Result, folder: Path, name: str) -> Path:
     """The folder with both pages of a result."""
     shown = page_data.ViewContent.from_result(found)
     assert shown is not None
-    described = report.build(found, source=f"{name}.obj", settings=SETTINGS)
+    described = report.build_report(found, source=f"{name}.obj", settings=SETTINGS)
     drawn = report_page.draw_plots(found, described, SETTINGS.layout.distortion_limit)
 
     def new(path: Any) -> Path:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
         return Path(path)
 
-    report_page.write(described, drawn, folder, new, piece=page_data.to_json(shown, SETTINGS, name))
+    report_page.write_page(described, drawn, folder, new, piece=page_data.to_json(shown, SETTINGS, name))
     return folder
 
 

@@ -121,7 +121,7 @@ def remeshed(polygons: PolygonMesh, count: int) -> PolygonMesh:
 
 def describe(result: job.Result, settings: Settings) -> dict[str, Any]:
     """The figures of a job that came to its end."""
-    full = report.build(result, source="")
+    full = report.build_report(result, source="")
     assert result.flat is not None
     layout, block = result.flat.layout, full["layout"]
     sizes = np.array([len(quads) for quads in layout.patches])

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...colours import hexadecimal, patch_colours, seam_colours
+from ...colours import patch_colours, seam_colours, to_hexadecimal
 from ...fabrication.assembly_check import AssemblyCheck
 from ...fabrication.estimates import Estimates, format_duration
 from ...fabrication.panels.labels import panel_name, seam_name
@@ -19,7 +19,6 @@ from ...patches.flattening.flatten import FlatPatches
 from ...patches.joining import Join, Step, panel_numbers, steps
 from ...progress import SILENT, Progress
 from ...spirals.design import SpiralDesign
-from .holding import held_page
 from .step_pictures import (
     GREY,
     HEIGHT,
@@ -27,15 +26,16 @@ from .step_pictures import (
     MARGIN,
     PALE,
     WIDTH,
-    Box,
+    PageBox,
     PatchColours,
     best_view,
-    camera,
-    line,
-    middle,
-    model,
-    panel,
+    camera_axes,
+    draw_flat_panel,
+    draw_surface,
+    inner_point,
+    polyline,
 )
+from .support_page import draw_support_page
 
 ROWS = 3  # number of steps with pictures on a page
 BAY = 0.006  # small pictures close gaps between arms that are narrower than twice this, metres; larger: fewer details
@@ -45,7 +45,7 @@ SHOWN = 250_000
 LINES = 58  # number of steps without pictures in a column; a page has two columns
 
 
-def write(
+def write_assembly_sheet(
     design: SpiralDesign,
     sheets: CutSheets,
     figures: Estimates,
@@ -70,7 +70,7 @@ def write(
     ------
     FlexMapsError : the file cannot be written
     """
-    data = pdf_bytes(pages(design, sheets, figures, title, checked, progress), f"{title}: assembly", progress)
+    data = pdf_bytes(draw_pages(design, sheets, figures, title, checked, progress), f"{title}: assembly", progress)
     if new is None:
         with write_atomically(target) as place:
             place.write_bytes(data)
@@ -79,7 +79,7 @@ def write(
     return Path(target)
 
 
-def pages(
+def draw_pages(
     design: SpiralDesign,
     sheets: CutSheets,
     figures: Estimates,
@@ -91,27 +91,28 @@ def pages(
 
     Parameters
     ----------
-    design, sheets, figures, title, checked, progress : as in ``write``
+    design, sheets, figures, title, checked, progress : as in ``write_assembly_sheet``
     """
     flat = design.flat
     look = PatchColours(
-        hexadecimal(patch_colours(len(flat.layout.patches))), hexadecimal(seam_colours(max(len(flat.layout.seams), 1)))
+        to_hexadecimal(patch_colours(len(flat.layout.patches))),
+        to_hexadecimal(seam_colours(max(len(flat.layout.seams), 1))),
     )
     progress(0.0, "the order of the steps")
     order = steps(flat.layout)
-    found = [_overview(flat, sheets, figures, title, look, checked, progress)]
+    found = [_draw_overview(flat, sheets, figures, title, look, checked, progress)]
     drawn = min(len(order), max(SHOWN // len(flat.layout.mesh.quads), ROWS))
     for first in range(0, drawn, ROWS):
         page = Page(WIDTH, HEIGHT)
         height = (HEIGHT - 2 * MARGIN) / ROWS
         for row, step in enumerate(order[first : min(first + ROWS, drawn)]):
             progress(0.2 + 0.7 * (first + row) / drawn, "drawing the steps of the assembly")
-            box = Box(MARGIN, HEIGHT - MARGIN - (row + 1) * height, WIDTH - 2 * MARGIN, height)
-            _step(page, box, flat, first + row + 1, step, look)
+            box = PageBox(MARGIN, HEIGHT - MARGIN - (row + 1) * height, WIDTH - 2 * MARGIN, height)
+            _draw_step(page, box, flat, first + row + 1, step, look)
         found.append(page)
-    found += _in_words(order, panel_numbers(flat.layout), drawn, look, progress)
+    found += _draw_worded_steps(order, panel_numbers(flat.layout), drawn, look, progress)
     if sheets.base is not None:
-        found.append(held_page(sheets.base))
+        found.append(draw_support_page(sheets.base))
     for number, page in enumerate(found, start=1):
         page.draw_text(f"{title}  -  {number} of {len(found)}", (0.5 * WIDTH, 0.007), 0.0028, GREY, is_centred=True)
     return found
@@ -120,7 +121,7 @@ def pages(
 # -- the pages -----------------------------------------------------------------------------------------------------
 
 
-def _overview(
+def _draw_overview(
     flat: FlatPatches,
     sheets: CutSheets,
     figures: Estimates,
@@ -135,8 +136,8 @@ def _overview(
     page.draw_text("How to put it together", (MARGIN, HEIGHT - 0.029), 0.004, GREY)
     progress(0.0, "drawing the whole piece")
     everything = tuple(range(len(layout.patches)))
-    view = camera(np.array([0.6, -0.8, 0.0]))
-    model(page, Box(MARGIN, 0.155, 0.115, 0.105), flat, everything, everything, (), look, view)
+    view = camera_axes(np.array([0.6, -0.8, 0.0]))
+    draw_surface(page, PageBox(MARGIN, 0.155, 0.115, 0.105), flat, everything, everything, (), look, view)
     progress(0.0, "the figures of the sheets")
     y = HEIGHT - 0.045
     for name, value in _figures(sheets, figures, len(layout.patches)):
@@ -149,17 +150,17 @@ def _overview(
         "seam is engraved with the seam's letters and its number:",
         "A1 goes to A1, A2 to A2. The engraved side is outside.",
         "Work along a seam from one end to the other.",
-        *_letters(sheets),
-        *_glued_or_plain(sheets),
+        *_describe_letters(sheets),
+        *_describe_glued_and_plain(sheets),
     ):
         page.draw_text(said, (0.135, y), 0.0025, INK)
         y -= 0.0042
-    _thumbnails(page, Box(MARGIN, 0.075, WIDTH - 2 * MARGIN, 0.07), sheets, look, progress)
-    _seam_list(page, Box(MARGIN, 0.014, WIDTH - 2 * MARGIN, 0.056), flat, look, checked)
+    _draw_thumbnails(page, PageBox(MARGIN, 0.075, WIDTH - 2 * MARGIN, 0.07), sheets, look, progress)
+    _draw_seam_list(page, PageBox(MARGIN, 0.014, WIDTH - 2 * MARGIN, 0.056), flat, look, checked)
     return page
 
 
-def _letters(sheets: CutSheets) -> list[str]:
+def _describe_letters(sheets: CutSheets) -> list[str]:
     """Return lines of text about the letter that precedes all labels, if several pieces share the sheets."""
     marks = dict.fromkeys(p.mark for p in sheets.panels if p.patch >= 0 and p.mark)
     if not marks:
@@ -168,7 +169,7 @@ def _letters(sheets: CutSheets) -> list[str]:
     return textwrap.wrap(said, 52, max_lines=4, placeholder=" ...")
 
 
-def _glued_or_plain(sheets: CutSheets) -> list[str]:
+def _describe_glued_and_plain(sheets: CutSheets) -> list[str]:
     """Return lines of text that list glued joints and plain ends; none if there are no connectors but tabs."""
     made = sheets.connections
     glued = [c.name for c in made.connectors if c.kind == "tab"]
@@ -203,7 +204,7 @@ def _figures(sheets: CutSheets, figures: Estimates, panels: int) -> list[tuple[s
     return [*found, ("Narrowest", f"slot {sheets.slot_min * 1e3:.2f}, arm {sheets.bridge_min * 1e3:.2f} mm")]
 
 
-def _thumbnails(page: Page, box: Box, sheets: CutSheets, look: PatchColours, progress: Progress) -> None:
+def _draw_thumbnails(page: Page, box: PageBox, sheets: CutSheets, look: PatchColours, progress: Progress) -> None:
     """Draw small pictures of all sheets with their panels and the panels' numbers."""
     sizes = sheets.packing.sizes
     scale, columns = max(
@@ -231,17 +232,17 @@ def _thumbnails(page: Page, box: Box, sheets: CutSheets, look: PatchColours, pro
             one = sheets.panels[i]
             outline = one.outline.transform(float(sheets.packing.rotation[i]), sheets.packing.shift[i]).sample(1e-4)
             small = scale * float(np.ptp(outline, axis=0).min()) < SMALL
-            points = corner + scale * (_hull(outline) if small else _simplify(outline, 0.15e-3 / scale))
+            points = corner + scale * (_convex_hull(outline) if small else _simplify(outline, 0.15e-3 / scale))
             page.fill_polygon(points, look.patches[one.patch] if one.patch >= 0 else GREY)
             if one.patch < 0 or small:  # loose keys have no number
                 continue
             page.draw_text(
-                panel_name(one.number, one.mark), tuple(middle(points) - [0.0, 0.001]), 0.003, INK, is_centred=True
+                panel_name(one.number, one.mark), tuple(inner_point(points) - [0.0, 0.001]), 0.003, INK, is_centred=True
             )
         page.draw_text(str(index + 1), tuple(frame[3] + [0.001, -0.0035]), 0.0028, GREY)
 
 
-def _hull(points: np.ndarray) -> np.ndarray:
+def _convex_hull(points: np.ndarray) -> np.ndarray:
     """Return the convex hull of points (n, 2)."""
     from scipy.spatial import ConvexHull
 
@@ -257,7 +258,9 @@ def _simplify(points: np.ndarray, tolerance: float) -> np.ndarray:
     return np.asarray(largest.simplify(tolerance).exterior.coords)[:-1]
 
 
-def _seam_list(page: Page, box: Box, flat: FlatPatches, look: PatchColours, checked: AssemblyCheck | None) -> None:
+def _draw_seam_list(
+    page: Page, box: PageBox, flat: FlatPatches, look: PatchColours, checked: AssemblyCheck | None
+) -> None:
     """Write the list of seams in columns: panels, number of joints, force, and a mark if a seam is hard to join."""
     layout, seams = flat.layout, () if checked is None else checked.seams
     numbers = panel_numbers(layout)
@@ -287,10 +290,10 @@ def _seam_list(page: Page, box: Box, flat: FlatPatches, look: PatchColours, chec
         page.draw_text("... the others are in the steps", (box.x + box.width * (1 - 1 / columns), box.y), 0.0026, INK)
 
 
-def _step(page: Page, box: Box, flat: FlatPatches, number: int, step: Step, look: PatchColours) -> None:
+def _draw_step(page: Page, box: PageBox, flat: FlatPatches, number: int, step: Step, look: PatchColours) -> None:
     """Draw a step: its title, its seams, the panels joined so far, and the flat new panel."""
     top = box.y + box.height
-    page.draw_curve(line([[box.x, top - 0.001], [box.x + box.width, top - 0.001]]), PALE, 2e-4)
+    page.draw_curve(polyline([[box.x, top - 0.001], [box.x + box.width, top - 0.001]]), PALE, 2e-4)
     page.draw_text(f"{number}", (box.x, top - 0.0095), 0.008, INK)
     numbers = panel_numbers(flat.layout)
     page.draw_text(
@@ -298,7 +301,7 @@ def _step(page: Page, box: Box, flat: FlatPatches, number: int, step: Step, look
     )
     x, y = box.x + 0.004 + text_width(str(number), 0.008), top - 0.0125
     for join in step.joins:
-        text = _sentence(join, numbers)
+        text = _describe_join(join, numbers)
         if x + text_width(text, 0.0029) > box.x + box.width:
             x, y = box.x + 0.012, y - 0.0045
         page.draw_text(text, (x, y), 0.0029, look.seams[join.seam])
@@ -306,9 +309,9 @@ def _step(page: Page, box: Box, flat: FlatPatches, number: int, step: Step, look
     height = y - box.y - 0.006
     half = 0.5 * box.width
     view = best_view(flat, step)
-    model(
+    draw_surface(
         page,
-        Box(box.x, box.y + 0.003, half - 0.003, height),
+        PageBox(box.x, box.y + 0.003, half - 0.003, height),
         flat,
         step.there,
         (step.panel,),
@@ -316,10 +319,10 @@ def _step(page: Page, box: Box, flat: FlatPatches, number: int, step: Step, look
         look,
         view,
     )
-    panel(page, Box(box.x + half + 0.003, box.y + 0.003, half - 0.003, height), flat, step, look)
+    draw_flat_panel(page, PageBox(box.x + half + 0.003, box.y + 0.003, half - 0.003, height), flat, step, look)
 
 
-def _in_words(
+def _draw_worded_steps(
     order: list[Step], numbers: tuple[int, ...], first: int, look: PatchColours, progress: Progress
 ) -> list[Page]:
     """Return pages that describe the steps from index ``first`` on without pictures, in two columns."""
@@ -350,7 +353,7 @@ def _step_title(step: Step, number: int) -> str:
     return f"{'Add' if joined else 'Take'} panel {panel_name(number)}"
 
 
-def _sentence(join: Join, numbers: tuple[int, ...]) -> str:
+def _describe_join(join: Join, numbers: tuple[int, ...]) -> str:
     """Return the description of a seam to join, such as "A: 5 joints to panel 2"."""
     joints = f"{join.joints} joint" + "s" * (join.joints > 1)
     where = "within the panel" if join.other == join.panel else f"to panel {panel_name(numbers[join.other])}"

@@ -16,9 +16,9 @@ from ...spirals.curves.arcs import Curve
 
 WIDTH, HEIGHT, MARGIN = 0.21, 0.297, 0.015  # width, height and margin of a page (A4), metres
 INK, PALE, GREY = "#1c1e24", "#e4e6e9", "#7a7f87"
-LIFT = 0.35  # tangent of the angle by which the camera looks down
-LOOKED_AT = 24  # number of quads per panel that are tested for visibility; larger: better views, slower
-NUMBER = (0.0065, 0.004)  # width and height that a panel's number needs on paper, metres
+CAMERA_SLOPE = 0.35  # tangent of the angle by which the camera looks down
+MAX_TESTED_QUADS = 24  # number of quads per panel that are tested for visibility; larger: better views, slower
+NUMBER_SIZE = (0.0065, 0.004)  # width and height that a panel's number needs on paper, metres
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class PatchColours:
 
 
 @dataclass(frozen=True)
-class Box:
+class PageBox:
     """A rectangle on a page: lower left corner, width and height, metres."""
 
     x: float
@@ -39,7 +39,7 @@ class Box:
     height: float
 
 
-def middle(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, " 2"]:
+def inner_point(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, " 2"]:
     """Return a point inside a polygon, well away from its outline."""
     import shapely
 
@@ -47,13 +47,13 @@ def middle(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, " 2"]:
     return np.array([place.x, place.y])
 
 
-def line(points: list[list[float]] | np.ndarray) -> Curve:
+def polyline(points: list[list[float]] | np.ndarray) -> Curve:
     """Return the open polyline through points (n, 2)."""
     points = np.asarray(points, dtype=float)
     return Curve(points, np.zeros(len(points)), closed=False)
 
 
-def fit_box(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"], box: Box) -> tuple[float, np.ndarray]:
+def fit_box(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"], box: PageBox) -> tuple[float, np.ndarray]:
     """Return scale and shift that fit a rectangle into a box, centred.
 
     Parameters
@@ -66,9 +66,9 @@ def fit_box(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"], box: Bo
     return scale, np.array([box.x + 0.5 * box.width, box.y + 0.5 * box.height]) - 0.5 * scale * (low + high)
 
 
-def model(
+def draw_surface(
     page: Page,
-    box: Box,
+    box: PageBox,
     flat: FlatPatches,
     there: tuple[int, ...],
     strong: tuple[int, ...],
@@ -86,7 +86,7 @@ def model(
     strong : patches in full colour; the others are lighter
     joins : seams to highlight
     look : colours
-    view : axes of the camera, see ``camera``
+    view : axes of the camera, see ``camera_axes``
     """
     layout, mesh = flat.layout, flat.layout.mesh
     ahead, places = view[2], mesh.vertices @ view.T
@@ -101,7 +101,7 @@ def model(
     items += [(float(depth[mesh.edge_quads[e]].max()) + 1e-6, 1, e) for e in seam_of]
     for _, kind, index in sorted(items):
         if kind:
-            page.draw_curve(line(drawn[mesh.edges[index]]), look.seams[seam_of[index]], 7e-4)
+            page.draw_curve(polyline(drawn[mesh.edges[index]]), look.seams[seam_of[index]], 7e-4)
             continue
         points, patch = drawn[mesh.quads[index]], int(layout.patch_of[index])
         if not shown[index]:
@@ -113,10 +113,10 @@ def model(
         page.fill_polygon(
             points, mix_colours(colour, "#000000", round(1.0 - shade, 2)), mix_colours(colour, "#000000", 0.3), 5e-5
         )
-    _numbers(page, flat, there, places, drawn, towards)
+    _draw_panel_numbers(page, flat, there, places, drawn, towards)
 
 
-def _numbers(
+def _draw_panel_numbers(
     page: Page, flat: FlatPatches, there: tuple[int, ...], places: np.ndarray, drawn: np.ndarray, towards: np.ndarray
 ) -> None:
     """Write the numbers of the panels joined so far, where they are visible and do not overlap.
@@ -128,7 +128,9 @@ def _numbers(
     for patch in sorted(there, key=lambda p: len(layout.patches[p])):  # small panels first: they have few places
         quads = layout.patches[patch]
         quads = quads[towards[quads] > 0.2]
-        candidates.append((patch, quads[np.argsort(-_suitability(towards[quads], mesh.centroids[quads]))[:LOOKED_AT]]))
+        candidates.append(
+            (patch, quads[np.argsort(-_suitability(towards[quads], mesh.centroids[quads]))[:MAX_TESTED_QUADS]])
+        )
     every = np.concatenate([quads for _, quads in candidates])
     open_ = np.zeros(len(mesh.quads), dtype=bool)
     open_[every[are_visible(places, mesh.quads, every, np.isin(layout.patch_of, there))]] = True
@@ -137,9 +139,9 @@ def _numbers(
     written: dict[tuple[int, int], tuple[float, float]] = {}
     for patch, quads in candidates:
         for x, y in middles[quads[open_[quads]]].tolist():
-            box = int(x // NUMBER[0]), int(y // NUMBER[1])
+            box = int(x // NUMBER_SIZE[0]), int(y // NUMBER_SIZE[1])
             neighbours = (written.get((box[0] + i, box[1] + j)) for i in (-1, 0, 1) for j in (-1, 0, 1))
-            if not any(p and abs(x - p[0]) <= NUMBER[0] and abs(y - p[1]) <= NUMBER[1] for p in neighbours):
+            if not any(p and abs(x - p[0]) <= NUMBER_SIZE[0] and abs(y - p[1]) <= NUMBER_SIZE[1] for p in neighbours):
                 written[box] = x, y
                 page.draw_text(panel_name(numbers[patch]), (x, y - 0.0012), 0.0036, INK, is_centred=True)
                 break
@@ -185,15 +187,15 @@ def best_view(flat: FlatPatches, step: Step) -> Float[np.ndarray, "3 3"]:
     """Return the camera's axes for the view that shows most of a step's panel; from its front if that is as good."""
     layout, mesh = flat.layout, flat.layout.mesh
     quads = layout.patches[step.panel]
-    some = quads[np.linspace(0, len(quads) - 1, min(len(quads), LOOKED_AT)).astype(int)]
+    some = quads[np.linspace(0, len(quads) - 1, min(len(quads), MAX_TESTED_QUADS)).astype(int)]
     shown = np.isin(layout.patch_of, step.there)
     facing = mesh.area_vectors[quads].sum(axis=0)
     start = float(np.arctan2(facing[1], facing[0])) if np.hypot(facing[0], facing[1]) > 1e-9 else -0.93
     slope = float(np.clip(facing[2] / max(np.hypot(facing[0], facing[1]), 1e-9), -1.2, 1.2))
-    best, best_share = camera(facing), -1.0
+    best, best_share = camera_axes(facing), -1.0
     for tilt in (slope, 0.0, 0.8, -0.7):
         for turn in (0.0, 0.6, -0.6, 1.3, -1.3, 2.2, -2.2, np.pi):
-            view = camera(np.array([np.cos(start + turn), np.sin(start + turn), tilt]))
+            view = camera_axes(np.array([np.cos(start + turn), np.sin(start + turn), tilt]))
             facing_us = np.maximum(mesh.normals[some] @ view[2], 0.0)
             share = float((are_visible(mesh.vertices @ view.T, mesh.quads, some, shown) * facing_us).mean())
             if share > best_share + 0.05:
@@ -203,7 +205,7 @@ def best_view(flat: FlatPatches, step: Step) -> Float[np.ndarray, "3 3"]:
     return best
 
 
-def camera(facing: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
+def camera_axes(facing: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
     """Return the axes of a camera, rows right, up and towards the viewer, that looks slightly down at a surface.
 
     facing : direction from the surface towards the viewer, before the view is tilted down
@@ -211,27 +213,31 @@ def camera(facing: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
     level = np.array([facing[0], facing[1], 0.0])
     size, whole = float(np.linalg.norm(level)), float(np.linalg.norm(facing))
     level = level / size if size > 0.15 * max(whole, 1e-12) else np.array([0.6, -0.8, 0.0])
-    ahead = level + np.array([0.0, 0.0, np.clip(facing[2] / max(size, 1e-12), -1.2, 1.2) + LIFT])
+    ahead = level + np.array([0.0, 0.0, np.clip(facing[2] / max(size, 1e-12), -1.2, 1.2) + CAMERA_SLOPE])
     ahead /= np.linalg.norm(ahead)
     right = np.cross([0.0, 0.0, 1.0], ahead)
     right /= np.linalg.norm(right)
     return np.stack([right, np.cross(ahead, right), ahead])
 
 
-def panel(page: Page, box: Box, flat: FlatPatches, step: Step, look: PatchColours) -> None:
+def draw_flat_panel(page: Page, box: PageBox, flat: FlatPatches, step: Step, look: PatchColours) -> None:
     """Draw a step's flat panel with its seams in their colours, and the numbers of their first and last joints."""
     layout, mesh = flat.layout, flat.layout.mesh
     quads = layout.patches[step.panel]
     corners = flat.points[layout.flat_corners[quads]]
     points = corners.reshape(-1, 2)
-    inner = Box(box.x + 0.006, box.y + 0.006, box.width - 0.012, box.height - 0.012)
+    inner = PageBox(box.x + 0.006, box.y + 0.006, box.width - 0.012, box.height - 0.012)
     scale, shift = fit_box(points.min(axis=0), points.max(axis=0), inner)
     loop = flat.points[flat.outlines[step.panel]] * scale + shift
     page.fill_polygon(loop, look.patches[step.panel], INK, 2e-4)
     for corner in corners * scale + shift:
         page.draw_curve(Curve(corner, np.zeros(4)), mix_colours(look.patches[step.panel], "#000000", 0.2), 4e-5)
     page.draw_text(
-        panel_name(panel_numbers(layout)[step.panel]), tuple(middle(loop) - [0.0, 0.002]), 0.006, INK, is_centred=True
+        panel_name(panel_numbers(layout)[step.panel]),
+        tuple(inner_point(loop) - [0.0, 0.002]),
+        0.006,
+        INK,
+        is_centred=True,
     )
     for number, edges in ((join.seam, layout.seams[join.seam]) for join in step.joins):
         for place, edge in enumerate(edges.tolist()):
@@ -239,7 +245,7 @@ def panel(page: Page, box: Box, flat: FlatPatches, step: Step, look: PatchColour
                 if layout.patch_of[quad] != step.panel:
                     continue
                 ends = flat.points[layout.flat_corners[quad, [side, (side + 1) % 4]]] * scale + shift
-                page.draw_curve(line(ends), look.seams[number], 8e-4)
+                page.draw_curve(polyline(ends), look.seams[number], 8e-4)
                 if place in {0, len(edges) - 1}:
                     across = np.array([ends[1, 1] - ends[0, 1], ends[0, 0] - ends[1, 0]])
                     at = ends.mean(axis=0) + 0.003 * across / max(float(np.linalg.norm(across)), 1e-12) - [0.0, 0.0008]

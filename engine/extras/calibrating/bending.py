@@ -29,12 +29,12 @@ from ...mechanics.arms.cut import FILLET_REACH, TABLE_FILLET
 from ...mechanics.arms.stiffness import table_tip_compliance
 from .coupons import GRAVITY, Coupons, SpiralCoupon
 
-SOFTEST, STIFFEST = 1e6, 1e12  # bounds of Young's modulus, Pa; beyond them a reading is refused
+MIN_YOUNGS, MAX_YOUNGS = 1e6, 1e12  # bounds of Young's modulus, Pa; beyond them a reading is refused
 # modulus, GPa, whose small sag gives the first guess, and largest number of iterations, of which 4 to 25 are needed
 FIRST_GUESS, ROUNDS = 100.0, 60
 NORMAL = 2  # index of translation and force along the sheet's normal in motions and wrenches
-CLAMPED = 0.37  # apparent shortening of the strip by the clamp, in widths times Poisson's ratio squared
-STEEPEST = 0.6  # largest ratio of a strip's sag to its length; larger: the weight may slip off the steep end
+CLAMP_SHORTENING = 0.37  # apparent shortening of the strip by the clamp, in widths times Poisson's ratio squared
+MAX_SAG_RATIO = 0.6  # largest ratio of a strip's sag to its length; larger: the weight may slip off the steep end
 
 
 def strip_sag(made: Coupons, youngs: float, load: float, *, width: float | None = None) -> float:
@@ -48,7 +48,7 @@ def strip_sag(made: Coupons, youngs: float, load: float, *, width: float | None 
     width : true width of the strip, metres; default is the drawn width
     """
     b, h = width or made.strip_width, made.thickness
-    length = made.strip_length - CLAMPED * made.poisson**2 * b
+    length = made.strip_length - CLAMP_SHORTENING * made.poisson**2 * b
     bending = youngs * b * h**3 / 12.0
     own = made.density * GRAVITY * b * h * length**3 / bending
     pull = load * GRAVITY * length**2 / bending
@@ -91,7 +91,7 @@ def strip_youngs(made: Coupons, sag: float, load: float, *, width: float | None 
     ------
     FlexMapsError : the strip hangs too steeply, or the modulus is impossible
     """
-    if sag > STEEPEST * made.strip_length:
+    if sag > MAX_SAG_RATIO * made.strip_length:
         raise FlexMapsError(
             f"A strip of {made.strip_length * 1e3:.0f} mm that sinks by {sag * 1e3:.1f} mm hangs too steeply; take a lighter weight"
         )
@@ -99,9 +99,9 @@ def strip_youngs(made: Coupons, sag: float, load: float, *, width: float | None 
 
 
 def strip_load(made: Coupons, sag: float) -> float:
-    """Return the weight, kg, for a strip's sag of about ``sag`` metres (linear theory), rounded, see ``_round``."""
+    """Return the weight, kg, for a strip's sag of about ``sag`` metres (linear theory), rounded, see ``_round_to_weight``."""
     stiffness = 3.0 * made.youngs * made.strip_width * made.thickness**3 / 12.0 / made.strip_length**3
-    return _round(stiffness * sag / GRAVITY)
+    return _round_to_weight(stiffness * sag / GRAVITY)
 
 
 def spiral_stiffness(made: Coupons, scale: float, width: float, twist: float, youngs: float) -> float:
@@ -120,11 +120,11 @@ def spiral_stiffness(made: Coupons, scale: float, width: float, twist: float, yo
     ).values[0]  # fmt: skip
     # a fillet at the hub that is larger than the stiffness table's shortens the arm, an Archimedean spiral
     along = 0.25 * scale * (math.hypot(1.0, twist) + math.asinh(twist) / twist)
-    longer = 1.0 - FILLET_REACH * (fillet(made, width) - TABLE_FILLET * width) / along
+    longer = 1.0 - FILLET_REACH * (fillet_radius(made, width) - TABLE_FILLET * width) / along
     return 4.0 * float(np.linalg.inv(compliance)[NORMAL, NORMAL]) / longer**3
 
 
-def fillet(made: Coupons, width: float) -> float:
+def fillet_radius(made: Coupons, width: float) -> float:
     """Return the radius of the corners between arms of ``width`` metres at the hub, metres.
 
     It is the stiffness table's fillet, or the smallest that the cutter can make if that is larger.
@@ -147,14 +147,14 @@ def spiral_youngs(made: Coupons, spiral: SpiralCoupon, sag: float, load: float, 
 
 
 def spiral_load(made: Coupons, scale: float, width: float, twist: float, sag: float) -> float:
-    """Return the weight, kg, for a spiral's sag of about ``sag`` metres, rounded, see ``_round``.
+    """Return the weight, kg, for a spiral's sag of about ``sag`` metres, rounded, see ``_round_to_weight``.
 
     Parameters
     ----------
     made, scale, width, twist : as in ``spiral_stiffness``
     sag : intended sag, metres
     """
-    return _round(spiral_stiffness(made, scale, width, twist, made.youngs) * sag / GRAVITY)
+    return _round_to_weight(spiral_stiffness(made, scale, width, twist, made.youngs) * sag / GRAVITY)
 
 
 def _modulus_for_sag(sag_of: Callable[[float], float], sag: float, what: str, load: float) -> float:
@@ -174,7 +174,7 @@ def _modulus_for_sag(sag_of: Callable[[float], float], sag: float, what: str, lo
 
 def _check_bounds(youngs: float, what: str, load: float) -> float:
     """Return Young's modulus unchanged; raise ``FlexMapsError`` if it is out of bounds; ``what`` names the piece."""
-    if not SOFTEST < youngs < STIFFEST:
+    if not MIN_YOUNGS < youngs < MAX_YOUNGS:
         raise FlexMapsError(
             f"The sag of the {what} under {load * 1e3:g} g would take a material of {youngs * 1e-9:.3g} GPa; "
             "check that sags are in millimetres and weights in grams"
@@ -182,7 +182,7 @@ def _check_bounds(youngs: float, what: str, load: float) -> float:
     return youngs
 
 
-def _round(mass: float) -> float:
+def _round_to_weight(mass: float) -> float:
     """Round a mass, kg, to 1, 2 or 5 times a power of ten, as weights are sold."""
     power = 10.0 ** math.floor(math.log10(mass))
     return min((1.0, 2.0, 5.0, 10.0), key=lambda m: abs(math.log(m * power / mass))) * power

@@ -27,11 +27,15 @@ from ...params import Settings, with_values
 from .bending import spiral_youngs, strip_youngs
 from .coupons import KINDS, STRIP_CLAMP, STRIP_END, Coupons
 
-READING = 0.02  # smallest standard error of a sag reading, as a share of its value; larger: fewer contradictions
-RULER = 2e-5  # standard error of a caliper reading, metres
+MIN_READING_ERROR = (
+    0.02  # smallest standard error of a sag reading, as a share of its value; larger: fewer contradictions
+)
+CALIPER_ERROR = 2e-5  # standard error of a caliper reading, metres
 # Error of the formulas as a share of the modulus; larger: strip and spirals contradict each other less often
-MODEL = 0.02
-SURE = 3.0  # number of combined standard errors beyond which two values contradict each other; larger: less often
+FORMULA_ERROR = 0.02
+CONTRADICTION_LIMIT = (
+    3.0  # number of combined standard errors beyond which two values contradict each other; larger: less often
+)
 DIGITS = 3  # one less than the number of significant digits of results
 
 
@@ -78,23 +82,23 @@ class Readings:
         spiral_sag, spiral_weight : one or several pairs of sags of spirals A and B, and the pair of weights
         """
         pairs = [spiral_sag] if spiral_sag and not isinstance(spiral_sag[0], Sequence) else spiral_sag
-        weights = _numbers(spiral_weight, "spirals' weights")
-        both = [_numbers(pair, "spirals' sags") for pair in pairs]
+        weights = _to_si_numbers(spiral_weight, "spirals' weights")
+        both = [_to_si_numbers(pair, "spirals' sags") for pair in pairs]
         if any(len(pair) != 2 for pair in both) or len(weights) not in (0, 2):
             raise FlexMapsError("Give two numbers for the spirals, one for A and one for B")
-        one = {name: _numbers(value, name.replace("_", " ")) for name, value in
+        one = {name: _to_si_numbers(value, name.replace("_", " ")) for name, value in
                (("clearance", clearance), ("strip_weight", strip_weight), ("strip_mass", strip_mass))}  # fmt: skip
         if any(len(value) > 1 for value in one.values()):
             raise FlexMapsError("Give one number each for the clearance, the strip's weight and its mass")
         first = {name: value[0] if value else None for name, value in one.items()}
         return cls(
-            _numbers(kerf_comb, "kerf comb"), first["clearance"], kind, _numbers(thickness, "thickness"),
-            _numbers(strip_sag, "strip's sag"), first["strip_weight"], first["strip_mass"],
+            _to_si_numbers(kerf_comb, "kerf comb"), first["clearance"], kind, _to_si_numbers(thickness, "thickness"),
+            _to_si_numbers(strip_sag, "strip's sag"), first["strip_weight"], first["strip_mass"],
             [(a, b) for a, b in both], (weights[0], weights[1]) if weights else None,
         )  # fmt: skip
 
 
-def numbers(text: str) -> list[float]:
+def parse_numbers(text: str) -> list[float]:
     """Parse the numbers in a text such as "1.02, 1.04"; raises ``FlexMapsError``."""
     try:
         return [float(word) for word in text.replace(",", " ").replace(";", " ").split()]
@@ -102,7 +106,7 @@ def numbers(text: str) -> list[float]:
         raise FlexMapsError(f"'{text[:40]}' is not a list of numbers; write them as 1.02, 1.04") from None
 
 
-def _numbers(value: Any, what: str) -> list[float]:
+def _to_si_numbers(value: Any, what: str) -> list[float]:
     """Return one or several numbers times 1e-3: mm to metres, g to kg; ``what`` names them in errors."""
     some = (
         []
@@ -155,7 +159,9 @@ class Calibration:
 
         def shown(one: MeasuredValue | None, factor: float) -> dict[str, float] | None:
             return (
-                None if one is None else {"value": _figures(one.value * factor), "error": _figures(one.error * factor)}
+                None
+                if one is None
+                else {"value": _round_figures(one.value * factor), "error": _round_figures(one.error * factor)}
             )
 
         return {
@@ -165,7 +171,7 @@ class Calibration:
             "youngs_gpa": shown(self.youngs, 1e-9),
             "youngs_strip_gpa": shown(self.strip, 1e-9),
             "youngs_spirals_gpa": shown(self.spirals, 1e-9),
-            "density": None if self.density is None else _figures(self.density),
+            "density": None if self.density is None else _round_figures(self.density),
             "believed": self.believed,
             "warnings": list(self.warnings),
             "settings": self.settings,
@@ -179,30 +185,30 @@ def calibrate(made: Coupons, readings: Readings) -> Calibration:
     ----------
     made, readings : sizes of the calibration pieces, and measurements
     """
-    _refuse_wrong(made, readings)
+    _refuse_impossible_readings(made, readings)
     warnings: list[str] = []
-    kerf, strays = _kerf(made, readings)
+    kerf, strays = _evaluate_kerf(made, readings)
     wider = made.kerf - kerf.value if kerf is not None else 0.0
     wider_arms = made.kerf_holes - kerf.value if kerf is not None else 0.0
     if kerf is not None and wider_arms <= -made.spirals[0].width:
         raise FlexMapsError(
             f"A kerf of {kerf.value * 1e3:.2f} mm would leave nothing of the spirals' arms; measure the gap again"
         )
-    thickness = _mean(readings.thickness, RULER) if readings.thickness else None
+    thickness = _mean_with_error(readings.thickness, CALIPER_ERROR) if readings.thickness else None
     as_cut = made if thickness is None else replace(made, thickness=thickness.value)
-    clearance = _clearance(readings, kerf, wider, strays, warnings)
-    strip, density = _strip(as_cut, readings, wider)
-    spirals = _spirals(as_cut, readings, wider_arms, warnings)
+    clearance = _evaluate_clearance(readings, kerf, wider, strays, warnings)
+    strip, density = _evaluate_strip(as_cut, readings, wider)
+    spirals = _evaluate_spirals(as_cut, readings, wider_arms, warnings)
     youngs, believed = _choose_modulus(strip, spirals, warnings)
     found = Calibration(kerf, clearance, thickness, strip, spirals, youngs, density, believed, tuple(warnings))
     if all(one is None for one in (kerf, clearance, thickness, youngs, density)):
         raise FlexMapsError(
             "Nothing was measured; give the gap of the kerf comb, the rung that fits, or how far strip and spirals sag"
         )
-    return replace(found, settings=_settings(made, found, readings))
+    return replace(found, settings=_measured_settings(made, found, readings))
 
 
-def _refuse_wrong(made: Coupons, readings: Readings) -> None:
+def _refuse_impossible_readings(made: Coupons, readings: Readings) -> None:
     """Raise ``FlexMapsError`` for impossible readings."""
     values = {
         "kerf comb's gap": readings.kerf_gaps, "thickness": readings.thickness, "strip's sag": readings.strip_sags,
@@ -228,24 +234,24 @@ def _refuse_wrong(made: Coupons, readings: Readings) -> None:
             )
 
 
-def _mean(values: Sequence[float], ruler: float = 0.0) -> MeasuredValue:
+def _mean_with_error(values: Sequence[float], ruler: float = 0.0) -> MeasuredValue:
     """Return mean and standard error of readings, from their scatter or from the error of one reading if larger.
 
-    ruler : error of one reading, metres; if 0, the share ``READING`` of the mean
+    ruler : error of one reading, metres; if 0, the share ``MIN_READING_ERROR`` of the mean
     """
     some = np.asarray(values, dtype=float)
     middle, count = float(some.mean()), len(some)
-    known = ruler or READING * middle
+    known = ruler or MIN_READING_ERROR * middle
     scatter = float(some.std(ddof=1)) if count > 1 else 0.0
     return MeasuredValue(middle, max(scatter, known) / math.sqrt(count))
 
 
-def _kerf(made: Coupons, readings: Readings) -> tuple[MeasuredValue | None, float]:
+def _evaluate_kerf(made: Coupons, readings: Readings) -> tuple[MeasuredValue | None, float]:
     """Return the kerf with its standard error, and the resulting error of a joint's gap, metres."""
     if not readings.kerf_gaps:
         return None, 0.0
     lines = made.cells + 1
-    gap = _mean(readings.kerf_gaps, RULER)
+    gap = _mean_with_error(readings.kerf_gaps, CALIPER_ERROR)
     if gap.value >= made.cells * made.cell:
         raise FlexMapsError(
             f"A gap of {gap.value * 1e3:.1f} mm leaves nothing of {made.cells} squares of {made.cell * 1e3:g} mm; "
@@ -255,7 +261,7 @@ def _kerf(made: Coupons, readings: Readings) -> tuple[MeasuredValue | None, floa
     return kerf, kerf.error
 
 
-def _clearance(
+def _evaluate_clearance(
     readings: Readings, kerf: MeasuredValue | None, wider: float, strays: float, warnings: list[str]
 ) -> MeasuredValue | None:
     """Return the clearance to use; add a warning if it is smaller than its error."""
@@ -263,8 +269,8 @@ def _clearance(
         return None
     # ``wider`` is 0 without a measured kerf: the kerf for which the sheet was drawn is used
     gap = readings.clearance - wider
-    error = math.hypot(strays, RULER if kerf is None else 0.0)
-    if kerf is not None and gap < -SURE * error - 1e-6:
+    error = math.hypot(strays, CALIPER_ERROR if kerf is None else 0.0)
+    if kerf is not None and gap < -CONTRADICTION_LIMIT * error - 1e-6:
         raise FlexMapsError(
             f"The rung of {readings.clearance * 1e3:g} mm cannot fit: with the measured kerf of {kerf.value * 1e3:.3f} mm its parts "
             f"would overlap by {-gap * 1e3:.3f} mm; measure the kerf comb again, or look which rung it was"
@@ -277,7 +283,7 @@ def _clearance(
     return MeasuredValue(max(gap, 0.0), max(error, 1e-9))
 
 
-def _strip(made: Coupons, readings: Readings, wider: float) -> tuple[MeasuredValue | None, float | None]:
+def _evaluate_strip(made: Coupons, readings: Readings, wider: float) -> tuple[MeasuredValue | None, float | None]:
     """Return Young's modulus, Pa, and density, kg/m3, from the strip; ``wider``: true minus drawn width, metres."""
     width = made.strip_width + wider
     long = made.strip_length + (STRIP_CLAMP + STRIP_END) * made.thickness + wider
@@ -293,20 +299,20 @@ def _strip(made: Coupons, readings: Readings, wider: float) -> tuple[MeasuredVal
     load = readings.strip_load or made.strip_load
     known = made if density is None else replace(made, density=density)
     youngs = [strip_youngs(known, sag, load, width=width) for sag in readings.strip_sags]
-    return _mean(youngs), density
+    return _mean_with_error(youngs), density
 
 
-def _spirals(made: Coupons, readings: Readings, wider: float, warnings: list[str]) -> MeasuredValue | None:
+def _evaluate_spirals(made: Coupons, readings: Readings, wider: float, warnings: list[str]) -> MeasuredValue | None:
     """Return Young's modulus, Pa, from all readings of both spirals; add a warning if these contradict each other."""
     if not readings.spiral_sags:
         return None
     loads = readings.spiral_loads or tuple(one.load for one in made.spirals)
     found = [
-        _mean([spiral_youngs(made, one, pair[k], loads[k], wider) for pair in readings.spiral_sags])
+        _mean_with_error([spiral_youngs(made, one, pair[k], loads[k], wider) for pair in readings.spiral_sags])
         for k, one in enumerate(made.spirals)
     ]
     first, second = found
-    if _contradict(first, second):
+    if _are_contradictory(first, second):
         warnings.append(
             f"Spirals A and B contradict each other: {first.value * 1e-9:.2f} and {second.value * 1e-9:.2f} GPa; check their weights, "
             "that their frames are held all round, and the kerf, which their arms' width depends on"
@@ -321,10 +327,12 @@ def _weighted_mean(some: Sequence[MeasuredValue]) -> MeasuredValue:
     return MeasuredValue(value, float(weights.sum() ** -0.5))
 
 
-def _contradict(one: MeasuredValue, other: MeasuredValue) -> bool:
-    """Return whether two moduli differ by more than ``SURE`` standard errors and the error of the formulas."""
+def _are_contradictory(one: MeasuredValue, other: MeasuredValue) -> bool:
+    """Return whether two moduli differ by more than ``CONTRADICTION_LIMIT`` standard errors and the error of the formulas."""
     middle = 0.5 * (one.value + other.value)
-    return abs(one.value - other.value) > SURE * math.hypot(one.error, other.error) + MODEL * middle
+    return (
+        abs(one.value - other.value) > CONTRADICTION_LIMIT * math.hypot(one.error, other.error) + FORMULA_ERROR * middle
+    )
 
 
 def _choose_modulus(
@@ -339,7 +347,7 @@ def _choose_modulus(
             one,
             "the strip, for the spirals were not measured" if strip else "the spirals, for the strip was not measured",
         )
-    if not _contradict(strip, spirals):
+    if not _are_contradictory(strip, spirals):
         return _weighted_mean(
             [strip, spirals]
         ), "both, for they agree within their spread; each counts by how little it scatters"
@@ -353,25 +361,27 @@ def _choose_modulus(
     )
 
 
-def _settings(made: Coupons, found: Calibration, readings: Readings) -> dict[str, Any]:
+def _measured_settings(made: Coupons, found: Calibration, readings: Readings) -> dict[str, Any]:
     """Return the measured settings by "section.name"; a custom material gets all of its values."""
     values: dict[str, Any] = {}
     if found.thickness is not None or found.youngs is not None:
-        values["spiral.thickness"] = _figures(1e3 * (found.thickness.value if found.thickness else made.thickness))
+        values["spiral.thickness"] = _round_figures(
+            1e3 * (found.thickness.value if found.thickness else made.thickness)
+        )
     if found.youngs is not None or found.density is not None:
         youngs = found.youngs.value if found.youngs is not None else made.youngs
         values |= {
             "material.material": "custom",
-            "material.youngs": _figures(youngs * 1e-9),
+            "material.youngs": _round_figures(youngs * 1e-9),
             "material.poisson": made.poisson,
-            "material.density": _figures(made.density if found.density is None else found.density),
+            "material.density": _round_figures(made.density if found.density is None else found.density),
             "material.strain_limit": made.strain_limit,
         }
     if found.kerf is not None:
-        kerf = _figures(1e3 * found.kerf.value)
+        kerf = _round_figures(1e3 * found.kerf.value)
         values |= {"cut.kerf_outline": kerf, "cut.kerf_holes": kerf}
     if found.clearance is not None:
-        values |= {"connect.connector": readings.kind, "connect.clearance": _figures(1e3 * found.clearance.value)}
+        values |= {"connect.connector": readings.kind, "connect.clearance": _round_figures(1e3 * found.clearance.value)}
     try:
         with_values(Settings(), {k: v for k, v in values.items() if not k.startswith("cut.")})
     except FlexMapsError as error:
@@ -381,12 +391,12 @@ def _settings(made: Coupons, found: Calibration, readings: Readings) -> dict[str
     return values
 
 
-def _figures(value: float) -> float:
+def _round_figures(value: float) -> float:
     """Return a number rounded to ``DIGITS`` + 1 significant digits."""
     return float(f"{value:.{DIGITS + 1}g}")
 
 
-def preset(values: Mapping[str, Any], note: str) -> str:
+def preset_script(values: Mapping[str, Any], note: str) -> str:
     """Return the Python script of a Blender preset with these settings.
 
     Parameters

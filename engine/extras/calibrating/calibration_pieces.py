@@ -25,14 +25,14 @@ from ...params import ConnectorParams
 from ...spirals.curves.arcs import Curve, interpolate_biarcs
 from ...spirals.curves.spiral import LEFT, RIGHT, Arms, centre_line, edge_points
 from ...spirals.roots import find_roots
-from .bending import fillet
+from .bending import fillet_radius
 from .coupons import STRIP_CLAMP, STRIP_END, Coupons, SpiralCoupon
 
-LETTERS = 0.0025  # height of engraved letters, metres
-RIM = 0.008  # width of the material around holes, metres; larger: stiffer frames, larger sheet
-SAMPLES = 14  # pairs of arcs per edge of a spiral; more: closer to the spiral, but arcs shorter than a mill's radius
+LETTER_HEIGHT = 0.0025  # height of engraved letters, metres
+RIM_WIDTH = 0.008  # width of the material around holes, metres; larger: stiffer frames, larger sheet
+ARC_PAIRS = 14  # pairs of arcs per edge of a spiral; more: closer to the spiral, but arcs shorter than a mill's radius
 # width of the base of the tooth that holds an arm's end, as a ratio to its height; larger: stiffer against the arm
-TOOTH = 3.0
+TOOTH_RATIO = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +71,13 @@ class DrawnPiece:
         return points.min(axis=0), points.max(axis=0)
 
 
-def together(pieces: Iterable[DrawnPiece]) -> DrawnPiece:
+def combine_pieces(pieces: Iterable[DrawnPiece]) -> DrawnPiece:
     """Combine several pieces into one drawing."""
     some = list(pieces)
     return DrawnPiece(*(tuple(c for piece in some for c in piece._all[k]) for k in range(4)))
 
 
-def words(text: str, x: float, y: float, middle: bool = False, room: float = math.inf) -> tuple[Curve, ...]:
+def engrave_text(text: str, x: float, y: float, middle: bool = False, room: float = math.inf) -> tuple[Curve, ...]:
     """Return engraved text.
 
     Parameters
@@ -87,7 +87,7 @@ def words(text: str, x: float, y: float, middle: bool = False, room: float = mat
     middle : centre the text at x instead
     room : largest width, metres; letters become smaller if they need more
     """
-    high = min(LETTERS, room / max(text_length(text), 1.0))
+    high = min(LETTER_HEIGHT, room / max(text_length(text), 1.0))
     begin = np.array([x - (0.5 * high * text_length(text) if middle else 0.0), y])
     return tuple(Curve(high * s + begin, np.zeros(len(s)), closed=False) for s in text_strokes(text))
 
@@ -97,12 +97,12 @@ def rectangle(x0: float, y0: float, x1: float, y1: float) -> Curve:
     return Curve(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]), np.zeros(4))
 
 
-def line(*points: tuple[float, float]) -> Curve:
+def polyline(*points: tuple[float, float]) -> Curve:
     """Return the open polyline through points."""
     return Curve(np.array(points), np.zeros(len(points)), closed=False)
 
 
-def comb(made: Coupons, text: str) -> DrawnPiece:
+def draw_comb(made: Coupons, text: str) -> DrawnPiece:
     """Return the kerf comb: squares in a window, separated by lines that are cut without an offset.
 
     When n squares are pushed to one side, they leave a gap of n + 1 kerfs.
@@ -110,20 +110,22 @@ def comb(made: Coupons, text: str) -> DrawnPiece:
     made : sizes; text : engraved above the window
     """
     wide, high, a = made.cells * made.cell, made.cell, made.cell
-    x, y = RIM, RIM + 2.0 * LETTERS
+    x, y = RIM_WIDTH, RIM_WIDTH + 2.0 * LETTER_HEIGHT
     window = rectangle(x, y, x + wide, y + high)
-    between = [line((x + k * a, y), (x + k * a, y + high)) for k in range(1, made.cells)]
-    says = words(
-        f"{made.cells} SQUARES OF {a * 1e3:g} MM - GAP OVER {made.cells + 1} IS THE KERF", x, 0.5 * RIM, room=wide
+    between = [polyline((x + k * a, y), (x + k * a, y + high)) for k in range(1, made.cells)]
+    says = engrave_text(
+        f"{made.cells} SQUARES OF {a * 1e3:g} MM - GAP OVER {made.cells + 1} IS THE KERF", x, 0.5 * RIM_WIDTH, room=wide
     )
-    outline = rectangle(0.0, 0.0, 2.0 * RIM + wide, y + high + RIM + LETTERS)
-    return DrawnPiece((outline,), (), (*between, window), says + words(text, x, y + high + 0.5 * RIM, room=wide))
+    outline = rectangle(0.0, 0.0, 2.0 * RIM_WIDTH + wide, y + high + RIM_WIDTH + LETTER_HEIGHT)
+    return DrawnPiece(
+        (outline,), (), (*between, window), says + engrave_text(text, x, y + high + 0.5 * RIM_WIDTH, room=wide)
+    )
 
 
 # -- the ladders of clearances -----------------------------------------------------------------------------------------
 
 
-def ladder(made: Coupons, params: ConnectorParams, kind: str) -> DrawnPiece:
+def draw_ladder(made: Coupons, params: ConnectorParams, kind: str) -> DrawnPiece:
     """Return a ladder: a rail with a socket for every clearance (rung), and the counterparts to insert.
 
     Both bear the value of the clearance, mm.
@@ -137,31 +139,33 @@ def ladder(made: Coupons, params: ConnectorParams, kind: str) -> DrawnPiece:
     rungs = [connector_size(made.joint, replace(params, clearance=c), mill=made.mill) for c in made.clearances]
     values = [f"{c * 1e3:g}" for c in made.clearances]
     gap = made.joint + 2.0 * max(made.kerf, made.mill)
-    pitch = max(max(r.pad_width for r in rungs) + gap, max(LETTERS * text_length(v) for v in values) + LETTERS + gap)
-    deep = max(r.length for r in rungs) + 2.0 * LETTERS
-    name, x0 = kind.upper(), 2.0 * LETTERS
-    begin, top = x0 + LETTERS * text_length(name) + LETTERS, deep + LETTERS
+    pitch = max(
+        max(r.pad_width for r in rungs) + gap, max(LETTER_HEIGHT * text_length(v) for v in values) + LETTER_HEIGHT + gap
+    )
+    deep = max(r.length for r in rungs) + 2.0 * LETTER_HEIGHT
+    name, x0 = kind.upper(), 2.0 * LETTER_HEIGHT
+    begin, top = x0 + LETTER_HEIGHT * text_length(name) + LETTER_HEIGHT, deep + LETTER_HEIGHT
     low = top - max(made.clearances)  # the rail is lower between sockets, so that only the sockets' faces touch
     end = begin + pitch * len(rungs) + x0
     places = [begin + pitch * (k + 0.5) for k in range(len(rungs))]
     rail = [(0.0, 0.0), (end, 0.0), (end, low)]
-    bulges, says = [0.0, 0.0, 0.0], list(words(name, x0, LETTERS))
+    bulges, says = [0.0, 0.0, 0.0], list(engrave_text(name, x0, LETTER_HEIGHT))
     for x, rung, value in reversed(list(zip(places, rungs, values, strict=True))):
-        mouth = _point_up(_recess(rung, kind), x, top)
+        mouth = _point_up(_socket_outline(rung, kind), x, top)
         ends = [(float(mouth.points[k, 0]), low) for k in (0, -1)]
         rail += [ends[0], *map(tuple, mouth.points.tolist()), ends[1]]
         bulges += [0.0, *mouth.bulge[:-1].tolist(), 0.0, 0.0]
-        says += words(value, x, LETTERS, middle=True)
+        says += engrave_text(value, x, LETTER_HEIGHT, middle=True)
     rail.append((0.0, low))
     bulges.append(0.0)
     parts = [DrawnPiece((Curve(np.array(rail), np.array(bulges)),), engraved=tuple(says))]
     high = top + 2.0 * max(r.length for r in rungs) + gap
     for x, rung, value in zip(places, rungs, values, strict=True):
-        parts += _counterpart(rung, kind, value, x, high, gap)
-    return together(parts)
+        parts += _draw_counterpart(rung, kind, value, x, high, gap)
+    return combine_pieces(parts)
 
 
-def _recess(rung: ConnectorSize, kind: str) -> Curve:
+def _socket_outline(rung: ConnectorSize, kind: str) -> Curve:
     """Return the outline of a socket in the rail, from right to left as seen from outside, like ``socket``."""
     if kind != "tab":
         return socket_curve(rung)
@@ -171,14 +175,14 @@ def _recess(rung: ConnectorSize, kind: str) -> Curve:
     return cut_dogbones(round_polyline(points, [0.0, 0.0, rung.rounding, rung.rounding, 0.0, 0.0]), rung.inside_radius)
 
 
-def _counterpart(rung: ConnectorSize, kind: str, value: str, x: float, y: float, gap: float) -> list[DrawnPiece]:
+def _draw_counterpart(rung: ConnectorSize, kind: str, value: str, x: float, y: float, gap: float) -> list[DrawnPiece]:
     """Return the pieces to insert into one socket, placed above it: a labelled stem, and the loose key if there is one.
 
     rung : size of the connector; value : label; x, y : position, metres; gap : distance between pieces, metres
     """
-    wide = max(0.5 * rung.pad_width, 0.5 * LETTERS * text_length(value) + 0.4 * LETTERS)
+    wide = max(0.5 * rung.pad_width, 0.5 * LETTER_HEIGHT * text_length(value) + 0.4 * LETTER_HEIGHT)
     foot = rung.length + 2.0 * rung.inside_radius if kind == "key" else 0.0  # height of the socket, below the letters
-    high = foot + 4.0 * LETTERS
+    high = foot + 4.0 * LETTER_HEIGHT
     if kind == "dovetail":
         front = _point_down(head_curve(rung))
     elif kind == "key":
@@ -198,7 +202,8 @@ def _counterpart(rung: ConnectorSize, kind: str, value: str, x: float, y: float,
     ]
     bulge = [*front.bulge[:-1].tolist(), 0.0, 0.0, 0.0, 0.0, 0.0]
     stem = DrawnPiece(
-        (Curve(np.array(points), np.array(bulge)),), engraved=words(value, 0.0, foot + 1.5 * LETTERS, middle=True)
+        (Curve(np.array(points), np.array(bulge)),),
+        engraved=engrave_text(value, 0.0, foot + 1.5 * LETTER_HEIGHT, middle=True),
     )
     if kind != "key":
         return [stem.moved(np.array([x, y]))]
@@ -220,17 +225,17 @@ def _point_down(curve: Curve) -> Curve:
 # -- the strip and the spirals -----------------------------------------------------------------------------------------
 
 
-def strip(made: Coupons) -> DrawnPiece:
+def draw_strip(made: Coupons) -> DrawnPiece:
     """Return the bending strip: a part to clamp, a line where the clamp ends, and a hole for the weight's thread."""
     clamp, end = STRIP_CLAMP * made.thickness, STRIP_END * made.thickness
     b, load = made.strip_width, clamp + made.strip_length
     hole = max(0.002, 1.5 * max(made.kerf, made.mill))
     says = (
-        line((clamp, 0.0), (clamp, b)),
-        *words("CLAMP", 0.5 * clamp, 0.5 * (b - LETTERS), middle=True, room=0.8 * clamp),
-        *words(
+        polyline((clamp, 0.0), (clamp, b)),
+        *engrave_text("CLAMP", 0.5 * clamp, 0.5 * (b - LETTER_HEIGHT), middle=True, room=0.8 * clamp),
+        *engrave_text(
             f"{made.strip_length * 1e3:g} TO THE HOLE - TRY {made.strip_load * 1e3:g} G",
-            clamp + LETTERS, 0.5 * (b - LETTERS), room=made.strip_length - hole - 2.0 * LETTERS,
+            clamp + LETTER_HEIGHT, 0.5 * (b - LETTER_HEIGHT), room=made.strip_length - hole - 2.0 * LETTER_HEIGHT,
         ),
     )  # fmt: skip
     return DrawnPiece((rectangle(0.0, 0.0, load + end, b),), (_circle(load, 0.5 * b, 0.5 * hole),), engraved=says)
@@ -241,18 +246,22 @@ def _circle(x: float, y: float, radius: float) -> Curve:
     return Curve(np.array([[x + radius, y], [x - radius, y]]), np.array([-1.0, -1.0]))
 
 
-def spiral(made: Coupons, one: SpiralCoupon) -> DrawnPiece:
+def draw_spiral(made: Coupons, one: SpiralCoupon) -> DrawnPiece:
     """Return a spiral in its frame: a rectangle with a hole between any two consecutive arms."""
-    arms = _arms(one)
-    rim = 0.5 * one.scale + 1.5 * max(one.width, 2.0 * max(made.kerf_holes, made.mill)) + max(RIM, 5.0 * made.thickness)
-    foot = 2.0 * LETTERS
+    arms = _make_arms(one)
+    rim = (
+        0.5 * one.scale
+        + 1.5 * max(one.width, 2.0 * max(made.kerf_holes, made.mill))
+        + max(RIM_WIDTH, 5.0 * made.thickness)
+    )
+    foot = 2.0 * LETTER_HEIGHT
     centre = np.array([rim, rim + foot])
-    holes = tuple(hole.transform(0.0, centre) for hole in _slots(made, one, arms))
-    says = words(f"{one.name} - TRY {one.load * 1e3:g} G", rim, 0.8 * LETTERS, middle=True, room=1.8 * rim)
+    holes = tuple(hole.transform(0.0, centre) for hole in _slot_outlines(made, one, arms))
+    says = engrave_text(f"{one.name} - TRY {one.load * 1e3:g} G", rim, 0.8 * LETTER_HEIGHT, middle=True, room=1.8 * rim)
     return DrawnPiece((rectangle(0.0, 0.0, 2.0 * rim, 2.0 * rim + foot),), holes, engraved=says)
 
 
-def _arms(one: SpiralCoupon) -> Arms:
+def _make_arms(one: SpiralCoupon) -> Arms:
     """Return four equal arms around the origin, unblended as in the stiffness table."""
     four = np.full((1, 4), 1.0)
     angle = 0.5 * np.pi * np.arange(4.0)[None]
@@ -262,18 +271,18 @@ def _arms(one: SpiralCoupon) -> Arms:
     )  # fmt: skip
 
 
-def _slots(sizes: Coupons, one: SpiralCoupon, arms: Arms) -> list[Curve]:
+def _slot_outlines(sizes: Coupons, one: SpiralCoupon, arms: Arms) -> list[Curve]:
     """Return the four holes between consecutive arms, clockwise.
 
     The outline of a hole runs along arm k to the hub, along arm k + 1 to its end, and back along the frame, whose teeth
     hold the ends of the arms and stand perpendicular to them.
     """
-    roots = find_roots(arms, fillet(sizes, one.width))
+    roots = find_roots(arms, fillet_radius(sizes, one.width))
     if roots.is_missing.any():
         raise FlexMapsError(
             "The spirals of the calibration sheet have no room; use a thicker sheet or a narrower cutter"
         )
-    share = np.linspace(0.0, 1.0, SAMPLES + 1)
+    share = np.linspace(0.0, 1.0, ARC_PAIRS + 1)
     inwards = edge_points(arms, roots.left[..., None] * share, LEFT)
     right = np.roll(roots.right, 1, axis=1)[..., None]
     outwards = edge_points(arms, right * share[::-1], RIGHT)
@@ -296,7 +305,7 @@ def _slots(sizes: Coupons, one: SpiralCoupon, arms: Arms) -> list[Curve]:
             for corner, tip in ((ends[0, k], middle[k]), (ends[1, after], middle[after]))
         )
         radius = abs(outer)
-        foot = radius * inner / abs(inner) * np.exp(-1j * TOOTH * reach / radius)
+        foot = radius * inner / abs(inner) * np.exp(-1j * TOOTH_RATIO * reach / radius)
         back = math.tan(0.25 * float(np.angle(outer / foot)))
         nodes = [
             *to_complex(to_hub[k]).tolist(),

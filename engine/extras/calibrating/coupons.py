@@ -15,7 +15,7 @@ from typing import Any
 from ... import MARK
 from ...errors import FlexMapsError
 
-FILE = "calibration.json"
+CALIBRATION_FILE = "calibration.json"
 GRAVITY = 9.80665  # m/s^2, standard
 KINDS = ("dovetail", "key", "tab")
 # Dimensions of the strip in thicknesses, and its intended sag as a share of its length. Longer: less shear, larger
@@ -78,15 +78,15 @@ class Coupons:
         return json.dumps({"flexmaps": "calibration", "program": MARK, **asdict(self)}, indent=1) + "\n"
 
 
-def members(made: Coupons) -> dict[str, Any]:
+def fields_by_name(made: Coupons) -> dict[str, Any]:
     """Return the fields of ``Coupons`` by name."""
     return {f.name: getattr(made, f.name) for f in fields(Coupons)}
 
 
-def read(path: str | Path) -> Coupons:
+def read_coupons(path: str | Path) -> Coupons:
     """Read the sizes of a sheet from its ``calibration.json`` or the folder with it; raises ``FlexMapsError``."""
     path = Path(path)
-    path = path / FILE if path.is_dir() else path
+    path = path / CALIBRATION_FILE if path.is_dir() else path
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
         assert found.pop("flexmaps") == "calibration"
@@ -94,7 +94,7 @@ def read(path: str | Path) -> Coupons:
         found["spirals"] = tuple(SpiralCoupon(**one) for one in found["spirals"])
         found["clearances"] = tuple(map(float, found["clearances"]))
         made = Coupons(**found)
-        numbers = [v for v in [*members(made).values(), *made.clearances] if isinstance(v, float)]
+        numbers = [v for v in [*fields_by_name(made).values(), *made.clearances] if isinstance(v, float)]
         numbers += [v for s in made.spirals for v in (s.scale, s.width, s.twist, s.load)]
         assert all(math.isfinite(v) and v >= 0.0 for v in numbers)
         assert len(made.spirals) == 2 and made.cells > 0

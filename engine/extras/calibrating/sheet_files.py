@@ -18,8 +18,8 @@ from ...params import CutParams, Settings, SheetParams
 from ...progress import SILENT, Progress
 from . import calibration_pieces
 from .calibration_pieces import DrawnPiece
-from .coupons import FILE, KINDS, Coupons
-from .sizes import coupons
+from .coupons import CALIBRATION_FILE, KINDS, Coupons
+from .sizes import choose_coupons
 
 WRITERS = {
     "svg": (".svg", svg.write_svg),
@@ -27,7 +27,7 @@ WRITERS = {
     "dxf-r12": ("-r12.dxf", dxf.write_dxf_r12),
     "pdf": (".pdf", pdf.write_pdf),
 }
-USUAL = ("svg", "dxf", "pdf")
+DEFAULT_FORMATS = ("svg", "dxf", "pdf")
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,30 +51,32 @@ class CalibrationDrawing:
 
         The arguments are unused; the file writers expect them.
         """
-        made = calibration_pieces.together(
+        made = calibration_pieces.combine_pieces(
             piece.cut(self.coupons.kerf, self.coupons.kerf_holes) for piece in self.pieces
         )
         return SheetCuts(made.engraved, (*made.holes, *made.shared), made.outlines, 0, 0)
 
 
-def make(settings: Settings) -> CalibrationDrawing:
+def make_calibration_sheet(settings: Settings) -> CalibrationDrawing:
     """Make the calibration sheet for the machine and the material in these settings."""
-    sizes = coupons(settings)
+    sizes = choose_coupons(settings)
     says = f"{sizes.material} {sizes.thickness * 1e3:g} mm - drawn for a kerf of {sizes.kerf * 1e3:g}"
     pieces = [
-        *(calibration_pieces.spiral(sizes, one) for one in sizes.spirals),
-        calibration_pieces.strip(sizes),
-        calibration_pieces.comb(sizes, says),
-        *(calibration_pieces.ladder(sizes, settings.connect, kind) for kind in KINDS),
+        *(calibration_pieces.draw_spiral(sizes, one) for one in sizes.spirals),
+        calibration_pieces.draw_strip(sizes),
+        calibration_pieces.draw_comb(sizes, says),
+        *(calibration_pieces.draw_ladder(sizes, settings.connect, kind) for kind in KINDS),
     ]
     margin, spacing = settings.sheet.margin, max(settings.sheet.spacing, 2.0 * max(sizes.kerf, sizes.mill))
-    placed, size = _in_rows(pieces, margin, spacing)
+    placed, size = _arrange_in_rows(pieces, margin, spacing)
     nothing = np.zeros(0)
     packing = Packing(nothing.astype(int), nothing, nothing.reshape(0, 2), size[None])
     return CalibrationDrawing(sizes, placed, packing, replace(settings.sheet, frame=True), settings.cut)
 
 
-def _in_rows(pieces: Sequence[DrawnPiece], margin: float, spacing: float) -> tuple[tuple[DrawnPiece, ...], np.ndarray]:
+def _arrange_in_rows(
+    pieces: Sequence[DrawnPiece], margin: float, spacing: float
+) -> tuple[tuple[DrawnPiece, ...], np.ndarray]:
     """Lay the pieces in rows from the top, two in the first; return them and the sheet's width and height, metres."""
     boxes = [piece.box for piece in pieces]
     width = max(float(np.ptp([b[0][0], b[1][0]])) for b in boxes)
@@ -89,10 +91,10 @@ def _in_rows(pieces: Sequence[DrawnPiece], margin: float, spacing: float) -> tup
     return tuple(p.moved(shift) for p in placed), np.array([width, high - y]) + 2.0 * margin
 
 
-def write(
+def write_calibration_sheet(
     sheet: CalibrationDrawing,
     folder: Path,
-    formats: Sequence[str] = USUAL,
+    formats: Sequence[str] = DEFAULT_FORMATS,
     name: str = "calibration",
     progress: Progress = SILENT,
     guard: Guard | None = None,
@@ -122,6 +124,6 @@ def write(
             ending, writer = WRITERS[key]
             written.append(folder / f"{name}{ending}")
             writer(sheet, 0, new(written[-1]), progress)
-        written.append(folder / FILE)
+        written.append(folder / CALIBRATION_FILE)
         new(written[-1]).write_text(sheet.coupons.text(), encoding="utf-8")
     return written

@@ -15,11 +15,11 @@ from ...patches.splitting.split import usable
 from .judge import JudgedLayout
 
 # share of a sheet's area that panels fill, to estimate the number of sheets; larger: fewer sheets are announced
-FILLED = 0.5
-PROPOSALS, LEAST_SHOWN = 6, 3  # largest and smallest number of proposals to show: more are hard to compare
+SHEET_FILL = 0.5
+MAX_PROPOSALS, MIN_PROPOSALS = 6, 3  # largest and smallest number of proposals to show: more are hard to compare
 # largest ratio of panel counts of consecutive proposals, if there are layouts between them; larger: fewer proposals
-STRIDE = 1.6
-INITIAL = "as it was"  # ``origin`` of the layout that the piece had before layouts were compared
+MAX_PANEL_STEP = 1.6
+INITIAL_ORIGIN = "as it was"  # ``origin`` of the layout that the piece had before layouts were compared
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class Proposal:
         }
 
 
-def proposal(judged: JudgedLayout, settings: Settings, material: Material) -> Proposal:
+def make_proposal(judged: JudgedLayout, settings: Settings, material: Material) -> Proposal:
     """Make a proposal: add estimates of sheets and times to a judged layout.
 
     Parameters
@@ -96,7 +96,7 @@ def proposal(judged: JudgedLayout, settings: Settings, material: Material) -> Pr
     room = float(usable(settings.sheet).prod())
     return Proposal(
         judged,
-        max(1, int(np.ceil(area / (FILLED * room)))),
+        max(1, int(np.ceil(area / (SHEET_FILL * room)))),
         None
         if judged.cut_length is None or judged.contours is None
         else cut_seconds(material, thickness, judged.cut_length, judged.contours),
@@ -139,7 +139,7 @@ class Choice:
         }
 
 
-def front(judged: list[JudgedLayout]) -> list[JudgedLayout]:
+def pareto_front(judged: list[JudgedLayout]) -> list[JudgedLayout]:
     """Return the layouts on the Pareto front of panel count and RMS distance from the target, fewest panels first."""
     found: list[JudgedLayout] = []
     for one in sorted(judged, key=lambda one: (one.laid.panels, one.eased, one.laid.joints)):
@@ -148,35 +148,35 @@ def front(judged: list[JudgedLayout]) -> list[JudgedLayout]:
     return found
 
 
-def worth_showing(made: list[Proposal], best: Proposal) -> list[Proposal]:
+def select_proposals(made: list[Proposal], best: Proposal) -> list[Proposal]:
     """Return the proposals worth showing, fewest panels first.
 
     These are the chosen and the initial layout, the nearest symmetric one, and steps along the Pareto front of panel
-    count and distance; others only to fill up to ``LEAST_SHOWN``. Proposals that look the same to users appear once.
+    count and distance; others only to fill up to ``MIN_PROPOSALS``. Proposals that look the same to users appear once.
 
     Parameters
     ----------
     made : all proposals, best first
     best : the chosen one
     """
-    given = [one for one in made if one.judged.laid.origin == INITIAL]
+    given = [one for one in made if one.judged.laid.origin == INITIAL_ORIGIN]
     symmetric = sorted((one for one in made if one.symmetric), key=lambda one: one.rms)[:1]
-    nearest = {id(one) for one in front([one.judged for one in made])}
+    nearest = {id(one) for one in pareto_front([one.judged for one in made])}
     steps = sorted((one for one in made if id(one.judged) in nearest), key=lambda one: one.panels)
     way = steps[:1]
     while way and way[-1] is not steps[-1]:
         following = [one for one in steps if one.panels > way[-1].panels]
-        near = [one for one in following if one.panels <= STRIDE * way[-1].panels]
+        near = [one for one in following if one.panels <= MAX_PANEL_STEP * way[-1].panels]
         way.append(near[-1] if near else following[0])
     chosen: list[Proposal] = []
     # always show the initial layout, so that users can return to it
     for one in dict.fromkeys((best, *given, *way, *symmetric, *made)):
-        wanted = len(chosen) < (PROPOSALS if one in way or one in symmetric else LEAST_SHOWN)
-        if one in given or (wanted and not any(_look(one) == _look(other) for other in chosen)):
+        wanted = len(chosen) < (MAX_PROPOSALS if one in way or one in symmetric else MIN_PROPOSALS)
+        if one in given or (wanted and not any(_visible_figures(one) == _visible_figures(other) for other in chosen)):
             chosen.append(one)
     return sorted(chosen, key=lambda one: (one.panels, one.judged.laid.joints, one.rms))
 
 
-def _look(one: Proposal) -> tuple[float | str, ...]:
+def _visible_figures(one: Proposal) -> tuple[float | str, ...]:
     """Return the figures, as users see them, by which proposals differ: panels, joints, rounded distance, sheets."""
     return one.panels, one.judged.laid.joints, f"{100.0 * one.rms:.1g}", one.sheets

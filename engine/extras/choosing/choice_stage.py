@@ -13,7 +13,7 @@ from ...errors import FlexMapsError
 from ...params import Settings
 from ...patches.flattening.flatten import FlatPatches
 from ...progress import Progress
-from ...runs.outputs import DesignVersion, FinalLayout, SimulatedShape, StageOutput, made_by
+from ...runs.outputs import DesignVersion, FinalLayout, SimulatedShape, StageOutput, provenance
 from ...runs.result import Result
 from ...runs.stage import values_of
 from ...runs.stages import CHOSEN, OPTIMISED, STAGES
@@ -55,11 +55,13 @@ def run(result: Result, layout: FinalLayout, settings: Settings, progress: Progr
     piece = LayoutProblem(result.mesh, settings, result.supports, result.force, tuple(found), start)
     flat = layout.flat if result.design is None else result.design.flat
     with Workers() as together:
-        made = choose.choose(piece, flat, settings.choose, progress.part(0.02, 1.0), together, _reached(result))
-    return take(result, made, settings, flat)
+        made = choose.choose(
+            piece, flat, settings.choose, progress.part(0.02, 1.0), together, _optimised_simulation(result)
+        )
+    return apply_choice(result, made, settings, flat)
 
 
-def _reached(result: Result) -> Simulation | None:
+def _optimised_simulation(result: Result) -> Simulation | None:
     """Return the simulation of the present layout if its spirals are optimised and it converged; else None."""
     version, shape = result.get(DesignVersion), result.get(SimulatedShape)
     if version is None or shape is None or version.origin != OPTIMISED:
@@ -67,7 +69,7 @@ def _reached(result: Result) -> Simulation | None:
     return shape.simulation if shape.simulation.equilibrium.converged else None
 
 
-def take(result: Result, choice: Choice, settings: Settings, present: FlatPatches | None = None) -> Result:
+def apply_choice(result: Result, choice: Choice, settings: Settings, present: FlatPatches | None = None) -> Result:
     """Return the results with a choice stored, and with its chosen layout unless that is already present.
 
     Parameters
@@ -81,7 +83,7 @@ def take(result: Result, choice: Choice, settings: Settings, present: FlatPatche
     if best.flat is not present:
         made = {"inputs": result.inputs("mesh"), "settings": values_of(STAGES["merge"].settings, settings)}
         layout = FinalLayout(best.flat, CHOSEN, best.judged.spirals, **made)
-    made = made_by("choose", settings, {"flat": layout.flat})
+    made = provenance("choose", settings, {"flat": layout.flat})
     return result.with_outputs(layout, LayoutChoice(choice, **made))
 
 
@@ -101,7 +103,7 @@ def take_proposal(result: Result, number: int, settings: Settings) -> Result:
     choice = result.need(LayoutChoice).choice
     if not 0 <= number < len(choice.proposals):
         raise FlexMapsError(f"There is no proposal {number}; they are numbered from 0 to {len(choice.proposals) - 1}")
-    return take(result, replace(choice, taken=number), settings)
+    return apply_choice(result, replace(choice, taken=number), settings)
 
 
 def drawings(shown: MapValues, described: Mapping[str, Any]) -> dict[str, Drawing]:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ...surface.checking.finding import with_count
-from .choice import INITIAL, Choice, Proposal, proposal, worth_showing
-from .judge import LONG, WHOLE, FlatLayout, JudgedLayout
-from .layout_search import EXPECTED, SEARCH_SCATTER, LayoutSearch, key, short
-from .prospects import WORTH
+from .choice import INITIAL_ORIGIN, Choice, Proposal, make_proposal, select_proposals
+from .judge import FULL_SHARE, LONG_SHARE, FlatLayout, JudgedLayout
+from .layout_search import LONG_TO_SHORT_RATIO, SEARCH_SCATTER, LayoutSearch, describe_layout, layout_key
+from .prospects import WORTHWHILE_RATIO
 
 # Ratio of distances from the target up to which the layout with fewer joints is preferred; larger: fewer joints, larger
 # distances. Above 1.03, because two searches of a layout differ by up to 3 %
-ENOUGH = 1.05
+NEAR_TIE_RATIO = 1.05
 
 
 def decide(search: LayoutSearch, first: FlatLayout, finished: bool) -> Choice:
@@ -33,23 +33,23 @@ def decide(search: LayoutSearch, first: FlatLayout, finished: bool) -> Choice:
             one if one.share else replace(one, cut_length=drawn_one.cut_length, contours=drawn_one.contours)
             for one in judged
         ]
-    best = pick(search, judged, first)
-    made = {id(one): proposal(one, settings, settings.material.chosen) for one in judged}
-    shown = worth_showing([made[id(one)] for one in judged], made[id(best)])
+    best = pick_best(search, judged, first)
+    made = {id(one): make_proposal(one, settings, settings.material.chosen) for one in judged}
+    shown = select_proposals([made[id(one)] for one in judged], made[id(best)])
     reached = search.holds(best)
-    given = next((one for one in made.values() if one.judged.laid.origin == INITIAL), None)
+    given = next((one for one in made.values() if one.judged.laid.origin == INITIAL_ORIGIN), None)
     return Choice(
         tuple(shown),
         shown.index(made[id(best)]),
         search.params.goal,
         reached,
-        _note(search, made[id(best)], given, reached),
+        _explain_choice(search, made[id(best)], given, reached),
         finished,
         len(search.known),
     )
 
 
-def pick(search: LayoutSearch, judged: list[JudgedLayout], first: FlatLayout) -> JudgedLayout:
+def pick_best(search: LayoutSearch, judged: list[JudgedLayout], first: FlatLayout) -> JudgedLayout:
     """Return the best layout.
 
     If no layout meets the goal, one with fewer joints is preferred to a slightly nearer one. If the goal is a number of
@@ -66,15 +66,17 @@ def pick(search: LayoutSearch, judged: list[JudgedLayout], first: FlatLayout) ->
     best = next((one for one in judged if one.share), judged[0])
     if search.params.goal != "panels" and search.holds(best):
         return best
-    given = next((one for one in judged if key(one.laid) == key(first)), None)
-    enough = 1.0 / WORTH if search.params.goal == "match" else ENOUGH
-    alike = [one for one in judged if one.share >= LONG and search.distance(one) <= enough * search.distance(best)]
+    given = next((one for one in judged if layout_key(one.laid) == layout_key(first)), None)
+    enough = 1.0 / WORTHWHILE_RATIO if search.params.goal == "match" else NEAR_TIE_RATIO
+    alike = [
+        one for one in judged if one.share >= LONG_SHARE and search.distance(one) <= enough * search.distance(best)
+    ]
     if search.params.near:
         alike = []
     elif search.params.goal == "panels":
         alike = [given] if given is not None and search.holds(given) and given in alike else []
     alike.append(best)
-    if given is not None and given.share >= WHOLE and search.holds(given) == search.holds(best):
+    if given is not None and given.share >= FULL_SHARE and search.holds(given) == search.holds(best):
         alike = [one for one in alike if one is given or (1.0 + SEARCH_SCATTER) * one.eased < given.rms] or [given]
     return min(alike, key=lambda one: (one.laid.joints, one.laid.panels))
 
@@ -84,18 +86,18 @@ def may_replace_initial(search: LayoutSearch, one: JudgedLayout) -> bool:
 
     True if the initial layout was not optimised.
     """
-    given = next((other for other in search.proved.values() if other.share >= WHOLE), None)
+    given = next((other for other in search.proved.values() if other.share >= FULL_SHARE), None)
     if given is None:
         return True
-    expected = replace(one, rms=search.distance(one), strain=0.0, share=max(one.share, LONG))
-    return pick(search, sorted((given, expected), key=search.key), given.laid) is expected
+    expected = replace(one, rms=search.distance(one), strain=0.0, share=max(one.share, LONG_SHARE))
+    return pick_best(search, sorted((given, expected), key=search.key), given.laid) is expected
 
 
-def _note(search: LayoutSearch, best: Proposal, given: Proposal | None, reached: bool) -> str:
+def _explain_choice(search: LayoutSearch, best: Proposal, given: Proposal | None, reached: bool) -> str:
     """Return a sentence that explains the choice of the best layout, or why the goal was missed."""
-    what = short(best.judged.laid, best.rms)
+    what = describe_layout(best.judged.laid, best.rms)
     if given is not None and given is not best:
-        what += f" (before: {short(given.judged.laid, given.rms)})"
+        what += f" (before: {describe_layout(given.judged.laid, given.rms)})"
     if search.params.near and search.params.goal == "match":
         asked = "a nearer match by other cuts"
     elif search.params.goal == "panels":
@@ -108,20 +110,18 @@ def _note(search: LayoutSearch, best: Proposal, given: Proposal | None, reached:
         return f"Chosen for {asked}: {what}."
     if search.params.near and given is not None and best.rms < given.rms:
         return f"Changed for {asked}: {what}."
-    if given is best and best.judged.share >= WHOLE:
-        searched = any(0.0 < one.share < WHOLE for one in search.ranking)
+    if given is best and best.judged.share >= FULL_SHARE:
+        searched = any(0.0 < one.share < FULL_SHARE for one in search.ranking)
         verb = "comes" if searched else "is expected to come"
         return f"No other layout {verb} clearly nearer than the present one, with {what}. {best.judged.advice}"
-    return (
-        f"No layout was found for {asked}; the best has {what}. {_no_nearer(search, best.judged)}{best.judged.advice}"
-    )
+    return f"No layout was found for {asked}; the best has {what}. {_panels_bring_no_gain(search, best.judged)}{best.judged.advice}"
 
 
-def _no_nearer(search: LayoutSearch, best: JudgedLayout) -> str:
+def _panels_bring_no_gain(search: LayoutSearch, best: JudgedLayout) -> str:
     """Return a sentence with a trailing space if searches show that more panels bring no gain; else ""."""
     searched = [one for one in search.ranking if one.share]
     most = max(searched, key=lambda one: one.laid.panels, default=best)
-    left = most.rms if most.share >= LONG else EXPECTED * most.rms
+    left = most.rms if most.share >= LONG_SHARE else LONG_TO_SHORT_RATIO * most.rms
     if search.params.goal != "match" or most.laid.panels <= best.laid.panels or left < best.rms:
         return ""
     return f"Up to {most.laid.panels} panels bring it no nearer. "

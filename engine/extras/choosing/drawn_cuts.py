@@ -19,16 +19,18 @@ from ...surface.checking.topology import sides_of
 from ...surface.mesh import PolygonMesh, QuadMesh
 from ...surface.symmetry import Symmetry, close_under, keeping
 
-FAMILIES = 4  # number of families to use, those with most edges first; larger: more layouts, more time
+MAX_FAMILIES = 4  # number of families to use, those with most edges first; larger: more layouts, more time
 # largest share of its lines that a family may have in common with an earlier one; larger: more layouts that are alike
-ALIKE = 0.7
-COMPLETED = 2  # number of symmetric layouts to yield of each kind, fewest cuts first; larger: more layouts, more time
-OPENINGS = 3  # largest number of rounds of opening patches and adding symmetric images; mostly one suffices
-LEAST = 4  # smallest number of lines of a family: fewer are parallel by coincidence
+MAX_COMMON_SHARE = 0.7
+MAX_SYMMETRIC = (
+    2  # number of symmetric layouts to yield of each kind, fewest cuts first; larger: more layouts, more time
+)
+MAX_OPENING_ROUNDS = 3  # largest number of rounds of opening patches and adding symmetric images; mostly one suffices
+MIN_LINES = 4  # smallest number of lines of a family: fewer are parallel by coincidence
 
 
 @dataclass(frozen=True, eq=False)
-class Family:
+class LineFamily:
     """Parallel lines of edges: those that one strip of quads crosses.
 
     lines : index of each line, in the order in which the strip crosses them
@@ -58,7 +60,7 @@ class Family:
         return np.unique(self.lines[apart.argmin(axis=0)])
 
 
-def lines_of(mesh: QuadMesh) -> Int[np.ndarray, " edges"]:
+def lines_of_edges(mesh: QuadMesh) -> Int[np.ndarray, " edges"]:
     """Return the index of each edge's straight line; lines end at irregular vertices and at the border."""
     inner = np.flatnonzero(~mesh.border)
     one, two = [], []
@@ -70,19 +72,19 @@ def lines_of(mesh: QuadMesh) -> Int[np.ndarray, " edges"]:
     return groups(len(mesh.edges), np.concatenate(one), np.concatenate(two))
 
 
-def families(mesh: QuadMesh) -> list[Family]:
+def find_families(mesh: QuadMesh) -> list[LineFamily]:
     """Return the families of parallel lines of a surface, those with most edges first, without near-duplicates."""
-    line_of = lines_of(mesh)
+    line_of = lines_of_edges(mesh)
     size = np.bincount(line_of)
-    found = [_family(mesh, strip, closed, line_of) for strip, closed in _strips(mesh)]
-    found = [family for family in found if len(np.unique(family.lines)) >= LEAST]
+    found = [_make_family(mesh, strip, closed, line_of) for strip, closed in _strips(mesh)]
+    found = [family for family in found if len(np.unique(family.lines)) >= MIN_LINES]
     found.sort(key=lambda family: -int(size[np.unique(family.lines)].sum()))
-    kept: list[Family] = []
+    kept: list[LineFamily] = []
     for family in found:
         own = np.unique(family.lines)
-        if all(np.isin(own, other.lines).mean() <= ALIKE for other in kept):
+        if all(np.isin(own, other.lines).mean() <= MAX_COMMON_SHARE for other in kept):
             kept.append(family)
-        if len(kept) == FAMILIES:
+        if len(kept) == MAX_FAMILIES:
             break
     return kept
 
@@ -112,16 +114,16 @@ def _strips(mesh: QuadMesh) -> Iterator[tuple[list[int], bool]]:
         yield walk, closed
 
 
-def _family(mesh: QuadMesh, strip: list[int], closed: bool, line_of: np.ndarray) -> Family:
+def _make_family(mesh: QuadMesh, strip: list[int], closed: bool, line_of: np.ndarray) -> LineFamily:
     middle = mesh.vertices[mesh.edges[strip]].mean(axis=1)
     steps = np.linalg.norm(np.diff(middle, axis=0, append=middle[:1]), axis=1)
     at = np.concatenate([[0.0], np.cumsum(steps)])
     inner = ~mesh.border[strip]
     length = float(at[-1] if closed else at[-2])
-    return Family(line_of[strip][inner], at[:-1][inner], length, closed)
+    return LineFamily(line_of[strip][inner], at[:-1][inner], length, closed)
 
 
-def equal_cuts(
+def cuts_into_equal_parts(
     mesh: QuadMesh, most: int, symmetries: Sequence[Symmetry]
 ) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
     """Yield divisions into equal strips, rings and petals: name and cut edges, (E,) bool.
@@ -135,12 +137,12 @@ def equal_cuts(
     most : largest number of parts
     symmetries : symmetries of the mesh
     """
-    line_of, found = lines_of(mesh), families(mesh)
+    line_of, found = lines_of_edges(mesh), find_families(mesh)
     plane = np.zeros(int(line_of.max()) + 1, dtype=bool)
     for symmetry in symmetries:
-        plane[np.unique(line_of[in_plane(mesh, symmetry)])] = True
+        plane[np.unique(line_of[edges_in_plane(mesh, symmetry)])] = True
 
-    def cut(family: Family, parts: int) -> np.ndarray:
+    def cut(family: LineFamily, parts: int) -> np.ndarray:
         first = int(plane[family.lines].argmax()) if len(family.lines) else 0
         return np.isin(line_of, family.equal(parts, first)) & ~mesh.border
 
@@ -156,7 +158,7 @@ def equal_cuts(
                             yield f"{parts} equal parts, opened", cut(one, parts) | cut(two, 1)
 
 
-def in_plane(mesh: QuadMesh, symmetry: Symmetry) -> Int[np.ndarray, " some"]:
+def edges_in_plane(mesh: QuadMesh, symmetry: Symmetry) -> Int[np.ndarray, " some"]:
     """Return the inner edges in the plane of a mirror symmetry; empty for a rotation."""
     if not symmetry.mirrors:
         return np.zeros(0, dtype=np.int64)
@@ -164,7 +166,7 @@ def in_plane(mesh: QuadMesh, symmetry: Symmetry) -> Int[np.ndarray, " some"]:
     return np.flatnonzero(still[mesh.edges].all(axis=1) & ~mesh.border)
 
 
-def along_folds(mesh: QuadMesh) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
+def cuts_along_folds(mesh: QuadMesh) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
     """Yield one set of cuts, name and (E,) bool: all folds that are sharper than spirals can bend, if there are any."""
     polygons = PolygonMesh.from_quads(mesh)
     cut = (fold_angles(polygons, sides_of(polygons)) > SHARP) & ~mesh.border
@@ -172,11 +174,11 @@ def along_folds(mesh: QuadMesh) -> Iterator[tuple[str, Bool[np.ndarray, " edges"
         yield "along its folds", cut
 
 
-def planes(mesh: QuadMesh, symmetries: Sequence[Symmetry]) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
+def cuts_in_planes(mesh: QuadMesh, symmetries: Sequence[Symmetry]) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
     """Yield the cuts along each mirror plane, and along all mirror planes together: name and (E,) bool."""
     found = []
     for symmetry in symmetries:
-        edges = in_plane(mesh, symmetry)
+        edges = edges_in_plane(mesh, symmetry)
         if len(edges):
             cut = np.zeros(len(mesh.edges), dtype=bool)
             cut[edges] = True
@@ -186,7 +188,7 @@ def planes(mesh: QuadMesh, symmetries: Sequence[Symmetry]) -> Iterator[tuple[str
         yield "along all mirror planes", np.any(found, axis=0)
 
 
-def drop_images(
+def drop_symmetric_images(
     sketches: Iterable[tuple[str, Bool[np.ndarray, " edges"]]], symmetries: Sequence[Symmetry]
 ) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
     """Yield the sketches (name, cut edges) that are not symmetric images of earlier ones."""
@@ -204,23 +206,23 @@ def symmetric_variants(
     """Yield symmetric layouts made from the cuts of a layout: name and (E,) bool.
 
     Either the images of all cuts are added, or the cuts on one side of a mirror plane are mirrored to the other side.
-    At most ``COMPLETED`` of each kind.
+    At most ``MAX_SYMMETRIC`` of each kind.
     """
     ways: dict[str, dict[bytes, np.ndarray]] = {"as it was, with its images": {}, "one half, mirrored": {}}
     images, halves = ways.values()
     for symmetry in symmetries:
-        found = _opened(cut, mesh, symmetry)
+        found = _open_with_images(cut, mesh, symmetry)
         images[found.tobytes()] = found
         if symmetry.mirrors:
             middle = mesh.vertices[mesh.edges].mean(axis=1)
             # the vector from an edge's image to the edge, across the plane, gives the side on which it lies
             side = (middle - middle[symmetry.edges]) @ symmetry.normal
             for way in (1.0, -1.0):
-                found = _opened(np.where(way * side >= 0.0, cut, cut[symmetry.edges]), mesh, symmetry)
+                found = _open_with_images(np.where(way * side >= 0.0, cut, cut[symmetry.edges]), mesh, symmetry)
                 halves[found.tobytes()] = found
     for name, layouts in ways.items():
         sound = [one for one in layouts.values() if one.any() and (one != cut).any() and keeping(symmetries, one)]
-        yield from ((name, one) for one in sorted(sound, key=lambda one: int(one.sum()))[:COMPLETED])
+        yield from ((name, one) for one in sorted(sound, key=lambda one: int(one.sum()))[:MAX_SYMMETRIC])
 
 
 def open_symmetrically(
@@ -233,13 +235,13 @@ def open_symmetrically(
     kept = keeping(symmetries, cut)
     if not kept or keeping(kept, make_disks(PatchLayout(mesh, cut)).cut):
         return None
-    sound = [one for one in (_opened(cut, mesh, symmetry) for symmetry in kept) if keeping(kept, one)]
+    sound = [one for one in (_open_with_images(cut, mesh, symmetry) for symmetry in kept) if keeping(kept, one)]
     return min(sound, key=lambda one: int(one.sum()), default=None)
 
 
-def _opened(cut: np.ndarray, mesh: QuadMesh, symmetry: Symmetry) -> np.ndarray:
+def _open_with_images(cut: np.ndarray, mesh: QuadMesh, symmetry: Symmetry) -> np.ndarray:
     """Add the images of the cuts under a symmetry, and open patches that are not disks by cuts and their images."""
-    for _ in range(OPENINGS):
+    for _ in range(MAX_OPENING_ROUNDS):
         cut = close_under(cut, [symmetry])
         opened = make_disks(PatchLayout(mesh, cut)).cut & ~mesh.border
         if (opened == cut).all():

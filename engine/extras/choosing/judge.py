@@ -28,14 +28,14 @@ from .drawn_cuts import open_symmetrically
 
 # Durations of a short and a long search, as shares of the optimiser's patience (its time budget). Larger: layouts are
 # compared more reliably, and more slowly; short and long searches rank layouts alike
-SHORT, LONG = 0.15, 0.35
-WHOLE = 1.0  # share recorded for a layout that the user had optimised with the full patience
+SHORT_SHARE, LONG_SHARE = 0.15, 0.35
+FULL_SHARE = 1.0  # share recorded for a layout that the user had optimised with the full patience
 # A long search that ends at s > 1 times the strain limit is expected to end s^EASED times as far from the target once
 # its strain is reduced to the limit; larger: overstrained layouts rank lower
-EASED = 2
+STRAIN_EXPONENT = 2
 # A short search has its full duration from QUADS quads on, and in proportion less with fewer, down to the share LEAST.
 # Larger QUADS or smaller LEAST: faster on small pieces, but less reliable
-QUADS, LEAST = 1000, 0.25
+FULL_SEARCH_QUADS, MIN_SHARE = 1000, 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ class LayoutProblem:
 
 
 @dataclass(frozen=True, eq=False)
-class Idea:
+class CutPlan:
     """A set of cuts that is not flattened yet.
 
     cut : (E,) bool; origin : how the cuts were made, in a few words
@@ -157,7 +157,7 @@ class JudgedLayout:
     @property
     def proved(self) -> bool:
         """Whether ``rms`` is reliable: reached by the full search, or by a long one with strains within the limit."""
-        return self.share >= WHOLE or (self.share >= LONG and self.strain <= 1.0)
+        return self.share >= FULL_SHARE or (self.share >= LONG_SHARE and self.strain <= 1.0)
 
     @property
     def eased(self) -> float:
@@ -165,7 +165,9 @@ class JudgedLayout:
 
         It equals ``rms`` unless a long search ended with strains beyond the limit.
         """
-        return self.rms * max(1.0, self.strain) ** EASED if LONG <= self.share < WHOLE else self.rms
+        return (
+            self.rms * max(1.0, self.strain) ** STRAIN_EXPONENT if LONG_SHARE <= self.share < FULL_SHARE else self.rms
+        )
 
 
 def starting_spirals(piece: LayoutProblem) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]]:
@@ -176,7 +178,9 @@ def starting_spirals(piece: LayoutProblem) -> tuple[Float[np.ndarray, "quads 4"]
     return piece.spirals or curvature_adjusted(piece.settings.spiral, curvature.rms_curvature(piece.mesh))
 
 
-def lay_flat(piece: LayoutProblem, idea: Idea, most: float = np.inf, progress: Progress = SILENT) -> FlatLayout | None:
+def flatten_cuts(
+    piece: LayoutProblem, idea: CutPlan, most: float = np.inf, progress: Progress = SILENT
+) -> FlatLayout | None:
     """Flatten an idea: open patches that are not disks, join patches that are too small, cut those larger than a sheet.
 
     Parameters
@@ -217,7 +221,7 @@ def panel_curvature(layout: PatchLayout) -> float:
 def judge(
     piece: LayoutProblem,
     laid: FlatLayout,
-    share: float = SHORT,
+    share: float = SHORT_SHARE,
     progress: Progress = SILENT,
     thorough: bool | None = None,
 ) -> JudgedLayout | None:
@@ -230,14 +234,14 @@ def judge(
     share : duration, as a share of the optimiser's patience
     progress : called with the fraction done; may cancel
     thorough : open and count closed slots, and try several starts if ``piece.spirals`` is None; default is True only
-        if ``share`` is above ``SHORT``
+        if ``share`` is above ``SHORT_SHARE``
     """
-    settings, quick = piece.settings, share <= SHORT
+    settings, quick = piece.settings, share <= SHORT_SHARE
     thorough = not quick if thorough is None else thorough
     params = settings.optimise
     patience = share * (params.patience or 1.0)
     if not thorough:
-        patience *= float(np.clip(len(piece.mesh.quads) / QUADS, LEAST, 1.0))
+        patience *= float(np.clip(len(piece.mesh.quads) / FULL_SEARCH_QUADS, MIN_SHARE, 1.0))
         params = replace(params, open_slots=False)
     params = replace(params, patience=patience, restart=thorough and piece.spirals is None)
     try:
@@ -257,7 +261,7 @@ def judge(
         )
         if not found.after.equilibrium.converged:
             return None
-        return _drawn(
+        return _with_cut_lengths(
             judge_shape(laid, found.after, find_limits(found, remedies=False), share, thorough=thorough), found.after
         )
     except FlexMapsError:
@@ -272,10 +276,12 @@ def judge_optimised(laid: FlatLayout, found: Simulation) -> JudgedLayout:
     laid : the layout
     found : simulation of its optimised spirals
     """
-    return _drawn(judge_shape(laid, found, find_limits(found, remedies=False), WHOLE, thorough=True), found)
+    return _with_cut_lengths(
+        judge_shape(laid, found, find_limits(found, remedies=False), FULL_SHARE, thorough=True), found
+    )
 
 
-def _drawn(known: JudgedLayout, found: Simulation) -> JudgedLayout:
+def _with_cut_lengths(known: JudgedLayout, found: Simulation) -> JudgedLayout:
     """Return a judged layout with the length of cuts and the number of contours filled in from the outlines."""
     curves = [curve for panel in found.design.outlines() for curve in (panel.outer, *panel.holes)]
     return replace(known, cut_length=sum(curve.length for curve in curves), contours=len(curves))

@@ -14,23 +14,23 @@ from ...figures import format_figure
 from ...params import ChooseParams
 from ...progress import Progress
 from ...surface.checking.finding import with_count
-from ...workers import cores
-from .judge import LONG, FlatLayout, JudgedLayout, LayoutProblem, judge
+from ...workers import count_cores
+from .judge import LONG_SHARE, FlatLayout, JudgedLayout, LayoutProblem, judge
 from .predict import PredictionStart, judge_by_prediction
 
-Together = Callable[[Callable[[Any], Any], Sequence[Any], Progress, str], list[Any]]
+ParallelMap = Callable[[Callable[[Any], Any], Sequence[Any], Progress, str], list[Any]]
 
 # Processor seconds: of all predictions (larger: more layouts), of one prediction, and in addition of each of its quads
-BUDGET, ONE, QUAD = 16.0, 0.4, 2.2e-3
-PUNCTUAL = 0.6  # share of the expected time after which the progress bar slows down
+PREDICTION_BUDGET, PREDICTION_SECONDS, SECONDS_PER_QUAD = 16.0, 0.4, 2.2e-3
+ON_TIME_SHARE = 0.6  # share of the expected time after which the progress bar slows down
 # Ratio of the clock time to judge a layout to that of the initial layout; changes the progress bar only
-HARDER = 2.0
-FEWEST, MOST = 6, 32  # smallest and largest number of layouts to judge
+CLOCK_RATIO = 2.0
+MIN_LAYOUTS, MAX_LAYOUTS = 6, 32  # smallest and largest number of layouts to judge
 SEARCH_SCATTER = (
     0.03  # relative difference of distances that counts as none: two searches of one layout differ by at most this
 )
 # Expected ratio of the distance after a long search to that after a short one (0.36 to 0.67); larger: more pessimistic
-EXPECTED = 0.67
+LONG_TO_SHORT_RATIO = 0.67
 
 
 @dataclass(eq=False)
@@ -39,11 +39,11 @@ class LayoutSearch:
 
     piece: LayoutProblem
     params: ChooseParams
-    together: Together  # maps a function over arguments, perhaps in several processes
+    together: ParallelMap  # maps a function over arguments, perhaps in several processes
     start: PredictionStart | None = None  # start of predictions; None if layouts are judged by short searches
     reference: float = np.inf  # distance of the initial layout after a long search
     # ratio of the distance after a long search to the predicted one, or to that after a short search
-    expected: float = EXPECTED
+    expected: float = LONG_TO_SHORT_RATIO
     pace: float = 0.0  # expected or last clock time of a long search, seconds
     first: float = 0.0  # clock time to judge the initial layout, seconds
     # first judgement of every layout, by ``key(layout)``; None if it has no equilibrium
@@ -54,16 +54,16 @@ class LayoutSearch:
     @property
     def one(self) -> float:
         """Processor seconds of one prediction."""
-        return ONE + QUAD * len(self.piece.mesh.quads)
+        return PREDICTION_SECONDS + SECONDS_PER_QUAD * len(self.piece.mesh.quads)
 
     @property
     def left(self) -> int:
         """Number of layouts that may still be judged; negative if more were judged than planned."""
-        return int(np.clip(BUDGET / self.one, FEWEST, MOST)) - len(self.known)
+        return int(np.clip(PREDICTION_BUDGET / self.one, MIN_LAYOUTS, MAX_LAYOUTS)) - len(self.known)
 
     def unknown(self, laid: FlatLayout) -> bool:
         """Return whether a layout has not been judged yet."""
-        return key(laid) not in self.known
+        return layout_key(laid) not in self.known
 
     @property
     def ranking(self) -> list[JudgedLayout]:
@@ -73,13 +73,13 @@ class LayoutSearch:
 
     def distance(self, one: JudgedLayout) -> float:
         """Return the RMS distance after a long search, reached or expected, with strains within the limit."""
-        return one.eased if one.share >= LONG else self.expected * one.rms
+        return one.eased if one.share >= LONG_SHARE else self.expected * one.rms
 
     @property
     def progress_text(self) -> str:
         """Progress text while layouts are judged, with the best layout so far."""
         best = next(iter(self.ranking), None)
-        return "Judging layouts" + ("" if best is None else f", the best: {short(best.laid, best.rms)}")
+        return "Judging layouts" + ("" if best is None else f", the best: {describe_layout(best.laid, best.rms)}")
 
     def key(self, one: JudgedLayout) -> tuple[float, ...]:
         """Return the sort key of a layout: smaller is better, and the first entry is 0 if the goal is met."""
@@ -115,20 +115,20 @@ class LayoutSearch:
         progress : called with the fraction done; may cancel
         more : judge all of them, even beyond the number that may still be judged
         """
-        fresh = list({key(one): one for one in laid if self.unknown(one)}.values())
+        fresh = list({layout_key(one): one for one in laid if self.unknown(one)}.values())
         fresh = fresh if more else fresh[: max(self.left, 0)]
         way = partial(judge, self.piece) if self.start is None else partial(judge_by_prediction, self.piece, self.start)
-        ahead = min(1.0, cores() / max(len(fresh), 1))
-        paced = clocked_progress(progress, HARDER * self.first / ahead, ahead)
+        ahead = min(1.0, count_cores() / max(len(fresh), 1))
+        paced = clocked_progress(progress, CLOCK_RATIO * self.first / ahead, ahead)
         found = self.together(way, fresh, paced, self.progress_text)
-        self.known.update(zip(map(key, fresh), found, strict=True))
+        self.known.update(zip(map(layout_key, fresh), found, strict=True))
 
     def expect(self, searched: Iterable[JudgedLayout]) -> None:
         """Update ``expected`` to the largest ratio of searched to predicted distance among these layouts."""
         shares = [
             one.eased / before.rms
             for one in searched
-            if (before := self.known[key(one.laid)]) is not None and not before.share and before.rms > 0.0
+            if (before := self.known[layout_key(one.laid)]) is not None and not before.share and before.rms > 0.0
         ]
         if shares:
             self.expected = max(shares)
@@ -146,19 +146,19 @@ class LayoutSearch:
         """
         tries = []
         for one in laid:
-            before = self.proved.get(key(one))
+            before = self.proved.get(layout_key(one))
             tries.append((self.piece if before is None else replace(self.piece, spirals=before.spirals), one))
-        found = self.together(_proved, tries, clocked_progress(progress, self.pace), self.progress_text)
+        found = self.together(_judge_long, tries, clocked_progress(progress, self.pace), self.progress_text)
         for one, made in zip(laid, found, strict=True):
-            before = self.proved.get(key(one))
+            before = self.proved.get(layout_key(one))
             if made is not None and (before is None or made.eased < before.eased):
-                self.proved[key(one)] = made
+                self.proved[layout_key(one)] = made
             elif before is None:
-                self.known[key(one)] = None
+                self.known[layout_key(one)] = None
 
 
-def _proved(tried: tuple[LayoutProblem, FlatLayout]) -> JudgedLayout | None:
-    return judge(*tried, LONG)
+def _judge_long(tried: tuple[LayoutProblem, FlatLayout]) -> JudgedLayout | None:
+    return judge(*tried, LONG_SHARE)
 
 
 def clocked_progress(progress: Progress, seconds: float, ahead: float | None = None) -> Progress:
@@ -176,8 +176,8 @@ def clocked_progress(progress: Progress, seconds: float, ahead: float | None = N
 
     def tell(fraction: float, text: str) -> None:
         share = (time.monotonic() - began) / seconds
-        late = max(share - PUNCTUAL, 0.0) / (1.0 - PUNCTUAL)
-        share = min(share, PUNCTUAL) + (1.0 - PUNCTUAL) * late / (1.0 + late)
+        late = max(share - ON_TIME_SHARE, 0.0) / (1.0 - ON_TIME_SHARE)
+        share = min(share, ON_TIME_SHARE) + (1.0 - ON_TIME_SHARE) * late / (1.0 + late)
         if ahead is not None:
             done = (fraction - progress.lo) / whole
             share = min(max(share, done), done + ahead)
@@ -186,12 +186,12 @@ def clocked_progress(progress: Progress, seconds: float, ahead: float | None = N
     return replace(progress, report=tell)
 
 
-def key(laid: FlatLayout) -> bytes:
+def layout_key(laid: FlatLayout) -> bytes:
     """Return the cuts of a layout as bytes, which identify it among the layouts of a surface."""
     return np.packbits(laid.cut).tobytes()
 
 
-def short(laid: FlatLayout, rms: float) -> str:
+def describe_layout(laid: FlatLayout, rms: float) -> str:
     """Describe a layout by its number of panels and its RMS distance (share of the size), for users."""
     panels = with_count(laid.panels, "panel", "panels")
     return f"{panels}, RMS distance {format_figure(100.0 * rms)} %"

@@ -33,7 +33,7 @@ from ...spirals.fabricable import make_fabricable
 from .judge import FlatLayout, JudgedLayout, LayoutProblem, judge_shape, starting_spirals
 
 # Fractions of the first step, tried in turn until the distance decreases; more fractions: slower, hardly better
-SHARES = 1.0, 0.3
+STEP_FRACTIONS = 1.0, 0.3
 # Share of the remaining progress for each Gauss-Newton matrix product (some 100 a step); changes the display only
 PRODUCT_SHARE = 0.02
 # Penalty on a step over the whole range of one coordinate, as a share of the objective; larger: shorter, safer steps
@@ -64,7 +64,7 @@ class PredictionStart:
         design = make_fabricable(
             flat, piece.settings.spiral, *starting_spirals(piece), check_outlines=False, progress=progress
         )
-        return cls((design.width, design.twist), _task(piece).space(design, progress))
+        return cls((design.width, design.twist), _make_task(piece).space(design, progress))
 
     def with_uniform_spirals(self, width: float = 0.5, twist: float = 0.5) -> PredictionStart:
         """Return a start whose spirals have the same relative width and relative twist in all quads.
@@ -100,8 +100,8 @@ def predict(
     """
     try:
         start = start or PredictionStart.from_layout(piece, flat, progress.part(0.0, 0.1))
-        design, point = _rest(piece, flat, start, progress.part(0.1, 0.4))
-        return _predicted(design, point, progress.part(0.4, 1.0), further)
+        design, point = _solve_start(piece, flat, start, progress.part(0.1, 0.4))
+        return _predict_distance(design, point, progress.part(0.4, 1.0), further)
     except FlexMapsError:
         return np.inf
 
@@ -119,22 +119,22 @@ def judge_by_prediction(
     progress : called with the fraction done; may cancel
     """
     try:
-        design, point = _rest(piece, laid.flat, start, progress.part(0.0, 0.4))
-        rms = _predicted(design, point, progress.part(0.4, 1.0))
+        design, point = _solve_start(piece, laid.flat, start, progress.part(0.0, 0.4))
+        rms = _predict_distance(design, point, progress.part(0.4, 1.0))
         if not np.isfinite(rms):
             return None
-        rested = _task(piece).rested(design, point)
+        rested = _make_task(piece).rested(design, point)
         found = judge_shape(laid, rested, find_limits(rested, remedies=False), 0.0, thorough=False)
     except FlexMapsError:
         return None
     return replace(found, rms=rms, largest=found.largest * rms / max(found.rms, rms))
 
 
-def _rest(
+def _solve_start(
     piece: LayoutProblem, flat: FlatPatches, start: PredictionStart, progress: Progress
 ) -> tuple[SpiralDesign, FlatPoint]:
     """Return the starting design of a prediction, and its equilibrium as a function of spirals and flat shapes."""
-    task = _task(piece)
+    task = _make_task(piece)
     design = make_fabricable(flat, piece.settings.spiral, *start.spirals, check_outlines=False, progress=progress)
     problem = task.problem(design, progress, start.space.extended_to(design))
     limits = task.params.distortion_limit, MAX_SEAM_MISMATCH
@@ -147,16 +147,16 @@ def _rest(
     return design, whole.point_at(x, target_pose(piece.mesh, flat.corners), progress).with_updated_weights()
 
 
-def _predicted(design: SpiralDesign, point: FlatPoint, progress: Progress, further: int = 0) -> float:
+def _predict_distance(design: SpiralDesign, point: FlatPoint, progress: Progress, further: int = 0) -> float:
     """Return the predicted RMS distance, a share of the size; infinite if ``point`` is not an equilibrium.
 
     further : steps after the second, each assumed to reduce the distance by the same factor as the second
     """
     if not point.equilibrium.converged:
         return np.inf
-    pose, step = point.equilibrium.pose, _step(point, progress.part(0.0, 0.4))
+    pose, step = point.equilibrium.pose, _gauss_newton_step(point, progress.part(0.0, 0.4))
     before = between = _distance(point, pose)
-    for share in SHARES:
+    for share in STEP_FRACTIONS:
         after = point.problem.point_at(
             point.problem.restore_clearances(point.x + share * step, point), pose, progress.part(0.4, 0.6)
         )
@@ -164,20 +164,20 @@ def _predicted(design: SpiralDesign, point: FlatPoint, progress: Progress, furth
         # the value is infinite if flat shapes violate their limits
         if after.equilibrium.converged and np.isfinite(after.value) and moved < before:
             point, between = after.with_updated_weights(), moved
-            step = _step(point, progress.part(0.6, 1.0))
+            step = _gauss_newton_step(point, progress.part(0.6, 1.0))
             break
-    moved = _moved(point, step)
+    moved = _linearised_distance(point, step)
     shrunk = min(1.0, moved / between) ** further if between > 0.0 else 1.0
     return shrunk * min(before, moved) / design.flat.layout.mesh.diagonal
 
 
-def _moved(point: FlatPoint, step: Float[np.ndarray, " coordinates"]) -> float:
+def _linearised_distance(point: FlatPoint, step: Float[np.ndarray, " coordinates"]) -> float:
     """Return the RMS distance from the target, metres, after a step of the design if hubs move linearly with it."""
     pose = point.equilibrium.pose
     return _distance(point, replace(pose, centres=pose.centres + point.hub_increments(step)[: len(pose.centres), :3]))
 
 
-def _step(point: FlatPoint, progress: Progress) -> Float[np.ndarray, " coordinates"]:
+def _gauss_newton_step(point: FlatPoint, progress: Progress) -> Float[np.ndarray, " coordinates"]:
     """Return the Gauss-Newton step of the design that nearly minimises the linearised mismatch within the bounds."""
     damping, bending = DAMPING * point.value / len(point.x), CurvatureEstimate(len(point.x))
     products = progress.shares(PRODUCT_SHARE)
@@ -200,7 +200,7 @@ def _distance(point: FlatPoint, pose: Pose) -> float:
     return target.unit_length * target.relative_distance(pose)
 
 
-def _task(piece: LayoutProblem) -> Task:
+def _make_task(piece: LayoutProblem) -> Task:
     settings = piece.settings
     params = replace(settings.optimise, strain_share=0.0, open_slots=False)
     count = len(piece.mesh.quads)

@@ -26,17 +26,17 @@ from ...progress import SILENT, Progress
 from ...simulation.simulate import Simulation
 from ...surface.checking.folds import smooth_folds
 from ...surface.mesh import PolygonMesh, QuadMesh
-from .judge import SHORT, Idea, LayoutProblem, judge, lay_flat
-from .moves import IDEAS, weight_by_fixability, with_cuts
+from .judge import SHORT_SHARE, CutPlan, LayoutProblem, flatten_cuts, judge
+from .layout_changes import PLANS_PER_STEP, plans_with_cuts, weight_by_fixability
 from .predict import PredictionStart, predict
 
-BORDER, ROUND = "border", "round"  # ways beside ``LOWEST`` and ``CUT``: supports at the border, and rounded folds
+BORDER, ROUND_FOLDS = "border", "round"  # ways beside ``LOWEST`` and ``CUT``: supports at the border, and rounded folds
 # Largest ratio of new to present distance at which a way is offered; larger: more buttons, and more that bring little
-WORTH = 0.8
-MOST_HELD = 0.5  # largest share of quads to support; larger: too little of the piece is left to bend
+WORTHWHILE_RATIO = 0.8
+MAX_SUPPORT_SHARE = 0.5  # largest share of quads to support; larger: too little of the piece is left to bend
 
 
-def prospects(
+def find_prospects(
     found: Simulation,
     limits: MatchLimits,
     settings: Settings,
@@ -59,34 +59,34 @@ def prospects(
     -------
     RMS distance from the target, percent of the size, that each way reaches; None if the piece is near enough already,
     or has no equilibrium. ``LOWEST`` supports the lowest quads, ``BORDER`` those at the border, ``CUT`` adds cuts where
-    the shape misses the target, ``ROUND`` rounds the folds of the target, and its distance is from the rounded target
+    the shape misses the target, ``ROUND_FOLDS`` rounds the folds of the target, and its distance is from the rounded target
     """
     now = found.match["rms_percent"]
     if not found.equilibrium.converged or now <= wanted_percent(settings.choose):
         return None
-    ways: list[tuple[str, Any]] = [] if supports is not None else list(holding(found.target))
-    ideas = with_cuts(found.design.flat.layout, weight_by_fixability(_mismatch(found), limits.kind))
-    ways += [(CUT, idea) for idea in islice(ideas, IDEAS)]
+    ways: list[tuple[str, Any]] = [] if supports is not None else list(support_options(found.target))
+    ideas = plans_with_cuts(found.design.flat.layout, weight_by_fixability(_mismatch(found), limits.kind))
+    ways += [(CUT, idea) for idea in islice(ideas, PLANS_PER_STEP)]
     design, smooth = found.design, found.target.with_vertices(smooth_folds(PolygonMesh.from_quads(found.target)))
     piece = LayoutProblem(found.target, settings, supports, force, spirals=(design.width, design.twist))
     if not np.array_equal(smooth.vertices, found.target.vertices):
-        ways.append((ROUND, replace(piece, mesh=smooth)))
-    promise = _Promise(piece, design.flat, progress.quiet())
+        ways.append((ROUND_FOLDS, replace(piece, mesh=smooth)))
+    promise = _PredictionFilter(piece, design.flat, progress.quiet())
     reached: dict[str, float] = {}
     for name, what in progress.each(ways, "What would bring it nearer"):
         quiet = progress.quiet()
         if name == CUT:
-            percent = _cut(piece, what, promise, quiet)
-        elif name == ROUND:
-            percent = _cut(what, Idea(found.design.flat.layout.cut, ROUND), promise, quiet)
+            percent = _distance_with_cuts(piece, what, promise, quiet)
+        elif name == ROUND_FOLDS:
+            percent = _distance_with_cuts(what, CutPlan(found.design.flat.layout.cut, ROUND_FOLDS), promise, quiet)
         else:
-            percent = _held(found, piece, what, promise, quiet)
-        if percent <= WORTH * now:
+            percent = _distance_with_supports(found, piece, what, promise, quiet)
+        if percent <= WORTHWHILE_RATIO * now:
             reached[name] = min(percent, reached.get(name, np.inf))
     return dict(sorted(reached.items(), key=lambda one: one[1]))
 
 
-class _Promise:
+class _PredictionFilter:
     """Predicts whether other layouts or supports bring a piece nearer; lets all pass for the rod model."""
 
     def __init__(self, piece: LayoutProblem, flat: FlatPatches, progress: Progress) -> None:
@@ -98,21 +98,25 @@ class _Promise:
 
     def gains(self, piece: LayoutProblem, flat: FlatPatches) -> bool:
         """Return whether the predicted distance is small enough, against the present one, to justify a search."""
-        return self.start is None or predict(piece, flat, self.start, self.progress) <= WORTH * self.now
+        return self.start is None or predict(piece, flat, self.start, self.progress) <= WORTHWHILE_RATIO * self.now
 
 
-def holding(mesh: QuadMesh) -> list[tuple[str, Int[np.ndarray, " _"]]]:
+def support_options(mesh: QuadMesh) -> list[tuple[str, Int[np.ndarray, " _"]]]:
     """Return sets of quads, with names, at which a piece could be supported and still have enough free quads."""
     border = np.unique(np.nonzero(mesh.border[mesh.quad_edges])[0])
     found: dict[bytes, tuple[str, np.ndarray]] = {}
     for name, quads in ((LOWEST, parse_supports(mesh, LOWEST)), (BORDER, border)):
-        if 0 < len(quads) <= MOST_HELD * len(mesh.quads):
+        if 0 < len(quads) <= MAX_SUPPORT_SHARE * len(mesh.quads):
             found.setdefault(np.sort(quads).tobytes(), (name, quads))
     return list(found.values())
 
 
-def _held(
-    found: Simulation, piece: LayoutProblem, supports: Int[np.ndarray, " held"], promise: _Promise, progress: Progress
+def _distance_with_supports(
+    found: Simulation,
+    piece: LayoutProblem,
+    supports: Int[np.ndarray, " held"],
+    promise: _PredictionFilter,
+    progress: Progress,
 ) -> float:
     """Return the RMS distance, percent of the size, after a short search with other supports.
 
@@ -121,7 +125,7 @@ def _held(
     settings = piece.settings
     if not promise.gains(replace(piece, supports=supports), found.design.flat):
         return np.inf
-    patience = SHORT * (settings.optimise.patience or 1.0)
+    patience = SHORT_SHARE * (settings.optimise.patience or 1.0)
     params = replace(settings.optimise, patience=patience, restart=False, open_slots=False)
     try:
         better = optimise(
@@ -140,12 +144,12 @@ def _held(
     return better.after.match["rms_percent"] if better.after.equilibrium.converged else np.inf
 
 
-def _cut(piece: LayoutProblem, idea: Idea, promise: _Promise, progress: Progress) -> float:
+def _distance_with_cuts(piece: LayoutProblem, idea: CutPlan, promise: _PredictionFilter, progress: Progress) -> float:
     """Return the RMS distance, percent of the size, after a short search of another layout.
 
     Infinite if the layout cannot be flattened or has no equilibrium, or if the prediction is not near enough.
     """
-    laid = lay_flat(piece, idea, progress=progress)
+    laid = flatten_cuts(piece, idea, progress=progress)
     if laid is None or not promise.gains(piece, laid.flat):
         return np.inf
     judged = judge(piece, laid, progress=progress)

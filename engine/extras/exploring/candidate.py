@@ -15,18 +15,18 @@ from ...display.drawing import to_svg
 from ...errors import FlexMapsError
 from ...materials import Material
 from ...params import Settings, with_values
-from ...runs import by_hand, job
+from ...runs import job, manual_changes
 from ...runs.outputs import FinalLayout, Surface, UserInput
 from ...runs.result import Result
 from ...surface.mesh import PolygonMesh, QuadMesh
 from ...workers import Workers
 from ..choosing import choose
-from ..choosing.choice import proposal
+from ..choosing.choice import make_proposal
 from ..choosing.judge import FlatLayout, JudgedLayout, LayoutProblem, judge
 from .space import SIZES, Values
 
 DECIMALS = 9  # decimals to which measures are rounded, so that rounding errors of flat pieces become 0
-# duration of a candidate's search, as a share of the optimiser's patience (as ``judge.SHORT``); larger: better, slower
+# duration of a candidate's search, as a share of the optimiser's patience (as ``judge.SHORT_SHARE``); larger: better, slower
 EFFORT = 0.15
 PICTURE_WIDTH = 220.0  # width of a candidate's picture, pixels
 
@@ -92,12 +92,14 @@ def evaluate_candidate(base: ExplorationInput, values: Values) -> Candidate:
         settings = with_values(base.settings, {name: value for name, value in values.items() if name not in SIZES})
         start = base.starts[values.get("quads", 0)]
         mesh = _scale_mesh(start.mesh, values)
-        laid = _lay_out(base, start, mesh, settings, values)
+        laid = _flatten_candidate(base, start, mesh, settings, values)
         piece = LayoutProblem(mesh, settings, base.supports, base.force)
         judged = judge(piece, laid, base.effort, thorough=True)
         if judged is None:
             return Candidate(values, fault="No equilibrium of its panels was found")
-        return Candidate(values, _measure(judged, settings, settings.material.chosen), judged.advice, "", _draw(laid))
+        return Candidate(
+            values, _measure(judged, settings, settings.material.chosen), judged.advice, "", _draw_panels(laid)
+        )
     except FlexMapsError as error:
         return Candidate(values, fault=str(error))
 
@@ -114,7 +116,7 @@ def _scale_mesh(mesh: QuadMesh, values: Values) -> QuadMesh:
     return mesh
 
 
-def _lay_out(
+def _flatten_candidate(
     base: ExplorationInput, start: StartSurface, mesh: QuadMesh, settings: Settings, values: Values
 ) -> FlatLayout:
     """Return the flat patches of a candidate, in the layout of ``start`` unless the layout is varied."""
@@ -123,7 +125,7 @@ def _lay_out(
     if any(name.startswith("layout.") for name in values):
         result = job.run_stages(result, settings, ("trace", "merge", "split"))
     else:
-        result = job.run_stages(by_hand.flatten_by_hand(result, start.cut, settings), settings, ("split",))
+        result = job.run_stages(manual_changes.flatten_by_hand(result, start.cut, settings), settings, ("split",))
     flat = result.need(FinalLayout).flat
     if any(name.startswith("choose.") for name in values):
         piece = LayoutProblem(mesh, settings, base.supports, base.force)
@@ -133,7 +135,7 @@ def _lay_out(
 
 def _measure(judged: JudgedLayout, settings: Settings, material: Material) -> dict[str, float]:
     """Return the measures of a candidate, rounded to four significant digits; infinite values are left out."""
-    made, mesh = proposal(judged, settings, material), judged.laid.flat.layout.mesh
+    made, mesh = make_proposal(judged, settings, material), judged.laid.flat.layout.mesh
     found = {
         "rms_percent": 100.0 * judged.rms,
         "max_percent": 100.0 * judged.largest,
@@ -151,7 +153,7 @@ def _measure(judged: JudgedLayout, settings: Settings, material: Material) -> di
     return {name: float(f"{round(value, DECIMALS):.4g}") for name, value in found.items() if math.isfinite(value)}
 
 
-def _draw(laid: FlatLayout) -> str:
+def _draw_panels(laid: FlatLayout) -> str:
     """Draw the surface in the colours of its panels, as SVG."""
     layout = laid.flat.layout
     sides = layout.cut[layout.mesh.quad_edges]

@@ -22,17 +22,17 @@ from ... import MARK
 from ...arrays import Float
 from ...errors import Cancelled, FlexMapsError
 from ...progress import SILENT, Progress
-from ...workers import WorkerDied, as_done
+from ...workers import WorkerDied, as_completed
 from .candidate import Candidate, ExplorationInput, evaluate_candidate, failed_candidate
-from .space import Space, Values
+from .space import SearchSpace, Values
 
 SOBOL_SHARE = 0.35  # share of candidates spread evenly; larger: wider search, fewer candidates near the best ones
 # largest number of candidates in a batch; larger: more cores are busy, but farther from the optimum
-POPULATION = 12
+MAX_POPULATION = 12
 # weights of the first measure, in turn from batch to batch, so that the whole front improves; the second has the rest
 WEIGHTS = (0.5, 0.8, 0.2)
 MIN_POPULATION = 5  # smallest population that scipy accepts
-STEP = (0.4, 0.9)  # range of the mutation factor, drawn anew for every batch; larger: wider steps
+MUTATION_RANGE = (0.4, 0.9)  # range of the mutation factor, drawn anew for every batch; larger: wider steps
 MAX_MISS = 1e6  # upper limit of a shortfall from the goals, so that missing measures give a finite number
 MAX_IDLE_BATCHES = 3  # the evolution ends after so many successive batches without a new candidate, one for each weight
 
@@ -48,7 +48,7 @@ class Exploration:
     finished : False after a cancel
     """
 
-    space: Space
+    space: SearchSpace
     candidates: tuple[Candidate, ...]
     finished: bool = True
 
@@ -90,11 +90,12 @@ class Exploration:
             return "No candidate could be made. " + (self.candidates[0].fault if self.candidates else "")
         best = self.candidates[self.best]
         missed = [goal for goal in self.space.goals if goal.shortfall(best.measures) > 0.0]
-        what = ", ".join(f"{name} {_format(value)}" for name, value in best.values.items())
+        what = ", ".join(f"{name} {_format_value(value)}" for name, value in best.values.items())
         if not missed:
             return f"The best candidate that holds the goals has {what}."
         gives = " and ".join(
-            f"{goal.measure} has to be {_format(best.measures.get(goal.measure))} instead of {goal}" for goal in missed
+            f"{goal.measure} has to be {_format_value(best.measures.get(goal.measure))} instead of {goal}"
+            for goal in missed
         )
         edges = [
             v.name for v in self.space.variables if not v.choices and best.values[v.name] in (v.at(0.0), v.at(1.0))
@@ -125,11 +126,11 @@ class _RunningExploration:
 
     count : largest number of candidates
     task : function that makes and measures a candidate; found : callback for every new candidate
-    known : candidates by ``key``, those of earlier explorations included
+    known : candidates by ``candidate_key``, those of earlier explorations included
     asked : keys of the requested candidates, in order
     """
 
-    space: Space
+    space: SearchSpace
     count: int
     executor: Executor
     task: Callable[[Values], Candidate]
@@ -147,18 +148,18 @@ class _RunningExploration:
         """Request and try values that were not requested before, at most ``left``; return their number."""
         fresh: dict[tuple[Any, ...], Values] = {}
         for values in wanted:
-            if key(values) not in self.asked and len(fresh) < self.left:
-                fresh.setdefault(key(values), values)
+            if candidate_key(values) not in self.asked and len(fresh) < self.left:
+                fresh.setdefault(candidate_key(values), values)
         begun = len(self.asked)
         self.asked += fresh
         missing = [values for name, values in fresh.items() if name not in self.known]
         part = self.progress.part(begun / self.count, len(self.asked) / self.count)
-        for number, future in as_done(self.executor, self.task, missing, part, "Trying candidates"):
+        for number, future in as_completed(self.executor, self.task, missing, part, "Trying candidates"):
             error = future.exception()
             if isinstance(error, Cancelled):
                 raise error
             one = future.result() if error is None else failed_candidate(missing[number], _as_exception(error))
-            self.known[key(missing[number])] = one
+            self.known[candidate_key(missing[number])] = one
             # do not report a candidate whose process died: with more memory it may succeed in a later exploration
             if not isinstance(error, WorkerDied):
                 self.found(one)
@@ -169,14 +170,14 @@ class _RunningExploration:
         return tuple(self.known[name] for name in self.asked if name in self.known)
 
 
-def key(values: Values) -> tuple[Any, ...]:
+def candidate_key(values: Values) -> tuple[Any, ...]:
     """Return a hashable key that identifies the candidate with these values."""
     return tuple(sorted(values.items()))
 
 
 def explore(
     base: ExplorationInput,
-    space: Space,
+    space: SearchSpace,
     count: int,
     executor: Executor,
     progress: Progress = SILENT,
@@ -207,7 +208,7 @@ def explore(
     if count < 1:
         raise FlexMapsError("At least one candidate has to be tried")
     search = _RunningExploration(
-        space, count, executor, partial(task, base), progress, found, {key(one.values): one for one in known}
+        space, count, executor, partial(task, base), progress, found, {candidate_key(one.values): one for one in known}
     )
     try:
         sweep = space.sweep(count)
@@ -216,7 +217,7 @@ def explore(
             search.ask(sweep)
         else:
             search.ask(_sobol_points(space, max(MIN_POPULATION, round(SOBOL_SHARE * count)), seed))
-            _improve(search, seed)
+            _evolve(search, seed)
             search.ask(_sobol_points(space, 2 * count, seed))  # more points if evolution ended early
     except Cancelled:
         if not search.made():
@@ -225,7 +226,7 @@ def explore(
     return Exploration(space, search.made())
 
 
-def _sobol_points(space: Space, count: int, seed: int) -> Iterator[Values]:
+def _sobol_points(space: SearchSpace, count: int, seed: int) -> Iterator[Values]:
     """Return the values of the variables at the points of a scrambled Sobol sequence (Sobol 1967, Owen 1998)."""
     from scipy.stats import qmc
 
@@ -235,7 +236,7 @@ def _sobol_points(space: Space, count: int, seed: int) -> Iterator[Values]:
     return map(space.values, points)
 
 
-def _improve(search: _RunningExploration, seed: int) -> None:
+def _evolve(search: _RunningExploration, seed: int) -> None:
     """Try generations of differential evolution until no candidates are left, or generations bring nothing new."""
     barren = turn = 0
     while search.left and barren < MAX_IDLE_BATCHES:
@@ -255,7 +256,7 @@ def _next_generation(search: _RunningExploration, weight: float, seed: int) -> l
 
     space, known = search.space, search.made()
     merits = _merits(space, known, weight)
-    order = np.argsort(merits, kind="stable")[:POPULATION]
+    order = np.argsort(merits, kind="stable")[:MAX_POPULATION]
     order = np.resize(order, max(len(order), MIN_POPULATION))
     asked: list[list[np.ndarray]] = []
 
@@ -267,12 +268,12 @@ def _next_generation(search: _RunningExploration, weight: float, seed: int) -> l
     population = np.array([space.place(known[k].values) for k in order])
     differential_evolution(
         lambda place: 0.0, [(0.0, 1.0)] * len(space.variables), init=population, maxiter=1, polish=False,
-        updating="deferred", workers=record, rng=np.random.default_rng(seed), tol=0.0, mutation=STEP,
+        updating="deferred", workers=record, rng=np.random.default_rng(seed), tol=0.0, mutation=MUTATION_RANGE,
     )  # fmt: skip
     return [space.values(place) for place in asked[-1]]
 
 
-def _merits(space: Space, known: Sequence[Candidate], weight: float) -> Float[np.ndarray, " candidates"]:
+def _merits(space: SearchSpace, known: Sequence[Candidate], weight: float) -> Float[np.ndarray, " candidates"]:
     """Return the objective of the evolution: shortfall from the goals first, then weighted ranks in both measures."""
     pairs = np.array([_minimised_pair(space, one) for one in known])
     first, second = (np.searchsorted(np.unique(column), column) / len(column) for column in pairs.T)
@@ -280,7 +281,7 @@ def _merits(space: Space, known: Sequence[Candidate], weight: float) -> Float[np
     return np.where(missed > 0.0, 1.0 + missed, 0.0) + weight * first + (1.0 - weight) * second
 
 
-def _minimised_pair(space: Space, one: Candidate) -> tuple[float, float]:
+def _minimised_pair(space: SearchSpace, one: Candidate) -> tuple[float, float]:
     """Return the two minimised measures of a candidate; infinite if missing."""
     first, second = (one.measures.get(name, np.inf) for name in space.minimised)
     return first, second
@@ -293,5 +294,5 @@ def _as_exception(error: BaseException) -> Exception:
     return error
 
 
-def _format(value: Any) -> str:
+def _format_value(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)

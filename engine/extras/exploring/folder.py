@@ -17,14 +17,14 @@ from ...errors import FlexMapsError
 from ...own_files import Guard
 from .candidate import Candidate, ExplorationInput
 from .explore import Exploration
-from .space import MEASURES, SECTIONS, Space
+from .space import MEASURES, SECTIONS, SearchSpace
 
 JOURNAL_FILE = "tried.jsonl"  # JSON lines: the first identifies piece and variables, then one line per candidate
 TABLE, REPORT, PLOT = "candidates.csv", "explore.json", "front.svg"
 AXIS_MARGIN = 0.08  # free space at both ends of an axis, as a share of the range of its values
 
 
-class Folder:
+class ExplorationFolder:
     """Folder of an exploration; its attribute ``known`` has the candidates that are stored in it.
 
     Parameters
@@ -38,7 +38,7 @@ class Folder:
     FlexMapsError : the folder cannot be used, or holds the exploration of another piece or of other variables
     """
 
-    def __init__(self, path: str | Path, base: ExplorationInput, space: Space, guard: Guard | None = None):
+    def __init__(self, path: str | Path, base: ExplorationInput, space: SearchSpace, guard: Guard | None = None):
         self.path, self.guard = Path(path), guard
         if guard is not None:
             refuse_to_replace(self.path, guard)
@@ -53,10 +53,10 @@ class Folder:
             )
         except (OSError, ValueError) as error:
             raise FlexMapsError(f"{self.path}: {files.describe_error(error)}") from None
-        if lines and _parse(lines[0]) != mark:
+        if lines and _parse_json_line(lines[0]) != mark:
             raise FlexMapsError(f"Another piece or other variables were explored in {self.path}; give another folder")
         for line in lines[1:]:
-            row = _parse(line)
+            row = _parse_json_line(line)
             if isinstance(row, dict) and row.keys() == {"values", "measures", "advice", "fault", "picture"}:
                 self.known.append(Candidate(**row))
         try:
@@ -67,7 +67,7 @@ class Folder:
         if not lines:
             self._append(json.dumps(mark) + "\n")
 
-    def __enter__(self) -> Folder:
+    def __enter__(self) -> ExplorationFolder:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -91,7 +91,7 @@ class Folder:
                     row = {"number": number, "front": int(one in front), **one.row()}
                     table.writerow({name: escape_formula(value) for name, value in row.items()})
             new(self.path / REPORT).write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
-            new(self.path / PLOT).write_text(to_svg(plot(made)), encoding="utf-8")
+            new(self.path / PLOT).write_text(to_svg(plot_candidates(made)), encoding="utf-8")
             for number, one in enumerate(made.candidates):
                 if one.picture:
                     new(self.path / f"candidate-{number:03d}.svg").write_text(one.picture, encoding="utf-8")
@@ -122,7 +122,7 @@ def escape_formula(value: Any) -> Any:
     return f"'{value}" if isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r")) else value
 
 
-def plot(made: Exploration, size: tuple[float, float] = (620, 420)) -> Drawing:
+def plot_candidates(made: Exploration, size: tuple[float, float] = (620, 420)) -> Drawing:
     """Plot all candidates by the two minimised measures; those on the Pareto front are highlighted and numbered.
 
     Parameters
@@ -170,7 +170,7 @@ def _fingerprint(base: ExplorationInput) -> str:
     return told.hexdigest()
 
 
-def _parse(line: str) -> Any:
+def _parse_json_line(line: str) -> Any:
     """Parse a JSON line; return None if it is damaged."""
     try:
         return json.loads(line)

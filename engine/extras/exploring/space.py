@@ -37,8 +37,8 @@ MEASURES = {
     "cut_minutes": "Cutting (min)",
     "join_minutes": "Joining (min)",
 }
-MINIMISED = ("rms_percent", "strain_share")  # default measures to minimise
-GOALS = ("rms_percent<=1", f"strain_share<={OVERSTRAIN_SHARE:.2g}")
+DEFAULT_OBJECTIVES = ("rms_percent", "strain_share")  # default measures to minimise
+DEFAULT_GOALS = ("rms_percent<=1", f"strain_share<={OVERSTRAIN_SHARE:.2g}")
 
 
 @dataclass(frozen=True)
@@ -85,12 +85,12 @@ class Goal:
 
 
 @dataclass(frozen=True)
-class Space:
+class SearchSpace:
     """Variables, goals and the two measures to minimise; raises FlexMapsError if they do not fit together."""
 
     variables: tuple[Variable, ...]
     goals: tuple[Goal, ...]
-    minimised: tuple[str, str] = MINIMISED
+    minimised: tuple[str, str] = DEFAULT_OBJECTIVES
 
     def __post_init__(self) -> None:
         names = [variable.name for variable in self.variables]
@@ -104,7 +104,7 @@ class Space:
             if names.count(name) > 1:
                 raise FlexMapsError(f"{name} is varied twice; name it once")
         for measure in self.minimised:
-            _refuse_unknown(measure)
+            _refuse_unknown_measure(measure)
         if len(set(self.minimised)) != 2:
             raise FlexMapsError("Give two different measures to minimise")
 
@@ -155,22 +155,22 @@ def parse_variable(name: str, given: Any, settings: Settings) -> Variable:
         parts = given.split(":") if ":" in given else given.split(",")
         given = tuple(parts) if ":" in given else parts
     if isinstance(given, tuple) and len(given) == 2:
-        low, high = (_number(name, value) for value in given)
+        low, high = (_parse_finite(name, value) for value in given)
         if not low < high:
             raise FlexMapsError(f"{name} from {low:g} to {high:g}: the first bound must be below the second")
         for value in (low, high):
-            _refuse_wrong(name, f, value, settings)
+            _refuse_invalid_value(name, f, value, settings)
         if name == "quads":
             raise FlexMapsError("Give quads as a list, such as 200,400,800: for each of them new quads are made")
         if whole:
             return Variable(name, choices=tuple(range(math.ceil(low), math.floor(high) + 1)))
         return Variable(name, low, high)
     if f is None or not isinstance(f.default, str | bool):
-        given = [_number(name, value) for value in given]
+        given = [_parse_finite(name, value) for value in given]
         given = [int(value) if whole else value for value in given]
     choices = tuple(dict.fromkeys(given))
     for value in choices:
-        _refuse_wrong(name, f, value, settings)
+        _refuse_invalid_value(name, f, value, settings)
     return Variable(name, choices=choices)
 
 
@@ -179,14 +179,17 @@ def parse_goal(text: str) -> Goal:
     for sign in ("<=", ">="):
         measure, found, limit = text.partition(sign)
         if found:
-            _refuse_unknown(measure.strip())
-            return Goal(measure.strip(), _number(text, limit), sign == "<=")
+            _refuse_unknown_measure(measure.strip())
+            return Goal(measure.strip(), _parse_finite(text, limit), sign == "<=")
     raise FlexMapsError(f"'{text}' is not a goal; give it as rms_percent<=1")
 
 
 def make_space(
-    vary: Mapping[str, Any], settings: Settings, goals: Sequence[str] = GOALS, minimised: Sequence[str] = MINIMISED
-) -> Space:
+    vary: Mapping[str, Any],
+    settings: Settings,
+    goals: Sequence[str] = DEFAULT_GOALS,
+    minimised: Sequence[str] = DEFAULT_OBJECTIVES,
+) -> SearchSpace:
     """Make the search space from variables, goals and measures.
 
     Parameters
@@ -203,7 +206,7 @@ def make_space(
     variables = tuple(parse_variable(name, given, settings) for name, given in vary.items())
     if len(minimised) != 2:
         raise FlexMapsError("Give two measures to minimise, such as rms_percent and join_minutes")
-    return Space(variables, tuple(parse_goal(text) for text in goals), (minimised[0], minimised[1]))
+    return SearchSpace(variables, tuple(parse_goal(text) for text in goals), (minimised[0], minimised[1]))
 
 
 # variable that each switch of ``ExploreParams`` turns on
@@ -217,7 +220,7 @@ SWITCH_VARIABLES = {
 }
 
 
-def space_from_switches(params: ExploreParams, settings: Settings, edge: float) -> Space:
+def space_from_switches(params: ExploreParams, settings: Settings, edge: float) -> SearchSpace:
     """Make the search space from the switches of the sidebar.
 
     Parameters
@@ -241,8 +244,10 @@ def space_from_switches(params: ExploreParams, settings: Settings, edge: float) 
             max(value / params.ratio, factor * f.metadata["low"]),
             min(value * params.ratio, factor * f.metadata["high"]),
         )
-    goals = [f"rms_percent<={params.largest:g}", GOALS[1]] + ([f"sheets<={params.sheets}"] if params.sheets else [])
-    return make_space(vary, settings, goals, MINIMISED)
+    goals = [f"rms_percent<={params.largest:g}", DEFAULT_GOALS[1]] + (
+        [f"sheets<={params.sheets}"] if params.sheets else []
+    )
+    return make_space(vary, settings, goals, DEFAULT_OBJECTIVES)
 
 
 def _fields(settings: Settings) -> dict[str, Field[Any]]:
@@ -250,7 +255,7 @@ def _fields(settings: Settings) -> dict[str, Field[Any]]:
     return {f"{name}.{f.name}": f for name in SECTIONS for f in fields(getattr(settings, name))}
 
 
-def _number(name: str, value: Any) -> float:
+def _parse_finite(name: str, value: Any) -> float:
     """Return a finite number from a value that may be text; errors begin with ``name``."""
     try:
         found = float(value)
@@ -261,7 +266,7 @@ def _number(name: str, value: Any) -> float:
     return found
 
 
-def _refuse_wrong(name: str, f: Field[Any] | None, value: Any, settings: Settings) -> None:
+def _refuse_invalid_value(name: str, f: Field[Any] | None, value: Any, settings: Settings) -> None:
     """Raise FlexMapsError if a variable cannot have a value.
 
     Conflicts with other settings are not found here; they become faults of candidates.
@@ -281,6 +286,6 @@ def _refuse_wrong(name: str, f: Field[Any] | None, value: Any, settings: Setting
             with_values(settings, {name: value})
 
 
-def _refuse_unknown(measure: str) -> None:
+def _refuse_unknown_measure(measure: str) -> None:
     if measure not in MEASURES:
         raise FlexMapsError(f"'{measure}' is not a measure; the measures are {', '.join(MEASURES)}")

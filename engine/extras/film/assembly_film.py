@@ -25,24 +25,24 @@ from ...params import SimulateParams
 from ...patches.joining import steps
 from ...progress import SILENT, Progress
 from ...spirals.design import SpiralDesign
-from .blend import Blend, means
-from .flight import flight, lowest
-from .unfinished_pieces import Stages, UnfinishedPiece, find_stages, lying
+from .flight import flight_path, lowest_height
+from .pose_blend import PoseBlend, part_means
+from .unfinished_pieces import AssemblyStages, UnfinishedPiece, find_stages, flat_panel_pose
 
 # durations of a panel's flight and of its joining, in steps of the film; the next panel flies during joining
-FLIGHT, CLOSING = 0.6, 0.9
+FLIGHT_TIME, CLOSING_TIME = 0.6, 0.9
 # distance from its place at which a panel's flight ends, as a share of the piece's size; larger: more visible joining
-HOVER = 0.15
+HOVER_DISTANCE = 0.15
 # panels whose hubs move less than this keep their stored shape; quad edges or radians. Larger: fewer shapes
 SHAPE_TOLERANCE = 0.05
 # largest deviation from linear motion between stored shapes, quad edges (smaller: smoother), and most shapes per stage
-STRAIGHT, MOST = 0.05, 8
+PATH_TOLERANCE, MAX_SHAPES = 0.05, 8
 # largest gap of joined tips between two stages, quad edges, before it is spread along the arms; smaller: slower
 TIP_GAP = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class PanelTrack:
     """Motion of one panel: its shape and the position of its frame over time; times are in steps of the film.
 
     vertices : indices of its vertices in the film's mesh
@@ -95,7 +95,7 @@ class Bodies:
 
 
 @dataclass(frozen=True, eq=False)
-class Shots:
+class FilmTracks:
     """Tracks of all panels.
 
     tracks : one per panel, in the order of joining
@@ -103,20 +103,20 @@ class Shots:
     stages, stage_times : the unfinished pieces, and the time at which each is reached, in steps
     """
 
-    tracks: tuple[Track, ...]
+    tracks: tuple[PanelTrack, ...]
     length: float
-    stages: Stages
+    stages: AssemblyStages
     stage_times: Float[np.ndarray, " stages"]
 
 
 @dataclass(frozen=True, eq=False)
-class Film(Shots):
+class Film(FilmTracks):
     """Tracks of all panels, and the mesh ``panels`` whose vertices they move."""
 
     panels: PanelMesh
 
 
-def film(
+def make_film(
     design: SpiralDesign,
     pose: Pose,
     table: Float[np.ndarray, "patches 3"],
@@ -142,18 +142,20 @@ def film(
     """
     found = find_stages(design, pose, material, params, progress.part(0.0, 0.5))
     panels = make_panel_mesh(design, detail, tips)
-    shots = shoot(design, pose, table, found, Bodies(panels, Bender.from_design(design)), progress.part(0.5, 1.0))
+    shots = record_tracks(
+        design, pose, table, found, Bodies(panels, Bender.from_design(design)), progress.part(0.5, 1.0)
+    )
     return Film(shots.tracks, shots.length, shots.stages, shots.stage_times, panels)
 
 
-def shoot(
+def record_tracks(
     design: SpiralDesign,
     pose: Pose,
     table: Float[np.ndarray, "patches 3"],
-    found: Stages,
+    found: AssemblyStages,
     actors: Actors,
     progress: Progress = SILENT,
-) -> Shots:
+) -> FilmTracks:
     """Return the tracks of ``actors`` from the table through all stages.
 
     Parameters
@@ -165,13 +167,13 @@ def shoot(
     progress : called with the fraction done; may cancel
     """
     order = steps(design.flat.layout)
-    shot = _Shooting(design, actors, table, float(np.linalg.norm(np.ptp(pose.centres, axis=0))))
+    shot = _TrackRecorder(design, actors, table, float(np.linalg.norm(np.ptp(pose.centres, axis=0))))
     for number, step in enumerate(order):
         own = [stage for stage in found.all if stage.step == number]
         shot.fly(number, step.panel, own[0])
-        shot.join(number + FLIGHT, own, progress.part(number / len(order), (number + 1) / len(order)))
+        shot.join(number + FLIGHT_TIME, own, progress.part(number / len(order), (number + 1) / len(order)))
     tracks = tuple(shot.reels[step.panel].track() for step in order)
-    return Shots(tracks, len(order) - 1 + FLIGHT + CLOSING, found, np.array(shot.stage_times))
+    return FilmTracks(tracks, len(order) - 1 + FLIGHT_TIME + CLOSING_TIME, found, np.array(shot.stage_times))
 
 
 Moment = tuple[float, np.ndarray, np.ndarray]
@@ -179,8 +181,8 @@ Moment = tuple[float, np.ndarray, np.ndarray]
 
 
 @dataclass(eq=False)
-class _Reel:
-    """A ``Track`` under construction."""
+class _TrackBuilder:
+    """A ``PanelTrack`` under construction."""
 
     patch: int
     vertices: np.ndarray
@@ -215,13 +217,13 @@ class _Reel:
         first, last = (self.shapes[k] for k in self.which[after - 1 : after + 1])
         return first if first is last else first + (time - begin) / (end - begin) * (last - first)
 
-    def track(self) -> Track:
+    def track(self) -> PanelTrack:
         """Return the finished track."""
         arrays = (self.shapes, self.shape_times, self.which, self.times, self.turns, self.places)
-        return Track(self.patch, self.vertices, *(np.array(values) for values in arrays))
+        return PanelTrack(self.patch, self.vertices, *(np.array(values) for values in arrays))
 
 
-class _Shooting:
+class _TrackRecorder:
     """State of the film while it is made: the present pose of all hubs, and the last recorded shape of every panel."""
 
     def __init__(self, design: SpiralDesign, actors: Actors, table: np.ndarray, size: float):
@@ -231,7 +233,7 @@ class _Shooting:
         self.edge = mesh.median_edge
         self.pairs, self.lever = mesh.edge_quads[inner], rest_joints(mesh, design.flat.corners)[0]
         flat = np.c_[design.arms.centre, np.zeros(count)]
-        self.middle = means(flat, self.patch)
+        self.middle = part_means(flat, self.patch)
         self.table, self.ground = table + self.middle, float(table[:, 2].min()) - 0.5 * design.params.thickness
         self.pose = Pose(flat - self.middle[self.patch], np.broadcast_to(np.eye(3), (count, 3, 3)).copy())
         # in the beginning all panels are flat: only joints inside a panel are closed, and no arm is bent
@@ -241,7 +243,7 @@ class _Shooting:
         self.wrench = np.zeros((4 * count, 6))
         flat_shape, _ = actors.at_pose(self.pose, self.inside, self.wrench, np.ones(count, bool), TIP_TOLERANCE)
         owner = self.patch[actors.vertex_quad]
-        self.reels = [_Reel(p, np.flatnonzero(owner == p)) for p in range(len(table))]
+        self.reels = [_TrackBuilder(p, np.flatnonzero(owner == p)) for p in range(len(table))]
         self.flat_shapes = [flat_shape[reel.vertices] for reel in self.reels]
         # last recorded pose of every hub in the frame of its panel
         self.seen = Pose(self.pose.centres.copy(), self.pose.rotations.copy())
@@ -254,17 +256,19 @@ class _Shooting:
         """Record the flight of a flat panel from the table to just outside its place in the stage ``first``."""
         hubs = np.flatnonzero(self.patch == panel)
         there = self._with_stage(first)
-        dock = lying(self.design, hubs, there)
+        dock = flat_panel_pose(self.design, hubs, there)
         turn, place = dock.rotations[0], dock.centres.mean(axis=0)
         alone = len(hubs) == len(first.hubs)
         if alone:
             self.lift = 0.0
-        wanted = place + (0.0 if alone else HOVER * self.size) * turn[:, 2]
+        wanted = place + (0.0 if alone else HOVER_DISTANCE * self.size) * turn[:, 2]
         wanted[2] += self.lift
         reel = self.reels[panel]
-        shares, turns, places = flight(self.table[panel], wanted, turn, self.size, self.flat_shapes[panel], self.ground)
+        shares, turns, places = flight_path(
+            self.table[panel], wanted, turn, self.size, self.flat_shapes[panel], self.ground
+        )
         reel.bend(0.0, number, self.flat_shapes[panel])
-        for one in zip(number + FLIGHT * shares, turns, places, strict=True):
+        for one in zip(number + FLIGHT_TIME * shares, turns, places, strict=True):
             reel.move(*one)
         off = places[-1] - place - [0.0, 0.0, self.lift]
         self.pose.centres[hubs], self.pose.rotations[hubs] = dock.centres + off, dock.rotations
@@ -272,11 +276,11 @@ class _Shooting:
         for p in np.unique(self.patch[first.hubs]).tolist():
             if p != panel:  # panels that are already joined stand still during the flight
                 held = self.reels[p]
-                held.move(number + FLIGHT, held.turns[-1], held.places[-1])
+                held.move(number + FLIGHT_TIME, held.turns[-1], held.places[-1])
 
     def join(self, start: float, stages: list[UnfinishedPiece], progress: Progress) -> None:
         """Move through the stages of a step, from the time ``start``, at even intervals."""
-        long = CLOSING / len(stages)
+        long = CLOSING_TIME / len(stages)
         for k, stage in enumerate(stages):
             self._go_to_stage(start + k * long, long, stage, progress.part(k / len(stages), (k + 1) / len(stages)))
             self.stage_times.append(start + (k + 1) * long)
@@ -284,7 +288,7 @@ class _Shooting:
     def _go_to_stage(self, begin: float, long: float, stage: UnfinishedPiece, progress: Progress) -> None:
         """Record the motion from the present pose to a stage, which begins at ``begin`` and takes ``long`` steps."""
         end = self._with_stage(stage)
-        blend = Blend.between(self.pose, end, self.pairs[self.closed], self.lever[self.closed])
+        blend = PoseBlend.between(self.pose, end, self.pairs[self.closed], self.lever[self.closed])
         bending = self._bent_panels(end, stage)
         counts, ways = self._pieces(blend)
         count = int(max(counts[bending].max(initial=1), ways[np.unique(self.patch[stage.hubs])].max()))
@@ -315,7 +319,7 @@ class _Shooting:
         out.centres[stage.hubs], out.rotations[stage.hubs] = stage.pose.centres, stage.pose.rotations
         return out
 
-    def _pieces(self, blend: Blend) -> tuple[np.ndarray, np.ndarray]:
+    def _pieces(self, blend: PoseBlend) -> tuple[np.ndarray, np.ndarray]:
         """Return how many linear pieces approximate every panel's bending, and its motion: (N,) powers of two.
 
         Points move on evenly curved paths: with n pieces, the deviation from straight lines is 1 / n^2 as large.
@@ -325,10 +329,10 @@ class _Shooting:
         np.maximum.at(bending, self.patch, _deviation_from_line(*(self._points(pose) for pose in poses)).max(axis=1))
         places = _deviation_from_line(*(self._frames(pose)[1] for pose in poses))
         shapes, ways = (
-            2 ** np.ceil(0.5 * np.log2(np.maximum(stray / (STRAIGHT * self.edge), 1.0))).astype(int)
+            2 ** np.ceil(0.5 * np.log2(np.maximum(stray / (PATH_TOLERANCE * self.edge), 1.0))).astype(int)
             for stray in (bending, places)
         )
-        return np.minimum(shapes, MOST), np.minimum(ways, 2 * MOST)
+        return np.minimum(shapes, MAX_SHAPES), np.minimum(ways, 2 * MAX_SHAPES)
 
     def _points(self, pose: Pose) -> np.ndarray:
         """Return (F, 2, 3) two points of every hub, about where joints are, in its panel's frame, metres."""
@@ -355,9 +359,9 @@ class _Shooting:
         stands : whether the piece stands on the table at the last moment, unlifted
         """
         for time, turns, places in moments:
-            low = min(float(places[p, 2] + lowest(self.reels[p].shape(time), turns[p])) for p in panels)
+            low = min(float(places[p, 2] + lowest_height(self.reels[p].shape(time), turns[p])) for p in panels)
             # add a small margin, because shapes between the recorded moments are interpolated
-            self.lift = max(0.0, self.ground + STRAIGHT * self.edge - low)
+            self.lift = max(0.0, self.ground + PATH_TOLERANCE * self.edge - low)
             if stands and time == moments[-1][0]:
                 self.lift = 0.0
             for p in panels:
@@ -375,10 +379,10 @@ class _Shooting:
 
         Axes of hubs are fitted as well as centres, so that hubs in a row define an orientation too.
         """
-        places = means(pose.centres, self.patch)
+        places = part_means(pose.centres, self.patch)
         spread = self.seen.centres[:, :, None] * (pose.centres - places[self.patch])[:, None]
         spread += (0.5 * self.edge) ** 2 * self.seen.rotations @ np.swapaxes(pose.rotations, 1, 2)
-        return nearest_rotation(means(spread.reshape(-1, 9), self.patch).reshape(-1, 3, 3)), places
+        return nearest_rotation(part_means(spread.reshape(-1, 9), self.patch).reshape(-1, 3, 3)), places
 
     def _relative_to_panels(self, pose: Pose) -> Pose:
         """Return the pose of every hub in the frame of its panel."""

@@ -10,7 +10,7 @@ from ...mechanics.vectors import rotation_matrix, rotation_vector
 WAYPOINTS = 9  # points of the arc, joined by straight motion; more: smoother
 
 
-def flight(
+def flight_path(
     table: Float[np.ndarray, " 3"], place: Float[np.ndarray, " 3"], turn: Float[np.ndarray, "3 3"],
     size: float, shape: Float[np.ndarray, "vertices 3"], ground: float,
 ) -> tuple[Float[np.ndarray, " times"], Float[np.ndarray, "times 3 3"], Float[np.ndarray, "times 3"]]:  # fmt: skip
@@ -29,10 +29,10 @@ def flight(
     turns = rotation_matrix(ease[:, None] * rotation_vector(turn[None])[0])
     arc = table + ease[:, None] * (place - table)
     arc[:, 2] += 0.35 * size * np.sin(np.pi * ease)
-    arc[:, 2] = np.maximum(arc[:, 2], ground - lowest(shape, turns))
+    arc[:, 2] = np.maximum(arc[:, 2], ground - lowest_height(shape, turns))
     return share, turns, arc
 
 
-def lowest(shape: Float[np.ndarray, "vertices 3"], turns: Float[np.ndarray, "... 3 3"]) -> np.ndarray:
+def lowest_height(shape: Float[np.ndarray, "vertices 3"], turns: Float[np.ndarray, "... 3 3"]) -> np.ndarray:
     """Return the height, metres, of a shape's lowest point above its origin after each rotation; negative if below."""
     return (turns[..., 2, :] @ shape.T).min(axis=-1)

@@ -32,9 +32,9 @@ from ...spirals.design import SpiralDesign
 from ...surface.checking.finding import with_count
 
 # approximate number of stages in which a panel is joined, at least one per seam; larger: smoother film, more time
-PARTS = 3
+BATCHES_PER_STEP = 3
 # factors on the stiffness of joints that open gradually: many decades, because translation is far stiffer than rotation
-WEAKER = 10.0 ** -np.arange(1.0, 13.0)
+STIFFNESS_SHARES = 10.0 ** -np.arange(1.0, 13.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class UnfinishedPiece:
 
 
 @dataclass(frozen=True, eq=False)
-class Stages:
+class AssemblyStages:
     """All stages of a piece.
 
     all : the stages in the order of assembly
@@ -77,7 +77,7 @@ class Stages:
 
 def find_stages(
     design: SpiralDesign, pose: Pose, material: Material, params: SimulateParams, progress: Progress = SILENT
-) -> Stages:
+) -> AssemblyStages:
     """Compute all stages of a piece; the final pose of the hubs is the last stage of every body.
 
     Parameters
@@ -106,10 +106,10 @@ def find_stages(
         made = search.stage(number, k, progress)
         if made is not None:
             found.append(made)
-    return Stages(tuple(reversed(found)), tuple(reversed(search.skipped)))
+    return AssemblyStages(tuple(reversed(found)), tuple(reversed(search.skipped)))
 
 
-def at_once(design: SpiralDesign, pose: Pose) -> Stages:
+def stages_without_equilibria(design: SpiralDesign, pose: Pose) -> AssemblyStages:
     """Return stages without equilibria: every panel arrives in its final shape, and all its seams are closed at once.
 
     Parameters
@@ -117,7 +117,7 @@ def at_once(design: SpiralDesign, pose: Pose) -> Stages:
     design, pose : spirals, and the final pose of their hubs
     """
     layout, found = design.flat.layout, []
-    order, bodies, sides = steps(layout), _bodies(layout), layout.mesh.edge_quads[~layout.mesh.border]
+    order, bodies, sides = steps(layout), _body_of_patches(layout), layout.mesh.edge_quads[~layout.mesh.border]
     for number, step in enumerate(order):
         body = bodies[step.panel]
         patches = [p for p in step.there if bodies[p] == body]
@@ -126,7 +126,7 @@ def at_once(design: SpiralDesign, pose: Pose) -> Stages:
         whole = all(bodies[later.panel] != body for later in order[number + 1 :])
         seam = seam_name(step.joins[-1].seam) if step.joins else ""
         found.append(UnfinishedPiece(number, seam, hubs, closed, 1.0, pose.part(hubs), np.nan, whole, whole))
-    return Stages(tuple(found), ())
+    return AssemblyStages(tuple(found), ())
 
 
 class _Disassembly:
@@ -136,8 +136,8 @@ class _Disassembly:
         self.design, self.layout, self.end, self.model, self.params = design, design.flat.layout, pose, model, params
         self.pairs = assembly_from_design(design).pairs
         self.order = steps(self.layout)
-        self.batches = [batches(self.layout, step) for step in self.order]
-        self.bodies = _bodies(self.layout)
+        self.batches = [joint_batches(self.layout, step) for step in self.order]
+        self.bodies = _body_of_patches(self.layout)
         self.closed = np.ones(len(self.pairs), dtype=bool)
         self.now = Pose(pose.centres.copy(), pose.rotations.copy())
         self.before = self.closed.copy()  # joints closed in the equilibrium ``now``
@@ -165,7 +165,7 @@ class _Disassembly:
         if last and all(self.bodies[later.panel] != body for later in self.order[number + 1 :]):
             made = self._with_energy(replace(here, pose=self.end.part(hubs), whole=True))
         elif not batches_:
-            made = self._with_energy(replace(here, pose=lying(self.design, hubs, self.end)))
+            made = self._with_energy(replace(here, pose=flat_panel_pose(self.design, hubs, self.end)))
         else:
             made = self._relax(here, step.panel, progress)
             if made is None:
@@ -199,7 +199,7 @@ class _Disassembly:
             opened = self.before & ~self.closed & np.isin(self.pairs, here.hubs).all(axis=1)
             joints, pose = np.flatnonzero(here.closed | opened), here.pose
             held = self.model.part(here.hubs, joints)
-            for share in WEAKER:
+            for share in STIFFNESS_SHARES:
                 weaker = held.scale_stiffness(np.where(opened[joints], share, 1.0))
                 pose = solve(weaker, pose, loads, self.params, quiet).pose
             found = solve(self._model(here), pose, loads, self.params, quiet)
@@ -211,7 +211,7 @@ class _Disassembly:
         return replace(here, pose=pose, energy=found.energy)
 
 
-def lying(design: SpiralDesign, hubs: Int[np.ndarray, " hubs"], there: Pose) -> Pose:
+def flat_panel_pose(design: SpiralDesign, hubs: Int[np.ndarray, " hubs"], there: Pose) -> Pose:
     """Return the pose of one panel's hubs if the panel is flat, fitted rigidly to a pose of all hubs.
 
     Parameters
@@ -238,7 +238,7 @@ def _fit_rigidly(pose: Pose, there: Pose, weight: np.ndarray, reach: float) -> P
     return pose.transform(rotation, aim - rotation @ own)
 
 
-def _bodies(layout: PatchLayout) -> np.ndarray:
+def _body_of_patches(layout: PatchLayout) -> np.ndarray:
     """Return (N,) the connected body of every patch: an index that patches joined by seams have in common."""
     body = np.arange(len(layout.patches))
     for edges in layout.seams:
@@ -251,7 +251,7 @@ def _bodies(layout: PatchLayout) -> np.ndarray:
 # --------------------------------------------------------------------------
 
 
-def batches(layout: PatchLayout, step: Step) -> list[tuple[str, Int[np.ndarray, " _"]]]:
+def joint_batches(layout: PatchLayout, step: Step) -> list[tuple[str, Int[np.ndarray, " _"]]]:
     """Return the batches of joints that a step closes one after another: name of the seam, and indices of inner edges.
 
     Seams within the panel come last, because nothing holds the panel before the others; along a seam, joints are closed
@@ -274,6 +274,6 @@ def batches(layout: PatchLayout, step: Step) -> list[tuple[str, Int[np.ndarray, 
             if last & held and not first & held:
                 edges = edges[::-1]
         held.update(mesh.edges[edges].ravel().tolist())
-        count = min(max(round(PARTS * len(edges) / total), 1), len(edges))
+        count = min(max(round(BATCHES_PER_STEP * len(edges) / total), 1), len(edges))
         found += [(seam_name(join.seam), joint[part]) for part in np.array_split(edges, count)]
     return found

@@ -16,15 +16,15 @@ from ...mechanics.assembly import Pose
 from ...mechanics.equilibrium import Equilibrium, solve_stepwise
 from ...simulation.simulate import move_vertices
 from ...threads import one_thread
-from .given import LiveInput
-from .rig import LiveState
+from .live_input import LiveInput
+from .live_state import LiveState
 
 # relative residual at which a live piece counts as at rest; larger: fewer steps, less exact (1e-4 mm on domes)
 TOLERANCE = 1e-5
-SLICE = 0.015  # computing time before ``advance`` returns a shape, seconds; larger: fewer frames per second
+SLICE_SECONDS = 0.015  # computing time before ``advance`` returns a shape, seconds; larger: fewer frames per second
 # A motion beyond JUMP may be a snap; it is a snap if the shape stays farther than AWAY from the earlier shape when the
 # change is undone. Unit: mean distance of neighbouring hubs; larger: fewer snaps are reported
-JUMP, AWAY = 1.0, 0.1
+JUMP_DISTANCE, SNAP_DISTANCE = 1.0, 0.1
 RETURN_STEPS = 60  # largest number of Newton steps for the return to the earlier shape; pieces that return need 5 to 60
 STORED_POSES = 24  # number of stored equilibria for immediate undo and redo; larger: more memory
 
@@ -118,10 +118,10 @@ class LivePiece:
 
     @one_thread
     def advance(self) -> LiveEquilibrium:
-        """Compute steps towards the equilibrium for about ``SLICE`` seconds and return the shape after them."""
+        """Compute steps towards the equilibrium for about ``SLICE_SECONDS`` seconds and return the shape after them."""
         began = time.perf_counter()
         try:
-            while self._work is not None and time.perf_counter() - began < SLICE:
+            while self._work is not None and time.perf_counter() - began < SLICE_SECONDS:
                 if next(self._work, self) is self:
                     self._work = None
         except FlexMapsError as error:
@@ -179,7 +179,7 @@ class LivePiece:
         if before is None:
             return 0.0
         moved = float(np.linalg.norm(now.aligned_pose.centres - before.aligned_pose.centres, axis=1).max())
-        if moved < JUMP * now.rig.unit:
+        if moved < JUMP_DISTANCE * now.rig.unit:
             return 0.0
         undone = RigPose(before.rig, LiveState.from_input(before.rig.given, now.rig, now.pose)[1])
         steps, equilibrium = undone.settling(), None
@@ -194,7 +194,7 @@ class LivePiece:
             return 1e3 * moved
         returned = RigPose(before.rig, equilibrium.pose).aligned_pose
         away = np.linalg.norm(returned.centres - before.aligned_pose.centres, axis=1).max()
-        return 1e3 * moved if away > AWAY * now.rig.unit else 0.0
+        return 1e3 * moved if away > SNAP_DISTANCE * now.rig.unit else 0.0
 
     def _shape(self) -> LiveEquilibrium:
         """Return the present shape for the display."""

@@ -11,8 +11,8 @@ from ...arrays import Bool, Float
 from ...errors import FlexMapsError
 from ...progress import SILENT, Progress
 from ...surface.mesh import QuadMesh
-from .reading import FEWEST, MOST, UNITS, Scan
 from .register import Registration, register
+from .scan_reader import MAX_POINTS, MIN_POINTS, UNITS, Scan
 from .scan_target import TriangleSurface
 
 # largest distance of scan points that belong to the piece, as a share of its size; larger: more of other objects counts
@@ -20,14 +20,14 @@ MAX_DISTANCE = 0.1
 # smallest cosine between a quad's normal and the direction to a point over it (32 degrees); at larger angles the point
 # lies beyond a border
 MIN_COSINE = 0.85
-MEDIAN = 15  # number of points whose median is a spiral's distance; larger: less scatter, less local
+MEDIAN_POINTS = 15  # number of points whose median is a spiral's distance; larger: less scatter, less local
 # smallest number of points over a spiral, as a share of the usual number; fewer are outliers in a gap of the scan
-SPARSE = 0.15
-LEAST = 3  # smallest number of points over a spiral; fewer may all be outliers
-COVERED = 0.3  # smallest share of the spirals that a scan must cover; larger: more partial scans are rejected
+MIN_DENSITY = 0.15
+MIN_SPIRAL_POINTS = 3  # smallest number of points over a spiral; fewer may all be outliers
+MIN_COVERAGE = 0.3  # smallest share of the spirals that a scan must cover; larger: more partial scans are rejected
 # largest RMS distance from the piece, as a share of its size; larger: scans of other objects pass (7 had over 0.031)
 MAX_RMS = 0.025
-CLUTTER = 0.5  # points with a smaller weight count as a table or wall; larger: more points of the piece are lost
+MIN_WEIGHT = 0.5  # points with a smaller weight count as a table or wall; larger: more points of the piece are lost
 MAX_SIZE_RATIO = 10.0  # largest ratio of the sizes of scan and piece, either way, if the unit must be guessed
 
 
@@ -98,7 +98,7 @@ class Comparison:
         }
 
 
-def compare(mesh: QuadMesh, scan: Scan, simulated: bool = False, progress: Progress = SILENT) -> Comparison:
+def compare_scan(mesh: QuadMesh, scan: Scan, simulated: bool = False, progress: Progress = SILENT) -> Comparison:
     """Register a scan to the predicted shape without markers, and measure distances.
 
     Parameters
@@ -113,15 +113,17 @@ def compare(mesh: QuadMesh, scan: Scan, simulated: bool = False, progress: Progr
     FlexMapsError : too few or invalid points, no suitable unit, or another object
     """
     points = scan.points
-    if len(points) < FEWEST:
-        raise FlexMapsError(f"The scan has {len(points)} points; at least {FEWEST} are needed: export the scan itself")
+    if len(points) < MIN_POINTS:
+        raise FlexMapsError(
+            f"The scan has {len(points)} points; at least {MIN_POINTS} are needed: export the scan itself"
+        )
     if not np.isfinite(points).all():
         bad = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
         raise FlexMapsError(f"Point {bad + 1} of the scan is not a finite number; export the scan again")
     used = mesh.vertices[np.unique(mesh.quads)]
     middle, size = (used.min(axis=0) + used.max(axis=0)) / 2, float(np.linalg.norm(np.ptp(used, axis=0)))
-    kept = points[np.random.default_rng(0).permutation(len(points))[:MOST]].astype(float)
-    scale, remarks = _scale(kept, size, scan.unit)
+    kept = points[np.random.default_rng(0).permutation(len(points))[:MAX_POINTS]].astype(float)
+    scale, remarks = _find_unit(kept, size, scan.unit)
     # centre the scan first: surveyors' coordinates may be kilometres, and digits would be lost
     centre = np.median(kept, axis=0)
     surface = TriangleSurface.from_mesh(mesh, middle, size)
@@ -132,7 +134,7 @@ def compare(mesh: QuadMesh, scan: Scan, simulated: bool = False, progress: Progr
     if not simulated:
         remarks += ("Nothing was simulated: the scan is compared with the target.",)
     seen = float(np.isfinite(distances).mean())
-    if seen < COVERED:
+    if seen < MIN_COVERAGE:
         raise FlexMapsError(
             f"The scan covers only {100 * seen:.0f} % of the piece's spirals; is it another object, or in another unit?"
         )
@@ -157,7 +159,7 @@ def compare(mesh: QuadMesh, scan: Scan, simulated: bool = False, progress: Progr
     )
 
 
-def _scale(points: np.ndarray, size: float, unit: str) -> tuple[float, tuple[str, ...]]:
+def _find_unit(points: np.ndarray, size: float, unit: str) -> tuple[float, tuple[str, ...]]:
     """Return the metres per unit of the scan, and a remark if the unit was guessed.
 
     size : size of the piece, metres; unit : key of ``UNITS``, or "" to guess metres or millimetres
@@ -193,16 +195,16 @@ def _distances(
     height = np.einsum("ij,ij->i", away, surface.normals[triangle])
     far = np.linalg.norm(away, axis=1)
     over = (far <= found.reach) | (np.abs(height) >= MIN_COSINE * far)
-    shown = (far < MAX_DISTANCE) & over & (found.weights >= CLUTTER)
+    shown = (far < MAX_DISTANCE) & over & (found.weights >= MIN_WEIGHT)
     centres = surface.vertices[surface.triangles].reshape(-1, 6, 3).mean(axis=1)
-    if np.count_nonzero(shown) < LEAST:
+    if np.count_nonzero(shown) < MIN_SPIRAL_POINTS:
         return np.full(len(centres), np.nan), shown
     tree, size = cKDTree(foot[shown]), float(np.linalg.norm(np.ptp(mesh.vertices[np.unique(mesh.quads)], axis=0)))
     half = 0.5 * np.sqrt(mesh.areas) / size
     count = tree.query_ball_point(centres, half, return_length=True)
-    usual = np.median(count[count >= LEAST]) if (count >= LEAST).any() else 0.0
-    told = count >= max(LEAST, SPARSE * usual)
-    distance, near = tree.query(centres, min(MEDIAN, np.count_nonzero(shown)))
+    usual = np.median(count[count >= MIN_SPIRAL_POINTS]) if (count >= MIN_SPIRAL_POINTS).any() else 0.0
+    told = count >= max(MIN_SPIRAL_POINTS, MIN_DENSITY * usual)
+    distance, near = tree.query(centres, min(MEDIAN_POINTS, np.count_nonzero(shown)))
     heights = np.append(height[shown], np.nan)[np.where(distance < half[:, None], near, -1)]
     middle = np.full(len(centres), np.nan)
     middle[told] = np.nanmedian(heights[told], axis=1)

@@ -17,7 +17,7 @@ import numpy as np
 from ...arrays import Float, Int
 from .scan_target import Distances
 
-AT_ONCE = 256  # number of poses that are fitted in one array; larger: arrays exceed the processor's cache
+BATCH_SIZE = 256  # number of poses that are fitted in one array; larger: arrays exceed the processor's cache
 # damping, as a share of the normal matrix' mean diagonal; larger: shorter steps where the surface can slide in itself
 DAMPING = 1e-3
 MAX_STEP = 0.3  # longest Gauss-Newton step, radians and shares of the size; limits poses that nothing constrains
@@ -83,7 +83,7 @@ class ScanFit:
 
     def cost(self, poses: Poses, reach: float) -> Float[np.ndarray, " poses"]:
         """Return the mean Geman-McClure cost of each pose: 0 with all points on the surface, 1 with all far away."""
-        return np.concatenate([self._cost(poses[k : k + AT_ONCE], reach) for k in range(0, len(poses), AT_ONCE)])
+        return np.concatenate([self._cost(poses[k : k + BATCH_SIZE], reach) for k in range(0, len(poses), BATCH_SIZE)])
 
     def fit(self, poses: Poses, reach: float, rounds: int, damped: float = DAMPING) -> Poses:
         """Return the poses after at most ``rounds`` Gauss-Newton iterations.
@@ -95,7 +95,7 @@ class ScanFit:
         rounds : number of iterations
         damped : damping, see ``DAMPING``
         """
-        parts = [poses[k : k + AT_ONCE] for k in range(0, len(poses), AT_ONCE)]
+        parts = [poses[k : k + BATCH_SIZE] for k in range(0, len(poses), BATCH_SIZE)]
         return Poses.concatenate([self._fitted(part, reach, rounds, damped) for part in parts])
 
     def spread(self, poses: Poses, reach: float, steps: Sequence[float], ways: int = 2) -> Poses:
@@ -148,7 +148,9 @@ class ScanFit:
         return poses
 
 
-def distinct(poses: Poses, cost: np.ndarray, probes: Float[np.ndarray, "probes 3"], most: int, apart: float) -> Poses:
+def select_distinct(
+    poses: Poses, cost: np.ndarray, probes: Float[np.ndarray, "probes 3"], most: int, apart: float
+) -> Poses:
     """Return the best poses that differ from each other.
 
     Parameters

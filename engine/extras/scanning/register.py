@@ -15,34 +15,39 @@ import numpy as np
 
 from ...arrays import Float
 from ...progress import SILENT, Progress
-from .poses import Poses, ScanFit, distinct
+from .poses import Poses, ScanFit, select_distinct
 from .scan_target import ClosestPoints, TriangleSurface
 
 # Initial rotations: angle in degrees and number of axes for each; more: safer, slower
 TILTS = (0.0, 1), (12.0, 6), (25.0, 14)
 # Largest rotation, degrees, unless the orientation is arbitrary; larger: symmetric pieces fit in wrong orientations
-WIDEST = 45.0
-ANYWHERE = 600  # number of initial rotations if the orientation is arbitrary (15 degrees apart); more: safer, slower
+MAX_ROTATION = 45.0
+ROTATIONS = 600  # number of initial rotations if the orientation is arbitrary (15 degrees apart); more: safer, slower
 # Initial offsets of the scan's centre from the surface's along each axis, as shares of its extent; more: safer, slower
 OFFSETS = (-0.25, -0.125, 0.0, 0.125, 0.25)
 FEW_OFFSETS = (-0.2, 0.0, 0.2)  # initial offsets if the orientation is arbitrary
-FIRST = (0.04, 0.02)  # reaches for the fits of the initial poses; larger: coils may be fitted between their own turns
-SIEVED = 120  # number of initial poses that are kept; more: safer, slower
+FIRST_REACHES = (
+    0.04,
+    0.02,
+)  # reaches for the fits of the initial poses; larger: coils may be fitted between their own turns
+KEPT_POSES = 120  # number of initial poses that are kept; more: safer, slower
 # Reach of each round, and its steps along weakly constrained directions; longer steps: scans of a part of the piece are
 # found too (0.3 for three fifths of it)
-LOOKS = ((0.03, (0.04, 0.08, 0.16, 0.3)), (0.015, (0.02, 0.04, 0.08, 0.16)), (0.007, (0.02, 0.04, 0.08, 0.16)))
+SEARCH_ROUNDS = ((0.03, (0.04, 0.08, 0.16, 0.3)), (0.015, (0.02, 0.04, 0.08, 0.16)), (0.007, (0.02, 0.04, 0.08, 0.16)))
 # steps along weakly constrained directions in the rounds at the final reach
-LAST_LOOKS = ((0.03, 0.06, 0.12), (0.005, 0.01, 0.02), (0.0015, 0.003, 0.006))
-POINTS = (120, 400, 1500, 3000)  # numbers of points used with many, few and very few poses, and in the end
-NOISES = 3.0  # final reach in standard deviations of the scan's noise; larger: outliers count more
-SHARPEST, BLUNTEST = 0.0005, 0.03  # limits of the final reach
+FINAL_STEPS = ((0.03, 0.06, 0.12), (0.005, 0.01, 0.02), (0.0015, 0.003, 0.006))
+POINT_COUNTS = (120, 400, 1500, 3000)  # numbers of points used with many, few and very few poses, and in the end
+REACH_DEVIATIONS = 3.0  # final reach in standard deviations of the scan's noise; larger: outliers count more
+MIN_REACH, MAX_REACH = 0.0005, 0.03  # limits of the final reach
 BACKGROUND = 0.05  # distance beyond which points may belong to a table or wall; larger: less of these is found
 # A plane counts as a table or wall if it has at least these shares of the background points and of all points; larger:
 # fewer planes are found
-FLAT, WORTH = 0.2, 0.005
+MIN_BACKGROUND_SHARE, MIN_POINT_SHARE = 0.2, 0.005
 PLANE_TOLERANCE = 0.01  # largest distance of a plane's points from it; larger: parts of a curved piece count as planes
-PLANES = 3  # largest number of planes: a table and two walls
-TRIES = 300  # number of random planes through three points that are tried; more: small planes are found more surely
+MAX_PLANES = 3  # largest number of planes: a table and two walls
+PLANE_TRIES = (
+    300  # number of random planes through three points that are tried; more: small planes are found more surely
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,35 +79,37 @@ def register(
     """
     table = ClosestPoints(surface)
     points = scan[np.random.default_rng(0).permutation(len(scan))]
-    rough = [ScanFit(table, points[:count].astype(np.float32), np.ones(min(count, len(points)))) for count in POINTS]
-    poses = _best_guesses(rough[0], _guesses(surface, points, anywhere), anywhere, progress.part(0.0, 0.5))
-    for k, (reach, steps) in enumerate(LOOKS):
+    rough = [
+        ScanFit(table, points[:count].astype(np.float32), np.ones(min(count, len(points)))) for count in POINT_COUNTS
+    ]
+    poses = _fit_initial_poses(rough[0], _initial_poses(surface, points, anywhere), anywhere, progress.part(0.0, 0.5))
+    for k, (reach, steps) in enumerate(SEARCH_ROUNDS):
         progress(0.5 + 0.1 * k, "Scan: looking along the surface")
         poses = _search_nearby(rough[1], poses, reach, steps, reach / 2, 30, 0.02)
-        poses = poses if anywhere else _upright(poses)
-    poses = distinct(poses, rough[3].cost(poses, 0.005), points[:4], 8, 0.01)
+        poses = poses if anywhere else _limit_rotation(poses)
+    poses = select_distinct(poses, rough[3].cost(poses, 0.005), points[:4], 8, 0.01)
     progress(0.8, "Scan: measuring its noise")
-    exact = ScanFit(surface, points[: POINTS[2]], rough[2].weights)
+    exact = ScanFit(surface, points[: POINT_COUNTS[2]], rough[2].weights)
     poses = exact.fit(poses, 0.005, 6)
-    exact = ScanFit(surface, points[: POINTS[3]], rough[3].weights)
+    exact = ScanFit(surface, points[: POINT_COUNTS[3]], rough[3].weights)
     poses = poses[np.argsort(exact.cost(poses, 0.005))[:4]]
-    reach = _noise(exact, poses[:1])
-    weights = _weights(surface, points, poses[:1], reach)
+    reach = _final_reach(exact, poses[:1])
+    weights = _point_weights(surface, points, poses[:1], reach)
     poses = _final_pose(surface, table, points, weights, poses, reach, progress.part(0.85, 1.0))
     back = np.empty(len(points))
     back[np.random.default_rng(0).permutation(len(scan))] = weights
     return Registration(poses.turns[0], poses.shifts[0], back, reach)
 
 
-def _guesses(surface: TriangleSurface, points: np.ndarray, anywhere: bool) -> Poses:
+def _initial_poses(surface: TriangleSurface, points: np.ndarray, anywhere: bool) -> Poses:
     """Return the initial poses: all initial rotations combined with all initial offsets."""
     from scipy.spatial.transform import Rotation
 
     if anywhere:
-        turns = Rotation.random(ANYWHERE, rng=0).as_matrix()
+        turns = Rotation.random(ROTATIONS, rng=0).as_matrix()
     else:
         turns = Rotation.from_rotvec(
-            np.concatenate([np.radians(tilt) * _ball(count) for tilt, count in TILTS])
+            np.concatenate([np.radians(tilt) * _sphere_directions(count) for tilt, count in TILTS])
         ).as_matrix()
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
     offsets = (
@@ -113,14 +120,14 @@ def _guesses(surface: TriangleSurface, points: np.ndarray, anywhere: bool) -> Po
     return Poses(turns, np.tile(offsets, (len(turns) // len(offsets), 1)) - turns @ np.median(points, axis=0))
 
 
-def _upright(poses: Poses) -> Poses:
-    """Return the poses rotated by at most ``WIDEST`` degrees, or all if there are none."""
+def _limit_rotation(poses: Poses) -> Poses:
+    """Return the poses rotated by at most ``MAX_ROTATION`` degrees, or all if there are none."""
     cosine = (np.trace(poses.turns, axis1=1, axis2=2) - 1) / 2
-    near = np.flatnonzero(cosine >= np.cos(np.radians(WIDEST)))
+    near = np.flatnonzero(cosine >= np.cos(np.radians(MAX_ROTATION)))
     return poses[near] if len(near) else poses
 
 
-def _ball(count: int) -> np.ndarray:
+def _sphere_directions(count: int) -> np.ndarray:
     """Return (count, 3) unit vectors distributed over the sphere by the golden angle."""
     k = np.arange(count) + 0.5
     height, angle = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
@@ -128,17 +135,17 @@ def _ball(count: int) -> np.ndarray:
     return np.column_stack([across * np.cos(angle), across * np.sin(angle), height])
 
 
-def _best_guesses(fit: ScanFit, poses: Poses, anywhere: bool, progress: Progress) -> Poses:
+def _fit_initial_poses(fit: ScanFit, poses: Poses, anywhere: bool, progress: Progress) -> Poses:
     """Fit the initial poses and return the best; they are fitted in parts so that the search can be cancelled."""
     parts = []
     for k in range(0, len(poses), 1024):
         progress(k / len(poses), "Scan: looking for its pose")
         part = poses[k : k + 1024]
-        for reach in FIRST:
+        for reach in FIRST_REACHES:
             part = fit.fit(part, reach, 4)
         parts.append(part)
-    poses = Poses.concatenate(parts) if anywhere else _upright(Poses.concatenate(parts))
-    return distinct(poses, fit.cost(poses, 0.01), fit.points[:4], SIEVED, 0.02)
+    poses = Poses.concatenate(parts) if anywhere else _limit_rotation(Poses.concatenate(parts))
+    return select_distinct(poses, fit.cost(poses, 0.01), fit.points[:4], KEPT_POSES, 0.02)
 
 
 def _search_nearby(
@@ -154,16 +161,16 @@ def _search_nearby(
     most, apart : as in ``distinct``
     """
     poses = fit.fit(fit.spread(poses, reach, steps), reach, 3)
-    return distinct(poses, fit.cost(poses, judged), fit.points[:4], most, apart)
+    return select_distinct(poses, fit.cost(poses, judged), fit.points[:4], most, apart)
 
 
-def _noise(fit: ScanFit, pose: Poses) -> float:
-    """Return the final reach: ``NOISES`` standard deviations of the scan's noise, by the median of distances."""
+def _final_reach(fit: ScanFit, pose: Poses) -> float:
+    """Return the final reach: ``REACH_DEVIATIONS`` standard deviations of the scan's noise, by the median of distances."""
     off = np.abs(fit.distances(pose.apply(fit.points))[1][0])
-    deviation = _deviation(off, BLUNTEST)
+    deviation = _deviation(off, MAX_REACH)
     for _ in range(5):
-        deviation = _deviation(off, NOISES * deviation)
-    return float(np.clip(NOISES * deviation, SHARPEST, BLUNTEST))
+        deviation = _deviation(off, REACH_DEVIATIONS * deviation)
+    return float(np.clip(REACH_DEVIATIONS * deviation, MIN_REACH, MAX_REACH))
 
 
 def _deviation(off: np.ndarray, within: float) -> float:
@@ -172,7 +179,7 @@ def _deviation(off: np.ndarray, within: float) -> float:
     return 1.4826 * float(np.median(near)) if len(near) else within
 
 
-def _weights(surface: TriangleSurface, points: np.ndarray, pose: Poses, reach: float) -> np.ndarray:
+def _point_weights(surface: TriangleSurface, points: np.ndarray, pose: Poses, reach: float) -> np.ndarray:
     """Return the weights of the points: 1, or for points of a table or wall, the share of its points on the piece.
 
     With full weights, points of a table that meet the surface by chance would pull the piece along a weakly constrained
@@ -182,12 +189,12 @@ def _weights(surface: TriangleSurface, points: np.ndarray, pose: Poses, reach: f
     laid = pose.apply(points)[0]
     off, weights, rest = surface(laid)[1], np.ones(len(points)), np.ones(len(points), dtype=bool)
     near = min(reach, PLANE_TOLERANCE)
-    for _ in range(PLANES):
+    for _ in range(MAX_PLANES):
         beside = laid[(off > BACKGROUND) & rest]
-        least = max(FLAT * len(beside), WORTH * len(points), 3)
+        least = max(MIN_BACKGROUND_SHARE * len(beside), MIN_POINT_SHARE * len(points), 3)
         if len(beside) < least:
             break
-        normal, origin = _plane(beside, near)
+        normal, origin = _find_plane(beside, near)
         if np.count_nonzero(np.abs((beside - origin) @ normal) < near) < least:
             break
         on = (np.abs((laid - origin) @ normal) < near) & rest
@@ -196,18 +203,18 @@ def _weights(surface: TriangleSurface, points: np.ndarray, pose: Poses, reach: f
     return weights
 
 
-def _plane(points: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
+def _find_plane(points: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
     """Return unit normal and a point of the plane that has the most points within the distance ``near``.
 
     The plane is found by RANSAC (Fischler and Bolles 1981) and fitted to its points.
     """
-    three = points[np.random.default_rng(0).integers(0, len(points), (TRIES, 3))]
+    three = points[np.random.default_rng(0).integers(0, len(points), (PLANE_TRIES, 3))]
     normals = np.cross(three[:, 1] - three[:, 0], three[:, 2] - three[:, 0])
     long = np.linalg.norm(normals, axis=1)
     three, normals = three[long > 1e-9], normals[long > 1e-9] / long[long > 1e-9, None]
     if not len(three):
         return np.array([0.0, 0.0, 1.0]), points[0]
-    off = np.abs(points[: POINTS[2]] @ normals.T - np.einsum("ij,ij->i", normals, three[:, 0]))
+    off = np.abs(points[: POINT_COUNTS[2]] @ normals.T - np.einsum("ij,ij->i", normals, three[:, 0]))
     best = int(np.argmax(np.count_nonzero(off < near, axis=0)))
     normal, origin = normals[best], three[best, 0]
     for _ in range(3):
@@ -238,11 +245,11 @@ def _final_pose(
     reach : scale of the robust weights, which matches the noise
     progress : called with the fraction done; may cancel
     """
-    some, most = POINTS[2:]
+    some, most = POINT_COUNTS[2:]
     quick = ScanFit(table, points[:some].astype(np.float32), weights[:some])
     exact = ScanFit(surface, points[:most], weights[:most])
-    for k, steps in enumerate(LAST_LOOKS):
-        progress(k / len(LAST_LOOKS), "Scan: fitting all points")
+    for k, steps in enumerate(FINAL_STEPS):
+        progress(k / len(FINAL_STEPS), "Scan: fitting all points")
         if k < 2:
             poses = _search_nearby(quick, poses, reach, steps, reach, 6, 0.003)
         else:

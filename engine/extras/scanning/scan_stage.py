@@ -16,12 +16,12 @@ from ...display.run_plots import MapValues
 from ...errors import FlexMapsError
 from ...params import Settings
 from ...progress import Progress
-from ...runs.outputs import StageOutput, made_by
+from ...runs.outputs import StageOutput, provenance
 from ...runs.result import Result
 from ...simulation import simulate
 from . import compare
 from .compare import Comparison
-from .reading import Scan
+from .scan_reader import Scan
 
 PLOTS = ("scan",)
 
@@ -59,8 +59,10 @@ def run(result: Result, settings: Settings, progress: Progress) -> Result:
         shape = result.simulation.vertices
     elif rest is not None and result.design is not None:
         shape = simulate.move_vertices(result.design, rest, mesh)
-    found = compare.compare(mesh if shape is None else mesh.with_vertices(shape), scanned, shape is not None, progress)
-    made = made_by("compare", settings, result.inputs("mesh", "simulation"))
+    found = compare.compare_scan(
+        mesh if shape is None else mesh.with_vertices(shape), scanned, shape is not None, progress
+    )
+    made = provenance("compare", settings, result.inputs("mesh", "simulation"))
     return result.with_outputs(ScanComparison(found, **made))
 
 

@@ -15,11 +15,11 @@ from ...arrays import Bool, Float, Int
 from ...errors import FlexMapsError
 from ...mechanics.assembly import Pose
 from ...mechanics.loads import GRAVITY
-from .cases import Case, Combination, Load, LoadPlan
+from .cases import Load, LoadCase, LoadCombination, LoadPlan
 
-Where = Callable[[str], np.ndarray]
-HIDDEN = 1e-3  # smallest distance, in quad edges, at which one quad hides another; absorbs rounding
-RAYS = 2_000_000  # pairs of quad and triangle tested at once; larger: more memory (100 MB)
+QuadFinder = Callable[[str], np.ndarray]
+HIDING_DISTANCE = 1e-3  # smallest distance, in quad edges, at which one quad hides another; absorbs rounding
+MAX_RAYS = 2_000_000  # pairs of quad and triangle tested at once; larger: more memory (100 MB)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ class Action:
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class UnloadedState:
     """The equilibrium without loads, to which loads are applied.
 
     pose : pose of the hubs
@@ -82,7 +82,7 @@ class Ground:
     sides: Int[np.ndarray, "joints 2"]
     mass: Float[np.ndarray, " spirals"]
     held: Bool[np.ndarray, " spirals"]
-    where: Where
+    where: QuadFinder
 
     @property
     def size(self) -> int:
@@ -96,19 +96,19 @@ class Ground:
         return 0.5 * np.abs((x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1))
 
 
-def actions(plan: LoadPlan, ground: Ground) -> dict[str, Action]:
+def actions_by_name(plan: LoadPlan, ground: UnloadedState) -> dict[str, Action]:
     """Return the action of every load case and combination by name."""
-    found = {case.name: _of_case(case, ground, lasting=False) for case in plan.cases}
-    return found | {one.name: _combine(one, found, ground.size) for one in plan.combinations}
+    found = {case.name: _case_action(case, ground, lasting=False) for case in plan.cases}
+    return found | {one.name: _combination_action(one, found, ground.size) for one in plan.combinations}
 
 
-def lasting(plan: LoadPlan, ground: Ground) -> Action:
+def lasting_action(plan: LoadPlan, ground: UnloadedState) -> Action:
     """Return the sum of all loads, over all cases, that act for years."""
-    parts = [_of_case(case, ground, lasting=True) for case in plan.cases]
+    parts = [_case_action(case, ground, lasting=True) for case in plan.cases]
     return sum(parts[1:], parts[0])
 
 
-def _combine(one: Combination, found: dict[str, Action], size: int) -> Action:
+def _combination_action(one: LoadCombination, found: dict[str, Action], size: int) -> Action:
     """Return the action of a combination; ``found`` has the actions of all cases."""
     total = Action.none(size)
     for factor, name in one.parts:
@@ -116,19 +116,19 @@ def _combine(one: Combination, found: dict[str, Action], size: int) -> Action:
     return total
 
 
-def _of_case(case: Case, ground: Ground, *, lasting: bool) -> Action:
-    """Return the action of a case; with ``lasting``, of its lasting loads only."""
+def _case_action(case: LoadCase, ground: UnloadedState, *, lasting: bool) -> Action:
+    """Return the action of a case; with ``lasting_action``, of its lasting loads only."""
     total = Action.none(ground.size)
     for load in case.loads:
         if load.lasting or not lasting:
             try:
-                total += _of_load(load, ground).times(load.factor)
+                total += _load_action(load, ground).times(load.factor)
             except FlexMapsError as error:
                 raise FlexMapsError(f"Load case '{case.name}': {error}", faces=error.faces) from None
     return total
 
 
-def _of_load(load: Load, ground: Ground) -> Action:
+def _load_action(load: Load, ground: UnloadedState) -> Action:
     """Return the action of a load, not multiplied by its factor."""
     acts = Action.none(ground.size)
     quads = ground.where(load.where) if load.where else np.arange(ground.size)
@@ -138,7 +138,7 @@ def _of_load(load: Load, ground: Ground) -> Action:
     elif load.kind == "point":
         acts.force[quads] += value / len(quads)
     elif load.kind == "line":
-        acts.force[quads] += value * _lengths(quads, ground)[:, None]
+        acts.force[quads] += value * _line_lengths(quads, ground)[:, None]
     elif load.kind == "pressure":
         # a positive pressure pushes from outside, against the outer normals
         acts.pressure[quads] -= value * ground.area[quads]
@@ -149,11 +149,11 @@ def _of_load(load: Load, ground: Ground) -> Action:
             raise FlexMapsError("only supports can be moved, and nothing holds these quads", faces=loose)
         acts.shift[moved] += value
     else:
-        acts.force[quads] += _on_exposed_areas(value, quads, ground)
+        acts.force[quads] += _exposed_area_forces(value, quads, ground)
     return acts
 
 
-def _lengths(quads: np.ndarray, ground: Ground) -> Float[np.ndarray, " some"]:
+def _line_lengths(quads: np.ndarray, ground: UnloadedState) -> Float[np.ndarray, " some"]:
     """Return (k,) the length, metres, of a line load on each of its k quads, between the middles of two sides."""
     inside = np.zeros(ground.size, dtype=bool)
     inside[quads] = True
@@ -172,7 +172,7 @@ def _lengths(quads: np.ndarray, ground: Ground) -> Float[np.ndarray, " some"]:
     return np.where(count > 0, (half * goes).sum(axis=1), across.max(axis=1))[quads]
 
 
-def _on_exposed_areas(value: np.ndarray, quads: np.ndarray, ground: Ground) -> Float[np.ndarray, "some 3"]:
+def _exposed_area_forces(value: np.ndarray, quads: np.ndarray, ground: UnloadedState) -> Float[np.ndarray, "some 3"]:
     """Return (k, 3) the forces, N, of a pressure along an axis on quads that are not hidden, by their projected areas.
 
     value : (3,) pressure times direction, N/m2
@@ -191,12 +191,14 @@ def are_hidden(corners: Float[np.ndarray, "quads 4 3"], axis: Float[np.ndarray, 
     centres, n = points.mean(axis=1), len(corners)
     triangles = np.concatenate([points[:, [0, 1, 2]], points[:, [0, 2, 3]]])
     owner = np.tile(np.arange(n), 2)
-    slack = HIDDEN * float(np.sqrt(np.median(np.linalg.norm(corners[:, 2] - corners[:, 0], axis=1)) ** 2 / 2.0))
+    slack = HIDING_DISTANCE * float(
+        np.sqrt(np.median(np.linalg.norm(corners[:, 2] - corners[:, 0], axis=1)) ** 2 / 2.0)
+    )
     a, ab, ac = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     area = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
     safe = np.where(np.abs(area) > 1e-30, area, np.inf)
     out = np.zeros(n, dtype=bool)
-    step = max(1, RAYS // len(triangles))
+    step = max(1, MAX_RAYS // len(triangles))
     for start in range(0, n, step):
         part = slice(start, start + step)
         to = centres[part, None] - a

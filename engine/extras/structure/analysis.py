@@ -29,18 +29,18 @@ from ...simulation.simulate import Simulation, move_vertices
 from ...surface.checking.check import Finding
 from ...surface.checking.finding import with_count
 from ...threads import one_thread
-from .actions import Action, Ground, actions, lasting
+from .actions import Action, UnloadedState, actions_by_name, lasting_action
 from .buckling import linear_buckling
 from .cases import LoadPlan
-from .load_path import Path, PathFollower, follow
+from .load_path import LoadPath, PathFollower, follow_path
 from .structure_params import StructureParams
 
 YEAR = "after a year"  # name and kind of the outcome under lasting loads
-POINTS = 60  # largest number of points of a load-deflection curve in the report
+MAX_CURVE_POINTS = 60  # largest number of points of a load-deflection curve in the report
 
 
 @dataclass(frozen=True, eq=False)
-class Borne:
+class Utilisation:
     """Utilisation of arms and joints in one pose; all None for the rod model.
 
     arms : largest strain in the arms of every spiral, as a share of the limit
@@ -55,7 +55,7 @@ class Borne:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class LoadOutcome:
     """Response to a load case, to a combination, or to the lasting loads after a year.
 
     name, kind : name, and "case", "combination" or ``YEAR``
@@ -72,8 +72,8 @@ class Outcome:
     action: Action
     rest: Pose
     pose: Pose | None
-    borne: Borne
-    path: Path
+    borne: Utilisation
+    path: LoadPath
     linear: float | None
     share: float = 1.0
 
@@ -111,11 +111,11 @@ class Outcome:
             "name": self.name,
             "kind": self.kind,
             "reached": self.pose is not None,
-            "critical": _rounded(self.critical),
+            "critical": _round_figure(self.critical),
             "critical_kind": self.path.kind,
-            "linear": _rounded(None if self.linear is None else self.share * self.linear),
-            "followed_to": _rounded(self.share * max(one.factor for one in self.path.points)),
-            "curve": [[float(f"{x:.6g}"), float(f"{1e3 * y:.6g}")] for x, y in self.curve[:POINTS]],
+            "linear": _round_figure(None if self.linear is None else self.share * self.linear),
+            "followed_to": _round_figure(self.share * max(one.factor for one in self.path.points)),
+            "curve": [[float(f"{x:.6g}"), float(f"{1e3 * y:.6g}")] for x, y in self.curve[:MAX_CURVE_POINTS]],
         }
         if self.path.ended:
             row["ended"] = self.path.ended
@@ -124,13 +124,13 @@ class Outcome:
                 "deflection_max_mm": float(f"{1e3 * self.deflection.max():.6g}"),
                 "deflection_rms_mm": float(f"{1e3 * np.sqrt((self.deflection**2).mean()):.6g}"),
                 "deflection_quad": int(self.deflection.argmax()),
-                **_use_figures(self.borne, seams),
+                **_utilisation_figures(self.borne, seams),
             }
         return row
 
 
 @dataclass(frozen=True, eq=False)
-class Structure:
+class StructuralAnalysis:
     """Result of the load analysis of a piece.
 
     at_rest : utilisation of arms and joints without loads
@@ -139,8 +139,8 @@ class Structure:
     """
 
     simulation: Simulation
-    at_rest: Borne
-    outcomes: tuple[Outcome, ...]
+    at_rest: Utilisation
+    outcomes: tuple[LoadOutcome, ...]
     seams: Bool[np.ndarray, " joints"]
 
     @property
@@ -152,13 +152,13 @@ class Structure:
     @property
     def findings(self) -> list[Finding]:
         """Findings about snapping, breaking, and overloaded connectors."""
-        return [finding for one in self.outcomes for finding in _findings(one, self)]
+        return [finding for one in self.outcomes for finding in _outcome_findings(one, self)]
 
     def report(self) -> dict[str, Any]:
         """Return the ``structure`` block of report.json."""
         block: dict[str, Any] = {
             "material": self.simulation.material.name,
-            "rest": _use_figures(self.at_rest, self.seams),
+            "rest": _utilisation_figures(self.at_rest, self.seams),
             "outcomes": [one.report(self.seams) for one in self.outcomes],
         }
         known = self.simulation.material.lasting
@@ -171,26 +171,26 @@ class Structure:
         return block
 
 
-def _rounded(value: float | None) -> float | None:
+def _round_figure(value: float | None) -> float | None:
     """Return a number with six significant digits, or None."""
     return None if value is None else float(f"{value:.6g}")
 
 
-def _use_figures(found: Borne, seams: Bool[np.ndarray, " joints"]) -> dict[str, Any]:
+def _utilisation_figures(found: Utilisation, seams: Bool[np.ndarray, " joints"]) -> dict[str, Any]:
     """Return the largest utilisation of arms and of joints on seams for report.json; empty for the rod model."""
     if found.arms is None or found.joints is None or found.forces is None or found.moments is None:
         return {}
-    told: dict[str, Any] = {"arms": _rounded(float(found.arms.max())), "arms_quad": int(found.arms.argmax())}
+    told: dict[str, Any] = {"arms": _round_figure(float(found.arms.max())), "arms_quad": int(found.arms.argmax())}
     if seams.any():
         told |= {
-            "joints": _rounded(float(found.joints[seams].max())),
-            "joint_force_n": _rounded(float(found.forces[seams].max())),
-            "joint_moment_n_mm": _rounded(1e3 * float(found.moments[seams].max())),
+            "joints": _round_figure(float(found.joints[seams].max())),
+            "joint_force_n": _round_figure(float(found.forces[seams].max())),
+            "joint_moment_n_mm": _round_figure(1e3 * float(found.moments[seams].max())),
         }
     return told
 
 
-def _findings(one: Outcome, structure: Structure) -> list[Finding]:
+def _outcome_findings(one: LoadOutcome, structure: StructuralAnalysis) -> list[Finding]:
     """Return the findings about one outcome: snapping, overstrained arms and overloaded connectors."""
     found, what = [], f"Under '{one.name}'" if one.kind != YEAR else "After a year under the loads that stay"
     if one.pose is None:
@@ -231,20 +231,20 @@ class _Strength:
     simulation: Simulation
     necks: Float[np.ndarray, " joints"]
 
-    def borne(self, pose: Pose, strain: float) -> Borne:
+    def borne(self, pose: Pose, strain: float) -> Utilisation:
         """Return the utilisation of arms and joints in a pose for a strain limit."""
         model, material = self.simulation.model, self.simulation.material
         state = model.start(pose)
         strains, wrenches = model.strains(state, material), model.wrenches(state)
         if strains is None or wrenches is None:
-            return Borne()
+            return Utilisation()
         worst, wrench = max_strain_per_spiral(model.assembly, strains) / strain, wrenches[: model.assembly.inner]
         stress = joints.neck_stresses(wrench, self.necks, model.assembly.thickness)
         force, moment = np.linalg.norm(wrench[:, :3], axis=1), np.linalg.norm(wrench[:, 3:], axis=1)
-        return Borne(worst, stress / (material.youngs * strain), force, moment)
+        return Utilisation(worst, stress / (material.youngs * strain), force, moment)
 
 
-def without_loads(simulation: Simulation, params: SimulateParams, progress: Progress = SILENT) -> Equilibrium:
+def solve_without_loads(simulation: Simulation, params: SimulateParams, progress: Progress = SILENT) -> Equilibrium:
     """Return the equilibrium of a piece without loads.
 
     Parameters
@@ -264,7 +264,7 @@ def without_loads(simulation: Simulation, params: SimulateParams, progress: Prog
     return found
 
 
-def ground_of(simulation: Simulation, rest: Pose, groups: dict[str, Int[np.ndarray, " some"]]) -> Ground:
+def unloaded_state(simulation: Simulation, rest: Pose, groups: dict[str, Int[np.ndarray, " some"]]) -> UnloadedState:
     """Return the shape to which loads are applied.
 
     Parameters
@@ -286,7 +286,7 @@ def ground_of(simulation: Simulation, rest: Pose, groups: dict[str, Int[np.ndarr
                 f"'{text:.60}' names no quad; give numbers from 0 to {last} with commas between them, 'lowest', or a vertex group"
             ) from None
 
-    return Ground(
+    return UnloadedState(
         rest,
         move_vertices(design, rest, mesh)[mesh.quads],
         design.flat.corners,
@@ -308,7 +308,7 @@ def analyse(
     connections: Connections | None = None,
     groups: dict[str, Int[np.ndarray, " some"]] | None = None,
     progress: Progress = SILENT,
-) -> Structure:
+) -> StructuralAnalysis:
     """Analyse a simulated piece under cases and combinations of loads, and after a year.
 
     Parameters
@@ -316,16 +316,16 @@ def analyse(
     simulation : the simulated piece
     plan, params, how : loads, settings of the analysis, and settings of the solver
     connections : connectors, whose necks limit the joints; without, joints are as wide as the arms
-    groups : quads by name, see ``ground_of``
+    groups : quads by name, see ``unloaded_state``
     progress : called with the fraction done; may cancel
 
     Raises
     ------
     FlexMapsError : a load names no quad, or acts on a piece without supports
     """
-    base = without_loads(simulation, how, progress.part(0.0, 0.05))
-    ground = ground_of(simulation, base.pose, groups or {})
-    found, stays = actions(plan, ground), lasting(plan, ground)
+    base = solve_without_loads(simulation, how, progress.part(0.0, 0.05))
+    ground = unloaded_state(simulation, base.pose, groups or {})
+    found, stays = actions_by_name(plan, ground), lasting_action(plan, ground)
     mesh = simulation.design.flat.layout.mesh
     strength = _Strength(simulation, joints.neck_widths(simulation.design, connections)[~mesh.border])
     material, out = simulation.material, []
@@ -345,12 +345,12 @@ def analyse(
             )
         except FlexMapsError as error:
             raise FlexMapsError(f"Load case '{name}': {error}", faces=error.faces) from None
-        out.append(_outcome(name, kind, action, strength, base, held, params, how, part.at(0.0, name)))
+        out.append(_compute_outcome(name, kind, action, strength, base, held, params, how, part.at(0.0, name)))
     seams = simulation.design.flat.layout.cut[~mesh.border]
-    return Structure(simulation, strength.borne(base.pose, material.strain_limit), tuple(out), seams)
+    return StructuralAnalysis(simulation, strength.borne(base.pose, material.strain_limit), tuple(out), seams)
 
 
-def _outcome(
+def _compute_outcome(
     name: str,
     kind: str,
     action: Action,
@@ -360,23 +360,23 @@ def _outcome(
     params: StructureParams,
     how: SimulateParams,
     progress: Progress,
-) -> Outcome:
+) -> LoadOutcome:
     """Follow the load path of one case, combination or state after a year, and return its outcome."""
     model, material = strength.simulation.model, strength.simulation.material
-    share, strain = _limits(material, kind)
+    share, strain = _modulus_share_and_strain_limit(material, kind)
     follower = PathFollower(model, NewtonSystem(model.pairs, held), action, how.tolerance)
-    path = follow(follower, base.pose, marks=(1.0 / share,), most=params.factor_max / share, progress=progress)
+    path = follow_path(follower, base.pose, marks=(1.0 / share,), most=params.factor_max / share, progress=progress)
     there = path.marks.get(1.0 / share)
     pose = None if there is None else there.pose
-    borne = Borne() if pose is None else strength.borne(pose, strain)
+    borne = Utilisation() if pose is None else strength.borne(pose, strain)
     if share != 1.0 and borne.forces is not None and borne.moments is not None:
         # the model has its full stiffness and scaled-up loads, so its forces are scaled back
-        borne = Borne(borne.arms, borne.joints, share * borne.forces, share * borne.moments)
+        borne = Utilisation(borne.arms, borne.joints, share * borne.forces, share * borne.moments)
     linear = linear_buckling(follower, path.points[0])
-    return Outcome(name, kind, action, base.pose, pose, borne, path, linear, share)
+    return LoadOutcome(name, kind, action, base.pose, pose, borne, path, linear, share)
 
 
-def _limits(material: Material, kind: str) -> tuple[float, float]:
+def _modulus_share_and_strain_limit(material: Material, kind: str) -> tuple[float, float]:
     """Return the share of Young's modulus that is left, and the strain limit, for a kind of outcome."""
     if kind == YEAR and material.lasting is not None:
         return material.lasting.share, material.lasting.strain

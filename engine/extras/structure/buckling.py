@@ -13,10 +13,10 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from ...mechanics.newton_system import MAX_DENSE_SIZE
-from .load_path import PathFollower, PathPoint, following
+from .load_path import PathFollower, PathPoint, load_stiffness
 
 # step of the finite difference of the tangent, radians or quad edges; larger: less exact, smaller: more rounding
-STEP = 1e-4
+DIFFERENCE_STEP = 1e-4
 EIGENVALUE_TOL = 1e-6  # relative tolerance of the eigenvalue solver; larger: faster, less exact critical factor
 
 
@@ -31,18 +31,18 @@ def linear_buckling(follower: PathFollower, rest: PathPoint) -> float | None:
     model, system = follower.model, follower.system
     if not len(system.free) or not follower.action.acts or not np.isfinite(rest.rises) or rest.rises <= 0.0:
         return None
-    there = model.expand(model.moved(rest.state, STEP * rest.way))
+    there = model.expand(model.moved(rest.state, DIFFERENCE_STEP * rest.way))
     here = model.expand(rest.state)
     base = system.values(here.hessian)
-    change = (system.values(there.hessian) - base) / (STEP * rest.rises)
+    change = (system.values(there.hessian) - base) / (DIFFERENCE_STEP * rest.rises)
     slope = system.pattern.matrix(change)
     if follower.action.follows:
-        turned = following(system, follower.action, rest.pose, 1.0)
+        turned = load_stiffness(system, follower.action, rest.pose, 1.0)
         slope = (slope + 0.5 * (turned + turned.T)).tocsc()
-    return _lowest(follower, base, slope)
+    return _lowest_factor(follower, base, slope)
 
 
-def _lowest(follower: PathFollower, base: np.ndarray, slope: csc_array) -> float | None:
+def _lowest_factor(follower: PathFollower, base: np.ndarray, slope: csc_array) -> float | None:
     """Return the lowest positive factor f for which base + f slope is singular; None if there is none."""
     system = follower.system
     whole = system.pattern.matrix(base)

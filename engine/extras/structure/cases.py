@@ -41,7 +41,7 @@ LINE = re.compile(
 SUM = re.compile(
     rf"\s*(?P<sign>[+-]?)\s*(?P<factor>[0-9.]+(?:e[+-]?[0-9]+)?)?\s*\*?\s*(?P<name>{NAME})\s*", re.IGNORECASE
 )
-LONGEST = 60  # largest number of characters of a line that an error quotes
+MAX_QUOTE = 60  # largest number of characters of a line that an error quotes
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Load:
 
 
 @dataclass(frozen=True)
-class Case:
+class LoadCase:
     """Loads that act together under one name."""
 
     name: str
@@ -71,7 +71,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Combination:
+class LoadCombination:
     """A weighted sum of load cases; ``parts`` has the factor and the name of each case."""
 
     name: str
@@ -82,8 +82,8 @@ class Combination:
 class LoadPlan:
     """All load cases and combinations of a piece; all names differ."""
 
-    cases: tuple[Case, ...]
-    combinations: tuple[Combination, ...] = ()
+    cases: tuple[LoadCase, ...]
+    combinations: tuple[LoadCombination, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.cases:
@@ -106,7 +106,7 @@ class LoadPlan:
         return tuple(dict.fromkeys(load.where for case in self.cases for load in case.loads if load.where))
 
 
-def line_of(
+def format_line(
     name: str, kind: str, value: float, axis: str, where: str = "", factor: float = 1.0, lasting: bool = False
 ) -> str:
     """Return the line of text that describes a load; values that its kind does not use are left out.
@@ -132,22 +132,22 @@ def line_of(
     line = " ".join(words)
     if ";" in where or "\n" in where:
         raise FlexMapsError(
-            f"The group '{where:.{LONGEST}}' has a semicolon in its name, which separates load cases; rename the group"
+            f"The group '{where:.{MAX_QUOTE}}' has a semicolon in its name, which separates load cases; rename the group"
         )
-    read = _load(line)[1]
+    read = _parse_line(line)[1]
     if read.where != where.strip():
         raise FlexMapsError(
-            f"The group '{where:.{LONGEST}}' has a name that reads like words of a load case; rename the group"
+            f"The group '{where:.{MAX_QUOTE}}' has a name that reads like words of a load case; rename the group"
         )
     return line
 
 
-def lines(text: str) -> list[str]:
+def split_lines(text: str) -> list[str]:
     """Split a text into its non-empty lines; semicolons separate lines too."""
     return [line.strip() for line in re.split(r"[;\n]", text) if line.strip()]
 
 
-def plan(cases: str | Iterable[str], combinations: str | Iterable[str] = "") -> LoadPlan:
+def parse_plan(cases: str | Iterable[str], combinations: str | Iterable[str] = "") -> LoadPlan:
     """Read cases and combinations from lines of text.
 
     Parameters
@@ -159,19 +159,21 @@ def plan(cases: str | Iterable[str], combinations: str | Iterable[str] = "") -> 
     FlexMapsError : a line cannot be read, or the names do not fit; the message quotes it
     """
     found: dict[str, list[Load]] = {}
-    for line in lines(cases) if isinstance(cases, str) else cases:
-        name, load = _load(line)
+    for line in split_lines(cases) if isinstance(cases, str) else cases:
+        name, load = _parse_line(line)
         found.setdefault(name, []).append(load)
-    sums = lines(combinations) if isinstance(combinations, str) else combinations
-    return LoadPlan(tuple(Case(n, tuple(loads)) for n, loads in found.items()), tuple(_combination(s) for s in sums))
+    sums = split_lines(combinations) if isinstance(combinations, str) else combinations
+    return LoadPlan(
+        tuple(LoadCase(n, tuple(loads)) for n, loads in found.items()), tuple(_parse_combination(s) for s in sums)
+    )
 
 
 def _line_error(line: str, why: str) -> FlexMapsError:
     """Return an error that quotes a line of a load case and says what is wrong."""
-    return FlexMapsError(f"Load case '{line.strip():.{LONGEST}}': {why}")
+    return FlexMapsError(f"Load case '{line.strip():.{MAX_QUOTE}}': {why}")
 
 
-def _load(line: str) -> tuple[str, Load]:
+def _parse_line(line: str) -> tuple[str, Load]:
     """Parse a line of text: return the name of its load case, and the load."""
     found = LINE.fullmatch(line.strip())
     if found is None:
@@ -182,13 +184,13 @@ def _load(line: str) -> tuple[str, Load]:
     if kind not in KINDS:
         raise _line_error(line, f"'{kind}' is not a kind of load; choose one of {', '.join(KINDS)}")
     words = found["given"].split()
-    factor = 1.0 if found["factor"] is None else _number(line, found["factor"])
+    factor = 1.0 if found["factor"] is None else _parse_number(line, found["factor"])
     # a piece's own weight acts for years
     lasting = found["lasting"] is not None or kind == "weight"
-    return found["name"], Load(kind, _value(line, kind, words), (found["where"] or "").strip(), factor, lasting)
+    return found["name"], Load(kind, _parse_value(line, kind, words), (found["where"] or "").strip(), factor, lasting)
 
 
-def _value(line: str, kind: str, words: list[str]) -> tuple[float, ...]:
+def _parse_value(line: str, kind: str, words: list[str]) -> tuple[float, ...]:
     """Return the value of a load from its words, in SI units: a vector, one number or nothing, see ``Load.value``."""
     called, unit, usual = KINDS[kind]
     if not called:
@@ -198,7 +200,7 @@ def _value(line: str, kind: str, words: list[str]) -> tuple[float, ...]:
     if not words:
         raise _line_error(line, f"give its {called} in {unit}")
     scale = 1e-3 if unit == "mm" else 1.0
-    numbers = [scale * _number(line, word) for word in words[0].split(",")]
+    numbers = [scale * _parse_number(line, word) for word in words[0].split(",")]
     if len(numbers) == 3 and len(words) == 1 and kind not in ("pressure", "wind", "snow"):
         return tuple(numbers)
     if len(numbers) != 1 or len(words) > 2:
@@ -217,26 +219,26 @@ def _value(line: str, kind: str, words: list[str]) -> tuple[float, ...]:
     return tuple(along.tolist())
 
 
-def _number(line: str, word: str) -> float:
+def _parse_number(line: str, word: str) -> float:
     """Parse a finite decimal number in ASCII; raise an error that quotes the line if the word is not a number."""
     try:
         value = float(word) if word.isascii() and "_" not in word else np.nan
     except ValueError:
         value = np.nan
     if not np.isfinite(value):
-        raise _line_error(line, f"'{word:.{LONGEST}}' is not a number")
+        raise _line_error(line, f"'{word:.{MAX_QUOTE}}' is not a number")
     return value
 
 
-def _combination(text: str) -> Combination:
+def _parse_combination(text: str) -> LoadCombination:
     """Parse a combination from a line such as "all = 1.35 weight + 1.5 snow"."""
     name, equals, right = text.partition("=")
     name = name.strip()
     parts = [SUM.fullmatch(one) for one in re.split(r"(?<![eE])(?=[+-])", right) if one.strip()]
     if not equals or not re.fullmatch(NAME, name) or not parts or not all(parts):
-        raise FlexMapsError(f"Combination '{text.strip():.{LONGEST}}': give it as NAME = 1.35 weight + 1.5 snow")
+        raise FlexMapsError(f"Combination '{text.strip():.{MAX_QUOTE}}': give it as NAME = 1.35 weight + 1.5 snow")
     found = []
     for part in parts:
         assert part is not None
-        found.append((_number(text, part["sign"] + (part["factor"] or "1")), part["name"]))
-    return Combination(name, tuple(found))
+        found.append((_parse_number(text, part["sign"] + (part["factor"] or "1")), part["name"]))
+    return LoadCombination(name, tuple(found))

@@ -29,16 +29,18 @@ from .actions import Action
 
 LIMIT, BRANCH = "limit", "branch"  # kind of the critical point that ends the stable path
 # Step lengths are the largest motion of a hub, in radians or quad edges; longer: fewer steps, more of them repeated
-FIRST = 0.05  # first step length; any value converges
-LONGEST = 0.5 * TURN_CAP  # longest step length: half of the largest rotation in a Newton step; any value converges
-SHORTEST = 1e-6  # step length, and share of the largest factor, below which the path is given up
-SHARE = 0.125  # largest change of the factor per step, as a share of the largest factor; smaller: smoother curves
+FIRST_STEP = 0.05  # first step length; any value converges
+MAX_STEP = 0.5 * TURN_CAP  # longest step length: half of the largest rotation in a Newton step; any value converges
+MIN_STEP = 1e-6  # step length, and share of the largest factor, below which the path is given up
+MAX_FACTOR_CHANGE = (
+    0.125  # largest change of the factor per step, as a share of the largest factor; smaller: smoother curves
+)
 # number of Newton steps with which the step length stays as it is, and largest number, after which the step is halved
-USUAL, MOST = 5, 14
+USUAL_ITERATIONS, MAX_ITERATIONS = 5, 14
 BRACKET_TOL = 1e-3  # relative width of the bracket around the critical factor
-HALVINGS = 24  # largest number of bisections of that bracket
-BEYOND = 12  # number of steps followed after the critical load
-STEPS = 400  # largest number of steps; a dome that snaps takes about 40
+MAX_HALVINGS = 24  # largest number of bisections of that bracket
+STEPS_BEYOND = 12  # number of steps followed after the critical load
+MAX_STEPS = 400  # largest number of steps; a dome that snaps takes about 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +68,7 @@ class PathPoint:
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class LoadPath:
     """The load path.
 
     points : the equilibria in order, the first without load
@@ -151,7 +153,7 @@ class PathFollower:
         ----------
         pose, factor : pose of the hubs, and load factor
         """
-        return following(self.system, self.action, pose, factor)
+        return load_stiffness(self.system, self.action, pose, factor)
 
     def factor_tangent(
         self, here: Expansion, pose: Pose, factor: float
@@ -226,7 +228,7 @@ class PathFollower:
         factor = point.factor + length * point.rises
         state = self.model.moved(point.state, length * point.way)
         weight = np.repeat([1.0 / self.edge**2, 1.0], 3) * point.way
-        for count in range(MOST):
+        for count in range(MAX_ITERATIONS):
             here = self.model.expand(state, ahead=True)
             if not np.isfinite(here.energy):
                 return None
@@ -256,7 +258,7 @@ class PathFollower:
         return None
 
 
-def following(system: NewtonSystem, action: Action, pose: Pose, factor: float) -> csc_array:
+def load_stiffness(system: NewtonSystem, action: Action, pose: Pose, factor: float) -> csc_array:
     """Return the load stiffness: derivative of -factor x pressure x normal with respect to rotations of the hubs.
 
     Parameters
@@ -277,15 +279,15 @@ def following(system: NewtonSystem, action: Action, pose: Pose, factor: float) -
     return whole[system.free][:, system.free].tocsc()
 
 
-def follow(
+def follow_path(
     follower: PathFollower,
     rest: Pose,
     *,
     marks: Sequence[float] = (1.0,),
     most: float = 10.0,
-    beyond: int = BEYOND,
+    beyond: int = STEPS_BEYOND,
     progress: Progress = SILENT,
-) -> Path:
+) -> LoadPath:
     """Follow the load path from the equilibrium without load.
 
     Parameters
@@ -298,23 +300,23 @@ def follow(
     progress : called with the fraction done; may cancel
     """
     point = follower.point(follower.model.start(rest), 0.0, None)
-    points, found, left, length = [point], dict[float, PathPoint](), sorted(marks), FIRST
+    points, found, left, length = [point], dict[float, PathPoint](), sorted(marks), FIRST_STEP
     critical, kind, ended = None, "", "the search took too many steps"
     if point.unstable:
-        return Path((point,), {}, None, "", "the piece is in no stable equilibrium without load")
+        return LoadPath((point,), {}, None, "", "the piece is in no stable equilibrium without load")
     if not np.isfinite(point.rises):  # nothing moves under this load
         still = {mark: PathPoint(mark, point.state, 0, point.way, point.rises) for mark in marks}
-        return Path((point, *still.values()), still, None, "", "")
-    while len(points) < STEPS:
-        progress(min(0.99, max(point.factor / most, len(points) / STEPS)), f"Load factor {point.factor:.3g}")
+        return LoadPath((point, *still.values()), still, None, "", "")
+    while len(points) < MAX_STEPS:
+        progress(min(0.99, max(point.factor / most, len(points) / MAX_STEPS)), f"Load factor {point.factor:.3g}")
         progress.show(point.pose)
         aim = next((mark for mark in left if mark > point.factor), most) if critical is None else None
         step = _limit_step(point, length, aim, most)
         exact = aim if aim is not None and point.factor + step * point.rises >= aim * (1.0 - 1e-9) else None
         found_next = follower.step(point, step, exact)
-        if found_next is None or _leaps(follower, point, found_next[0], step):
+        if found_next is None or _is_jump(follower, point, found_next[0], step):
             length = 0.5 * step
-            if length < SHORTEST and length * abs(point.rises) < SHORTEST * most:
+            if length < MIN_STEP and length * abs(point.rises) < MIN_STEP * most:
                 ended = "no equilibrium was found any further"
                 break
             continue
@@ -322,19 +324,19 @@ def follow(
         if critical is None and new.unstable:
             (last, new), kind = bracket_critical(follower, point, new, step), ""
             points += [last] if last is not point else []
-            critical, kind = _critical(follower, last, new)
-            step = FIRST
+            critical, kind = _critical_factor(follower, last, new)
+            step = FIRST_STEP
         elif exact is not None and exact in left:
             found[exact] = new
             left.remove(exact)
         points.append(new)
-        length = min(LONGEST, step * float(np.clip(np.sqrt(USUAL / max(count, 1)), 0.5, 2.0)))
-        length = max(length, FIRST) if exact is not None else length
+        length = min(MAX_STEP, step * float(np.clip(np.sqrt(USUAL_ITERATIONS / max(count, 1)), 0.5, 2.0)))
+        length = max(length, FIRST_STEP) if exact is not None else length
         point, beyond = new, beyond - (critical is not None)
         if (critical is None and point.factor >= most) or (critical is not None and (beyond <= 0 or point.factor < 0)):
             ended = ""
             break
-    return Path(tuple(points), found, critical, kind, ended)
+    return LoadPath(tuple(points), found, critical, kind, ended)
 
 
 def _limit_step(point: PathPoint, length: float, aim: float | None, most: float) -> float:
@@ -342,10 +344,10 @@ def _limit_step(point: PathPoint, length: float, aim: float | None, most: float)
     rises = abs(point.rises)
     if aim is not None and point.rises > 0.0:
         length = min(length, (aim - point.factor) / rises)
-    return min(length, SHARE * most / max(rises, 1e-300))
+    return min(length, MAX_FACTOR_CHANGE * most / max(rises, 1e-300))
 
 
-def _leaps(follower: PathFollower, point: PathPoint, new: PathPoint, step: float) -> bool:
+def _is_jump(follower: PathFollower, point: PathPoint, new: PathPoint, step: float) -> bool:
     """Return whether a step moved a hub much farther than the step length, probably onto another part of the path."""
     shift = new.pose.centres - point.pose.centres
     far = float(np.abs(shift).max()) / follower.edge
@@ -356,8 +358,8 @@ def bracket_critical(
     follower: PathFollower, stable: PathPoint, unstable: PathPoint, step: float
 ) -> tuple[PathPoint, PathPoint]:
     """Bracket the critical factor: return the last stable and the first unstable point, close to each other."""
-    for _ in range(HALVINGS):
-        if abs(unstable.factor - stable.factor) <= BRACKET_TOL * abs(stable.factor) and step < FIRST:
+    for _ in range(MAX_HALVINGS):
+        if abs(unstable.factor - stable.factor) <= BRACKET_TOL * abs(stable.factor) and step < FIRST_STEP:
             break
         step *= 0.5
         found = follower.step(stable, step)
@@ -370,7 +372,7 @@ def bracket_critical(
     return stable, unstable
 
 
-def _critical(follower: PathFollower, stable: PathPoint, unstable: PathPoint) -> tuple[float, str]:
+def _critical_factor(follower: PathFollower, stable: PathPoint, unstable: PathPoint) -> tuple[float, str]:
     """Return the critical factor between a stable and an unstable point, and its kind, ``LIMIT`` or ``BRANCH``."""
     if unstable.rises > 0.0:
         return 0.5 * (stable.factor + unstable.factor), BRANCH

@@ -17,11 +17,11 @@ from ...errors import FlexMapsError
 from ...fabrication.connectors.connect import Connections, connect
 from ...params import Settings
 from ...progress import Progress
-from ...runs.outputs import SimulatedShape, StageOutput, made_by
+from ...runs.outputs import SimulatedShape, StageOutput, provenance
 from ...runs.result import Result
 from ...spirals.design import SpiralDesign
 from . import analysis, cases, load_plots
-from .analysis import Structure
+from .analysis import StructuralAnalysis
 from .structure_params import StructureParams
 
 PLOTS = ("loads", "utilisation")
@@ -32,7 +32,7 @@ class LoadAnalysis(StageOutput):
     """Output of the stage: the response of the piece to its loads."""
 
     name = "structure"
-    structure: Structure
+    structure: StructuralAnalysis
 
     def map_values(self) -> dict[str, np.ndarray]:
         """Return the values per quad to plot: the largest utilisation of its arms over all loads, by name."""
@@ -55,20 +55,20 @@ def run(result: Result, shape: SimulatedShape, settings: Settings, progress: Pro
     FlexMapsError : a load case cannot be read
     """
     wanted = settings.section(StructureParams)
-    plan = cases.plan(wanted.cases, wanted.combinations)
+    plan = cases.parse_plan(wanted.cases, wanted.combinations)
     found = analysis.analyse(
         shape.simulation,
         plan,
         wanted,
         settings.simulate,
-        connections=_connected(shape.simulation.design, settings, progress.part(0.0, 0.2)),
+        connections=_make_connections(shape.simulation.design, settings, progress.part(0.0, 0.2)),
         groups=result.user.groups,
         progress=progress.part(0.2, 1.0),
     )
-    return result.with_outputs(LoadAnalysis(found, **made_by("structure", settings, result.inputs("simulation"))))
+    return result.with_outputs(LoadAnalysis(found, **provenance("structure", settings, result.inputs("simulation"))))
 
 
-def _connected(made: SpiralDesign, settings: Settings, progress: Progress) -> Connections | None:
+def _make_connections(made: SpiralDesign, settings: Settings, progress: Progress) -> Connections | None:
     """Return the connectors of a design; None if they cannot be cut."""
     try:
         return connect(made, settings.connect, settings.sheet.tolerance, progress, settings.cut.mill)
@@ -87,7 +87,7 @@ def drawings(shown: MapValues, described: Mapping[str, Any]) -> dict[str, Drawin
     block, used = described.get("structure"), shown.more.get("utilisation")
     if not block:
         return {}
-    found = {"loads": load_plots.load_paths(block)}
+    found = {"loads": load_plots.plot_load_paths(block)}
     if used is not None and shown.shape is not None and shown.sides is not None:
         high = max(100.0, 100.0 * float(used.max()))
         title = "Utilisation: the most that arms carry under any load"

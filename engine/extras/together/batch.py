@@ -33,11 +33,13 @@ from ...progress import SILENT, Progress
 from ...spirals.contours import Outline
 from ...spirals.design import SpiralDesign
 
-MOST = 2000  # largest number of panels on common sheets; larger: more time (the quick packing of 2,000 takes a minute)
+MAX_PANELS = (
+    2000  # largest number of panels on common sheets; larger: more time (the quick packing of 2,000 takes a minute)
+)
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class BatchPiece:
     """A piece to cut ``copies`` times.
 
     name : name for the user
@@ -65,7 +67,7 @@ class Batch:
     of : for each copy the index of its piece in ``parts``
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[BatchPiece, ...]
     sheets: CutSheets
     of: tuple[int, ...]
 
@@ -92,7 +94,7 @@ class Batch:
         )
 
 
-def batch(parts: Sequence[Part], params: SheetParams, progress: Progress = SILENT) -> Batch:
+def nest_batch(parts: Sequence[BatchPiece], params: SheetParams, progress: Progress = SILENT) -> Batch:
     """Lay all copies of several pieces on common sheets.
 
     Parameters
@@ -139,14 +141,14 @@ def batch(parts: Sequence[Part], params: SheetParams, progress: Progress = SILEN
     return Batch(tuple(parts), sheets, of)
 
 
-def _refuse_unlike(parts: Sequence[Part]) -> None:
+def _refuse_unlike(parts: Sequence[BatchPiece]) -> None:
     """Raise ``FlexMapsError`` if there are no pieces or too many panels, or if the pieces cannot share sheets."""
     if not parts:
         raise FlexMapsError("There is nothing to lay on sheets; name at least one piece")
     count = sum(part.copies * len(part.design.flat.layout.patches) for part in parts)
-    if count > MOST:
+    if count > MAX_PANELS:
         raise FlexMapsError(
-            f"{count} panels are too many for common sheets, which take up to {MOST}; export them in several batches"
+            f"{count} panels are too many for common sheets, which take up to {MAX_PANELS}; export them in several batches"
         )
     first = parts[0]
     for part in parts[1:]:
@@ -161,7 +163,7 @@ def _refuse_unlike(parts: Sequence[Part]) -> None:
                 )
 
 
-def _engraved_copy(part: Part, copy: int, mark: str, params: SheetParams) -> tuple[list[Panel], Labels]:
+def _engraved_copy(part: BatchPiece, copy: int, mark: str, params: SheetParams) -> tuple[list[Panel], Labels]:
     """Engrave one copy's labels with its letter.
 
     Parameters

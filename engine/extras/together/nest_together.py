@@ -11,7 +11,7 @@ from ...progress import SILENT, Progress
 from ...runs import job
 from ...runs.outputs import DesignVersion, MakingEstimate, SheetPlan
 from ...runs.result import Result
-from .batch import Batch, Part, batch
+from .batch import Batch, BatchPiece, nest_batch
 
 
 def nest_together(
@@ -33,19 +33,21 @@ def nest_together(
     parts = []
     for k, (name, result, own) in enumerate(zip(names, results, settings, strict=True)):
         part = progress.part(0.4 * k / len(names), 0.4 * (k + 1) / len(names))
-        parts.append(_part(name, result, own, settings[0], part))
+        parts.append(_make_batch_piece(name, result, own, settings[0], part))
     if not parts:
         raise FlexMapsError("There is nothing to lay on sheets; name at least one piece")
-    return batch(parts, settings[0].sheet, progress.part(0.4, 1.0))
+    return nest_batch(parts, settings[0].sheet, progress.part(0.4, 1.0))
 
 
-def _part(name: str, result: Result, own: ObjectSettings, first: ObjectSettings, progress: Progress) -> Part:
+def _make_batch_piece(
+    name: str, result: Result, own: ObjectSettings, first: ObjectSettings, progress: Progress
+) -> BatchPiece:
     # the piece's own sheets are discarded, so nest them quickly and without remnants
     quick = replace(own, sheet=replace(first.sheet, nesting="FAST", remnants=""))
     try:
         made = job.run_stages(result, quick, ("sheets",), progress)
         estimate, design = made.need(MakingEstimate), made.need(DesignVersion).design
         sheets, material = made.need(SheetPlan).sheets, own.material.chosen
-        return Part(name, design, sheets, material, estimate.estimates, estimate.assembly, own.export.copies)
+        return BatchPiece(name, design, sheets, material, estimate.estimates, estimate.assembly, own.export.copies)
     except FlexMapsError as error:
         raise FlexMapsError(f"{name}: {error}", faces=error.faces) from None

@@ -15,7 +15,7 @@ import numpy as np
 from ...arrays import Float
 from ...params import SheetParams
 from ...progress import SILENT, Progress
-from ...workers import Workers, cores, python
+from ...workers import Workers, count_cores, python_path
 from .packing import Packing, pack
 from .remnant_packing import pack_on_remnants
 from .remnants import read_remnants
@@ -50,7 +50,7 @@ def nest(shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: 
     rough = pack(shapes, sheet, params.margin, params.spacing, progress.part(0.0, 0.1), params.rotation)
     if params.nesting != "TRUE" or not can_search() or not 2 <= len(shapes) <= MAX_PANELS:
         return rough
-    with Workers(min(cores(), MAX_WORKERS)) as workers:
+    with Workers(min(count_cores(), MAX_WORKERS)) as workers:
         return SheetSearch(shapes, params, workers, progress.part(0.1, 1.0)).find_best_packing(rough)
 
 
@@ -65,4 +65,4 @@ def _append_sheets(odd: Packing, rest: list[int], whole: Packing | None) -> Pack
 
 def can_search() -> bool:
     """Return whether spyrrow is installed, and a Python interpreter for its processes exists."""
-    return importlib.util.find_spec("spyrrow") is not None and python() is not None
+    return importlib.util.find_spec("spyrrow") is not None and python_path() is not None

@@ -17,7 +17,7 @@ from ...arrays import Float
 from ...params import SheetParams
 from ...progress import Progress
 from ...surface.checking.finding import with_count
-from ...workers import WorkerDied, Workers, as_done
+from ...workers import WorkerDied, Workers, as_completed
 from .outlines import HULL_SHARE_DEVIATION, MEAN_HULL_SHARE, grow_outline, hull_area
 from .packing import Packing, find_fitting_rotation, min_area_box, pack, preferred_box, used_length
 from .strip import PackedStrip, StripTask, pack_strip
@@ -294,7 +294,7 @@ class SheetSearch:
         most = max((len(task.items) for task in tasks), default=0)
         progress = self.progress.at(min(self.share_of_time, 1.0), f"nesting {with_count(most, 'panel', 'panels')}")
         found: list[PackedStrip | None] = [None] * len(tasks)
-        for number, future in as_done(self.workers, pack_strip, tasks, progress):
+        for number, future in as_completed(self.workers, pack_strip, tasks, progress):
             with suppress(WorkerDied):  # there may be too little memory
                 found[number] = future.result()
         return [strip and self._in_metres(strip) for strip in found]

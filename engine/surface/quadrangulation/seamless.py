@@ -18,7 +18,7 @@ from scipy.sparse import coo_array, csr_array, diags_array
 from ...arrays import Float, Int
 from ...components import components
 from ...errors import FlexMapsError
-from ...linalg import Pattern, SparseCholesky
+from ...linalg import SparseCholesky, SparsityPattern
 from .field import CrossField
 
 # After a rotation by -q quarter turns, coordinate c of (u, v) is SIGN[q][c] times the old coordinate TAKEN[q][c].
@@ -332,7 +332,7 @@ class Maps:
         along = np.exp(1j * chart.angles)
         self._wished = np.stack([along.real, along.imag, -along.imag, along.real], axis=1).ravel()
         normal = (self._free.T @ self._free).tocoo()
-        self._pattern = Pattern(normal.coords[0], normal.coords[1], normal.shape[0])
+        self._pattern = SparsityPattern(normal.coords[0], normal.coords[1], normal.shape[0])
         self._factor = SparseCholesky(self._pattern)
         self.weigh(np.ones(count))
 

@@ -10,10 +10,10 @@ from flexmaps.engine.extras.scanning import register
 
 def few_layouts(patch: pytest.MonkeyPatch, count: int = 5) -> None:
     """Compare few layouts, all in this process."""
-    patch.setattr(workers, "cores", lambda: 1)
-    patch.setattr(layout_search, "MOST", count)
-    patch.setattr(layout_search, "FEWEST", count)
-    patch.setattr(choose, "MOST_PARTS", 2)
+    patch.setattr(workers, "count_cores", lambda: 1)
+    patch.setattr(layout_search, "MAX_LAYOUTS", count)
+    patch.setattr(layout_search, "MIN_LAYOUTS", count)
+    patch.setattr(choose, "MAX_PARTS", 2)
 
 
 def few_poses(patch: pytest.MonkeyPatch) -> None:

@@ -10,8 +10,8 @@ from flexmaps.engine.display import arrange
 from flexmaps.engine.display.panel_mesh import PanelMesh, make_panel_mesh
 from flexmaps.engine.display.rim_mesh import RimMesh
 from flexmaps.engine.display.skin import Skin, choose_detail
-from flexmaps.engine.extras.film import assembly_film, passage, unfinished_pieces
-from flexmaps.engine.extras.film.blend import Blend
+from flexmaps.engine.extras.film import assembly_film, hub_film, unfinished_pieces
+from flexmaps.engine.extras.film.pose_blend import PoseBlend
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.bent import bend_arms
 from flexmaps.engine.mechanics.assembly import Pose, rest_joints
@@ -128,7 +128,7 @@ def test_half_way_it_is_near_the_elastic_arms(piece):
     inner = ~mesh.border
     inside = ~layout.cut[inner]
     pairs, lever = mesh.edge_quads[inner], rest_joints(mesh, made.flat.corners)[0]
-    here = Blend.between(flat, pose, pairs[inside], lever[inside]).at(0.5)
+    here = PoseBlend.between(flat, pose, pairs[inside], lever[inside]).at(0.5)
     closed = np.zeros(len(skin.tip))
     closed[(4 * mesh.edge_quads[inner] + mesh.edge_sides[inner])[inside]] = 1.0
     wanted = sections(panels, panels.vertices_at_pose(bend_arms(made, here, closed=inside), here))
@@ -146,10 +146,10 @@ def test_hubs_come_together_as_in_the_film(piece, resting):
     found = (
         unfinished_pieces.find_stages(made, pose, POM, SimulateParams())
         if resting
-        else unfinished_pieces.at_once(made, pose)
+        else unfinished_pieces.stages_without_equilibria(made, pose)
     )
-    actors = passage.Hubs(made)
-    shots = assembly_film.shoot(made, pose, table, found, actors)
+    actors = hub_film.HubActors(made)
+    shots = assembly_film.record_tracks(made, pose, table, found, actors)
     assert [track.patch for track in shots.tracks] == [step.panel for step in steps(layout)]
     for track in shots.tracks:
         hubs = layout.patches[track.patch]
@@ -165,9 +165,11 @@ def test_hubs_come_together_as_in_the_film(piece, resting):
 def test_every_seam_is_closed_once_and_in_the_order_of_the_assembly_sheet(piece):
     made, pose = piece
     layout = made.flat.layout
-    found = unfinished_pieces.at_once(made, pose)
-    shots = assembly_film.shoot(made, pose, arrange.places_before_assembly(made, pose), found, passage.Hubs(made))
-    times = passage.closings(made, shots)
+    found = unfinished_pieces.stages_without_equilibria(made, pose)
+    shots = assembly_film.record_tracks(
+        made, pose, arrange.places_before_assembly(made, pose), found, hub_film.HubActors(made)
+    )
+    times = hub_film.closing_times(made, shots)
     assert np.isfinite(times).all() and (times[:, 0] < times[:, 1]).all()
     joint = np.cumsum(~layout.mesh.border) - 1
     assert (times[joint[~layout.cut & ~layout.mesh.border], 1] < 0.0).all()

@@ -17,7 +17,7 @@ from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.patches.tracing.regions import Halving
 from flexmaps.engine.progress import Progress
-from flexmaps.engine.runs import by_hand, job
+from flexmaps.engine.runs import job, manual_changes
 from flexmaps.engine.surface import curvature, shapes
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.formats import meshio
@@ -105,8 +105,10 @@ def test_a_plate_with_holes_is_one_panel() -> None:
     assert len(whole.interiors) == 49
     assert whole.area == pytest.approx(mesh.areas.sum(), rel=1e-6)
     # and it can be cut as such: one outline, 49 holes of the surface among those round the inner vertices
-    result = job.begin(PolygonMesh.from_quads(mesh))
-    result = job.run_stages(by_hand.laid_out(result, made, Settings()), Settings(), ("spirals", "sheets"))
+    result = job.check_input(PolygonMesh.from_quads(mesh))
+    result = job.run_stages(
+        manual_changes.with_manual_layout(result, made, Settings()), Settings(), ("spirals", "sheets")
+    )
     assert result.sheets is not None
     inner = int((~mesh.on_border).sum())
     assert len(result.sheets.panels[0].holes) == inner + 49
@@ -196,7 +198,9 @@ def test_what_nothing_holds_leaves_the_plane(height: Height) -> None:
     for seamless in (True, False):
         params = LayoutParams(seamless=seamless)
         made = merge.merge(trace.trace(mesh, params), params)
-        result = by_hand.laid_out(job.begin(PolygonMesh.from_quads(mesh)), made, Settings(layout=params))
+        result = manual_changes.with_manual_layout(
+            job.check_input(PolygonMesh.from_quads(mesh)), made, Settings(layout=params)
+        )
         found = job.run_stages(result, Settings(layout=params), ("spirals", "simulate")).simulation
         assert found is not None
         assert bool(made.layout.cut.any()) is not seamless

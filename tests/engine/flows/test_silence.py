@@ -78,7 +78,7 @@ def silences(quads: int, every: bool, folder: Path) -> dict[str, int]:
     made = counter.of(lambda tell: sheets.make_sheets(spirals, SheetParams(nesting="FAST"), tell, cut=cut))
     counter.of(lambda tell: export.write_sheets(made, folder / f"{quads}", export.FORMATS, progress=tell))
     figures = estimates.estimate(made, spirals, MaterialParams().chosen)
-    counter.of(lambda tell: assembly_sheet.pages(spirals, made, figures, "strip", progress=tell))
+    counter.of(lambda tell: assembly_sheet.draw_pages(spirals, made, figures, "strip", progress=tell))
     return counter.longest
 
 

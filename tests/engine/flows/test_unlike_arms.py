@@ -235,7 +235,7 @@ def test_the_film_of_the_assembly_is_finite(pattern):
     count = len(flat.layout.patches)
     table = np.c_[0.4 * np.arange(count), np.zeros((count, 2))]
     pose = target_pose(mesh, flat.corners)
-    found = assembly_film.film(made, pose, table, DETAILS["COARSE"], POM, SimulateParams())
+    found = assembly_film.make_film(made, pose, table, DETAILS["COARSE"], POM, SimulateParams())
     for track in found.tracks:
         for values in (track.shapes, track.turns, track.places):
             assert np.isfinite(values).all()

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 from flexmaps.engine.errors import Cancelled
-from flexmaps.engine.linalg import Pattern, negative_eigenvalues
+from flexmaps.engine.linalg import SparsityPattern, negative_eigenvalues
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import nearest_rotation
 from flexmaps.engine.mechanics.equilibrium import _bend_along_modes, other_minima, solve
@@ -138,7 +138,7 @@ def test_negative_eigenvalues_are_counted() -> None:
     dense = rng.normal(size=(12, 12))
     dense += dense.T
     rows, cols = np.tril_indices(12)
-    pattern = Pattern(rows, cols, 12)
+    pattern = SparsityPattern(rows, cols, 12)
     counted = negative_eigenvalues(pattern, pattern.sum(dense[rows, cols]))
     assert counted == (np.linalg.eigvalsh(dense) < 0).sum()
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from flexmaps.engine.materials import OVERSTRAIN_SHARE, material
+from flexmaps.engine.materials import OVERSTRAIN_SHARE, find_material
 from flexmaps.engine.optimisation import slot_opening as slot_opening
 from flexmaps.engine.optimisation.gauss_newton import CANCELLED, SearchRecord
 from flexmaps.engine.optimisation.remedies import WANTED_PERCENT
@@ -34,7 +34,7 @@ from flexmaps.engine.surface import shapes
 @pytest.fixture(scope="module")
 def wound() -> tuple[Task, SimulatedResult]:
     """A dome of spirals wound so far that slots close, as a search would have left it."""
-    mesh, pom = shapes.make("dome"), material("pom")
+    mesh, pom = shapes.make("dome"), find_material("pom")
     flat, count = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams()), len(mesh.quads)
     params = SpiralParams(width_min=0.0006)
     made = fabricable.make_fabricable(flat, params, np.full((count, 4), 0.0009), np.full(count, 5.5))

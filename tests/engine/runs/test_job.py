@@ -11,7 +11,7 @@ from flexmaps.engine.params import Settings
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.progress import Progress
-from flexmaps.engine.runs import by_hand, job, report
+from flexmaps.engine.runs import job, manual_changes, report
 from flexmaps.engine.simulation.shortfall import angle_defects
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
@@ -42,9 +42,9 @@ def quick(**simulate: object) -> Settings:
 
 def test_what_could_not_be_done_is_told_and_forgotten_when_it_can() -> None:
     hanging = quick(gravity=True)  # and no supports
-    made = job.run_stages(job.begin(hill()), hanging, UP_TO_SHEETS, lenient=True)
+    made = job.run_stages(job.check_input(hill()), hanging, UP_TO_SHEETS, lenient=True)
     assert made.sheets is not None and made.simulation is None and made.optimisation is None
-    described = report.build(made, source="hill", settings=hanging)
+    described = report.build_report(made, source="hill", settings=hanging)
     assert described["undone"] == ["optimise", "simulate"]
     assert [c["code"] for c in described["checks"]] == ["not-optimised", "not-simulated"]
     assert all("supports" in c["message"] and len(c["faces"]) == 16 for c in described["checks"])
@@ -52,14 +52,14 @@ def test_what_could_not_be_done_is_told_and_forgotten_when_it_can() -> None:
     again = job.run_stages(made, quick(), ("simulate",))
     assert again.simulation is not None and list(again.undone) == ["optimise"]
     better = job.run_stages(again, quick(), ("optimise", "simulate"))
-    described = report.build(better, source="hill", settings=quick())
+    described = report.build_report(better, source="hill", settings=quick())
     assert "undone" not in described and described["checks"] == []
     # other spirals: what was told of the old ones is out of date
     assert job.run_stages(made, quick(), ("spirals",)).undone == {}
 
 
 def test_a_later_failure_drops_what_the_stage_had_made() -> None:
-    made = job.run_stages(job.begin(hill()), quick(), (*UP_TO_SHEETS[:4], "simulate"))
+    made = job.run_stages(job.check_input(hill()), quick(), (*UP_TO_SHEETS[:4], "simulate"))
     assert made.simulation is not None
     failed = job.run_stages(made, quick(gravity=True), ("simulate", "sheets"), lenient=True)
     assert failed.simulation is None and list(failed.undone) == ["simulate"] and failed.sheets is not None
@@ -88,7 +88,7 @@ def test_spirals_outside_the_model_are_named_and_simulated(model: str) -> None:
     assert made.simulation is not None and made.simulation.equilibrium.converged
     (found,) = [f for f in made.simulation.findings if f.code == "beyond-model" and "width / thickness" in f.message]
     assert len(found.faces) == 16 and found.severity == "warning"
-    assert report.build(made, source="hill")["equilibrium"]["findings"]
+    assert report.build_report(made, source="hill")["equilibrium"]["findings"]
 
 
 def test_one_quad_by_itself_takes_nothing_from_the_others() -> None:
@@ -115,12 +115,12 @@ def test_one_quad_by_itself_takes_nothing_from_the_others() -> None:
 def laid_out(polygons: PolygonMesh, cut_at: float | None = None, supports: str | None = None) -> job.Result:
     """One panel, or two with a seam along x = ``cut_at`` metres, simulated as it comes."""
     settings = quick()
-    begun = job.begin(polygons, supports=supports)
+    begun = job.check_input(polygons, supports=supports)
     mesh = begun.mesh
     x = mesh.vertices[mesh.edges, 0]
     cuts = np.zeros(len(mesh.edges), dtype=bool) if cut_at is None else (np.abs(x - cut_at) < 1e-9).all(axis=1)
     flat = flatten.flatten(PatchLayout(mesh, cuts & ~mesh.border), settings.layout)
-    return job.run_stages(by_hand.laid_out(begun, flat, settings), settings, ("spirals", "simulate"))
+    return job.run_stages(manual_changes.with_manual_layout(begun, flat, settings), settings, ("spirals", "simulate"))
 
 
 def test_a_seamless_dome_that_nothing_holds_is_said_to_stay_flat() -> None:

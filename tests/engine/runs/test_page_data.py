@@ -153,7 +153,7 @@ def test_a_thousand_spirals_take_less_than_three_megabytes(large):
     text = page_data.to_json(
         ViewContent.from_result(large), ObjectSettings(), "it"
     )  # with the stages, which take the most
-    assert len(share_page.page(text, "it", {}, {})) < 3e6
+    assert len(share_page.render_share_page(text, "it", {}, {})) < 3e6
 
 
 def test_panels_seams_and_joints_are_those_of_the_sheets(dome):
@@ -235,9 +235,9 @@ def test_spirals_that_the_model_does_not_know_have_no_stiffness(dome):
 def test_no_name_gets_out_of_its_place(dome, kind):
     text = page_data.to_json(ViewContent.from_result(dome), SETTINGS, NASTY)
     assert "<" not in text and json.loads(text)["title"] == NASTY
-    described = report.build(dome, source=NASTY + ".obj", settings=SETTINGS)
+    described = report.build_report(dome, source=NASTY + ".obj", settings=SETTINGS)
     if kind == "share":
-        whole = share_page.page(text, NASTY, described, {})
+        whole = share_page.render_share_page(text, NASTY, described, {})
     else:
         whole = report_page.render_page(described, {}, (), "", text)
     page = Page(whole)
@@ -250,7 +250,7 @@ def test_no_name_gets_out_of_its_place(dome, kind):
 
 
 def test_the_page_allows_its_own_scripts_and_nothing_else(dome):
-    whole = share_page.page(page_data.to_json(ViewContent.from_result(dome), SETTINGS, "it"), "it", {}, {})
+    whole = share_page.render_share_page(page_data.to_json(ViewContent.from_result(dome), SETTINGS, "it"), "it", {}, {})
     page = Page(whole)
     policy = next(meta["content"] for meta in page.meta if meta.get("http-equiv") == "Content-Security-Policy")
     assert policy is not None and policy.startswith("default-src 'none'")
@@ -275,7 +275,7 @@ def test_all_steps_are_there_on_paper(dome):
         for join in step.joins:
             where = "within the panel" if join.other == step.panel else f"to panel {panel_name(numbers[join.other])}"
             assert f"{seam_name(join.seam)} {where} ({join.joints} joint" in said
-    whole = share_page.page(text, "it", {}, {})
+    whole = share_page.render_share_page(text, "it", {}, {})
     assert whole.count("<li>") >= len(words) and "@media print" in whole
 
 

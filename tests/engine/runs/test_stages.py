@@ -9,7 +9,7 @@ import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.extras.registry import REGISTRY
 from flexmaps.engine.params import ObjectSettings
-from flexmaps.engine.runs import by_hand, job, report, stages
+from flexmaps.engine.runs import job, manual_changes, report, stages
 from flexmaps.engine.runs.outputs import OUTPUTS, DesignVersion, FinalLayout
 from flexmaps.engine.runs.result import Result
 from flexmaps.engine.runs.stage import section_of
@@ -128,18 +128,18 @@ def test_every_output_says_how_it_came_about(made: Result, settings: ObjectSetti
     traced, version = made.need(FinalLayout), made.need(DesignVersion)
     assert (traced.origin, version.origin) == (stages.TRACED, stages.CURVED)
     cut = traced.flat.layout.cut
-    again = by_hand.flatten_by_hand(made, cut, settings)
+    again = manual_changes.flatten_by_hand(made, cut, settings)
     assert again.need(FinalLayout).origin == BY_HAND and there(again) == {"merged", "flat"}
-    painted = by_hand.with_design(made, version.design, BY_HAND, settings)
+    painted = manual_changes.with_design(made, version.design, BY_HAND, settings)
     assert painted.need(DesignVersion).origin == BY_HAND and there(painted) == there(made)
 
 
 def test_seams_of_the_user_are_kept_where_they_differ_from_the_traced_ones(
     made: Result, settings: ObjectSettings
 ) -> None:
-    traced = by_hand.traced_at(made, np.zeros(len(made.mesh.edges), dtype=bool), settings)
+    traced = manual_changes.trace_with_seams(made, np.zeros(len(made.mesh.edges), dtype=bool), settings)
     cuts = made.mesh.edge_quads.min(axis=1) == 0
-    chosen = by_hand.traced_at(made, cuts & ~made.mesh.border, settings)
+    chosen = manual_changes.trace_with_seams(made, cuts & ~made.mesh.border, settings)
     assert traced.layout is not None and made.layout is not None and chosen.layout is not None
     assert np.array_equal(traced.layout.cut, made.layout.cut)
     assert chosen.layout.cut[cuts & ~made.mesh.border].all()
@@ -169,8 +169,8 @@ def test_notes_are_dropped_with_what_they_tell_of() -> None:
 def test_every_block_is_told(made: Result) -> None:
     asked = {block for stage in TABLE if stage.asked for block in stage.blocks}  # which nobody asked for
     assert asked >= {"choose", "optimise", "scan", "structure"}
-    assert report.blocks(made).keys() == set(stages.BLOCKS) - asked
-    assert report.blocks(made, ("sheets", "optimise")).keys() == {"sheets"}
+    assert report.report_blocks(made).keys() == set(stages.BLOCKS) - asked
+    assert report.report_blocks(made, ("sheets", "optimise")).keys() == {"sheets"}
 
 
 def test_stages_up_to_a_name() -> None:
@@ -189,7 +189,7 @@ def test_stages_up_to_a_name() -> None:
 def test_supports_constrain_spirals_only_where_a_base_needs_them(
     settings: ObjectSettings, base: str, asked: set[str]
 ) -> None:
-    surface = job.begin(PolygonMesh.from_quads(shapes.make("strip")))
+    surface = job.check_input(PolygonMesh.from_quads(shapes.make("strip")))
     found = _constraints(
         surface.with_user(supports=np.array([0])), replace(settings, base=replace(settings.base, base=base))
     )

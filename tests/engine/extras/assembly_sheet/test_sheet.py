@@ -73,7 +73,7 @@ def test_the_sheet_says_what_to_do(tmp_path):
     made = fabricable.uniform_design(flat, SpiralParams())
     on_sheets = sheets.make_sheets(made, SheetParams(nesting="FAST"))
     figures = estimates.estimate(on_sheets, made, MATERIALS["acrylic"])
-    path = assembly_sheet.write(made, on_sheets, figures, tmp_path / "assembly.pdf", "A saddle (large)")
+    path = assembly_sheet.write_assembly_sheet(made, on_sheets, figures, tmp_path / "assembly.pdf", "A saddle (large)")
     document = pdfium.PdfDocument(path)
     np.testing.assert_allclose(np.array(document[0].get_size()) * 25.4 / 72, [210, 297], atol=0.01)
     text = [page.get_textpage().get_text_range() for page in document]
@@ -96,7 +96,7 @@ def test_the_sheet_says_what_to_do(tmp_path):
 def test_a_view_shows_the_panel_and_not_what_hides_it(flat_grid):
     flat = flat_grid(4, 4)
     mesh = flat.layout.mesh
-    view = step_pictures.camera(np.array([0.0, 0.0, 1.0]))
+    view = step_pictures.camera_axes(np.array([0.0, 0.0, 1.0]))
     np.testing.assert_allclose(view @ view.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(view) == pytest.approx(1.0)
     assert step_pictures.are_visible(mesh.vertices @ view.T, mesh.quads, np.arange(16), np.ones(16, dtype=bool)).all()
@@ -115,7 +115,7 @@ def test_joints_that_do_not_hold_by_themselves_are_named(flat_grid):
 
     def words(sheet):
         figures = estimates.estimate(sheet, spirals, MATERIALS["pom"])
-        page = assembly_sheet.pages(spirals, sheet, figures, "x")[0]
+        page = assembly_sheet.draw_pages(spirals, sheet, figures, "x")[0]
         text = pdfium.PdfDocument(assembly_sheet.pdf_bytes([page], "x"))[0].get_textpage().get_text_range()
         return " ".join(text.split())
 
@@ -132,7 +132,7 @@ def test_steps_beyond_the_pictures_are_told_in_words(flat_grid, monkeypatch):
     figures = estimates.estimate(made, spirals, MATERIALS["pom"])
     monkeypatch.setattr(assembly_sheet, "SHOWN", 10 * 36)
     seen = []
-    found = assembly_sheet.pages(spirals, made, figures, "x", progress=Progress(lambda f, _: seen.append(f)))
+    found = assembly_sheet.draw_pages(spirals, made, figures, "x", progress=Progress(lambda f, _: seen.append(f)))
     assert seen == sorted(seen)
     assert len(found) == 1 + 4 + 1  # the overview, ten pictures on pages of three, and words
     document = pdfium.PdfDocument(pdf.pdf_bytes(found, "x"))
@@ -143,4 +143,4 @@ def test_steps_beyond_the_pictures_are_told_in_words(flat_grid, monkeypatch):
         joins = " ".join(f"{seam_name(join.seam)} to {panel_name(numbers[join.other])}" for join in step.joins)
         assert f"{number}. Add panel {panel_name(number)} {joins}" in text[-1]
     with pytest.raises(Cancelled):
-        assembly_sheet.pages(spirals, made, figures, "x", progress=Progress(stopped=lambda: True))
+        assembly_sheet.draw_pages(spirals, made, figures, "x", progress=Progress(stopped=lambda: True))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from flexmaps.engine.extras.assembly_sheet.step_pictures import Box, PatchColours, mix_colours, panel
+from flexmaps.engine.extras.assembly_sheet.step_pictures import PageBox, PatchColours, draw_flat_panel, mix_colours
 from flexmaps.engine.fabrication.writers.pdf import Page
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.patches.joining import steps
@@ -34,8 +34,8 @@ def test_the_seams_of_a_step_lie_on_the_outline_of_its_panel(flat_grid: Callable
     flat = flat_grid(6, 3, cut=lambda x, y: x == 2)
     last, seam = steps(flat.layout)[-1], "#ff0000"
     (join,) = last.joins
-    page, box = Sketch(), Box(0.02, 0.1, 0.08, 0.06)
-    panel(page, box, flat, last, PatchColours(["#c0c0c0"] * 2, [seam]))
+    page, box = Sketch(), PageBox(0.02, 0.1, 0.08, 0.06)
+    draw_flat_panel(page, box, flat, last, PatchColours(["#c0c0c0"] * 2, [seam]))
     outline = shapely.LinearRing(page.areas[0])
     assert shapely.box(box.x, box.y, box.x + box.width, box.y + box.height).contains(outline)
     drawn = shapely.union_all([shapely.LineString(points) for points, colour in page.lines if colour == seam])

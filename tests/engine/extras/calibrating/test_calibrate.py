@@ -20,11 +20,11 @@ from flexmaps.engine.extras.calibrating.calibrate import (
     Readings,
     _weighted_mean,
     calibrate,
-    numbers,
-    preset,
+    parse_numbers,
+    preset_script,
 )
-from flexmaps.engine.extras.calibrating.coupons import FILE, GRAVITY, Coupons, read
-from flexmaps.engine.extras.calibrating.sizes import coupons
+from flexmaps.engine.extras.calibrating.coupons import CALIBRATION_FILE, GRAVITY, Coupons, read_coupons
+from flexmaps.engine.extras.calibrating.sizes import choose_coupons
 from flexmaps.engine.params import ConnectorParams, Settings, with_values
 from flexmaps.engine.spirals.curves.spiral import centre_line
 
@@ -48,7 +48,7 @@ TRUE, KERF = 3.4e9, 1.7e-4  # Pa and metres of the machine that is played here
 
 
 def made(**values: float | str) -> Coupons:
-    return coupons(with_values(Settings(), {**LASER, **values}))
+    return choose_coupons(with_values(Settings(), {**LASER, **values}))
 
 
 @pytest.fixture
@@ -185,7 +185,7 @@ def test_readings_in_millimetres_and_grams() -> None:
     assert shown.kerf_gaps == [pytest.approx(1.9e-3)] and shown.clearance == pytest.approx(5e-5)
     assert shown.spiral_sags == [(pytest.approx(7e-4), pytest.approx(8e-4))]
     assert shown.spiral_loads == (pytest.approx(0.1), pytest.approx(0.2)) and len(shown.strip_sags) == 2
-    assert numbers("1.02, 1.04;3") == [1.02, 1.04, 3.0] and numbers(" ") == []
+    assert parse_numbers("1.02, 1.04;3") == [1.02, 1.04, 3.0] and parse_numbers(" ") == []
     for wrong in (
         {"spiral_sag": (1.0,)},
         {"clearance": [1, 2]},
@@ -195,7 +195,7 @@ def test_readings_in_millimetres_and_grams() -> None:
         with pytest.raises(FlexMapsError):
             Readings.from_measurements(**wrong)  # type: ignore[arg-type]
     with pytest.raises(FlexMapsError, match="not a list of numbers"):
-        numbers("1.0 mm")
+        parse_numbers("1.0 mm")
 
 
 def test_settings_are_those_of_a_material_and_a_machine(laser: Coupons) -> None:
@@ -205,7 +205,7 @@ def test_settings_are_those_of_a_material_and_a_machine(laser: Coupons) -> None:
     assert settings.material.chosen.density == 1420.0
     assert settings.cut.kerf_outline == pytest.approx(KERF, rel=1e-3) == settings.cut.kerf_holes
     assert settings.connect.clearance == pytest.approx(5e-5 + KERF - laser.kerf, abs=1e-7)
-    text = preset(found.settings, "mine\nimport os")
+    text = preset_script(found.settings, "mine\nimport os")
     lines = [line for line in text.splitlines() if line.startswith("settings.")]
     assert len(lines) == len(found.settings) and "import os" in text.splitlines()[0]
     only = calibrate(laser, Readings(kerf_gaps=[0.0017])).settings
@@ -220,7 +220,7 @@ def test_settings_are_those_of_a_material_and_a_machine(laser: Coupons) -> None:
 @pytest.mark.parametrize("name", KINDS_OF_SHEETS)
 def test_its_pieces_are_sound_and_apart(name: str) -> None:
     """By shapely: valid outlines, holes inside, nothing overlaps even on the way of the cutter, all inside the sheet."""
-    drawn = sheet_files.make(with_values(Settings(), KINDS_OF_SHEETS[name]))
+    drawn = sheet_files.make_calibration_sheet(with_values(Settings(), KINDS_OF_SHEETS[name]))
     width, height = drawn.packing.sizes[0]
     paths = []
     for piece in drawn.pieces:
@@ -242,7 +242,7 @@ def test_its_pieces_are_sound_and_apart(name: str) -> None:
 @pytest.mark.parametrize("name", KINDS_OF_SHEETS)
 def test_its_pieces_keep_the_distance_of_the_sheet_and_two_kerfs(name: str) -> None:
     settings = with_values(Settings(), KINDS_OF_SHEETS[name])
-    drawn = sheet_files.make(settings)
+    drawn = sheet_files.make_calibration_sheet(settings)
     pieces = [shapely.union_all([shapely.Polygon(c.sample(1e-6)) for c in p.outlines]) for p in drawn.pieces]
     nearest = min(one.distance(other) for k, one in enumerate(pieces) for other in pieces[:k])
     assert nearest > max(settings.sheet.spacing, 2.0 * drawn.coupons.kerf, 2.0 * drawn.coupons.mill) - 1e-6
@@ -252,10 +252,10 @@ def test_its_pieces_keep_the_distance_of_the_sheet_and_two_kerfs(name: str) -> N
 def test_the_frame_of_a_spiral_is_at_least_five_sheets_wide(name: str) -> None:
     c = made(**KINDS_OF_SHEETS[name])
     for one in c.spirals:
-        piece = calibration_pieces.spiral(c, one)
+        piece = calibration_pieces.draw_spiral(c, one)
         holes = shapely.union_all([shapely.Polygon(hole.sample(1e-6)) for hole in piece.holes])
         edge = shapely.LinearRing(piece.outlines[0].sample(1e-6))
-        assert edge.distance(holes) > max(calibration_pieces.RIM, 5.0 * c.thickness)
+        assert edge.distance(holes) > max(calibration_pieces.RIM_WIDTH, 5.0 * c.thickness)
 
 
 @pytest.mark.parametrize("name", KINDS_OF_SHEETS)
@@ -263,11 +263,11 @@ def test_the_arms_of_a_spiral_are_as_wide_as_their_stiffness_assumes(name: str) 
     """Around the centre lines of arms that point to the middles of the frame's sides, as far as the fillets at the hub."""
     c = made(**KINDS_OF_SHEETS[name])
     for one in c.spirals:
-        piece = calibration_pieces.spiral(c, one)
+        piece = calibration_pieces.draw_spiral(c, one)
         (left, _), (right, high) = piece.box
         centre = np.array([0.5 * (left + right), high - 0.5 * (right - left)])
         t = np.broadcast_to(np.linspace(0.02, 0.5, 40), (1, 4, 40))
-        places = centre_line(calibration_pieces._arms(one), t)[0].reshape(-1, 2) + centre
+        places = centre_line(calibration_pieces._make_arms(one), t)[0].reshape(-1, 2) + centre
         holes = shapely.union_all([shapely.Polygon(hole.sample(1e-7)) for hole in piece.holes])
         distances = shapely.distance(holes, shapely.points(places))
         assert distances == pytest.approx(0.5 * one.width, abs=0.01 * one.width)
@@ -275,7 +275,7 @@ def test_the_arms_of_a_spiral_are_as_wide_as_their_stiffness_assumes(name: str) 
 
 def test_the_comb_counts_its_kerfs(laser: Coupons) -> None:
     """What is left of the window when every line has taken one kerf, by shapely: n squares, and a gap of n + 1 kerfs."""
-    piece = calibration_pieces.comb(laser, "")
+    piece = calibration_pieces.draw_comb(laser, "")
     lines = [shapely.LinearRing(c.points) if c.closed else shapely.LineString(c.points) for c in piece.shared]
     taken = shapely.unary_union([line.buffer(0.5 * KERF, cap_style="square", join_style="mitre") for line in lines])
     window = shapely.Polygon(shapely.get_parts(taken)[0].exterior)
@@ -288,7 +288,7 @@ def test_the_comb_counts_its_kerfs(laser: Coupons) -> None:
 @pytest.mark.parametrize("kind", ["dovetail", pytest.param("key", marks=pytest.mark.thorough)])
 def test_rungs_leave_their_clearance(laser: Coupons, kind: str) -> None:
     """The counterpart laid into its recess stays the engraved clearance away from it everywhere, by shapely."""
-    piece = calibration_pieces.ladder(laser, ConnectorParams(), kind)
+    piece = calibration_pieces.draw_ladder(laser, ConnectorParams(), kind)
     rail = shapely.Polygon(piece.outlines[0].sample(1e-7))
     others = [shapely.Polygon(c.sample(1e-7)) for c in piece.outlines[1:]]
     parts = others[::2] if kind == "key" else others  # the loose key goes first into the rail
@@ -306,7 +306,7 @@ def test_rungs_leave_their_clearance(laser: Coupons, kind: str) -> None:
 
 
 def test_plain_ends_have_play_on_both_sides(laser: Coupons) -> None:
-    piece = calibration_pieces.ladder(laser, ConnectorParams(), "tab")
+    piece = calibration_pieces.draw_ladder(laser, ConnectorParams(), "tab")
     rail, *tongues = (shapely.Polygon(c.sample(1e-7)) for c in piece.outlines)
     across = shapely.LineString([(-1.0, rail.bounds[3] - 6e-4), (1.0, rail.bounds[3] - 6e-4)])
     walls = [part.bounds for part in shapely.get_parts(rail.intersection(across))]
@@ -320,8 +320,8 @@ def test_files_are_read_by_others(tmp_path: Path) -> None:
     import ezdxf
     import svgelements
 
-    drawn = sheet_files.make(with_values(Settings(), LASER))
-    paths = sheet_files.write(drawn, tmp_path, tuple(sheet_files.WRITERS))
+    drawn = sheet_files.make_calibration_sheet(with_values(Settings(), LASER))
+    paths = sheet_files.write_calibration_sheet(drawn, tmp_path, tuple(sheet_files.WRITERS))
     assert {p.name for p in paths} == {p.name for p in tmp_path.iterdir()}
     width, height = drawn.packing.sizes[0] * 1e3
     svg = svgelements.SVG.parse(tmp_path / "calibration.svg")
@@ -331,27 +331,27 @@ def test_files_are_read_by_others(tmp_path: Path) -> None:
     runs = drawn.cuts_on_sheet(0)
     assert layers.count("CUT_OUTER") == len(runs.outer_cuts) and layers.count("CUT_INNER") == len(runs.inner_cuts)
     assert len(list(svg.elements(lambda e: isinstance(e, svgelements.Path)))) == len(layers)
-    again = read(tmp_path)
-    assert again == drawn.coupons == read(tmp_path / FILE)
+    again = read_coupons(tmp_path)
+    assert again == drawn.coupons == read_coupons(tmp_path / CALIBRATION_FILE)
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[]", '{"flexmaps": "calibration"}', "null", "nan"])
 def test_damaged_sizes_are_refused(tmp_path: Path, text: str) -> None:
-    (tmp_path / FILE).write_text(text, encoding="utf-8")
+    (tmp_path / CALIBRATION_FILE).write_text(text, encoding="utf-8")
     with pytest.raises(FlexMapsError, match="damaged"):
-        read(tmp_path)
+        read_coupons(tmp_path)
     with pytest.raises(FlexMapsError, match="make a calibration sheet first"):
-        read(tmp_path / "nowhere")
+        read_coupons(tmp_path / "nowhere")
 
 
 def test_numbers_that_are_none_in_the_file_are_refused(tmp_path: Path, laser: Coupons) -> None:
     for name, value in (("thickness", -1.0), ("youngs", math.inf), ("strip_length", 0.0), ("density", math.nan)):
-        (tmp_path / FILE).write_text(replace(laser, **{name: value}).text(), encoding="utf-8")
+        (tmp_path / CALIBRATION_FILE).write_text(replace(laser, **{name: value}).text(), encoding="utf-8")
         with pytest.raises(FlexMapsError, match="damaged"):
-            read(tmp_path)
+            read_coupons(tmp_path)
 
 
 def test_unknown_formats_are_refused(tmp_path: Path) -> None:
     with pytest.raises(FlexMapsError, match="no format 'stl'"):
-        sheet_files.write(sheet_files.make(Settings()), tmp_path / "out", ("stl",))
+        sheet_files.write_calibration_sheet(sheet_files.make_calibration_sheet(Settings()), tmp_path / "out", ("stl",))
     assert not (tmp_path / "out").exists()

@@ -13,10 +13,10 @@ from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.extras.choosing import choice, choice_stage, drawn_cuts, layout_search
 from flexmaps.engine.extras.choosing import choose as choosing
 from flexmaps.engine.extras.choosing import judge as judging
-from flexmaps.engine.extras.choosing.alike import ROWS, alike
 from flexmaps.engine.extras.choosing.choose import choose
-from flexmaps.engine.extras.choosing.judge import FlatLayout, Idea, JudgedLayout, LayoutProblem, lay_flat
-from flexmaps.engine.extras.choosing.moves import merge_across_seams, moves
+from flexmaps.engine.extras.choosing.judge import CutPlan, FlatLayout, JudgedLayout, LayoutProblem, flatten_cuts
+from flexmaps.engine.extras.choosing.layout_changes import merge_across_seams, propose_changes
+from flexmaps.engine.extras.choosing.layout_variants import SHIFT_ROWS, make_variants
 from flexmaps.engine.params import ChooseParams, Settings
 from flexmaps.engine.patches.layout import PatchLayout, groups
 from flexmaps.engine.progress import Progress
@@ -56,18 +56,18 @@ def grid(n: int = 8, m: int = 6, height: float = 0.02) -> QuadMesh:
 
 def test_the_lines_of_a_torus_are_its_circles() -> None:
     mesh = torus()
-    line_of = drawn_cuts.lines_of(mesh)
+    line_of = drawn_cuts.lines_of_edges(mesh)
     assert sorted(np.bincount(line_of).tolist()) == [8] * 16 + [16] * 8
-    found = drawn_cuts.families(mesh)
+    found = drawn_cuts.find_families(mesh)
     assert sorted(len(np.unique(family.lines)) for family in found) == [8, 16]
     assert all(family.closed for family in found)
 
 
 def test_equal_parts_of_a_torus_are_equally_large() -> None:
     mesh = torus()
-    long = max(drawn_cuts.families(mesh), key=lambda family: len(family.lines))  # the circles the short way round
+    long = max(drawn_cuts.find_families(mesh), key=lambda family: len(family.lines))  # the circles the short way round
     for parts in (2, 4, 8):
-        cut = np.isin(drawn_cuts.lines_of(mesh), long.equal(parts))
+        cut = np.isin(drawn_cuts.lines_of_edges(mesh), long.equal(parts))
         a, b = mesh.edge_quads[~cut & ~mesh.border].T
         assert np.bincount(groups(len(mesh.quads), a, b)).tolist() == [len(mesh.quads) // parts] * parts
 
@@ -75,7 +75,7 @@ def test_equal_parts_of_a_torus_are_equally_large() -> None:
 def test_equal_strips_of_a_sheet() -> None:
     mesh = grid(8, 6)
     sizes = set()
-    for name, cut in drawn_cuts.equal_cuts(mesh, 4, []):
+    for name, cut in drawn_cuts.cuts_into_equal_parts(mesh, 4, []):
         layout = PatchLayout(mesh, cut)
         sizes.add(tuple(len(quads) for quads in layout.patches))
         assert name.startswith(str(len(layout.patches)))
@@ -85,12 +85,12 @@ def test_equal_strips_of_a_sheet() -> None:
 
 def test_seams_lie_in_the_mirror_planes() -> None:
     mesh = grid(8, 6)
-    cuts = dict(drawn_cuts.planes(mesh, symmetries(mesh)))
+    cuts = dict(drawn_cuts.cuts_in_planes(mesh, symmetries(mesh)))
     cut = cuts["along all mirror planes"]
     middle = mesh.vertices[mesh.edges[cut]].mean(axis=1)
     off = np.minimum(np.abs(middle[:, 0] - 0.08), np.abs(middle[:, 1] - 0.06))
     assert cut.sum() == 8 + 6 and off.max() < 1e-9
-    assert len(drawn_cuts.in_plane(mesh, next(s for s in symmetries(mesh) if np.linalg.det(s.matrix) > 0))) == 0
+    assert len(drawn_cuts.edges_in_plane(mesh, next(s for s in symmetries(mesh) if np.linalg.det(s.matrix) > 0))) == 0
 
 
 # -- judging and changing ----------------------------------------------------------------------------------------------
@@ -125,8 +125,8 @@ def test_what_is_no_disk_is_opened_as_symmetrically_as_the_cuts_are() -> None:
     piece = ball()
     mesh, found = piece.mesh, piece.symmetries
     lost = 0
-    for name, cut in drawn_cuts.drop_images(drawn_cuts.equal_cuts(mesh, 5, found), found):
-        plain, even = (lay_flat(piece, Idea(cut, name, way)) for way in (False, True))
+    for name, cut in drawn_cuts.drop_symmetric_images(drawn_cuts.cuts_into_equal_parts(mesh, 5, found), found):
+        plain, even = (flatten_cuts(piece, CutPlan(cut, name, way)) for way in (False, True))
         assert plain is not None
         if plain.symmetric > 1:
             assert even is None  # there is no need for another
@@ -144,19 +144,19 @@ def test_what_is_no_disk_is_opened_as_symmetrically_as_the_cuts_are() -> None:
 def test_of_what_is_alike_by_symmetry_one_is_looked_at() -> None:
     mesh = torus()
     found = symmetries(mesh)
-    cuts = list(drawn_cuts.planes(mesh, found))
+    cuts = list(drawn_cuts.cuts_in_planes(mesh, found))
     assert len(cuts) == 1 + 8 + 1  # the plane that the torus lies in, those through its axis, all together
     # of those through the axis some hold two vertices' circles of the short way, some lie between: these hold no edges
-    assert len(list(drawn_cuts.drop_images(cuts, found))) == 3
-    assert [name for name, _ in drawn_cuts.drop_images(cuts, [])] == [name for name, _ in cuts]
+    assert len(list(drawn_cuts.drop_symmetric_images(cuts, found))) == 3
+    assert [name for name, _ in drawn_cuts.drop_symmetric_images(cuts, [])] == [name for name, _ in cuts]
 
 
 def test_what_cannot_be_laid_flat_is_no_layout() -> None:
     piece = LayoutProblem(torus(), Settings())
     nothing = np.zeros(len(piece.mesh.edges), dtype=bool)
-    opened = lay_flat(piece, Idea(nothing, "no cut at all"))
+    opened = flatten_cuts(piece, CutPlan(nothing, "no cut at all"))
     assert opened is not None and PatchLayout(piece.mesh, opened.cut).planar.all()
-    assert lay_flat(piece, Idea(nothing, "too curved"), most=0.1) is None
+    assert flatten_cuts(piece, CutPlan(nothing, "too curved"), most=0.1) is None
 
 
 @pytest.mark.parametrize("corner", [(1, 1), (1, 2), (2, 2)])
@@ -170,7 +170,7 @@ def test_panels_below_the_smallest_size_are_joined_to_their_neighbours(corner: t
         one, two = mesh.edge_quads.T
         cut = (kept[one] != kept[two]) & ~mesh.border
         assert min(len(quads) for quads in PatchLayout(mesh, cut).patches) < 6
-        laid = lay_flat(piece, Idea(cut, "corners"))
+        laid = flatten_cuts(piece, CutPlan(cut, "corners"))
         assert laid is not None
         assert min(len(quads) for quads in laid.flat.layout.patches) >= 6
         assert (laid.flat.layout.isthmus_widths(own=False) >= 2).all()
@@ -185,7 +185,7 @@ def test_small_panels_stay_where_no_neighbour_can_take_them() -> None:
         np.concatenate([large.vertices, small.vertices + np.array([1.0, 0.0, 0.0])]),
         np.concatenate([large.quads, small.quads + len(large.vertices)]),
     )
-    laid = lay_flat(LayoutProblem(mesh, Settings()), Idea(np.zeros(len(mesh.edges), dtype=bool), "nothing"))
+    laid = flatten_cuts(LayoutProblem(mesh, Settings()), CutPlan(np.zeros(len(mesh.edges), dtype=bool), "nothing"))
     assert laid is not None and sorted(len(quads) for quads in laid.flat.layout.patches) == [4, 36]
 
 
@@ -203,10 +203,10 @@ def test_cuts_and_darts_go_where_the_blame_is_and_joins_where_it_is_not() -> Non
     mesh = grid(8, 6, height=0.04)
     piece = LayoutProblem(mesh, Settings())
     middle = np.isclose(mesh.vertices[mesh.edges][:, :, 0], 0.08).all(axis=1) & ~mesh.border
-    laid = lay_flat(piece, Idea(middle, "halves"))
+    laid = flatten_cuts(piece, CutPlan(middle, "halves"))
     assert laid is not None
     blame = np.where(mesh.centroids[:, 0] < 0.08, 1.0, 0.0)  # the left half is to blame
-    ideas = list(moves(piece, judged_of(laid, blame), fewer=True, more=True))
+    ideas = list(propose_changes(piece, judged_of(laid, blame), fewer=True, more=True))
     added = [idea.cut & ~laid.cut for idea in ideas if (idea.cut & ~laid.cut).any()]
     assert added
     assert all((mesh.vertices[mesh.edges[cut]][..., 0] <= 0.08 + 1e-9).all() for cut in added[:3])
@@ -217,11 +217,11 @@ def test_cuts_and_darts_go_where_the_blame_is_and_joins_where_it_is_not() -> Non
 def test_changes_keep_the_symmetry_of_a_layout() -> None:
     mesh = grid(8, 6)
     piece = LayoutProblem(mesh, Settings(), symmetries=tuple(symmetries(mesh)))
-    cut = dict(drawn_cuts.planes(mesh, piece.symmetries))["along all mirror planes"]
-    laid = lay_flat(piece, Idea(cut, "quarters"))
+    cut = dict(drawn_cuts.cuts_in_planes(mesh, piece.symmetries))["along all mirror planes"]
+    laid = flatten_cuts(piece, CutPlan(cut, "quarters"))
     assert laid is not None and laid.symmetric == 1 + len(piece.symmetries) == 4
     rng = np.random.default_rng(2)
-    for idea in moves(piece, judged_of(laid, rng.random(len(mesh.quads))), fewer=True, more=True):
+    for idea in propose_changes(piece, judged_of(laid, rng.random(len(mesh.quads))), fewer=True, more=True):
         assert all((idea.cut[s.edges] == idea.cut).all() for s in piece.symmetries)
 
 
@@ -229,13 +229,15 @@ def test_a_seam_is_moved_aside_by_whole_rows_to_both_sides() -> None:
     """A straight seam through the middle of 12 by 6 quads lies on the lines beside it afterwards, and nothing else changes."""
     mesh = grid(12, 6)
     x = mesh.vertices[mesh.edges][:, :, 0]
-    laid = lay_flat(LayoutProblem(mesh, Settings()), Idea(np.isclose(x, 0.12).all(axis=1) & ~mesh.border, "halves"))
+    laid = flatten_cuts(
+        LayoutProblem(mesh, Settings()), CutPlan(np.isclose(x, 0.12).all(axis=1) & ~mesh.border, "halves")
+    )
     assert laid is not None
-    ideas = alike(LayoutProblem(mesh, Settings()), judged_of(laid, np.ones(len(mesh.quads))))
+    ideas = make_variants(LayoutProblem(mesh, Settings()), judged_of(laid, np.ones(len(mesh.quads))))
     moved = [idea.cut for idea in ideas if idea.origin == "a seam moved"]
     lines_at = {round(float(x[cut].mean()) / 0.02) for cut in moved if np.ptp(x[cut]) < 1e-9 and cut.sum() == 6}
-    assert lines_at == {6 + side * rows for side in (-1, 1) for rows in ROWS}
-    assert len(moved) == 2 * len(ROWS)
+    assert lines_at == {6 + side * rows for side in (-1, 1) for rows in SHIFT_ROWS}
+    assert len(moved) == 2 * len(SHIFT_ROWS)
 
 
 def test_cuts_against_joins_give_no_more_panels_and_take_up_less_curvature_first() -> None:
@@ -243,9 +245,9 @@ def test_cuts_against_joins_give_no_more_panels_and_take_up_less_curvature_first
     piece = LayoutProblem(mesh, Settings(), symmetries=tuple(symmetries(mesh)))
     x = mesh.vertices[mesh.edges][:, :, 0]
     thirds = (np.isclose(x, 0.06) | np.isclose(x, 0.12)).all(axis=1) & ~mesh.border
-    laid = lay_flat(piece, Idea(thirds, "thirds"))
+    laid = flatten_cuts(piece, CutPlan(thirds, "thirds"))
     assert laid is not None and laid.panels == 3
-    ideas = alike(piece, judged_of(laid, np.random.default_rng(2).random(len(mesh.quads))))
+    ideas = make_variants(piece, judged_of(laid, np.random.default_rng(2).random(len(mesh.quads))))
     exchanged = [idea for idea in ideas if "joined" in idea.origin]
     assert exchanged and all(len(PatchLayout(mesh, idea.cut).patches) <= 3 for idea in exchanged)
     assert all((idea.cut != laid.cut).any() for idea in ideas)
@@ -264,7 +266,7 @@ def strips(*parts: int) -> dict[int, FlatLayout]:
     found = {}
     for count in parts:
         strip = column * count // 24
-        laid = lay_flat(piece, Idea((strip[one] != strip[two]) & ~mesh.border, f"{count} strips"))
+        laid = flatten_cuts(piece, CutPlan((strip[one] != strip[two]) & ~mesh.border, f"{count} strips"))
         assert laid is not None and laid.panels == count
         found[count] = laid
     return found
@@ -286,23 +288,23 @@ def test_each_proposal_has_few_more_panels_than_the_one_before_and_all_look_diff
     made = []
     for count, laid in strips(1, 2, 3, 4, 6, 8).items():
         judged = replace(judged_of(laid, np.ones(len(laid.flat.layout.mesh.quads))), rms=0.02 / count)
-        made += [choice.proposal(judged, settings, settings.material.chosen) for _ in range(2)]
-    shown = choice.worth_showing(made, made[-1])
+        made += [choice.make_proposal(judged, settings, settings.material.chosen) for _ in range(2)]
+    shown = choice.select_proposals(made, made[-1])
     panels = [one.panels for one in shown]
     assert made[-1] in shown and panels == sorted(set(panels))
     # from two panels on there is always a number within the stride: 2, 3, 4, 6, 8
-    assert all(b <= choice.STRIDE * a for a, b in pairwise(panels) if a > 1)
+    assert all(b <= choice.MAX_PANEL_STEP * a for a, b in pairwise(panels) if a > 1)
     assert panels[0] == 1 and panels[-1] == 8
 
 
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fewer layouts than anybody would compare, which is quicker."""
-    monkeypatch.setattr(layout_search, "MOST", 6)
-    monkeypatch.setattr(layout_search, "FEWEST", 6)
-    monkeypatch.setattr(choosing, "MOST_PARTS", 3)
-    monkeypatch.setattr(choosing, "CLOSE", 0.0)
-    monkeypatch.setattr(judging, "LEAST", 1.0)  # what is judged here has little patience as it is
+    monkeypatch.setattr(layout_search, "MAX_LAYOUTS", 6)
+    monkeypatch.setattr(layout_search, "MIN_LAYOUTS", 6)
+    monkeypatch.setattr(choosing, "MAX_PARTS", 3)
+    monkeypatch.setattr(choosing, "SECOND_SEARCH_RATIO", 0.0)
+    monkeypatch.setattr(judging, "MIN_SHARE", 1.0)  # what is judged here has little patience as it is
 
 
 # -- choosing ----------------------------------------------------------------------------------------------------------
@@ -339,7 +341,7 @@ def test_no_more_panels_than_asked_and_none_worse_than_given() -> None:
     settings = Settings()
     piece = LayoutProblem(grid(8, 6, height=0.03), replace(settings, optimise=replace(settings.optimise, patience=0.3)))
     middle = np.isclose(piece.mesh.vertices[piece.mesh.edges][:, :, 0], 0.08).all(axis=1)
-    given = lay_flat(piece, Idea(middle, "halves"))
+    given = flatten_cuts(piece, CutPlan(middle, "halves"))
     assert given is not None
     choice = choose(piece, given.flat, ChooseParams(goal="panels", panels=2))
     first = next(one for one in choice.proposals if one.judged.laid.origin == "as it was")
@@ -365,9 +367,9 @@ def test_a_stop_keeps_the_best_so_far() -> None:
 
 def test_what_was_optimised_stays_where_its_layout_does(monkeypatch: pytest.MonkeyPatch) -> None:
     """No other layout is looked at, so that nothing can come nearer than the given one has."""
-    monkeypatch.setattr(layout_search, "MOST", 1)
-    monkeypatch.setattr(layout_search, "FEWEST", 1)
-    monkeypatch.setattr(workers, "cores", lambda: 1)  # starting processes takes longer than their work
+    monkeypatch.setattr(layout_search, "MAX_LAYOUTS", 1)
+    monkeypatch.setattr(layout_search, "MIN_LAYOUTS", 1)
+    monkeypatch.setattr(workers, "count_cores", lambda: 1)  # starting processes takes longer than their work
     settings = Settings()
     quick = replace(settings, optimise=replace(settings.optimise, patience=0.1), choose=ChooseParams(match=0.001))
     mesh = PolygonMesh.from_quads(grid(4, 4, height=0.02))

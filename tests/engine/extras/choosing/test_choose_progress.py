@@ -25,22 +25,22 @@ def whole(*given: Any) -> bool:
 
 @pytest.mark.parametrize("proved", [{}, {"a": object()}])
 def test_the_parts_of_a_search_follow_each_other_from_0_to_1(monkeypatch: pytest.MonkeyPatch, proved: Any) -> None:
-    for name in ("_collect", "_changed", "_fill_gaps", "_prove"):
+    for name in ("_flatten_candidates", "_improve_best", "_fill_gaps", "_run_long_searches"):
         monkeypatch.setattr(choose, name, whole)
     search: Any = SimpleNamespace(proved=proved, start=None, left=1.0, ranking=[], next=lambda _: [], judge=whole)
     progress, seen = reporter()
     first: Any = object()
-    choose._sought(search, first, progress)
+    choose._search_layouts(search, first, progress)
     begun, ended = seen[::2], seen[1::2]
-    assert len(begun) == 4 + choose.TURNS
+    assert len(begun) == 4 + choose.ROUNDS
     assert begun == pytest.approx([0.0, *ended[:-1]]) and ended[-1] == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("goal", ["panels", "match"])
 def test_progress_of_a_turn_of_changes_rises_from_0_to_1(monkeypatch: pytest.MonkeyPatch, goal: str) -> None:
     best: Any = SimpleNamespace(laid=SimpleNamespace(panels=3))
-    monkeypatch.setattr(choose, "moves", lambda *_, **__: iter([object()] * 3))
-    monkeypatch.setattr(choose, "alike", lambda *_: iter([]))
+    monkeypatch.setattr(choose, "propose_changes", lambda *_, **__: iter([object()] * 3))
+    monkeypatch.setattr(choose, "make_variants", lambda *_: iter([]))
 
     def together(work: Any, things: Any, progress: Progress, text: str) -> list[None]:
         whole(progress)
@@ -52,5 +52,5 @@ def test_progress_of_a_turn_of_changes_rises_from_0_to_1(monkeypatch: pytest.Mon
     )  # fmt: skip
     progress, seen = reporter()
     first: Any = object()
-    assert not choose._changed(search, first, progress)
+    assert not choose._improve_best(search, first, progress)
     assert seen == sorted(seen) and (seen[0], seen[-1]) == (0.0, 1.0)

@@ -10,9 +10,17 @@ import numpy as np
 import pytest
 from flexmaps.engine.extras.choosing import choose as choosing
 from flexmaps.engine.extras.choosing import layout_search as searching
-from flexmaps.engine.extras.choosing.decide import may_replace_initial, pick
-from flexmaps.engine.extras.choosing.judge import LONG, WHOLE, FlatLayout, Idea, JudgedLayout, LayoutProblem, lay_flat
-from flexmaps.engine.extras.choosing.layout_search import LayoutSearch, clocked_progress, key
+from flexmaps.engine.extras.choosing.decide import may_replace_initial, pick_best
+from flexmaps.engine.extras.choosing.judge import (
+    FULL_SHARE,
+    LONG_SHARE,
+    CutPlan,
+    FlatLayout,
+    JudgedLayout,
+    LayoutProblem,
+    flatten_cuts,
+)
+from flexmaps.engine.extras.choosing.layout_search import LayoutSearch, clocked_progress, layout_key
 from flexmaps.engine.extras.choosing.predict import PredictionStart, judge_by_prediction, predict
 from flexmaps.engine.params import ChooseParams, Settings
 from flexmaps.engine.progress import Progress
@@ -29,7 +37,7 @@ def layouts() -> tuple[LayoutProblem, list[FlatLayout]]:
     one, two = mesh.edge_quads.T
     made = []
     for parts in (face, np.array([0, 1, 1, 2, 2, 0])[face], np.array([0, 1, 0, 1, 0, 1])[face]):
-        laid = lay_flat(piece, Idea((parts[one] != parts[two]) & ~mesh.border, "drawn"))
+        laid = flatten_cuts(piece, CutPlan((parts[one] != parts[two]) & ~mesh.border, "drawn"))
         assert laid is not None
         made.append(laid)
     return piece, made
@@ -50,15 +58,17 @@ def test_a_long_search_scales_what_is_predicted_of_other_layouts(
     piece, (six, three, two) = layouts
     search = LayoutSearch(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
     for laid, rms in ((six, 0.008), (three, 0.016), (two, 0.05)):
-        search.known[key(laid)] = _judged(laid, rms, 0.0)
+        search.known[layout_key(laid)] = _judged(laid, rms, 0.0)
     assert [one.laid for one in search.ranking] == [six, three, two], "only six panels are predicted to hold 1 %"
-    found = _judged(two, 0.025, LONG)
-    search.proved[key(two)] = found
+    found = _judged(two, 0.025, LONG_SHARE)
+    search.proved[layout_key(two)] = found
     search.expect([found])
-    assert search.expected == pytest.approx(0.5) and search.distance(search.known[key(three)]) == pytest.approx(0.008)
+    assert search.expected == pytest.approx(0.5) and search.distance(search.known[layout_key(three)]) == pytest.approx(
+        0.008
+    )
     # three panels hold it too now, with fewer joints; what was searched for counts as it is
     assert [one.laid for one in search.ranking] == [three, six, two] and search.distance(found) == 0.025
-    search.expect([_judged(six, 0.012, LONG), found])
+    search.expect([_judged(six, 0.012, LONG_SHARE), found])
     assert search.expected == pytest.approx(1.5), "the worst of several"
 
 
@@ -76,8 +86,8 @@ def test_joints_are_spent_only_on_a_match_that_somebody_would_notice(
     """Nothing holds 1 %: six panels come to 1.6 %, three with fewer joints less near."""
     piece, (six, three, two) = layouts
     search = LayoutSearch(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
-    judged = [_judged(six, 0.016, LONG), _judged(three, near, LONG), _judged(two, 0.05, LONG)]
-    found = pick(search, judged, two)
+    judged = [_judged(six, 0.016, LONG_SHARE), _judged(three, near, LONG_SHARE), _judged(two, 0.05, LONG_SHARE)]
+    found = pick_best(search, judged, two)
     assert found.laid.panels == panels
 
 
@@ -101,8 +111,8 @@ def test_an_optimised_layout_stays_unless_another_comes_nearer(
     piece, made = layouts
     laid = dict(zip((6, 3, 2), made, strict=True))
     search = LayoutSearch(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
-    judged = [_judged(laid[given], 0.02, WHOLE), *(_judged(laid[n], rms, LONG) for n, rms in others.items())]
-    assert pick(search, sorted(judged, key=search.key), laid[given]).laid.panels == panels
+    judged = [_judged(laid[given], 0.02, FULL_SHARE), *(_judged(laid[n], rms, LONG_SHARE) for n, rms in others.items())]
+    assert pick_best(search, sorted(judged, key=search.key), laid[given]).laid.panels == panels
 
 
 @pytest.mark.parametrize(
@@ -123,10 +133,14 @@ def test_only_layouts_that_would_be_taken_are_searched(
     laid = dict(zip((6, 3, 2), made, strict=True))
     search = LayoutSearch(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
     one = _judged(laid[other], rms, 0.0)
-    search.known[key(laid[other])] = one
+    search.known[layout_key(laid[other])] = one
     assert may_replace_initial(search, one), "nothing was optimised"
-    search.known[key(laid[given])] = search.proved[key(laid[given])] = _judged(laid[given], 0.02, WHOLE)
-    assert may_replace_initial(search, one) == worth and choosing._better(search, 2) == ([laid[other]] if worth else [])
+    search.known[layout_key(laid[given])] = search.proved[layout_key(laid[given])] = _judged(
+        laid[given], 0.02, FULL_SHARE
+    )
+    assert may_replace_initial(search, one) == worth and choosing._long_search_candidates(search, 2) == (
+        [laid[other]] if worth else []
+    )
 
 
 @pytest.mark.parametrize(
@@ -145,10 +159,10 @@ def test_a_second_search_is_for_layouts_that_it_may_decide_on(
     """The given layout was optimised and came to 2 %."""
     piece, (six, three, _) = layouts
     search = LayoutSearch(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
-    found = replace(_judged(six, rms, LONG), strain=strain)
-    for laid, one in ((three, _judged(three, 0.02, WHOLE)), (six, found)):
-        search.known[key(laid)] = search.proved[key(laid)] = one
-    assert choosing._undecided(search) == ([six] if again else [])
+    found = replace(_judged(six, rms, LONG_SHARE), strain=strain)
+    for laid, one in ((three, _judged(three, 0.02, FULL_SHARE)), (six, found)):
+        search.known[layout_key(laid)] = search.proved[layout_key(laid)] = one
+    assert choosing._second_search_candidates(search) == ([six] if again else [])
     assert found.proved == (strain <= 1.0)
 
 
@@ -158,13 +172,13 @@ def test_layouts_are_searched_for_that_are_expected_to_be_better(
     piece, (six, three, two) = layouts
     search = LayoutSearch(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
     for laid, rms in ((six, 0.015), (three, 0.03), (two, 0.02)):
-        search.known[key(laid)] = _judged(laid, rms, 0.0)
-    search.proved[key(two)] = _judged(two, 0.02, WHOLE)
-    assert choosing._better(search, 2) == [six]
-    search.proved[key(six)] = _judged(six, 0.03, LONG)
-    assert choosing._better(search, 2) == []
-    search.expect([search.proved[key(two)]])
-    assert search.expected == 1.0 and search.distance(search.known[key(three)]) == 0.03
+        search.known[layout_key(laid)] = _judged(laid, rms, 0.0)
+    search.proved[layout_key(two)] = _judged(two, 0.02, FULL_SHARE)
+    assert choosing._long_search_candidates(search, 2) == [six]
+    search.proved[layout_key(six)] = _judged(six, 0.03, LONG_SHARE)
+    assert choosing._long_search_candidates(search, 2) == []
+    search.expect([search.proved[layout_key(two)]])
+    assert search.expected == 1.0 and search.distance(search.known[layout_key(three)]) == 0.03
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 9])
@@ -197,7 +211,7 @@ def test_progress_goes_on_while_layouts_are_judged(
     now, seen = [100.0], list[float]()
     monkeypatch.setattr(searching.time, "monotonic", lambda: now[0])
 
-    monkeypatch.setattr(searching, "cores", lambda: 1)
+    monkeypatch.setattr(searching, "count_cores", lambda: 1)
 
     def together(_: Any, things: Any, progress: Progress, text: str) -> list[None]:
         for now[0], done in ((100.0, 0.0), (103.0, 0.0), (130.0, 0.0), (140.0, 0.0), (141.0, 0.9)):

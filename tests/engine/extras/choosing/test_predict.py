@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from flexmaps.engine.extras.choosing import drawn_cuts
-from flexmaps.engine.extras.choosing.judge import FlatLayout, Idea, LayoutProblem, lay_flat
+from flexmaps.engine.extras.choosing.judge import CutPlan, FlatLayout, LayoutProblem, flatten_cuts
 from flexmaps.engine.extras.choosing.predict import PredictionStart, predict
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem
 from flexmaps.engine.optimisation.design_point import DesignPoint
@@ -33,15 +33,15 @@ def dome() -> tuple[LayoutProblem, dict[str, FlatLayout]]:
     """A dome with three of its layouts: whole and halved both ways."""
     piece = LayoutProblem(sheet(0.03), Settings())
     ideas = {"whole": np.zeros(len(piece.mesh.edges), dtype=bool)}
-    for name, cut in drawn_cuts.equal_cuts(piece.mesh, 2, []):
+    for name, cut in drawn_cuts.cuts_into_equal_parts(piece.mesh, 2, []):
         ideas[f"{name}, {int(cut.sum())} edges"] = cut
-    laid = {name: lay_flat(piece, Idea(cut, name)) for name, cut in ideas.items()}
+    laid = {name: flatten_cuts(piece, CutPlan(cut, name)) for name, cut in ideas.items()}
     return piece, {name: one for name, one in laid.items() if one is not None}
 
 
 def test_a_flat_sheet_is_matched() -> None:
     piece = LayoutProblem(sheet(0.0), Settings())
-    laid = lay_flat(piece, Idea(np.zeros(len(piece.mesh.edges), dtype=bool), "whole"))
+    laid = flatten_cuts(piece, CutPlan(np.zeros(len(piece.mesh.edges), dtype=bool), "whole"))
     assert laid is not None and predict(piece, laid.flat) < 1e-6
 
 

@@ -50,18 +50,20 @@ def told(
         )
 
     monkeypatch.setattr(prospects, "optimise", search)
-    monkeypatch.setattr(prospects._Promise, "gains", lambda *_: True)
-    monkeypatch.setattr(prospects, "lay_flat", lambda *_, **__: None if np.isinf(cut) else SimpleNamespace(flat=None))
+    monkeypatch.setattr(prospects._PredictionFilter, "gains", lambda *_: True)
+    monkeypatch.setattr(
+        prospects, "flatten_cuts", lambda *_, **__: None if np.isinf(cut) else SimpleNamespace(flat=None)
+    )
     monkeypatch.setattr(prospects, "judge", lambda *_, **__: SimpleNamespace(rms=cut / 100.0))
     found = saddle()
-    return prospects.prospects(found, find_limits(found), Settings()), held
+    return prospects.find_prospects(found, find_limits(found), Settings()), held
 
 
 def test_nothing_is_tried_within_the_match_that_is_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
     now = saddle().match["rms_percent"]
-    monkeypatch.setattr(prospects, "holding", lambda *_: pytest.fail("tried"))
+    monkeypatch.setattr(prospects, "support_options", lambda *_: pytest.fail("tried"))
     near = Settings(choose=replace(Settings().choose, match=1.01 * now))
-    assert prospects.prospects(saddle(), find_limits(saddle()), near) is None
+    assert prospects.find_prospects(saddle(), find_limits(saddle()), near) is None
 
 
 def test_the_best_come_first_and_what_gains_little_is_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -91,7 +93,10 @@ def test_what_is_predicted_to_gain_little_is_not_searched(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(prospects, "optimise", search)
     monkeypatch.setattr(prospects, "judge", lambda *_, **__: pytest.fail("searched"))
-    assert list(prospects.prospects(saddle(), find_limits(saddle()), Settings()) or ()) == ["lowest"] and len(held) == 1
+    assert (
+        list(prospects.find_prospects(saddle(), find_limits(saddle()), Settings()) or ()) == ["lowest"]
+        and len(held) == 1
+    )
 
 
 def test_folds_are_tried_rounded_under_the_same_seams(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -109,9 +114,9 @@ def test_folds_are_tried_rounded_under_the_same_seams(monkeypatch: pytest.Monkey
         return SimpleNamespace(rms=0.001)
 
     monkeypatch.setattr(prospects, "judge", judged)
-    monkeypatch.setattr(prospects._Promise, "gains", lambda *_: True)
-    monkeypatch.setattr(prospects, "with_cuts", lambda *_: iter(()))
-    told = prospects.prospects(found, find_limits(found), Settings(), supports=np.array([0, 1])) or {}
+    monkeypatch.setattr(prospects._PredictionFilter, "gains", lambda *_: True)
+    monkeypatch.setattr(prospects, "plans_with_cuts", lambda *_: iter(()))
+    told = prospects.find_prospects(found, find_limits(found), Settings(), supports=np.array([0, 1])) or {}
     assert told == {"round": pytest.approx(0.1)} and len(tried) == 1
     piece, laid = tried[0]
     sharpest = [
@@ -123,10 +128,10 @@ def test_folds_are_tried_rounded_under_the_same_seams(monkeypatch: pytest.Monkey
 
 
 def test_supports_that_somebody_chose_stay(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(prospects, "_held", lambda *_: pytest.fail("held elsewhere"))
-    monkeypatch.setattr(prospects, "_cut", lambda *_: 0.1)
+    monkeypatch.setattr(prospects, "_distance_with_supports", lambda *_: pytest.fail("held elsewhere"))
+    monkeypatch.setattr(prospects, "_distance_with_cuts", lambda *_: 0.1)
     found = saddle()
-    assert list(prospects.prospects(found, find_limits(found), Settings(), supports=np.array([0, 1]))) == ["cut"]
+    assert list(prospects.find_prospects(found, find_limits(found), Settings(), supports=np.array([0, 1]))) == ["cut"]
 
 
 @pytest.mark.thorough
@@ -138,7 +143,7 @@ def test_the_full_search_comes_as_near_as_is_told() -> None:
 
     made = job.run(PolygonMesh.from_quads(shapes.make("saddle")), Settings(), edge=0.02, stop_after="simulate")
     assert made.simulation is not None and made.limits is not None and made.design is not None
-    found = prospects.prospects(made.simulation, made.limits, Settings()) or {}
+    found = prospects.find_prospects(made.simulation, made.limits, Settings()) or {}
     settings = Settings()
     for name in set(found) - {prospects.CUT}:
         mesh = made.mesh

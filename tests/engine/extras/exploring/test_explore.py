@@ -152,7 +152,7 @@ def test_faults_are_told_and_the_rest_goes_on():
     nothing = searched(8, task=lambda base, values: Candidate(values, fault="It is too thin."))
     assert nothing.best is None
     assert "It is too thin." in nothing.note
-    assert folders.plot(nothing).items
+    assert folders.plot_candidates(nothing).items
 
 
 # -- stopped, and gone on ---------------------------------------------------------------------------------------------------
@@ -167,7 +167,7 @@ def test_one_that_was_stopped_goes_on_to_the_same_end(tmp_path):
             calls.append(tuple(values.items()))
         return bowl(base, values)
 
-    with folders.Folder(tmp_path, BASE, asked) as kept:
+    with folders.ExplorationFolder(tmp_path, BASE, asked) as kept:
         found = []
 
         def tell(one):
@@ -181,14 +181,14 @@ def test_one_that_was_stopped_goes_on_to_the_same_end(tmp_path):
     with (tmp_path / folders.JOURNAL_FILE).open("a") as stream:
         stream.write('{"values": {"spiral.th')  # as if the disk had been full
     calls.clear()
-    with folders.Folder(tmp_path, BASE, asked) as kept:
+    with folders.ExplorationFolder(tmp_path, BASE, asked) as kept:
         known = [one for one in kept.known if not one.fault]
         rest = searched(task=counted, known=kept.known, found=kept.add)
         kept.write(rest)
     assert known
     assert not {tuple(one.values.items()) for one in known} & set(calls)
     assert rest.report() == whole.report()
-    with folders.Folder(tmp_path, BASE, asked) as kept:
+    with folders.ExplorationFolder(tmp_path, BASE, asked) as kept:
         assert len(kept.known) == 60
     with (tmp_path / folders.TABLE).open(newline="") as stream:
         rows = list(csv.DictReader(stream))
@@ -198,16 +198,16 @@ def test_one_that_was_stopped_goes_on_to_the_same_end(tmp_path):
 
 
 def test_another_exploration_is_not_mixed_in(tmp_path):
-    with folders.Folder(tmp_path, BASE, make_space(PLANE, DEFAULTS)):
+    with folders.ExplorationFolder(tmp_path, BASE, make_space(PLANE, DEFAULTS)):
         pass
     with pytest.raises(FlexMapsError, match="another folder"):
-        folders.Folder(tmp_path, BASE, make_space({"edge": "10:30"}, DEFAULTS))
+        folders.ExplorationFolder(tmp_path, BASE, make_space({"edge": "10:30"}, DEFAULTS))
     with pytest.raises(FlexMapsError, match="another folder"):
-        folders.Folder(tmp_path, ExplorationInput({}, DEFAULTS, effort=0.5), make_space(PLANE, DEFAULTS))
+        folders.ExplorationFolder(tmp_path, ExplorationInput({}, DEFAULTS, effort=0.5), make_space(PLANE, DEFAULTS))
     file = tmp_path / "file"
     file.write_text("")
     with pytest.raises(FlexMapsError, match="file"):
-        folders.Folder(file / "below", BASE, make_space(PLANE, DEFAULTS))
+        folders.ExplorationFolder(file / "below", BASE, make_space(PLANE, DEFAULTS))
 
 
 def test_stopped_before_anything_was_found_is_stopped():
@@ -277,9 +277,9 @@ def test_numbers_of_quads_are_tried_on_new_quads_and_taken_so(tmp_path):
 def test_numbers_of_panels_are_chosen_by_physics(strip, monkeypatch):
     """With the goal of so many panels, every candidate's layout is chosen, and has no more than asked."""
     for module, name, value in (
-        (layout_search, "FEWEST", 3),
-        (layout_search, "MOST", 3),
-        (choosing, "MOST_PARTS", 3),
+        (layout_search, "MIN_LAYOUTS", 3),
+        (layout_search, "MAX_LAYOUTS", 3),
+        (choosing, "MAX_PARTS", 3),
     ):
         monkeypatch.setattr(module, name, value)
     result = strip.result

@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from flexmaps.engine.display.panel_mesh import DETAILS, make_panel_mesh
-from flexmaps.engine.extras.film import assembly_film, passage
-from flexmaps.engine.extras.film.blend import Blend
+from flexmaps.engine.extras.film import assembly_film, hub_film
+from flexmaps.engine.extras.film.pose_blend import PoseBlend
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.bent import bend_arms
 from flexmaps.engine.mechanics.assembly import Pose, rest_joints
@@ -40,7 +40,7 @@ def film(dome):
     count = len(made.flat.layout.patches)
     low = make_panel_mesh(made, DETAILS["COARSE"]).vertices_at_pose(bend_arms(made, pose), pose)[:, 2].min()
     table = np.c_[0.4 * np.arange(count), np.zeros(count), np.full(count, low + 0.5 * made.params.thickness)]
-    return assembly_film.film(made, pose, table, DETAILS["COARSE"], POM, SimulateParams()), table
+    return assembly_film.make_film(made, pose, table, DETAILS["COARSE"], POM, SimulateParams()), table
 
 
 def shown(found, time):
@@ -152,7 +152,7 @@ def test_nothing_jumps(film):
     step = 0.02
     frames = [shown(found, time) for time in np.arange(0.0, found.length, step)]
     fastest = max(np.linalg.norm(b - a, axis=1).max() for a, b in pairwise(frames)) / step
-    assert fastest < 4.0 * np.linalg.norm(frames[-1] - frames[0], axis=1).max() / assembly_film.FLIGHT
+    assert fastest < 4.0 * np.linalg.norm(frames[-1] - frames[0], axis=1).max() / assembly_film.FLIGHT_TIME
 
 
 def test_progress_rises_with_every_piece_of_a_stage(dome, film):
@@ -160,7 +160,7 @@ def test_progress_rises_with_every_piece_of_a_stage(dome, film):
     found, table = film
     seen = []
     progress = Progress(lambda fraction, text: seen.append(fraction))
-    assembly_film.shoot(made, pose, table, found.stages, passage.Hubs(made), progress)
+    assembly_film.record_tracks(made, pose, table, found.stages, hub_film.HubActors(made), progress)
     assert len(seen) > len(found.stages.all) and seen[0] == 0.0 and seen[-1] < 1.0
     assert (np.diff(seen) > 0.0).all()
 
@@ -179,7 +179,7 @@ def test_a_rolled_strip_unrolls_on_circles(flat_grid):
     lying = Pose(centres, np.broadcast_to(np.eye(3), (count, 3, 3)))
     # the middle of the strip stays as it is turned
     pose = pose.transform(rotations[count // 2].T, np.zeros(3))
-    blend = Blend.between(lying, pose, pairs, lever)
+    blend = PoseBlend.between(lying, pose, pairs, lever)
     flat, middle, whole = (blend.at(share) for share in (0.0, 0.5, 1.0))
     assert whole.centres == pytest.approx(pose.centres, abs=1e-6 * size)
     assert whole.rotations == pytest.approx(pose.rotations, abs=1e-9)

@@ -217,7 +217,7 @@ def test_a_seam_is_closed_from_where_the_panel_hangs(dome):
         for join in sorted(step.joins, key=lambda join: join.other == join.panel):
             edges = inner[
                 np.concatenate(
-                    [j for name, j in unfinished_pieces.batches(layout, step) if name == seam_name(join.seam)]
+                    [j for name, j in unfinished_pieces.joint_batches(layout, step) if name == seam_name(join.seam)]
                 )
             ]
             assert sorted(edges.tolist()) == sorted(layout.seams[join.seam].tolist())
@@ -227,7 +227,7 @@ def test_a_seam_is_closed_from_where_the_panel_hangs(dome):
                 assert ends[0] & held
             held |= set.union(*ends)
             closed += edges.tolist()
-        made = [edge for _, joints in unfinished_pieces.batches(layout, step) for edge in inner[joints].tolist()]
+        made = [edge for _, joints in unfinished_pieces.joint_batches(layout, step) for edge in inner[joints].tolist()]
         assert made == closed
 
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flexmaps.engine.extras.live import rig as rigs
+from flexmaps.engine.extras.live import live_state as rigs
 from flexmaps.engine.extras.live import session
-from flexmaps.engine.extras.live.given import LiveInput
+from flexmaps.engine.extras.live.live_input import LiveInput
 from flexmaps.engine.extras.live.live_piece import LiveEquilibrium, LivePiece
-from flexmaps.engine.materials import material
+from flexmaps.engine.materials import find_material
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.loads import parse_supports
 from flexmaps.engine.params import LayoutParams, MaterialParams, SimulateParams, SpiralParams
@@ -71,7 +71,7 @@ def softer(given: LiveInput, where: slice) -> LiveInput:
 CHANGES = {
     "stroke": lambda g, flat: softer(g, slice(40, 50)),
     "thickness": lambda g, flat: replace(g, spiral=replace(g.spiral, thickness=0.0025)),
-    "material": lambda g, flat: replace(g, material=material("birch")),
+    "material": lambda g, flat: replace(g, material=find_material("birch")),
     "weight": lambda g, flat: replace(
         g, simulate=replace(g.simulate, gravity=True), supports=parse_supports(flat.layout.mesh, "lowest")
     ),

@@ -8,9 +8,9 @@ import igl
 import numpy as np
 import pytest
 from flexmaps.engine.errors import Cancelled, FlexMapsError
-from flexmaps.engine.extras.scanning import compare, reading, register
+from flexmaps.engine.extras.scanning import compare, register, scan_reader
 from flexmaps.engine.extras.scanning.poses import Poses, ScanFit
-from flexmaps.engine.extras.scanning.reading import Scan
+from flexmaps.engine.extras.scanning.scan_reader import Scan
 from flexmaps.engine.extras.scanning.scan_target import ClosestPoints, TriangleSurface
 from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.progress import Progress
@@ -71,7 +71,7 @@ def nearby(monkeypatch):
 def test_laid_back_over_the_surface(name, anywhere):
     mesh = shapes.make(name)
     scan, true, size = scanned(mesh, 130 if anywhere else 29, 1, max(6000, 24 * len(mesh.quads)))
-    found = compare.compare(mesh, Scan(scan, unit="m", anywhere=anywhere))
+    found = compare.compare_scan(mesh, Scan(scan, unit="m", anywhere=anywhere))
     assert off(mesh, true @ found.turn.T + found.shift) < 0.001 * size
     np.testing.assert_allclose(np.linalg.det(found.turn), 1.0)
     assert 0.5 < found.is_covered.mean() < 0.75  # three fifths, and the quads on the cut and around the hole
@@ -88,7 +88,7 @@ def test_a_table_and_a_wall_are_told_from_the_piece(name):
     scan, true, size = scanned(mesh, 0, 3, 24 * len(mesh.quads))
     wall = true.mean(axis=0) + 0.6 * size * (np.random.default_rng(0).random((1500, 3)) - 0.5)
     wall[:, 0] = true[:, 0].min() - 0.02 * size
-    found = compare.compare(mesh, Scan(np.concatenate([scan, wall]), unit="m", anywhere=False))
+    found = compare.compare_scan(mesh, Scan(np.concatenate([scan, wall]), unit="m", anywhere=False))
     assert found.rms < 0.001 * size and found.highest < 0.003 * size
 
 
@@ -108,7 +108,7 @@ def test_what_is_bent_is_measured():
 
     turn = Rotation.from_rotvec([0.1, -0.2, 0.2]).as_matrix()
     bent = true + height(true)[:, None] * mesh.normals[index // 2]
-    found = compare.compare(mesh, Scan(bent @ turn.T, unit="m", anywhere=False))
+    found = compare.compare_scan(mesh, Scan(bent @ turn.T, unit="m", anywhere=False))
     np.testing.assert_allclose(found.distances, height(mesh.centroids), atol=0.003 * size)
     assert found.highest == pytest.approx(0.03 * size, rel=0.1)
 
@@ -117,18 +117,18 @@ def test_what_is_bent_is_measured():
 def test_units_are_guessed_or_asked_for():
     mesh = shapes.make("vault")
     scan, true, size = scanned(mesh, 10, 2, 3000, table=False)
-    found = compare.compare(mesh, Scan(1000 * scan, anywhere=False))
+    found = compare.compare_scan(mesh, Scan(1000 * scan, anywhere=False))
     assert found.scale == 0.001 and "millimetres" in found.remarks[0]
     assert off(mesh, 1000 * true * found.scale @ found.turn.T + found.shift) < 0.001 * size
     with pytest.raises(FlexMapsError, match="neither metres nor millimetres"):
-        compare.compare(mesh, Scan(scan / 0.0254, anywhere=False))
+        compare.compare_scan(mesh, Scan(scan / 0.0254, anywhere=False))
 
 
 @pytest.mark.thorough
 def test_inches_are_taken_as_told():
     mesh = shapes.make("vault")
     scan, _, size = scanned(mesh, 10, 2, 3000, table=False)
-    inches = compare.compare(mesh, Scan(scan / 0.0254, unit="in", anywhere=False))
+    inches = compare.compare_scan(mesh, Scan(scan / 0.0254, unit="in", anywhere=False))
     assert not any("taken to be" in text for text in inches.remarks) and inches.rms < 0.001 * size
 
 
@@ -138,30 +138,30 @@ def test_a_scan_far_from_the_origin():
     mesh = shapes.make("saddle")
     scan, true, size = scanned(mesh, 20, 4)
     far = np.array([4e5, 5e6, 300.0])
-    found = compare.compare(mesh, Scan(scan + far, unit="m", anywhere=False))
+    found = compare.compare_scan(mesh, Scan(scan + far, unit="m", anywhere=False))
     assert off(mesh, (true + far) @ found.turn.T + found.shift) < 0.001 * size
 
 
 def test_what_is_no_scan_is_named(tmp_path):
     mesh = shapes.make("vault")
     with pytest.raises(FlexMapsError, match="has 0 points"):
-        compare.compare(mesh, Scan(np.zeros((0, 3))))
+        compare.compare_scan(mesh, Scan(np.zeros((0, 3))))
     with pytest.raises(FlexMapsError, match="Point 8 "):
-        compare.compare(mesh, Scan(np.where(np.arange(200)[:, None] == 7, np.nan, np.ones((200, 3)))))
+        compare.compare_scan(mesh, Scan(np.where(np.arange(200)[:, None] == 7, np.nan, np.ones((200, 3)))))
     with pytest.raises(FlexMapsError, match="are the same"):
-        compare.compare(mesh, Scan(np.ones((200, 3))))
+        compare.compare_scan(mesh, Scan(np.ones((200, 3))))
     with pytest.raises(FlexMapsError, match="another object"):
         line = np.linspace(0, 0.3, 500)[:, None] * [[1.0, 0.0, 0.0]]
-        compare.compare(mesh, Scan(line, unit="m", anywhere=False))
+        compare.compare_scan(mesh, Scan(line, unit="m", anywhere=False))
     with pytest.raises(FlexMapsError, match="not a readable scan"):
-        reading.read(tmp_path / "scan.xyz")
+        scan_reader.read_scan(tmp_path / "scan.xyz")
     with pytest.raises(FlexMapsError, match="cannot be read"):
-        reading.read(tmp_path / "scan.ply")
+        scan_reader.read_scan(tmp_path / "scan.ply")
     (tmp_path / "scan.ply").write_text("")
     with pytest.raises(FlexMapsError, match="is empty"):
-        reading.read(tmp_path / "scan.ply")
+        scan_reader.read_scan(tmp_path / "scan.ply")
     with pytest.raises(FlexMapsError, match="not a unit of length"):
-        reading.read(tmp_path / "scan.ply", "feet")
+        scan_reader.read_scan(tmp_path / "scan.ply", "feet")
 
 
 @pytest.mark.parametrize(
@@ -176,20 +176,20 @@ def test_another_object_is_refused(name, other):
     points = true_points(another, 5000, np.random.default_rng(0))
     points *= np.linalg.norm(np.ptp(mesh.vertices, axis=0)) / np.linalg.norm(np.ptp(another.vertices, axis=0))
     with pytest.raises(FlexMapsError, match="another object"):
-        compare.compare(mesh, Scan(points, unit="m", anywhere=False))
+        compare.compare_scan(mesh, Scan(points, unit="m", anywhere=False))
 
 
 def test_points_alone_are_read_and_a_mesh_is_sampled(tmp_path):
     head = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
     (tmp_path / "scan.ply").write_text(head + "0 0 0\n1 2 3\n")
-    assert sorted(reading.read(tmp_path / "scan.ply").points.tolist()) == [[0, 0, 0], [1, 2, 3]]
+    assert sorted(scan_reader.read_scan(tmp_path / "scan.ply").points.tolist()) == [[0, 0, 0], [1, 2, 3]]
     (tmp_path / "scan.obj").write_text("v 0 0 0\nv 3 0 0\nv 3 1 0\nv 0 1 0\nf 1 2 3 4\n")
-    points = reading.read(tmp_path / "scan.obj").points
+    points = scan_reader.read_scan(tmp_path / "scan.obj").points
     np.testing.assert_allclose(points.mean(axis=0), [1.5, 0.5, 0.0], atol=0.02)  # even over both triangles
     np.testing.assert_allclose(points.var(axis=0), [9 / 12, 1 / 12, 0.0], rtol=0.03)
     (tmp_path / "scan.obj").write_text("v 0 0 0\nv 3 0 0\nv 3 1 0\nf 1 2 9\n")
     with pytest.raises(FlexMapsError, match="missing vertex"):
-        reading.read(tmp_path / "scan.obj")
+        scan_reader.read_scan(tmp_path / "scan.obj")
 
 
 def test_distances_from_the_table_are_those_of_the_tree():
@@ -241,7 +241,9 @@ def test_a_comparison_can_be_stopped():
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        compare.compare(shapes.make("saddle"), Scan(scanned(shapes.make("saddle"), 10, 1)[0]), progress=Progress(tell))
+        compare.compare_scan(
+            shapes.make("saddle"), Scan(scanned(shapes.make("saddle"), 10, 1)[0]), progress=Progress(tell)
+        )
 
 
 @pytest.mark.usefixtures("nearby")
@@ -252,7 +254,7 @@ def test_it_is_a_stage_that_a_new_simulation_drops():
         job.run_stages(made, settings, ("compare",))
     scan, _, _ = scanned(made.mesh, 15, 5, 3000)
     targeted = job.run_stages(made.with_user(scanned=Scan(scan, "my scan.ply", "m", False)), settings, ("compare",))
-    block = report.build(targeted, source="saddle", settings=settings)["scan"]
+    block = report.build_report(targeted, source="saddle", settings=settings)["scan"]
     assert (
         block["file"] == "my scan.ply"
         and block["against"] == "target"
@@ -264,4 +266,4 @@ def test_it_is_a_stage_that_a_new_simulation_drops():
     assert simulated.scan is None
     again = job.run_stages(simulated, settings, ("compare",))
     assert again.without("simulation").scan is None
-    assert again.scan.simulated and report.blocks(again, ("scan",))["scan"]["against"] == "simulated shape"
+    assert again.scan.simulated and report.report_blocks(again, ("scan",))["scan"]["against"] == "simulated shape"

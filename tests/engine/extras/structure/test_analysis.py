@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.extras.structure.analysis import YEAR, Structure, analyse
-from flexmaps.engine.extras.structure.cases import plan
+from flexmaps.engine.extras.structure.analysis import YEAR, StructuralAnalysis, analyse
+from flexmaps.engine.extras.structure.cases import parse_plan
 from flexmaps.engine.extras.structure.structure_params import StructureParams
 from flexmaps.engine.fabrication import joints
 from flexmaps.engine.fabrication.connectors.connect import connect
@@ -51,8 +51,8 @@ def standing() -> Simulation:
     return arch()
 
 
-def examined(simulation: Simulation, cases: str, combinations: str = "", **options: object) -> Structure:
-    return analyse(simulation, plan(cases, combinations), WANTED, HOW, **options)  # type: ignore[arg-type]
+def examined(simulation: Simulation, cases: str, combinations: str = "", **options: object) -> StructuralAnalysis:
+    return analyse(simulation, parse_plan(cases, combinations), WANTED, HOW, **options)  # type: ignore[arg-type]
 
 
 def test_a_case_moves_the_piece_to_where_a_simulation_with_its_forces_finds_it(standing: Simulation) -> None:
@@ -222,7 +222,7 @@ def test_the_stage_runs_when_asked_for_and_the_report_tells() -> None:
     settings = with_values(ObjectSettings(), given)
     result = job.run(mesh, settings, edge=SIDE, stop_after="structure", supports="lowest")
     assert result.structure is not None and "structure" not in job.stages("sheets")
-    described = report.build(result, source="dome", settings=settings)
+    described = report.build_report(result, source="dome", settings=settings)
     block = described["structure"]
     assert [one["name"] for one in block["outcomes"]] == ["snow", "w", "both", YEAR]
     snow, both = block["outcomes"][0], block["outcomes"][2]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.extras.structure.actions import Action, Ground, actions, are_hidden, lasting
-from flexmaps.engine.extras.structure.cases import Case, Combination, Load, line_of, plan
+from flexmaps.engine.extras.structure.actions import Action, UnloadedState, actions_by_name, are_hidden, lasting_action
+from flexmaps.engine.extras.structure.cases import Load, LoadCase, LoadCombination, format_line, parse_plan
 from flexmaps.engine.mechanics.assembly import Pose
 from flexmaps.engine.mechanics.loads import parse_supports
 from flexmaps.engine.surface import shapes
@@ -16,30 +16,30 @@ EDGE = 0.02
 
 
 def test_lines_say_kind_value_axis_place_factor_and_whether_it_lasts() -> None:
-    found = plan(
+    found = parse_plan(
         "weight: weight\nsnow: snow 500 on the roof times 1.5; lamp: point 5 -z on 12,13 lasting; lamp: line 1,2,3\n"
         "settle: move 3 -z on lowest; wind: wind 300 x; press: pressure -2e2"
     )
     assert found.cases == (
-        Case("weight", (Load("weight", lasting=True),)),
-        Case("snow", (Load("snow", (0.0, 0.0, -500.0), "the roof", 1.5),)),
-        Case(
+        LoadCase("weight", (Load("weight", lasting=True),)),
+        LoadCase("snow", (Load("snow", (0.0, 0.0, -500.0), "the roof", 1.5),)),
+        LoadCase(
             "lamp", (Load("point", (0.0, 0.0, -5.0), "12,13", lasting=True), Load("line", (1.0, 2.0, 3.0)))
         ),
-        Case("settle", (Load("move", (0.0, 0.0, -0.003), "lowest"),)),
-        Case("wind", (Load("wind", (300.0, 0.0, 0.0)),)),
-        Case("press", (Load("pressure", (-200.0,)),)),
+        LoadCase("settle", (Load("move", (0.0, 0.0, -0.003), "lowest"),)),
+        LoadCase("wind", (Load("wind", (300.0, 0.0, 0.0)),)),
+        LoadCase("press", (Load("pressure", (-200.0,)),)),
     )  # fmt: skip
     assert found.groups == ("the roof", "12,13", "lowest")
 
 
 def test_combinations_are_sums_with_factors() -> None:
     text = "a = 1.35 weight + 1.5*snow; b = weight - .9 snow; c=1e+1weight"
-    found = plan(["weight: weight", "snow: snow 500"], text)
+    found = parse_plan(["weight: weight", "snow: snow 500"], text)
     assert found.combinations == (
-        Combination("a", ((1.35, "weight"), (1.5, "snow"))),
-        Combination("b", ((1.0, "weight"), (-0.9, "snow"))),
-        Combination("c", ((10.0, "weight"),)),
+        LoadCombination("a", ((1.35, "weight"), (1.5, "snow"))),
+        LoadCombination("b", ((1.0, "weight"), (-0.9, "snow"))),
+        LoadCombination("c", ((10.0, "weight"),)),
     )
 
 
@@ -63,7 +63,7 @@ def test_combinations_are_sums_with_factors() -> None:
 )
 def test_lines_that_cannot_be_read_are_named(line: str, says: str) -> None:
     with pytest.raises(FlexMapsError, match=says):
-        plan(line)
+        parse_plan(line)
 
 
 @pytest.mark.parametrize(
@@ -78,13 +78,13 @@ def test_lines_that_cannot_be_read_are_named(line: str, says: str) -> None:
 )
 def test_combinations_that_mean_nothing_are_named(text: str, says: str) -> None:
     with pytest.raises(FlexMapsError, match=says):
-        plan("a: weight", text)
+        parse_plan("a: weight", text)
 
 
 # -- what they do ------------------------------------------------------------------------------------------------------
 
 
-def ground(mesh: QuadMesh, held: tuple[int, ...] = ()) -> Ground:
+def ground(mesh: QuadMesh, held: tuple[int, ...] = ()) -> UnloadedState:
     """Quads as they lie in space, each flat by itself, of one gram each."""
     p = mesh.vertices[mesh.quads]
     x = p[:, 1] + p[:, 2] - p[:, 0] - p[:, 3]
@@ -98,11 +98,11 @@ def ground(mesh: QuadMesh, held: tuple[int, ...] = ()) -> Ground:
     fixed = np.isin(np.arange(len(p)), held)
     pairs, sides = mesh.edge_quads[inner], mesh.edge_sides[inner]
     pose, mass = Pose(p.mean(axis=1), frames), np.full(len(p), 1e-3)
-    return Ground(pose, p, flat, pairs, sides, mass, fixed, lambda text: parse_supports(mesh, text))
+    return UnloadedState(pose, p, flat, pairs, sides, mass, fixed, lambda text: parse_supports(mesh, text))
 
 
-def action(text: str, place: Ground) -> Action:
-    return actions(plan(f"a: {text}"), place)["a"]
+def action(text: str, place: UnloadedState) -> Action:
+    return actions_by_name(parse_plan(f"a: {text}"), place)["a"]
 
 
 def grid(columns: int, rows: int) -> QuadMesh:
@@ -180,10 +180,10 @@ def test_only_supports_can_be_moved() -> None:
 
 def test_combinations_and_what_lasts_are_sums() -> None:
     place = ground(grid(4, 3))
-    wanted = plan("w: weight; p: point 1 x on 2 lasting; p: point 4 y on 2", "c = 2 w - 3 p")
-    found = actions(wanted, place)
+    wanted = parse_plan("w: weight; p: point 1 x on 2 lasting; p: point 4 y on 2", "c = 2 w - 3 p")
+    found = actions_by_name(wanted, place)
     assert found["c"].force == pytest.approx(2.0 * found["w"].force - 3.0 * found["p"].force)
-    stays = lasting(wanted, place)
+    stays = lasting_action(wanted, place)
     assert stays.force.sum(axis=0) == pytest.approx([1.0, 0.0, -9.81 * 0.012])
 
 
@@ -197,11 +197,11 @@ def test_combinations_and_what_lasts_are_sums() -> None:
     ],
 )
 def test_a_load_is_written_as_it_is_read(given: tuple[str, str, float, str], line: str) -> None:
-    assert line_of(*given) == line
-    assert plan(line).cases[0].loads[0].kind == given[1]
+    assert format_line(*given) == line
+    assert parse_plan(line).cases[0].loads[0].kind == given[1]
 
 
 @pytest.mark.parametrize("where", ["a; b", "it times 2", "these lasting"])
 def test_groups_that_a_line_cannot_name_are_refused(where: str) -> None:
     with pytest.raises(FlexMapsError, match="rename the group"):
-        line_of("a", "snow", 5.0, "-z", where)
+        format_line("a", "snow", 5.0, "-z", where)

@@ -11,7 +11,7 @@ import pytest
 from flexmaps.engine.extras.structure import load_path
 from flexmaps.engine.extras.structure.actions import Action
 from flexmaps.engine.extras.structure.buckling import linear_buckling
-from flexmaps.engine.extras.structure.load_path import BRANCH, LIMIT, Path, PathFollower, follow
+from flexmaps.engine.extras.structure.load_path import BRANCH, LIMIT, LoadPath, PathFollower, follow_path
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Assembly, Pose, assembly_from_design, target_pose
 from flexmaps.engine.mechanics.elastic import sum_joint_vectors
@@ -62,7 +62,7 @@ def test_a_column_buckles_where_euler_and_engesser_say() -> None:
     # about the axis in the sheet, as the strip is thinner than its arms are wide
     euler = np.pi**2 * SPACING / compliance[4, 4] / (4.0 * length**2)
     wanted = euler / (1.0 + euler * compliance[2, 2] / SPACING)
-    path = follow(pushed, straight(count), marks=(0.5 * wanted,), most=3.0 * wanted)
+    path = follow_path(pushed, straight(count), marks=(0.5 * wanted,), most=3.0 * wanted)
     assert path.kind == BRANCH
     assert path.critical == pytest.approx(wanted, rel=3e-3)
     assert 0.5 * wanted in path.marks
@@ -72,7 +72,7 @@ def test_a_column_buckles_where_euler_and_engesser_say() -> None:
 def test_a_pulled_column_does_not_buckle() -> None:
     _, pushed = column(8, 0.0)
     pulled = PathFollower(pushed.model, pushed.system, pushed.action.times(-1.0), 1e-10)
-    path = follow(pulled, straight(8), most=10.0)
+    path = follow_path(pulled, straight(8), most=10.0)
     assert path.critical is None and path.points[-1].factor == pytest.approx(10.0) and not path.ended
     quick, start = linear_buckling(pulled, path.points[0]), pushed.model.start(straight(8))
     pushing = linear_buckling(pushed, pushed.point(start, 0.0, None))
@@ -84,7 +84,7 @@ def test_a_cantilever_bends_in_proportion_to_small_loads() -> None:
     action = Action.none(count)
     action.force[-1, 2] = 1e-4
     model = ArmModel.from_assembly(row(count, twist=2.0), VERO)
-    path = follow(
+    path = follow_path(
         follower(model, Loads.for_spirals(count, supports=np.array([0])), action, straight(count)),
         straight(count),
         marks=(1.0, 2.0, 4.0),
@@ -125,9 +125,9 @@ class Arch:
         self.action = Action.none(18)
         self.action.force[self.middle, 2] = -0.5
 
-    def follow(self, **options: object) -> Path:
-        path = follow(follower(self.model, self.loads, self.action, self.rest.pose), self.rest.pose, **options)  # type: ignore[arg-type]
-        assert isinstance(path, Path)
+    def follow(self, **options: object) -> LoadPath:
+        path = follow_path(follower(self.model, self.loads, self.action, self.rest.pose), self.rest.pose, **options)  # type: ignore[arg-type]
+        assert isinstance(path, LoadPath)
         return path
 
     def fall(self, pose: Pose) -> float:
@@ -250,13 +250,13 @@ def test_a_pressure_stays_normal_and_a_moved_support_carries_the_row_along() -> 
     model = ArmModel.from_assembly(row(count), VERO)
     loads = Loads.for_spirals(count, supports=np.array([0]))
     pressed = Action(np.zeros((count, 3)), np.full(count, 0.05), np.zeros((count, 3)))
-    path = follow(follower(model, loads, pressed, straight(count)), straight(count), most=1.0)
+    path = follow_path(follower(model, loads, pressed, straight(count)), straight(count), most=1.0)
     there = path.marks[1.0]
     left = follower(model, loads, pressed, straight(count)).residual(model.expand(there.state), there.pose, 1.0)
     assert np.abs(left[1:]).max() < 1e-8 and np.degrees(np.arccos(there.pose.rotations[-1, 2, 2])) > 10.0
     moved = Action.none(count)
     moved.shift[0] = [0.0, 0.0, 0.03]
-    path = follow(follower(model, loads, moved, straight(count)), straight(count), most=1.0)
+    path = follow_path(follower(model, loads, moved, straight(count)), straight(count), most=1.0)
     shift = path.marks[1.0].pose.centres - straight(count).centres
     assert shift == pytest.approx(np.tile([0.0, 0.0, 0.03], (count, 1)), abs=1e-9)
     assert path.marks[1.0].state.pose.rotations == pytest.approx(np.tile(np.eye(3), (count, 1, 1)), abs=1e-9)
@@ -272,4 +272,4 @@ def test_the_most_that_is_borne_is_the_vertex_of_a_parabola(top: float) -> None:
         pose = SimpleNamespace(centres=np.array([[way * path.edge, 0.0, 0.0]]))
         return SimpleNamespace(factor=1.0 - (way - top) ** 2 / 4e4, rises=-(way - top) / 2e4, pose=pose)
 
-    assert load_path._critical(path, at(1.0), at(2.5)) == (pytest.approx(1.0, abs=1e-12), LIMIT)
+    assert load_path._critical_factor(path, at(1.0), at(2.5)) == (pytest.approx(1.0, abs=1e-12), LIMIT)

@@ -111,7 +111,7 @@ def test_none_and_too_many_are_refused(pieces: list[Result]) -> None:
         nest_together([], [], [])
     with pytest.raises(FlexMapsError, match="too many"):
         nest_together(["dome"] * 3, [pieces[1]] * 3, copies(1000, 1000, 1000))
-    begun = job.begin(pieces[0].surface.source)
+    begun = job.check_input(pieces[0].surface.source)
     with pytest.raises(FlexMapsError, match=r"^bare: "):
         nest_together(["bare"], [begun], [QUICK])
 

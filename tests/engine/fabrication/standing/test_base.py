@@ -107,7 +107,7 @@ def test_panels_with_feet_are_whole_and_so_are_parts_and_plates(tmp_path):
         sheets, [made.design], Settings().material.chosen, tmp_path / "parts.csv"
     ).read_text()
     assert "base 1,base,1,0,0" in written
-    assert report.blocks(made, ("sheets",))["sheets"]["base"]["plates"] == 1
+    assert report.report_blocks(made, ("sheets",))["sheets"]["base"]["plates"] == 1
     # what is simulated anew stands elsewhere: sheets with a base are made anew, others are not
     assert made.without("simulation").sheets is None
     assert _made(_arch(), {"base.base": "none"}).without("simulation").sheets is not None

@@ -7,7 +7,7 @@ import pytest
 import shapely
 from flexmaps.engine.display.panel_mesh import DETAILS, Detail, make_panel_mesh
 from flexmaps.engine.fabrication.connectors.connect import connect
-from flexmaps.engine.materials import material
+from flexmaps.engine.materials import find_material
 from flexmaps.engine.mechanics.arms import bent as bent_arms
 from flexmaps.engine.mechanics.arms import bent_rim
 from flexmaps.engine.mechanics.arms.bent import bend_arms, hub_edge_of_design
@@ -40,7 +40,7 @@ def dome(request):
     mesh = shapes.make("dome")
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
     made = fabricable.uniform_design(flat, SpiralParams(clockwise=request.param), twist=3.5)
-    found = simulate(made, mesh, material("pom"), SimulateParams())
+    found = simulate(made, mesh, find_material("pom"), SimulateParams())
     assert found.equilibrium.converged
     return made, found.equilibrium.pose
 
@@ -84,12 +84,12 @@ def test_a_twisted_bar_turns_evenly(flat_grid):
 def test_wrenches_agree_with_the_elastic_model(dome):
     """Moments of beams against those of the table that was made with finite elements."""
     made, pose = dome
-    model = ArmModel.from_assembly(assembly_from_design(made), material("pom"), curving=False)
+    model = ArmModel.from_assembly(assembly_from_design(made), find_material("pom"), curving=False)
     theirs = model.wrenches(model.start(pose))[:, 3:]
     mesh = made.flat.layout.mesh
     inner = ~mesh.border
     first = 4 * mesh.edge_quads[inner, 0] + mesh.edge_sides[inner, 0]
-    ours = material("pom").youngs * bend_arms(made, pose, material=material("pom")).wrench[first, 3:]
+    ours = find_material("pom").youngs * bend_arms(made, pose, material=find_material("pom")).wrench[first, 3:]
     away = np.linalg.norm(ours - theirs, axis=1) / np.linalg.norm(theirs, axis=1)
     assert np.median(away) < 0.1
     assert (ours * theirs).sum() / (theirs**2).sum() == pytest.approx(1.0, abs=0.1)

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.materials import MATERIALS, material
+from flexmaps.engine.materials import MATERIALS, find_material
 from flexmaps.engine.mechanics.arms import beams, stiffness
 from flexmaps.engine.mechanics.rods import rod_stiffness as stiffness_rods
 
@@ -206,7 +206,7 @@ def test_materials_name_their_sources():
     for m in MATERIALS.values():
         assert m.source and 0 < m.poisson < 0.45 and 1e9 < m.youngs < 2e10 and 0 < m.strain_limit < 0.1
     with pytest.raises(FlexMapsError, match="pom"):
-        material("steel")
+        find_material("steel")
 
 
 # -- the paper's four parameters ----------------------------------------------------------------------------------

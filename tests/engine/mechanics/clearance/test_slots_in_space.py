@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from flexmaps.engine.materials import material
+from flexmaps.engine.materials import find_material
 from flexmaps.engine.mechanics.arms.bent import BentArms, bend_arms
 from flexmaps.engine.mechanics.assembly import Pose
 from flexmaps.engine.mechanics.clearance.slots_in_space import (
@@ -73,7 +73,7 @@ def dome(request):
     mesh = shapes.make("dome")
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
     made = fabricable.uniform_design(flat, SpiralParams(clockwise=request.param), twist=4.5)
-    return simulate(made, mesh, material("pom"), SimulateParams())
+    return simulate(made, mesh, find_material("pom"), SimulateParams())
 
 
 @pytest.mark.parametrize("clockwise", [False, True])

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flexmaps.database import rods
-from flexmaps.engine.materials import material
+from flexmaps.engine.materials import find_material
 from flexmaps.engine.mechanics import assembly
 from flexmaps.engine.mechanics.assembly import Assembly, Pose
 from flexmaps.engine.mechanics.elastic import sum_joint_vectors
@@ -125,7 +125,7 @@ def test_forces_by_the_design_agree_with_finite_differences(net, amount, clockwi
     design = np.column_stack([rng.uniform(0.0012, 0.0018, (one.size, 4)), rng.uniform(0.5, 1.5, one.size)])
 
     def model(design: np.ndarray) -> RodModel:
-        return RodModel.from_assembly(one.with_spirals(design[:, :4], design[:, 4]), material("vero"))
+        return RodModel.from_assembly(one.with_spirals(design[:, :4], design[:, 4]), find_material("vero"))
 
     def forces(design: np.ndarray) -> np.ndarray:
         varied = model(design)
@@ -183,7 +183,10 @@ def test_mirrored_spirals_have_mirrored_energies(net):
     mirrored = replace(one, lever=one.lever @ flip, axes=flip @ one.axes @ flip, clockwise=True)
     pose = _shaken(pose, 0.4, np.random.default_rng(6))
     there = Pose(pose.centres @ flip, flip @ pose.rotations @ flip)
-    first, second = RodModel.from_assembly(one, material("vero")), RodModel.from_assembly(mirrored, material("vero"))
+    first, second = (
+        RodModel.from_assembly(one, find_material("vero")),
+        RodModel.from_assembly(mirrored, find_material("vero")),
+    )
     assert second.energy(second.start(there)) == pytest.approx(first.energy(first.start(pose)), rel=1e-12)
     np.testing.assert_allclose(second.torsion(second.start(there)), -first.torsion(first.start(pose)), atol=1e-12)
 
@@ -368,5 +371,5 @@ def test_spirals_outside_the_parameters_are_named(net):
     one, _ = net
     width = one.width.copy()
     width[[3, 7]] = 0.004
-    (found,) = RodModel.from_assembly(replace(one, width=width), material("vero")).beyond()
+    (found,) = RodModel.from_assembly(replace(one, width=width), find_material("vero")).beyond()
     assert found.quantity == "width / thickness" and found.spirals.tolist() == [3, 7]

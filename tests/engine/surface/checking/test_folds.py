@@ -33,9 +33,9 @@ def test_edges_that_turn_by_more_than_45_degrees_are_found(degrees: float, count
 def test_layouts_are_proposed_that_are_cut_along_folds() -> None:
     polygons = roof(90.0)
     mesh = check.as_quad_mesh(polygons)
-    ((_, cut),) = drawn_cuts.along_folds(mesh)
+    ((_, cut),) = drawn_cuts.cuts_along_folds(mesh)
     assert [len(quads) for quads in PatchLayout(mesh, cut).patches] == [20, 20]
-    assert not list(drawn_cuts.along_folds(check.as_quad_mesh(roof(30.0))))
+    assert not list(drawn_cuts.cuts_along_folds(check.as_quad_mesh(roof(30.0))))
 
 
 @pytest.mark.parametrize("degrees", [60.0, 90.0, 120.0])

@@ -16,7 +16,7 @@ from ...mechanics.vectors import matvec, rotation_matrix, rotation_vector
 
 
 @dataclass(frozen=True, eq=False)
-class Blend:
+class PoseBlend:
     """Path from one pose (0) to another (1): hubs turn about fixed axes, and joined hubs move so that they stay joined.
 
     part : connected component of every hub
@@ -37,7 +37,7 @@ class Blend:
     solve: Callable[[np.ndarray], np.ndarray]
 
     @classmethod
-    def between(cls, start: Pose, end: Pose, pairs: np.ndarray, lever: np.ndarray) -> Blend:
+    def between(cls, start: Pose, end: Pose, pairs: np.ndarray, lever: np.ndarray) -> PoseBlend:
         """Return the path between two poses of the same hubs.
 
         Parameters
@@ -52,7 +52,7 @@ class Blend:
         turns = _unwind(rotation_vector(end.rotations @ back), graph, part)
         gaps = np.stack(
             [
-                matvec(np.swapaxes(_half_way_frames(pose, pairs), 1, 2), _gap(pose, pairs, lever))
+                matvec(np.swapaxes(_half_way_frames(pose, pairs), 1, 2), _joint_gaps(pose, pairs, lever))
                 for pose in (start, end)
             ]
         )
@@ -69,19 +69,19 @@ class Blend:
         centres = (1.0 - share) * self.start.centres + share * self.end.centres
         here = Pose(centres, rotation_matrix(share * self.turns) @ self.start.rotations)
         left = (1.0 - share) * self.gaps[0] + share * self.gaps[1]
-        wanted = matvec(_half_way_frames(here, self.pairs), left) - _gap(here, self.pairs, self.lever)
+        wanted = matvec(_half_way_frames(here, self.pairs), left) - _joint_gaps(here, self.pairs, self.lever)
         moved = self.solve(wanted)
         # the mean of each part moves along a straight line
-        return Pose(centres + moved - means(moved, self.part)[self.part], here.rotations)
+        return Pose(centres + moved - part_means(moved, self.part)[self.part], here.rotations)
 
 
-def means(points: Float[np.ndarray, "hubs k"], part: Int[np.ndarray, " hubs"]) -> Float[np.ndarray, "parts k"]:
+def part_means(points: Float[np.ndarray, "hubs k"], part: Int[np.ndarray, " hubs"]) -> Float[np.ndarray, "parts k"]:
     """Return the mean of the points in every part, (parts, k)."""
     count = np.bincount(part)
     return np.stack([np.bincount(part, x) for x in points.T], axis=1) / np.maximum(count, 1)[:, None]
 
 
-def _gap(pose: Pose, pairs: np.ndarray, lever: np.ndarray) -> np.ndarray:
+def _joint_gaps(pose: Pose, pairs: np.ndarray, lever: np.ndarray) -> np.ndarray:
     """Return (m, 3) the gap vector of every joint, metres: from the first hub's end to the second hub's."""
     ends = pose.centres[pairs] + (pose.rotations[pairs] @ lever[..., None])[..., 0]
     return ends[:, 1] - ends[:, 0]

@@ -7,10 +7,17 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from flexmaps.engine.extras.choosing.drawn_cuts import along_folds
-from flexmaps.engine.extras.choosing.judge import FlatLayout, Idea, LayoutProblem, judge, lay_flat
+from flexmaps.engine.extras.choosing.drawn_cuts import cuts_along_folds
+from flexmaps.engine.extras.choosing.judge import CutPlan, FlatLayout, LayoutProblem, flatten_cuts, judge
 from flexmaps.engine.extras.choosing.predict import PredictionStart, predict
-from flexmaps.engine.extras.choosing.tighten import MOST, PREDICTING, SHARES, STRIPS, _join_small, tighten
+from flexmaps.engine.extras.choosing.refine_merged import (
+    DISTORTION_SHARES,
+    MAX_PANEL_GROWTH,
+    PREDICTING_TEXT,
+    STRIP_FACTOR,
+    _join_small,
+    refine_merged,
+)
 from flexmaps.engine.params import Settings
 from flexmaps.engine.patches.flattening.flatten import FlatPatches, flatten
 from flexmaps.engine.patches.layout import PatchLayout
@@ -44,19 +51,19 @@ def reached(piece: LayoutProblem, flat: FlatPatches) -> float:
 
 def test_few_panels_stay_where_they_hold_the_match(sphere: tuple[LayoutProblem, PatchLayout, FlatPatches]) -> None:
     piece, layout, flat = sphere
-    assert tighten(piece, layout, flat, replace(SETTINGS.choose, match=100.0)) is flat
+    assert refine_merged(piece, layout, flat, replace(SETTINGS.choose, match=100.0)) is flat
     expected = flat.layout.notes["expected_percent"]
     assert isinstance(expected, float) and 0.0 < expected < 100.0
-    assert tighten(piece, layout, flat, replace(NEAR, goal="panels")) is flat
-    assert tighten(replace(piece, settings=_rods()), layout, flat, NEAR) is flat
+    assert refine_merged(piece, layout, flat, replace(NEAR, goal="panels")) is flat
+    assert refine_merged(replace(piece, settings=_rods()), layout, flat, NEAR) is flat
 
 
 def test_another_layout_comes_nearer_where_few_panels_are_far(
     sphere: tuple[LayoutProblem, PatchLayout, FlatPatches],
 ) -> None:
     piece, layout, flat = sphere
-    other = tighten(piece, layout, flat, NEAR)
-    assert len(other.layout.patches) <= MOST * len(flat.layout.patches)
+    other = refine_merged(piece, layout, flat, NEAR)
+    assert len(other.layout.patches) <= MAX_PANEL_GROWTH * len(flat.layout.patches)
     assert predict(piece, other) < predict(piece, flat)
 
 
@@ -69,10 +76,10 @@ def test_a_cut_along_the_folds_replaces_more_panels_that_hold_the_match() -> Non
     ends = mesh.vertices[mesh.edges]
     across = (np.abs(ends[:, :, 0] - 0.08) < 1e-9).all(axis=1)
     piece, layout = LayoutProblem(mesh, SETTINGS), trace(mesh, SETTINGS.layout)
-    ((_, ridge),) = along_folds(mesh)
-    quartered = lay_flat(piece, Idea(ridge | across, "quarters"))
+    ((_, ridge),) = cuts_along_folds(mesh)
+    quartered = flatten_cuts(piece, CutPlan(ridge | across, "quarters"))
     assert quartered is not None and len(quartered.flat.layout.patches) == 4
-    found = tighten(piece, layout, quartered.flat, replace(SETTINGS.choose, match=100.0))
+    found = refine_merged(piece, layout, quartered.flat, replace(SETTINGS.choose, match=100.0))
     np.testing.assert_array_equal(found.layout.cut, ridge)
 
 
@@ -81,7 +88,7 @@ def _tube() -> tuple[LayoutProblem, PatchLayout, FlatPatches, FlatPatches]:
     """A tube with a waist, its traced and its merged layout, and the one that replaces it."""
     piece = LayoutProblem(_waist(), SETTINGS)
     layout, flat = _merged(piece.mesh)
-    return piece, layout, flat, tighten(piece, layout, flat, SETTINGS.choose)
+    return piece, layout, flat, refine_merged(piece, layout, flat, SETTINGS.choose)
 
 
 def test_a_tube_is_divided_into_equal_parts_where_tighter_limits_change_nothing(
@@ -89,10 +96,10 @@ def test_a_tube_is_divided_into_equal_parts_where_tighter_limits_change_nothing(
 ) -> None:
     piece, layout, flat, found = tube
     few = len(flat.layout.patches)
-    for share in SHARES:
+    for share in DISTORTION_SHARES:
         limits = replace(SETTINGS.layout, distortion_limit=share * SETTINGS.layout.distortion_limit)
         np.testing.assert_array_equal(merge(layout, limits).layout.cut, flat.layout.cut)
-    assert few < len(found.layout.patches) <= MOST * few
+    assert few < len(found.layout.patches) <= MAX_PANEL_GROWTH * few
     sizes = [len(quads) for quads in found.layout.patches]
     assert max(sizes) - min(sizes) <= ALONG  # equal but for one row of quads
     assert predict(piece, found) < 0.01 < predict(piece, flat)
@@ -105,8 +112,8 @@ def test_strips_may_be_a_little_longer_than_other_panels(zoo: ModuleType) -> Non
     mesh = job.run(zoo.SURFACES["soap-frame4"].polygons(), SETTINGS, edge=0.02, stop_after="check").mesh
     layout, flat = _merged(mesh)
     piece, limit = LayoutProblem(mesh, SETTINGS), SETTINGS.layout.compactness_limit
-    found = tighten(piece, layout, flat, SETTINGS.choose)
-    assert limit < found.layout.compactness.max() < STRIPS * limit
+    found = refine_merged(piece, layout, flat, SETTINGS.choose)
+    assert limit < found.layout.compactness.max() < STRIP_FACTOR * limit
     assert "forced" not in found.layout.notes
     assert predict(piece, found) < 0.01 < predict(piece, flat)
 
@@ -139,9 +146,9 @@ def test_every_body_is_a_piece_of_its_own(
     vertices = np.concatenate([waist.vertices, dome.vertices * waist.median_edge / dome.median_edge + [1.0, 0.0, 0.0]])
     mesh = QuadMesh(vertices, np.concatenate([waist.quads, dome.quads + len(waist.vertices)]))
     layout, flat = _merged(mesh)
-    found = tighten(LayoutProblem(mesh, SETTINGS), layout, flat, SETTINGS.choose)
+    found = refine_merged(LayoutProblem(mesh, SETTINGS), layout, flat, SETTINGS.choose)
     before, after = (np.bincount(mesh.body_of[[p[0] for p in one.layout.patches]]) for one in (flat, found))
-    assert before[0] < after[0] <= MOST * before[0] and before[1] == after[1]
+    assert before[0] < after[0] <= MAX_PANEL_GROWTH * before[0] and before[1] == after[1]
     of_dome = mesh.body_of[mesh.edge_quads[:, 0]] == 1
     np.testing.assert_array_equal(found.layout.cut[of_dome], flat.layout.cut[of_dome])
     np.testing.assert_array_equal(found.corners[mesh.body_of == 1], flat.corners[mesh.body_of == 1])
@@ -153,7 +160,7 @@ def test_merge_says_what_match_to_expect_and_tells_while_it_predicts(predicted_m
     told: list[tuple[float, str]] = []
     progress = Progress(lambda done, text: told.append((done, text)))
     made = job.run(PolygonMesh.from_quads(shapes.dome(4)), SETTINGS, edge=0.02, stop_after="merge", progress=progress)
-    fractions = [done for done, text in told if text == PREDICTING]
+    fractions = [done for done, text in told if text == PREDICTING_TEXT]
     assert fractions == sorted(fractions) and len(set(fractions)) > 20
     assert made.outputs["merged"].merged.layout.notes["expected_percent"] > 0.0
 
@@ -161,7 +168,7 @@ def test_merge_says_what_match_to_expect_and_tells_while_it_predicts(predicted_m
 @pytest.mark.thorough
 def test_what_is_predicted_of_more_panels_comes_true(sphere: tuple[LayoutProblem, PatchLayout, FlatPatches]) -> None:
     piece, layout, flat = sphere
-    assert reached(piece, tighten(piece, layout, flat, NEAR)) < reached(piece, flat)
+    assert reached(piece, refine_merged(piece, layout, flat, NEAR)) < reached(piece, flat)
 
 
 def test_an_end_from_outside_ends_it(sphere: tuple[LayoutProblem, PatchLayout, FlatPatches]) -> None:
@@ -169,7 +176,7 @@ def test_an_end_from_outside_ends_it(sphere: tuple[LayoutProblem, PatchLayout, F
 
     piece, layout, flat = sphere
     with pytest.raises(Cancelled):
-        tighten(piece, layout, flat, NEAR, Progress(stopped=lambda: True))
+        refine_merged(piece, layout, flat, NEAR, Progress(stopped=lambda: True))
 
 
 def _waist(around: int = 28, along: int = ALONG) -> QuadMesh:

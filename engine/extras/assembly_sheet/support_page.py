@@ -18,12 +18,12 @@ PICTURE = 0.12  # height of the picture above the table
 COLUMNS = (0.0, 0.012, 0.03, 0.05, 0.068, 0.086, 0.104)  # positions of the table's columns
 
 
-def held_page(base: Base) -> Page:
+def draw_support_page(base: Base) -> Page:
     """Return the page that shows where the feet or the eyelets of a base belong."""
-    return _eyelet_page(base) if base.eyelets else _base_page(base)
+    return _draw_eyelet_page(base) if base.eyelets else _draw_base_page(base)
 
 
-def _base_page(base: Base) -> Page:
+def _draw_base_page(base: Base) -> Page:
     """Draw the plates from above, with the number of the foot beside each slot."""
     page, framed = Page(WIDTH, HEIGHT), base.is_frame
     page.draw_text("Put the feet into the slots of the base", (MARGIN, HEIGHT - MARGIN - 0.006), 0.005, INK)
@@ -50,7 +50,7 @@ def _base_page(base: Base) -> Page:
     return page
 
 
-def _eyelet_page(base: Base) -> Page:
+def _draw_eyelet_page(base: Base) -> Page:
     """Draw the eyelets from above and tabulate their positions and forces."""
     page = Page(WIDTH, HEIGHT)
     page.draw_text("Hang it by its eyelets", (MARGIN, HEIGHT - MARGIN - 0.006), 0.005, INK)
@@ -76,11 +76,11 @@ def _eyelet_page(base: Base) -> Page:
         page.fill_polygon(scale * place + shift + square, INK)
         x, y = (scale * place + shift).tolist()
         page.draw_text(one.name, (x, y + 1.5 * DOT), 0.0024, INK, is_centred=True)
-    _table(page, base, HEIGHT - MARGIN - 0.034 - PICTURE)
+    _draw_table(page, base, HEIGHT - MARGIN - 0.034 - PICTURE)
     return page
 
 
-def _table(page: Page, base: Base, top: float) -> None:
+def _draw_table(page: Page, base: Base, top: float) -> None:
     """Write a table of the eyelets, in one or two columns: name, panel, quad, position and force.
 
     top : height of the first line on the page, metres
@@ -91,7 +91,7 @@ def _table(page: Page, base: Base, top: float) -> None:
         left, some = MARGIN + (0.0 if first == 0 else 0.5 * (WIDTH - 2 * MARGIN)), eyelets[first : first + rows]
         narrow = 0.8 if len(eyelets) > rows else 1.0
         titles = ("", "Panel", "Face", "x mm", "y mm", "z mm", "Force N")
-        table = [titles, *(_row(one, numbers[one.patch]) for one in some)]
+        table = [titles, *(_eyelet_cells(one, numbers[one.patch]) for one in some)]
         for n, cells in enumerate(table):
             for place, text in zip(COLUMNS, cells, strict=True):
                 page.draw_text(text, (left + narrow * place, top - n * LINE), 0.0026, GREY if n == 0 else INK)
@@ -99,7 +99,7 @@ def _table(page: Page, base: Base, top: float) -> None:
         page.draw_text(f"and {len(eyelets) - 2 * rows} more, see the report", (MARGIN, MARGIN), 0.0026, GREY)
 
 
-def _row(one: Eyelet, number: int) -> tuple[str, ...]:
+def _eyelet_cells(one: Eyelet, number: int) -> tuple[str, ...]:
     """Return the cells of an eyelet's row in the table; ``number`` is the number of its panel."""
     force = "-" if one.force_magnitude is None else f"{one.force_magnitude:.3g}"
     place = (f"{1e3 * float(x):.1f}" for x in one.place)

@@ -11,15 +11,15 @@ from ...patches.layout import PatchLayout
 from ...simulation.shortfall import angle_defects
 from ...surface.mesh import QuadMesh
 from ...surface.symmetry import Symmetry, keeping
-from .judge import Idea, JudgedLayout, LayoutProblem
-from .moves import cuts, fixable_mismatch, weakest, with_images
+from .judge import CutPlan, JudgedLayout, LayoutProblem
+from .layout_changes import fixable_mismatch, propose_cuts, seams_by_importance, with_images
 
-ROWS = (1, 2, 4)  # distances by which a seam is shifted, in rows of quads; more values: more ideas, more time
-JOINED = 6  # number of seams tried in exchange for each new cut; larger: more ideas, more time
-TRIED = 24  # largest number of ideas to flatten; larger: more time (24 with 1,000 quads take some 10 s)
+SHIFT_ROWS = (1, 2, 4)  # distances by which a seam is shifted, in rows of quads; more values: more ideas, more time
+SEAMS_PER_CUT = 6  # number of seams tried in exchange for each new cut; larger: more ideas, more time
+MAX_VARIANTS = 24  # largest number of ideas to flatten; larger: more time (24 with 1,000 quads take some 10 s)
 
 
-def alike(piece: LayoutProblem, judged: JudgedLayout) -> list[Idea]:
+def make_variants(piece: LayoutProblem, judged: JudgedLayout) -> list[CutPlan]:
     """Return variants of a judged layout with no more panels, those with the least curvature within panels first.
 
     Each change is tried alone, and together with its images under the symmetries that the layout keeps.
@@ -31,36 +31,36 @@ def alike(piece: LayoutProblem, judged: JudgedLayout) -> list[Idea]:
     """
     layout = judged.laid.flat.layout
     kept = keeping(piece.symmetries, layout.cut)
-    found: dict[bytes, Idea] = {}
+    found: dict[bytes, CutPlan] = {}
     for symmetries in (kept, []) if kept else ([],):
-        for idea in (*_moved(layout, symmetries), *_exchanged(layout, symmetries, fixable_mismatch(judged))):
+        for idea in (*_shift_seams(layout, symmetries), *_exchange_seams(layout, symmetries, fixable_mismatch(judged))):
             found.setdefault(idea.cut.tobytes(), idea)
     found.pop((layout.cut & ~layout.mesh.border).tobytes(), None)
-    worth = [(_curved(PatchLayout(layout.mesh, idea.cut)), k) for k, idea in enumerate(found.values())]
+    worth = [(_estimate_distortion(PatchLayout(layout.mesh, idea.cut)), k) for k, idea in enumerate(found.values())]
     ideas = list(found.values())
-    return [ideas[k] for _, k in sorted(worth)[:TRIED]]
+    return [ideas[k] for _, k in sorted(worth)[:MAX_VARIANTS]]
 
 
-def _curved(layout: PatchLayout) -> float:
+def _estimate_distortion(layout: PatchLayout) -> float:
     """Estimate a layout's distortion: sum over panels of the squared Gaussian curvature inside, radians squared."""
     return round(float((np.bincount(layout.patch_of, angle_defects(layout)) ** 2).sum()), 9)
 
 
-def _moved(layout: PatchLayout, symmetries: Sequence[Symmetry]) -> Iterator[Idea]:
-    """Yield layouts with one seam shifted to either side, by each number of rows of quads in ``ROWS``."""
+def _shift_seams(layout: PatchLayout, symmetries: Sequence[Symmetry]) -> Iterator[CutPlan]:
+    """Yield layouts with one seam shifted to either side, by each number of rows of quads in ``SHIFT_ROWS``."""
     for seam in layout.seams:
-        for quads, sides in _beside(layout.mesh, seam):
-            for rows in ROWS:
-                taken = _rows(layout, quads, sides, rows)
+        for quads, sides in _quads_beside(layout.mesh, seam):
+            for rows in SHIFT_ROWS:
+                taken = _quads_in_rows(layout, quads, sides, rows)
                 if taken is None:
                     break
                 cut = layout.cut.copy()
                 cut[with_images(seam, symmetries)] = False
                 cut[with_images(np.setdiff1d(_outline(layout.mesh, taken), seam), symmetries)] = True
-                yield Idea(cut & ~layout.mesh.border, "a seam moved")
+                yield CutPlan(cut & ~layout.mesh.border, "a seam moved")
 
 
-def _beside(mesh: QuadMesh, seam: Int[np.ndarray, " edges"]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _quads_beside(mesh: QuadMesh, seam: Int[np.ndarray, " edges"]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield, for either side of a seam, the quads beside it and which of their sides lie on it.
 
     seam : its edges in order along the seam
@@ -80,7 +80,7 @@ def _beside(mesh: QuadMesh, seam: Int[np.ndarray, " edges"]) -> Iterator[tuple[n
         yield np.take_along_axis(quads, which, 1)[:, 0], np.take_along_axis(sides, which, 1)[:, 0]
 
 
-def _rows(
+def _quads_in_rows(
     layout: PatchLayout, quads: Int[np.ndarray, " edges"], sides: Int[np.ndarray, " edges"], rows: int
 ) -> Int[np.ndarray, " some"] | None:
     """Return the quads in the first ``rows`` rows beside a seam; None if another seam or the border lies in between.
@@ -105,24 +105,24 @@ def _outline(mesh: QuadMesh, quads: Int[np.ndarray, " some"]) -> Int[np.ndarray,
     return edges[count == 1]
 
 
-def _exchanged(
+def _exchange_seams(
     layout: PatchLayout, symmetries: Sequence[Symmetry], blame: Float[np.ndarray, " quads"]
-) -> Iterator[Idea]:
+) -> Iterator[CutPlan]:
     """Yield layouts with a new cut where the shape misses the target, and one of the least important seams joined.
 
     blame : (F,) weighted mismatch, see ``fixable_mismatch``
     """
     mesh, panels = layout.mesh, len(layout.patches)
-    for edges, name in cuts(layout, blame):
+    for edges, name in propose_cuts(layout, blame):
         new = with_images(edges, symmetries)
         cut = layout.cut.copy()
         cut[new] = True
         more = PatchLayout(mesh, cut & ~mesh.border)
-        for seam in weakest(more, blame)[: JOINED + 1]:
+        for seam in seams_by_importance(more, blame)[: SEAMS_PER_CUT + 1]:
             if np.isin(seam, new).any():
                 continue
             joined = more.cut.copy()
             joined[with_images(seam, symmetries)] = False
             after = PatchLayout(mesh, joined)
             if len(after.patches) <= panels and after.planar.all():
-                yield Idea(joined, f"{name}, another joined")
+                yield CutPlan(joined, f"{name}, another joined")

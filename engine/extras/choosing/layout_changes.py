@@ -13,18 +13,18 @@ from ...patches.merging.dissolve import limited_board
 from ...patches.tracing.trace import middle_line
 from ...simulation.shortfall import angle_defects
 from ...surface.symmetry import Symmetry, keeping
-from .judge import FlatLayout, Idea, JudgedLayout, LayoutProblem, lay_flat
+from .judge import CutPlan, FlatLayout, JudgedLayout, LayoutProblem, flatten_cuts
 
 # number of vertices at which cuts and darts begin, and number of seams to join; larger: more ideas, more time
-PLACES = 3
-IDEAS = 2  # number of cuts to try at a time while a user waits; larger: more ideas, more time
+MAX_PLACES = 3
+PLANS_PER_STEP = 2  # number of cuts to try at a time while a user waits; larger: more ideas, more time
 # reasons why a spiral misses the target (see ``match_limits``) that another cut can remove
-MENDED = tuple(REASON_NAMES.index(name) for name in ("unstable", "distorted", "stretched"))
+FIXABLE_REASONS = tuple(REASON_NAMES.index(name) for name in ("unstable", "distorted", "stretched"))
 # weight of mismatch for other reasons (1 for ``MENDED``); above 0 so that cuts are also tried where these prevail
-OTHERWISE = 0.25
+UNFIXABLE_WEIGHT = 0.25
 
 
-def moves(piece: LayoutProblem, judged: JudgedLayout, *, fewer: bool, more: bool) -> Iterator[Idea]:
+def propose_changes(piece: LayoutProblem, judged: JudgedLayout, *, fewer: bool, more: bool) -> Iterator[CutPlan]:
     """Yield changed layouts, each with one change and its images under the symmetries that the layout keeps.
 
     Parameters
@@ -37,16 +37,16 @@ def moves(piece: LayoutProblem, judged: JudgedLayout, *, fewer: bool, more: bool
     layout = judged.laid.flat.layout
     kept = keeping(piece.symmetries, layout.cut)
 
-    def changed(edges: np.ndarray, value: bool, origin: str) -> Idea:
+    def changed(edges: np.ndarray, value: bool, origin: str) -> CutPlan:
         cut = layout.cut.copy()
         cut[with_images(edges, kept)] = value
-        return Idea(cut & ~layout.mesh.border, origin)
+        return CutPlan(cut & ~layout.mesh.border, origin)
 
     if more:
-        for edges, origin in cuts(layout, fixable_mismatch(judged)):
+        for edges, origin in propose_cuts(layout, fixable_mismatch(judged)):
             yield changed(edges, True, origin)
     if fewer:
-        for edges in weakest(layout, fixable_mismatch(judged))[:PLACES]:
+        for edges in seams_by_importance(layout, fixable_mismatch(judged))[:MAX_PLACES]:
             joined = changed(edges, False, "joined")
             if PatchLayout(layout.mesh, joined.cut).planar.all():
                 yield joined
@@ -65,25 +65,25 @@ def fixable_mismatch(judged: JudgedLayout) -> Float[np.ndarray, " quads"]:
 def weight_by_fixability(
     blame: Float[np.ndarray, " quads"], kind: Int[np.ndarray, " quads"]
 ) -> Float[np.ndarray, " quads"]:
-    """Weight each quad's mismatch by 1 if another cut can remove its reason, else by ``OTHERWISE``.
+    """Weight each quad's mismatch by 1 if another cut can remove its reason, else by ``UNFIXABLE_WEIGHT``.
 
     Parameters
     ----------
     blame : (F,) squared difference of bending from the target's, square metres
     kind : (F,) reason, index into ``match_limits.REASON_NAMES``
     """
-    return blame * np.where(np.isin(kind, MENDED), 1.0, OTHERWISE)
+    return blame * np.where(np.isin(kind, FIXABLE_REASONS), 1.0, UNFIXABLE_WEIGHT)
 
 
-def with_cuts(layout: PatchLayout, blame: Float[np.ndarray, " quads"]) -> Iterator[Idea]:
-    """Yield copies of a layout with one more cut each, see ``cuts``."""
-    for edges, origin in cuts(layout, blame):
+def plans_with_cuts(layout: PatchLayout, blame: Float[np.ndarray, " quads"]) -> Iterator[CutPlan]:
+    """Yield copies of a layout with one more cut each, see ``propose_cuts``."""
+    for edges, origin in propose_cuts(layout, blame):
         cut = layout.cut.copy()
         cut[edges] = True
-        yield Idea(cut & ~layout.mesh.border, origin)
+        yield CutPlan(cut & ~layout.mesh.border, origin)
 
 
-def cuts(layout: PatchLayout, blame: np.ndarray) -> Iterator[tuple[np.ndarray, str]]:
+def propose_cuts(layout: PatchLayout, blame: np.ndarray) -> Iterator[tuple[np.ndarray, str]]:
     """Yield edges to cut, with a name: the middle line of the patch with the largest mismatch, then straight lines from
     the worst vertices to the outline, in one direction (a dart) or two (a cut).
 
@@ -97,7 +97,7 @@ def cuts(layout: PatchLayout, blame: np.ndarray) -> Iterator[tuple[np.ndarray, s
     if len(middle):
         yield middle, "cut in the middle"
     seen = set[bytes]()
-    for vertex in _places(layout, blame):
+    for vertex in _worst_vertices(layout, blame):
         rays = sorted(_rays(layout, vertex), key=lambda ray: float(layout.mesh.edge_lengths[ray].sum()))
         if not rays:
             continue
@@ -110,8 +110,8 @@ def cuts(layout: PatchLayout, blame: np.ndarray) -> Iterator[tuple[np.ndarray, s
                 yield edges, origin
 
 
-def _places(layout: PatchLayout, blame: np.ndarray) -> list[int]:
-    """Return at most ``PLACES`` vertices inside patches, those with most mismatch and Gaussian curvature first."""
+def _worst_vertices(layout: PatchLayout, blame: np.ndarray) -> list[int]:
+    """Return at most ``MAX_PLACES`` vertices inside patches, those with most mismatch and Gaussian curvature first."""
     mesh = layout.mesh
     inside = (layout.cut_degree == 0) & ~mesh.on_border & (mesh.valence > 0)
     curved = angle_defects(layout)
@@ -123,7 +123,7 @@ def _places(layout: PatchLayout, blame: np.ndarray) -> list[int]:
         near = np.linalg.norm(mesh.vertices[chosen] - mesh.vertices[vertex], axis=1) if chosen else np.zeros(0)
         if (near > 3.0 * mesh.median_edge).all():  # keep chosen places apart
             chosen.append(vertex)
-        if len(chosen) == PLACES:
+        if len(chosen) == MAX_PLACES:
             break
     return chosen
 
@@ -158,16 +158,16 @@ def merge_across_seams(piece: LayoutProblem, judged: JudgedLayout, most: int) ->
     layout, params, blame = judged.laid.flat.layout, piece.settings.layout, fixable_mismatch(judged)
     board = limited_board(layout, params, piece.symmetries)
     while len(board.pieces) > most:
-        for seam in weakest(board.layout, blame):
+        for seam in seams_by_importance(board.layout, blame):
             change = board.attempt(seam) if board.is_first_image(seam) else None
             if change is not None and len(change.pieces) == 1 and board.apply(change):
                 break
         else:
             return None
-    return lay_flat(piece, Idea(board.cut & ~layout.mesh.border, "joined"))
+    return flatten_cuts(piece, CutPlan(board.cut & ~layout.mesh.border, "joined"))
 
 
-def weakest(layout: PatchLayout, blame: np.ndarray) -> list[Int[np.ndarray, " _"]]:
+def seams_by_importance(layout: PatchLayout, blame: np.ndarray) -> list[Int[np.ndarray, " _"]]:
     """Return the edges of every seam, least important first.
 
     The importance is the mismatch and the Gaussian curvature of the quads beside a seam, per edge of the seam.

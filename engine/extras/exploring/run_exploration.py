@@ -16,14 +16,14 @@ from ...runs.result import Result
 from ...workers import Workers
 from .candidate import EFFORT, ExplorationInput, StartSurface
 from .explore import Exploration, explore
-from .folder import Folder
-from .space import Space
+from .folder import ExplorationFolder
+from .space import SearchSpace
 
 
 def explore_piece(
     results: Mapping[int, Result],
     settings: Settings,
-    question: Space,
+    question: SearchSpace,
     folder: str | Path | None = None,
     *,
     candidates: int = 64,
@@ -61,7 +61,7 @@ def explore_piece(
     starts = {count: StartSurface(one.mesh, one.need(FinalLayout).flat.layout.cut) for count, one in results.items()}
     base = ExplorationInput(starts, settings, first.supports, first.force, effort)
     with ExitStack() as stack:
-        kept = None if folder is None else stack.enter_context(Folder(folder, base, question, guard))
+        kept = None if folder is None else stack.enter_context(ExplorationFolder(folder, base, question, guard))
         executor = stack.enter_context(Cluster(scheduler) if scheduler else Workers(cores))
         if kept is None:
             return explore(base, question, candidates, executor, progress, seed=seed)

@@ -13,8 +13,8 @@ from ...errors import FlexMapsError
 from ...surface.formats.meshio import PARSERS, SUFFIXES
 from ...surface.formats.text import RawMesh
 
-MOST = 60_000  # largest number of points to use (30 per spiral with 2,000 spirals); larger: more exact, slower
-FEWEST = 100  # smallest number of points of a scan
+MAX_POINTS = 60_000  # largest number of points to use (30 per spiral with 2,000 spirals); larger: more exact, slower
+MIN_POINTS = 100  # smallest number of points of a scan
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}  # metres per unit
 
 
@@ -34,8 +34,8 @@ class Scan:
     anywhere: bool = True
 
 
-def read(path: str | Path, unit: str = "", anywhere: bool = True) -> Scan:
-    """Read a scan: points sampled evenly from the faces of a mesh, or the points themselves; at most ``MOST``.
+def read_scan(path: str | Path, unit: str = "", anywhere: bool = True) -> Scan:
+    """Read a scan: points sampled evenly from the faces of a mesh, or the points themselves; at most ``MAX_POINTS``.
 
     Parameters
     ----------
@@ -62,12 +62,12 @@ def read(path: str | Path, unit: str = "", anywhere: bool = True) -> Scan:
     head = data[: data.find(b"end_header")]
     if suffix == ".ply" and b"element face" not in head:  # the mesh reader requires an element for faces
         data = data.replace(b"end_header", b"element face 0\nproperty list uchar int vertex_indices\nend_header", 1)
-    points = _points(PARSERS[suffix](data, path.name), path.name)
+    points = _sample_points(PARSERS[suffix](data, path.name), path.name)
     return Scan(points, path.name, unit, anywhere)
 
 
-def _points(raw: RawMesh, name: str) -> Float[np.ndarray, "points 3"]:
-    """Return points sampled from a mesh, or its vertices if it has no faces; at most ``MOST``.
+def _sample_points(raw: RawMesh, name: str) -> Float[np.ndarray, "points 3"]:
+    """Return points sampled from a mesh, or its vertices if it has no faces; at most ``MAX_POINTS``.
 
     name : file name for messages
     """
@@ -78,7 +78,7 @@ def _points(raw: RawMesh, name: str) -> Float[np.ndarray, "points 3"]:
         for k in range(1, size - 1)
     ]
     if not fans:
-        return raw.vertices[random.permutation(len(raw.vertices))[:MOST]]
+        return raw.vertices[random.permutation(len(raw.vertices))[:MAX_POINTS]]
     first, step = np.array(fans).T
     triangles = np.column_stack([raw.corners[first], raw.corners[first + step], raw.corners[first + step + 1]])
     if triangles.min() < 0 or triangles.max() >= len(raw.vertices):
@@ -88,6 +88,6 @@ def _points(raw: RawMesh, name: str) -> Float[np.ndarray, "points 3"]:
         areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     if not np.isfinite(areas).all() or not areas.sum() > 0:
         # return the vertices as they are: ``compare`` reports those that are not finite
-        return raw.vertices[random.permutation(len(raw.vertices))[:MOST]]
-    of = random.choice(len(corners), MOST, p=areas / areas.sum())
-    return np.einsum("nk,nki->ni", random.dirichlet(np.ones(3), MOST), corners[of])
+        return raw.vertices[random.permutation(len(raw.vertices))[:MAX_POINTS]]
+    of = random.choice(len(corners), MAX_POINTS, p=areas / areas.sum())
+    return np.einsum("nk,nki->ni", random.dirichlet(np.ones(3), MAX_POINTS), corners[of])

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flexmaps.engine.extras.assembly_sheet import holding
+from flexmaps.engine.extras.assembly_sheet import support_page
 from flexmaps.engine.extras.assembly_sheet.step_pictures import HEIGHT, MARGIN, WIDTH
 from flexmaps.engine.fabrication.standing.base import Base
 from flexmaps.engine.fabrication.standing.eyelets import Eyelet
@@ -37,7 +37,7 @@ def test_eyelets_are_drawn_where_they_are_held(
         Eyelet(number, quad, 0, place[:2], 0.002, 0.001, place)
         for number, (quad, place) in enumerate(zip((0, 6, 1), places, strict=True), start=1)
     )
-    holding.held_page(Base(design, (), (), 0.0, design.params.thickness, eyelets))
+    support_page.draw_support_page(Base(design, (), (), 0.0, design.params.thickness, eyelets))
     drawn = np.array([names[one.name] for one in eyelets])
     scale = (WIDTH - 2 * MARGIN) / (4 * size) if scale is None else scale
     assert drawn - drawn[0] == pytest.approx(scale * (places - places[0])[:, :2])

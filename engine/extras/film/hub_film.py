@@ -13,12 +13,12 @@ from ...mechanics.assembly import Pose, nearest_rotation
 from ...params import SimulateParams
 from ...progress import SILENT, Progress
 from ...spirals.design import SpiralDesign
-from .assembly_film import CLOSING, Shots, shoot
-from .unfinished_pieces import at_once, find_stages
+from .assembly_film import CLOSING_TIME, FilmTracks, record_tracks
+from .unfinished_pieces import find_stages, stages_without_equilibria
 
 
 @dataclass(frozen=True, eq=False)
-class Hubs:
+class HubActors:
     """Hubs as objects of a film, by three points each: the centre, and one ``reach`` along each in-plane axis."""
 
     design: SpiralDesign
@@ -51,8 +51,8 @@ class Hubs:
         return points[:, :, 0], nearest_rotation(np.swapaxes(axes, -1, -2))
 
 
-def shots(
-    hubs: Hubs,
+def make_hub_film(
+    hubs: HubActors,
     pose: Pose,
     table: Float[np.ndarray, "patches 3"],
     material: Material,
@@ -60,7 +60,7 @@ def shots(
     progress: Progress = SILENT,
     *,
     resting: bool,
-) -> Shots:
+) -> FilmTracks:
     """Return the film of the hubs.
 
     Parameters
@@ -77,11 +77,11 @@ def shots(
     FlexMapsError : a spiral is outside the elastic model's range
     """
     design, part = hubs.design, progress.part(0.0, 0.75)
-    found = find_stages(design, pose, material, params, part) if resting else at_once(design, pose)
-    return shoot(design, pose, table, found, hubs, progress.part(0.75, 1.0))
+    found = find_stages(design, pose, material, params, part) if resting else stages_without_equilibria(design, pose)
+    return record_tracks(design, pose, table, found, hubs, progress.part(0.75, 1.0))
 
 
-def closings(design: SpiralDesign, shots: Shots) -> Float[np.ndarray, "joints 2"]:
+def closing_times(design: SpiralDesign, shots: FilmTracks) -> Float[np.ndarray, "joints 2"]:
     """Return (m, 2) the times, in steps, at which every inner joint begins to close and is closed.
 
     Joints inside a panel are closed from the beginning: their times are negative.
@@ -102,6 +102,6 @@ def closings(design: SpiralDesign, shots: Shots) -> Float[np.ndarray, "joints 2"
         for stage in own:
             end = float(shots.stage_times[number])
             new = stage.closed & np.isinf(out[:, 0])
-            out[new] = [end - CLOSING / len(own), end]
+            out[new] = [end - CLOSING_TIME / len(own), end]
             number += 1
     return out

@@ -28,7 +28,7 @@ from ...simulation.simulate import build_model
 from ...spirals.design import SpiralDesign
 from ...surface.checking import check
 from ...surface.mesh import PolygonMesh, QuadMesh
-from .given import LiveInput, equal_inputs
+from .live_input import LiveInput, equal_inputs
 
 # number of joints whose second-order strains are computed in one step (15 ms); larger: the live shape is jerky
 BATCH = 500
@@ -78,14 +78,14 @@ class LiveState:
         ------
         FlexMapsError : no such piece can be made, or no support holds it against its loads
         """
-        mesh = _mesh(given, old)
+        mesh = _update_mesh(given, old)
         old = old if old is not None and mesh.quads is old.mesh.quads else None
-        flat = _flat(given, mesh, old)
+        flat = _update_flat_patches(given, mesh, old)
         design = SpiralDesign(flat, given.spiral, given.width, given.twist)
         assembly = assembly_from_design(design)
-        model, rough = _model(assembly, given, old)
-        area, guessed = _area(design, given, old)
-        loads = _loads(given, area)
+        model, rough = _update_model(assembly, given, old)
+        area, guessed = _update_areas(design, given, old)
+        loads = _make_loads(given, area)
         stance = Stance(loads, mesh, flat.corners)
         aim = stance.aim
         pose = aim if start is None else stance.place_supports(_adapt_pose(start, flat, old))
@@ -119,7 +119,7 @@ class LiveState:
                 yield
         area = self.design.area if self.guessed else self.area
         rough = np.zeros_like(self.rough)
-        return replace(self, model=model, area=area, loads=_loads(given, area), rough=rough, guessed=False)
+        return replace(self, model=model, area=area, loads=_make_loads(given, area), rough=rough, guessed=False)
 
     @property
     def design(self) -> SpiralDesign:
@@ -137,7 +137,7 @@ class LiveState:
         return self.loads.align(pose, self.assembly.pairs, self.aim)
 
 
-def _mesh(given: LiveInput, old: LiveState | None) -> QuadMesh:
+def _update_mesh(given: LiveInput, old: LiveState | None) -> QuadMesh:
     """Return the target mesh after checks; it shares the topology of the old mesh if faces are unchanged."""
     alike = (
         old is not None
@@ -152,7 +152,7 @@ def _mesh(given: LiveInput, old: LiveState | None) -> QuadMesh:
     return mesh
 
 
-def _flat(given: LiveInput, mesh: QuadMesh, old: LiveState | None) -> FlatPatches:
+def _update_flat_patches(given: LiveInput, mesh: QuadMesh, old: LiveState | None) -> FlatPatches:
     """Return the flat patches: stored ones where possible, flattened again where seams or vertices have changed."""
     names = ("vertices", "seams", "cut", "flat", "energy", "layout")
     if old is not None and all(equal_inputs(getattr(given, name), getattr(old.given, name)) for name in names):
@@ -168,7 +168,7 @@ def _flat(given: LiveInput, mesh: QuadMesh, old: LiveState | None) -> FlatPatche
     return flatten(layout, given.layout, previous=stored, moved=moved)
 
 
-def _model(
+def _update_model(
     assembly: Assembly, given: LiveInput, old: LiveState | None
 ) -> tuple[ElasticModel, Bool[np.ndarray, " joints"]]:
     """Return the elastic model, and a mask of the joints whose second-order strains are those of an earlier design."""
@@ -225,7 +225,7 @@ def _replace_joints(
     return replace(model, assembly=assembly, compliance=compliance, material=material, **arrays)
 
 
-def _area(
+def _update_areas(
     design: SpiralDesign, given: LiveInput, old: LiveState | None
 ) -> tuple[Float[np.ndarray, " quads"] | None, bool]:
     """Return the areas of the spirals' material, square metres, and whether they are estimates.
@@ -250,7 +250,7 @@ def _area(
     return stretch * (np.linalg.norm(middles, axis=2) * given.width).sum(axis=1), True
 
 
-def _loads(given: LiveInput, area: Float[np.ndarray, " quads"] | None) -> Loads:
+def _make_loads(given: LiveInput, area: Float[np.ndarray, " quads"] | None) -> Loads:
     """Return supports and forces, including weight if ``area`` (square metres) is not None."""
     mass = None if area is None else area * given.spiral.thickness * given.material.density
     clamped = given.simulate.clamped

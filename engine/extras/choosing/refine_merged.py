@@ -24,38 +24,43 @@ from ...progress import SILENT, Progress
 from ...surface.curvature import is_flat, relief
 from ...surface.symmetry import keeping, symmetries
 from ...threads import one_thread
-from .drawn_cuts import along_folds, drop_images, equal_cuts
-from .judge import Idea, LayoutProblem, lay_flat, panel_curvature, starting_spirals
+from .drawn_cuts import cuts_along_folds, cuts_into_equal_parts, drop_symmetric_images
+from .judge import CutPlan, LayoutProblem, flatten_cuts, panel_curvature, starting_spirals
 from .predict import PredictionStart, predict
 from .strain_forecast import strain_of_softest
 
-SHARES = (0.5, 0.25)  # shares of the distortion limit under which the surface is merged again; smaller: more panels
+DISTORTION_SHARES = (
+    0.5,
+    0.25,
+)  # shares of the distortion limit under which the surface is merged again; smaller: more panels
 # Largest ratio of expected distances (new to old) at which a layout replaces another; larger: more panels
-NEARER = 0.9
-MOST = 2  # largest ratio of panels to those of the present layout; larger: nearer to the target, more panels
+REPLACEMENT_RATIO = 0.9
+MAX_PANEL_GROWTH = (
+    2  # largest ratio of panels to those of the present layout; larger: nearer to the target, more panels
+)
 # Gauss-Newton steps that a prediction extrapolates beyond its two. Larger: smaller expected distances; 0 predicts
 # worse, 2 is sometimes too optimistic
-FURTHER = 1
+EXTRA_STEPS = 1
 # Predictions begin with uniform spirals if these reduce the expected distance below this share; larger: more often
-UNIFORM = 0.5
+UNIFORM_RATIO = 0.5
 # Share of the required distance below which a layout's expected distance must be; larger: fewer panels, less certain
 WANTED_SHARE = 0.9
 # Largest expected distance to report, as a share of a flat piece's; above it, the prediction never left the flat shape
-RISEN = 0.95
+MAX_REPORTED_SHARE = 0.95
 # Equal parts: largest numbers of panels, of divisions to flatten, and of divisions to predict; larger: more time
-PARTS, LAID, PREDICTED = 8, 6, 3
+MAX_EQUAL_PARTS, MAX_FLATTENED, MAX_PREDICTED = 8, 6, 3
 # Factor on the compactness limit for equal parts; larger: longer strips (docs/tuning.md lists surfaces)
-STRIPS = 1.1
+STRIP_FACTOR = 1.1
 
 # Factors on the distortion limit up to which panels below the smallest size may join a neighbour; larger: fewer small
 # panels. docs/tuning.md lists the surfaces that they change
-LOOSER = 2.0, 4.0
-PART = 0.2  # share of the remaining progress for each layout that is made or predicted
-PREDICTING = "Predicting the match"
+LOOSE_FACTORS = 2.0, 4.0
+PROGRESS_PART = 0.2  # share of the remaining progress for each layout that is made or predicted
+PREDICTING_TEXT = "Predicting the match"
 
 
 @one_thread
-def tighten(
+def refine_merged(
     piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, params: ChooseParams, progress: Progress = SILENT
 ) -> FlatPatches:
     """Return another layout if the present one is expected to miss the required match.
@@ -78,7 +83,7 @@ def tighten(
     for each body the first layout whose expected distance is below ``WANTED_SHARE`` of the match, else the one with the
     least expected distance; ``flat`` itself if no other is better.
 
-    Layouts are compared after the cuts that make their panels fit the sheet, and may then have at most ``MOST`` times
+    Layouts are compared after the cuts that make their panels fit the sheet, and may then have at most ``MAX_PANEL_GROWTH`` times
     as many panels as ``flat``; the returned layout does not contain these cuts.
 
     The notes of the layout get ``expected_percent``, the RMS distance from the target that a search is expected to
@@ -88,20 +93,20 @@ def tighten(
     mesh = piece.mesh
     if params.goal != "match" or piece.settings.simulate.model == "rod" or is_flat(mesh):
         return flat
-    improve = _tighten_bodies if mesh.body_of.any() else _tighten_body
+    improve = _refine_bodies if mesh.body_of.any() else _refine_body
     best, expected = improve(piece, begun, flat, params, progress.part(0.0, 0.95).rising())
-    strain = strain_of_softest(piece, best, progress.part(0.95, 1.0).saying(PREDICTING).rising())
+    strain = strain_of_softest(piece, best, progress.part(0.95, 1.0).saying(PREDICTING_TEXT).rising())
     if strain is not None and strain > SOFTEST_LIMIT:
         best.layout.notes["strain_softest"] = strain
-    elif expected < RISEN * relief(mesh.centroids) / mesh.diagonal:
+    elif expected < MAX_REPORTED_SHARE * relief(mesh.centroids) / mesh.diagonal:
         best.layout.notes["expected_percent"] = 100.0 * expected
     return best
 
 
-def _tighten_bodies(
+def _refine_bodies(
     piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, params: ChooseParams, progress: Progress
 ) -> tuple[FlatPatches, float]:
-    """Apply ``_tighten_body`` to each connected body; return the whole layout and its expected distance."""
+    """Apply ``_refine_body`` to each connected body; return the whole layout and its expected distance."""
     mesh, spirals = piece.mesh, starting_spirals(piece)  # computed for all bodies together, as the search does
     piece = replace(piece, spirals=spirals)
     cut, corners, squares = flat.layout.cut.copy(), flat.corners, 0.0
@@ -112,7 +117,7 @@ def _tighten_bodies(
         first = PatchLayout(layout.mesh, begun.cut[edges], origin=begun.origin)
         present, own = with_corners(layout, corners[quads]), piece.restrict_to(layout.mesh, quads)
         within = progress.part(end - len(quads) / len(mesh.quads), end)
-        found, expected = _tighten_body(own, first, present, params, within)
+        found, expected = _refine_body(own, first, present, params, within)
         cut[edges], corners[quads] = found.layout.cut, found.corners
         squares += len(quads) * (expected * layout.mesh.diagonal) ** 2
     if (cut != flat.layout.cut).any():
@@ -122,42 +127,42 @@ def _tighten_bodies(
     return flat, float(np.sqrt(squares / len(mesh.quads))) / mesh.diagonal
 
 
-def _tighten_body(
+def _refine_body(
     piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, params: ChooseParams, progress: Progress
 ) -> tuple[FlatPatches, float]:
     """Return the best layout of one connected body and its expected distance from the target.
 
-    The distance is a share of the body's size, infinite if it cannot be predicted. See ``tighten``.
+    The distance is a share of the body's size, infinite if it cannot be predicted. See ``refine_merged``.
     """
     if is_flat(piece.mesh):
         return flat, 0.0
-    parts = progress.shares(PART)
+    parts = progress.shares(PROGRESS_PART)
     try:
-        start = PredictionStart.from_layout(piece, flat, next(parts).saying(PREDICTING))
+        start = PredictionStart.from_layout(piece, flat, next(parts).saying(PREDICTING_TEXT))
     except FlexMapsError:  # quads are too small for spirals; the next stage reports this
         return flat, np.inf
     best, fitted = flat, _fit_sheet(piece, flat, progress)
-    left, most = _expected(piece, fitted, start, next(parts)), MOST * _panels(fitted)
+    left, most = _predict_match(piece, fitted, start, next(parts)), MAX_PANEL_GROWTH * _count_panels(fitted)
     if left == np.inf:
         return flat, left
     limits, wanted = piece.settings.layout, WANTED_SHARE * 0.01 * params.match
     if left > wanted:  # a search also tries uniform spirals as its start
         uniform = start.with_uniform_spirals()
-        from_uniform = _expected(piece, fitted, uniform, next(parts))
-        if from_uniform < UNIFORM * left:
+        from_uniform = _predict_match(piece, fitted, uniform, next(parts))
+        if from_uniform < UNIFORM_RATIO * left:
             start, left = uniform, from_uniform
     tries = _along_folds(piece, progress)
     if left > wanted:
         tighter = _under_tighter_limits(piece, begun, flat, most, parts)
-        tries = chain(tries, tighter, islice(_in_equal_parts(piece, flat, most, parts), PREDICTED))
+        tries = chain(tries, tighter, islice(_in_equal_parts(piece, flat, most, parts), MAX_PREDICTED))
     for one in tries:
         other = _fit_sheet(piece, one, progress)
-        fewer = _panels(other) < _panels(fitted)
+        fewer = _count_panels(other) < _count_panels(fitted)
         fits = float(one.energy.max()) <= max(limits.distortion_limit, float(flat.energy.max()))
         same = np.array_equal(other.layout.cut, fitted.layout.cut)
-        if fits and not same and _panels(other) <= most and (fewer or left > wanted):
-            now = _expected(piece, other, start, next(parts))
-            if now < NEARER * left or (fewer and now <= wanted):
+        if fits and not same and _count_panels(other) <= most and (fewer or left > wanted):
+            now = _predict_match(piece, other, start, next(parts))
+            if now < REPLACEMENT_RATIO * left or (fewer and now <= wanted):
                 best, fitted, left = one, other, now
         if left <= wanted:
             break
@@ -192,31 +197,31 @@ def _join_small(
     the layout, unchanged if nothing could be joined, and its expected distance
     """
     limits = piece.settings.layout
-    if _smallest(flat) >= limits.patch_min:
+    if _min_panel_quads(flat) >= limits.patch_min:
         return flat, left
     kept = symmetries(piece.mesh, progress=next(parts).quiet()) if limits.symmetric else ()
-    for factor in LOOSER:
-        if _smallest(flat) >= limits.patch_min:
+    for factor in LOOSE_FACTORS:
+        if _min_panel_quads(flat) >= limits.patch_min:
             break
         part, looser = next(parts), replace(limits, distortion_limit=factor * limits.distortion_limit)
         joined = without_crumbs(flat.layout, looser, kept, part.quiet())
         if joined is not flat.layout:
             other = flatten(joined, looser, part.quiet())
-            now = _expected(piece, _fit_sheet(piece, other, part), start, part)
+            now = _predict_match(piece, _fit_sheet(piece, other, part), start, part)
             if now <= max(left, wanted):
                 flat, left = other, now
     return flat, left
 
 
-def _smallest(flat: FlatPatches) -> int:
+def _min_panel_quads(flat: FlatPatches) -> int:
     """Return the number of quads of the smallest panel."""
     return min(len(quads) for quads in flat.layout.patches)
 
 
 def _along_folds(piece: LayoutProblem, progress: Progress) -> Iterator[FlatPatches]:
     """Yield the layout cut along the folds of the surface, if it has folds."""
-    for name, cut in along_folds(piece.mesh):
-        laid = lay_flat(piece, Idea(cut, name), progress=progress.quiet())
+    for name, cut in cuts_along_folds(piece.mesh):
+        laid = flatten_cuts(piece, CutPlan(cut, name), progress=progress.quiet())
         if laid is not None:
             yield laid.flat
 
@@ -230,9 +235,9 @@ def _under_tighter_limits(
     """
     limits, last = piece.settings.layout, flat
     kept = symmetries(piece.mesh, progress=next(parts).quiet()) if limits.symmetric else ()
-    for share in SHARES:
+    for share in DISTORTION_SHARES:
         # if the number of panels grew by the same factor again, it would exceed the largest number
-        if _panels(last) ** 2 > most * _panels(flat):
+        if _count_panels(last) ** 2 > most * _count_panels(flat):
             return
         part = next(parts)
         last = merge(
@@ -245,7 +250,7 @@ def _under_tighter_limits(
 def _in_equal_parts(
     piece: LayoutProblem, flat: FlatPatches, most: int, parts: Iterator[Progress]
 ) -> Iterator[FlatPatches]:
-    """Yield layouts of equal strips, rings or petals that keep all limits, the compactness limit raised by ``STRIPS``.
+    """Yield layouts of equal strips, rings or petals that keep all limits, the compactness limit raised by ``STRIP_FACTOR``.
 
     The least distorted layout for each number of panels is yielded, fewest panels first. Smooth tubes and strips need
     these: tracing may give them too few patches to come near the target, and merging under tighter limits adds none.
@@ -253,22 +258,22 @@ def _in_equal_parts(
     most : largest number of panels; parts : successive parts of the progress
     """
     mesh, limits = piece.mesh, piece.settings.layout
-    if most > PARTS:
+    if most > MAX_EQUAL_PARTS:
         return
     progress = next(parts)
     curved = panel_curvature(flat.layout)
     found = symmetries(mesh, progress=progress.quiet()) if limits.symmetric else []
-    sketches: dict[int, list[tuple[float, int, Idea]]] = {}  # by number of parts
-    for number, (name, cut) in enumerate(drop_images(equal_cuts(mesh, most, found), found)):
+    sketches: dict[int, list[tuple[float, int, CutPlan]]] = {}  # by number of parts
+    for number, (name, cut) in enumerate(drop_symmetric_images(cuts_into_equal_parts(mesh, most, found), found)):
         sketch = PatchLayout(mesh, cut)
         if len(sketch.patches) <= most:
-            rated = round(panel_curvature(sketch), 9), number, Idea(cut, name)
+            rated = round(panel_curvature(sketch), 9), number, CutPlan(cut, name)
             sketches.setdefault(len(sketch.patches), []).append(rated)
     # first the sketch with the least curved panels for each number of parts, then the second for each, and so on
     ranked = [one for same in zip_longest(*map(sorted, sketches.values())) for one in same if one is not None]
     best: dict[int, FlatPatches] = {}
-    for _, _, idea in progress.each(ranked[:LAID], "Dividing into equal parts"):
-        laid = lay_flat(piece, idea, curved, progress.quiet())
+    for _, _, idea in progress.each(ranked[:MAX_FLATTENED], "Dividing into equal parts"):
+        laid = flatten_cuts(piece, idea, curved, progress.quiet())
         if laid is not None and not forced_notes(laid.flat, _with_longer_strips(limits)):
             known = best.get(laid.panels)
             if known is None or laid.flat.energy.max() < known.energy.max():
@@ -278,7 +283,7 @@ def _in_equal_parts(
 
 def _with_longer_strips(limits: LayoutParams) -> LayoutParams:
     """Return the limits with the compactness limit of equal parts; notes on layouts mention only panels beyond it."""
-    return replace(limits, compactness_limit=STRIPS * limits.compactness_limit)
+    return replace(limits, compactness_limit=STRIP_FACTOR * limits.compactness_limit)
 
 
 def _symmetry_notes(flat: FlatPatches, *, symmetric: bool) -> dict[str, object]:
@@ -294,7 +299,7 @@ def _symmetry_notes(flat: FlatPatches, *, symmetric: bool) -> dict[str, object]:
     return said | {"symmetry": text} if found else {}
 
 
-def _panels(flat: FlatPatches) -> int:
+def _count_panels(flat: FlatPatches) -> int:
     return len(flat.layout.patches)
 
 
@@ -306,6 +311,6 @@ def _fit_sheet(piece: LayoutProblem, flat: FlatPatches, progress: Progress) -> F
         return flat
 
 
-def _expected(piece: LayoutProblem, flat: FlatPatches, start: PredictionStart, progress: Progress) -> float:
+def _predict_match(piece: LayoutProblem, flat: FlatPatches, start: PredictionStart, progress: Progress) -> float:
     """Predict the RMS distance that a search would reach, a share of the size; infinite without an equilibrium."""
-    return predict(piece, flat, start, progress.saying(PREDICTING), further=FURTHER)
+    return predict(piece, flat, start, progress.saying(PREDICTING_TEXT), further=EXTRA_STEPS)

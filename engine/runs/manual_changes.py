@@ -14,14 +14,14 @@ from ..patches.tracing import trace
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from ..threads import one_thread
-from .outputs import LAYOUTS, DesignVersion, FinalLayout, MergedLayout, TracedLayout, made_by
+from .outputs import LAYOUTS, DesignVersion, FinalLayout, MergedLayout, TracedLayout, provenance
 from .result import Result
 from .stages import BY_HAND, STAGES
 from .steps import STEPS
 
 
 @one_thread
-def traced_at(result: Result, seams: np.ndarray, settings: Settings, progress: Progress = SILENT) -> Result:
+def trace_with_seams(result: Result, seams: np.ndarray, settings: Settings, progress: Progress = SILENT) -> Result:
     """Trace the surface, but cut it along the user's seams if there are any.
 
     Parameters
@@ -58,14 +58,14 @@ def flatten_by_hand(
     previous : earlier flat patches; patches that have not changed keep their flat shapes
     """
     layout = trace.make_disks(PatchLayout(result.mesh, cut))
-    return laid_out(result, flatten.flatten(layout, settings.layout, progress, previous=previous), settings)
+    return with_manual_layout(result, flatten.flatten(layout, settings.layout, progress, previous=previous), settings)
 
 
-def laid_out(result: Result, flat: FlatPatches, settings: Settings) -> Result:
+def with_manual_layout(result: Result, flat: FlatPatches, settings: Settings) -> Result:
     """Return the result with flat patches made by hand, in place of all earlier layouts."""
     bare = result.without(*LAYOUTS)
-    merged = bare.with_outputs(MergedLayout(flat, BY_HAND, **made_by("merge", settings, bare.inputs("mesh"))))
-    made = made_by("merge", settings, merged.inputs("mesh", "merged"))
+    merged = bare.with_outputs(MergedLayout(flat, BY_HAND, **provenance("merge", settings, bare.inputs("mesh"))))
+    made = provenance("merge", settings, merged.inputs("mesh", "merged"))
     return merged.with_outputs(FinalLayout(flat, BY_HAND, **made))
 
 
@@ -79,4 +79,4 @@ def with_design(result: Result, design: SpiralDesign, origin: str, settings: Set
     origin : as in ``DesignVersion``
     settings : of all stages
     """
-    return result.with_outputs(DesignVersion(design, origin, **made_by("spirals", settings, result.inputs("flat"))))
+    return result.with_outputs(DesignVersion(design, origin, **provenance("spirals", settings, result.inputs("flat"))))
