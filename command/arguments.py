@@ -31,30 +31,7 @@ def make_parser() -> argparse.ArgumentParser:
     made = Parser(prog="flexmaps", description="From a surface to flat, flexible panels, step by step or in one go.")
     commands = made.add_subparsers(dest="command", metavar="COMMAND", required=True)
 
-    whole = add_mesh_command(
-        commands, "run", _run, summary.print_report, "the whole way: sheets, a .blend, pictures and a report"
-    )
-    whole.epilog = (
-        "Exit status: 0 all is done; 2 nothing could be made, one line says why; 3 the files are there, but it could not "
-        "be optimised, or no equilibrium was found, see the warnings; 130 stopped; 1 a fault of the program."
-    )
-    whole.add_argument("--out", required=True, metavar="FOLDER", help="folder for everything that is written")
-    whole.add_argument("--stop-after", choices=job.STAGE_NAMES, default=job.STAGE_NAMES[-1], metavar="STAGE",
-                       help=f"last stage to run: {', '.join(job.STAGE_NAMES)}")  # fmt: skip
-    whole.add_argument("--no-remesh", dest="remeshed", action="store_false",
-                       help="refuse a mesh with faces that are not quads, instead of remeshing it")  # fmt: skip
-    whole.add_argument(
-        "--optimise", action="store_true", help="make the spirals match the surface better; takes longer"
-    )
-    whole.add_argument(
-        "--choose", action="store_true",
-        help="compare many layouts by the shape that their panels take, and take the best; so do --match, --panels and --goal",
-    )  # fmt: skip
-    whole.add_argument("--structure", action="store_true", help="examine it under the load cases (--cases) too")
-    whole.add_argument("--pictures", action=argparse.BooleanOptionalAction, default=True, help="render the pictures")
-    _add_formats(whole)
-    _add_flags(whole)
-
+    _add_run_command(commands)
     add_mesh_command(
         commands, "check", _check, summary.print_report, "say what is wrong with a mesh; 2 where it cannot be made"
     )
@@ -94,6 +71,33 @@ def make_parser() -> argparse.ArgumentParser:
         is_resumable=False, run=lambda args, progress: _list_settings(), print_result=summary.print_settings
     )
     return made
+
+
+def _add_run_command(commands: Any) -> None:
+    """Add the command ``run``, the whole main job."""
+    whole = add_mesh_command(
+        commands, "run", _run, summary.print_report, "the whole way: sheets, a .blend, pictures and a report"
+    )
+    whole.epilog = (
+        "Exit status: 0 all is done; 2 nothing could be made, one line says why; 3 the files are there, but it could not "
+        "be optimised, or no equilibrium was found, see the warnings; 130 stopped; 1 a fault of the program."
+    )
+    whole.add_argument("--out", required=True, metavar="FOLDER", help="folder for everything that is written")
+    whole.add_argument("--stop-after", choices=job.STAGE_NAMES, default=job.STAGE_NAMES[-1], metavar="STAGE",
+                       help=f"last stage to run: {', '.join(job.STAGE_NAMES)}")  # fmt: skip
+    whole.add_argument("--no-remesh", dest="remeshed", action="store_false",
+                       help="refuse a mesh with faces that are not quads, instead of remeshing it")  # fmt: skip
+    whole.add_argument(
+        "--optimise", action="store_true", help="make the spirals match the surface better; takes longer"
+    )
+    whole.add_argument(
+        "--choose", action="store_true",
+        help="compare many layouts by the shape that their panels take, and take the best; so do --match, --panels and --goal",
+    )  # fmt: skip
+    whole.add_argument("--structure", action="store_true", help="examine it under the load cases (--cases) too")
+    whole.add_argument("--pictures", action=argparse.BooleanOptionalAction, default=True, help="render the pictures")
+    _add_formats(whole)
+    _add_flags(whole)
 
 
 def _add_writing_commands(commands: Any) -> None:

@@ -48,7 +48,7 @@ class ContinuedStage(StageOperator[Made]):
         obj, needs = find_by_uid(surface.uid), self.required_output
         # supports are needed too if there is a base, which changes the spirals of supported quads
         loaded = self.reads_loads or settings.base.base != "none"
-        snapshot = snapshots.take_snapshot(obj, surface, settings, loaded=loaded)
+        snapshot = snapshots.take_snapshot(obj, surface, settings, with_loads=loaded)
         go_on = self.continuation(obj, snapshot)
 
         def work(progress: Progress) -> Made:

@@ -65,42 +65,42 @@ class Guidance:
 
 
 def read_guidance(
-    obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.StageState] | None = None
+    obj: bpy.types.Object, scene: bpy.types.Scene, stage_states: dict[str, states.StageState] | None = None
 ) -> Guidance:
     """Compute the next action, the status line and the notices of a usable object.
 
     Parameters
     ----------
     obj, scene : a mesh object and its scene
-    known : states of its stages from ``read_states``; None computes them
+    stage_states : states of its stages from ``read_states``; None computes them
     """
-    known = states.read_states(obj, scene) if known is None else known
-    all_notices = notices.list_notices(obj, scene, known)
-    act = next_button.next_action(obj, scene, known, all_notices)
-    return Guidance(act, _status(obj, scene, known, all_notices), tuple(all_notices))
+    stage_states = states.read_states(obj, scene) if stage_states is None else stage_states
+    all_notices = notices.list_notices(obj, scene, stage_states)
+    act = next_button.next_action(obj, scene, stage_states, all_notices)
+    return Guidance(act, _status(obj, scene, stage_states, all_notices), tuple(all_notices))
 
 
 def _status(
-    obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.StageState], all_notices: list[Notice]
+    obj: bpy.types.Object, scene: bpy.types.Scene, stage_states: dict[str, states.StageState], all_notices: list[Notice]
 ) -> Status:
     stopped = next((notice for notice in all_notices if notice.severity == STOPS), None)
     if stopped is not None:
         return Status(_truncate(stopped.label), STOPPED)
     skipped = {"equilibrium", "optimise"} if can_skip_simulation(obj) else set()
-    old = sum(known[name].kind == states.STALE for name in STEPS if name not in skipped)
+    old = sum(stage_states[name].kind == states.STALE for name in STEPS if name not in skipped)
     if old:
-        return Status(_truncate(_describe_change(known, old)), REDO)
+        return Status(_truncate(_describe_change(stage_states, old)), REDO)
     serious = [
         notice for notice in all_notices if notice.severity in {BREAKS, WORSE} and notice.key != notices.FEW_QUADS
     ]
-    if known["sheets"].kind == states.DONE:
+    if stage_states["sheets"].kind == states.DONE:
         if not serious:  # nothing above information
             return Status(interface("Files written, nothing against it"), TICK)
         many = interface("Files written. {} things to look at", len(serious))
         return Status(interface("Files written. 1 thing to look at") if len(serious) == 1 else many, LOOK)
-    if known["equilibrium"].kind == states.DONE:
+    if stage_states["equilibrium"].kind == states.DONE:
         return _status_of_simulated(obj, serious)
-    return Status(_truncate(_describe_progress(obj, scene, known)), NEUTRAL)
+    return Status(_truncate(_describe_progress(obj, scene, stage_states)), NEUTRAL)
 
 
 def _status_of_simulated(obj: bpy.types.Object, serious: list[Notice]) -> Status:
@@ -117,16 +117,18 @@ def _status_of_simulated(obj: bpy.types.Object, serious: list[Notice]) -> Status
     return Status(interface("Ready to cut: it fits, arms hold"), TICK)
 
 
-def _describe_progress(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.StageState]) -> str:
+def _describe_progress(
+    obj: bpy.types.Object, scene: bpy.types.Scene, stage_states: dict[str, states.StageState]
+) -> str:
     """Describe how far the work on a piece has come that is not simulated yet."""
     mesh = obj.data
-    if known["spirals"].kind == states.DONE:
+    if stage_states["spirals"].kind == states.DONE:
         return (
             interface("Ready to cut: it is flat")
             if can_skip_simulation(obj)
             else interface("{} spiral" if len(mesh.polygons) == 1 else "{} spirals", len(mesh.polygons))
         )
-    if known["layout"].kind == states.DONE:
+    if stage_states["layout"].kind == states.DONE:
         return panels(stored_report.read(mesh)["layout"].get("patches", 1))
     count, size = len(mesh.polygons), 1e3 * max(objects.extents(obj)) * scene.unit_settings.scale_length
     wide = interface("{:.3g} m wide", size / 1e3) if size >= 1e3 else interface("{:.0f} mm wide", size)
@@ -139,9 +141,9 @@ def _describe_progress(obj: bpy.types.Object, scene: bpy.types.Scene, known: dic
     return interface("{} quads, spirals of {:.3g} mm", count, 1e3 * objects.quad_edge(obj, scene))
 
 
-def _describe_change(known: dict[str, states.StageState], old: int) -> str:
-    part = next((known[name].changed_input for name in STEPS if known[name].changed_input), None)
-    first = next(name for name in STEPS if known[name].kind == states.STALE)
+def _describe_change(stage_states: dict[str, states.StageState], old: int) -> str:
+    part = next((stage_states[name].changed_input for name in STEPS if stage_states[name].changed_input), None)
+    first = next(name for name in STEPS if stage_states[name].kind == states.STALE)
     what = CHANGED_PARTS.get(part, CHANGED_SETTING) if part else RERUN_REASONS[first]
     return interface("{}: {} to redo", interface(what), interface("1 step") if old == 1 else interface("{} steps", old))
 

@@ -48,21 +48,21 @@ class NextAction:
     cure: Cure | None = None
 
 
-def next_idname(obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, StageState]) -> str:
+def next_idname(obj: bpy.types.Object, scene: bpy.types.Scene, stage_states: dict[str, StageState]) -> str:
     """Return the idname of the operator to press next; "" when the sheets are up to date."""
-    action = next_action(obj, scene, stages, notices.list_notices(obj, scene, stages))
+    action = next_action(obj, scene, stage_states, notices.list_notices(obj, scene, stage_states))
     return "" if action is None or action.idname == "wm.path_open" else action.idname
 
 
 def next_action(
-    obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, StageState], all_notices: Sequence[Notice]
+    obj: bpy.types.Object, scene: bpy.types.Scene, stage_states: dict[str, StageState], all_notices: Sequence[Notice]
 ) -> NextAction | None:
     """Return the next action; None where the program cannot go on without the user.
 
     Parameters
     ----------
     obj, scene : the mesh object and its scene
-    stages : states of the stages
+    stage_states : states of the stages
     all_notices : all notices
     """
     mesh = obj.data
@@ -76,43 +76,45 @@ def next_action(
     if modifiers.list_changing(obj):
         return _modifiers_action(obj)
     if notices.is_coarse(obj) and not failures.is_dismissed(mesh, FEW_QUADS, _sentence(all_notices, FEW_QUADS)):
-        if stages["layout"].kind == TODO:
+        if stage_states["layout"].kind == TODO:
             return _unless_failed(mesh, _remesh_action(obj, scene), all_notices)
-    if stages["layout"].kind == TODO:
-        preparing = _preparing_action(obj, scene, stages, all_notices)
+    if stage_states["layout"].kind == TODO:
+        preparing = _preparing_action(obj, scene, stage_states, all_notices)
         if preparing is not None:
             return _unless_failed(mesh, preparing, all_notices)
-        if stages["checks"].kind == DONE and any(
+        if stage_states["checks"].kind == DONE and any(
             n.severity == STOPS and n.key.startswith("checks/") for n in all_notices
         ):
             return None
-    return _unless_failed(mesh, _stage_action(obj, stages, all_notices), all_notices)
+    return _unless_failed(mesh, _stage_action(obj, stage_states, all_notices), all_notices)
 
 
-def _stage_action(obj: bpy.types.Object, stages: dict[str, StageState], all_notices: Sequence[Notice]) -> NextAction:
+def _stage_action(
+    obj: bpy.types.Object, stage_states: dict[str, StageState], all_notices: Sequence[Notice]
+) -> NextAction:
     """Return the next stage or cure for a mesh of quads that is ready for a layout."""
     blocks = stored_report.read(obj.data)
-    if stages["layout"].kind != DONE:
-        if stages["layout"].changed_input == "seams" and "layout" in blocks:
+    if stage_states["layout"].kind != DONE:
+        if stage_states["layout"].changed_input == "seams" and "layout" in blocks:
             tooltip = translate("Flattens the panels whose seams were edited; the others stay as they are")
             return NextAction("flexmaps.update_from_seams", _label(interface("Update from seams")), tooltip, "layout")
         tried = any(notice.key == "failed/flexmaps.merge" for notice in all_notices)
-        if stages["layout"].kind == TODO and notices.has_seams(obj.data) and not tried:
+        if stage_states["layout"].kind == TODO and notices.has_seams(obj.data) and not tried:
             tooltip = translate(
                 "Takes the seams that are there as the borders of the panels; Lay out anew replaces them"
             )
             return NextAction("flexmaps.flatten", _label(interface("Use these seams")), tooltip, "layout")
         return _layout_action()
-    if stages["spirals"].kind == TODO and blocks["layout"].get(stored_report.TRACED):
+    if stage_states["spirals"].kind == TODO and blocks["layout"].get(stored_report.TRACED):
         return _layout_action()
-    if stages["sheets"].kind == DONE:
+    if stage_states["sheets"].kind == DONE:
         folder = bpy.path.abspath(obj.flexmaps.export.folder)
         tooltip = translate("Opens the folder with the files for the cutter")
         return NextAction("wm.path_open", interface("Open the folder"), tooltip, "make", {"filepath": folder})
     wanted = (
         ("spirals",) if can_skip_simulation(obj) or _is_failure_dismissed("flexmaps.fit", all_notices) else FIT_STAGES
     )
-    if any(stages[stage].kind != DONE for stage in wanted):
+    if any(stage_states[stage].kind != DONE for stage in wanted):
         if larger := _enlarge_action(obj.data, all_notices):
             return larger
         if wanted == ("spirals",):
@@ -186,7 +188,7 @@ def _better_size(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
 
 
 def _preparing_action(
-    obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, StageState], all_notices: Sequence[Notice]
+    obj: bpy.types.Object, scene: bpy.types.Scene, stage_states: dict[str, StageState], all_notices: Sequence[Notice]
 ) -> NextAction | None:
     """Return the next preparation of a quad mesh (scale, repair, make squarer); None if it is ready for a layout."""
     edge, wanted = objects.quad_edge(obj, scene), obj.flexmaps.remesh.edge * 1e-3

@@ -87,16 +87,18 @@ class Notice:
         }
 
 
-def list_notices(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.StageState]) -> list[Notice]:
-    """Return all notices of an object, worst first; ``known``: states of its stages from ``read_states``."""
-    blocks = states.current_blocks(obj, known)
+def list_notices(
+    obj: bpy.types.Object, scene: bpy.types.Scene, stage_states: dict[str, states.StageState]
+) -> list[Notice]:
+    """Return all notices of an object, worst first; ``stage_states``: states of its stages from ``read_states``."""
+    blocks = states.current_blocks(obj, stage_states)
     result = [
         *_from_failures(obj, failures.read(obj, scene)),
         *_from_checks(obj, scene, blocks.get("checks", ())),
         *_few_quads(obj),
         *_ignored_modifiers(obj),
         *_missing_groups(obj),
-        *_existing_seams(obj, known["layout"].kind),
+        *_existing_seams(obj, stage_states["layout"].kind),
         *_too_small(obj, scene, blocks),
         *_from_equilibrium(obj, blocks),
         *_from_findings("structure", blocks.get("structure", {}).get("findings", ())),

@@ -57,13 +57,13 @@ class Snapshot:
         ------
         FlexMapsError with the first error of the mesh check.
         """
-        begun = job.check_input(self.surface.polygons)
-        made = begun.with_user(
+        initial = job.check_input(self.surface.polygons)
+        made = initial.with_user(
             supports=self.supports,
             force=self.force,
             groups=self.groups,
             protected=self.protected_quads,
-            wishes=Wishes.from_offsets(begun.mesh, handles.read_wishes(self.surface)),
+            wishes=Wishes.from_offsets(initial.mesh, handles.read_wishes(self.surface)),
         )
         try:
             flat = mesh.require_current_flat(self.surface, made.mesh) if self.has_flat else None
@@ -128,7 +128,7 @@ class StoredPiece:
 
 
 def take_snapshot(
-    obj: bpy.types.Object, surface: ObjectSurface, used: ObjectSettings, *, loaded: bool = True
+    obj: bpy.types.Object, surface: ObjectSurface, used: ObjectSettings, *, with_loads: bool = True
 ) -> Snapshot:
     """Read the input of the stages from an object; takes milliseconds.
 
@@ -137,7 +137,7 @@ def take_snapshot(
     obj : the mesh object
     surface : its surface
     used : its settings
-    loaded : also read supports and forces
+    with_loads : also read supports and forces
 
     Raises
     ------
@@ -147,7 +147,7 @@ def take_snapshot(
     snapshot = Snapshot(
         obj.name, surface, used, spirals_block=blocks.get("spirals"), is_layout_chosen="choose" in blocks
     )
-    if not loaded:
+    if not with_loads:
         return snapshot
     held, force = supports.read_loads(obj, surface, used.loads)
     return replace(snapshot, supports=held, force=force, groups=supports.read_groups(obj, surface, used))
@@ -163,7 +163,7 @@ def read_piece(obj: bpy.types.Object) -> StoredPiece:
     if objects.modifier_problem(obj):
         return StoredPiece(mesh.read_evaluated(obj, scene), used)
     surface = mesh.read_surface(obj, scene)
-    snapshot = take_snapshot(obj, surface, used, loaded=False)
+    snapshot = take_snapshot(obj, surface, used, with_loads=False)
     try:
         result = snapshot.to_result()
     except FlexMapsError:

@@ -83,13 +83,13 @@ def read_settings_checksums(obj: bpy.types.Object, scene: bpy.types.Scene) -> di
     return {part: now[part] for part in SETTINGS_INPUTS}
 
 
-def stamp(obj: bpy.types.Object, scene: bpy.types.Scene, begun: dict[str, str] | None = None) -> None:
+def stamp(obj: bpy.types.Object, scene: bpy.types.Scene, settings_checksums: dict[str, str] | None = None) -> None:
     """Store the input checksums of all results written since the last call. Call it after writing results.
 
     Parameters
     ----------
     obj, scene : the mesh object and its scene
-    begun : checksums from ``read_settings_checksums``, taken when the work began; None takes the present settings
+    settings_checksums : checksums from ``read_settings_checksums``, taken when the work began; None takes the present settings
     """
     mesh = obj.data
     fresh = stored_report.pop_unstamped(mesh)
@@ -97,13 +97,13 @@ def stamp(obj: bpy.types.Object, scene: bpy.types.Scene, begun: dict[str, str] |
         return
     if mesh.is_editmode:
         obj.update_from_editmode()
-    now = Checksums(obj, scene, begun)
+    now = Checksums(obj, scene, settings_checksums)
     made = {stage: {part: now[part] for part in INPUTS[stage]} for stage in fresh if stage in INPUTS}
     stored_report.write_input_checksums(mesh, made)
 
 
 def stamp_side_result(
-    obj: bpy.types.Object, scene: bpy.types.Scene, name: str, begun: dict[str, str] | None = None
+    obj: bpy.types.Object, scene: bpy.types.Scene, name: str, settings_checksums: dict[str, str] | None = None
 ) -> None:
     """Store the input checksums of a result that has no report block.
 
@@ -111,11 +111,11 @@ def stamp_side_result(
     ----------
     obj, scene : the mesh object and its scene
     name : a key of ``SIDE_RESULTS``
-    begun : as for ``stamp``
+    settings_checksums : as for ``stamp``
     """
     if obj.data.is_editmode:
         obj.update_from_editmode()
-    now = Checksums(obj, scene, begun)
+    now = Checksums(obj, scene, settings_checksums)
     stored_report.write_input_checksums(obj.data, {name: {part: now[part] for part in SIDE_RESULTS[name]}})
 
 
@@ -150,16 +150,16 @@ def read_states(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, Stag
     return states
 
 
-def current_blocks(obj: bpy.types.Object, known: dict[str, StageState]) -> dict[str, Any]:
+def current_blocks(obj: bpy.types.Object, stage_states: dict[str, StageState]) -> dict[str, Any]:
     """Return the stored report blocks that are up to date, without blocks of extras that are not installed.
 
     Parameters
     ----------
     obj : the mesh object
-    known : states from ``read_states``
+    stage_states : states from ``read_states``
     """
     blocks = stored_report.read(obj.data)
-    return {name: block for name, block in blocks.items() if name in known and known[name].kind == DONE}
+    return {name: block for name, block in blocks.items() if name in stage_states and stage_states[name].kind == DONE}
 
 
 def is_stale(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str) -> bool:

@@ -226,7 +226,7 @@ def _store_stiffness(obj: bpy.types.Object) -> None:
     attributes.remove(obj, KINDS["STIFFNESS"].attribute)
     with suppress(FlexMapsError):
         used = settings.read(obj.flexmaps, ObjectSettings)
-        taken = snapshot.take_snapshot(obj, mesh.read_surface(obj, bpy.context.scene), used, loaded=False)
+        taken = snapshot.take_snapshot(obj, mesh.read_surface(obj, bpy.context.scene), used, with_loads=False)
         design = taken.to_result().design
         values = None if design is None else spiral_stiffness(design, used.material.chosen)
         if values is not None:

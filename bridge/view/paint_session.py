@@ -145,7 +145,7 @@ class PaintSession:
         missing = stored_report.missing_result(obj.data, "flat")
         if missing:
             raise FlexMapsError(missing)
-        return snapshot.take_snapshot(obj, surface, self._settings, loaded=False)
+        return snapshot.take_snapshot(obj, surface, self._settings, with_loads=False)
 
     def _reset(self, design: SpiralDesign, taken: Snapshot) -> None:
         """Reset the painted spirals and the protected ones to the object's stored state."""

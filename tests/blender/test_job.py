@@ -276,7 +276,7 @@ def test_drawing_takes_a_tenth_of_the_time(frame: float) -> None:
     """However long one drawing takes; a clock stands for the window."""
     pace, now, drawn = progress.RedrawPacer(), 0.0, []
     while now < 120.0:
-        if pace.due(now):
+        if pace.is_due(now):
             drawn.append(now)
             now += frame
         now += stage.POLL_INTERVAL
