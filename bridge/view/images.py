@@ -69,7 +69,7 @@ def store_image(name: str, pixels: Float[np.ndarray, "rows columns 4"]) -> bpy.t
         made = bpy.data.images.new(name, width, height, alpha=True)
     if tuple(made.size) != (width, height):
         made.scale(width, height)
-    made.render_drawing.foreach_set(pixels[::-1].ravel())
+    made.pixels.foreach_set(pixels[::-1].ravel())
     made.update()
     made.pack()  # unpacked pixels are lost when the file is saved
     return made

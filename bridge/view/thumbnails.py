@@ -75,7 +75,7 @@ def _make_icons(name: str, count: int) -> list[int]:
     if kept is None:
         kept = _cache[PREVIEWS] = previews.new()
     strip = np.empty((SIZE, SIZE * count, 4), np.float32)
-    image.render_drawing.foreach_get(strip.ravel())
+    image.pixels.foreach_get(strip.ravel())
     numbers = []
     for k in range(count):
         key = f"{name} {k}"
