@@ -78,7 +78,7 @@ def read_back(piece: Any) -> Figures:
     base, pose, design = piece.sheets.base, piece.simulation.equilibrium.pose, piece.design
     panels, plates = parts(piece.sheets)
     slots = [shapely.Polygon(ring) for plate in plates for ring in plate.interiors]
-    ground, sheet = 1e3 * base.ground, 1e3 * base.thickness
+    ground, sheet = 1e3 * base.ground_height, 1e3 * base.thickness
     clearance = 1e3 * piece.sheets.connections.clearance
     tree, worst = shapely.STRtree(slots), np.zeros(3)
     for foot in base.feet:
@@ -86,7 +86,7 @@ def read_back(piece: Any) -> Figures:
         # what of the panel lies beyond the border of the foot's quad, as it was read
         way = -rotation[2, :2] / np.linalg.norm(rotation[2, :2])
         side = np.array([-way[1], way[0]])
-        aside, far, half = 1e3 * foot.aside, 1e3 * foot.shoulder_distance - 1.0, 0.5e3 * foot.width + 0.5
+        aside, far, half = 1e3 * foot.tongue_offset, 1e3 * foot.shoulder_distance - 1.0, 0.5e3 * foot.width + 0.5
         corners = [(far, -half), (far + 61.0, -half), (far + 61.0, half), (far, half)]
         window = shapely.Polygon([centre + u * way + (aside + v) * side for u, v in corners])
         panel = panels[int(design.flat.layout.patch_of[foot.quad])]
@@ -166,7 +166,7 @@ def parts(sheets: CutSheets) -> tuple[dict[int, Any], list[Any]]:
                 if panel.kind == "key":
                     continue
                 turn, shift = float(sheets.packing.rotation[number]), 1e3 * sheets.packing.shift[number]
-                inside = shapely.Polygon(1e3 * panel.moved(turn, 1e-3 * shift).outline.sample(1e-5)).buffer(0.2)
+                inside = shapely.Polygon(1e3 * panel.transform(turn, 1e-3 * shift).outline.sample(1e-5)).buffer(0.2)
                 own = sorted(filter(inside.contains, rings), key=lambda ring: ring.area)
                 whole = shapely.Polygon(own[-1].exterior, [hole.exterior for hole in own[:-1]])
                 moved = shapely.affinity.rotate(

@@ -247,7 +247,7 @@ def test_of_the_sets_that_fit_the_fullest_is_taken_and_sets_that_hold_one_that_d
         return 0.7 if len(asked) % 2 else 0.5
 
     search = _search(shapes, SheetParams(nesting_seconds=1e4), answers)
-    rest = np.argsort(-search.area).tolist()
+    rest = np.argsort(-search.areas).tolist()
     for seed in range(3):
         places = search._fill_sheet(rest, 0.0, np.random.default_rng(seed))
     failed, fit = asked[::2], asked[1::2]
@@ -262,7 +262,7 @@ def test_sets_that_did_not_fit_get_more_time_when_nothing_else_is_left():
     params = SheetParams(sheet_width=0.47, sheet_height=0.3, nesting_seconds=100.0)
     search = _search([square] * 4, params, lambda members: 0.9)
     rough = pack([square] * 4, (0.47, 0.3), params.margin, params.spacing)
-    assert search.best(rough) is rough
+    assert search.find_best_packing(rough) is rough
     assert search.seconds_per_set == 16  # the first power of two of which 12 are longer than the time limit
 
 
@@ -271,7 +271,7 @@ def test_panels_of_one_sheet_leave_no_less_room_than_before():
     square = 0.2 * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     rough = pack([square] * 2, (0.6, 0.4), 0.005, 0.003)
     search = _search([square] * 2, SheetParams(nesting_seconds=1.0), lambda members: 0.55)
-    assert search.best(rough) is rough
+    assert search.find_best_packing(rough) is rough
 
 
 def test_a_panel_alone_takes_the_least_of_its_sheet():
