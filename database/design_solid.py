@@ -15,7 +15,7 @@ from ..engine.arrays import Bool, Float, Int
 from ..engine.errors import FlexMapsError
 from ..engine.linalg import NotPositiveDefinite, SparseCholesky, SparsityPattern
 from ..engine.mechanics.assembly import Pose, assembly_from_design
-from ..engine.newton import CONVERGED, INDEFINITE, Iteration, LocalExpansion, minimise
+from ..engine.newton import CONVERGED, INDEFINITE, Iteration, LocalModel, minimise
 from ..engine.progress import SILENT, Progress
 from ..engine.spirals.design import SpiralDesign
 from .condensed import Condensed, Pieces, condense
@@ -331,8 +331,8 @@ class Loaded:
         f = self.solid.gradients(nodes)
         return _State(nodes, f, [np.zeros_like(one) for one in f], self.solid.energy(f))
 
-    def expand(self, state: _State) -> LocalExpansion:
-        return LocalExpansion(state.energy, self.solid.forces(state.f) - self.load, own=state)
+    def expand(self, state: _State) -> LocalModel:
+        return LocalModel(state.energy, self.solid.forces(state.f) - self.load, own=state)
 
     def moved(self, state: _State, step: np.ndarray) -> _State:
         """The mixed stress is that of the strain linearised about the state (Magisano, Leonetti, Garcea 2017)."""
@@ -353,7 +353,7 @@ class Loaded:
         done = (len(history) - 1) / ITERATIONS
         self.progress(done, f"iteration {len(history)}, work of the last step over the energy {work:.1e}")
 
-    def factor(self, here: LocalExpansion, convex: float, shift: float) -> bool:
+    def factor(self, here: LocalModel, convex: float, shift: float) -> bool:
         solid, state = self.solid, here.own
         ends = solid._ends()
         kept = 3 * solid.number[..., None] + np.arange(3)
@@ -373,7 +373,7 @@ class Loaded:
         self.kept = right
         return solid.cholesky.attempt(solid.pattern.sum(np.concatenate(values)))
 
-    def step(self, here: LocalExpansion) -> np.ndarray:
+    def step(self, here: LocalModel) -> np.ndarray:
         solid, n = self.solid, self.solid.mesh.numbering
         columns = solid.cholesky.solve(np.column_stack([-self.kept, self.functionals]))
         now = np.zeros(solid.size)
@@ -392,7 +392,7 @@ class Loaded:
             out[batch.spirals][:, n.sections] = inside
         return out
 
-    def slope(self, here: LocalExpansion, step: np.ndarray) -> float:
+    def slope(self, here: LocalModel, step: np.ndarray) -> float:
         kept = 3 * self.solid.number[..., None] + np.arange(3)
         moved = np.zeros(self.solid.size)
         moved[kept] = step[:, self.solid.local]

@@ -308,7 +308,7 @@ def tangent_entries(dofs: Int[np.ndarray, "elements 4 16 3"]) -> tuple[np.ndarra
 
 
 def lower_entries(dofs: Int[np.ndarray, "elements 4 16 3"]) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """The same in a row, for a ``Pattern``: a pair of different stations stands for both triangles, so it goes to the lower
+    """The same in a row, for a ``SparsityPattern``: a pair of different stations stands for both triangles, so it goes to the lower
     one; equal stations hold both.
     """
     rows, cols = tangent_entries(dofs)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.newton import CONVERGED, DIVERGED, INDEFINITE, ITERATIONS, FactoredProblem, Iteration, LocalExpansion
+from ..engine.newton import CONVERGED, DIVERGED, INDEFINITE, ITERATIONS, FactoredProblem, Iteration, LocalModel
 
 GROWN, PATIENCE = 1e6, 6  # it diverges if the decrement exceeds GROWN times its minimum after PATIENCE steps; by eye
 
@@ -32,7 +32,7 @@ class FullSteps:
     best: float = field(default=np.inf, init=False)
 
     def advance(
-        self, problem: FactoredProblem, state: Any, here: LocalExpansion, history: list[Iteration]
+        self, problem: FactoredProblem, state: Any, here: LocalModel, history: list[Iteration]
     ) -> tuple[Any, str | None]:
         row = history[-1]
         for row.modified in self.convex:

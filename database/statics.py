@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from ..engine.arrays import Float, Int
 from ..engine.linalg import SparseCholesky, SparsityPattern
-from ..engine.newton import CONVERGED, Iteration, LocalExpansion, minimise
+from ..engine.newton import CONVERGED, Iteration, LocalModel, minimise
 from .elastic import STATION_PAIRS, Elements, lower_entries, tangent_entries
 from .full_steps import FullSteps
 from .geometry import Spiral
@@ -314,8 +314,8 @@ class _Loaded:
         stress = el.stress(strain)
         return _State(q, f, strain, stress, stress, el.energy(strain))
 
-    def expand(self, state: _State) -> LocalExpansion:
-        return LocalExpansion(state.energy, self.model.inner_forces(state.f, state.stress) - self.target, own=state)
+    def expand(self, state: _State) -> LocalModel:
+        return LocalModel(state.energy, self.model.inner_forces(state.f, state.stress) - self.target, own=state)
 
     def moved(self, state: _State, step: Float[np.ndarray, " size"]) -> _State:
         el = self.model.elements
@@ -332,15 +332,15 @@ class _Loaded:
     def watch(self, state: _State, history: list[Iteration]) -> None:
         pass
 
-    def factor(self, here: LocalExpansion, convex: float, shift: float) -> bool:
+    def factor(self, here: LocalModel, convex: float, shift: float) -> bool:
         state: _State = here.own
         if not state.q.any():  # ``Model.rest`` has this factor already
             return True
         return self.model.cholesky.attempt(self.model.stiffness(state.f, state.mixed))
 
-    def step(self, here: LocalExpansion) -> Float[np.ndarray, " size"]:
+    def step(self, here: LocalModel) -> Float[np.ndarray, " size"]:
         factor = self.model.cholesky if here.own.q.any() else self.model.rest
         return -factor.solve(here.gradient)
 
-    def slope(self, here: LocalExpansion, step: Float[np.ndarray, " size"]) -> float:
+    def slope(self, here: LocalModel, step: Float[np.ndarray, " size"]) -> float:
         return float(here.gradient @ step)

@@ -48,7 +48,7 @@ NEGLIGIBLE = 1e-9  # length of a negligible step, in variables scaled to a box o
 
 
 @dataclass(frozen=True, eq=False)
-class LocalExpansion:
+class LocalModel:
     """Expansion of a problem about a state.
 
     energy : objective; terms : sum of its terms' absolute values, for estimates of rounding errors
@@ -85,7 +85,7 @@ class Run:
     """Outcome: last state, last computed expansion, reason for the end (a constant of this module), all iterations."""
 
     state: Any
-    here: LocalExpansion
+    here: LocalModel
     ended: str
     history: list[Iteration]
 
@@ -93,7 +93,7 @@ class Run:
 class Problem(Protocol):
     """A minimisation problem. States are never changed in place."""
 
-    def expand(self, state: Any) -> LocalExpansion:
+    def expand(self, state: Any) -> LocalModel:
         """Return energy, gradient and the data that the Hessian needs."""
 
     def energy(self, state: Any) -> float:
@@ -109,17 +109,17 @@ class FactoredProblem(Problem, Protocol):
     def moved(self, state: Any, step: np.ndarray) -> Any:
         """Return the state after an increment; rotations are composed, vectors added."""
 
-    def factor(self, here: LocalExpansion, convex: float, shift: float) -> bool:
+    def factor(self, here: LocalModel, convex: float, shift: float) -> bool:
         """Factor the Hessian; return False if it is not positive definite.
 
         A share ``convex`` of it is replaced by its convex part, whose diagonal is raised by the share ``shift`` of
         itself.
         """
 
-    def step(self, here: LocalExpansion) -> np.ndarray:
+    def step(self, here: LocalModel) -> np.ndarray:
         """Return Newton's step with the last factor, limited to where the expansion is accurate."""
 
-    def slope(self, here: LocalExpansion, step: np.ndarray) -> float:
+    def slope(self, here: LocalModel, step: np.ndarray) -> float:
         """Return the directional derivative of the energy along a step."""
 
 
@@ -143,17 +143,17 @@ class DampedProblem(Problem, Protocol):
     def reached(self, state: Any) -> bool:
         """Return whether a state is so good that the search ends."""
 
-    def proposed(self, here: LocalExpansion, damping: float, following: float) -> Any:
+    def proposed(self, here: LocalModel, damping: float, following: float) -> Any:
         """Return a step (``step``, ``gain``) that nearly minimises the damped quadratic model; None if there is none.
 
         ``damping`` acts on the variables, ``following`` on the dependent quantities; ``gain`` is the predicted
         decrease.
         """
 
-    def tried(self, here: LocalExpansion, proposal: Any) -> Any | None:
+    def tried(self, here: LocalModel, proposal: Any) -> Any | None:
         """Return the state after a proposed step; None if the dependent quantities cannot follow it."""
 
-    def shortened(self, here: LocalExpansion, proposal: Any, share: float) -> Any:
+    def shortened(self, here: LocalModel, proposal: Any, share: float) -> Any:
         """Return a proposal with the given share of another proposal's step, and the decrease predicted for it."""
 
     def gentle(self, proposal: Any) -> float:
@@ -169,9 +169,7 @@ class DampedProblem(Problem, Protocol):
 class Rule(Protocol):
     """Iteration scheme."""
 
-    def advance(
-        self, problem: Any, state: Any, here: LocalExpansion, history: list[Iteration]
-    ) -> tuple[Any, str | None]:
+    def advance(self, problem: Any, state: Any, here: LocalModel, history: list[Iteration]) -> tuple[Any, str | None]:
         """Return the next state, and the reason if the search ends there, else None.
 
         Parameters
@@ -243,7 +241,7 @@ class LineSearch:
     convex: float = 0.0
 
     def advance(
-        self, problem: SaddleProblem, state: Any, here: LocalExpansion, history: list[Iteration]
+        self, problem: SaddleProblem, state: Any, here: LocalModel, history: list[Iteration]
     ) -> tuple[Any, str | None]:
         if here.residual <= self.tolerance:
             if problem.stable(state):
@@ -260,7 +258,7 @@ class LineSearch:
         found = self._searched(problem, state, here, step, history)
         return (state, NO_DESCENT) if found is None else (found, None)
 
-    def _factored(self, problem: FactoredProblem, here: LocalExpansion, history: list[Iteration]) -> bool:
+    def _factored(self, problem: FactoredProblem, here: LocalModel, history: list[Iteration]) -> bool:
         """Factor the Hessian with the present share of its convex part; if that fails, with small shares, then 1."""
         row = history[-1]
         row.modified = self.convex if self.convex >= LEAST_CONVEX else 0.0
@@ -280,7 +278,7 @@ class LineSearch:
         return len(residuals) > STEPS and CREEPING > min(residuals[-STEPS:]) > 0.5 * min(residuals[:-STEPS])
 
     def _searched(
-        self, problem: FactoredProblem, state: Any, here: LocalExpansion, step: np.ndarray, history: list[Iteration]
+        self, problem: FactoredProblem, state: Any, here: LocalModel, step: np.ndarray, history: list[Iteration]
     ) -> Any | None:
         """Halve the step until the energy is sufficiently below the recent maximum; None if no halving is enough."""
         row, slope = history[-1], problem.slope(here, step)
@@ -322,7 +320,7 @@ class LevenbergMarquardt:
     too_far: bool = False
 
     def advance(
-        self, problem: DampedProblem, state: Any, here: LocalExpansion, history: list[Iteration]
+        self, problem: DampedProblem, state: Any, here: LocalModel, history: list[Iteration]
     ) -> tuple[Any, str | None]:
         if not history[1:]:
             along = float(np.linalg.norm(here.gradient) / (self.first * np.sqrt(here.gradient.size)))
@@ -343,7 +341,7 @@ class LevenbergMarquardt:
             return found, ITERATIONS
         return found, TIME if problem.over else None
 
-    def _tried(self, problem: DampedProblem, here: LocalExpansion, row: Iteration) -> tuple[Any | None, float]:
+    def _tried(self, problem: DampedProblem, here: LocalModel, row: Iteration) -> tuple[Any | None, float]:
         """Propose steps with ever more damping until one is accepted, as a whole or shortened.
 
         Return the accepted state, None if all are refused, and its predicted decrease.
@@ -383,7 +381,7 @@ class LevenbergMarquardt:
 
     @staticmethod
     def _shorter(
-        problem: DampedProblem, here: LocalExpansion, proposal: Any, share: float, row: Iteration
+        problem: DampedProblem, here: LocalModel, proposal: Any, share: float, row: Iteration
     ) -> tuple[Any | None, float]:
         """Return the state after a share of a refused step, and its predicted decrease; None if that is refused too."""
         shorter = problem.shortened(here, proposal, share)
@@ -394,7 +392,7 @@ class LevenbergMarquardt:
         return found, shorter.gain
 
 
-def _least_share(here: LocalExpansion, step: np.ndarray, energy: float) -> float:
+def _least_share(here: LocalModel, step: np.ndarray, energy: float) -> float:
     """Return the share of a step, in ``SHARES``, that minimises the parabola through slope here and both energies."""
     along = float(here.gradient @ step)
     bend = energy - here.energy - along

@@ -11,7 +11,7 @@ from itertools import islice
 
 import numpy as np
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.extras.choosing.drawn_cuts import cuts_into_equal_parts
+from flexmaps.engine.extras.choosing.drawn_cuts import equal_part_cuts
 from flexmaps.engine.extras.choosing.judge import CutPlan, FlatLayout, LayoutProblem, flatten_cuts
 from flexmaps.engine.extras.choosing.predict import PredictionStart, predict
 from flexmaps.engine.extras.choosing.refine_merged import EXTRA_STEPS
@@ -63,7 +63,7 @@ def _cuts(mesh: QuadMesh, settings: Settings) -> Iterator[np.ndarray]:
             yield merge.merge(trace.trace(mesh, layout), layout).layout.cut
         except FlexMapsError:
             continue
-    yield from (cut for _, cut in cuts_into_equal_parts(mesh, PARTS, []))
+    yield from (cut for _, cut in equal_part_cuts(mesh, PARTS, []))
 
 
 def _search(piece: LayoutProblem, laid: FlatLayout, patience: float) -> float:

@@ -23,7 +23,7 @@ from ..newton import (
     SADDLE,
     Iteration,
     LineSearch,
-    LocalExpansion,
+    LocalModel,
     Run,
     minimise_stepwise,
     run_to_end,
@@ -156,13 +156,13 @@ class _Balance:
     spare: float = 0.0
     scale: float = 0.0  # newtons, largest force so far in the joints or of the loads
 
-    def expand(self, state: Any) -> LocalExpansion:
+    def expand(self, state: Any) -> LocalModel:
         here = self.model.expand(state, ahead=True)
         gradient = here.gradient.copy()
         gradient[: len(self.loads.force), :3] -= self.loads.total(state.pose.centres)
         work = self.loads.work(state.pose.centres)
         residual = self._residual(here, gradient, state.pose)
-        return LocalExpansion(here.energy - work, gradient, residual, here.energy + abs(work), here)
+        return LocalModel(here.energy - work, gradient, residual, here.energy + abs(work), here)
 
     def moved(self, state: Any, step: np.ndarray) -> Any:
         return self.model.moved(state, step)
@@ -176,7 +176,7 @@ class _Balance:
         self.progress(float(np.clip(done, 0.0, 0.99)), f"Coming to rest, step {len(history) - 1}")
         self.progress.show(state.pose)
 
-    def factor(self, here: LocalExpansion, convex: float, shift: float) -> bool:
+    def factor(self, here: LocalModel, convex: float, shift: float) -> bool:
         if not convex:
             return self.system.factor(self.system.values(here.own.hessian))
         part = self.system.definite(self.system.values(here.own.convex), shift)
@@ -184,12 +184,12 @@ class _Balance:
             part = (1.0 - convex) * self.system.values(here.own.hessian) + convex * part
         return self.system.factor(part)
 
-    def step(self, here: LocalExpansion) -> np.ndarray:
+    def step(self, here: LocalModel) -> np.ndarray:
         step = -self.system.solve(here.gradient)
         turn = np.linalg.norm(step[:, 3:], axis=1).max()
         return step * min(1.0, TURN_CAP / max(turn, 1e-300))
 
-    def slope(self, here: LocalExpansion, step: np.ndarray) -> float:
+    def slope(self, here: LocalModel, step: np.ndarray) -> float:
         return float((here.gradient * step).sum())
 
     def stable(self, state: Any) -> bool:

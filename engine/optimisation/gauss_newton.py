@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..arrays import Float
-from ..newton import ITERATIONS, NEGLIGIBLE, REACHED, TIME, Iteration, LevenbergMarquardt, LocalExpansion, minimise
+from ..newton import ITERATIONS, NEGLIGIBLE, REACHED, TIME, Iteration, LevenbergMarquardt, LocalModel, minimise
 from ..params import OptimiseParams
 from ..progress import SILENT, Progress
 from ..threads import one_thread
@@ -153,7 +153,7 @@ class _GaussNewtonProblem:
     def watch(self, point: DesignPoint, history: list[Iteration]) -> None:
         pass  # every equilibrium checks for a cancel
 
-    def expand(self, point: DesignPoint) -> LocalExpansion:
+    def expand(self, point: DesignPoint) -> LocalModel:
         within, point = (
             self.step_progress(point),
             point.with_barrier_weight() if isinstance(point, FlatPoint) else point,
@@ -162,7 +162,7 @@ class _GaussNewtonProblem:
         within(0.0)
         self.bending.refine(point.gauss_newton_product)
         self.before = _depending_on_shape(point)
-        return LocalExpansion(point.value, point.gradient, float(np.linalg.norm(point.gradient)), own=point)
+        return LocalModel(point.value, point.gradient, float(np.linalg.norm(point.gradient)), own=point)
 
     def energy(self, point: DesignPoint) -> float:
         return point.value
@@ -170,7 +170,7 @@ class _GaussNewtonProblem:
     def reached(self, point: DesignPoint) -> bool:
         return is_near(point, self.params)
 
-    def proposed(self, here: LocalExpansion, damping: float, following: float) -> _Proposal | None:
+    def proposed(self, here: LocalModel, damping: float, following: float) -> _Proposal | None:
         """Return a step that nearly minimises the damped model; None if the search must end."""
         point: DesignPoint = here.own
         within = self.step_progress(point)
@@ -183,7 +183,7 @@ class _GaussNewtonProblem:
         point.problem.work.note_proposal()
         return proposal
 
-    def shortened(self, here: LocalExpansion, proposal: _Proposal, share: float) -> _Proposal:
+    def shortened(self, here: LocalModel, proposal: _Proposal, share: float) -> _Proposal:
         point: DesignPoint = here.own
         # damping and units are not needed: the predicted decrease leaves damping out, and no step is solved for
         model = CompositeModel(point, 0.0, 0.0, np.ones_like(point.x), lambda: None)
@@ -198,7 +198,7 @@ class _GaussNewtonProblem:
         increments = point.hub_increments(step)
         return _Proposal(step, increments, point.value - model.after(step, increments).value)
 
-    def tried(self, here: LocalExpansion, proposal: _Proposal) -> DesignPoint | None:
+    def tried(self, here: LocalModel, proposal: _Proposal) -> DesignPoint | None:
         return _take_step(here.own, proposal.step, proposal.increments, self.trace, self.step_progress(here.own))
 
     def gentle(self, proposal: _Proposal) -> float:

@@ -18,7 +18,7 @@ from flexmaps.database.validation_cases import MATERIAL, Case, Held, Loading, bo
 from flexmaps.database.validation_rim import every_case
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.mechanics.assembly import Pose, assembly_from_design, target_pose
-from flexmaps.engine.newton import LocalExpansion
+from flexmaps.engine.newton import LocalModel
 from flexmaps.engine.progress import SILENT
 from flexmaps.engine.spirals.design import SpiralDesign
 from scipy.sparse import coo_array
@@ -177,7 +177,7 @@ def test_condensed_steps_are_those_of_the_whole(pair: DesignSolid):
     functionals, values = pair.constraints(rest.centres[:1] / UNIT, rest.rotations[:1])
     problem = Loaded(pair, functionals, values, pair.pulled(np.array([[0.0] * 3, [0.0, 0.0, 1e-4]])), SILENT)
     state = problem.start(nodes)
-    here: LocalExpansion = problem.expand(state)
+    here: LocalModel = problem.expand(state)
     assert problem.factor(here, 0.0, 0.0)
     step = problem.step(here)
     # the whole tangent, from the elements of hubs and arms alike

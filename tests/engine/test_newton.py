@@ -15,7 +15,7 @@ from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Assembly, Pose
 from flexmaps.engine.mechanics.rods.rod_model import RodModel
-from flexmaps.engine.newton import Iteration, LevenbergMarquardt, LineSearch, LocalExpansion, minimise
+from flexmaps.engine.newton import Iteration, LevenbergMarquardt, LineSearch, LocalModel, minimise
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.optimize import rosen, rosen_der, rosen_hess
 from scipy.spatial.transform import Rotation
@@ -30,12 +30,10 @@ class Dense:
         self.value, self.gradient, self.hessian, self.stop = value, slope, hessian, stop
         self.held, self.seen = list(held), []
 
-    def expand(self, x: np.ndarray) -> LocalExpansion:
+    def expand(self, x: np.ndarray) -> LocalModel:
         gradient = self.gradient(x)
         gradient[self.held] = 0.0
-        return LocalExpansion(
-            float(self.value(x)), gradient, float(np.linalg.norm(gradient)), abs(float(self.value(x))), x
-        )
+        return LocalModel(float(self.value(x)), gradient, float(np.linalg.norm(gradient)), abs(float(self.value(x))), x)
 
     def moved(self, x: np.ndarray, step: np.ndarray) -> np.ndarray:
         return x + step
@@ -48,7 +46,7 @@ class Dense:
         if len(self.seen) > self.stop:
             raise Cancelled
 
-    def factor(self, here: LocalExpansion, convex: float, shift: float) -> bool:
+    def factor(self, here: LocalModel, convex: float, shift: float) -> bool:
         eye = np.eye(len(here.own))
         matrix = (1.0 - convex) * np.asarray(self.hessian(here.own)) + convex * eye
         matrix[self.held] = matrix[:, self.held] = 0.0
@@ -59,10 +57,10 @@ class Dense:
             return False
         return True
 
-    def step(self, here: LocalExpansion) -> np.ndarray:
+    def step(self, here: LocalModel) -> np.ndarray:
         return -cho_solve(self.factors, here.gradient)
 
-    def slope(self, here: LocalExpansion, step: np.ndarray) -> float:
+    def slope(self, here: LocalModel, step: np.ndarray) -> float:
         return float(here.gradient @ step)
 
     def stable(self, x: np.ndarray) -> bool:
@@ -170,7 +168,7 @@ class Residuals(Dense):
         super().__init__(lambda x: 0.5 * rosen(x), lambda x: 0.5 * rosen_der(x), None)
         self.refused = 0
 
-    def proposed(self, here: LocalExpansion, damping: float, following: float) -> Any:
+    def proposed(self, here: LocalModel, damping: float, following: float) -> Any:
         jacobian = np.array([[-20.0 * here.own[0], 10.0], [-1.0, 0.0]])
         square = jacobian.T @ jacobian
         step = -np.linalg.solve(square + damping * np.eye(2), here.gradient)
@@ -178,10 +176,10 @@ class Residuals(Dense):
             return None
         return type("Step", (), {"step": step, "gain": -(here.gradient @ step + 0.5 * step @ square @ step)})
 
-    def shortened(self, here: LocalExpansion, proposal: Any, share: float) -> Any:
+    def shortened(self, here: LocalModel, proposal: Any, share: float) -> Any:
         return type("Step", (), {"step": share * proposal.step, "gain": share * proposal.gain})
 
-    def tried(self, here: LocalExpansion, proposal: Any) -> Any:
+    def tried(self, here: LocalModel, proposal: Any) -> Any:
         return here.own + proposal.step
 
     def reached(self, x: np.ndarray) -> bool:
@@ -222,7 +220,7 @@ def test_a_longer_first_step_begins_with_less_damping() -> None:
 @pytest.mark.parametrize(("stop", "refused"), [(0.0, newton.TRIALS), (1e-3, 1)])
 def test_a_refused_step_that_was_to_bring_next_to_nothing_is_the_last(stop: float, refused: int) -> None:
     class Uphill(Residuals):
-        def proposed(self, here: LocalExpansion, damping: float, following: float) -> Any:
+        def proposed(self, here: LocalModel, damping: float, following: float) -> Any:
             return type("Step", (), {"step": here.gradient, "gain": 5e-4 * here.energy})
 
     problem = Uphill()
@@ -236,7 +234,7 @@ def test_of_a_refused_step_the_share_is_taken_that_a_parabola_finds_least() -> N
             Dense.__init__(self, lambda x: 0.5 * x @ x, lambda x: x, None)
             self.refused = 0
 
-        def proposed(self, here: LocalExpansion, damping: float, following: float) -> Any:
+        def proposed(self, here: LocalModel, damping: float, following: float) -> Any:
             return type("Step", (), {"step": -10.0 * here.own, "gain": here.energy})
 
     problem = TooFar()
@@ -248,7 +246,7 @@ def test_damping_falls_faster_until_a_step_goes_too_far() -> None:
     noted: list[tuple[float, int]] = []
 
     class Noting(Residuals):
-        def proposed(self, here: LocalExpansion, damping: float, following: float) -> Any:
+        def proposed(self, here: LocalModel, damping: float, following: float) -> Any:
             noted.append((damping, self.refused))
             return super().proposed(here, damping, following)
 
@@ -316,11 +314,11 @@ def test_a_step_may_rise_to_the_largest_of_five_recent_energies(recent: tuple[fl
     """Grippo, Lampariello and Lucidi: to 4, where one of the last five was 5, but not where only an earlier one was higher."""
 
     class Hill(Dense):
-        def slope(self, here: LocalExpansion, step: np.ndarray) -> float:
+        def slope(self, here: LocalModel, step: np.ndarray) -> float:
             return -1.0
 
     hill = Hill(lambda x: 4.0, None, None)
     history = [Iteration(energy, 1.0) for energy in recent]
-    here = LocalExpansion(recent[-1], np.ones(1))
+    here = LocalModel(recent[-1], np.ones(1))
     found = LineSearch(1e-9, 10)._searched(hill, np.zeros(1), here, np.ones(1), history)
     assert (found is not None) == taken

@@ -27,15 +27,13 @@ from ...params import Settings, with_values
 from .bending import spiral_youngs, strip_youngs
 from .coupons import KINDS, STRIP_CLAMP, STRIP_END, Coupons
 
-MIN_READING_ERROR = (
-    0.02  # smallest standard error of a sag reading, as a share of its value; larger: fewer contradictions
-)
+# Smallest standard error of a sag reading, as a share of its value; larger: fewer contradictions
+MIN_READING_ERROR = 0.02
 CALIPER_ERROR = 2e-5  # standard error of a caliper reading, metres
 # Error of the formulas as a share of the modulus; larger: strip and spirals contradict each other less often
 FORMULA_ERROR = 0.02
-CONTRADICTION_LIMIT = (
-    3.0  # number of combined standard errors beyond which two values contradict each other; larger: less often
-)
+# Number of combined standard errors beyond which two values contradict each other; larger: less often
+MAX_DEVIATION = 3.0
 DIGITS = 3  # one less than the number of significant digits of results
 
 
@@ -159,9 +157,7 @@ class Calibration:
 
         def shown(one: MeasuredValue | None, factor: float) -> dict[str, float] | None:
             return (
-                None
-                if one is None
-                else {"value": _round_figures(one.value * factor), "error": _round_figures(one.error * factor)}
+                None if one is None else {"value": _rounded(one.value * factor), "error": _rounded(one.error * factor)}
             )
 
         return {
@@ -171,7 +167,7 @@ class Calibration:
             "youngs_gpa": shown(self.youngs, 1e-9),
             "youngs_strip_gpa": shown(self.strip, 1e-9),
             "youngs_spirals_gpa": shown(self.spirals, 1e-9),
-            "density": None if self.density is None else _round_figures(self.density),
+            "density": None if self.density is None else _rounded(self.density),
             "believed": self.believed,
             "warnings": list(self.warnings),
             "settings": self.settings,
@@ -270,7 +266,7 @@ def _evaluate_clearance(
     # ``wider`` is 0 without a measured kerf: the kerf for which the sheet was drawn is used
     gap = readings.clearance - wider
     error = math.hypot(strays, CALIPER_ERROR if kerf is None else 0.0)
-    if kerf is not None and gap < -CONTRADICTION_LIMIT * error - 1e-6:
+    if kerf is not None and gap < -MAX_DEVIATION * error - 1e-6:
         raise FlexMapsError(
             f"The rung of {readings.clearance * 1e3:g} mm cannot fit: with the measured kerf of {kerf.value * 1e3:.3f} mm its parts "
             f"would overlap by {-gap * 1e3:.3f} mm; measure the kerf comb again, or look which rung it was"
@@ -312,7 +308,7 @@ def _evaluate_spirals(made: Coupons, readings: Readings, wider: float, warnings:
         for k, one in enumerate(made.spirals)
     ]
     first, second = found
-    if _are_contradictory(first, second):
+    if _contradict(first, second):
         warnings.append(
             f"Spirals A and B contradict each other: {first.value * 1e-9:.2f} and {second.value * 1e-9:.2f} GPa; check their weights, "
             "that their frames are held all round, and the kerf, which their arms' width depends on"
@@ -327,12 +323,10 @@ def _weighted_mean(some: Sequence[MeasuredValue]) -> MeasuredValue:
     return MeasuredValue(value, float(weights.sum() ** -0.5))
 
 
-def _are_contradictory(one: MeasuredValue, other: MeasuredValue) -> bool:
-    """Return whether two moduli differ by more than ``CONTRADICTION_LIMIT`` standard errors and the error of the formulas."""
+def _contradict(one: MeasuredValue, other: MeasuredValue) -> bool:
+    """Return whether two moduli differ by more than ``MAX_DEVIATION`` standard errors and the error of the formulas."""
     middle = 0.5 * (one.value + other.value)
-    return (
-        abs(one.value - other.value) > CONTRADICTION_LIMIT * math.hypot(one.error, other.error) + FORMULA_ERROR * middle
-    )
+    return abs(one.value - other.value) > MAX_DEVIATION * math.hypot(one.error, other.error) + FORMULA_ERROR * middle
 
 
 def _choose_modulus(
@@ -347,7 +341,7 @@ def _choose_modulus(
             one,
             "the strip, for the spirals were not measured" if strip else "the spirals, for the strip was not measured",
         )
-    if not _are_contradictory(strip, spirals):
+    if not _contradict(strip, spirals):
         return _weighted_mean(
             [strip, spirals]
         ), "both, for they agree within their spread; each counts by how little it scatters"
@@ -365,23 +359,21 @@ def _measured_settings(made: Coupons, found: Calibration, readings: Readings) ->
     """Return the measured settings by "section.name"; a custom material gets all of its values."""
     values: dict[str, Any] = {}
     if found.thickness is not None or found.youngs is not None:
-        values["spiral.thickness"] = _round_figures(
-            1e3 * (found.thickness.value if found.thickness else made.thickness)
-        )
+        values["spiral.thickness"] = _rounded(1e3 * (found.thickness.value if found.thickness else made.thickness))
     if found.youngs is not None or found.density is not None:
         youngs = found.youngs.value if found.youngs is not None else made.youngs
         values |= {
             "material.material": "custom",
-            "material.youngs": _round_figures(youngs * 1e-9),
+            "material.youngs": _rounded(youngs * 1e-9),
             "material.poisson": made.poisson,
-            "material.density": _round_figures(made.density if found.density is None else found.density),
+            "material.density": _rounded(made.density if found.density is None else found.density),
             "material.strain_limit": made.strain_limit,
         }
     if found.kerf is not None:
-        kerf = _round_figures(1e3 * found.kerf.value)
+        kerf = _rounded(1e3 * found.kerf.value)
         values |= {"cut.kerf_outline": kerf, "cut.kerf_holes": kerf}
     if found.clearance is not None:
-        values |= {"connect.connector": readings.kind, "connect.clearance": _round_figures(1e3 * found.clearance.value)}
+        values |= {"connect.connector": readings.kind, "connect.clearance": _rounded(1e3 * found.clearance.value)}
     try:
         with_values(Settings(), {k: v for k, v in values.items() if not k.startswith("cut.")})
     except FlexMapsError as error:
@@ -391,7 +383,7 @@ def _measured_settings(made: Coupons, found: Calibration, readings: Readings) ->
     return values
 
 
-def _round_figures(value: float) -> float:
+def _rounded(value: float) -> float:
     """Return a number rounded to ``DIGITS`` + 1 significant digits."""
     return float(f"{value:.{DIGITS + 1}g}")
 

@@ -34,13 +34,7 @@ from ...surface.symmetry import keeping
 from ...workers import Workers
 from .choice import INITIAL_ORIGIN, MAX_PANEL_STEP, Choice, pareto_front
 from .decide import decide, may_replace_initial
-from .drawn_cuts import (
-    cuts_along_folds,
-    cuts_in_planes,
-    cuts_into_equal_parts,
-    drop_symmetric_images,
-    symmetric_variants,
-)
+from .drawn_cuts import cuts_along_folds, cuts_in_planes, drop_symmetric_images, equal_part_cuts, symmetric_variants
 from .judge import (
     FULL_SHARE,
     LONG_SHARE,
@@ -66,9 +60,8 @@ Sketch = tuple[str, np.ndarray]  # a name, and its cut edges, (E,) bool
 # limit, and a factor on the smallest neck. More variants: more layouts, 0.2 to 4 s each
 PANEL_GOAL_SHARES, COMPACTNESS_FACTORS, NECK_FACTOR = (0.8, 0.6, 0.4), (0.9, 1.4), 2
 MAX_PARTS = 8  # largest number of equal strips, rings or petals; larger: more layouts, more time
-MAX_PANEL_RATIO = (
-    3  # largest ratio of panel counts to the initial layout's, unless the goal limits them; larger: more time
-)
+# Largest ratio of panel counts to the initial layout's, unless the goal limits them; larger: more time
+MAX_PANEL_RATIO = 3
 # Largest curvature within a panel, in multiples of the initial layout's, with which flattening is tried; larger: slower
 MAX_CURVATURE_RATIO = 2.0
 FIRST_SHARE = 0.6  # share of the layouts to judge before any is changed; the others are left for changes
@@ -204,11 +197,8 @@ def _flatten_candidates(search: LayoutSearch, first: FlatLayout, progress: Progr
     long searches start from its spirals.
     """
     piece, mesh, quick = search.piece, search.piece.mesh, search.known[layout_key(first)]
-    sketches = [
-        *cuts_along_folds(mesh),
-        *cuts_in_planes(mesh, piece.symmetries),
-        *cuts_into_equal_parts(mesh, MAX_PARTS, piece.symmetries),
-    ]
+    kept = piece.symmetries
+    sketches = [*cuts_along_folds(mesh), *cuts_in_planes(mesh, kept), *equal_part_cuts(mesh, MAX_PARTS, kept)]
     sketched = _select_sketches(search, list(drop_symmetric_images(sketches, piece.symmetries)))
     others: list[CutPlan | LayoutParams] = [*_merge_variants(search), *(CutPlan(cut, name) for name, cut in sketched)]
     if piece.symmetries:
@@ -234,9 +224,7 @@ def _select_sketches(search: LayoutSearch, sketches: list[Sketch]) -> list[Sketc
     """Return the most promising sketches, as many as may be judged, by Pareto rank in cut edges and panel curvature."""
     mesh = search.piece.mesh
     worth = [(int(cut.sum()), panel_curvature(PatchLayout(mesh, cut & ~mesh.border))) for _, cut in sketches]
-    ranked = sorted(
-        range(len(sketches)), key=lambda k: (sum(_dominates(other, worth[k]) for other in worth), worth[k], k)
-    )
+    ranked = sorted(range(len(sketches)), key=lambda k: (sum(_dominates(o, worth[k]) for o in worth), worth[k], k))
     return [sketches[k] for k in sorted(ranked[: max(search.left, 0)])]
 
 
@@ -345,9 +333,8 @@ def _improve_best(search: LayoutSearch, first: FlatLayout, progress: Progress) -
     for k in range(0, len(ideas), batch):
         if len(sound) < share:
             some = ideas[k : k + batch]
-            made = search.together(
-                partial(flatten_cuts, search.piece), some, progress.part(0.0, 0.2), search.progress_text
-            )
+            flatten, part = partial(flatten_cuts, search.piece), progress.part(0.0, 0.2)
+            made = search.together(flatten, some, part, search.progress_text)
             sound += [
                 one
                 for one in made
@@ -369,9 +356,8 @@ def _run_long_searches(search: LayoutSearch, progress: Progress) -> None:
     searched: list[FlatLayout] = []
     for turn in range(LONG_SEARCHES // together):
         tries = _long_search_candidates(search, together)
-        search.prove(
-            tries, progress.part(0.6 * turn * together / LONG_SEARCHES, 0.6 * (turn + 1) * together / LONG_SEARCHES)
-        )
+        begin, end = (0.6 * k * together / LONG_SEARCHES for k in (turn, turn + 1))
+        search.prove(tries, progress.part(begin, end))
         searched += tries
         search.expect([search.proved[layout_key(one)] for one in searched if layout_key(one) in search.proved])
     if search.params.goal != "match" or any(search.holds(one) for one in search.proved.values()):
@@ -393,9 +379,7 @@ def _long_search_candidates(search: LayoutSearch, most: int) -> list[FlatLayout]
 
 def _second_search_candidates(search: LayoutSearch) -> list[FlatLayout]:
     """Return the nearest layout that had a long search if a second one may decide its choice; else an empty list."""
-    nearest = min(
-        (one for one in search.proved.values() if one.share < FULL_SHARE), key=lambda one: one.eased, default=None
-    )
+    nearest = min((o for o in search.proved.values() if o.share < FULL_SHARE), key=lambda o: o.eased, default=None)
     if nearest is None:
         return []
     whole = next((one.rms for one in search.proved.values() if one.share >= FULL_SHARE), 0.0)

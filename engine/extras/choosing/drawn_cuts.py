@@ -123,7 +123,7 @@ def _make_family(mesh: QuadMesh, strip: list[int], closed: bool, line_of: np.nda
     return LineFamily(line_of[strip][inner], at[:-1][inner], length, closed)
 
 
-def cuts_into_equal_parts(
+def equal_part_cuts(
     mesh: QuadMesh, most: int, symmetries: Sequence[Symmetry]
 ) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
     """Yield divisions into equal strips, rings and petals: name and cut edges, (E,) bool.

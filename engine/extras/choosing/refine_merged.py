@@ -24,7 +24,7 @@ from ...progress import SILENT, Progress
 from ...surface.curvature import is_flat, relief
 from ...surface.symmetry import keeping, symmetries
 from ...threads import one_thread
-from .drawn_cuts import cuts_along_folds, cuts_into_equal_parts, drop_symmetric_images
+from .drawn_cuts import cuts_along_folds, drop_symmetric_images, equal_part_cuts
 from .judge import CutPlan, LayoutProblem, flatten_cuts, panel_curvature, starting_spirals
 from .predict import PredictionStart, predict
 from .strain_forecast import strain_of_softest
@@ -264,7 +264,7 @@ def _in_equal_parts(
     curved = panel_curvature(flat.layout)
     found = symmetries(mesh, progress=progress.quiet()) if limits.symmetric else []
     sketches: dict[int, list[tuple[float, int, CutPlan]]] = {}  # by number of parts
-    for number, (name, cut) in enumerate(drop_symmetric_images(cuts_into_equal_parts(mesh, most, found), found)):
+    for number, (name, cut) in enumerate(drop_symmetric_images(equal_part_cuts(mesh, most, found), found)):
         sketch = PatchLayout(mesh, cut)
         if len(sketch.patches) <= most:
             rated = round(panel_curvature(sketch), 9), number, CutPlan(cut, name)

@@ -142,9 +142,8 @@ def make_film(
     """
     found = find_stages(design, pose, material, params, progress.part(0.0, 0.5))
     panels = make_panel_mesh(design, detail, tips)
-    shots = record_tracks(
-        design, pose, table, found, Bodies(panels, Bender.from_design(design)), progress.part(0.5, 1.0)
-    )
+    bodies = Bodies(panels, Bender.from_design(design))
+    shots = record_tracks(design, pose, table, found, bodies, progress.part(0.5, 1.0))
     return Film(shots.tracks, shots.length, shots.stages, shots.stage_times, panels)
 
 
@@ -264,9 +263,8 @@ class _TrackRecorder:
         wanted = place + (0.0 if alone else HOVER_DISTANCE * self.size) * turn[:, 2]
         wanted[2] += self.lift
         reel = self.reels[panel]
-        shares, turns, places = flight_path(
-            self.table[panel], wanted, turn, self.size, self.flat_shapes[panel], self.ground
-        )
+        start, shape = self.table[panel], self.flat_shapes[panel]
+        shares, turns, places = flight_path(start, wanted, turn, self.size, shape, self.ground)
         reel.bend(0.0, number, self.flat_shapes[panel])
         for one in zip(number + FLIGHT_TIME * shares, turns, places, strict=True):
             reel.move(*one)

@@ -75,7 +75,7 @@ def test_equal_parts_of_a_torus_are_equally_large() -> None:
 def test_equal_strips_of_a_sheet() -> None:
     mesh = grid(8, 6)
     sizes = set()
-    for name, cut in drawn_cuts.cuts_into_equal_parts(mesh, 4, []):
+    for name, cut in drawn_cuts.equal_part_cuts(mesh, 4, []):
         layout = PatchLayout(mesh, cut)
         sizes.add(tuple(len(quads) for quads in layout.patches))
         assert name.startswith(str(len(layout.patches)))
@@ -125,7 +125,7 @@ def test_what_is_no_disk_is_opened_as_symmetrically_as_the_cuts_are() -> None:
     piece = ball()
     mesh, found = piece.mesh, piece.symmetries
     lost = 0
-    for name, cut in drawn_cuts.drop_symmetric_images(drawn_cuts.cuts_into_equal_parts(mesh, 5, found), found):
+    for name, cut in drawn_cuts.drop_symmetric_images(drawn_cuts.equal_part_cuts(mesh, 5, found), found):
         plain, even = (flatten_cuts(piece, CutPlan(cut, name, way)) for way in (False, True))
         assert plain is not None
         if plain.symmetric > 1:
@@ -229,9 +229,8 @@ def test_a_seam_is_moved_aside_by_whole_rows_to_both_sides() -> None:
     """A straight seam through the middle of 12 by 6 quads lies on the lines beside it afterwards, and nothing else changes."""
     mesh = grid(12, 6)
     x = mesh.vertices[mesh.edges][:, :, 0]
-    laid = flatten_cuts(
-        LayoutProblem(mesh, Settings()), CutPlan(np.isclose(x, 0.12).all(axis=1) & ~mesh.border, "halves")
-    )
+    plan = CutPlan(np.isclose(x, 0.12).all(axis=1) & ~mesh.border, "halves")
+    laid = flatten_cuts(LayoutProblem(mesh, Settings()), plan)
     assert laid is not None
     ideas = make_variants(LayoutProblem(mesh, Settings()), judged_of(laid, np.ones(len(mesh.quads))))
     moved = [idea.cut for idea in ideas if idea.origin == "a seam moved"]

@@ -33,7 +33,7 @@ def dome() -> tuple[LayoutProblem, dict[str, FlatLayout]]:
     """A dome with three of its layouts: whole and halved both ways."""
     piece = LayoutProblem(sheet(0.03), Settings())
     ideas = {"whole": np.zeros(len(piece.mesh.edges), dtype=bool)}
-    for name, cut in drawn_cuts.cuts_into_equal_parts(piece.mesh, 2, []):
+    for name, cut in drawn_cuts.equal_part_cuts(piece.mesh, 2, []):
         ideas[f"{name}, {int(cut.sum())} edges"] = cut
     laid = {name: flatten_cuts(piece, CutPlan(cut, name)) for name, cut in ideas.items()}
     return piece, {name: one for name, one in laid.items() if one is not None}
