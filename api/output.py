@@ -15,8 +15,8 @@ from ..engine.progress import Progress
 from ..engine.runs import job
 from ..engine.runs.outputs import LAYOUTS, SheetPlan
 from ..engine.runs.piece import Piece
-from ..engine.surface.far import near
-from ..engine.surface.formats.meshio import SHAPE
+from ..engine.surface.far import recentre_quads
+from ..engine.surface.formats.meshio import SHAPE_PREFIX
 from .pieces import ProgressLike, Supports, as_progress, load, make_guard, remnant_files, run_stages, run_until
 from .steps import sheets, spirals
 
@@ -288,7 +288,7 @@ def run(
                      supports=supports, progress=reporter.part(0.0, 0.2))  # fmt: skip
         guard.also([*piece.files, *remnant_files(piece.settings)])
         job_folder.refuse_to_replace(Path(out), guard, written, pictures)
-        piece = replace(piece, made=piece.result.without(*LAYOUTS).with_surface(mesh=near(piece.mesh)))
+        piece = replace(piece, made=piece.result.without(*LAYOUTS).with_surface(mesh=recentre_quads(piece.mesh)))
         piece = run_stages(piece, names[1:], reporter.part(0.2, 0.6), lenient=True)
         return job_folder.write(
             piece.result, piece.settings, piece.name, Path(out), new, tuple(formats), pictures, reporter.part(0.6, 1.0)
@@ -297,7 +297,7 @@ def run(
 
 def _input_files(source: Any, settings: ObjectSettings | Mapping[str, Any] | None) -> list[str]:
     """Return the paths of the input files: the source and the remnants in the settings."""
-    paths = [str(source)] if isinstance(source, str | Path) and not str(source).startswith(SHAPE) else []
+    paths = [str(source)] if isinstance(source, str | Path) and not str(source).startswith(SHAPE_PREFIX) else []
     return paths + remnant_files(
         settings if isinstance(settings, ObjectSettings) else with_values(ObjectSettings(), settings or {})
     )

@@ -22,7 +22,7 @@ from ..engine.surface.checking.check import Finding
 from ..engine.surface.checking.overlaps import overlap_findings
 from ..engine.surface.checking.sewing import border_sides, sew
 from ..engine.surface.checking.topology import sides_of
-from ..engine.surface.far import about_middle
+from ..engine.surface.far import recentre
 from ..engine.surface.formats import meshio
 from ..engine.surface.mesh import PolygonMesh, QuadMesh
 
@@ -349,9 +349,9 @@ def _read_file_or_mesh(source: Any, up: str | None) -> Piece:
         polygons = checking.with_numeric_arrays(
             source if isinstance(source, PolygonMesh) else PolygonMesh.from_quads(source)
         )
-        return Piece("mesh", about_middle(polygons), _without_stubs(ObjectSettings(), polygons))
-    files = () if str(source).startswith(meshio.SHAPE) else (Path(source),)
-    name, polygons = meshio.read_named(str(source), up)
+        return Piece("mesh", recentre(polygons), _without_stubs(ObjectSettings(), polygons))
+    files = () if str(source).startswith(meshio.SHAPE_PREFIX) else (Path(source),)
+    name, polygons = meshio.read_upright(str(source), up)
     polygons = sew(polygons)
     return Piece(name, polygons, _without_stubs(ObjectSettings(), polygons), files=files)
 

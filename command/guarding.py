@@ -9,7 +9,7 @@ from typing import Any
 from ..engine.fabrication.writers import export
 from ..engine.own_files import Guard
 from ..engine.runs import report_page
-from ..engine.surface.formats.meshio import SHAPE
+from ..engine.surface.formats.meshio import SHAPE_PREFIX
 
 REPORT_COMMANDS = {"compare", "structure", "report"}  # commands that write a report into their folder
 
@@ -24,7 +24,7 @@ def run_guarded(run: Any, args: argparse.Namespace, progress: Any) -> dict[str, 
     progress : called with a fraction and a text
     """
     read = [args.mesh, *getattr(args, "others", ()), *filter(None, [getattr(args, "scan", None)]), *args.remnants_given]
-    guard = Guard([path for path in read if not path.startswith(SHAPE)], args.overwrite)
+    guard = Guard([path for path in read if not path.startswith(SHAPE_PREFIX)], args.overwrite)
     if args.command == "export":
         guard.check(export.existing_files(Path(args.out) / "sheet", args.formats), Path(args.out))
     elif args.command in REPORT_COMMANDS and args.out:

@@ -12,7 +12,7 @@ from ..engine.errors import FlexMapsError
 from ..engine.fabrication.nesting.remnants import SEPARATOR
 from ..engine.params import RemeshParams, goal_values
 from ..engine.surface import shapes
-from ..engine.surface.formats.meshio import SHAPE
+from ..engine.surface.formats.meshio import SHAPE_PREFIX
 from .guarding import run_guarded
 
 RESUMABLE = {"choose", "optimise", "explore"}  # commands that return an unfinished result after Ctrl-C
@@ -40,7 +40,7 @@ def add_mesh_command(commands: Any, name: str, run: Any, print_result: Any, help
     made = commands.add_parser(name, help=help, description=help[0].upper() + help[1:] + ".")
     made.set_defaults(run=partial(run_guarded, run), print_result=print_result, is_resumable=name in RESUMABLE)
     made.add_argument(
-        "mesh", help=f"an .obj, .ply, .stl, .off or .blend file, or {SHAPE}NAME ({', '.join(shapes.NAMES)})"
+        "mesh", help=f"an .obj, .ply, .stl, .off or .blend file, or {SHAPE_PREFIX}NAME ({', '.join(shapes.NAMES)})"
     )
     size = made.add_mutually_exclusive_group()
     size.add_argument("--edge", type=parse_number, metavar="MM", help="scale the mesh to this median quad edge")
@@ -85,7 +85,7 @@ def parse_settings(args: argparse.Namespace) -> dict[str, Any]:
 
 def load_arguments(args: argparse.Namespace) -> dict[str, Any]:
     edge = args.edge
-    if edge is None and args.height is None and args.mesh.startswith(SHAPE):
+    if edge is None and args.height is None and args.mesh.startswith(SHAPE_PREFIX):
         edge = 1e3 * RemeshParams.edge
     return {
         "edge": edge,

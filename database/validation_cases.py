@@ -27,7 +27,7 @@ from ..engine.spirals.design import SpiralDesign
 from ..engine.spirals.fabricable import design_from_curvature
 from ..engine.surface.curvature import rms_curvature
 from ..engine.surface.mesh import QuadMesh
-from ..engine.surface.shapes import make, weld_quads
+from ..engine.surface.shapes import build_shape, weld_quads
 from . import chunks
 from .design_mesh import Resolution, make_mesh
 
@@ -232,7 +232,7 @@ def optimised(name: str, arms: str) -> SpiralDesign:
 
     arms : whether the arms of a spiral are "alike", in "pairs" or "each" their own
     """
-    mesh, path = make("cubesphere", SIDE), DESIGNS / f"{name}.design.npz"
+    mesh, path = build_shape("cubesphere", SIDE), DESIGNS / f"{name}.design.npz"
     if not path.is_file():
         target, spirals = mesh, SpiralParams()
         flat = merge(trace(mesh, LayoutParams()), LayoutParams())

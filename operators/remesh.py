@@ -20,10 +20,10 @@ from .stage import AnyMeshOperator, StageOperator, Work, redraw
 if TYPE_CHECKING:
     from ..bridge.store.surface import ObjectSurface
     from ..engine.surface.checking.check import Finding
-    from ..engine.surface.remeshing.requad import Requadded
+    from ..engine.surface.remeshing.requad import RemeshResult
 
 
-class QuadRemesh(AnyMeshOperator, StageOperator["Requadded"], bpy.types.Operator):
+class QuadRemesh(AnyMeshOperator, StageOperator["RemeshResult"], bpy.types.Operator):
     """Make a new object of quads in the shape of this one, and hide this one. Modifiers are applied on the way"""
 
     bl_idname = "flexmaps.quad_remesh"
@@ -44,7 +44,7 @@ class QuadRemesh(AnyMeshOperator, StageOperator["Requadded"], bpy.types.Operator
     def uid(self) -> int:
         return self._source
 
-    def _read(self, context: bpy.types.Context) -> Work[Requadded]:
+    def _read(self, context: bpy.types.Context) -> Work[RemeshResult]:
         """Read the mesh with its modifiers applied, and return the work that remeshes it."""
         preload.wait()
         from ..bridge.hosts import remesh
@@ -55,7 +55,7 @@ class QuadRemesh(AnyMeshOperator, StageOperator["Requadded"], bpy.types.Operator
         polygons, count = remesh.read_polygons(context.object, context), self.quads or wanted.remesh.quads
         return lambda progress: remesh.make_quads(polygons, count, wanted, progress)
 
-    def _write(self, context: bpy.types.Context, result: Requadded) -> Iterator[None]:
+    def _write(self, context: bpy.types.Context, result: RemeshResult) -> Iterator[None]:
         from ..bridge.hosts import remesh
         from ..bridge.store import mesh, modifiers, remesh_source, states
         from ..engine.surface.checking import check

@@ -34,10 +34,12 @@ def cases(options: Options) -> Cases:
 
 def measure(name: str, polygons: PolygonMesh, options: Options) -> Rows:
     """Yield the rows of one surface, remeshed by QuadriFlow's first result and by the program."""
-    target = requad.target_of(with_numeric_arrays(polygons))
+    target = requad.target_surface(with_numeric_arrays(polygons))
     triangles = PolygonMesh(target.vertices, target.triangles.ravel(), np.full(len(target.triangles), 3))
     seconds_first, first = remeshed(triangles, options.quads, 1, 1, ())
-    seconds, best = remeshed(triangles, options.quads, requad.CANDIDATES, requad.ENOUGH, requad.OWN)
+    seconds, best = remeshed(
+        triangles, options.quads, requad.MIN_ATTEMPTS, requad.MIN_RESULTS, requad.CURVATURE_ATTEMPTS
+    )
     (off_first, _), (off, bent) = misalignment(first, target), misalignment(best, target)
     few, many = (quality.quality(PolygonMesh.from_quads(mesh), target).irregular for mesh in (best, first))
     yield note(name, IRREGULAR, int(few), {"first": int(many)})
@@ -49,12 +51,12 @@ def measure(name: str, polygons: PolygonMesh, options: Options) -> Rows:
 
 def remeshed(triangles: PolygonMesh, count: int, *tries: Any) -> tuple[float, QuadMesh]:
     """Return the seconds of a remesh with these numbers and kinds of candidates, and its quads."""
-    usual = requad.CANDIDATES, requad.ENOUGH, requad.OWN
-    requad.CANDIDATES, requad.ENOUGH, requad.OWN = tries
+    usual = requad.MIN_ATTEMPTS, requad.MIN_RESULTS, requad.CURVATURE_ATTEMPTS
+    requad.MIN_ATTEMPTS, requad.MIN_RESULTS, requad.CURVATURE_ATTEMPTS = tries
     try:
         spent, found = timed(lambda: remesh.make_quads(triangles, count, ObjectSettings()), processor)
     finally:
-        requad.CANDIDATES, requad.ENOUGH, requad.OWN = usual
+        requad.MIN_ATTEMPTS, requad.MIN_RESULTS, requad.CURVATURE_ATTEMPTS = usual
     return spent, as_quad_mesh(found.polygons)
 
 

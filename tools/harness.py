@@ -52,7 +52,7 @@ def surfaces(options: Options) -> Cases:
 
 def built_in(name: str) -> PolygonMesh:
     """Return one of the surfaces that the project makes, with quads of 20 mm."""
-    return PolygonMesh.from_quads(shapes.make(name, EDGE))
+    return PolygonMesh.from_quads(shapes.build_shape(name, EDGE))
 
 
 def from_zoo(*names: str) -> Cases:
@@ -65,7 +65,7 @@ def from_zoo(*names: str) -> Cases:
 def from_folder(folder: Path | None, pattern: str = "*") -> Cases:
     """Return the meshes of a folder by the stems of their names; none without a folder."""
     paths = sorted(folder.glob(pattern)) if folder is not None else []
-    return {path.stem: partial(meshio.read, path) for path in paths if path.suffix.lower() in FORMATS}
+    return {path.stem: partial(meshio.read_mesh, path) for path in paths if path.suffix.lower() in FORMATS}
 
 
 def each(measure: Callable[..., Iterable[Row]], cases: Mapping[str, Callable[..., Any]]) -> Cases:

@@ -32,7 +32,7 @@ def tried(folder: Path, tick: float) -> Iterator[Row]:
         errors: list[str] = []
         for border, words in BORDERS.items():
             try:
-                mesh = check.as_quad_mesh(meshio.read(path))
+                mesh = check.as_quad_mesh(meshio.read_mesh(path))
                 for part in (_live, _brush):
                     yield from part(mesh, path.stem, border, words, tick)
             except FlexMapsError as error:

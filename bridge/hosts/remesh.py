@@ -49,7 +49,7 @@ def read_polygons(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonM
 
 def make_quads(
     polygons: PolygonMesh, count: int, settings: ObjectSettings, progress: Progress = SILENT
-) -> requad.Requadded:
+) -> requad.RemeshResult:
     """Make about ``count`` quads in the shape of a polygon mesh; callable from any thread.
 
     Parameters

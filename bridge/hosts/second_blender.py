@@ -75,7 +75,7 @@ class SecondBlender:
     def cells(self, body: PolygonMesh, size: float, progress: Progress = SILENT) -> PolygonMesh | None:
         return self._mesh("cells", body, {"size": size}, progress)
 
-    def touching(self, parts: list[PolygonMesh], progress: Progress = SILENT) -> list[tuple[int, int]]:
+    def intersecting_pairs(self, parts: list[PolygonMesh], progress: Progress = SILENT) -> list[tuple[int, int]]:
         first = np.cumsum([0, *(len(part.vertices) for part in parts)])
         arrays = {
             "vertices": np.concatenate([part.vertices for part in parts]),

@@ -40,7 +40,7 @@ from ...engine.patches.flattening.flatten import FlatPatches, with_energies
 from ...engine.patches.layout import PatchLayout
 from ...engine.spirals.design import SpiralDesign
 from ...engine.spirals.fabricable import make_fabricable, unfabricable_quads
-from ...engine.surface.far import coarse_step
+from ...engine.surface.far import rounding_step
 from ...engine.surface.mesh import PolygonMesh, QuadMesh
 from . import attributes, equilibrium, modifiers, shape_keys, stored_report, vertex_positions
 from .columns import column
@@ -132,7 +132,7 @@ def _surface(
     left += tuple(DAMAGED.format(attributes.PREFIX + name) for name in unsound)
     if stored_report.is_damaged(mesh) or stored_report.lacks_checksums(mesh):
         left += (DAMAGED_REPORT if stored_report.is_damaged(mesh) else OLD_REPORT,)
-    step = coarse_step(seen[np.unique(corners)]) * 1e3 * float(np.abs(np.linalg.det(matrix[:3, :3]))) ** (1 / 3)
+    step = rounding_step(seen[np.unique(corners)]) * 1e3 * float(np.abs(np.linalg.det(matrix[:3, :3]))) ** (1 / 3)
     left += (COARSE.format(step),) if step else ()
     polygons = PolygonMesh(vertices, corners[loops].astype(np.int64), sizes.astype(np.int64), left)
     none = np.zeros(0, dtype=np.int64)

@@ -180,11 +180,15 @@ def _from_checks(obj: bpy.types.Object, scene: bpy.types.Scene, findings: list[d
             ways += [cures.enlarge(larger)] if larger <= remedies.MAX_FACTOR else []
             ways += [cures.remesh(n) for n in cures.coarser_counts(len(obj.data.polygons))[:1]]
         if code in FIXED_BY_REMESH or code in FIXED_BY_REGULARISE or code == "surface-missed":
-            from ...engine.surface.remeshing.coverage import finer  # imported here because it imports scipy
+            from ...engine.surface.remeshing.coverage import (
+                suggest_finer_count,  # imported here because it imports scipy
+            )
 
             # a remesh to the same number of quads would give the same quads
             again = code == "surface-missed" or remesh_source.SOURCE in obj
-            ways.append(cures.remesh(finer(len(obj.data.polygons)) if again else obj.flexmaps.remesh.quads))
+            ways.append(
+                cures.remesh(suggest_finer_count(len(obj.data.polygons)) if again else obj.flexmaps.remesh.quads)
+            )
         if kind not in (STOPS, INFORMATION):  # information does not block *Next*, so it need not be dismissed
             ways.append(cures.dismiss(f"checks/{code}"))
         label = interface(words, len(edges if code == cures.FOLDS_CODE else faces))

@@ -29,7 +29,7 @@ from ..params import ObjectSettings
 from ..patches import joining
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
-from ..surface.far import near
+from ..surface.far import recentre_quads
 from .result import Result
 
 MM = 1e3  # millimetres in a metre
@@ -94,7 +94,7 @@ class ViewContent:
     def near(self) -> ViewContent:
         """Move the content to the origin if it is so far away that packed numbers would overflow."""
         layout = self.design.flat.layout
-        moved = near(layout.mesh)
+        moved = recentre_quads(layout.mesh)
         if moved is layout.mesh:
             return self
         way = moved.vertices[0] - layout.mesh.vertices[0]

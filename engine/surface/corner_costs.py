@@ -13,35 +13,35 @@ from .mesh import QuadMesh
 
 # Cost of a reflex corner, in edges of additional cut: a seam takes a detour of up to three edges to avoid one. Larger:
 # longer seams with smoother outlines.
-REFLEX = 3.0
-CONVEX = 0.25  # cost of a convex corner, in edges of cut; larger: straighter outlines, longer seams
-SHARP = 2.0  # cost of a corner too pointed for an arm, in edges of cut; larger: fewer such corners, longer seams
-TIP = 0.5  # cost of a cut that ends inside the surface, in edges of cut; larger: fewer such cuts
+REFLEX_COST = 3.0
+CONVEX_COST = 0.25  # cost of a convex corner, in edges of cut; larger: straighter outlines, longer seams
+ACUTE_COST = 2.0  # cost of a corner too pointed for an arm, in edges of cut; larger: fewer such corners, longer seams
+DEAD_END_COST = 0.5  # cost of a cut that ends inside the surface, in edges of cut; larger: fewer such cuts
 # Angles of patch corners, radians, between which an outline counts as straight: wide enough for 2 and 3 of 5 quads
 # round a vertex. A wider range permits more crooked outlines.
-WIDE, NARROW = np.radians(222.0), np.radians(138.0)
+MAX_STRAIGHT, MIN_STRAIGHT = np.radians(222.0), np.radians(138.0)
 # Angle of a patch corner, radians, below which it is too pointed: below the 60 degrees of six quads round a vertex.
-ACUTE = np.radians(50.0)
+MIN_CORNER = np.radians(50.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Ring:
+class EdgeRing:
     """Edges round a vertex, counter-clockwise, and the angle from each edge to the next, radians.
 
     edges : indices of the edges; at a border vertex the first and the last lie on the border
     angles : as many as edges, or one less at a border vertex
-    closed : False at a border vertex
-    known : cache of costs by the pattern of cut edges
+    is_closed : False at a border vertex
+    cost_cache : cache of costs by the pattern of cut edges
     """
 
     edges: tuple[int, ...]
     angles: tuple[float, ...]
-    closed: bool
-    known: dict[int, float] = field(default_factory=dict)
+    is_closed: bool
+    cost_cache: dict[int, float] = field(default_factory=dict)
 
 
 @lru_cache(maxsize=4)
-def rings(mesh: QuadMesh) -> list[Ring]:
+def edge_rings(mesh: QuadMesh) -> list[EdgeRing]:
     """Return the ring of edges of every vertex."""
     follow: list[dict[int, tuple[int, float]]] = [{} for _ in range(len(mesh.vertices))]
     before = np.roll(mesh.quad_edges, 1, axis=1)
@@ -53,13 +53,13 @@ def rings(mesh: QuadMesh) -> list[Ring]:
         strict=True,
     ):
         follow[v][out] = (back, a)
-    return [_ring(step) for step in follow]
+    return [_build_ring(step) for step in follow]
 
 
-def _ring(step: dict[int, tuple[int, float]]) -> Ring:
+def _build_ring(step: dict[int, tuple[int, float]]) -> EdgeRing:
     """Build the ring of a vertex; ``step`` maps every edge to the next edge and the angle between them."""
     if not step:
-        return Ring((), (), True)
+        return EdgeRing((), (), True)
     targets = {edge for edge, _ in step.values()}
     starts = [edge for edge in step if edge not in targets]
     edge = first = starts[0] if starts else min(step)
@@ -68,12 +68,12 @@ def _ring(step: dict[int, tuple[int, float]]) -> Ring:
         edge, angle = step[edge]
         angles.append(angle)
         if edge == first:
-            return Ring(tuple(edges), tuple(angles), True)
+            return EdgeRing(tuple(edges), tuple(angles), True)
         edges.append(edge)
-    return Ring(tuple(edges), tuple(angles), False)
+    return EdgeRing(tuple(edges), tuple(angles), False)
 
 
-def corner_cost(ring: Ring, cut: Container[int]) -> float:
+def corner_cost(ring: EdgeRing, cut: Container[int]) -> float:
     """Return the cost of the patch corners and ends of cuts at a vertex.
 
     Parameters
@@ -88,19 +88,19 @@ def corner_cost(ring: Ring, cut: Container[int]) -> float:
     pattern = 0
     for e in ring.edges:
         pattern = 2 * pattern + (e in cut)
-    cost = ring.known.get(pattern)
+    cost = ring.cost_cache.get(pattern)
     if cost is None:
-        cost = ring.known[pattern] = _cost(ring, [e in cut for e in ring.edges])
+        cost = ring.cost_cache[pattern] = _sum_corner_costs(ring, [e in cut for e in ring.edges])
     return cost
 
 
-def _cost(ring: Ring, marks: list[bool]) -> float:
+def _sum_corner_costs(ring: EdgeRing, marks: list[bool]) -> float:
     """Add up the costs of the patch corners between cut edges; ``marks`` is a mask of the ring's cut edges."""
     count = sum(marks)
     if count < 2:
-        return 0.0 if count == 0 or len(marks) != 4 else TIP
+        return 0.0 if count == 0 or len(marks) != 4 else DEAD_END_COST
     angles = ring.angles
-    if ring.closed:
+    if ring.is_closed:
         start = marks.index(True)
         marks = marks[start:] + marks[:start] + [True]
         angles = angles[start:] + angles[:start]
@@ -108,11 +108,11 @@ def _cost(ring: Ring, marks: list[bool]) -> float:
     for angle, mark in zip(angles, marks[1:], strict=True):
         sector += angle
         if mark:
-            if sector > WIDE:
-                cost += REFLEX
-            elif sector < ACUTE:
-                cost += SHARP
-            elif sector < NARROW:
-                cost += CONVEX
+            if sector > MAX_STRAIGHT:
+                cost += REFLEX_COST
+            elif sector < MIN_CORNER:
+                cost += ACUTE_COST
+            elif sector < MIN_STRAIGHT:
+                cost += CONVEX_COST
             sector = 0.0
     return cost

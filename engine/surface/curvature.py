@@ -10,10 +10,10 @@ from .mesh import QuadMesh
 
 # Tikhonov regularisation of the quadric fit: makes coefficients zero that the vertices do not determine. Any small
 # number will do.
-SLACK = 1e-4
+REGULARISATION = 1e-4
 # Largest thickness of a flat body, as a share of its smaller width: rounding to single precision leaves 1e-7, a visible
 # bend 1e-2. Larger: slightly curved bodies count as flat.
-FLAT = 1e-4
+MAX_FLAT_THICKNESS = 1e-4
 # Smallest relief of a surface that counts as curved, as a share of its size (see ``relief``). Below it a flat panel is
 # as near to the target as a search would get. Larger: more surfaces are made flat.
 LOW_RELIEF = 1e-3
@@ -32,7 +32,7 @@ def is_flat(mesh: QuadMesh) -> bool:
     for body in range(mesh.body_count):
         points = mesh.vertices[np.unique(mesh.quads[mesh.body_of == body])]
         spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-        if spread[2] > FLAT * spread[1]:
+        if spread[2] > MAX_FLAT_THICKNESS * spread[1]:
             return False
     return True
 
@@ -98,7 +98,7 @@ def _fit_quadrics(mesh: QuadMesh) -> tuple[Float[np.ndarray, " quads"], ...]:
     starts = np.flatnonzero(np.diff(quad, prepend=-1))
     matrix[:] = np.add.reduceat(weighted[:, :, None] * columns[:, None, :], starts, axis=0)
     right[:] = np.add.reduceat(weighted * z[:, None], starts, axis=0)
-    matrix += SLACK * np.eye(6)
+    matrix += REGULARISATION * np.eye(6)
     a, b, c, d, e, f = np.linalg.solve(matrix, right[..., None])[..., 0].T
     return a, b, c, d, e, f, scale
 

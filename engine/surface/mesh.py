@@ -10,7 +10,17 @@ import numpy as np
 from ..arrays import Bool, Float, Int
 from ..components import components
 
-TOPOLOGY = ("_edges", "_edge_uses", "border", "neighbours", "valence", "on_border", "dual", "dual_edges", "body_of")
+TOPOLOGY_CACHES = (
+    "_edges",
+    "_edge_uses",
+    "border",
+    "neighbours",
+    "valence",
+    "on_border",
+    "dual",
+    "dual_edges",
+    "body_of",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +112,7 @@ class QuadMesh:
     def with_vertices(self, vertices: Float[np.ndarray, "vertices 3"]) -> QuadMesh:
         """Return these quads with other vertex positions, metres; topology that is already computed is reused."""
         other = QuadMesh(np.asarray(vertices, dtype=float), self.quads)
-        for name in TOPOLOGY:
+        for name in TOPOLOGY_CACHES:
             if name in self.__dict__:
                 other.__dict__[name] = self.__dict__[name]
         return other

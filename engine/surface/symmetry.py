@@ -15,7 +15,7 @@ from .mesh import QuadMesh
 
 SEARCH = "Looking for symmetries"
 
-_known: WeakKeyDictionary[QuadMesh, dict[tuple[float, int], list[Symmetry]]] = WeakKeyDictionary()
+_cache: WeakKeyDictionary[QuadMesh, dict[tuple[float, int], list[Symmetry]]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Symmetry:
     matrix: Float[np.ndarray, "3 3"]
 
     @property
-    def mirrors(self) -> bool:
+    def is_mirror(self) -> bool:
         """Whether the motion is a reflection in a plane."""
         return bool(np.linalg.det(self.matrix) < 0.0 and abs(np.trace(self.matrix) - 1.0) < 0.01)
 
@@ -69,7 +69,7 @@ def _direction(axis: np.ndarray) -> str:
 
 
 def symmetries(
-    mesh: QuadMesh, tolerance: float = 0.05, largest: int = 128, progress: Progress = SILENT
+    mesh: QuadMesh, tolerance: float = 0.05, max_count: int = 128, progress: Progress = SILENT
 ) -> list[Symmetry]:
     """Return the rigid motions that map the vertices, edges and quads of a mesh onto each other.
 
@@ -79,24 +79,24 @@ def symmetries(
     ----------
     mesh : quad mesh
     tolerance : largest distance of a vertex's image from a vertex, as a share of the median edge
-    largest : number of motions after which the search ends; a surface of revolution may have hundreds
+    max_count : number of motions after which the search ends; a surface of revolution may have hundreds
     progress : called with the fraction done
 
     Returns
     -------
     the different motions, without the identity
     """
-    known = _known.setdefault(mesh, {})
-    if (tolerance, largest) not in known:
-        known[tolerance, largest] = _find(mesh, tolerance, largest, progress)
-    return list(known[tolerance, largest])
+    known = _cache.setdefault(mesh, {})
+    if (tolerance, max_count) not in known:
+        known[tolerance, max_count] = _search_symmetries(mesh, tolerance, max_count, progress)
+    return list(known[tolerance, max_count])
 
 
-def _find(mesh: QuadMesh, tolerance: float, largest: int, progress: Progress) -> list[Symmetry]:
+def _search_symmetries(mesh: QuadMesh, tolerance: float, max_count: int, progress: Progress) -> list[Symmetry]:
     """Search a mesh for its symmetries, see ``symmetries``."""
     centre = mesh.vertices.mean(axis=0)
     points = mesh.vertices - centre
-    marks = _marks(mesh, points, progress)
+    marks = _rigid_invariants(mesh, points, progress)
     slack = 2 * tolerance * mesh.median_edge
     tree = cKDTree(points)
     # take a quad whose marks are the rarest: it has the fewest possible images
@@ -111,15 +111,15 @@ def _find(mesh: QuadMesh, tolerance: float, largest: int, progress: Progress) ->
         for corner in range(4):
             for way in (1, -1):
                 order = (corner + way * np.arange(4)) % 4
-                one = _motion(mesh, points, tree, first, quad, order, tolerance * mesh.median_edge)
+                one = _symmetry_between_quads(mesh, points, tree, first, quad, order, tolerance * mesh.median_edge)
                 if one is not None and one.vertices.tobytes() != still:
                     found.setdefault(one.vertices.tobytes(), one)
-        if len(found) > largest:
+        if len(found) > max_count:
             break
     return list(found.values())
 
 
-def _marks(mesh: QuadMesh, points: np.ndarray, progress: Progress) -> Float[np.ndarray, "quads 9"]:
+def _rigid_invariants(mesh: QuadMesh, points: np.ndarray, progress: Progress) -> Float[np.ndarray, "quads 9"]:
     """Return nine marks of every quad, metres, that no rigid motion about the centre changes.
 
     These are the sorted distances of its corners from the centre, the distance of its centroid from the centre, and the
@@ -140,7 +140,7 @@ def _marks(mesh: QuadMesh, points: np.ndarray, progress: Progress) -> Float[np.n
     return np.concatenate([away, middle[:, None], near], axis=1)
 
 
-def _motion(
+def _symmetry_between_quads(
     mesh: QuadMesh, points: np.ndarray, tree: cKDTree, first: int, quad: int, order: np.ndarray, slack: float
 ) -> Symmetry | None:
     """Return the symmetry that maps quad ``first`` to ``quad``; None if there is none.
@@ -161,10 +161,12 @@ def _motion(
     matrix = (u @ vt).T
     if np.sign(np.linalg.det(matrix)) != way:
         return None
-    return _refit(mesh, points, tree, matrix, slack)
+    return _refine_motion(mesh, points, tree, matrix, slack)
 
 
-def _refit(mesh: QuadMesh, points: np.ndarray, tree: cKDTree, matrix: np.ndarray, slack: float) -> Symmetry | None:
+def _refine_motion(
+    mesh: QuadMesh, points: np.ndarray, tree: cKDTree, matrix: np.ndarray, slack: float
+) -> Symmetry | None:
     """Fit a motion to all vertices, and return it as a symmetry; None if it is not a symmetry.
 
     slack : largest distance of a vertex's image from a vertex, metres
@@ -206,18 +208,18 @@ def _quad_images(mesh: QuadMesh, edges: np.ndarray) -> Int[np.ndarray, " quads"]
     return result
 
 
-def keeping(found: Sequence[Symmetry], cut: np.ndarray) -> list[Symmetry]:
+def preserved_by(group: Sequence[Symmetry], cut: np.ndarray) -> list[Symmetry]:
     """Return the symmetries that map the cuts of a layout onto themselves.
 
     Parameters
     ----------
-    found : symmetries of the mesh
+    group : symmetries of the mesh
     cut : mask of the mesh's edges that are cut
     """
-    return [s for s in found if (cut[s.edges] == cut).all()]
+    return [s for s in group if (cut[s.edges] == cut).all()]
 
 
-def close_under(cut: Bool[np.ndarray, " edges"], symmetries: Sequence[Symmetry]) -> Bool[np.ndarray, " edges"]:
+def symmetric_closure(cut: Bool[np.ndarray, " edges"], symmetries: Sequence[Symmetry]) -> Bool[np.ndarray, " edges"]:
     """Extend cuts to the smallest set that every symmetry maps onto itself.
 
     Parameters
@@ -238,22 +240,22 @@ def close_under(cut: Bool[np.ndarray, " edges"], symmetries: Sequence[Symmetry])
         cut = more
 
 
-def subgroups(found: list[Symmetry], most: int = 12) -> list[list[Symmetry]]:
+def subgroups(whole_group: list[Symmetry], max_count: int = 12) -> list[list[Symmetry]]:
     """Return groups of symmetries that one or two symmetries generate, the largest first, without the identity.
 
     Of several groups with equal types of motions and equal numbers of fixed vertices, only one is returned.
 
     Parameters
     ----------
-    found : all symmetries of the mesh
-    most : largest number of groups
+    whole_group : all symmetries of the mesh
+    max_count : largest number of groups
     """
-    index = {s.vertices.tobytes(): i for i, s in enumerate(found)}
-    count = len(found)
-    still = np.arange(len(found[0].vertices)) if found else np.zeros(0)
+    index = {s.vertices.tobytes(): i for i, s in enumerate(whole_group)}
+    count = len(whole_group)
+    still = np.arange(len(whole_group[0].vertices)) if whole_group else np.zeros(0)
     table = -np.ones((count, count), dtype=np.int64)
-    for i, a in enumerate(found):
-        for j, b in enumerate(found):
+    for i, a in enumerate(whole_group):
+        for j, b in enumerate(whole_group):
             table[i, j] = index.get(a.vertices[b.vertices].tobytes(), -1)
 
     def closure(seed: set[int]) -> frozenset[int]:
@@ -273,7 +275,7 @@ def subgroups(found: list[Symmetry], most: int = 12) -> list[list[Symmetry]]:
     ordered = sorted(known, key=lambda g: (-len(g), sorted(g)))
     kinds = [
         (round(float(np.trace(s.matrix)), 2), round(float(np.linalg.det(s.matrix))), int((s.vertices == still).sum()))
-        for s in found
+        for s in whole_group
     ]
     seen: set[tuple[tuple[float, int, int], ...]] = set()
     result = []
@@ -281,5 +283,5 @@ def subgroups(found: list[Symmetry], most: int = 12) -> list[list[Symmetry]]:
         look = tuple(sorted(kinds[i] for i in group))
         if group and look not in seen:
             seen.add(look)
-            result.append([found[i] for i in sorted(group)])
-    return result[:most]
+            result.append([whole_group[i] for i in sorted(group)])
+    return result[:max_count]

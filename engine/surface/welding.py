@@ -13,21 +13,21 @@ from .mesh import PolygonMesh
 
 # Welding distance, as a share of the 5th percentile of edge lengths. Larger: thin slits close; smaller: noise keeps
 # faces apart.
-NEAR = 0.01
+WELD_SHARE = 0.01
 # Factors on NEAR that are tried in order, as some programs leave more noise: the first is taken after which the next
 # welds no further vertices.
-WIDER = (1.0, 2.0, 4.0, 8.0)
+WELD_FACTORS = (1.0, 2.0, 4.0, 8.0)
 # Percentile of the edge lengths that counts as the length of a short edge. Larger: thin slits close; near 0 a few
 # slivers make the tolerance too small.
-SHORT = 5.0
+SHORT_PERCENTILE = 5.0
 
 
-def short_edge(mesh: PolygonMesh) -> float:
+def short_edge_length(mesh: PolygonMesh) -> float:
     """Return the 5th percentile of the lengths of all faces' sides, without sides of length 0."""
     p = mesh.vertices[mesh.corners]
     lengths = np.linalg.norm(p[mesh.next_corner] - p, axis=1)
     lengths = lengths[lengths > 0]
-    return float(np.percentile(lengths, SHORT)) if len(lengths) else 0.0
+    return float(np.percentile(lengths, SHORT_PERCENTILE)) if len(lengths) else 0.0
 
 
 def weld(mesh: PolygonMesh) -> PolygonMesh:
@@ -35,29 +35,31 @@ def weld(mesh: PolygonMesh) -> PolygonMesh:
     used = np.unique(mesh.corners)
     if not np.isfinite(mesh.vertices[used]).all():
         return mesh
-    near = NEAR * short_edge(mesh)
-    tried = [clusters(mesh, used, factor * near) for factor in WIDER]
+    near = WELD_SHARE * short_edge_length(mesh)
+    tried = [weld_clusters(mesh, used, factor * near) for factor in WELD_FACTORS]
     left = [len(np.unique(label[used])) for label in tried]
     # take the smallest distance beyond which no more vertices merge; if there is none, noise cannot be told from shape
-    best = next((k for k in range(len(WIDER) - 1) if left[k] == left[k + 1]), 0)
+    best = next((k for k in range(len(WELD_FACTORS) - 1) if left[k] == left[k + 1]), 0)
     return merge_labelled(mesh, tried[best])
 
 
-def clusters(mesh: PolygonMesh, among: Int[np.ndarray, " some"], near: float) -> Int[np.ndarray, " vertices"]:
+def weld_clusters(
+    mesh: PolygonMesh, vertices: Int[np.ndarray, " some"], max_distance: float
+) -> Int[np.ndarray, " vertices"]:
     """Group vertices into clusters to be welded, without two corners of one face in any cluster.
 
     Parameters
     ----------
     mesh : unchecked mesh, metres
-    among : vertices that may be welded
-    near : largest distance of two neighbours in a cluster, metres
+    vertices : vertices that may be welded
+    max_distance : largest distance of two neighbours in a cluster, metres
 
     Returns
     -------
     (V,) index of the first vertex of every vertex's cluster; its own index if it stays alone
     """
     label = np.arange(len(mesh.vertices))
-    pairs = among[cKDTree(mesh.vertices[among]).query_pairs(near, output_type="ndarray")]
+    pairs = vertices[cKDTree(mesh.vertices[vertices]).query_pairs(max_distance, output_type="ndarray")]
     if not len(pairs):
         return label
     group = components(len(mesh.vertices), *pairs.T)
@@ -73,7 +75,7 @@ def merge_labelled(mesh: PolygonMesh, label: Int[np.ndarray, " vertices"]) -> Po
     Parameters
     ----------
     mesh : mesh to weld
-    label : (V,) index of the first vertex of every vertex's cluster, from ``clusters``
+    label : (V,) index of the first vertex of every vertex's cluster, from ``weld_clusters``
 
     Returns
     -------

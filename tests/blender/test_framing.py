@@ -44,7 +44,7 @@ def free_size(area: Any) -> tuple[float, np.ndarray]:
 
 
 def test_objects_fill_the_part_beside_the_toolbar(add: Any, area: Any) -> None:
-    dome, other = add(shapes.make("dome"), "dome"), add(shapes.make("dome"), "other")
+    dome, other = add(shapes.build_shape("dome"), "dome"), add(shapes.build_shape("dome"), "other")
     other.location = (0.3, 2.5, 0.0)
     framing.select_only(bpy.context, dome, bpy.context.view_layer)
     framing.frame_views(bpy.context, other)
@@ -57,7 +57,7 @@ def test_objects_fill_the_part_beside_the_toolbar(add: Any, area: Any) -> None:
 
 
 def test_selected_faces_are_in_the_middle(add: Any, area: Any) -> None:
-    dome = add(shapes.make("dome"), "dome")
+    dome = add(shapes.build_shape("dome"), "dome")
     attributes.select(dome, np.array([3]), np.array([], dtype=int))
     corners = np.array([dome.matrix_world @ dome.data.vertices[v].co for v in dome.data.polygons[3].vertices])
     bpy.ops.object.mode_set(mode="EDIT")
@@ -69,7 +69,7 @@ def test_selected_faces_are_in_the_middle(add: Any, area: Any) -> None:
 
 
 def test_nothing_selected_moves_no_view(add: Any, area: Any) -> None:
-    add(shapes.make("dome"), "dome")
+    add(shapes.build_shape("dome"), "dome")
     bpy.ops.object.select_all(action="DESELECT")
     view = area.spaces.active.region_3d
     before = (*view.view_location, view.view_distance)

@@ -15,7 +15,7 @@ from support.buttons import press
 
 @pytest.fixture
 def sphere(add: Any) -> Any:
-    return add(shapes.make("cubesphere"))
+    return add(shapes.build_shape("cubesphere"))
 
 
 def test_overlay_shows_and_hides(dome: Any, attribute: Any) -> None:

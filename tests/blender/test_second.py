@@ -20,7 +20,7 @@ from flexmaps.engine.surface.remeshing import requad
 
 @pytest.fixture
 def dome() -> PolygonMesh:
-    return PolygonMesh.from_quads(shapes.make("dome"))
+    return PolygonMesh.from_quads(shapes.build_shape("dome"))
 
 
 def test_it_has_user_files_of_its_own(dome: PolygonMesh, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -66,7 +66,7 @@ def test_a_letter_on_which_quadriflow_comes_apart_is_cut_into_quads() -> None:
     made = remesh.make_quads(letter, 300, ObjectSettings(remesh=RemeshParams(smooth=True)))
     assert not [f for f in check.findings(made.polygons) if f.is_error]
     assert 150 < len(made.polygons.sizes) < 600
-    expected, area = (requad.target_of(mesh).area for mesh in (letter, made.polygons))
+    expected, area = (requad.target_surface(mesh).area for mesh in (letter, made.polygons))
     assert area == pytest.approx(expected, rel=0.05)
 
 

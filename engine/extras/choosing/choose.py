@@ -30,7 +30,7 @@ from ...patches.merging.ladder import merge_in_steps
 from ...patches.tracing.trace import trace
 from ...progress import SILENT, Progress
 from ...simulation.simulate import Simulation
-from ...surface.symmetry import keeping
+from ...surface.symmetry import preserved_by
 from ...workers import Workers
 from .choice import INITIAL_ORIGIN, MAX_PANEL_STEP, Choice, pareto_front
 from .decide import decide, may_replace_initial
@@ -114,7 +114,7 @@ def choose(
     FlexMapsError : not even the initial layout has an equilibrium
     """
     search = LayoutSearch(piece, params, together or Workers(1))
-    first = FlatLayout(given, INITIAL_ORIGIN, 1 + len(keeping(piece.symmetries, given.layout.cut)))
+    first = FlatLayout(given, INITIAL_ORIGIN, 1 + len(preserved_by(piece.symmetries, given.layout.cut)))
     finished = True
     if reached is not None:
         search.proved[layout_key(first)] = found = judge_optimised(first, reached)

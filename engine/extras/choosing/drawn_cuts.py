@@ -17,7 +17,7 @@ from ...patches.tracing.trace import make_disks
 from ...surface.checking.folds import SHARP, fold_angles
 from ...surface.checking.topology import sides_of
 from ...surface.mesh import PolygonMesh, QuadMesh
-from ...surface.symmetry import Symmetry, close_under, keeping
+from ...surface.symmetry import Symmetry, preserved_by, symmetric_closure
 
 MAX_FAMILIES = 4  # number of families to use, those with most edges first; larger: more layouts, more time
 # largest share of its lines that a family may have in common with an earlier one; larger: more layouts that are alike
@@ -160,7 +160,7 @@ def equal_part_cuts(
 
 def edges_in_plane(mesh: QuadMesh, symmetry: Symmetry) -> Int[np.ndarray, " some"]:
     """Return the inner edges in the plane of a mirror symmetry; empty for a rotation."""
-    if not symmetry.mirrors:
+    if not symmetry.is_mirror:
         return np.zeros(0, dtype=np.int64)
     still = symmetry.vertices == np.arange(len(mesh.vertices))
     return np.flatnonzero(still[mesh.edges].all(axis=1) & ~mesh.border)
@@ -213,7 +213,7 @@ def symmetric_variants(
     for symmetry in symmetries:
         found = _open_with_images(cut, mesh, symmetry)
         images[found.tobytes()] = found
-        if symmetry.mirrors:
+        if symmetry.is_mirror:
             middle = mesh.vertices[mesh.edges].mean(axis=1)
             # the vector from an edge's image to the edge, across the plane, gives the side on which it lies
             side = (middle - middle[symmetry.edges]) @ symmetry.normal
@@ -221,7 +221,7 @@ def symmetric_variants(
                 found = _open_with_images(np.where(way * side >= 0.0, cut, cut[symmetry.edges]), mesh, symmetry)
                 halves[found.tobytes()] = found
     for name, layouts in ways.items():
-        sound = [one for one in layouts.values() if one.any() and (one != cut).any() and keeping(symmetries, one)]
+        sound = [one for one in layouts.values() if one.any() and (one != cut).any() and preserved_by(symmetries, one)]
         yield from ((name, one) for one in sorted(sound, key=lambda one: int(one.sum()))[:MAX_SYMMETRIC])
 
 
@@ -232,17 +232,17 @@ def open_symmetrically(
 
     None if the usual opening keeps a symmetry, if the cuts are not symmetric, or if no symmetric opening exists.
     """
-    kept = keeping(symmetries, cut)
-    if not kept or keeping(kept, make_disks(PatchLayout(mesh, cut)).cut):
+    kept = preserved_by(symmetries, cut)
+    if not kept or preserved_by(kept, make_disks(PatchLayout(mesh, cut)).cut):
         return None
-    sound = [one for one in (_open_with_images(cut, mesh, symmetry) for symmetry in kept) if keeping(kept, one)]
+    sound = [one for one in (_open_with_images(cut, mesh, symmetry) for symmetry in kept) if preserved_by(kept, one)]
     return min(sound, key=lambda one: int(one.sum()), default=None)
 
 
 def _open_with_images(cut: np.ndarray, mesh: QuadMesh, symmetry: Symmetry) -> np.ndarray:
     """Add the images of the cuts under a symmetry, and open patches that are not disks by cuts and their images."""
     for _ in range(MAX_OPENING_ROUNDS):
-        cut = close_under(cut, [symmetry])
+        cut = symmetric_closure(cut, [symmetry])
         opened = make_disks(PatchLayout(mesh, cut)).cut & ~mesh.border
         if (opened == cut).all():
             break

@@ -23,7 +23,7 @@ from ...simulation.simulate import Simulation
 from ...spirals.fabricable import curvature_adjusted, make_fabricable
 from ...surface import curvature
 from ...surface.mesh import QuadMesh
-from ...surface.symmetry import Symmetry, keeping
+from ...surface.symmetry import Symmetry, preserved_by
 from .drawn_cuts import open_symmetrically
 
 # Durations of a short and a long search, as shares of the optimiser's patience (its time budget). Larger: layouts are
@@ -210,7 +210,7 @@ def flatten_cuts(
         return None
     if overlapping(flat):
         return None
-    return FlatLayout(flat, idea.origin, 1 + len(keeping(piece.symmetries, flat.layout.cut)))
+    return FlatLayout(flat, idea.origin, 1 + len(preserved_by(piece.symmetries, flat.layout.cut)))
 
 
 def panel_curvature(layout: PatchLayout) -> float:

@@ -12,7 +12,7 @@ from ...patches.layout import PatchLayout, straight_on
 from ...patches.merging.dissolve import limited_board
 from ...patches.tracing.trace import middle_line
 from ...simulation.shortfall import angle_defects
-from ...surface.symmetry import Symmetry, keeping
+from ...surface.symmetry import Symmetry, preserved_by
 from .judge import CutPlan, FlatLayout, JudgedLayout, LayoutProblem, flatten_cuts
 
 # number of vertices at which cuts and darts begin, and number of seams to join; larger: more ideas, more time
@@ -35,7 +35,7 @@ def propose_changes(piece: LayoutProblem, judged: JudgedLayout, *, fewer: bool, 
     more : yield layouts with a cut or a dart added where the shape misses the target
     """
     layout = judged.laid.flat.layout
-    kept = keeping(piece.symmetries, layout.cut)
+    kept = preserved_by(piece.symmetries, layout.cut)
 
     def changed(edges: np.ndarray, value: bool, origin: str) -> CutPlan:
         cut = layout.cut.copy()

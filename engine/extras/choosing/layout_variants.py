@@ -10,7 +10,7 @@ from ...arrays import Float, Int
 from ...patches.layout import PatchLayout
 from ...simulation.shortfall import angle_defects
 from ...surface.mesh import QuadMesh
-from ...surface.symmetry import Symmetry, keeping
+from ...surface.symmetry import Symmetry, preserved_by
 from .judge import CutPlan, JudgedLayout, LayoutProblem
 from .layout_changes import fixable_mismatch, propose_cuts, seams_by_importance, with_images
 
@@ -30,7 +30,7 @@ def make_variants(piece: LayoutProblem, judged: JudgedLayout) -> list[CutPlan]:
     judged : the layout
     """
     layout = judged.laid.flat.layout
-    kept = keeping(piece.symmetries, layout.cut)
+    kept = preserved_by(piece.symmetries, layout.cut)
     found: dict[bytes, CutPlan] = {}
     for symmetries in (kept, []) if kept else ([],):
         for idea in (*_shift_seams(layout, symmetries), *_exchange_seams(layout, symmetries, fixable_mismatch(judged))):

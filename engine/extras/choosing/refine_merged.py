@@ -22,7 +22,7 @@ from ...patches.merging.merge import merge
 from ...patches.splitting.split import split
 from ...progress import SILENT, Progress
 from ...surface.curvature import is_flat, relief
-from ...surface.symmetry import keeping, symmetries
+from ...surface.symmetry import preserved_by, symmetries
 from ...threads import one_thread
 from .drawn_cuts import cuts_along_folds, drop_symmetric_images, equal_part_cuts
 from .judge import CutPlan, LayoutProblem, flatten_cuts, panel_curvature, starting_spirals
@@ -295,7 +295,7 @@ def _symmetry_notes(flat: FlatPatches, *, symmetric: bool) -> dict[str, object]:
     if "symmetry" in layout.notes or not symmetric:
         return {}
     found = symmetries(layout.mesh)
-    said, text = symmetry_kept(found, keeping(found, layout.cut))
+    said, text = symmetry_kept(found, preserved_by(found, layout.cut))
     return said | {"symmetry": text} if found else {}
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from ...arrays import Int
 from ...params import LayoutParams
 from ...progress import SILENT, Progress
-from ...surface.symmetry import Symmetry, keeping
+from ...surface.symmetry import Symmetry, preserved_by
 from ..layout import PatchLayout
 from .board import NOTHING, Board, Effort, SeamChange
 from .sketch import SketchedPatch
@@ -61,7 +61,7 @@ def limited_board(
     progress : called at every attempt
     """
     effort = Effort(WORK * len(layout.mesh.quads))
-    board = Board(layout, params, keeping(symmetries, layout.cut), effort, tick=lambda: progress(0.0))
+    board = Board(layout, params, preserved_by(symmetries, layout.cut), effort, tick=lambda: progress(0.0))
     board.distortion_share = 1.0
     return board
 

@@ -17,7 +17,7 @@ from ...params import LayoutParams
 from ...progress import Progress
 from ...surface.curvature import LOW_RELIEF, relief
 from ...surface.mesh import QuadMesh
-from ...surface.symmetry import Symmetry, keeping
+from ...surface.symmetry import Symmetry, preserved_by
 from ..flattening.flatten import flatten
 from ..layout import PatchLayout
 from ..splitting.straight_runs import ends_and_unevenness, straight_runs
@@ -52,7 +52,7 @@ def cut_in_half(board: Board, whole_group: list[Symmetry], progress: Progress) -
         if not PatchLayout(layout.mesh, cut).planar.all():
             continue
         made = Board(PatchLayout(layout.mesh, cut), board.params, effort=board.effort, tick=tick, shared=board.shared)
-        kept = keeping(whole_group, made.cut)
+        kept = preserved_by(whole_group, made.cut)
         share = 0.6 + 0.4 / (1 + len(kept))
         left = sum(float(p.flat.energy @ layout.mesh.areas[p.quads]) for p in made.pieces.values())
         wrong = badness(made, made.pieces.values()) - len(made.pieces)

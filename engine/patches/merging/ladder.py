@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from ...params import LayoutParams
 from ...progress import SILENT, Progress
-from ...surface.symmetry import Symmetry, keeping
+from ...surface.symmetry import Symmetry, preserved_by
 from ...threads import one_thread
 from ..layout import PatchLayout
 from .board import Board
@@ -44,7 +44,7 @@ def merge_in_steps(
     -------
     a layout for every share, the smallest share first, up to the last layout before one that would stay flat
     """
-    kept, effort, found = keeping(symmetries, layout.cut), effort_for(layout), list[PatchLayout]()
+    kept, effort, found = preserved_by(symmetries, layout.cut), effort_for(layout), list[PatchLayout]()
     for share in sorted(shares):
         limits = replace(params, distortion_limit=share * params.distortion_limit)
         board = Board(layout, limits, kept, effort, tick=lambda: progress(0.0))

@@ -11,7 +11,7 @@ import numpy as np
 from ...params import LayoutParams
 from ...progress import SILENT, Progress
 from ...surface.checking.finding import with_count
-from ...surface.symmetry import Symmetry, close_under, keeping, subgroups, symmetries
+from ...surface.symmetry import Symmetry, preserved_by, subgroups, symmetric_closure, symmetries
 from ...threads import one_thread
 from ..flattening.flatten import FlatPatches, flatten
 from ..flattening.flattening_report import forced_notes, symmetry_kept
@@ -109,13 +109,13 @@ def _merge_body(
     start = Board(layout, params, effort=effort, tick=tick, shared=shared)
     ranked = _try_strategies(start, layout.origin, whole_group, bodies, progress.part(0.02, 0.5))
     board = _best_board(ranked, ranking, progress.part(0.5, 0.55))
-    kept = keeping(whole_group, layout.cut)
+    kept = preserved_by(whole_group, layout.cut)
     if layout.origin and len(kept) < len(whole_group) <= MIRRORS:
-        images = close_under(layout.cut, whole_group)
+        images = symmetric_closure(layout.cut, whole_group)
         disks = make_disks(PatchLayout(layout.mesh, images, origin=layout.origin))
         mirrored = Board(disks, params, effort=effort_for(layout), tick=tick, shared=shared)
         more = _try_strategies(mirrored, layout.origin, whole_group, bodies, progress.part(0.5, 0.55))
-        more = [one for one in more if len(keeping(whole_group, one[2].cut)) > len(kept)] or more
+        more = [one for one in more if len(preserved_by(whole_group, one[2].cut)) > len(kept)] or more
         other = _best_board(more, ranking, progress.part(0.5, 0.55))
         if not ranking.better(board, other, progress):
             board, ranked, kept = other, more, whole_group
@@ -144,7 +144,7 @@ def _merge_body(
     board = cut_in_half(board, whole_group, progress.part(0.95, 1.0))
     said: dict[str, object] = {"halved": HALVED}
     if whole_group:
-        rest = keeping(whole_group, board.cut)
+        rest = preserved_by(whole_group, board.cut)
         counts, text = symmetry_kept(whole_group, rest)
         broken = "; the seam that drives the panel broke the others" if len(rest) < len(whole_group) else ""
         said |= counts | {"symmetry": text + broken}
@@ -161,7 +161,7 @@ def _try_strategies(
 ) -> list[tuple[float, int, Board]]:
     """Merge a layout by several strategies; return the cost (``worth``), the number and the board of every result."""
     layout = start.layout
-    kept = keeping(whole_group, layout.cut)
+    kept = preserved_by(whole_group, layout.cut)
     if not origin:
         board = start.copy()
         board.symmetries = kept
@@ -289,7 +289,7 @@ def symmetry_notes(
     """
     if not whole_group:
         return {}
-    rest = keeping(whole_group, board.cut)
+    rest = preserved_by(whole_group, board.cut)
     said, text = symmetry_kept(whole_group, rest)
     if len(kept) < len(whole_group):
         text += "; the first cuts chose one of several equal parametric lines"

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...params import LayoutParams
 from ...progress import Progress
-from ...surface.symmetry import Symmetry, keeping
+from ...surface.symmetry import Symmetry, preserved_by
 from ..flattening.flatten import flatten, overlapping, seam_mismatch
 from ..layout import PatchLayout
 from ..tracing.trace import middle_line
@@ -37,7 +37,7 @@ class Ranking:
         """
         if (one.cut == two.cut).all():
             return False
-        lost = len(keeping(self.whole_group, one.cut)) < len(keeping(self.whole_group, two.cut))
+        lost = len(preserved_by(self.whole_group, one.cut)) < len(preserved_by(self.whole_group, two.cut))
         a, b = in_the_end(one) + 0.01, (HALF if lost else 1.0) * in_the_end(two)
         if a < b:
             return self.fits(one, progress) or not self.fits(two, progress)

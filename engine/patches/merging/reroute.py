@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from ...arrays import Int
-from ...surface.corner_costs import REFLEX, rings
+from ...surface.corner_costs import REFLEX_COST, edge_rings
 from ...surface.mesh import QuadMesh
 from .board import Board
 from .straighten import GAIN, gain_of, try_change
@@ -34,8 +34,8 @@ def bends(mesh: QuadMesh) -> csr_array:
     first = mesh.edges[:, 0].tolist()
     length = (mesh.edge_lengths / mesh.median_edge).tolist()
     rows, cols, values = [], [], []
-    for vertex, ring in enumerate(rings(mesh)):
-        if not ring.closed:
+    for vertex, ring in enumerate(edge_rings(mesh)):
+        if not ring.is_closed:
             continue
         along = np.concatenate([[0.0], np.cumsum(ring.angles)])
         for i, e in enumerate(ring.edges):
@@ -48,7 +48,7 @@ def bends(mesh: QuadMesh) -> csr_array:
                 corner = max(turn - np.pi / 8, 0.0) / (np.pi / 2 - np.pi / 8)
                 rows.append(into)
                 cols.append(f if first[f] == vertex else count + f)
-                values.append(length[f] + REFLEX * (corner + 0.02 * turn))
+                values.append(length[f] + REFLEX_COST * (corner + 0.02 * turn))
     return csr_array((values, (rows, cols)), shape=(2 * count, 2 * count))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...arrays import Int
 from ...progress import Progress
-from ...surface.corner_costs import corner_cost, rings
+from ...surface.corner_costs import corner_cost, edge_rings
 from ..layout import PatchLayout
 from .board import BOTTLENECK, NOTHING, Board
 from .sketch import SketchedPatch
@@ -85,7 +85,7 @@ def try_change(board: Board, opens: Int[np.ndarray, " opened"], closes: Int[np.n
 def gain_of(board: Board, opens: Int[np.ndarray, " opened"], closes: Int[np.ndarray, " closed"]) -> float:
     """Return the gain of a change: decrease of the cuts' length, in median edge lengths, and of their corner costs."""
     mesh = board.mesh
-    ring = rings(mesh)
+    ring = edge_rings(mesh)
     vertices = set(mesh.edges[opens].ravel().tolist())
     vertices.update(mesh.edges[closes].ravel().tolist())
     cut = board.marked
@@ -148,7 +148,7 @@ def badness(board: Board, pieces: Iterable[SketchedPatch]) -> float:
 
 def drawing_cost(board: Board) -> float:
     """Return the length of all cuts, in median edge lengths, plus the costs of their corners (see ``corner_costs``)."""
-    ring = rings(board.mesh)
+    ring = edge_rings(board.mesh)
     touched = np.unique(board.mesh.edges[board.cut]).tolist()
     length = float(board.mesh.edge_lengths[board.cut].sum() / board.mesh.median_edge)
     return length + sum(corner_cost(ring[v], board.marked) for v in touched)
@@ -238,7 +238,7 @@ def _side_across(edge_quads: np.ndarray, edge_sides: np.ndarray, edges: np.ndarr
 def straight_cut_runs(layout: PatchLayout) -> list[tuple[list[int], list[int], list[int]]]:
     """Return maximal straight runs of cut edges: vertices, edges, and positions where they end or meet another cut."""
     mesh = layout.mesh
-    cut, ring = layout.cut, rings(mesh)
+    cut, ring = layout.cut, edge_rings(mesh)
     degree = layout.cut_degree
     seen: set[int] = set()
     result = []
@@ -247,7 +247,7 @@ def straight_cut_runs(layout: PatchLayout) -> list[tuple[list[int], list[int], l
     def onward(edge: int, vertex: int) -> int:
         """Return the cut edge straight ahead at a vertex, -1 if there is none."""
         r = ring[vertex]
-        if not r.closed or len(r.edges) != 4:
+        if not r.is_closed or len(r.edges) != 4:
             return -1
         other = r.edges[(r.edges.index(edge) + 2) % 4]
         return other if cut[other] else -1
@@ -308,7 +308,7 @@ def natural_stops(board: Board, run: np.ndarray) -> list[int]:
     for i in range(1, len(run)):
         a, b = int(run[i - 1]), int(run[i])
         vertex = next(iter(set(mesh.edges[a].tolist()) & set(mesh.edges[b].tolist())))
-        ring = rings(mesh)[vertex]
+        ring = edge_rings(mesh)[vertex]
         straight = ring.closed and len(ring.edges) == 4 and ring.edges[(ring.edges.index(a) + 2) % 4] == b
         if not straight:
             stops.append(i)

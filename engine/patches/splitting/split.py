@@ -18,7 +18,7 @@ from ...errors import FlexMapsError
 from ...params import LayoutParams, SheetParams
 from ...progress import SILENT, Progress
 from ...surface.checking.finding import with_count
-from ...surface.symmetry import Symmetry, keeping, symmetries
+from ...surface.symmetry import Symmetry, preserved_by, symmetries
 from ..flattening.edit import with_cuts
 from ..flattening.flatten import FlatPatches
 from ..flattening.flattening_report import forced_notes, symmetry_kept
@@ -68,7 +68,7 @@ def split(flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress:
         if found is None:
             found = symmetries(flat.layout.mesh, progress=part.part(0.0, 0.0))
         # again in every round: a patch that is its own mirror image is cut once, which can break a symmetry
-        mirrored = keeping(found, cut)
+        mirrored = preserved_by(found, cut)
         done: set[int] = set()
         for number, patch in enumerate(large):
             tick = partial(part, number / len(large), "cutting panels to the sheet's size")
@@ -91,9 +91,9 @@ def split(flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress:
             f"{sheet.sheet_height * 1e3:g} mm"
         )
     if added and found:
-        rest = keeping(found, flat.layout.cut)
+        rest = preserved_by(found, flat.layout.cut)
         said, text = symmetry_kept(found, rest)
-        if len(rest) < len(keeping(found, before)):
+        if len(rest) < len(preserved_by(found, before)):
             text += "; the cuts to the sheet's size broke the others"
         flat.layout.notes.update(said | {"symmetry": text})
     return flat

@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from ...arrays import Float, Int
-from ...surface.corner_costs import REFLEX
+from ...surface.corner_costs import REFLEX_COST
 from ..flattening.flatten import FlatPatches
 
 # largest product of the numbers of starts and directed edges, which bounds memory to about 200 MB; with more, only some
@@ -85,7 +85,7 @@ def straight_runs(flat: FlatPatches, patch: int, tick: Callable[[], None] = lamb
     bend = np.abs(np.arctan2(cross, (step[one] * step[two]).sum(axis=1)))
     # bends up to 22.5 degrees are not corners, because lines of edges bend slightly all the time
     corner = np.maximum(bend - np.pi / 8, 0.0) / (np.pi / 2 - np.pi / 8)
-    weight = length[two] + REFLEX * length.mean() * (corner + 0.02 * bend)
+    weight = length[two] + REFLEX_COST * length.mean() * (corner + 0.02 * bend)
     starts, ends = np.flatnonzero(on_outline[tail]), np.flatnonzero(on_outline[head])
     starts = starts[:: max(1, len(starts) * len(tail) // MOST)]
     graph = coo_array((weight, (one, two)), shape=(len(tail), len(tail))).tocsr()

@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 from ...arrays import Bool, Float, Int
 from ...tolerances import SINGLE_TOL
 from ..mesh import PolygonMesh
-from ..welding import NEAR, short_edge
+from ..welding import WELD_SHARE, short_edge_length
 from .finding import Finding, list_faces, make_finding, with_count
 from .sewing import border_twins, coincident_faces, join_if_sound, position_labels, t_junctions
 from .topology import Sides, bodies, sides_of
@@ -161,7 +161,7 @@ def intersecting_faces(mesh: PolygonMesh) -> tuple[Int[np.ndarray, "pairs 2"], F
         points[own & ~hit] = where[own & ~hit]
         hit |= own
     level = np.flatnonzero(~hit & (a < b))
-    level = level[_coplanar_overlap(p[a[level]], p[b[level]], NEAR * short_edge(mesh))]
+    level = level[_coplanar_overlap(p[a[level]], p[b[level]], WELD_SHARE * short_edge_length(mesh))]
     points[level], hit[level] = p[b[level]].mean(axis=1), True
     along = _crossing_along_edges(mesh)
     pairs = np.concatenate([np.stack([face[a[hit]], face[b[hit]]], axis=1), along])

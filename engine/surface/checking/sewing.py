@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from ...arrays import Bool, Float, Int
 from ...components import components
 from ..mesh import PolygonMesh
-from ..welding import NEAR, clusters, merge_labelled, short_edge
+from ..welding import WELD_SHARE, merge_labelled, short_edge_length, weld_clusters
 from .finding import with_count
 from .topology import Sides, bodies, non_manifold_vertices, orientation_faults, repeated_faces, sides_of
 
@@ -51,7 +51,9 @@ def border_twins(mesh: PolygonMesh, sides: Sides) -> Int[np.ndarray, " vertices"
     """
     rim = border_sides(sides)
     ends = np.unique(np.concatenate([mesh.corners[rim], sides.end_vertex[rim]]))
-    return clusters(mesh, ends, NEAR * short_edge(mesh)) if len(ends) else np.arange(len(mesh.vertices))
+    return (
+        weld_clusters(mesh, ends, WELD_SHARE * short_edge_length(mesh)) if len(ends) else np.arange(len(mesh.vertices))
+    )
 
 
 def t_junctions(mesh: PolygonMesh, sides: Sides) -> TJunctions:
@@ -229,7 +231,7 @@ def coincident_faces(mesh: PolygonMesh) -> Int[np.ndarray, " faces"]:
 def position_labels(mesh: PolygonMesh) -> Int[np.ndarray, " vertices"]:
     """Return for every vertex the index of the first vertex at its position."""
     used = np.unique(mesh.corners)
-    return clusters(mesh, used, NEAR * short_edge(mesh))
+    return weld_clusters(mesh, used, WELD_SHARE * short_edge_length(mesh))
 
 
 def _insert_vertices(mesh: PolygonMesh, found: TJunctions) -> PolygonMesh:

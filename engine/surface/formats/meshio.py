@@ -15,7 +15,7 @@ import numpy as np
 from ...errors import FlexMapsError
 from .. import shapes
 from ..checking.topology import repeated_faces
-from ..far import about_middle, coarse_step
+from ..far import recentre, rounding_step
 from ..mesh import PolygonMesh
 from ..welding import weld
 from .obj import parse_obj
@@ -26,10 +26,10 @@ from .text import RawMesh
 
 PARSERS = {".obj": parse_obj, ".off": parse_off, ".ply": parse_ply, ".stl": parse_stl}
 SUFFIXES = tuple(PARSERS)
-SHAPE = "shape:"  # prefix of the name of a built-in surface
+SHAPE_PREFIX = "shape:"  # prefix of the name of a built-in surface
 
 
-def read(path: str | Path) -> PolygonMesh:
+def read_mesh(path: str | Path) -> PolygonMesh:
     """Read the mesh in the file ``path``; the suffix decides the format.
 
     Vertices are in the file's unit, (V, 3) float64, in the file's order, unused ones included. STL corners at nearly
@@ -59,7 +59,7 @@ def read(path: str | Path) -> PolygonMesh:
 
 
 def parse_mesh(data: bytes, name: str) -> PolygonMesh:
-    """Parse the mesh in the bytes of a file; see ``read``.
+    """Parse the mesh in the bytes of a file; see ``read_mesh``.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def _check_raw(raw: RawMesh, name: str) -> PolygonMesh:
         raise FlexMapsError(
             f"{name}, {raw.vertex_place(int(bad[0]))}: a coordinate is not a finite number{more}; mend or delete it"
         )
-    step = coarse_step(mesh.vertices[np.unique(mesh.corners)]) if raw.single else 0.0
+    step = rounding_step(mesh.vertices[np.unique(mesh.corners)]) if raw.is_single_precision else 0.0
     if step:
         left += (
             f"Coordinates are stored to {step:.2g} in the unit of the file at this distance from its origin, so that details are "
@@ -120,7 +120,7 @@ def _describe_dropped(faces: np.ndarray, raw: RawMesh, one: str, many: str) -> s
     return f"{len(faces)} {many} are left out ({places})"
 
 
-def read_named(source: str, up: str | None = None) -> tuple[str, PolygonMesh]:
+def read_upright(source: str, up: str | None = None) -> tuple[str, PolygonMesh]:
     """Read a mesh, turn it so that z points up, and move it to the origin if it lies far away.
 
     Parameters
@@ -134,16 +134,16 @@ def read_named(source: str, up: str | None = None) -> tuple[str, PolygonMesh]:
 
     Raises
     ------
-    FlexMapsError : the axis is unknown, or the file cannot be read, see ``read``
+    FlexMapsError : the axis is unknown, or the file cannot be read, see ``read_mesh``
     """
-    if source.startswith(SHAPE):
-        name = source.removeprefix(SHAPE)
-        return name, PolygonMesh.from_quads(shapes.make(name))
+    if source.startswith(SHAPE_PREFIX):
+        name = source.removeprefix(SHAPE_PREFIX)
+        return name, PolygonMesh.from_quads(shapes.build_shape(name))
     axis = up or ("y" if source.lower().endswith(".obj") else "z")
     turned = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
     if axis not in turned:
         raise FlexMapsError(f"up is '{axis}'; give x, y or z")
-    polygons = about_middle(read(source))
+    polygons = recentre(read_mesh(source))
     # replace bytes that are not valid text, for the report and Blender
     name = Path(source).name.encode("utf-8", "replace").decode()
     return name, replace(polygons, vertices=polygons.vertices[:, turned[axis]])

@@ -18,21 +18,21 @@ from ...errors import FlexMapsError
 from .text import (
     RawMesh,
     Row,
-    first_that_fits,
-    integers,
-    lines_place,
-    numbers,
+    first_success,
+    parse_floats,
+    parse_integer,
+    parse_integers,
+    place_by_line,
     quote_words,
     refuse_binary,
-    rows_of,
-    whole,
+    split_rows,
 )
 
 KEYWORD = re.compile(rb"((?:ST|[CN4])*)(n?)OFF(\d*)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
-class _Head:
+class _OffHeader:
     """Header of an OFF file: numbers of vertices and faces, and layout of a vertex."""
 
     vertices: int
@@ -43,14 +43,16 @@ class _Head:
 def parse_off(data: bytes, name: str) -> RawMesh:
     """Parse OFF; colours, normals and texture coordinates are ignored."""
     refuse_binary(data, name, "OFF")
-    rows = rows_of(data)
+    rows = split_rows(data)
     if not rows:
         raise FlexMapsError(f"{name} holds only comments; export the mesh again")
-    head, rows = _head(rows, name)
-    return first_that_fits([lambda: _mesh(head, rows, name, _by_line), lambda: _mesh(head, rows, name, _by_word)])
+    head, rows = _parse_header(rows, name)
+    return first_success(
+        [lambda: _build_mesh(head, rows, name, _read_by_line), lambda: _build_mesh(head, rows, name, _read_by_word)]
+    )
 
 
-def _head(rows: list[Row], name: str) -> tuple[_Head, list[Row]]:
+def _parse_header(rows: list[Row], name: str) -> tuple[_OffHeader, list[Row]]:
     """Parse the header; return it and the rows after it."""
     line, words = rows[0]
     kind = KEYWORD.fullmatch(words[0])
@@ -85,27 +87,36 @@ def _head(rows: list[Row], name: str) -> tuple[_Head, list[Row]]:
     if vertex_count < 0 or face_count < 0:
         raise FlexMapsError(f"{name}, line {line}: a negative number of vertices or faces; export it again")
     stride = 3 + 3 * (b"N" in letters) + 4 * (b"C" in letters) + 2 * (b"ST" in letters)
-    return _Head(vertex_count, face_count, stride), rows
+    return _OffHeader(vertex_count, face_count, stride), rows
 
 
 # words of every vertex, their line numbers; words of every face, their line numbers; rows after the last face
 _Parts = tuple[list[list[bytes]], list[int], list[list[bytes]], list[int], list[Row]]
 
 
-def _mesh(head: _Head, rows: list[Row], name: str, read: Callable[[_Head, list[Row], str], _Parts]) -> RawMesh:
-    """Read the mesh with ``read``, which is ``_by_line`` or ``_by_word``."""
+def _build_mesh(
+    head: _OffHeader, rows: list[Row], name: str, read: Callable[[_OffHeader, list[Row], str], _Parts]
+) -> RawMesh:
+    """Read the mesh with ``read``, which is ``_read_by_line`` or ``_read_by_word``."""
     points, point_lines, faces, face_lines, rest = read(head, rows, name)
-    vertices = numbers(points, point_lines, 3, name, "a vertex").reshape(-1, 3)
+    vertices = parse_floats(points, point_lines, 3, name, "a vertex").reshape(-1, 3)
     sizes = np.array([len(face) for face in faces], dtype=np.int64)
-    corners = integers(faces, face_lines, name)
-    if read is _by_word and (rest or (len(corners) and not 0 <= corners.min() <= corners.max() < len(vertices))):
+    corners = parse_integers(faces, face_lines, name)
+    if read is _read_by_word and (rest or (len(corners) and not 0 <= corners.min() <= corners.max() < len(vertices))):
         raise FlexMapsError(
             f"{name}: the numbers after its head do not make {head.vertices} vertices and {head.faces} faces; export it again"
         )
-    return RawMesh(vertices, corners, sizes, lines_place(point_lines), lines_place(face_lines), _left(head, rest, name))
+    return RawMesh(
+        vertices,
+        corners,
+        sizes,
+        place_by_line(point_lines),
+        place_by_line(face_lines),
+        _describe_trailing_lines(head, rest, name),
+    )
 
 
-def _left(head: _Head, rest: list[Row], name: str) -> tuple[str, ...]:
+def _describe_trailing_lines(head: _OffHeader, rest: list[Row], name: str) -> tuple[str, ...]:
     """Describe lines after the last face; raise FlexMapsError if they look like further faces."""
     if not rest:
         return ()
@@ -119,21 +130,21 @@ def _left(head: _Head, rest: list[Row], name: str) -> tuple[str, ...]:
     return (f"{many} left out, from line {line} on ('{quote_words(words)}')",)
 
 
-def _cut_short(head: _Head, name: str) -> FlexMapsError:
+def _truncated_error(head: _OffHeader, name: str) -> FlexMapsError:
     return FlexMapsError(
         f"{name} is cut short: its head promises {head.vertices} vertices and {head.faces} faces,"
         " but it ends before the last of them; export it again"
     )
 
 
-def _by_line(head: _Head, rows: list[Row], name: str) -> _Parts:
+def _read_by_line(head: _OffHeader, rows: list[Row], name: str) -> _Parts:
     """Read one vertex or face per line; ignore further words on the line, such as a colour."""
     points, own = rows[: head.vertices], rows[head.vertices : head.vertices + head.faces]
     if len(points) + len(own) < head.vertices + head.faces:
-        raise _cut_short(head, name)
+        raise _truncated_error(head, name)
     faces = []
     for line, words in own:
-        size = _size(words[0], line, name)
+        size = _parse_face_size(words[0], line, name)
         if len(words) <= size:
             raise FlexMapsError(
                 f"{name}, line {line}: the face promises {size} corners but has {len(words) - 1}; mend the line"
@@ -143,28 +154,28 @@ def _by_line(head: _Head, rows: list[Row], name: str) -> _Parts:
     return vertices, lines, faces, [line for line, _ in own], rows[head.vertices + head.faces :]
 
 
-def _by_word(head: _Head, rows: list[Row], name: str) -> _Parts:
+def _read_by_word(head: _OffHeader, rows: list[Row], name: str) -> _Parts:
     """Read vertices of ``stride`` numbers each, then faces without colours, regardless of line ends."""
     words = [word for _, row in rows for word in row]
     line_of = [line for line, row in rows for _ in row]
     starts, at = range(0, head.vertices * head.stride, head.stride), head.vertices * head.stride
     faces, lines = [], []
     for _ in range(head.faces):
-        size = _size(words[at], line_of[at], name) if at < len(words) else 0
+        size = _parse_face_size(words[at], line_of[at], name) if at < len(words) else 0
         if at + size >= len(words):
-            raise _cut_short(head, name)
+            raise _truncated_error(head, name)
         faces.append(words[at + 1 : at + 1 + size])
         lines.append(line_of[at])
         at += 1 + size
     if at > len(words):
-        raise _cut_short(head, name)
+        raise _truncated_error(head, name)
     rest = [(line_of[at], words[at:])] if at < len(words) else []
     return [words[k : k + 3] for k in starts], [line_of[k] for k in starts], faces, lines, rest
 
 
-def _size(word: bytes, line: int, name: str) -> int:
+def _parse_face_size(word: bytes, line: int, name: str) -> int:
     """Convert a word to the number of corners of a face; raise FlexMapsError if it is not one."""
-    size = whole(word, line, name)
+    size = parse_integer(word, line, name)
     if size < 0:
         raise FlexMapsError(f"{name}, line {line}: a face cannot have {size} corners; mend the line")
     return size

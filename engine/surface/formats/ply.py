@@ -13,12 +13,12 @@ from .text import (
     BYTE_ORDER_MARK,
     RawMesh,
     Row,
-    bytes_left,
-    integers,
-    lines_place,
-    numbers,
+    describe_trailing_bytes,
+    parse_floats,
+    parse_integer,
+    parse_integers,
+    place_by_line,
     quote_words,
-    whole,
 )
 
 PLY_TYPES = {
@@ -48,7 +48,7 @@ class _Element:
     properties: list[_Property] = field(default_factory=list)
 
     @property
-    def flat(self) -> bool:
+    def has_no_list(self) -> bool:
         """Whether the element has no list property."""
         return not any(p.count_type for p in self.properties)
 
@@ -56,17 +56,17 @@ class _Element:
 def parse_ply(data: bytes, name: str) -> RawMesh:
     """Parse PLY 1.0, as text or binary in either byte order, with any elements and properties."""
     data = data.removeprefix(BYTE_ORDER_MARK)
-    order, elements, start, head_lines = _ply_head(data, name)
+    order, elements, start, head_lines = _parse_header(data, name)
     for wanted in (b"vertex", b"face"):
         if not any(e.name == wanted for e in elements):
             strips = any(e.name == b"tristrips" for e in elements)
             hint = "it holds triangle strips, so export it with faces" if strips else "export the surface again"
             raise FlexMapsError(f"{name} has no {wanted.decode()} elements; {hint}")
-    reader = _ply_text if order == "" else _ply_binary
+    reader = _parse_text if order == "" else _parse_binary
     return reader(data[start:], order, elements, name, head_lines)
 
 
-def _ply_head(data: bytes, name: str) -> tuple[str, list[_Element], int, int]:
+def _parse_header(data: bytes, name: str) -> tuple[str, list[_Element], int, int]:
     """Return the byte order ("" for text), the elements, the offset of the body, and the number of header lines."""
     if not data.startswith(b"ply"):
         raise FlexMapsError(f"{name} is not a PLY file, as it does not begin with 'ply'; export the mesh again")
@@ -105,10 +105,10 @@ def _ply_head(data: bytes, name: str) -> tuple[str, list[_Element], int, int]:
     return order, elements, end.end(), len(lines) + 1
 
 
-def _columns(element: _Element, name: str) -> list[int]:
+def _coordinate_columns(element: _Element, name: str) -> list[int]:
     """Return the positions of x, y and z among the vertex properties."""
     names = [p.name for p in element.properties]
-    if not {b"x", b"y", b"z"} <= set(names) or not element.flat:
+    if not {b"x", b"y", b"z"} <= set(names) or not element.has_no_list:
         raise FlexMapsError(f"{name}: its vertices have no x, y and z; export it again")
     return [names.index(axis) for axis in (b"x", b"y", b"z")]
 
@@ -121,10 +121,10 @@ def _face_list(element: _Element, name: str) -> int:
     raise FlexMapsError(f"{name}: its faces have no list of vertex indices; export it again")
 
 
-def _ply_text(data: bytes, order: str, elements: list[_Element], name: str, head_lines: int) -> RawMesh:
+def _parse_text(data: bytes, order: str, elements: list[_Element], name: str, head_lines: int) -> RawMesh:
     """Read the body of a text file as a stream of words."""
     rows = [(n, words) for n, line in enumerate(data.splitlines(), head_lines + 1) if (words := line.split())]
-    return _text_mesh(_words_of(rows, elements, name), elements, name)
+    return _build_text_mesh(_words_of(rows, elements, name), elements, name)
 
 
 # line number and words of every element of one kind, and messages about data that were not read
@@ -143,9 +143,9 @@ def _words_of(rows: list[Row], elements: list[_Element], name: str) -> Iterator[
             for p in element.properties:
                 end += 1
                 if p.count_type and end <= len(words):
-                    end += max(whole(words[end - 1], line_of[end - 1], name), 0)
+                    end += max(parse_integer(words[end - 1], line_of[end - 1], name), 0)
                 if end > len(words):
-                    raise _cut_short(name, element)
+                    raise _truncated_error(name, element)
             own.append((line_of[at], words[at:end]))
             at = end
         left: tuple[str, ...] = ()
@@ -155,7 +155,7 @@ def _words_of(rows: list[Row], elements: list[_Element], name: str) -> Iterator[
         yield own, left
 
 
-def _text_mesh(found: Iterator[_ElementRows], elements: list[_Element], name: str) -> RawMesh:
+def _build_text_mesh(found: Iterator[_ElementRows], elements: list[_Element], name: str) -> RawMesh:
     """Build the mesh from the words of all elements."""
     vertices, corners, sizes = np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, np.int64)
     point_lines: list[int] = []
@@ -165,40 +165,40 @@ def _text_mesh(found: Iterator[_ElementRows], elements: list[_Element], name: st
         left += more
         lines = [n for n, _ in own]
         if element.name == b"vertex":
-            columns = _columns(element, name)
+            columns = _coordinate_columns(element, name)
             points = [[words[c] for c in columns] for _, words in own]
-            vertices = numbers(points, lines, 3, name, "a vertex").reshape(-1, 3)
+            vertices = parse_floats(points, lines, 3, name, "a vertex").reshape(-1, 3)
             point_lines = lines
         elif element.name == b"face":
-            faces = [_text_list(words, element, _face_list(element, name), name, n) for n, words in own]
+            faces = [_parse_vertex_list(words, element, _face_list(element, name), name, n) for n, words in own]
             sizes = np.array([len(f) for f in faces], dtype=np.int64)
-            corners = integers(faces, lines, name)
+            corners = parse_integers(faces, lines, name)
             face_lines = lines
-    return RawMesh(vertices, corners, sizes, lines_place(point_lines), lines_place(face_lines), left)
+    return RawMesh(vertices, corners, sizes, place_by_line(point_lines), place_by_line(face_lines), left)
 
 
-def _text_list(words: list[bytes], element: _Element, wanted: int, name: str, line: int) -> list[bytes]:
+def _parse_vertex_list(words: list[bytes], element: _Element, wanted: int, name: str, line: int) -> list[bytes]:
     """Return the vertex indices (property number ``wanted``) among the words of a face."""
     at, found = 0, []
     for i, p in enumerate(element.properties):
-        length = whole(words[at], line, name) if p.count_type else 0
+        length = parse_integer(words[at], line, name) if p.count_type else 0
         if i == wanted:
             found = words[at + 1 : at + 1 + length]
         at += 1 + length
     return found
 
 
-def _ply_binary(data: bytes, order: str, elements: list[_Element], name: str, head_lines: int) -> RawMesh:
+def _parse_binary(data: bytes, order: str, elements: list[_Element], name: str, head_lines: int) -> RawMesh:
     """Read the body of a binary file."""
     at, vertices, corners, sizes = 0, np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, np.int64)
     single = False
     for element in elements:
-        columns = _columns(element, name) if element.name == b"vertex" else []
-        if element.flat:
+        columns = _coordinate_columns(element, name) if element.name == b"vertex" else []
+        if element.has_no_list:
             dtype = np.dtype([(f"p{i}", order + p.type) for i, p in enumerate(element.properties)])
             need = element.count * dtype.itemsize
             if at + need > len(data):
-                raise _cut_short(name, element)
+                raise _truncated_error(name, element)
             if element.name == b"vertex":
                 table = np.frombuffer(data, dtype, element.count, at)
                 vertices = np.stack([table[f"p{c}"].astype(float) for c in columns], axis=1)
@@ -208,14 +208,14 @@ def _ply_binary(data: bytes, order: str, elements: list[_Element], name: str, he
             at += need
             continue
         wanted = _face_list(element, name) if element.name == b"face" else -1
-        found, counts, at = _binary_lists(data, at, order, element, wanted, name)
+        found, counts, at = _read_binary_lists(data, at, order, element, wanted, name)
         if element.name == b"face":
             corners, sizes = found, counts
-    left = bytes_left(data[at:])
+    left = describe_trailing_bytes(data[at:])
     return RawMesh(vertices, corners, sizes, lambda i: f"vertex {i}", lambda i: f"face {i}", left, single)
 
 
-def _cut_short(name: str, element: _Element) -> FlexMapsError:
+def _truncated_error(name: str, element: _Element) -> FlexMapsError:
     """Return the error for data that end too early."""
     return FlexMapsError(
         f"{name} is cut short: it ends within its {element.count} {element.name.decode(errors='replace')}"
@@ -223,7 +223,7 @@ def _cut_short(name: str, element: _Element) -> FlexMapsError:
     )
 
 
-def _binary_lists(
+def _read_binary_lists(
     data: bytes, at: int, order: str, element: _Element, wanted: int, name: str
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Read the list property number ``wanted`` of all elements of one kind; -1 to skip the elements.
@@ -240,7 +240,7 @@ def _binary_lists(
     while done < element.count:
         dtype = _record_type(data, at, order, element)
         if dtype is None or at + dtype.itemsize > len(data):
-            raise _cut_short(name, element)
+            raise _truncated_error(name, element)
         fit = min(element.count - done, chunk, (len(data) - at) // dtype.itemsize)
         table = np.frombuffer(data, dtype, fit, at)
         same = np.ones(fit, dtype=bool)

@@ -7,16 +7,16 @@ import re
 import numpy as np
 
 from ...errors import FlexMapsError
-from .text import BYTE_ORDER_MARK, RawMesh, bytes_left, numbers
+from .text import BYTE_ORDER_MARK, RawMesh, describe_trailing_bytes, parse_floats
 
 RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])  # 50 bytes per triangle
-HEAD = 84  # length of the header, bytes: 80 of any text, 4 for the number of triangles
+HEADER_BYTES = 84  # length of the header, bytes: 80 of any text, 4 for the number of triangles
 
 
 def parse_stl(data: bytes, name: str) -> RawMesh:
     """Parse STL, text or binary; merge corners at exactly equal positions (``weld`` merges nearly equal ones)."""
-    count = int.from_bytes(data[HEAD - 4 : HEAD], "little")
-    end = HEAD + RECORD.itemsize * count
+    count = int.from_bytes(data[HEADER_BYTES - 4 : HEADER_BYTES], "little")
+    end = HEADER_BYTES + RECORD.itemsize * count
     text = data.removeprefix(BYTE_ORDER_MARK).lstrip()
     left: tuple[str, ...] = ()
     single = True
@@ -24,13 +24,13 @@ def parse_stl(data: bytes, name: str) -> RawMesh:
     if len(data) != end and text[:5].lower() == b"solid" and b"\0" not in data:
         points, left = _text_points(text, data[: len(data) - len(text)].count(b"\n"), name)
         single = False
-    elif count and HEAD < end <= len(data):
-        records = np.frombuffer(data, RECORD, count, HEAD)
+    elif count and HEADER_BYTES < end <= len(data):
+        records = np.frombuffer(data, RECORD, count, HEADER_BYTES)
         points = records["corners"].reshape(-1, 3).astype(float)
-        left = bytes_left(data[end:])
-    elif HEAD <= len(data) < end:
+        left = describe_trailing_bytes(data[end:])
+    elif HEADER_BYTES <= len(data) < end:
         raise FlexMapsError(
-            f"{name} is cut short: it promises {count} triangles and holds {(len(data) - HEAD) // RECORD.itemsize};"
+            f"{name} is cut short: it promises {count} triangles and holds {(len(data) - HEADER_BYTES) // RECORD.itemsize};"
             " export it again"
         )
     elif len(data) == end:
@@ -83,5 +83,5 @@ def _text_points(data: bytes, lines_before: int, name: str) -> tuple[np.ndarray,
                 raise FlexMapsError(f"{name}, line {line_of[k]}: the triangle does not have 3 corners; export it again")
     if len(rows) != 3 * facets:
         raise FlexMapsError(f"{name} is cut short: its last triangle is not whole; export it again")
-    points = numbers(rows, lines, 3, name, "a corner").reshape(-1, 3)
+    points = parse_floats(rows, lines, 3, name, "a corner").reshape(-1, 3)
     return points, () if ended else ("The file has no end ('endsolid'): where triangles are missing, export it again",)

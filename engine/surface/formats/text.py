@@ -13,7 +13,7 @@ from ...errors import FlexMapsError
 from ...surface.checking.finding import with_count
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
-WIDE_MARKS = (b"\xff\xfe", b"\xfe\xff")  # byte order marks of UTF-16
+UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")  # byte order marks of UTF-16
 
 Row = tuple[int, list[bytes]]  # line number and words
 
@@ -25,7 +25,7 @@ class RawMesh:
     vertices, corners, sizes : as in ``PolygonMesh``; indices may be out of range, sizes as small as 0
     vertex_place, face_place : functions from an index to the vertex's or face's place in the file, e.g. "line 12"
     left_out : messages about data of the file that were not read
-    single : whether the file stores coordinates in single precision
+    is_single_precision : whether the file stores coordinates in single precision
     """
 
     vertices: Float[np.ndarray, "vertices 3"]
@@ -34,36 +34,36 @@ class RawMesh:
     vertex_place: Callable[[int], str]
     face_place: Callable[[int], str]
     left_out: tuple[str, ...] = ()
-    single: bool = False
+    is_single_precision: bool = False
 
 
-def lines_place(lines: Sequence[int]) -> Callable[[int], str]:
+def place_by_line(lines: Sequence[int]) -> Callable[[int], str]:
     """Return a function from an element's index to its place in the file, given all line numbers; see ``RawMesh``."""
     return lambda i: f"line {lines[i]}"
 
 
 def refuse_binary(data: bytes, name: str, format: str) -> None:
     """Raise FlexMapsError if ``data`` is not text, as ``format`` requires."""
-    if data.startswith(WIDE_MARKS):
+    if data.startswith(UTF16_MARKS):
         raise FlexMapsError(f"{name} is text in UTF-16, which no {format} file is; save it as UTF-8")
     if b"\0" in data[:4096]:
         raise FlexMapsError(f"{name} is not a text file, so it cannot be {format}; export the mesh again as {format}")
 
 
-def rows_of(data: bytes, *, continued: bool = False) -> list[Row]:
+def split_rows(data: bytes, *, join_continued: bool = False) -> list[Row]:
     """Return the lines that are not empty, as numbers and words without # comments.
 
-    continued : whether a backslash at the end of a line continues it
+    join_continued : whether a backslash at the end of a line continues it
     """
-    return [(number, words) for number, line in _logical_lines(data, continued) if (words := line.split())]
+    return [(number, words) for number, line in _logical_lines(data, join_continued) if (words := line.split())]
 
 
-def _logical_lines(data: bytes, continued: bool) -> Iterator[tuple[int, bytes]]:
+def _logical_lines(data: bytes, join_continued: bool) -> Iterator[tuple[int, bytes]]:
     """Yield line numbers and lines without comments; join continued lines."""
     lines = data.removeprefix(BYTE_ORDER_MARK).splitlines()
     if b"#" in data:
         lines = [line.partition(b"#")[0] for line in lines]
-    if not continued or b"\\" not in data:
+    if not join_continued or b"\\" not in data:
         yield from enumerate(lines, 1)
         return
     start, parts = 0, []
@@ -84,14 +84,14 @@ def quote_words(words: Sequence[bytes]) -> str:
     return b" ".join(words).decode(errors="replace")[:60]
 
 
-def bytes_left(data: bytes) -> tuple[str, ...]:
+def describe_trailing_bytes(data: bytes) -> tuple[str, ...]:
     """Return a message about ``data``, the bytes after the last element of a binary file; none if they are blank."""
     if not data.strip(b"\0 \r\n\t"):
         return ()
     return (f"{with_count(len(data), 'byte', 'bytes')} after the last element of the file left out",)
 
 
-def numbers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], width: int, name: str, what: str) -> np.ndarray:
+def parse_floats(rows: Sequence[Sequence[bytes]], lines: Sequence[int], width: int, name: str, what: str) -> np.ndarray:
     """Convert rows of words to an (n, width) float array.
 
     Parameters
@@ -106,7 +106,7 @@ def numbers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], width: int, n
     """
     try:
         flat = np.array([float(word) for row in rows for word in row])
-        if flat.size == width * len(rows) and all(len(row) == width for row in rows) and not _grouped(rows):
+        if flat.size == width * len(rows) and all(len(row) == width for row in rows) and not _has_underscore(rows):
             return flat.reshape(-1, width)
     except ValueError:
         pass
@@ -116,7 +116,7 @@ def numbers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], width: int, n
                 f"{name}, line {line}: {what} needs {width} numbers, not '{quote_words(row)}'; the file may be cut short"
             )
         try:
-            if not _grouped([row]):
+            if not _has_underscore([row]):
                 [float(word) for word in row]
                 continue
         except ValueError:
@@ -125,7 +125,7 @@ def numbers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], width: int, n
     raise AssertionError("a row of numbers that was refused has no fault")
 
 
-def integers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], name: str) -> Int[np.ndarray, " corners"]:
+def parse_integers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], name: str) -> Int[np.ndarray, " corners"]:
     """Convert rows of words, of any lengths, to one array of integers.
 
     Parameters
@@ -139,14 +139,14 @@ def integers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], name: str) -
     """
     try:
         found = np.array([int(word) for word in chain.from_iterable(rows)], dtype=np.int64)
-        if not _grouped(rows):
+        if not _has_underscore(rows):
             return found
     except (ValueError, OverflowError):
         pass
     for row, line in zip(rows, lines, strict=True):
         for word in row:
             try:
-                if not _grouped([[word]]):
+                if not _has_underscore([[word]]):
                     np.int64(int(word))
                     continue
             except (ValueError, OverflowError):
@@ -155,7 +155,7 @@ def integers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], name: str) -
     raise AssertionError("a list of integers that was refused has no fault")
 
 
-def whole(word: bytes, line: int, name: str) -> int:
+def parse_integer(word: bytes, line: int, name: str) -> int:
     """Convert a word to an integer; raise FlexMapsError with its line if it is not an integer."""
     try:
         if b"_" not in word:
@@ -165,15 +165,15 @@ def whole(word: bytes, line: int, name: str) -> int:
     raise FlexMapsError(f"{name}, line {line}: '{quote_words([word])}' is not a whole number; mend the line")
 
 
-def _grouped(rows: Sequence[Sequence[bytes]]) -> bool:
+def _has_underscore(rows: Sequence[Sequence[bytes]]) -> bool:
     """Return whether a word contains an underscore, which Python accepts between digits but mesh files do not have."""
     return any(b"_" in word for row in rows for word in row)
 
 
-def first_that_fits(ways: Sequence[Callable[[], RawMesh]]) -> RawMesh:
+def first_success(parsers: Sequence[Callable[[], RawMesh]]) -> RawMesh:
     """Call parsers in order and return the first mesh; if all fail, raise the error of the first parser."""
     first: FlexMapsError | None = None
-    for way in ways:
+    for way in parsers:
         try:
             return way()
         except FlexMapsError as error:

@@ -10,14 +10,14 @@ from .field import Triangles
 
 # Largest distance by which smoothing may move a point of a line (border or fold), in mean side lengths; points that
 # would move farther are corners and stay (right angle 1.8, zigzag 0.5). Larger: corners are rounded off.
-TURNED = 1.2
-MANY = 1.3  # largest ratio of triangles to those needed; meshes with more are simplified first
+MAX_SMOOTHING_MOVE = 1.2
+MAX_GROWTH = 1.3  # largest ratio of triangles to those needed; meshes with more are simplified first
 
 
-def even_out(mesh: Triangles, longest: float, fold: float) -> Triangles:
+def equalise_triangles(mesh: Triangles, longest: float, fold: float) -> Triangles:
     """Simplify a dense mesh, then subdivide it until no side is too long.
 
-    No side of the result joins two points on borders or folds (``Triangles.lines``) without being part of one.
+    No side of the result joins two points on borders or folds (``Triangles.feature_sides``) without being part of one.
 
     Parameters
     ----------
@@ -26,25 +26,25 @@ def even_out(mesh: Triangles, longest: float, fold: float) -> Triangles:
     fold : angle between the normals of two triangles from which their common side is a fold, radians
     """
     vertices, corners = mesh.vertices, mesh.corners
-    needed = int(MANY * mesh.areas.sum() / (0.43 * (0.7 * longest) ** 2))
+    needed = int(MAX_GROWTH * mesh.areas.sum() / (0.43 * (0.7 * longest) ** 2))
     if len(corners) > needed:
-        vertices, corners = simplify(vertices, corners, needed)
+        vertices, corners = simplify_triangles(vertices, corners, needed)
     for _ in range(40):
         mesh = Triangles(vertices, corners)
-        long = np.abs(mesh.sides).ravel() > longest
+        long = np.abs(mesh.side_vectors).ravel() > longest
         if not long.any():
             break
         vertices, corners = _halve_edges(mesh, _mark_both_sides(mesh, long))
     for _ in range(4):
         mesh = Triangles(vertices, corners)
-        bad = _short_cuts(mesh, mesh.lines(fold))
+        bad = _chords_between_lines(mesh, mesh.feature_sides(fold))
         if not bad.any():
             break
         vertices, corners = _halve_edges(mesh, bad)
     return Triangles(vertices, corners)
 
 
-def simplify(vertices: np.ndarray, corners: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+def simplify_triangles(vertices: np.ndarray, corners: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Simplify a mesh to about ``count`` triangles by edge collapses (Garland and Heckbert 1997).
 
     Parameters
@@ -69,7 +69,7 @@ def _mark_both_sides(mesh: Triangles, sides: np.ndarray) -> np.ndarray:
     return sides | ((other >= 0) & sides[other])
 
 
-def _short_cuts(mesh: Triangles, lines: np.ndarray) -> np.ndarray:
+def _chords_between_lines(mesh: Triangles, lines: np.ndarray) -> np.ndarray:
     """Return a mask of sides that join two points on lines but are not part of a line.
 
     A triangle with such a side could have all its corners on one grid line, and so no area in the map.
@@ -131,20 +131,20 @@ def smooth_surface(mesh: Triangles, lines: Bool[np.ndarray, " sides"], strength:
 
     start, end, count = mesh.corners.ravel(), np.roll(mesh.corners, -1, axis=1).ravel(), len(mesh.vertices)
 
-    def graph(sides: np.ndarray) -> csr_array:
+    def adjacency_matrix(sides: np.ndarray) -> csr_array:
         """Return the adjacency matrix of the vertices that these sides join."""
         a, b = np.r_[start[sides], end[sides]], np.r_[end[sides], start[sides]]
         found = coo_array((np.ones(len(a)), (a, b)), shape=(count, count)).tocsr()
         found.data[:] = 1.0  # an edge of two triangles was counted twice
         return found
 
-    along = graph(lines)
+    along = adjacency_matrix(lines)
     passed = along.sum(axis=1) == 2
     drawn = _smooth_points(mesh.vertices, along, passed, strength)
-    size = np.abs(mesh.sides[lines.reshape(-1, 3)]).mean() if lines.any() else 1.0
-    passed &= np.linalg.norm(drawn - mesh.vertices, axis=1) < TURNED * size
+    size = np.abs(mesh.side_vectors[lines.reshape(-1, 3)]).mean() if lines.any() else 1.0
+    passed &= np.linalg.norm(drawn - mesh.vertices, axis=1) < MAX_SMOOTHING_MOVE * size
     inner = along.sum(axis=1) == 0
-    around = graph(np.ones(len(start), dtype=bool))
+    around = adjacency_matrix(np.ones(len(start), dtype=bool))
     near = diags_array(inner.astype(float)) @ around + diags_array(passed.astype(float)) @ along
     return Triangles(_smooth_points(mesh.vertices, near, inner | passed, strength), mesh.corners)
 

@@ -44,16 +44,16 @@ class _CellPieces:
     span: int
 
     @staticmethod
-    def key(face: np.ndarray, cell: np.ndarray, low: np.ndarray, span: int) -> np.ndarray:
+    def sort_keys(face: np.ndarray, cell: np.ndarray, low: np.ndarray, span: int) -> np.ndarray:
         """Return a sortable number for each pair of a triangle and a cell; -1 for cells outside the range."""
         at = cell - low
         inside = ((at >= 0) & (at < span)).all(axis=1)
         return np.where(inside, (face * span + at[:, 0]) * span + at[:, 1], -1)
 
-    def find(self, face: np.ndarray, cell: np.ndarray) -> np.ndarray:
+    def index_of(self, face: np.ndarray, cell: np.ndarray) -> np.ndarray:
         """Return the index of the piece of each cell in each triangle; -1 if there is none."""
-        mine = self.key(self.face, self.cell, self.low, self.span)
-        asked = self.key(face, cell, self.low, self.span)
+        mine = self.sort_keys(self.face, self.cell, self.low, self.span)
+        asked = self.sort_keys(face, cell, self.low, self.span)
         at = np.minimum(np.searchsorted(mine, asked), len(mine) - 1)
         return np.where(mine[at] == asked, at, -1)
 
@@ -78,11 +78,11 @@ def extract_quads(
         raise FlexMapsError("The map is stretched too much")
     p = np.round(uv * UNIT).astype(np.int64)
     area = _cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
-    pieces = _pieces(p, area)
-    merged, turns, glued = _neighbours(mesh, jump, p, area, pieces)
+    pieces = _cut_into_cells(p, area)
+    merged, turns, glued = _adjacent_pieces(mesh, jump, p, area, pieces)
     quad, turn = _merge_pieces(len(pieces.face), merged, turns)
     sides = _matching_sides(quad, turn, glued)
-    keep = _existing(quad, pieces, p, area)
+    keep = _covered_quads(quad, pieces, p, area)
     result = _build_mesh(mesh, p, area, pieces, quad, turn, sides, keep)
     if not len(result.sizes):
         raise FlexMapsError("The map is smaller than a quad")
@@ -109,7 +109,7 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def _boxes(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _bounding_cells(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return all cells that touch the bounding boxes of n polygons (n, k, 2): index of the polygon, and cell."""
     low = np.floor_divide(p.min(axis=1), UNIT) - 1
     size = np.floor_divide(p.max(axis=1), UNIT) - low + 1
@@ -121,7 +121,7 @@ def _boxes(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return which, low[which] + np.stack([k % size[which, 0], k // size[which, 0]], axis=1)
 
 
-def _overlap(points: np.ndarray, low: np.ndarray, high: np.ndarray, outward: np.ndarray | None) -> np.ndarray:
+def _intersects_boxes(points: np.ndarray, low: np.ndarray, high: np.ndarray, outward: np.ndarray | None) -> np.ndarray:
     """Return whether the interiors of convex polygons and boxes intersect, that is, no axis separates them.
 
     points : polygons or line segments, (n, k, 2)
@@ -142,29 +142,29 @@ def _overlap(points: np.ndarray, low: np.ndarray, high: np.ndarray, outward: np.
     return ~apart
 
 
-def _pieces(p: np.ndarray, area: np.ndarray) -> _CellPieces:
+def _cut_into_cells(p: np.ndarray, area: np.ndarray) -> _CellPieces:
     """Cut the triangles into pieces along the grid.
 
     p : integer coordinates of the corners, (triangles, 3, 2)
     area : twice the signed area of every triangle in the map
     """
     solid = np.flatnonzero(area != 0)
-    which, cell = _boxes(p[solid])
+    which, cell = _bounding_cells(p[solid])
     face = solid[which]
-    meets = _overlap(p[face], cell * UNIT, (cell + 1) * UNIT, np.sign(area[face]))
+    meets = _intersects_boxes(p[face], cell * UNIT, (cell + 1) * UNIT, np.sign(area[face]))
     face, cell = face[meets], cell[meets]
     if not len(face):
         raise FlexMapsError("The map has no area")
     low = cell.min(axis=0)
     span = int((cell.max(axis=0) - low).max()) + 1
-    order = np.argsort(_CellPieces.key(face, cell, low, span))
+    order = np.argsort(_CellPieces.sort_keys(face, cell, low, span))
     return _CellPieces(face[order], cell[order], low, span)
 
 
-def _neighbours(
+def _adjacent_pieces(
     mesh: Triangles, jump: np.ndarray, p: np.ndarray, area: np.ndarray, pieces: _CellPieces
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Find adjacent pieces, see ``extract_quads`` and ``_pieces`` for the arguments.
+    """Find adjacent pieces, see ``extract_quads`` and ``_cut_into_cells`` for the arguments.
 
     Returns
     -------
@@ -174,12 +174,12 @@ def _neighbours(
     other = mesh.opposite
     glued = []
     for k in (1, 2):  # across the right and the upper side, within a triangle
-        there = pieces.find(pieces.face, pieces.cell + STEP[k])
+        there = pieces.index_of(pieces.face, pieces.cell + STEP[k])
         have = np.flatnonzero(there >= 0)
         low = (pieces.cell[have] + CORNER[[0, 1, 3][k]]) * UNIT
         high = (pieces.cell[have] + 1) * UNIT
         face = pieces.face[have]
-        meets = _overlap(p[face], low, high, np.sign(area[face]))
+        meets = _intersects_boxes(p[face], low, high, np.sign(area[face]))
         have = have[meets]
         glued.append(np.stack([have, np.full(len(have), k), there[have], np.full(len(have), k + 2) % 4], axis=1))
     sides = np.flatnonzero((other >= 0) & (np.arange(len(other)) < other))
@@ -189,11 +189,11 @@ def _neighbours(
     back = p.reshape(-1, 2)[other[sides]] - _rotate(b, q)
     if (shift != back).any() or (shift % UNIT).any():
         raise FlexMapsError("The grid of quads does not fit together across its cuts; try another number of quads")
-    which, cell = _boxes(np.stack([a, b], axis=1))
+    which, cell = _bounding_cells(np.stack([a, b], axis=1))
     ends = np.stack([a, b], axis=1)[which]
-    inside = _overlap(ends, cell * UNIT, (cell + 1) * UNIT, None)
-    mine = pieces.find(here[which], cell)
-    far = pieces.find(there[which], _rotate_cells(cell, q[which], shift[which]))
+    inside = _intersects_boxes(ends, cell * UNIT, (cell + 1) * UNIT, None)
+    mine = pieces.index_of(here[which], cell)
+    far = pieces.index_of(there[which], _rotate_cells(cell, q[which], shift[which]))
     good = inside & (mine >= 0) & (far >= 0)
     merged, turns = np.stack([mine, far], axis=1)[good], q[which][good]
     # a triangle's side on a grid line separates the cells on its left and right
@@ -212,7 +212,7 @@ def _neighbours(
         at, s, up = at[hit], s[hit], up[hit]
         over = np.where(up > 0, 3 if axis == 0 else 0, 1 if axis == 0 else 2)
         next_cell = cell[at] + STEP[over]
-        one, two = pieces.find(here[s], cell[at]), pieces.find(there[s], _rotate_cells(next_cell, q[s], shift[s]))
+        one, two = pieces.index_of(here[s], cell[at]), pieces.index_of(there[s], _rotate_cells(next_cell, q[s], shift[s]))
         good = (one >= 0) & (two >= 0)
         glued.append(np.stack([one, over, two, (over + 2 - q[s]) % 4], axis=1)[good])
     return merged, turns, np.concatenate(glued)
@@ -254,7 +254,7 @@ def _matching_sides(quad: np.ndarray, turn: np.ndarray, glued: np.ndarray) -> np
     return np.unique(np.sort(np.stack([one, two], axis=1), axis=1), axis=0)
 
 
-def _existing(quad: np.ndarray, pieces: _CellPieces, p: np.ndarray, area: np.ndarray) -> np.ndarray:
+def _covered_quads(quad: np.ndarray, pieces: _CellPieces, p: np.ndarray, area: np.ndarray) -> np.ndarray:
     """Return a mask of quads to keep: those that cover over half a cell, flipped triangles counting negative.
 
     Where the map folds over itself, the pieces of a cell cancel each other.

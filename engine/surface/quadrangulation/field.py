@@ -73,7 +73,7 @@ class Triangles:
         return np.stack([x, np.cross(z, x), z], axis=1)
 
     @cached_property
-    def sides(self) -> np.ndarray:
+    def side_vectors(self) -> np.ndarray:
         """(triangles, 3) complex: every side as a vector in its triangle's frame, metres."""
         p = self.vertices[self.corners]
         along = np.einsum("fki,fji->fkj", np.roll(p, -1, axis=1) - p, self.frames[:, :2])
@@ -82,34 +82,34 @@ class Triangles:
     @cached_property
     def areas(self) -> Float[np.ndarray, " triangles"]:
         """Area of every triangle, square metres."""
-        return 0.5 * (self.sides[:, 0].conj() * self.sides[:, 1]).imag
+        return 0.5 * (self.side_vectors[:, 0].conj() * self.side_vectors[:, 1]).imag
 
-    def lines(self, fold: float) -> Bool[np.ndarray, " sides"]:
+    def feature_sides(self, fold: float) -> Bool[np.ndarray, " sides"]:
         """Return a mask of border sides and folds: sides where the normals differ by more than ``fold`` radians."""
         normal = self.frames[:, 2]
         here = np.arange(len(self.opposite)) // 3
         cosine = np.einsum("si,si->s", normal[here], normal[self.opposite // 3])
         return (self.opposite < 0) | (cosine < np.cos(fold))
 
-    def long_lines(self, fold: float, shortest: float) -> Bool[np.ndarray, " sides"]:
+    def long_feature_sides(self, fold: float, shortest: float) -> Bool[np.ndarray, " sides"]:
         """Return a mask of border sides and folds without short folds.
 
         Folds are removed if they and the border sides connected with them are shorter than ``shortest`` metres in all.
         """
 
-        lines = self.lines(fold)
+        lines = self.feature_sides(fold)
         side = np.flatnonzero(lines)
         ends = np.stack([self.corners.ravel(), np.roll(self.corners, -1, axis=1).ravel()], axis=1)[side]
         group = components(len(self.vertices), *ends.T)[ends[:, 0]]
         border = self.opposite[side] < 0
-        length = np.bincount(group, np.abs(self.sides.ravel()[side]) * np.where(border, 1.0, 0.5))
+        length = np.bincount(group, np.abs(self.side_vectors.ravel()[side]) * np.where(border, 1.0, 0.5))
         lines[side[~border & (length[group] < shortest)]] = False
         return lines
 
     @cached_property
     def angles(self) -> Float[np.ndarray, "triangles 3"]:
         """Angle at every corner, radians."""
-        return np.angle(-np.roll(self.sides, 1, axis=1) / self.sides)
+        return np.angle(-np.roll(self.side_vectors, 1, axis=1) / self.side_vectors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,13 +120,13 @@ class CrossField:
     angles: Float[np.ndarray, " triangles"]  # radians
 
     @cached_property
-    def turns(self) -> Float[np.ndarray, " sides"]:
+    def side_rotations(self) -> Float[np.ndarray, " sides"]:
         """Rotation of the cross from a triangle to its neighbour across each side, radians, at most pi/4.
 
         At the border it is the rotation from the cross to the side.
         """
         mesh, other = self.mesh, self.mesh.opposite
-        lean = (self.angles[:, None] - np.angle(mesh.sides)).ravel()  # angle from the side to the cross
+        lean = (self.angles[:, None] - np.angle(mesh.side_vectors)).ravel()  # angle from the side to the cross
         # use the same rounding for both triangles, so that their errors cancel where the turn is exactly pi/4
         first = np.arange(len(other)) < other
         turn = np.where(other >= 0, lean[other], 0.0) - lean
@@ -145,8 +145,8 @@ class CrossField:
         total = np.full(count, 2 * np.pi)
         total[start[rim]] = np.pi
         total -= np.bincount(start, weights=mesh.angles.ravel(), minlength=count)
-        total += np.bincount(end, weights=self.turns, minlength=count)
-        total -= np.bincount(start[rim], weights=self.turns[rim], minlength=count)
+        total += np.bincount(end, weights=self.side_rotations, minlength=count)
+        total -= np.bincount(start[rim], weights=self.side_rotations[rim], minlength=count)
         total[np.bincount(start, minlength=count) == 0] = 0.0
         return np.round(total / (np.pi / 2)).astype(np.int64)
 
@@ -176,7 +176,7 @@ def cross_field(
     size = np.abs(anisotropy)
     wanted = (anisotropy / np.maximum(size, 1e-300)) ** 2
     pull = alignment * mesh.areas * size**2
-    fixed, value = _line_crosses(mesh, mesh.lines(np.pi) if lines is None else lines)
+    fixed, value = _feature_crosses(mesh, mesh.feature_sides(np.pi) if lines is None else lines)
     free = np.flatnonzero(~fixed)
     cross = np.where(fixed, value, wanted)
     if not len(free):
@@ -189,14 +189,14 @@ def cross_field(
     # large steps first: they shape the field's large features whatever the start; then ever smaller ones
     for step in np.geomspace(1.0, 1e-3, ROUNDS) * mesh.areas.sum():
         matrix = inner + diags_array(pull + areas / step)
-        solver = solver or _Solver(matrix)
+        solver = solver or _DiagonalUpdateSolver(matrix)
         solved = solver.solve(matrix, pulled + areas / step * cross[free], solved)
         length = np.abs(solved)
         cross[free] = np.where(length > 1e-12, solved / np.maximum(length, 1e-12), 1.0)
     return CrossField(mesh, np.angle(cross) / 4)
 
 
-class _Solver:
+class _DiagonalUpdateSolver:
     """Conjugate gradients for Hermitian matrices that differ only in their diagonals.
 
     The factors of the first matrix precondition all; to factor every matrix would take two to eight times as long.
@@ -223,9 +223,9 @@ def _smoothness(mesh: Triangles) -> coo_array:
     """
     side = np.flatnonzero(mesh.opposite >= 0)
     here, there = side // 3, mesh.opposite[side] // 3
-    axis = mesh.sides.ravel() / np.abs(mesh.sides.ravel())
+    axis = mesh.side_vectors.ravel() / np.abs(mesh.side_vectors.ravel())
     transport = (-axis[mesh.opposite[side]] / axis[side]) ** 4
-    weight = 1.5 * np.abs(mesh.sides.ravel()[side]) ** 2 / (mesh.areas[here] + mesh.areas[there])
+    weight = 1.5 * np.abs(mesh.side_vectors.ravel()[side]) ** 2 / (mesh.areas[here] + mesh.areas[there])
     count = len(mesh.corners)
     row, column = np.concatenate([here, there]), np.concatenate([here, here])
     return coo_array((np.concatenate([weight + 0j, -weight * transport]), (row, column)), shape=(count, count))
@@ -244,7 +244,7 @@ def _anisotropy(mesh: Triangles) -> np.ndarray:
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
     n = normal[mesh.corners]
     change = np.einsum("fki,fji->fkj", np.roll(n, -1, axis=1) - n, mesh.frames[:, :2])
-    along = np.stack([mesh.sides.real, mesh.sides.imag], axis=2)
+    along = np.stack([mesh.side_vectors.real, mesh.side_vectors.imag], axis=2)
     x, y, zero = along[..., 0], along[..., 1], np.zeros_like(along[..., 0])
     matrix = np.concatenate([np.stack([x, y, zero], axis=2), np.stack([zero, x, y], axis=2)], axis=1)
     right = np.concatenate([change[..., 0], change[..., 1]], axis=1)
@@ -253,11 +253,11 @@ def _anisotropy(mesh: Triangles) -> np.ndarray:
     return 0.5 * (a - c) + 1j * b
 
 
-def _line_crosses(mesh: Triangles, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _feature_crosses(mesh: Triangles, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return a mask of the triangles at lines, and crosses (triangles,) that follow these lines."""
     side = np.flatnonzero(lines)
     fixed, value = np.zeros(len(mesh.corners), dtype=bool), np.ones(len(mesh.corners), dtype=complex)
     fixed[side // 3] = True
-    axis = mesh.sides.ravel()[side]
+    axis = mesh.side_vectors.ravel()[side]
     value[side // 3] = (axis / np.abs(axis)) ** 4
     return fixed, value

@@ -9,12 +9,12 @@ from ...errors import FlexMapsError
 from ...progress import SILENT, Progress
 from ...threads import one_thread
 from ..mesh import PolygonMesh
-from .even import even_out, smooth_surface
+from .even import equalise_triangles, smooth_surface
 from .extraction import extract_quads
 from .field import ALIGNMENT, Triangles, cross_field
 from .rounding import round_unknowns
-from .seamless import Maps, cut_to_disk, lattice
-from .separation import NOTHING, TOO_MANY_FOLDS, apart
+from .seamless import SeamlessMaps, cut_to_disk, parametrise_maps
+from .separation import NO_CONSTRAINTS, TOO_MANY_FOLDS, separation_constraints
 
 FINE = 0.55  # longest edge of the map's triangles, in quad edges; smaller: slower, with hardly other quads
 # Quad sizes, as shares of the wanted size, that are tried until the map does not fold.
@@ -61,7 +61,7 @@ def quadrangulate(
     """
     given = Triangles(mesh.vertices, mesh.corners.reshape(-1, 3))
     try:
-        return _quads_by_map(even_out(given, FINE * edge, fold), edge, fold, alignment, smoothing, progress)
+        return _quads_by_map(equalise_triangles(given, FINE * edge, fold), edge, fold, alignment, smoothing, progress)
     except (ArithmeticError, RuntimeError, np.linalg.LinAlgError) as error:  # errors of the solvers
         raise FlexMapsError("Some triangles are too thin for a map: dissolve them") from error
 
@@ -70,24 +70,24 @@ def _quads_by_map(
     triangles: Triangles, edge: float, fold: float, alignment: float, smoothing: float, progress: Progress
 ) -> PolygonMesh:
     """Return quads of the first size for which the quads can be extracted from the map."""
-    lines = triangles.long_lines(fold, SHORTEST * edge)
+    lines = triangles.long_feature_sides(fold, SHORTEST * edge)
     progress(0.1, "Looking for the directions of quads")
     smooth = smooth_surface(triangles, lines, smoothing)
     chart = cut_to_disk(cross_field(smooth, lines, alignment))
     progress(0.3, "Opening the surface")
-    maps = Maps(chart, lattice(chart, lines))
-    if maps.lattice.whole.shape[1] > WHOLE:
+    maps = SeamlessMaps(chart, parametrise_maps(chart, lines))
+    if maps.parametrisation.integer_factors.shape[1] > WHOLE:
         raise FlexMapsError(TOO_MANY_FOLDS)
-    last, pairs = FlexMapsError("No map was found"), apart(maps, edge, progress.part(0.3, 0.4))
-    ways = [(scale, asked) for scale in SCALES for asked in (pairs, NOTHING)[not len(pairs.least) :]]
+    last, pairs = FlexMapsError("No map was found"), separation_constraints(maps, edge, progress.part(0.3, 0.4))
+    ways = [(scale, asked) for scale in SCALES for asked in (pairs, NO_CONSTRAINTS)[not len(pairs.lower_bounds) :]]
     for number, (scale, asked) in enumerate(ways[:ATTEMPTS]):
         part = progress.part(0.4 + 0.6 * number / ATTEMPTS, 0.4 + 0.6 * (number + 1) / ATTEMPTS)
         part(0.0, MAPPING)
         whole = round_unknowns(*maps.energy(scale * edge), asked)
-        if not asked.hold(whole):  # too many points are too near each other, and another size seldom helps
+        if not asked.are_satisfied(whole):  # too many points are too near each other, and another size seldom helps
             continue
         try:
-            return extract_quads(triangles, chart.jump, _unfold(maps, scale * edge, whole, part))
+            return extract_quads(triangles, chart.period_jumps, _map_with_few_folds(maps, scale * edge, whole, part))
         except FlexMapsError as error:
             last = error
     raise last
@@ -99,8 +99,8 @@ def folded_triangles(uv: Float[np.ndarray, "triangles 3 2"]) -> np.ndarray:
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] <= 0
 
 
-def _unfold(
-    maps: Maps, edge: float, whole: Int[np.ndarray, " whole"], progress: Progress
+def _map_with_few_folds(
+    maps: SeamlessMaps, edge: float, whole: Int[np.ndarray, " whole"], progress: Progress
 ) -> Float[np.ndarray, "triangles 3 2"]:
     """Compute a map with few folds, by stiffening folded triangles and their neighbours in rounds.
 
@@ -122,7 +122,7 @@ def _unfold(
     best, fewest, last = np.zeros(0), len(weights) + 1, 0
     for k in range(STIFFER):
         progress(k / STIFFER, MAPPING)
-        uv = maps.map(edge, whole)
+        uv = maps.uv_coordinates(edge, whole)
         turned = folded_triangles(uv)
         if turned.sum() < fewest:
             best, fewest, last = uv, int(turned.sum()), k
@@ -132,6 +132,6 @@ def _unfold(
         for _ in range(SPREAD):
             np.maximum.at(near, there, FADING * near[here])
         weights *= 1.0 + near
-        maps.weigh(weights)
-    maps.weigh(np.ones(len(weights)))
+        maps.set_weights(weights)
+    maps.set_weights(np.ones(len(weights)))
     return best

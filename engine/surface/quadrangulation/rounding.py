@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays import Float, Int
-from .separation import PositiveSums
+from .separation import MapConstraints
 
 SURE = 0.02  # largest distance from an integer at which values are rounded together; larger: faster, less exact
 FAR = 3.0  # largest change of an integer to separate a pair; larger: more pairs can be separated, slower
@@ -18,28 +18,28 @@ STEPS = 200  # largest number of steps of single integers; never reached
 
 
 def round_unknowns(
-    matrix: Float[np.ndarray, "whole whole"], right: Float[np.ndarray, " whole"], apart: PositiveSums
+    matrix: Float[np.ndarray, "whole whole"], right: Float[np.ndarray, " whole"], constraints: MapConstraints
 ) -> Int[np.ndarray, " whole"]:
     """Round the unknowns of a quadratic energy to integers.
 
     The unknowns nearest to integers are rounded first, and the others solved again (Bommes et al. 2009, section 3);
-    then pairs of points that violate ``apart`` are separated; then single integers change by 1 where that lowers the
+    then pairs of points that violate ``constraints`` are separated; then single integers change by 1 where that lowers the
     energy.
 
     Parameters
     ----------
     matrix, right : M and r of the energy 1/2 x^T M x - r^T x
-    apart : constraints that keep pairs of points apart
+    constraints : constraints that keep pairs of points apart
     """
     result = _round_greedily(matrix, right)
-    result = _separate(matrix, apart, result)
+    result = _round_with_constraints(matrix, constraints, result)
     for _ in range(STEPS):
         slope = matrix @ result - right
         gain = np.abs(slope) - 0.5 * np.diag(matrix)
         step = -np.sign(slope)
-        if len(apart.least):
-            value = (apart.rows @ result)[:, None]
-            gain[(value + apart.rows * step < np.minimum(apart.least[:, None], value)).any(axis=0)] = 0.0
+        if len(constraints.lower_bounds):
+            value = (constraints.rows @ result)[:, None]
+            gain[(value + constraints.rows * step < np.minimum(constraints.lower_bounds[:, None], value)).any(axis=0)] = 0.0
         if not len(result) or gain.max() <= 1e-12:
             break
         k = int(gain.argmax())
@@ -60,14 +60,14 @@ def _round_greedily(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     return result
 
 
-def _separate(matrix: np.ndarray, apart: PositiveSums, result: np.ndarray) -> np.ndarray:
+def _round_with_constraints(matrix: np.ndarray, constraints: MapConstraints, result: np.ndarray) -> np.ndarray:
     """Return the integers nearest to ``result`` that keep all pairs apart; ``result`` itself if the solver finds none.
 
     Changes are weighted by the square root of the energy's second derivatives.
     """
     from scipy.optimize import Bounds, LinearConstraint, milp
 
-    if apart.hold(result):
+    if constraints.are_satisfied(result):
         return result
     size = len(result)
     eye = np.eye(size)
@@ -80,7 +80,7 @@ def _separate(matrix: np.ndarray, apart: PositiveSums, result: np.ndarray) -> np
             np.concatenate([result - FAR, np.zeros(size)]), np.concatenate([result + FAR, np.full(size, FAR)])
         ),
         constraints=[
-            LinearConstraint(np.hstack([apart.rows, np.zeros_like(apart.rows)]), apart.least, np.inf),
+            LinearConstraint(np.hstack([constraints.rows, np.zeros_like(constraints.rows)]), constraints.lower_bounds, np.inf),
             LinearConstraint(
                 beside,
                 np.concatenate([np.full(size, -np.inf), result]),

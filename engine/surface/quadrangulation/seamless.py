@@ -22,31 +22,33 @@ from ...linalg import SparseCholesky, SparsityPattern
 from .field import CrossField
 
 # After a rotation by -q quarter turns, coordinate c of (u, v) is SIGN[q][c] times the old coordinate TAKEN[q][c].
-TAKEN = ((0, 1), (1, 0), (0, 1), (1, 0))
-SIGN = ((1, 1), (1, -1), (-1, -1), (-1, 1))  # see TAKEN
-LOOSE = 1e-9  # share of the diagonal that is added to the matrix, which is singular where the whole map may shift
+ROTATED_AXIS = ((0, 1), (1, 0), (0, 1), (1, 0))
+ROTATED_SIGN = ((1, 1), (1, -1), (-1, -1), (-1, 1))  # see TAKEN
+DIAGONAL_SHIFT = (
+    1e-9  # share of the diagonal that is added to the matrix, which is singular where the whole map may shift
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Chart:
     """The mesh cut open to a disk, with consistent directions of u and v.
 
-    turn : quarter turns from the cross of every triangle to the direction of u
-    jump : for every side, quarter turns from the direction of u to that in the neighbouring triangle; 0 at the border
+    quarter_turns : quarter turns from the cross of every triangle to the direction of u
+    period_jumps : for every side, quarter turns from the direction of u to that in the neighbouring triangle; 0 at the border
     cut : mask of the sides on the cut, across which the map may jump
     wedge : vertex of the cut mesh, for every corner of every triangle
     """
 
     field: CrossField
-    turn: Int[np.ndarray, " triangles"]
-    jump: Int[np.ndarray, " sides"]
+    quarter_turns: Int[np.ndarray, " triangles"]
+    period_jumps: Int[np.ndarray, " sides"]
     cut: np.ndarray
     wedge: Int[np.ndarray, " corners"]
 
     @cached_property
     def angles(self) -> Float[np.ndarray, " triangles"]:
         """Angle from side 0 of every triangle to the direction of u, radians."""
-        return self.field.angles + 0.5 * np.pi * self.turn
+        return self.field.angles + 0.5 * np.pi * self.quarter_turns
 
 
 def cut_to_disk(field: CrossField) -> Chart:
@@ -55,10 +57,10 @@ def cut_to_disk(field: CrossField) -> Chart:
 
     mesh = field.mesh
     other, count = mesh.opposite, len(mesh.corners)
-    lean = (field.angles[:, None] - np.angle(mesh.sides)).ravel()
+    lean = (field.angles[:, None] - np.angle(mesh.side_vectors)).ravel()
     inner = other >= 0
     quarters = np.zeros(len(other), dtype=np.int64)  # quarter turns that make the neighbour's cross match
-    quarters[inner] = -np.round((lean[other] - lean - field.turns)[inner] / (0.5 * np.pi)).astype(np.int64) - 2
+    quarters[inner] = -np.round((lean[other] - lean - field.side_rotations)[inner] / (0.5 * np.pi)).astype(np.int64) - 2
     sides = np.flatnonzero(inner)
     dual = csr_array((np.ones(len(sides)), (sides // 3, other[sides] // 3)), shape=(count, count))
     order, before = breadth_first_order(dual, 0, directed=False)
@@ -72,22 +74,22 @@ def cut_to_disk(field: CrossField) -> Chart:
         crossed[s] = crossed[other[s]] = True
     jump = np.zeros(len(other), dtype=np.int64)
     jump[sides] = (turn[other[sides] // 3] - turn[sides // 3] - quarters[sides]) % 4
-    cut = _prune(field, inner & ~crossed)
+    cut = _prune_dead_ends(field, inner & ~crossed)
     if (jump[inner & ~cut] != 0).any():
         raise FlexMapsError("The field of crosses does not fit together")
     joined = np.flatnonzero(inner & ~cut)
-    a = np.concatenate([joined, _after(joined)])
-    b = np.concatenate([_after(other[joined]), other[joined]])
+    a = np.concatenate([joined, _next_side(joined)])
+    b = np.concatenate([_next_side(other[joined]), other[joined]])
     wedge = components(3 * count, a, b)
     return Chart(field, turn, jump, cut, wedge.astype(np.int64))
 
 
-def _after(sides: np.ndarray) -> np.ndarray:
+def _next_side(sides: np.ndarray) -> np.ndarray:
     """Return the next side of the same triangle; a corner has the number of the side that begins at it."""
     return sides - sides % 3 + (sides + 1) % 3
 
 
-def _prune(field: CrossField, cut: np.ndarray) -> np.ndarray:
+def _prune_dead_ends(field: CrossField, cut: np.ndarray) -> np.ndarray:
     """Return the cut without its dead ends, except those at irregular points or at the border."""
     mesh, irregular = field.mesh, field.indices != 0
     start, other = mesh.corners.ravel(), mesh.opposite
@@ -113,18 +115,18 @@ def _prune(field: CrossField, cut: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Lattice:
+class MapParametrisation:
     """All seamless maps of a chart, parametrised by real unknowns and integer unknowns.
 
-    Row 2 w + c of ``free`` and ``whole`` gives coordinate c (u or v) of wedge w: ``free`` times the real unknowns plus
-    ``whole`` times the integers.
+    Row 2 w + c of ``real_factors`` and ``integer_factors`` gives coordinate c (u or v) of wedge w: ``real_factors`` times the real unknowns plus
+    ``integer_factors`` times the integers.
     """
 
-    free: csr_array
-    whole: csr_array
+    real_factors: csr_array
+    integer_factors: csr_array
 
 
-def lattice(chart: Chart, lines: np.ndarray) -> Lattice:
+def parametrise_maps(chart: Chart, lines: np.ndarray) -> MapParametrisation:
     """Parametrise the seamless maps of a chart.
 
     Parameters
@@ -135,18 +137,18 @@ def lattice(chart: Chart, lines: np.ndarray) -> Lattice:
     field, mesh = chart.field, chart.field.mesh
     other, wedges = mesh.opposite, chart.wedge.max() + 1
     shift = _chains(chart)
-    relations: list[tuple[int, int, int, int]] = []  # (a, b, sign, shift), see ``_traverse``
+    relations: list[tuple[int, int, int, int]] = []  # (a, b, sign, shift), see ``_classify_coordinates``
     for s in np.flatnonzero(shift >= 0):
-        o, q = int(other[s]), int(chart.jump[s])
-        for mine, theirs in ((s, int(_after(np.array(o)))), (int(_after(np.array(s))), o)):
+        o, q = int(other[s]), int(chart.period_jumps[s])
+        for mine, theirs in ((s, int(_next_side(np.array(o)))), (int(_next_side(np.array(s))), o)):
             for c in (0, 1):
-                b = 2 * chart.wedge[mine] + TAKEN[q][c]
-                relations.append((int(2 * chart.wedge[theirs] + c), int(b), SIGN[q][c], 2 * int(shift[s]) + c))
+                b = 2 * chart.wedge[mine] + ROTATED_AXIS[q][c]
+                relations.append((int(2 * chart.wedge[theirs] + c), int(b), ROTATED_SIGN[q][c], 2 * int(shift[s]) + c))
     wholes: set[int] = set()
     for s in np.flatnonzero(lines):
         f = s // 3
-        along = round((np.angle(mesh.sides.ravel()[s]) - chart.angles[f]) / (0.5 * np.pi)) % 2
-        a, b = 2 * chart.wedge[[s, int(_after(np.array(s)))]] + 1 - along
+        along = round((np.angle(mesh.side_vectors.ravel()[s]) - chart.angles[f]) / (0.5 * np.pi)) % 2
+        a, b = 2 * chart.wedge[[s, int(_next_side(np.array(s)))]] + 1 - along
         relations.append((int(a), int(b), 1, -1))
         wholes.add(int(a))
     irregular = np.flatnonzero(field.indices[mesh.corners.ravel()] != 0)
@@ -155,7 +157,9 @@ def lattice(chart: Chart, lines: np.ndarray) -> Lattice:
     for w in np.unique(chart.wedge[irregular[~rim[mesh.corners.ravel()[irregular]]]]):
         wholes |= {int(2 * w), int(2 * w + 1)}
     shifts = 2 * (int(shift.max(initial=-1)) + 1)
-    return _eliminate(2 * int(wedges), shifts, _traverse(2 * int(wedges), relations, wholes, shifts))
+    return _eliminate_dependent(
+        2 * int(wedges), shifts, _classify_coordinates(2 * int(wedges), relations, wholes, shifts)
+    )
 
 
 def _chains(chart: Chart) -> np.ndarray:
@@ -190,25 +194,27 @@ def _chains(chart: Chart) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Classes:
+class _CoordinateClasses:
     """Classes of coordinates that determine each other.
 
     Each coordinate is its factor times the coordinate ``root`` of its class, plus its offset, a sum of shifts. A shift
     is an unknown integer by which the map jumps across a chain of the cut.
 
     root, factor, offset : of each coordinate; an offset maps numbers of shifts to factors
-    whole : mask of coordinates whose class lies on integers
+    is_integer : mask of coordinates whose class lies on integers
     rows : sums of shifts and roots that must be zero; root x has the number of shifts plus x as its number
     """
 
     root: Int[np.ndarray, " coordinates"]
     factor: Int[np.ndarray, " coordinates"]
     offset: dict[int, dict[int, int]]
-    whole: np.ndarray
+    is_integer: np.ndarray
     rows: list[dict[int, int]]
 
 
-def _traverse(size: int, relations: list[tuple[int, int, int, int]], wholes: set[int], shifts: int) -> _Classes:
+def _classify_coordinates(
+    size: int, relations: list[tuple[int, int, int, int]], wholes: set[int], shifts: int
+) -> _CoordinateClasses:
     """Find the classes of related coordinates, breadth first.
 
     Parameters
@@ -249,39 +255,39 @@ def _traverse(size: int, relations: list[tuple[int, int, int, int]], wholes: set
                     whole[first] = True
                 if any(row.values()):
                     rows.append({k: n for k, n in row.items() if n})
-    return _Classes(root, factor, offset, whole[root], rows)
+    return _CoordinateClasses(root, factor, offset, whole[root], rows)
 
 
-def _eliminate(size: int, shifts: int, walked: _Classes) -> Lattice:
+def _eliminate_dependent(size: int, shifts: int, classes: _CoordinateClasses) -> MapParametrisation:
     """Express the coordinates by real unknowns and independent integers, after elimination of the dependent ones.
 
     Parameters
     ----------
     size, shifts : number of coordinates, number of shifts
-    walked : classes of coordinates, with the equations (``rows``) that the integers must satisfy
+    classes : classes of coordinates, with the equations (``rows``) that the integers must satisfy
     """
-    is_root = walked.root == np.arange(size)
+    is_root = classes.root == np.arange(size)
     place = np.full(size, -1)
-    whole, free = np.flatnonzero(is_root & walked.whole), np.flatnonzero(is_root & ~walked.whole)
+    whole, free = np.flatnonzero(is_root & classes.is_integer), np.flatnonzero(is_root & ~classes.is_integer)
     place[whole], place[free] = shifts + np.arange(len(whole)), np.arange(len(free))
-    rows = [{k if k < shifts else int(place[k - shifts]): n for k, n in row.items()} for row in walked.rows]
-    basis = _kernel(rows, shifts + len(whole))
-    entries = [(x, k, n) for x, found in walked.offset.items() for k, n in found.items()]
+    rows = [{k if k < shifts else int(place[k - shifts]): n for k, n in row.items()} for row in classes.rows]
+    basis = _integer_kernel(rows, shifts + len(whole))
+    entries = [(x, k, n) for x, found in classes.offset.items() for k, n in found.items()]
     more = np.array(entries, dtype=np.int64).reshape(-1, 3)
-    there = walked.whole
+    there = classes.is_integer
     numbers = coo_array(
         (
-            np.r_[walked.factor[there], more[:, 2]].astype(float),
-            (np.r_[np.flatnonzero(there), more[:, 0]], np.r_[place[walked.root[there]], more[:, 1]]),
+            np.r_[classes.factor[there], more[:, 2]].astype(float),
+            (np.r_[np.flatnonzero(there), more[:, 0]], np.r_[place[classes.root[there]], more[:, 1]]),
         ),
         shape=(size, len(basis)),
     )
     at = np.flatnonzero(~there)
-    factors = coo_array((walked.factor[at].astype(float), (at, place[walked.root[at]])), shape=(size, len(free)))
-    return Lattice(factors.tocsr(), csr_array(numbers.tocsr() @ csr_array(basis.astype(float))))
+    factors = coo_array((classes.factor[at].astype(float), (at, place[classes.root[at]])), shape=(size, len(free)))
+    return MapParametrisation(factors.tocsr(), csr_array(numbers.tocsr() @ csr_array(basis.astype(float))))
 
 
-def _kernel(rows: list[dict[int, int]], size: int) -> np.ndarray:
+def _integer_kernel(rows: list[dict[int, int]], size: int) -> np.ndarray:
     """Return a basis (size, k) of all integer solutions of the equations ``rows``, by Euclid's algorithm on columns."""
     basis = np.eye(size, dtype=np.int64, order="F")
     # mask of columns in use; the others are zeroed and removed together at the end, as each removal copies the matrix
@@ -304,19 +310,19 @@ def _kernel(rows: list[dict[int, int]], size: int) -> np.ndarray:
     return basis[:, left]
 
 
-class Maps:
+class SeamlessMaps:
     """Least-squares maps of a chart for any quad size; the expensive parts are computed once.
 
     The energy is the area integral of |grad u - d|^2 + |grad v - i d|^2, with d the unit direction of u from the cross
     field divided by the quad's edge.
     """
 
-    def __init__(self, chart: Chart, found: Lattice):
+    def __init__(self, chart: Chart, found: MapParametrisation):
         mesh = chart.field.mesh
         count = len(mesh.corners)
-        self.chart, self.lattice = chart, found
+        self.chart, self.parametrisation = chart, found
         # the gradient of a corner's hat function is perpendicular to the opposite side (Bommes et al. 2009, section 4)
-        gradient = (1j * np.roll(mesh.sides, -1, axis=1) / (2 * mesh.areas[:, None])).ravel()
+        gradient = (1j * np.roll(mesh.side_vectors, -1, axis=1) / (2 * mesh.areas[:, None])).ravel()
         row = 4 * np.repeat(np.arange(count), 3)
         gradients = coo_array(
             (
@@ -328,24 +334,24 @@ class Maps:
             ),
             shape=(4 * count, 2 * (int(chart.wedge.max()) + 1)),
         ).tocsr()
-        self._free, self._whole = gradients @ found.free, gradients @ found.whole
+        self._real_gradients, self._integer_gradients = gradients @ found.real_factors, gradients @ found.integer_factors
         along = np.exp(1j * chart.angles)
-        self._wished = np.stack([along.real, along.imag, -along.imag, along.real], axis=1).ravel()
-        normal = (self._free.T @ self._free).tocoo()
+        self._target_gradients = np.stack([along.real, along.imag, -along.imag, along.real], axis=1).ravel()
+        normal = (self._real_gradients.T @ self._real_gradients).tocoo()
         self._pattern = SparsityPattern(normal.coords[0], normal.coords[1], normal.shape[0])
         self._factor = SparseCholesky(self._pattern)
-        self.weigh(np.ones(count))
+        self.set_weights(np.ones(count))
 
-    def weigh(self, weights: Float[np.ndarray, " triangles"]) -> None:
+    def set_weights(self, weights: Float[np.ndarray, " triangles"]) -> None:
         """Weight every triangle in the energy by its area times ``weights``."""
         self._weight = np.repeat(self.chart.field.mesh.areas * weights, 4)
-        normal = (self._free.T @ (diags_array(self._weight) @ self._free)).tocoo()
+        normal = (self._real_gradients.T @ (diags_array(self._weight) @ self._real_gradients)).tocoo()
         rows = self._pattern.size * normal.coords[1].astype(np.int64) + normal.coords[0]
         keys = self._pattern.size * self._pattern.columns + self._pattern.indices
         below = normal.coords[0] >= normal.coords[1]
         values = np.zeros(self._pattern.nnz)
         values[np.searchsorted(keys, rows[below])] = normal.data[below]
-        values[self._pattern.columns == self._pattern.indices] *= 1 + LOOSE
+        values[self._pattern.columns == self._pattern.indices] *= 1 + DIAGONAL_SHIFT
         self._factor.factor(values)
 
     @cached_property
@@ -354,11 +360,13 @@ class Maps:
 
         The real unknowns take their optimal values (Schur complement).
         """
-        weighted = diags_array(self._weight) @ self._whole
-        cross = (self._free.T @ weighted).toarray()
+        weighted = diags_array(self._weight) @ self._integer_gradients
+        cross = (self._real_gradients.T @ weighted).toarray()
         solved = self._factor.solve(cross) if cross.size else cross
-        right = weighted.T @ self._wished - solved.T @ (self._free.T @ (self._weight * self._wished))
-        return (self._whole.T @ weighted).toarray() - cross.T @ solved, right
+        right = weighted.T @ self._target_gradients - solved.T @ (
+            self._real_gradients.T @ (self._weight * self._target_gradients)
+        )
+        return (self._integer_gradients.T @ weighted).toarray() - cross.T @ solved, right
 
     def real_optimum(self, edge: float) -> Float[np.ndarray, " whole"]:
         """Return the integers' optimal values if they need not be integers; ``edge`` in metres."""
@@ -374,8 +382,11 @@ class Maps:
         count = len(right)
         return matrix + np.eye(count) * (1e-9 * max(float(np.trace(matrix)) / max(count, 1), 1e-300)), right / edge
 
-    def map(self, edge: float, whole: np.ndarray) -> Float[np.ndarray, "triangles 3 2"]:
+    def uv_coordinates(self, edge: float, whole: np.ndarray) -> Float[np.ndarray, "triangles 3 2"]:
         """Return u and v at every corner, in quads, for the integers ``whole`` and a quad edge in metres."""
-        right = self._weight * (self._wished / edge - self._whole @ whole)
-        both = self.lattice.free @ self._factor.solve(self._free.T @ right) + self.lattice.whole @ whole
+        right = self._weight * (self._target_gradients / edge - self._integer_gradients @ whole)
+        both = (
+            self.parametrisation.real_factors @ self._factor.solve(self._real_gradients.T @ right)
+            + self.parametrisation.integer_factors @ whole
+        )
         return both.reshape(-1, 2)[self.chart.wedge].reshape(-1, 3, 2)

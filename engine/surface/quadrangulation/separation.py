@@ -18,35 +18,37 @@ from ...arrays import Float, Int, Num
 from ...errors import FlexMapsError
 from ...progress import SILENT, Progress
 from ...tolerances import SINGLE_TOL
-from .seamless import SIGN, TAKEN, Maps
+from .seamless import ROTATED_AXIS, ROTATED_SIGN, SeamlessMaps
 
 TOO_MANY_FOLDS = "The surface has too many sharp folds for a map"
-NEAR = 2.0  # largest distance of two irregular points that need a constraint, in quads; larger: slower
-ACROSS = 1.2  # largest distance of a point from a border or fold that needs a constraint, in quads; larger: slower
-BESIDE = 0.6  # largest offset of a point, along a border or fold, from a vertex beside which it lies, in quads
-MANY = 5000  # largest number of pairs; noise or many pleats give far more, which take too much time and memory
-DIGITS = 9  # decimals to which the factors of two constraints must agree for the constraints to be equal
+MAX_POINT_DISTANCE = 2.0  # largest distance of two irregular points that need a constraint, in quads; larger: slower
+MAX_LINE_DISTANCE = (
+    1.2  # largest distance of a point from a border or fold that needs a constraint, in quads; larger: slower
+)
+MAX_LINE_OFFSET = 0.6  # largest offset of a point, along a border or fold, from a vertex beside which it lies, in quads
+MAX_PAIRS = 5000  # largest number of pairs; noise or many pleats give far more, which take too much time and memory
+ROW_DECIMALS = 9  # decimals to which the factors of two constraints must agree for the constraints to be equal
 # Smallest offset between two irregular points after rounding, in quads, along the direction of their offset before it:
 # above zero, so that they do not coincide or swap. Larger: fewer roundings are possible.
-LEAST = 0.05
+MIN_SEPARATION = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class PositiveSums:
-    """Linear constraints on the map's integers x: ``rows`` @ x >= ``least``, with positive lower bounds."""
+class MapConstraints:
+    """Linear constraints on the map's integers x: ``rows`` @ x >= ``lower_bounds``, with positive lower bounds."""
 
     rows: Float[np.ndarray, "pairs whole"]
-    least: Float[np.ndarray, " pairs"]
+    lower_bounds: Float[np.ndarray, " pairs"]
 
-    def hold(self, whole: Num[np.ndarray, " whole"]) -> bool:
+    def are_satisfied(self, whole: Num[np.ndarray, " whole"]) -> bool:
         """Return whether these integers satisfy all constraints."""
-        return not len(self.least) or bool((self.rows @ whole >= self.least).all())
+        return not len(self.lower_bounds) or bool((self.rows @ whole >= self.lower_bounds).all())
 
 
-NOTHING = PositiveSums(np.empty((0, 0)), np.empty(0))  # satisfied by all integers
+NO_CONSTRAINTS = MapConstraints(np.empty((0, 0)), np.empty(0))  # satisfied by all integers
 
 
-def apart(maps: Maps, edge: float, progress: Progress = SILENT) -> PositiveSums:
+def separation_constraints(maps: SeamlessMaps, edge: float, progress: Progress = SILENT) -> MapConstraints:
     """Return constraints that keep nearby irregular points, borders and folds apart when the map is rounded.
 
     Parameters
@@ -57,17 +59,21 @@ def apart(maps: Maps, edge: float, progress: Progress = SILENT) -> PositiveSums:
 
     Raises
     ------
-    FlexMapsError : there are more than ``MANY`` pairs of nearby points
+    FlexMapsError : there are more than ``MAX_PAIRS`` pairs of nearby points
     """
     search = _NeighbourWalk(maps, edge)
-    every = [(int(corner), radius) for held, radius in ((2, NEAR), (1, ACROSS)) for corner in search.held_in(held)]
+    every = [
+        (int(corner), radius)
+        for held, radius in ((2, MAX_POINT_DISTANCE), (1, MAX_LINE_DISTANCE))
+        for corner in search.corners_on_integers(held)
+    ]
     for corner, radius in progress.each(every, "Looking for what lies near each other"):
-        search.look_round(corner, radius)
-        if len(search.found) > MANY:
+        search.add_constraints_near(corner, radius)
+        if len(search.constraints) > MAX_PAIRS:
             raise FlexMapsError(TOO_MANY_FOLDS)
-    found = list(search.found.values())
-    rows = np.array([row for row, _ in found], dtype=float).reshape(-1, maps.lattice.whole.shape[1])
-    return PositiveSums(rows, np.array([least for _, least in found], dtype=float))
+    found = list(search.constraints.values())
+    rows = np.array([row for row, _ in found], dtype=float).reshape(-1, maps.parametrisation.integer_factors.shape[1])
+    return MapConstraints(rows, np.array([least for _, least in found], dtype=float))
 
 
 class _NeighbourWalk:
@@ -77,13 +83,13 @@ class _NeighbourWalk:
     the triangle where the walk began. Walks meet the same frames repeatedly, so each is computed once and numbered.
     """
 
-    def __init__(self, maps: Maps, edge: float):
+    def __init__(self, maps: SeamlessMaps, edge: float):
         from scipy.spatial import cKDTree
 
         self.chart, self.mesh, self.edge = maps.chart, maps.chart.field.mesh, edge
-        self.whole: csr_array = maps.lattice.whole
-        self.relaxed = maps.real_optimum(edge)
-        held = (np.diff(maps.lattice.free.indptr) == 0).reshape(-1, 2)[self.chart.wedge]
+        self.whole: csr_array = maps.parametrisation.integer_factors
+        self.real_optimum = maps.real_optimum(edge)
+        held = (np.diff(maps.parametrisation.real_factors.indptr) == 0).reshape(-1, 2)[self.chart.wedge]
         self._counts = held.sum(axis=1)
         middles = self.mesh.vertices[self.mesh.corners].mean(axis=1)
         self._tree = cKDTree(middles)
@@ -92,25 +98,25 @@ class _NeighbourWalk:
             x.tolist() for x in (self.mesh.opposite, self.chart.cut, self.mesh.corners.ravel(), self.chart.wedge)
         )
         self._held, self._any_held = held.tolist(), held.any(axis=1).tolist()
-        self._uv = maps.map(edge, self.relaxed).reshape(-1, 2).tolist()
+        self._uv = maps.uv_coordinates(edge, self.real_optimum).reshape(-1, 2).tolist()
         # at the border opposite is -1, which selects the last triangle: harmless, as no walk crosses the border
         other = self.mesh.opposite.reshape(-1, 3)
         self._way = np.linalg.norm(middles[other // 3] - middles[:, None], axis=2).ravel().tolist()
-        self.found: dict[bytes, tuple[np.ndarray, float]] = {}
+        self.constraints: dict[bytes, tuple[np.ndarray, float]] = {}
         self._rows: dict[int, np.ndarray] = {}
         self._steps: dict[int, int] = {}  # side -> number of the transition between its two triangles
-        self._moves = _Numbered()
-        self._frames = _Numbered()
-        self._frames.add(np.eye(2, dtype=np.int64), np.zeros((2, self.whole.shape[1]), dtype=np.int64))
+        self._moves = _IndexedMotions()
+        self._frames = _IndexedMotions()
+        self._frames.index_of(np.eye(2, dtype=np.int64), np.zeros((2, self.whole.shape[1]), dtype=np.int64))
         self._next: dict[tuple[int, int], int] = {}  # frame and transition -> frame
         self._plain: dict[int, tuple[list[list[int]], list[float]]] = {}  # frame -> rotation and shift as lists
 
-    def held_in(self, number: int) -> Int[np.ndarray, " corners"]:
+    def corners_on_integers(self, number: int) -> Int[np.ndarray, " corners"]:
         """Return one corner of every vertex of the cut mesh of which ``number`` coordinates must be integers."""
         at = np.flatnonzero(self._counts == number)
         return at[np.unique(self.chart.wedge[at], return_index=True)[1]]
 
-    def look_round(self, corner: int, radius: float) -> None:
+    def add_constraints_near(self, corner: int, radius: float) -> None:
         """Record the constraints between a corner and the points within ``radius`` quads of it."""
         vertex, opposite, wedge, cut, way = self._vertex, self._opposite, self._wedge, self._cut, self._way
         near_enough = set(self._tree.query_ball_point(self.mesh.vertices[vertex[corner]], radius * self.edge))
@@ -125,12 +131,12 @@ class _NeighbourWalk:
                 point = wedge[h], frame
                 if self._any_held[h] and vertex[h] != vertex[corner] and point not in compared:
                     compared.add(point)
-                    self._compare(corner, h, frame)
+                    self._add_pair(corner, h, frame)
                 g = opposite[h] // 3  # -1 at the border, which is never near enough
                 if g not in seen and g in near_enough:
-                    heapq.heappush(todo, (far + way[h], g, self._over(frame, h) if cut[h] else frame))
+                    heapq.heappush(todo, (far + way[h], g, self._frame_across(frame, h) if cut[h] else frame))
 
-    def _compare(self, corner: int, h: int, frame: int) -> None:
+    def _add_pair(self, corner: int, h: int, frame: int) -> None:
         """Record the constraint between the corner where the walk began and corner ``h``, if they need one.
 
         If both coordinates of both points are integers, the points must keep their order; otherwise each coordinate
@@ -141,68 +147,68 @@ class _NeighbourWalk:
         way = [turn[c][0] * u + turn[c][1] * v + shift[c] - here[c] for c in (0, 1)]
         both = [held[c] and (there[0] if turn[c][0] else there[1]) for c in (0, 1)]
         if all(both):
-            if max(abs(way[0]), abs(way[1])) < NEAR and (size := hypot(*way)) > SINGLE_TOL:
+            if max(abs(way[0]), abs(way[1])) < MAX_POINT_DISTANCE and (size := hypot(*way)) > SINGLE_TOL:
                 row = self._difference(corner, h, frame)
                 if row.any():
-                    self._note(np.array(way) @ row / size, LEAST)
+                    self._record(np.array(way) @ row / size, MIN_SEPARATION)
             return
         for c in (0, 1):
-            if both[c] and SINGLE_TOL < abs(way[c]) < ACROSS and abs(way[1 - c]) < BESIDE:
+            if both[c] and SINGLE_TOL < abs(way[c]) < MAX_LINE_DISTANCE and abs(way[1 - c]) < MAX_LINE_OFFSET:
                 row = self._difference(corner, h, frame)[c]
                 if row.any():
-                    self._note(row if way[c] > 0 else -row, 1.0)
+                    self._record(row if way[c] > 0 else -row, 1.0)
 
     def _difference(self, corner: int, h: int, frame: int) -> np.ndarray:
         """Return the offset from ``corner`` to ``h`` in u and v, as factors of the map's integers, (2, whole)."""
         turn, shift = self._frames[frame]
-        return turn @ self._row(h) + shift - self._row(corner)
+        return turn @ self._coordinate_rows(h) + shift - self._coordinate_rows(corner)
 
     def _plain_frame(self, frame: int) -> tuple[list[list[int]], list[float]]:
         """Return the rotation of a frame and its shift, for the unrounded integers, as lists."""
         if frame not in self._plain:
             turn, shift = self._frames[frame]
-            self._plain[frame] = turn.tolist(), (shift @ self.relaxed).tolist()
+            self._plain[frame] = turn.tolist(), (shift @ self.real_optimum).tolist()
         return self._plain[frame]
 
-    def _note(self, row: np.ndarray, least: float) -> None:
+    def _record(self, row: np.ndarray, least: float) -> None:
         """Record a constraint once, although the walk meets a pair from both ends and along several ways."""
-        self.found.setdefault((np.round(row, DIGITS) + 0.0).tobytes(), (row, least))
+        self.constraints.setdefault((np.round(row, ROW_DECIMALS) + 0.0).tobytes(), (row, least))
 
-    def _row(self, h: int) -> np.ndarray:
+    def _coordinate_rows(self, h: int) -> np.ndarray:
         """Return u and v of a corner as factors of the map's integers, (2, whole)."""
         wedge = self._wedge[h]
         if wedge not in self._rows:
             self._rows[wedge] = self.whole[2 * wedge : 2 * wedge + 2].toarray().astype(np.int64)
         return self._rows[wedge]
 
-    def _over(self, frame: int, s: int) -> int:
+    def _frame_across(self, frame: int, s: int) -> int:
         """Return the number of the frame in the neighbouring triangle across side ``s`` of the cut."""
-        move = self._step(s)
+        move = self._transition_across(s)
         if (frame, move) not in self._next:
             (turn, shift), (of_step, by) = self._frames[frame], self._moves[move]
             back = turn @ of_step.T
-            self._next[frame, move] = self._frames.add(back, shift - back @ by)
+            self._next[frame, move] = self._frames.index_of(back, shift - back @ by)
         return self._next[frame, move]
 
-    def _step(self, s: int) -> int:
+    def _transition_across(self, s: int) -> int:
         """Return the number of the transition across side ``s`` of the cut: a rotation, then a shift."""
         if s not in self._steps:
-            o, q = self._opposite[s], int(self.chart.jump[s])
+            o, q = self._opposite[s], int(self.chart.period_jumps[s])
             turn = np.zeros((2, 2), dtype=np.int64)
-            turn[[0, 1], TAKEN[q]] = SIGN[q]
+            turn[[0, 1], ROTATED_AXIS[q]] = ROTATED_SIGN[q]
             after = o - o % 3 + (o + 1) % 3
-            self._steps[s] = self._moves.add(turn, self._row(after) - turn @ self._row(s))
+            self._steps[s] = self._moves.index_of(turn, self._coordinate_rows(after) - turn @ self._coordinate_rows(s))
         return self._steps[s]
 
 
-class _Numbered(list[tuple[np.ndarray, np.ndarray]]):
+class _IndexedMotions(list[tuple[np.ndarray, np.ndarray]]):
     """List of pairs of a rotation and a shift, without duplicates."""
 
     def __init__(self) -> None:
         super().__init__()
         self._number: dict[bytes, int] = {}
 
-    def add(self, turn: Int[np.ndarray, "2 2"], shift: Int[np.ndarray, "2 whole"]) -> int:
+    def index_of(self, turn: Int[np.ndarray, "2 2"], shift: Int[np.ndarray, "2 whole"]) -> int:
         """Return the number of a pair, adding it if it is new."""
         key = turn.tobytes() + shift.tobytes()
         if key not in self._number:

@@ -14,15 +14,15 @@ from ...progress import Progress
 from ..checking.check import Finding
 from ..checking.topology import bodies, corner_fans, non_manifold_vertices, orientation_faults, sides_of
 from ..mesh import PolygonMesh
-from .mend import TargetSurface, of_rows
-from .tool import Tool
+from .mend import TargetSurface, mesh_from_rows
+from .tool import RemeshTool
 
 # Largest ratio of the quads that small bodies need at least to the quads wanted. Larger: more small bodies are kept,
 # but a mesh of loose faces, whose vertices should be merged instead, is remeshed too.
 BEYOND = 2
 
 
-def triangles_of(mesh: PolygonMesh, tolerance: float, tool: Tool, progress: Progress) -> PolygonMesh:
+def triangulate_and_merge(mesh: PolygonMesh, tolerance: float, tool: RemeshTool, progress: Progress) -> PolygonMesh:
     """Return a mesh as triangles, with corners nearer than the tolerance merged.
 
     Parameters
@@ -42,13 +42,15 @@ def triangles_of(mesh: PolygonMesh, tolerance: float, tool: Tool, progress: Prog
     return triangles
 
 
-def parts_of(triangles: PolygonMesh, tool: Tool, progress: Progress) -> tuple[list[PolygonMesh], list[Finding]]:
+def bodies_to_remesh(
+    triangles: PolygonMesh, tool: RemeshTool, progress: Progress
+) -> tuple[list[PolygonMesh], list[Finding]]:
     """Return the bodies to remesh one by one, and warnings about bodies that were joined or cut apart."""
-    whole, found = apart(triangles), []
+    whole, found = split_components(triangles), []
     if len(whole) > 1:
         closed = np.array([is_closed(part) for part in whole])
         group_of = np.arange(len(whole))
-        for a, b in tool.touching(whole, progress.quiet()):
+        for a, b in tool.intersecting_pairs(whole, progress.quiet()):
             if closed[a] and closed[b]:
                 group_of[group_of == group_of[b]] = group_of[a]
         groups = [np.flatnonzero(group_of == k) for k in np.unique(group_of)]
@@ -64,7 +66,7 @@ def parts_of(triangles: PolygonMesh, tool: Tool, progress: Progress) -> tuple[li
     for part in whole:
         clean = is_clean(part)
         if not clean and not is_closed(part):
-            pieces = apart(cut_apart(part))
+            pieces = split_components(split_non_manifold(part))
             if len(pieces) > 1:
                 found.append(
                     make_warning(
@@ -75,14 +77,14 @@ def parts_of(triangles: PolygonMesh, tool: Tool, progress: Progress) -> tuple[li
             parts += pieces
         else:
             parts.append(part)
-    if any(has_one_side(part) for part in parts if not is_closed(part)):
+    if any(is_one_sided(part) for part in parts if not is_closed(part)):
         raise FlexMapsError(
             "A part has only one side, like a Moebius strip: cut it open along a row of edges (V in Blender)"
         )
     return parts, found
 
 
-def without_crumbs(
+def choose_bodies(
     areas: Float[np.ndarray, " bodies"], count: int, fewest: Int[np.ndarray, " bodies"], crumbs: float
 ) -> tuple[Bool[np.ndarray, " bodies"], list[Finding]]:
     """Decide which bodies get quads, and report the others, which are left out.
@@ -135,7 +137,7 @@ def make_warning(code: str, message: str) -> Finding:
     return Finding(code, "warning", message)
 
 
-def apart(mesh: PolygonMesh) -> list[PolygonMesh]:
+def split_components(mesh: PolygonMesh) -> list[PolygonMesh]:
     """Split a triangle mesh into its connected components, each with its own vertices and consistent orientation."""
     sides = sides_of(mesh)
     body = bodies(sides, len(mesh.sizes))
@@ -144,17 +146,17 @@ def apart(mesh: PolygonMesh) -> list[PolygonMesh]:
     corners[turned] = corners[turned][:, ::-1]
     order = np.argsort(body, kind="stable")
     ends = np.cumsum(np.bincount(body))
-    return [of_rows(mesh.vertices, corners[faces]) for faces in np.split(order, ends[:-1])]
+    return [mesh_from_rows(mesh.vertices, corners[faces]) for faces in np.split(order, ends[:-1])]
 
 
-def cut_apart(mesh: PolygonMesh) -> PolygonMesh:
+def split_non_manifold(mesh: PolygonMesh) -> PolygonMesh:
     """Duplicate vertices so that every fan of faces has its own; this separates edges of three or more faces."""
     fan = corner_fans(sides_of(mesh))
     _, first = np.unique(fan, return_index=True)
     return PolygonMesh(mesh.vertices[mesh.corners[first]], fan.astype(np.int64), mesh.sizes)
 
 
-def has_one_side(mesh: PolygonMesh) -> bool:
+def is_one_sided(mesh: PolygonMesh) -> bool:
     """Return whether a body is not orientable, like a Moebius strip."""
     sides = sides_of(mesh)
     return bool(len(orientation_faults(sides, bodies(sides, len(mesh.sizes)))[1]))
@@ -185,7 +187,7 @@ def concatenate_meshes(parts: list[PolygonMesh]) -> PolygonMesh:
     )
 
 
-def target_of(mesh: PolygonMesh) -> TargetSurface:
+def target_surface(mesh: PolygonMesh) -> TargetSurface:
     """Triangulate a mesh, each face as a fan from its first corner, into a surface to project onto."""
     rows = [
         np.stack([mesh.corners[mesh.starts[mesh.sizes > k + 1] + j] for j in (0, k, k + 1)], axis=1)

@@ -18,7 +18,7 @@ USUAL, WORST = 0.5, 1.5
 MOST_TIPS = 20000
 
 
-def finer(count: int) -> int:
+def suggest_finer_count(count: int) -> int:
     """Return the number of quads to suggest where ``count`` quads miss details: twice as many, rounded to tens."""
     return round(2.0 * count / 10.0) * 10
 
@@ -42,9 +42,9 @@ def warn_of_gaps(
     """
     edge = (made.area / len(quads.sizes)) ** 0.5
     tips = whole.vertices[:: 1 + len(whole.vertices) // MOST_TIPS]  # samples spread evenly by area miss sharp tips
-    points = np.concatenate([whole.samples, tips])
+    points = np.concatenate([whole.sample_points, tips])
     away = made.distances(points) / edge
-    usual = np.percentile(away[: len(whole.samples)], 95)
+    usual = np.percentile(away[: len(whole.sample_points)], 95)
     ratio = made.area / whole.area
     if usual <= USUAL and away.max() <= WORST and AREA[0] <= ratio <= AREA[1]:
         return []
@@ -55,6 +55,6 @@ def warn_of_gaps(
     faces = np.unique(cKDTree(middles).query(far)[1]) + first
     text = (
         f"The quads lie up to {away.max():.2g} edge lengths away from the surface and have {100.0 * ratio:.0f} % of its area, so that "
-        f"parts are lost near {with_count(len(faces), 'face', 'faces')}: remesh to {finer(count)} quads"
+        f"parts are lost near {with_count(len(faces), 'face', 'faces')}: remesh to {suggest_finer_count(count)} quads"
     )
     return [make_finding("surface-missed", text, faces, severity="warning")]

@@ -22,7 +22,7 @@ CREASE = np.radians(80.0)
 CREASE_EDGES = 6  # smallest number of connected sharp edges that make a crease; fewer are treated as noise
 
 
-def fan(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
+def triangulate_at_centroids(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
     """Return vertices and triangles of a quad mesh, each quad split into four triangles round its centroid.
 
     Unlike a split into two triangles, this prefers neither diagonal.
@@ -51,11 +51,11 @@ def _shortest_edges(mesh: QuadMesh, points: np.ndarray) -> Float[np.ndarray, " v
 
 
 @dataclass(frozen=True, eq=False)
-class Guide:
+class VertexConstraints:
     """Surface, lines (border and creases) and corners of the original mesh, on which vertices must stay.
 
     shortest : original length of the shortest edge at every vertex, metres
-    fixed : mask of vertices that do not move
+    is_fixed : mask of vertices that do not move
     sliding : vertices that may move along a line
     before, after : neighbours of the sliding vertices on their line
     line_edges : edges of the lines, as pairs of vertices
@@ -64,21 +64,23 @@ class Guide:
     mesh: QuadMesh
     surface: TriangleTree
     shortest: Float[np.ndarray, " vertices"]
-    fixed: Bool[np.ndarray, " vertices"]
+    is_fixed: Bool[np.ndarray, " vertices"]
     sliding: Int[np.ndarray, " sliding"]
     before: Int[np.ndarray, " sliding"]
     after: Int[np.ndarray, " sliding"]
     line_edges: Int[np.ndarray, "lines 2"]
 
     @classmethod
-    def from_mesh(cls, mesh: QuadMesh, boundary: bool) -> Guide:
+    def from_mesh(cls, mesh: QuadMesh, boundary: bool) -> VertexConstraints:
         """Build the constraints of a mesh; with ``boundary``, border vertices stay on the border."""
         shortest = _shortest_edges(mesh, mesh.vertices)
-        line_edges = mesh.edges[_lines(mesh, boundary)]
+        line_edges = mesh.edges[_feature_edges(mesh, boundary)]
         fixed, sliding, before, after = _classify_line_vertices(mesh, line_edges)
-        return cls(mesh, TriangleTree(*fan(mesh)), shortest, fixed, sliding, before, after, line_edges)
+        return cls(
+            mesh, TriangleTree(*triangulate_at_centroids(mesh)), shortest, fixed, sliding, before, after, line_edges
+        )
 
-    def back(self, start: np.ndarray, wanted: np.ndarray) -> Float[np.ndarray, "vertices 3"]:
+    def move_towards(self, start: np.ndarray, wanted: np.ndarray) -> Float[np.ndarray, "vertices 3"]:
         """Move vertices from ``start`` towards ``wanted``, within the surface and the lines.
 
         Moves are shortened so that no edge is reversed. All positions are in metres.
@@ -89,7 +91,7 @@ class Guide:
         tangent = start[self.after] - start[self.before]
         tangent /= np.maximum(np.linalg.norm(tangent, axis=1), 1e-300)[:, None]
         step[self.sliding] = np.einsum("si,si->s", step[self.sliding], tangent)[:, None] * tangent
-        step[self.fixed] = 0.0
+        step[self.is_fixed] = 0.0
         length = np.linalg.norm(step, axis=1)
         longest = STEP * np.minimum(self.shortest, _shortest_edges(self.mesh, start))
         step *= np.minimum(1.0, longest / np.maximum(length, 1e-300))[:, None]
@@ -103,11 +105,11 @@ class Guide:
             found[self.sliding] = igl.point_mesh_squared_distance(
                 (start + step)[self.sliding], self.mesh.vertices, self.line_edges
             )[2]
-        found[self.fixed] = start[self.fixed]
+        found[self.is_fixed] = start[self.is_fixed]
         return found
 
 
-def _lines(mesh: QuadMesh, boundary: bool) -> Int[np.ndarray, " lines"]:
+def _feature_edges(mesh: QuadMesh, boundary: bool) -> Int[np.ndarray, " lines"]:
     """Return indices of the edges of creases and, with ``boundary``, of the border."""
     a, b = mesh.dual.T
     sharp = mesh.dual_edges[np.einsum("di,di->d", mesh.normals[a], mesh.normals[b]) < np.cos(CREASE)]
@@ -147,7 +149,7 @@ def _classify_line_vertices(
 # -- distances ---------------------------------------------------------------------------------------------------------
 
 
-def samples(mesh: QuadMesh) -> np.ndarray:
+def sample_points(mesh: QuadMesh) -> np.ndarray:
     """Return the vertices and the quads' centroids, (V + F, 3): points to measure distances from."""
     return np.concatenate([mesh.vertices, mesh.centroids])
 
@@ -156,4 +158,4 @@ def distances(mesh: QuadMesh, points: Float[np.ndarray, "points 3"]) -> Float[np
     """Return the distances from points to the surface of a quad mesh, metres."""
     import igl
 
-    return np.sqrt(igl.point_mesh_squared_distance(points, *fan(mesh))[0])
+    return np.sqrt(igl.point_mesh_squared_distance(points, *triangulate_at_centroids(mesh))[0])

@@ -12,8 +12,8 @@ from ...arrays import Float
 from ...tolerances import SINGLE_TOL
 from ..checking.topology import sides_of
 from ..mesh import PolygonMesh
-from .bodies import concatenate_meshes, target_of
-from .mend import of_rows
+from .bodies import concatenate_meshes, target_surface
+from .mend import mesh_from_rows
 
 # Symmetry tolerance: largest distance of a mirrored vertex from the surface, as a share of the mesh's extent; also the
 # largest cosine between normals of perpendicular planes. Larger: slightly asymmetric meshes are made symmetric.
@@ -25,7 +25,7 @@ FITS = 4  # iterations of fitting a plane to points and their mirror images; mor
 
 
 @dataclass(frozen=True, eq=False)
-class Plane:
+class MirrorPlane:
     """A mirror plane.
 
     point : any point on the plane, metres
@@ -35,17 +35,17 @@ class Plane:
     point: Float[np.ndarray, " 3"]
     normal: Float[np.ndarray, " 3"]
 
-    def heights(self, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
+    def signed_distances(self, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
         """Return the signed distances of points from the plane, metres."""
         return (points - self.point) @ self.normal
 
     def mirror(self, mesh: PolygonMesh) -> PolygonMesh:
         """Reflect a mesh and reverse its faces, so that they still face outwards; faces keep their first corners."""
-        points = mesh.vertices - 2.0 * self.heights(mesh.vertices)[:, None] * self.normal
+        points = mesh.vertices - 2.0 * self.signed_distances(mesh.vertices)[:, None] * self.normal
         corners = mesh.corners.reshape(len(mesh.sizes), -1)
         return PolygonMesh(points, np.roll(corners[:, ::-1], 1, axis=1).ravel(), mesh.sizes)
 
-    def maps(self, one: PolygonMesh, other: PolygonMesh, extent: float) -> bool:
+    def maps_onto(self, one: PolygonMesh, other: PolygonMesh, extent: float) -> bool:
         """Return whether each of two meshes is the mirror image of the other.
 
         one, other : triangle or quad meshes
@@ -53,44 +53,44 @@ class Plane:
         """
         pairs = ((one, other), (other, one))
         return all(
-            target_of(b).distances(np.ascontiguousarray(self.mirror(a).vertices)).max() < ALIKE * extent
+            target_surface(b).distances(np.ascontiguousarray(self.mirror(a).vertices)).max() < ALIKE * extent
             for a, b in pairs
         )
 
 
-def planes_of(mesh: PolygonMesh) -> list[Plane]:
+def find_mirror_planes(mesh: PolygonMesh) -> list[MirrorPlane]:
     """Return mutually perpendicular mirror planes of a mesh, normal to the coordinate axes or to the principal axes."""
     points, extent = mesh.vertices, float(np.ptp(mesh.vertices, axis=0).max())
     _, directions = np.linalg.eigh(np.cov(points.T))
-    found: list[Plane] = []
+    found: list[MirrorPlane] = []
     for k, normal in enumerate([*np.eye(3), *directions.T]):
         heights = points @ normal
-        plane = Plane(0.5 * (heights.min() + heights.max()) * normal, normal)
+        plane = MirrorPlane(0.5 * (heights.min() + heights.max()) * normal, normal)
         if k >= 3:
             plane = _fit_plane(mesh, plane)
         at_right_angles = all(abs(plane.normal @ one.normal) < ALIKE for one in found)
-        if at_right_angles and plane.maps(mesh, mesh, extent):
+        if at_right_angles and plane.maps_onto(mesh, mesh, extent):
             found.append(plane)
     return found
 
 
-def _fit_plane(mesh: PolygonMesh, plane: Plane) -> Plane:
+def _fit_plane(mesh: PolygonMesh, plane: MirrorPlane) -> MirrorPlane:
     """Fit a plane to the midpoints between vertices and their mirror images, projected onto the surface."""
-    target = target_of(mesh)
+    target = target_surface(mesh)
     for _ in range(FITS):
         images, _ = target.nearest(np.ascontiguousarray(plane.mirror(mesh).vertices))
         apart = mesh.vertices - images
-        plane = Plane(0.5 * (mesh.vertices + images).mean(axis=0), np.linalg.eigh(apart.T @ apart)[1][:, 2])
+        plane = MirrorPlane(0.5 * (mesh.vertices + images).mean(axis=0), np.linalg.eigh(apart.T @ apart)[1][:, 2])
     return plane
 
 
-def half(mesh: PolygonMesh, plane: Plane) -> PolygonMesh | None:
+def cut_at_plane(mesh: PolygonMesh, plane: MirrorPlane) -> PolygonMesh | None:
     """Cut a triangle mesh at the plane and return the part on the side of the normal.
 
     Return None if a face lies in the plane, or no vertex lies on that side.
     """
     rows = mesh.corners.reshape(-1, 3)
-    heights = plane.heights(mesh.vertices)
+    heights = plane.signed_distances(mesh.vertices)
     heights[np.abs(heights) < SINGLE_TOL * np.ptp(mesh.vertices, axis=0).max()] = 0.0
     sign = np.sign(heights)[rows]
     if (sign == 0).all(axis=1).any() or not (sign > 0).any():
@@ -115,11 +115,11 @@ def half(mesh: PolygonMesh, plane: Plane) -> PolygonMesh | None:
             if heights[a] * heights[b] < 0.0:
                 corners.append(cut(a, b))
         made += [[corners[0], corners[k], corners[k + 1]] for k in range(1, len(corners) - 1)]
-    return of_rows(np.array(points), np.array(made))
+    return mesh_from_rows(np.array(points), np.array(made))
 
 
 def mirror_and_join(
-    quads: PolygonMesh, plane: Plane, edge: float, ends: Float[np.ndarray, "ends 3"] | None = None
+    quads: PolygonMesh, plane: MirrorPlane, edge: float, ends: Float[np.ndarray, "ends 3"] | None = None
 ) -> PolygonMesh:
     """Join the quads of one half with their mirror images along the plane.
 
@@ -133,7 +133,7 @@ def mirror_and_join(
     """
     sides = sides_of(quads)
     border = sides.edges[np.bincount(sides.edge, minlength=len(sides.edges)) == 1]
-    heights = plane.heights(quads.vertices)
+    heights = plane.signed_distances(quads.vertices)
     on_plane = np.zeros(len(heights), bool)
     on_plane[border] = True
     on_plane &= np.abs(heights) < AT_PLANE * edge
@@ -147,14 +147,14 @@ def mirror_and_join(
     count = len(heights)
     index = np.arange(2 * count)
     index[count:][on_plane] = np.flatnonzero(on_plane)
-    return of_rows(both.vertices, index[both.corners].reshape(-1, 4))
+    return mesh_from_rows(both.vertices, index[both.corners].reshape(-1, 4))
 
 
-def euler(mesh: PolygonMesh) -> int:
+def euler_characteristic(mesh: PolygonMesh) -> int:
     """Return the Euler characteristic of a mesh; every slit left between two joined halves lowers it by one."""
     return len(np.unique(mesh.corners)) - len(sides_of(mesh).edges) + len(mesh.sizes)
 
 
-def own_planes(mesh: PolygonMesh, planes: Sequence[Plane], extent: float) -> list[Plane]:
+def planes_preserving(mesh: PolygonMesh, planes: Sequence[MirrorPlane], extent: float) -> list[MirrorPlane]:
     """Return those of the planes that map a body onto itself; ``extent`` is the size of the whole mesh, metres."""
-    return [plane for plane in planes if plane.maps(mesh, mesh, extent)]
+    return [plane for plane in planes if plane.maps_onto(mesh, mesh, extent)]

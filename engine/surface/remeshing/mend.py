@@ -26,10 +26,10 @@ POOR = USELESS | {"concave", "warped"}
 ROUNDS = 6  # largest number of rounds of moving and collapsing; more: slower, rarely better
 # Quads smaller than this share of the median quad (half diagonal) are enlarged to it. Larger: more room in small quads,
 # less in their neighbours.
-SMALL = 0.7
+MIN_SIZE = 0.7
 # Smallest angle between the normals of two triangles at a sharp edge, degrees: above the 30 of round surfaces with few
 # triangles, below the 90 of boxes and rims. Larger: fewer edges are preserved.
-SHARP = 50.0
+SHARP_ANGLE = 50.0
 MOVES = 12  # moves of every corner per round; more: slower, rarely better
 
 
@@ -51,7 +51,7 @@ class TargetSurface(TriangleTree):
         return found, self.normals[triangle]
 
     @cached_property
-    def border(self) -> Int[np.ndarray, "border 2"]:
+    def border_edges(self) -> Int[np.ndarray, "border 2"]:
         """Edges with only one triangle, as pairs of vertices."""
         sides = np.sort(np.stack([self.triangles, np.roll(self.triangles, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
         edges, uses = np.unique(sides, axis=0, return_counts=True)
@@ -59,38 +59,38 @@ class TargetSurface(TriangleTree):
 
     @cached_property
     def border_corners(self) -> Int[np.ndarray, " corners"]:
-        """Vertices where the border turns by more than ``SHARP``."""
-        ends = self.border.ravel()
-        others = self.border[:, ::-1].ravel()
+        """Vertices where the border turns by more than ``SHARP_ANGLE``."""
+        ends = self.border_edges.ravel()
+        others = self.border_edges[:, ::-1].ravel()
         order = np.argsort(ends, kind="stable")
         vertices, first, uses = np.unique(ends[order], return_index=True, return_counts=True)
         vertices, first = vertices[uses == 2], first[uses == 2]
         to = self.vertices[others[order]]
         a, b = (to[first + k] - self.vertices[vertices] for k in (0, 1))
         size = np.maximum(np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1), 1e-300)
-        return vertices[-np.einsum("ni,ni->n", a, b) / size < np.cos(np.radians(SHARP))]
+        return vertices[-np.einsum("ni,ni->n", a, b) / size < np.cos(np.radians(SHARP_ANGLE))]
 
-    def to_border(self, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
+    def distances_to_border(self, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
         """Return the distances from points to the border, metres; infinite if the surface is closed."""
-        if not len(self.border):
+        if not len(self.border_edges):
             return np.full(len(points), np.inf)
         import igl
 
-        return np.sqrt(igl.point_mesh_squared_distance(points, self.vertices, self.border)[0])
+        return np.sqrt(igl.point_mesh_squared_distance(points, self.vertices, self.border_edges)[0])
 
     @cached_property
-    def sharp(self) -> Int[np.ndarray, "sharp 2"]:
-        """Edges at which the normals of the two triangles differ by more than ``SHARP``, as pairs of vertices."""
+    def sharp_edges(self) -> Int[np.ndarray, "sharp 2"]:
+        """Edges at which the normals of the two triangles differ by more than ``SHARP_ANGLE``, as pairs of vertices."""
         sides = np.stack([self.triangles, np.roll(self.triangles, -1, axis=1)], axis=2).reshape(-1, 2)
         edges, at, uses = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True)
         order = np.argsort(at.reshape(-1), kind="stable")
         first = (np.cumsum(uses) - uses)[uses == 2]
         one, two = self.normals[order[first] // 3], self.normals[order[first + 1] // 3]
-        turned = np.einsum("ni,ni->n", one, two) < np.cos(np.radians(SHARP))
+        turned = np.einsum("ni,ni->n", one, two) < np.cos(np.radians(SHARP_ANGLE))
         return np.ascontiguousarray(edges[uses == 2][turned])
 
     @cached_property
-    def samples(self) -> Float[np.ndarray, "points 3"]:
+    def sample_points(self) -> Float[np.ndarray, "points 3"]:
         """4000 points, evenly distributed by area (R2 sequence, Roberts 2018).
 
         The point of a triangle that has only one is its centroid.
@@ -105,18 +105,18 @@ class TargetSurface(TriangleTree):
         u[alone] = v[alone] = 1.0 / 3.0
         return np.ascontiguousarray(a[at] + u[:, None] * (b - a)[at] + v[:, None] * (c - a)[at])
 
-    def onto_sharp(
+    def project_to_sharp_edges(
         self, points: Float[np.ndarray, "points 3"]
     ) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, "points 3"]]:
         """Return the distances from points to the sharp edges, metres, and the nearest points on these edges.
 
         Without sharp edges the distances are infinite and the nearest points are the points themselves.
         """
-        if not len(self.sharp):
+        if not len(self.sharp_edges):
             return np.full(len(points), np.inf), points
         import igl
 
-        squared, _, there = igl.point_mesh_squared_distance(points, self.vertices, self.sharp)[:3]
+        squared, _, there = igl.point_mesh_squared_distance(points, self.vertices, self.sharp_edges)[:3]
         return np.sqrt(squared), np.asarray(there).reshape(-1, 3)
 
     def distances(self, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
@@ -139,10 +139,10 @@ def mend_quads(quads: PolygonMesh, target: TargetSurface) -> PolygonMesh:
             break
         poor = fewest[-1] if quads is best else _poor_faces(quads)[-1]
         # averaging neighbours unfolds quads but narrows them; fitting squares widens them again
-        quads = move_corners(quads, poor, target, to_middles if done % 2 == 0 else to_squares)
+        quads = move_corners(quads, poor, target, neighbour_mean_move if done % 2 == 0 else square_fit_move)
         found = _poor_faces(quads)
         if len(found[1]):
-            collapsed = _collapse(quads, found[1], target)
+            collapsed = _collapse_quads(quads, found[1], target)
             if collapsed is not None:
                 quads, found = collapsed, _poor_faces(collapsed)
         if tuple(map(len, found)) < tuple(map(len, fewest)):
@@ -165,7 +165,7 @@ def _poor_faces(quads: PolygonMesh) -> tuple[np.ndarray, ...]:
 Move = Callable[[np.ndarray], np.ndarray]  # maps vertex positions (V, 3) to target positions
 
 
-def to_middles(quads: PolygonMesh, links: Int[np.ndarray, "links 2"]) -> Move:
+def neighbour_mean_move(quads: PolygonMesh, links: Int[np.ndarray, "links 2"]) -> Move:
     """Return a function that moves every vertex to the mean of its neighbours.
 
     links : pairs of a vertex and one of its neighbours
@@ -173,30 +173,30 @@ def to_middles(quads: PolygonMesh, links: Int[np.ndarray, "links 2"]) -> Move:
     count = len(quads.vertices)
     degree = np.maximum(np.bincount(links[:, 0], minlength=count), 1)[:, None]
 
-    def wish(points: np.ndarray) -> np.ndarray:
+    def target_positions(points: np.ndarray) -> np.ndarray:
         return _sum_by_index(links[:, 0], points[links[:, 1]], count) / degree
 
-    return wish
+    return target_positions
 
 
-def to_squares(quads: PolygonMesh, links: np.ndarray) -> Move:
+def square_fit_move(quads: PolygonMesh, links: np.ndarray) -> Move:
     """Return a function that moves every vertex to its mean position in the squares that best fit its quads.
 
-    Small squares are enlarged, see ``SMALL``. ``links`` is not used; it makes the signature that of ``to_middles``.
+    Small squares are enlarged, see ``MIN_SIZE``. ``links`` is not used; it makes the signature that of ``neighbour_mean_move``.
     """
     corners, count = quads.corners.reshape(-1, 4), len(quads.vertices)
     degree = np.maximum(np.bincount(corners.ravel(), minlength=count), 1)[:, None]
 
-    def wish(points: np.ndarray) -> np.ndarray:
+    def target_positions(points: np.ndarray) -> np.ndarray:
         squares = best_squares(points[corners])
         middle = squares.mean(axis=1, keepdims=True)
         size = np.linalg.norm(squares[:, 0] - middle[:, 0], axis=1)
         usual = np.median(size)
         # limit the enlargement of quads shrunk to a point, whose orientation is only rounding error
-        larger = np.maximum(SMALL * usual / np.maximum(size, SINGLE_TOL * usual + 1e-300), 1.0)[:, None, None]
+        larger = np.maximum(MIN_SIZE * usual / np.maximum(size, SINGLE_TOL * usual + 1e-300), 1.0)[:, None, None]
         return _sum_by_index(corners.ravel(), (middle + larger * (squares - middle)).reshape(-1, 3), count) / degree
 
-    return wish
+    return target_positions
 
 
 def _sum_by_index(
@@ -207,7 +207,7 @@ def _sum_by_index(
 
 
 def move_corners(
-    quads: PolygonMesh, poor: np.ndarray, target: TargetSurface, way: Callable[[PolygonMesh, np.ndarray], Move]
+    quads: PolygonMesh, poor: np.ndarray, target: TargetSurface, make_move: Callable[[PolygonMesh, np.ndarray], Move]
 ) -> PolygonMesh:
     """Move the corners of poor quads, and of two rings of quads round them, along the surface.
 
@@ -218,7 +218,7 @@ def move_corners(
     quads : quad mesh
     poor : indices of the quads to improve
     target : surface on which corners move
-    way : ``to_middles`` or ``to_squares``: makes the function that returns the wanted positions
+    make_move : ``neighbour_mean_move`` or ``square_fit_move``: makes the function that returns the wanted positions
     """
     corners = quads.corners.reshape(-1, 4)
     points, sides = np.array(quads.vertices, float), sides_of(quads)
@@ -233,9 +233,9 @@ def move_corners(
     links = np.concatenate([links, links[:, ::-1]])
     links = links[~on_border[links[:, 0]] | on_border[links[:, 1]]]  # border vertices follow border neighbours only
     moving = near & (np.bincount(links[:, 0], minlength=len(points)) > 1) & ~line_corners(points, border)
-    moving &= target.onto_sharp(points)[0] > DOUBLE_TOL
+    moving &= target.project_to_sharp_edges(points)[0] > DOUBLE_TOL
     inner, outer = np.flatnonzero(moving & ~on_border), np.flatnonzero(moving & on_border)
-    line, wish = points.copy(), way(quads, links)
+    line, wish = points.copy(), make_move(quads, links)
     _, normals = target.nearest(points)
     for _ in range(MOVES):
         wanted = wish(points)
@@ -293,11 +293,11 @@ def _without_doublets(quads: PolygonMesh) -> PolygonMesh:
             gone[faces[1]], used[faces] = True, True
         if not gone.any():
             return quads
-        quads = of_rows(quads.vertices, corners[~gone])
+        quads = mesh_from_rows(quads.vertices, corners[~gone])
     return quads
 
 
-def _collapse(quads: PolygonMesh, folded: np.ndarray, target: TargetSurface) -> PolygonMesh | None:
+def _collapse_quads(quads: PolygonMesh, folded: np.ndarray, target: TargetSurface) -> PolygonMesh | None:
     """Collapse quads by merging two opposite corners, where the mesh stays sound; None if none could be collapsed."""
     points, corners = np.array(quads.vertices, float), quads.corners.reshape(-1, 4).copy()
     sides = sides_of(quads)
@@ -325,7 +325,7 @@ def _collapse(quads: PolygonMesh, folded: np.ndarray, target: TargetSurface) -> 
             touched[corners[around]] = True
             corners, kept, done = trial, trial_kept, True
             break
-    return _without_doublets(of_rows(points, corners[kept])) if done else None
+    return _without_doublets(mesh_from_rows(points, corners[kept])) if done else None
 
 
 def _is_sound(points: np.ndarray, corners: np.ndarray) -> bool:
@@ -333,12 +333,12 @@ def _is_sound(points: np.ndarray, corners: np.ndarray) -> bool:
     row = np.sort(corners, axis=1)
     if (row[:, 1:] == row[:, :-1]).any():
         return False
-    mesh = of_rows(points, corners)
+    mesh = mesh_from_rows(points, corners)
     sides = sides_of(mesh)
     return bool(np.bincount(sides.edge).max() <= 2) and not len(non_manifold_vertices(mesh, sides))
 
 
-def of_rows(points: Float[np.ndarray, "vertices 3"], rows: Int[np.ndarray, "quads points"]) -> PolygonMesh:
+def mesh_from_rows(points: Float[np.ndarray, "vertices 3"], rows: Int[np.ndarray, "quads points"]) -> PolygonMesh:
     """Make a mesh of faces with equally many corners, one row of vertex indices per face; drop unused points."""
     used, fresh = np.unique(rows, return_inverse=True)
     return PolygonMesh(

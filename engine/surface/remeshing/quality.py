@@ -13,12 +13,12 @@ from .mend import TargetSurface
 
 # A point of a sharp edge counts as preserved within this distance of a quad's side, in quad edges; 0.1 is not visible.
 # Larger: sharp edges count as preserved although the quads round them off.
-KEPT = 0.1
+PRESERVED_DISTANCE = 0.1
 # Weight of one degree of misalignment in the cost, in irregular vertices. Larger: quads follow the curvature more
 # closely, with more irregular vertices.
-DEGREE = 2.5
+MISALIGNMENT_WEIGHT = 2.5
 # Constant added to irregular vertices and misalignment in the cost. Larger: unevenness and lost edges matter more.
-NONE = 20.0
+BASE_COST = 20.0
 
 
 @dataclass(frozen=True)
@@ -28,18 +28,22 @@ class Quality:
     irregular : number of irregular vertices, see ``QuadMesh.irregular``
     misalignment : degrees, see ``curvature.misalignment``
     unevenness : standard deviation of the edge lengths over their mean
-    lost : share of the total length of the surface's sharp edges along which no quad has a side
+    lost_edge_share : share of the total length of the surface's sharp edges along which no quad has a side
     """
 
     irregular: int
     misalignment: float
     unevenness: float
-    lost: float
+    lost_edge_share: float
 
     @property
     def cost(self) -> float:
         """All measures combined into one number, to rank quad meshes; smaller is better."""
-        return (NONE + self.irregular + DEGREE * self.misalignment) * (1.0 + self.unevenness) * (1.0 + self.lost)
+        return (
+            (BASE_COST + self.irregular + MISALIGNMENT_WEIGHT * self.misalignment)
+            * (1.0 + self.unevenness)
+            * (1.0 + self.lost_edge_share)
+        )
 
 
 def quality(quads: PolygonMesh, target: TargetSurface) -> Quality:
@@ -58,19 +62,22 @@ def quality(quads: PolygonMesh, target: TargetSurface) -> Quality:
     lengths = mesh.edge_lengths
     irregular = int(mesh.irregular.sum())
     return Quality(
-        irregular, misalignment(mesh), float(lengths.std() / lengths.mean()), _lost_share(quads, mesh.edges, target)
+        irregular,
+        misalignment(mesh),
+        float(lengths.std() / lengths.mean()),
+        _lost_edge_share(quads, mesh.edges, target),
     )
 
 
-def _lost_share(quads: PolygonMesh, edges: np.ndarray, target: TargetSurface) -> float:
-    """Return the share of the length of the target's sharp edges that is farther than ``KEPT`` from all quad edges."""
-    if not len(target.sharp):
+def _lost_edge_share(quads: PolygonMesh, edges: np.ndarray, target: TargetSurface) -> float:
+    """Return the share of the length of the target's sharp edges that is farther than ``PRESERVED_DISTANCE`` from all quad edges."""
+    if not len(target.sharp_edges):
         return 0.0
     import igl
 
-    a, b = target.vertices[target.sharp.T]
+    a, b = target.vertices[target.sharp_edges.T]
     length = np.linalg.norm(b - a, axis=1)
     points = np.concatenate([a + t * (b - a) for t in (0.0, 0.25, 0.5, 0.75)])
     squared = igl.point_mesh_squared_distance(points, np.ascontiguousarray(quads.vertices, float), edges)[0]
     size = np.linalg.norm(quads.vertices[edges[:, 0]] - quads.vertices[edges[:, 1]], axis=1).mean()
-    return float(np.average(np.sqrt(squared) > KEPT * size, weights=np.tile(length, 4)))
+    return float(np.average(np.sqrt(squared) > PRESERVED_DISTANCE * size, weights=np.tile(length, 4)))

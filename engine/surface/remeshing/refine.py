@@ -10,17 +10,17 @@ import numpy as np
 from ...arrays import Float
 from ..checking.topology import sides_of
 from ..mesh import PolygonMesh
-from .mend import TargetSurface, line_corners, move_corners, of_rows, to_middles, to_squares
+from .mend import TargetSurface, line_corners, mesh_from_rows, move_corners, neighbour_mean_move, square_fit_move
 
 # Corners within this distance of a sharp edge are moved onto it, in quad edges. Larger: sharp edges are followed more
 # completely; from 0.5 both ends of a quad's side would be moved.
-NEAR = 0.3
+SNAP_DISTANCE = 0.3
 # Largest distance, in quad edges, over which a quad corner is moved to a point where sharp edges or the border meet or
 # turn. Larger: more such points are preserved, with more distorted quads.
-AT_CORNER = 0.5
+CORNER_SNAP_DISTANCE = 0.5
 
 
-def split(polygons: PolygonMesh) -> PolygonMesh:
+def split_into_quads(polygons: PolygonMesh) -> PolygonMesh:
     """Split every polygon into one quad per corner, round its centroid, as in the first Catmull-Clark step."""
     sides = sides_of(polygons)
     halves = polygons.vertices[sides.edges].mean(axis=1)
@@ -28,7 +28,7 @@ def split(polygons: PolygonMesh) -> PolygonMesh:
     before = np.empty_like(on_side)
     before[sides.next_side] = on_side
     rows = np.stack([polygons.corners, on_side, len(polygons.vertices) + len(halves) + sides.face, before], axis=1)
-    return of_rows(np.concatenate([polygons.vertices, halves, polygons.centres]), rows)
+    return mesh_from_rows(np.concatenate([polygons.vertices, halves, polygons.centres]), rows)
 
 
 def refine_quads(quads: PolygonMesh, target: TargetSurface, times: int) -> PolygonMesh:
@@ -36,15 +36,15 @@ def refine_quads(quads: PolygonMesh, target: TargetSurface, times: int) -> Polyg
 
     Corners near sharp edges of the surface go onto them and stay there; border corners go to the surface's border.
     """
-    quads = _snap(quads, target)
+    quads = _snap_to_surface(quads, target)
     for _ in range(times):
-        quads = _snap(split(quads), target)
-        for way in (to_middles, to_squares):  # averaging unfolds quads, fitting squares makes them square
+        quads = _snap_to_surface(split_into_quads(quads), target)
+        for way in (neighbour_mean_move, square_fit_move):  # averaging unfolds quads, fitting squares makes them square
             quads = move_corners(quads, np.arange(len(quads.sizes)), target, way)
     return quads
 
 
-def _snap(quads: PolygonMesh, target: TargetSurface) -> PolygonMesh:
+def _snap_to_surface(quads: PolygonMesh, target: TargetSurface) -> PolygonMesh:
     """Project corners onto the surface, nearby sharp edges, the border, and points where these lines meet or turn."""
     sides = sides_of(quads)
     once = np.bincount(sides.edge, minlength=len(sides.edges)) == 1
@@ -52,19 +52,19 @@ def _snap(quads: PolygonMesh, target: TargetSurface) -> PolygonMesh:
     lengths = np.linalg.norm(quads.vertices[sides.edges[:, 0]] - quads.vertices[sides.edges[:, 1]], axis=1)
     size = float(lengths.mean())
     points = target.nearest(np.ascontiguousarray(quads.vertices, float))[0]
-    off, there = target.onto_sharp(points)
-    near = off < NEAR * size
+    off, there = target.project_to_sharp_edges(points)
+    near = off < SNAP_DISTANCE * size
     points[near] = there[near]
-    _snap_to_corners(points, np.flatnonzero(near), target.vertices[_turns(target, target.sharp)], size)
-    if len(rim) and len(target.border):
+    _snap_to_corners(points, np.flatnonzero(near), target.vertices[_line_corner_mask(target, target.sharp_edges)], size)
+    if len(rim) and len(target.border_edges):
         import igl
 
-        points[rim] = igl.point_mesh_squared_distance(points[rim], target.vertices, target.border)[2]
-        _snap_to_corners(points, rim, target.vertices[_turns(target, target.border)], size)
+        points[rim] = igl.point_mesh_squared_distance(points[rim], target.vertices, target.border_edges)[2]
+        _snap_to_corners(points, rim, target.vertices[_line_corner_mask(target, target.border_edges)], size)
     return PolygonMesh(points, quads.corners, quads.sizes)
 
 
-def _turns(target: TargetSurface, lines: np.ndarray) -> np.ndarray:
+def _line_corner_mask(target: TargetSurface, lines: np.ndarray) -> np.ndarray:
     """Return a mask of the target's vertices where ``lines``, pairs of vertices, turn sharply or branch."""
     return line_corners(target.vertices, lines) if len(lines) else np.zeros(len(target.vertices), bool)
 
@@ -75,12 +75,12 @@ def _snap_to_corners(
     """Move a point onto every corner, in place: the nearest of ``points[among]`` if it is near enough.
 
     corners : positions, (corners, 3)
-    size : mean edge length of the quads, to which ``AT_CORNER`` refers
+    size : mean edge length of the quads, to which ``CORNER_SNAP_DISTANCE`` refers
     """
     if not len(among) or not len(corners):
         return
     from scipy.spatial import cKDTree
 
     off, nearest = cKDTree(points[among]).query(corners)
-    close = off < AT_CORNER * size
+    close = off < CORNER_SNAP_DISTANCE * size
     points[among[nearest[close]]] = corners[close]

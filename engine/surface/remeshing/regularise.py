@@ -19,11 +19,13 @@ from ...tolerances import DOUBLE_TOL
 from ..checking.geometry import breadth
 from ..mesh import QuadMesh
 from ..symmetry import symmetries
-from .guide import Guide, distances, samples
+from .guide import VertexConstraints, distances, sample_points
 
 MOMENTUM = 0.5  # share of a vertex's last move that is added to its next; larger: faster, then overshooting
 EVERY = 8  # rounds between checks for spoilt quads, as a check takes longer than a round; larger: faster, later repair
-MENDING = 36  # largest number of repair rounds at the end, in three stages of a third each, see ``_repair``
+MENDING = (
+    36  # largest number of repair rounds at the end, in three stages of a third each, see ``_repair_spoilt_quads``
+)
 # Square energy up to which a quad is accepted whatever its energy was. Larger: fewer moves are undone, less square.
 GOOD = 0.06
 # Largest factor by which the square energy of a quad above GOOD may grow. Larger: others improve more.
@@ -34,7 +36,7 @@ DEVIATION = 0.25
 # Largest distance of corners from their quad's plane, in lengths of its shortest side; quads warped more cannot be
 # flattened. Smaller: more quads leave the surface.
 WARP = 0.15
-# Bend of a quad from which it is flattened, radians; see ``bends``. Quads of smooth surfaces bend by less than 27
+# Bend of a quad from which it is flattened, radians; see ``bend_angles``. Quads of smooth surfaces bend by less than 27
 # degrees. Smaller: more quads leave the surface.
 BEND = np.radians(30.0)
 SHORT = 0.3  # smallest edge length, in median edges; larger: more moves are undone
@@ -85,18 +87,18 @@ def regularise(mesh: QuadMesh, params: RegulariseParams, progress: Progress = SI
     """
     if params.iterations == 0:
         return mesh
-    guide = Guide.from_mesh(mesh, params.boundary)
-    points, shortened = _settle(guide, params.iterations, progress.part(0.0, 0.45), with_room=False)
+    guide = VertexConstraints.from_mesh(mesh, params.boundary)
+    points, shortened = _square_up(guide, params.iterations, progress.part(0.0, 0.45), with_room=False)
     if shortened:
-        other, _ = _settle(guide, params.iterations, progress.part(0.45, 0.9), with_room=True)
+        other, _ = _square_up(guide, params.iterations, progress.part(0.45, 0.9), with_room=True)
         points = min(points, other, key=lambda one: _mean_energy(mesh, one))
     points = _symmetrise(mesh, points, progress.part(0.9, 1.0))
     better = _mean_energy(mesh, points) < _mean_energy(mesh, mesh.vertices)
     return mesh.with_vertices(points) if better and not _tight_quads(mesh, points, 1.0 + DOUBLE_TOL).any() else mesh
 
 
-def _settle(
-    guide: Guide, rounds: int, progress: Progress, *, with_room: bool
+def _square_up(
+    guide: VertexConstraints, rounds: int, progress: Progress, *, with_room: bool
 ) -> tuple[Float[np.ndarray, "vertices 3"], bool]:
     """Iterate towards squarer quads, then undo moves that spoil quads.
 
@@ -109,16 +111,16 @@ def _settle(
     """
     mesh = guide.mesh
     points = before = mesh.vertices
-    hold = _Hold(mesh, np.ones(len(mesh.quads)), np.zeros(len(points)))
+    hold = _MoveWeights(mesh, np.ones(len(mesh.quads)), np.zeros(len(points)))
     for done in range(rounds):
         progress(0.9 * done / rounds, "regularise")
         if done % EVERY == EVERY - 1:
             worse, away = _spoilt_quads(mesh, points, 0.8)
             tight = _tight_quads(mesh, points, SPARE) if with_room else np.zeros_like(away)
-            hold = hold.after(worse, away | tight, keep=0.8)
-        wanted = points + hold.pull(points) + MOMENTUM * (points - before)
-        points, before = guide.back(points, wanted), points
-    points = _unwarp(mesh, _repair(points, hold, guide, progress.part(0.9, 1.0)))
+            hold = hold.for_next_round(worse, away | tight, keep=0.8)
+        wanted = points + hold.moves(points) + MOMENTUM * (points - before)
+        points, before = guide.move_towards(points, wanted), points
+    points = _flatten_warped_quads(mesh, _repair_spoilt_quads(points, hold, guide, progress.part(0.9, 1.0)))
     kept = _shorten_moves(mesh, points)
     return kept, bool(np.abs(kept - points).max() > DOUBLE_TOL * mesh.median_edge)
 
@@ -132,7 +134,7 @@ def _mean_energy(mesh: QuadMesh, points: np.ndarray) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class _Hold:
+class _MoveWeights:
     """Weights of the moves in a round; they grow where quads get worse.
 
     weight : weight of every quad at its corners; larger for quads that became less square
@@ -144,7 +146,7 @@ class _Hold:
     weight: Float[np.ndarray, " quads"]
     anchor: Float[np.ndarray, " vertices"]
 
-    def pull(self, points: np.ndarray) -> Float[np.ndarray, "vertices 3"]:
+    def moves(self, points: np.ndarray) -> Float[np.ndarray, "vertices 3"]:
         """Return every vertex's move to the weighted mean of its quads' squares and its original position, metres."""
         corners = points[self.mesh.quads]
         squares = best_squares(corners)
@@ -157,7 +159,9 @@ class _Hold:
         share = (1.0 / (1.0 + self.anchor))[:, None]
         return share * (wanted - points) + (1.0 - share) * (self.mesh.vertices - points)
 
-    def after(self, worse: Bool[np.ndarray, " quads"], away: Bool[np.ndarray, " quads"], keep: float = 1.0) -> _Hold:
+    def for_next_round(
+        self, worse: Bool[np.ndarray, " quads"], away: Bool[np.ndarray, " quads"], keep: float = 1.0
+    ) -> _MoveWeights:
         """Return the weights for the next rounds.
 
         worse : quads that became much less square; their weights grow
@@ -197,7 +201,9 @@ def best_squares(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, "
 # -- guard -----------------------------------------------------------------------------------------------------------
 
 
-def _repair(points: np.ndarray, hold: _Hold, guide: Guide, progress: Progress) -> np.ndarray:
+def _repair_spoilt_quads(
+    points: np.ndarray, hold: _MoveWeights, guide: VertexConstraints, progress: Progress
+) -> np.ndarray:
     """Iterate further, with growing weights at spoilt quads, until no quad is spoilt (see ``_spoilt_quads``).
 
     In the second stage the vertices of spoilt quads return to their original positions, in the third also their
@@ -210,7 +216,7 @@ def _repair(points: np.ndarray, hold: _Hold, guide: Guide, progress: Progress) -
         worse, away = _spoilt_quads(mesh, points)
         if not (worse | away).any():
             return points
-        hold = hold.after(worse, away)
+        hold = hold.for_next_round(worse, away)
         if done >= MENDING // 3:
             back |= _corners_of(mesh, worse | away)
             if done >= 2 * MENDING // 3:
@@ -218,53 +224,53 @@ def _repair(points: np.ndarray, hold: _Hold, guide: Guide, progress: Progress) -
             hold.anchor[back] = np.inf
             points = np.where(back[:, None], mesh.vertices, points)
         for _ in range(3):
-            points = guide.back(points, points + hold.pull(points))
+            points = guide.move_towards(points, points + hold.moves(points))
     return mesh.vertices
 
 
-def _unwarp(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
+def _flatten_warped_quads(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
     """Flatten warped quads until no corner is farther from its quad's plane than WARP times the shortest side.
 
     Vertices may leave the surface; border vertices stay.
     """
 
-    def allowed(corners: np.ndarray, off: np.ndarray) -> np.ndarray:
+    def max_offset(corners: np.ndarray, off: np.ndarray) -> np.ndarray:
         """Return the largest allowed distance of corners from their quad's plane, metres."""
-        return WARP * _sides(corners).min(axis=1)
+        return WARP * _side_lengths(corners).min(axis=1)
 
-    return _press_flat(mesh, points, allowed)
+    return _flatten_quads(mesh, points, max_offset)
 
 
-def flatter(mesh: QuadMesh) -> QuadMesh:
+def flatten_bent_quads(mesh: QuadMesh) -> QuadMesh:
     """Flatten quads that bend by more than BEND; return the mesh itself if there are none.
 
     Such a quad spans a feature of the surface smaller than itself, so its vertices leave the surface by a share of an
     edge. Quads of smooth surfaces bend less and stay. If a quad would become too narrow or distorted, the moves round
     it are shortened, and it keeps a part of its bend. Border vertices stay.
     """
-    if bends(mesh.vertices[mesh.quads]).max() <= BEND:
+    if bend_angles(mesh.vertices[mesh.quads]).max() <= BEND:
         return mesh
 
-    def allowed(corners: np.ndarray, off: np.ndarray) -> np.ndarray:
+    def max_offset(corners: np.ndarray, off: np.ndarray) -> np.ndarray:
         """Return the largest allowed distance of corners from their quad's plane, metres."""
-        return np.abs(off) * BEND / np.maximum(bends(corners), 1e-300)
+        return np.abs(off) * BEND / np.maximum(bend_angles(corners), 1e-300)
 
-    return mesh.with_vertices(_shorten_moves(mesh, _press_flat(mesh, mesh.vertices, allowed)))
+    return mesh.with_vertices(_shorten_moves(mesh, _flatten_quads(mesh, mesh.vertices, max_offset)))
 
 
-def bends(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, " quads"]:
+def bend_angles(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, " quads"]:
     """Return the bend of every quad: the largest angle between the normals at two adjacent corners, radians."""
     normals = np.cross(np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners)
     normals /= np.maximum(np.linalg.norm(normals, axis=2), 1e-300)[..., None]
     return np.arccos(np.clip(np.einsum("fki,fki->fk", normals, np.roll(normals, -1, axis=1)), -1.0, 1.0)).max(axis=1)
 
 
-def _press_flat(
-    mesh: QuadMesh, points: np.ndarray, allowed: Callable[[np.ndarray, np.ndarray], np.ndarray]
+def _flatten_quads(
+    mesh: QuadMesh, points: np.ndarray, max_offset: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> np.ndarray:
     """Flatten quads until no corner is farther from its quad's plane than allowed; border vertices stay.
 
-    allowed : function of the corners (quads, 4, 3) and of their signed distance from the plane (quads,), metres, that
+    max_offset : function of the corners (quads, 4, 3) and of their signed distance from the plane (quads,), metres, that
         returns the largest distance allowed (quads,)
     """
     signs = np.array([1.0, -1.0, 1.0, -1.0])
@@ -274,7 +280,7 @@ def _press_flat(
         normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
         # all four corners are equally far from the plane through the sides' midpoints, alternately above and below
         off = 0.25 * np.einsum("k,fki,fi->f", signs, p, normal)
-        most = allowed(p, off)
+        most = max_offset(p, off)
         excess = np.sign(off) * np.maximum(np.abs(off) - 0.9 * most, 0.0) * (np.abs(off) > most)
         if not excess.any():
             break
@@ -304,7 +310,7 @@ def _tight_quads(mesh: QuadMesh, points: np.ndarray, limit: float) -> Bool[np.nd
     limit : factor on the measured breadths and lengths
     """
     before, after = mesh.vertices[mesh.quads], points[mesh.quads]
-    edges, sides = _sides(before), _sides(after)
+    edges, sides = _side_lengths(before), _side_lengths(after)
     # compare lengths as shares of the median edge, by which the mesh is scaled in the end; a quad is masked only if it
     # became narrower or its side shorter
     middle, now, room, least = np.median(edges), np.median(sides), breadth(before), breadth(after)
@@ -319,7 +325,7 @@ def _much_worse_quads(mesh: QuadMesh, points: np.ndarray) -> Bool[np.ndarray, " 
     return after > np.maximum(GOOD, WORSE * before)
 
 
-def _sides(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, "quads 4"]:
+def _side_lengths(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, "quads 4"]:
     """Return the lengths of the sides of quads."""
     return np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
 
@@ -342,7 +348,7 @@ def _spoilt_quads(
     """
     before, after = square_energy(mesh.vertices[mesh.quads]), square_energy(points[mesh.quads])
     worse = after > np.maximum(GOOD * limit, (1 + (WORSE - 1) * limit) * before)
-    distance = distances(mesh.with_vertices(points), samples(mesh))
+    distance = distances(mesh.with_vertices(points), sample_points(mesh))
     at_corners, at_middle = np.split(distance, [len(points)])
     away = np.maximum(at_corners[mesh.quads].max(axis=1), at_middle) > DEVIATION * limit * np.sqrt(mesh.areas)
     return worse, away

@@ -22,60 +22,79 @@ from ...tolerances import SINGLE_TOL
 from ..checking.check import Finding
 from ..checking.topology import bodies, sides_of
 from ..mesh import PolygonMesh
-from ..quadrangulation.even import simplify
+from ..quadrangulation.even import simplify_triangles
 from ..quadrangulation.quadrangulate import quadrangulate
 from ..welding import weld
-from .bodies import concatenate_meshes, is_clean, is_closed, parts_of, target_of, triangles_of, without_crumbs
+from .bodies import (
+    bodies_to_remesh,
+    choose_bodies,
+    concatenate_meshes,
+    is_clean,
+    is_closed,
+    target_surface,
+    triangulate_and_merge,
+)
 from .coverage import warn_of_gaps
-from .halves import Plane, euler, half, mirror_and_join, own_planes, planes_of
-from .mend import SHARP, TargetSurface, of_rows
-from .refine import split
-from .soundness import SoundQuads, judge, judge_raw, squarer
-from .tool import Tool
+from .halves import (
+    MirrorPlane,
+    cut_at_plane,
+    euler_characteristic,
+    find_mirror_planes,
+    mirror_and_join,
+    planes_preserving,
+)
+from .mend import SHARP_ANGLE, TargetSurface, mesh_from_rows
+from .refine import split_into_quads
+from .soundness import SoundQuads, rate_quads, regularise_if_better, repair_and_rate
+from .tool import RemeshTool
 
-EXTENT = 2.0  # largest dimension to which bodies are scaled for the tool; at smaller sizes QuadriFlow fails
-CRUMBS = RemeshParams.crumbs  # default: largest share of the area that may be left out, in bodies with too few quads
+TOOL_EXTENT = 2.0  # largest dimension to which bodies are scaled for the tool; at smaller sizes QuadriFlow fails
+MAX_LEFT_OUT = (
+    RemeshParams.crumbs
+)  # default: largest share of the area that may be left out, in bodies with too few quads
 FIRST, REST = (0.05, 0.3), (0.3, 1.0)  # ranges of the progress: first quads of every body; better quads
 # Smallest number of quads of an open and of a closed body; bodies that would get fewer are left out. Larger: the pieces
 # match the shape better, but small bodies are lost.
-FEWEST, FEWEST_CLOSED = 6, 12
+MIN_QUADS, MIN_QUADS_CLOSED = 6, 12
 # Attempts with QuadriFlow, in order: seed, share of the wanted count, subdivisions, whether sharp edges are preserved.
-TRIES = (
+QUADRIFLOW_ATTEMPTS = (
     (0, 1.0, 0, False), (0, 1.0, 1, False), (1, 1.0, 1, False), (2, 1.1, 1, False), (0, 1.0, 1, True), (0, 1.0, 0, True),
     (0, 1.0, 2, False), (1, 1.1, 2, True), (1, 1.0, 0, False), (2, 1.1, 0, False), (3, 0.9, 0, False), (4, 1.25, 0, False),
     (5, 0.8, 0, False), (6, 1.6, 0, False),
 )  # fmt: skip
 # Smallest number of attempts before the best sound result is accepted although some of its quads are poor (see
 # ``mend.POOR``). Larger: fewer irregular vertices, slower.
-CANDIDATES = 4
-FLAT = 180.0  # degrees; an angle that no fold exceeds
+MIN_ATTEMPTS = 4
+NO_FOLDS = 180.0  # degrees; an angle that no fold exceeds
 # Attempts along the curvature: smallest angle of folds that quads follow, degrees; weight of the alignment; strength of
 # the smoothing. Rows are tried until one gives useful quads; a row ends at its first failure.
-OWN: tuple[tuple[tuple[float, float, float], ...], ...] = (
-    ((SHARP, 4.0, 10.0), (SHARP, 16.0, 10.0)),
-    ((FLAT, 4.0, 10.0), (FLAT, 16.0, 10.0)),
-    ((FLAT, 0.5, 30.0),),
+CURVATURE_ATTEMPTS: tuple[tuple[tuple[float, float, float], ...], ...] = (
+    ((SHARP_ANGLE, 4.0, 10.0), (SHARP_ANGLE, 16.0, 10.0)),
+    ((NO_FOLDS, 4.0, 10.0), (NO_FOLDS, 16.0, 10.0)),
+    ((NO_FOLDS, 0.5, 30.0),),
 )
-MAPS = 3  # largest number of these attempts per body, all its voxel surfaces together; larger: better, slower
-MAPPED = 3000  # largest number of quads in all these attempts of a body together; larger: slower
-DENSE = 20.0  # triangles per quad to which denser bodies are simplified; larger: more detail, slower
-OF_VOXELS = 3  # largest number of attempts with QuadriFlow on each voxel surface
-VOXELS = (0.35, 0.5, 0.72, 1.0)  # voxel sizes in quad edges: fine voxels preserve detail, coarse ones close gaps
+MAX_MAPS = 3  # largest number of these attempts per body, all its voxel surfaces together; larger: better, slower
+MAX_MAPPED_QUADS = 3000  # largest number of quads in all these attempts of a body together; larger: slower
+TRIANGLES_PER_QUAD = 20.0  # triangles per quad to which denser bodies are simplified; larger: more detail, slower
+MAX_VOXEL_ATTEMPTS = 3  # largest number of attempts with QuadriFlow on each voxel surface
+VOXEL_SIZES = (0.35, 0.5, 0.72, 1.0)  # voxel sizes in quad edges: fine voxels preserve detail, coarse ones close gaps
 # Smallest share of a voxel surface's area in its largest outer skin. Smaller: larger parts may be dropped.
-ONE_SKIN = 0.95
-ENOUGH = 3  # smallest number of sound results before the best is accepted with poor quads; larger: better, slower
+MIN_SKIN_SHARE = 0.95
+MIN_RESULTS = 3  # smallest number of sound results before the best is accepted with poor quads; larger: better, slower
 # Polygon sizes, in quad edges, tried if QuadriFlow finds no quads; each polygon is then split into one quad per corner.
-CELLS = (2.0, 2.4, 1.6)
-MANY = 3  # largest ratio of quads from CELLS to the wanted number; bodies that consist of small faces give more
+CELL_SIZES = (2.0, 2.4, 1.6)
+MAX_CELL_RATIO = (
+    3  # largest ratio of quads from CELLS to the wanted number; bodies that consist of small faces give more
+)
 # Symmetric quads are accepted at once if their number differs from the wanted number by less than this factor. Larger:
 # faster, but meshes that had to be subdivided, with many irregular vertices, are accepted.
-MIRRORED = 1.5
+MAX_COUNT_RATIO = 1.5
 # Smallest share of the surface's area that quads should have; others rank behind. Larger: fewer thin parts are lost.
-COVERED = 0.8
+MIN_AREA_SHARE = 0.8
 
 
 @dataclass(frozen=True, eq=False)
-class Requadded:
+class RemeshResult:
     """Result of remeshing: quads, and warnings about parts of the mesh that were left out, joined or missed."""
 
     polygons: PolygonMesh
@@ -85,11 +104,11 @@ class Requadded:
 def requad(
     mesh: PolygonMesh,
     count: int,
-    tool: Tool,
+    tool: RemeshTool,
     progress: Progress = SILENT,
-    crumbs: float = CRUMBS,
+    crumbs: float = MAX_LEFT_OUT,
     symmetric: bool = False,
-) -> Requadded:
+) -> RemeshResult:
     """Remesh any mesh with about ``count`` quads, which are shared out among its bodies by area.
 
     Parameters
@@ -106,40 +125,44 @@ def requad(
         raise FlexMapsError("The mesh has no faces, or vertices that are not finite: add faces, or delete these")
     mesh = weld(mesh).with_canonical_order()
     low = mesh.vertices[mesh.corners].min(axis=0)
-    scale = EXTENT / max(float(np.ptp(mesh.vertices[mesh.corners], axis=0).max()), 1e-300)
+    scale = TOOL_EXTENT / max(float(np.ptp(mesh.vertices[mesh.corners], axis=0).max()), 1e-300)
     sized = replace(mesh, vertices=(mesh.vertices - low) * scale)
-    parts, found = parts_of(triangles_of(sized, SINGLE_TOL * EXTENT, tool, progress), tool, progress)
-    areas = np.array([target_of(part).area for part in parts])
+    parts, found = bodies_to_remesh(
+        triangulate_and_merge(sized, SINGLE_TOL * TOOL_EXTENT, tool, progress), tool, progress
+    )
+    areas = np.array([target_surface(part).area for part in parts])
     share = count * areas / areas.sum()
-    fewest = np.where([is_closed(part) for part in parts], FEWEST_CLOSED, FEWEST)
-    large, left_out = without_crumbs(areas, count, fewest, crumbs)
+    fewest = np.where([is_closed(part) for part in parts], MIN_QUADS_CLOSED, MIN_QUADS)
+    large, left_out = choose_bodies(areas, count, fewest, crumbs)
     kept = np.flatnonzero(large)
-    planes = planes_of(concatenate_meshes([parts[k] for k in kept])) if symmetric else []
+    planes = find_mirror_planes(concatenate_meshes([parts[k] for k in kept])) if symmetric else []
     searches: list[_BodySearch | _MirroredSearch] = []
     for done, k in enumerate(kept):
-        image = next(_images(parts, kept[:done].tolist(), searches, k, planes), None)
+        image = next(_mirrored_searches(parts, kept[:done].tolist(), searches, k, planes), None)
         name = f" of body {done + 1} of {len(kept)}" if len(kept) > 1 else ""
         wanted = max(int(fewest[k]), round(share[k] * count / share[large].sum()))
-        searches.append(image or _BodySearch(parts[k], wanted, tool, name, own_planes(parts[k], planes, EXTENT)))
+        searches.append(
+            image or _BodySearch(parts[k], wanted, tool, name, planes_preserving(parts[k], planes, TOOL_EXTENT))
+        )
 
-    def together() -> PolygonMesh:
-        quads = concatenate_meshes([search.best for search in searches])
+    def joined_quads() -> PolygonMesh:
+        quads = concatenate_meshes([search.best_quads for search in searches])
         return replace(quads, vertices=quads.vertices / scale + low)
 
     try:
         for to_the_end, (begin, end) in ((False, FIRST), (True, REST)):
             for done, search in enumerate(searches):
                 piece = progress.part(begin, end).part(done / len(searches), (done + 1) / len(searches))
-                search.go_on(piece, to_the_end)
+                search.run(piece, to_the_end)
             if not to_the_end:
-                progress.show(together())
+                progress.show(joined_quads())
     except Cancelled:  # keep the best so far if every body has quads
-        if not all(search.found for search in searches):
+        if not all(search.results for search in searches):
             raise
     progress.tell(1.0, "Quads are ready")
-    first = np.cumsum([0, *(len(search.best.sizes) for search in searches)]).tolist()
-    missed = [one for search, begin in zip(searches, first, strict=False) for one in search.uncovered(first[-1], begin)]
-    return Requadded(squarer(together()), found + left_out + missed)
+    first = np.cumsum([0, *(len(search.best_quads.sizes) for search in searches)]).tolist()
+    missed = [one for search, begin in zip(searches, first, strict=False) for one in search.gap_warnings(first[-1], begin)]
+    return RemeshResult(regularise_if_better(joined_quads()), found + left_out + missed)
 
 
 # -- one body ----------------------------------------------------------------------------------------------------------
@@ -148,87 +171,90 @@ def requad(
 class _BodySearch:
     """Search for ``count`` quads of one body, which messages call ``name``.
 
-    planes : mirror planes of the body; found : sound results so far
+    planes : mirror planes of the body; results : sound results so far
     """
 
-    def __init__(self, body: PolygonMesh, count: int, tool: Tool, name: str, planes: Sequence[Plane] = ()):
+    def __init__(self, body: PolygonMesh, count: int, tool: RemeshTool, name: str, planes: Sequence[MirrorPlane] = ()):
         low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
-        self._middle, self._scale = 0.5 * (low + high), EXTENT / max(float((high - low).max()), 1e-300)
+        self._middle, self._scale = 0.5 * (low + high), TOOL_EXTENT / max(float((high - low).max()), 1e-300)
         self._small = replace(body, vertices=(body.vertices - self._middle) * self._scale)
-        self._whole, self._count, self._tool, self._name = target_of(self._small), count, tool, name
+        self._whole, self._count, self._tool, self._name = target_surface(self._small), count, tool, name
         self._clean = is_clean(self._small)
         self._planes = [replace(plane, point=(plane.point - self._middle) * self._scale) for plane in planes]
-        self.found: list[SoundQuads] = []
-        self._last, self._tried, self._progress = "", 0, SILENT
-        self._way = self._tries()
+        self.results: list[SoundQuads] = []
+        self._failure_reason, self._attempt_count, self._progress = "", 0, SILENT
+        self._attempt_iterator = self._attempts()
 
-    def go_on(self, progress: Progress, to_the_end: bool) -> None:
+    def run(self, progress: Progress, to_the_end: bool) -> None:
         """Try until there is a result, or all attempts if ``to_the_end``; raise FlexMapsError if there is no result."""
-        self._progress, self._tried = progress, 0
-        while to_the_end or not self.found:
-            found = next(self._way, None)
+        self._progress, self._attempt_count = progress, 0
+        while to_the_end or not self.results:
+            found = next(self._attempt_iterator, None)
             if found is None:
                 break
             if isinstance(found, SoundQuads):
-                self.found.append(self._with_losses(found))
+                self.results.append(self._with_area_fault(found))
             else:
-                self._last = self._last or found
-        if not self.found:
-            reason = self._last or "it is not a clean surface, neither by itself nor as voxels"
+                self._failure_reason = self._failure_reason or found
+        if not self.results:
+            reason = self._failure_reason or "it is not a clean surface, neither by itself nor as voxels"
             raise FlexMapsError(
                 f"No sound quads were found{self._name}: {reason}. "
                 "Give another quad count; give open parts a thickness, and remove what is inside or folded"
             )
 
     @property
-    def ranked(self) -> list[PolygonMesh]:
+    def best_first(self) -> list[PolygonMesh]:
         """Results at the body's own position and size, the best first."""
-        order = sorted(self.found, key=lambda one: (*one.faults[:2], one.cost))
+        order = sorted(self.results, key=lambda one: (*one.faults[:2], one.cost))
         return [replace(one.quads, vertices=one.quads.vertices / self._scale + self._middle) for one in order]
 
     @property
-    def best(self) -> PolygonMesh:
+    def best_quads(self) -> PolygonMesh:
         """The best result so far, at the body's own position and size."""
-        return self.ranked[0]
+        return self.best_first[0]
 
-    def _with_losses(self, judged: SoundQuads) -> SoundQuads:
+    def _with_area_fault(self, judged: SoundQuads) -> SoundQuads:
         """Add a fault to a result with too little area: thin parts, such as ears or fingers, are lost."""
-        if not self._clean or target_of(judged.quads).area >= COVERED * self._whole.area:
+        if not self._clean or target_surface(judged.quads).area >= MIN_AREA_SHARE * self._whole.area:
             return judged
         useless, missed, poor = judged.faults
         return replace(judged, faults=(useless, missed + 1, poor))
 
-    def uncovered(self, count: int, first: int) -> list[Finding]:
+    def gap_warnings(self, count: int, first: int) -> list[Finding]:
         """Warn if the best quads miss parts of the surface; ``count`` is the number of quads of all bodies, ``first``
         the index of this body's first quad.
         """
         if not self._clean:
             return []
-        best = replace(self.best, vertices=(self.best.vertices - self._middle) * self._scale)
-        return warn_of_gaps(best, target_of(best), self._whole, count, first)
+        best = replace(self.best_quads, vertices=(self.best_quads.vertices - self._middle) * self._scale)
+        return warn_of_gaps(best, target_surface(best), self._whole, count, first)
 
-    def _tell(self, text: str) -> Progress:
-        self._tried += 1
-        self._progress(1.0 - 0.75**self._tried, f"{text}{self._name}")
+    def _report_attempt(self, text: str) -> Progress:
+        self._attempt_count += 1
+        self._progress(1.0 - 0.75**self._attempt_count, f"{text}{self._name}")
         return self._progress.quiet()
 
-    def _tries(self) -> Iterator[SoundQuads | str]:
+    def _attempts(self) -> Iterator[SoundQuads | str]:
         """Yield the results of all attempts (reasons, where they fail), the quickest attempts first."""
-        yield from self._by_halves()
-        if _any_useful(self.found) and 1.0 / MIRRORED < len(self.found[0].quads.sizes) / self._count < MIRRORED:
+        yield from self._quads_by_halves()
+        if (
+            _any_useful(self.results)
+            and 1.0 / MAX_COUNT_RATIO < len(self.results[0].quads.sizes) / self._count < MAX_COUNT_RATIO
+        ):
             return
-        maps = max(1, min(MAPS, round(MAPPED / self._count)))
-        for surface in _surfaces(self._small, self._whole, self._count, self._tool, self._progress.quiet()):
+        maps = max(1, min(MAX_MAPS, round(MAX_MAPPED_QUADS / self._count)))
+        for surface in _surfaces_for_tool(self._small, self._whole, self._count, self._tool, self._progress.quiet()):
             of_voxels = surface.sizes[0] == 4
-            yield self._by_tool(surface, TRIES[0])
+            yield self._quads_by_tool(surface, QUADRIFLOW_ATTEMPTS[0])
             mapped: list[SoundQuads] = []
-            for row in OWN:
-                for how in row if len(target_of(surface).sharp) or row[0][0] == FLAT else ():
-                    if not maps or (of_voxels and _any_useful(self.found)):
+            for row in CURVATURE_ATTEMPTS:
+                for how in row if len(target_surface(surface).sharp_edges) or row[0][0] == NO_FOLDS else ():
+                    if not maps or (of_voxels and _any_useful(self.results)):
                         break
                     maps -= 1
-                    judged = _along_curvature(
-                        surface, self._whole, self._count, how, self._tell("Quads along the curvature")
+                    judged = _quads_along_curvature(
+                        surface, self._whole, self._count, how, self._report_attempt("Quads along the curvature")
                     )
                     yield judged
                     if isinstance(judged, str):
@@ -236,89 +262,91 @@ class _BodySearch:
                     mapped.append(judged)
                 if _any_useful(mapped):
                     break
-            for again in TRIES[1 : OF_VOXELS if of_voxels else len(TRIES)]:
-                if self._enough():
+            for again in QUADRIFLOW_ATTEMPTS[1 : MAX_VOXEL_ATTEMPTS if of_voxels else len(QUADRIFLOW_ATTEMPTS)]:
+                if self._is_good_enough():
                     break
-                yield self._by_tool(surface, again)
-            if any(not one.faults[1] for one in self.found):
+                yield self._quads_by_tool(surface, again)
+            if any(not one.faults[1] for one in self.results):
                 return
         if self._clean and not is_closed(self._small):
-            yield from _by_cells(self._small, self._whole, self._count, self._tool, self._tell("Cells"))
+            yield from _quads_by_cells(self._small, self._whole, self._count, self._tool, self._report_attempt("Cells"))
 
-    def _by_halves(self) -> Iterator[SoundQuads]:
+    def _quads_by_halves(self) -> Iterator[SoundQuads]:
         """Yield sound symmetric quads, one half and its mirror image; failures are silent, as other attempts follow."""
-        if not self._planes or not self._clean or self._count < 2 * FEWEST:
+        if not self._planes or not self._clean or self._count < 2 * MIN_QUADS:
             return
         first, *others = self._planes
-        side = half(self._small, first)
+        side = cut_at_plane(self._small, first)
         if side is None or not is_clean(side):
             return
         search = _BodySearch(side, round(self._count / 2), self._tool, self._name, others)
         try:
-            search.go_on(self._tell("One half"), True)
+            search.run(self._report_attempt("One half"), True)
         except FlexMapsError:
             return
         edge = (self._whole.area / self._count) ** 0.5
-        ends = side.vertices[np.abs(first.heights(side.vertices)) < SINGLE_TOL]
-        ends = ends[self._whole.to_border(ends) < SINGLE_TOL]
-        for quads in search.ranked:
+        ends = side.vertices[np.abs(first.signed_distances(side.vertices)) < SINGLE_TOL]
+        ends = ends[self._whole.distances_to_border(ends) < SINGLE_TOL]
+        for quads in search.best_first:
             made = mirror_and_join(quads, first, edge, ends)
-            if is_clean(made) and euler(made) == euler(self._small):
-                judged = judge(made, self._whole, self._count)
+            if is_clean(made) and euler_characteristic(made) == euler_characteristic(self._small):
+                judged = rate_quads(made, self._whole, self._count)
                 if isinstance(judged, SoundQuads):
                     yield judged
                 return
 
-    def _enough(self) -> bool:
+    def _is_good_enough(self) -> bool:
         """Return whether a result has no faults, or there were enough attempts and sound results."""
-        sound = [one for one in self.found if not one.faults[0]]
-        if _any_useful(self.found) and not min(one.faults[2] for one in sound):
+        sound = [one for one in self.results if not one.faults[0]]
+        if _any_useful(self.results) and not min(one.faults[2] for one in sound):
             return True
-        return self._tried >= CANDIDATES and bool(sound) and len(self.found) >= min(ENOUGH, CANDIDATES)
+        return (
+            self._attempt_count >= MIN_ATTEMPTS and bool(sound) and len(self.results) >= min(MIN_RESULTS, MIN_ATTEMPTS)
+        )
 
-    def _by_tool(self, surface: PolygonMesh, how: tuple[int, float, int, bool]) -> SoundQuads | str:
-        """Return the tool's quads for ``how``, a row of ``TRIES``, repaired and rated, or the reason of the failure."""
+    def _quads_by_tool(self, surface: PolygonMesh, how: tuple[int, float, int, bool]) -> SoundQuads | str:
+        """Return the tool's quads for ``how``, a row of ``QUADRIFLOW_ATTEMPTS``, repaired and rated, or the reason of the failure."""
         seed, factor, times, sharp = how
-        asked = max(FEWEST, round(factor * self._count / 4**times))
-        raw = self._tool.quads(surface, asked, seed, sharp, self._tell("QuadriFlow"))
+        asked = max(MIN_QUADS, round(factor * self._count / 4**times))
+        raw = self._tool.quads(surface, asked, seed, sharp, self._report_attempt("QuadriFlow"))
         if raw is None or not len(raw.sizes):
             return "QuadriFlow finds none"
-        return judge_raw(raw, self._whole, self._count, times, sharp)
+        return repair_and_rate(raw, self._whole, self._count, times, sharp)
 
 
 @dataclass(frozen=True, eq=False)
 class _MirroredSearch:
     """Body that is the mirror image of another: reflects the other's quads; has the methods of ``_BodySearch``."""
 
-    of: _BodySearch | _MirroredSearch
-    plane: Plane
+    source: _BodySearch | _MirroredSearch
+    plane: MirrorPlane
 
     @property
-    def found(self) -> list[SoundQuads]:
-        return self.of.found
+    def results(self) -> list[SoundQuads]:
+        return self.source.results
 
     @property
-    def best(self) -> PolygonMesh:
-        return self.plane.mirror(self.of.best)
+    def best_quads(self) -> PolygonMesh:
+        return self.plane.mirror(self.source.best_quads)
 
-    def go_on(self, progress: Progress, to_the_end: bool) -> None:
+    def run(self, progress: Progress, to_the_end: bool) -> None:
         """Do nothing: the other body's search does the work."""
 
-    def uncovered(self, count: int, first: int) -> list[Finding]:
-        return self.of.uncovered(count, first)
+    def gap_warnings(self, count: int, first: int) -> list[Finding]:
+        return self.source.gap_warnings(count, first)
 
 
-def _images(
+def _mirrored_searches(
     parts: list[PolygonMesh],
     before: list[int],
     searches: list[_BodySearch | _MirroredSearch],
     k: int,
-    planes: Sequence[Plane],
+    planes: Sequence[MirrorPlane],
 ) -> Iterator[_MirroredSearch]:
     """Yield every way in which body ``k`` is the mirror image of one of the bodies ``before`` it."""
     for other, search in zip(before, searches, strict=True):
         for plane in planes:
-            if plane.maps(parts[other], parts[k], EXTENT):
+            if plane.maps_onto(parts[other], parts[k], TOOL_EXTENT):
                 yield _MirroredSearch(search, plane)
 
 
@@ -327,28 +355,28 @@ def _any_useful(found: list[SoundQuads]) -> bool:
     return any(not any(one.faults[:2]) for one in found)
 
 
-def _along_curvature(
+def _quads_along_curvature(
     surface: PolygonMesh, whole: TargetSurface, count: int, how: tuple[float, float, float], progress: Progress
 ) -> SoundQuads | str:
-    """Return quads along the curvature, rated, or the reason of the failure; ``how`` is an attempt from ``OWN``."""
-    triangles, (fold, alignment, smoothing) = target_of(surface), how
+    """Return quads along the curvature, rated, or the reason of the failure; ``how`` is an attempt from ``CURVATURE_ATTEMPTS``."""
+    triangles, (fold, alignment, smoothing) = target_surface(surface), how
     edge = (triangles.area / count) ** 0.5
-    given = of_rows(triangles.vertices, triangles.triangles)
+    given = mesh_from_rows(triangles.vertices, triangles.triangles)
     try:
         raw = quadrangulate(given, edge, np.radians(fold), alignment, smoothing, progress)
     except FlexMapsError as error:
         return str(error)
-    return judge_raw(raw, whole, count, 0, fold < FLAT)
+    return repair_and_rate(raw, whole, count, 0, fold < NO_FOLDS)
 
 
-def _surfaces(
-    body: PolygonMesh, target: TargetSurface, count: int, tool: Tool, progress: Progress
+def _surfaces_for_tool(
+    body: PolygonMesh, target: TargetSurface, count: int, tool: RemeshTool, progress: Progress
 ) -> Iterator[PolygonMesh]:
     """Yield surfaces for QuadriFlow: the body itself if it is clean, then its voxel surfaces, the finest first."""
     if is_clean(body):
         yield _simplify(body, count)
     edge = (target.area / count) ** 0.5
-    for factor in VOXELS:
+    for factor in VOXEL_SIZES:
         skin = tool.voxels(body, factor * edge, progress)
         if skin is None or not len(skin.sizes):
             continue
@@ -358,11 +386,13 @@ def _surfaces(
 
 
 def _simplify(body: PolygonMesh, count: int) -> PolygonMesh:
-    """Simplify a clean body to ``DENSE`` triangles per quad, if it has more."""
-    triangles = target_of(body)
-    if len(triangles.triangles) <= DENSE * count:
+    """Simplify a clean body to ``TRIANGLES_PER_QUAD`` triangles per quad, if it has more."""
+    triangles = target_surface(body)
+    if len(triangles.triangles) <= TRIANGLES_PER_QUAD * count:
         return body
-    fewer = of_rows(*simplify(triangles.vertices, triangles.triangles, round(DENSE * count)))
+    fewer = mesh_from_rows(
+        *simplify_triangles(triangles.vertices, triangles.triangles, round(TRIANGLES_PER_QUAD * count))
+    )
     return fewer if is_clean(fewer) else body
 
 
@@ -375,19 +405,19 @@ def _outer_skin(skin: PolygonMesh) -> PolygonMesh | None:
     across = 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
     volume = np.bincount(body, np.einsum("fi,fi->f", p.mean(axis=1), across))
     area = np.bincount(body, np.linalg.norm(across, axis=1)) * (volume > 0)
-    if not area.any() or area.max() < ONE_SKIN * area.sum():
+    if not area.any() or area.max() < MIN_SKIN_SHARE * area.sum():
         return None
-    return of_rows(skin.vertices, rows[body == area.argmax()])
+    return mesh_from_rows(skin.vertices, rows[body == area.argmax()])
 
 
-def _by_cells(
-    body: PolygonMesh, whole: TargetSurface, count: int, tool: Tool, progress: Progress
+def _quads_by_cells(
+    body: PolygonMesh, whole: TargetSurface, count: int, tool: RemeshTool, progress: Progress
 ) -> Iterator[SoundQuads]:
     """Yield sound quads of an open body with large flat faces, such as a letter; QuadriFlow often tears such bodies."""
-    for factor in CELLS:
+    for factor in CELL_SIZES:
         polygons = tool.cells(body, factor * (whole.area / count) ** 0.5, progress)
-        if polygons is None or not len(polygons.sizes) or len(polygons.corners) > MANY * count:
+        if polygons is None or not len(polygons.sizes) or len(polygons.corners) > MAX_CELL_RATIO * count:
             continue
-        judged = judge_raw(split(polygons), whole, count)
+        judged = repair_and_rate(split_into_quads(polygons), whole, count)
         if isinstance(judged, SoundQuads):
             yield judged

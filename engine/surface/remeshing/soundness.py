@@ -11,25 +11,25 @@ from ...params import RegulariseParams
 from ..checking.check import Finding, as_quad_mesh, findings
 from ..checking.topology import sides_of
 from ..mesh import PolygonMesh
-from .bodies import is_clean, target_of
-from .mend import FOLDED, POOR, USELESS, TargetSurface, mend_quads, of_rows
+from .bodies import is_clean, target_surface
+from .mend import FOLDED, POOR, USELESS, TargetSurface, mend_quads, mesh_from_rows
 from .quality import quality
 from .refine import refine_quads
-from .regularise import flatter, regularise
+from .regularise import flatten_bent_quads, regularise
 
 # Weight of the share of poor quads in the cost: a tenth of poor quads doubles it. Larger: fewer poor quads, but less
 # regular meshes.
-WORTH = 10.0
+POOR_WEIGHT = 10.0
 # Distance between quads and surface (95th percentile), in whole quad edges, from which quads are rejected: thin parts,
 # such as a rabbit's ears, are lost. Larger: worse results are accepted.
-LOST = 3
+MAX_MISSED = 3
 # Largest area of the quads, as a share of the surface's area; more means a second skin, as of an open surface that was
 # closed. Results with their border have 0.92 to 0.97.
-DOUBLED = 1.2
+MAX_AREA_RATIO = 1.2
 # A quad fills a hole if all its corners are within this distance of the surface's border, in quad edges, and its middle
 # is off the surface or it faces the other way. Larger: quads at narrow parts are removed too.
-AT_BORDER = 0.6
-FILLING = 0.1  # distance of a quad's middle from the surface, in quad edges, from which it is off the surface
+BORDER_DISTANCE = 0.6
+FILL_DISTANCE = 0.1  # distance of a quad's middle from the surface, in quad edges, from which it is off the surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,15 +46,15 @@ class SoundQuads:
     cost: float
 
 
-def judge_raw(
-    raw: PolygonMesh, whole: TargetSurface, count: int, times: int = 0, sharp: bool = False
+def repair_and_rate(
+    raw: PolygonMesh, target: TargetSurface, count: int, times: int = 0, sharp: bool = False
 ) -> SoundQuads | str:
     """Subdivide, repair and rate a remesher's quads; return the reason if they are unusable.
 
     Parameters
     ----------
     raw : result of the remesher
-    whole : surface that the quads should cover
+    target : surface that the quads should cover
     count : wanted number of quads
     times : number of subdivisions
     sharp : whether corners are moved onto sharp edges even without a subdivision
@@ -63,26 +63,26 @@ def judge_raw(
         return "QuadriFlow left faces that are not quads"
     if not is_clean(raw):
         return "its quads are not a clean surface"
-    unfilled = reopen_holes(raw, whole)
-    made = mend_quads(refine_quads(unfilled, whole, times) if times or sharp else unfilled, whole)
-    judged = judge(made, whole, count)
-    moved = onto_corners(made, whole)
-    again = judged if moved is made else judge(moved, whole, count)
+    unfilled = reopen_holes(raw, target)
+    made = mend_quads(refine_quads(unfilled, target, times) if times or sharp else unfilled, target)
+    judged = rate_quads(made, target, count)
+    moved = snap_to_border_corners(made, target)
+    again = judged if moved is made else rate_quads(moved, target, count)
     kept = isinstance(again, SoundQuads) and (isinstance(judged, str) or again.faults <= judged.faults)
     return again if kept else judged
 
 
-def onto_corners(quads: PolygonMesh, whole: TargetSurface) -> PolygonMesh:
+def snap_to_border_corners(quads: PolygonMesh, target: TargetSurface) -> PolygonMesh:
     """Move the nearest border vertex of the quads onto every corner of the surface's border.
 
     Remeshers cut these corners off.
     """
-    corners = whole.vertices[whole.border_corners]
+    corners = target.vertices[target.border_corners]
     sides = sides_of(quads)
     border = np.unique(sides.edges[np.bincount(sides.edge) == 1])
     if not len(corners) or not len(border):
         return quads
-    edge = (target_of(quads).area / len(quads.sizes)) ** 0.5
+    edge = (target_surface(quads).area / len(quads.sizes)) ** 0.5
     away, nearest = cKDTree(quads.vertices[border]).query(corners, distance_upper_bound=edge)
     order = np.argsort(away)[: int(np.isfinite(away).sum())]
     vertex, first = np.unique(border[nearest[order]], return_index=True)  # the nearest corner for each vertex
@@ -91,8 +91,8 @@ def onto_corners(quads: PolygonMesh, whole: TargetSurface) -> PolygonMesh:
     return replace(quads, vertices=moved)
 
 
-def judge(quads: PolygonMesh, whole: TargetSurface, count: int) -> SoundQuads | str:
-    """Rate quads against the surface ``whole`` without a repair; return the reason if they are unusable.
+def rate_quads(quads: PolygonMesh, target: TargetSurface, count: int) -> SoundQuads | str:
+    """Rate quads against the surface ``target`` without a repair; return the reason if they are unusable.
 
     count : wanted number of quads
     """
@@ -101,42 +101,42 @@ def judge(quads: PolygonMesh, whole: TargetSurface, count: int) -> SoundQuads | 
     if errors:
         folded = sum(len(f.faces) for f in errors if f.code in FOLDED)
         return f"{folded} of {len(quads.sizes)} quads are folded" if folded else "its quads differ too much in size"
-    made = target_of(quads)
-    edge = (whole.area / count) ** 0.5
-    if made.area > DOUBLED * whole.area:
+    made = target_surface(quads)
+    edge = (target.area / count) ** 0.5
+    if made.area > MAX_AREA_RATIO * target.area:
         return "its open side was closed, or both of its sides were covered"
     missed = int(
-        max(np.percentile(made.distances(whole.samples), 95), np.percentile(whole.distances(made.samples), 95)) / edge
+        max(np.percentile(made.distances(target.sample_points), 95), np.percentile(target.distances(made.sample_points), 95)) / edge
     )
-    if missed >= LOST:
+    if missed >= MAX_MISSED:
         return "parts of the surface are lost"
     useless, poor = _count_faces(found, USELESS), _count_faces(found, POOR)
     cost = (
-        quality(quads, whole).cost
-        * (1.0 + WORTH * poor / len(quads.sizes))
+        quality(quads, target).cost
+        * (1.0 + POOR_WEIGHT * poor / len(quads.sizes))
         * (1.0 + abs(len(quads.sizes) / count - 1.0))
     )
     return SoundQuads(quads, (useless, missed, poor), cost)
 
 
-def reopen_holes(raw: PolygonMesh, whole: TargetSurface) -> PolygonMesh:
+def reopen_holes(raw: PolygonMesh, target: TargetSurface) -> PolygonMesh:
     """Remove quads that fill holes of the surface: QuadriFlow fills holes with at most 25 of its edges round them."""
     rows = raw.corners.reshape(-1, 4)
-    size = (target_of(raw).area / len(rows)) ** 0.5
-    at_border = whole.to_border(raw.vertices) < AT_BORDER * size
+    size = (target_surface(raw).area / len(rows)) ** 0.5
+    at_border = target.distances_to_border(raw.vertices) < BORDER_DISTANCE * size
     corners = raw.vertices[rows]
     middles = corners.mean(axis=1)
-    there, normals = whole.nearest(middles)
+    there, normals = target.nearest(middles)
     across = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     back = np.einsum("fi,fi->f", across, normals) < 0  # filling over a flat part faces the other way
-    filling = at_border[rows].all(axis=1) & (back | (np.linalg.norm(there - middles, axis=1) > FILLING * size))
+    filling = at_border[rows].all(axis=1) & (back | (np.linalg.norm(there - middles, axis=1) > FILL_DISTANCE * size))
     if not filling.any() or filling.all():
         return raw
-    unfilled = of_rows(raw.vertices, rows[~filling])
+    unfilled = mesh_from_rows(raw.vertices, rows[~filling])
     return unfilled if is_clean(unfilled) else raw
 
 
-def squarer(quads: PolygonMesh) -> PolygonMesh:
+def regularise_if_better(quads: PolygonMesh) -> PolygonMesh:
     """Regularise quads if that reduces the poor quads, then flatten bent quads if that makes no more quads poor.
 
     If neither helps, return the quads unchanged.
@@ -150,7 +150,7 @@ def squarer(quads: PolygonMesh) -> PolygonMesh:
         left = _count_faces(findings(after), POOR)
         best, poor = (after, left) if left < poor else (quads, poor)
     mesh = as_quad_mesh(best)
-    pressed = flatter(mesh)
+    pressed = flatten_bent_quads(mesh)
     if pressed is mesh:
         return best
     flat = PolygonMesh.from_quads(pressed)

@@ -8,7 +8,7 @@ from ...progress import Progress
 from ..mesh import PolygonMesh
 
 
-class Tool(Protocol):
+class RemeshTool(Protocol):
     """External remesher; every call may take seconds, checks ``progress`` for a cancel, and may return None."""
 
     def triangles(self, mesh: PolygonMesh, near: float, progress: Progress) -> PolygonMesh | None:
@@ -31,6 +31,6 @@ class Tool(Protocol):
         """Divide a body with large flat faces into polygons of about ``size``."""
         ...
 
-    def touching(self, parts: list[PolygonMesh], progress: Progress) -> list[tuple[int, int]]:
+    def intersecting_pairs(self, parts: list[PolygonMesh], progress: Progress) -> list[tuple[int, int]]:
         """Return pairs of bodies whose surfaces intersect."""
         ...

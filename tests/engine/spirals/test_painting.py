@@ -29,7 +29,7 @@ POM = MATERIALS["pom"]
 @lru_cache(maxsize=2)
 def made(name: str = "dome", edge: float = 0.03) -> tuple[SpiralDesign, QuadMesh]:
     found = job.run(
-        PolygonMesh.from_quads(shapes.make(name, edge)),
+        PolygonMesh.from_quads(shapes.build_shape(name, edge)),
         Settings(choose=ChooseParams(goal="panels")),
         edge=0.02,
         stop_after="spirals",
@@ -97,7 +97,7 @@ def test_along_widens_the_arms_that_lie_along_and_thins_those_across() -> None:
 
 def test_a_symmetric_stroke_gives_a_symmetric_design() -> None:
     design, mesh = made()
-    mirror = next(one for one in symmetries(mesh) if one.mirrors)
+    mirror = next(one for one in symmetries(mesh) if one.is_mirror)
     even = uniform_design(design.flat, design.params, width=1.4e-3, twist=1.0)
     assert np.ptp(even.width) < 1e-9 and np.ptp(even.twist) < 1e-9
     one = spot(mesh, 5, 0.08)

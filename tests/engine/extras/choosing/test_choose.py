@@ -26,7 +26,7 @@ from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals.fabricable import design_from_spirals
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
-from flexmaps.engine.surface.symmetry import keeping, symmetries
+from flexmaps.engine.surface.symmetry import preserved_by, symmetries
 
 
 def torus(around: int = 16, across: int = 8) -> QuadMesh:
@@ -105,18 +105,18 @@ def test_a_lopsided_layout_is_made_symmetric() -> None:
     names = set()
     for name, edges in drawn_cuts.symmetric_variants(cut, mesh, found):
         names.add(name)
-        assert keeping(found, edges)
+        assert preserved_by(found, edges)
         assert "images" not in name or (edges >= cut).all()
     assert names == {"as it was, with its images", "one half, mirrored"}
     across = next(s for s in found if s.name == "mirror across x")
-    assert np.allclose(np.abs(across.normal), [1.0, 0.0, 0.0]) and across.mirrors
-    assert not any(s.mirrors for s in found if "turn" in s.name)
+    assert np.allclose(np.abs(across.normal), [1.0, 0.0, 0.0]) and across.is_mirror
+    assert not any(s.is_mirror for s in found if "turn" in s.name)
 
 
 @cache
 def ball() -> LayoutProblem:
     """A ball of 150 quads, whose one panel a short search leaves at about 1 % of its size."""
-    made = job.run(PolygonMesh.from_quads(shapes.make("cubesphere")), Settings(), stop_after="split")
+    made = job.run(PolygonMesh.from_quads(shapes.build_shape("cubesphere")), Settings(), stop_after="split")
     return LayoutProblem(made.mesh, Settings(), symmetries=tuple(symmetries(made.mesh)))
 
 
@@ -175,7 +175,7 @@ def test_panels_below_the_smallest_size_are_joined_to_their_neighbours(corner: t
         assert min(len(quads) for quads in laid.flat.layout.patches) >= 6
         assert (laid.flat.layout.isthmus_widths(own=False) >= 2).all()
         assert float(laid.flat.energy.max()) <= piece.settings.layout.distortion_limit
-        assert len(keeping(piece.symmetries, laid.cut)) >= len(keeping(piece.symmetries, cut))
+        assert len(preserved_by(piece.symmetries, laid.cut)) >= len(preserved_by(piece.symmetries, cut))
 
 
 def test_small_panels_stay_where_no_neighbour_can_take_them() -> None:

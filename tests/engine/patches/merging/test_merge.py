@@ -21,7 +21,7 @@ from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import QuadMesh
 from flexmaps.engine.surface.remeshing import regularise
-from flexmaps.engine.surface.symmetry import keeping, symmetries
+from flexmaps.engine.surface.symmetry import preserved_by, symmetries
 
 PARAMS = LayoutParams()
 NAMES = ("demo", "cubesphere", "dome", "torus", "vault", "strip", "two_bodies", "quad")
@@ -35,7 +35,7 @@ def merged(mesh: QuadMesh, params: LayoutParams = PARAMS) -> FlatPatches:
 
 @cache
 def layout_of(name: str) -> FlatPatches:
-    return merged(shapes.make(name))
+    return merged(shapes.build_shape(name))
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_what_is_remembered_changes_no_layout(name: str, monkeypatch: pytest.Mon
         if not remembers:
             monkeypatch.setattr(sketch, "ROOM", -1)
             monkeypatch.setattr(board.Shared, "__init__", _without_memory)
-        found.append(merged(shapes.make(name)))
+        found.append(merged(shapes.build_shape(name)))
         spent.append(sum(effort.left for effort in efforts))
     assert (found[0].layout.cut == found[1].layout.cut).all()
     assert (found[0].points == found[1].points).all() and spent[0] == spent[1]
@@ -136,32 +136,32 @@ def test_patches_lie_in_their_own_frames() -> None:
 
 
 def test_the_same_twice() -> None:
-    one, two = layout_of("dome"), merged(shapes.make("dome"))
+    one, two = layout_of("dome"), merged(shapes.build_shape("dome"))
     assert (one.layout.cut == two.layout.cut).all()
     assert (one.points == two.points).all()
 
 
 def test_a_tighter_limit_gives_less_distortion() -> None:
     params = LayoutParams(distortion_limit=0.008)
-    flat = merged(shapes.make("dome"), params)
+    flat = merged(shapes.build_shape("dome"), params)
     assert flat.energy.max() <= 0.008
     assert len(flat.layout.patches) > 1
 
 
 @pytest.mark.thorough
 def test_a_wider_neck_is_kept() -> None:
-    flat = merged(shapes.make("three_holes"), LayoutParams(neck_min=4, symmetric=False))
+    flat = merged(shapes.build_shape("three_holes"), LayoutParams(neck_min=4, symmetric=False))
     assert flat.layout.isthmus_widths().min() >= 4 or "forced" in flat.layout.notes
 
 
 def test_it_can_be_stopped() -> None:
     with pytest.raises(Cancelled):
-        merge.merge(trace.trace(shapes.make("dome"), PARAMS), PARAMS, Progress(stopped=lambda: True))
+        merge.merge(trace.trace(shapes.build_shape("dome"), PARAMS), PARAMS, Progress(stopped=lambda: True))
 
 
 def test_progress_rises() -> None:
     seen: list[float] = []
-    merge.merge(trace.trace(shapes.make("torus"), PARAMS), PARAMS, Progress(report=lambda f, _: seen.append(f)))
+    merge.merge(trace.trace(shapes.build_shape("torus"), PARAMS), PARAMS, Progress(report=lambda f, _: seen.append(f)))
     assert seen == sorted(seen)
     assert 0 <= seen[0] < 0.1
     assert seen[-1] <= 1
@@ -170,7 +170,7 @@ def test_progress_rises() -> None:
 @pytest.mark.thorough
 @pytest.mark.parametrize(("name", "patches"), [("bunny.obj", 10), ("three_holes.obj", 11), ("amo_quad.off", 8)])
 def test_real_meshes(shared_meshes: Path, name: str, patches: int) -> None:
-    polygons = check.scale_to_metres(meshio.read(shared_meshes / name), edge=0.02)
+    polygons = check.scale_to_metres(meshio.read_mesh(shared_meshes / name), edge=0.02)
     mesh = regularise.regularise(check.as_quad_mesh(polygons), RegulariseParams())
     flat = merged(mesh)
     report = layout_report(flat)
@@ -180,7 +180,7 @@ def test_real_meshes(shared_meshes: Path, name: str, patches: int) -> None:
 
 
 def test_first_cuts_that_break_a_mirror_get_its_images() -> None:
-    flat = shapes.make("dome")
+    flat = shapes.build_shape("dome")
     x, y, z = flat.vertices.T
     mesh = QuadMesh(np.stack([x, y, z + 3.0 * x**2 * y + 0.4 * y**2], axis=1), flat.quads)  # one mirror, across x
     (mirror,) = symmetries(mesh)
@@ -190,7 +190,7 @@ def test_first_cuts_that_break_a_mirror_get_its_images() -> None:
     sides = np.sort(np.unique(np.round(middles[along_y & (middles[:, 0] > 0.0), 0], 4)))
     near = np.abs(middles[:, 0] - sides[len(sides) // 2]) < 0.4 * mesh.median_edge
     cut = along_y & near & ~mesh.border
-    assert cut.any() and not keeping([mirror], cut)
+    assert cut.any() and not preserved_by([mirror], cut)
     made = merge.merge(PatchLayout(mesh, cut, origin="lines"), PARAMS)
-    assert keeping([mirror], made.layout.cut) == [mirror]
+    assert preserved_by([mirror], made.layout.cut) == [mirror]
     checked(made)

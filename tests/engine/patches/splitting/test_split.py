@@ -13,7 +13,7 @@ from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
-from flexmaps.engine.surface.symmetry import SEARCH, keeping, symmetries
+from flexmaps.engine.surface.symmetry import SEARCH, preserved_by, symmetries
 
 LAYOUT = LayoutParams()
 
@@ -107,7 +107,7 @@ def test_a_slanted_strip_fits_along_the_diagonal(flat_grid):
 
 @pytest.mark.parametrize("sheet", [SheetParams(sheet_width=0.2, sheet_height=0.15), SheetParams(sheet_width=0.3)])
 def test_a_curved_surface_keeps_every_limit(sheet):
-    mesh = shapes.make("demo", 0.02)
+    mesh = shapes.build_shape("demo", 0.02)
     merged = merge.merge(trace.trace(mesh, LAYOUT), LAYOUT)
     made = split.split(merged, LAYOUT, sheet)
     assert len(made.layout.patches) >= len(merged.layout.patches)
@@ -148,7 +148,7 @@ def test_a_sheet_without_room_for_a_quad_is_refused(flat_grid):
 
 def test_the_main_job_cuts_to_size_before_the_spirals():
     settings = Settings(sheet=SheetParams(sheet_width=0.16, sheet_height=0.12))
-    result = job.run(PolygonMesh.from_quads(shapes.make("dome", 0.02)), settings, edge=0.02, stop_after="split")
+    result = job.run(PolygonMesh.from_quads(shapes.build_shape("dome", 0.02)), settings, edge=0.02, stop_after="split")
     assert all(_fits(p, settings.sheet) for p in _pieces(result.flat))
     assert "split" in result.seconds
     assert result.design is None
@@ -156,11 +156,11 @@ def test_the_main_job_cuts_to_size_before_the_spirals():
 
 def test_note_about_symmetry_is_of_the_layout_after_the_cuts():
     """What the note says against the cuts themselves: how many motions of the mesh map them onto themselves."""
-    flat = merge.merge(trace.trace(shapes.make("cubesphere"), LayoutParams()), LayoutParams())
+    flat = merge.merge(trace.trace(shapes.build_shape("cubesphere"), LayoutParams()), LayoutParams())
     made = split.split(flat, LayoutParams(), SheetParams(sheet_width=0.12, sheet_height=0.1))
     assert len(made.layout.patches) > len(flat.layout.patches)
     found = symmetries(made.layout.mesh)
-    kept = 1 + len(keeping(found, made.layout.cut))
+    kept = 1 + len(preserved_by(found, made.layout.cut))
     assert made.layout.notes["symmetries_kept"] == kept
     assert f"keeps {kept} of {1 + len(found)} symmetries" in str(made.layout.notes["symmetry"])
     assert "instead of" not in str(made.layout.notes["symmetry"])

@@ -14,7 +14,7 @@ from flexmaps.engine.surface.checking.check import as_quad_mesh, findings
 from flexmaps.engine.surface.checking.overlaps import overlap_findings
 from flexmaps.engine.surface.checking.sewing import sew, t_junctions
 from flexmaps.engine.surface.checking.topology import bodies, orientation_faults, sides_of
-from flexmaps.engine.surface.far import about_middle, coarse_step
+from flexmaps.engine.surface.far import recentre, rounding_step
 from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
 from flexmaps.engine.surface.welding import weld
@@ -28,13 +28,13 @@ def euler(mesh: PolygonMesh) -> int:
 
 
 def triangles(name: str) -> PolygonMesh:
-    mesh = shapes.make(name)
+    mesh = shapes.build_shape(name)
     rows = np.concatenate([mesh.quads[:, [0, 1, 2]], mesh.quads[:, [0, 2, 3]]])
     return PolygonMesh(mesh.vertices, rows.ravel(), np.full(len(rows), 3))
 
 
 def quads(name: str) -> PolygonMesh:
-    return PolygonMesh.from_quads(shapes.make(name))
+    return PolygonMesh.from_quads(shapes.build_shape(name))
 
 
 def soup(mesh: PolygonMesh, noise: float, seed: int) -> PolygonMesh:
@@ -81,7 +81,7 @@ def test_a_binary_stl_with_noise(tmp_path: Path) -> None:
     records["c"] = mesh.vertices.reshape(-1, 3, 3)
     path = tmp_path / "a.stl"
     path.write_bytes(b" " * 80 + struct.pack("<I", len(records)) + records.tobytes())
-    assert euler(meshio.read(path)) == euler(triangles("dome"))
+    assert euler(meshio.read_mesh(path)) == euler(triangles("dome"))
 
 
 # -- borders that are not joined -----------------------------------------------------------------------------------------
@@ -169,7 +169,7 @@ def test_t_junctions_are_cured(name: str) -> None:
         assert len(made.sizes) < 1.1 * len(mesh.sizes)
         assert not [one for one in findings(made) if one.is_error and one.code != "size-ratio"]
         bare = replace(made, repairs=())
-        assert as_quad_mesh(bare).areas.sum() == pytest.approx(shapes.make(name).areas.sum(), rel=0.02)
+        assert as_quad_mesh(bare).areas.sum() == pytest.approx(shapes.build_shape(name).areas.sum(), rel=0.02)
     assert not {"t-junction", "doubled-vertices"} & codes(replace(made, repairs=()))
 
 
@@ -215,7 +215,7 @@ def test_a_shell_that_is_there_twice(name: str) -> None:
 def test_both_skins_of_a_thin_shell(name: str) -> None:
     """Closed at its border as Solidify does; what was closed before becomes two bodies, each with a skin of its own."""
     mesh = quads(name)
-    made = shapes.make(name)
+    made = shapes.build_shape(name)
     normal = np.zeros_like(made.vertices)
     for k in range(4):
         np.add.at(normal, made.quads[:, k], made.normals)
@@ -366,7 +366,7 @@ def test_text_files_far_away_are_read_to_a_hundredth_of_a_millimetre(tmp_path: P
         )
         text = "\n".join(["solid a", *facets, "endsolid a"])
     path.write_text(text + "\n")
-    read = meshio.read_named(str(path), "z")[1]
+    read = meshio.read_upright(str(path), "z")[1]
     assert not read.left_out
     a, b = (one.vertices[one.corners] - one.vertices[one.corners].mean(axis=0) for one in (read, mesh))
     assert np.abs(a - b).max() < 1e-5
@@ -381,13 +381,13 @@ def test_what_was_rounded_before_is_said(tmp_path: Path) -> None:
         records["c"] = (10 * mesh.vertices + far).reshape(-1, 3, 3)
         path = tmp_path / "a.stl"
         path.write_bytes(b" " * 80 + struct.pack("<I", len(records)) + records.tobytes())
-        left = meshio.read(path).left_out
+        left = meshio.read_mesh(path).left_out
         assert any("stored to 0.031" in text for text in left) == told
-    assert coarse_step(np.zeros((0, 3))) == 0.0 == coarse_step(np.full((2, 3), np.nan))
+    assert rounding_step(np.zeros((0, 3))) == 0.0 == rounding_step(np.full((2, 3), np.nan))
 
 
 def test_near_pieces_stay_where_they_are() -> None:
     mesh = quads("dome")
-    assert about_middle(mesh) is mesh
+    assert recentre(mesh) is mesh
     near = replace(mesh, vertices=mesh.vertices + 1.0)
-    assert about_middle(near) is near
+    assert recentre(near) is near

@@ -26,13 +26,13 @@ def save(tmp_path, name, content):
 
 
 def read(tmp_path, name, content) -> PolygonMesh:
-    return meshio.read(save(tmp_path, name, content))
+    return meshio.read_mesh(save(tmp_path, name, content))
 
 
 def refusal(tmp_path, name, content) -> str:
     path = save(tmp_path, name, content)
     with pytest.raises(FlexMapsError) as caught:
-        meshio.read(path)
+        meshio.read_mesh(path)
     text = str(caught.value)
     assert name in text
     assert "\n" not in text
@@ -131,7 +131,7 @@ def test_against_trimesh(tmp_path, kind):
         path.write_text(trimesh.exchange.write_solids_stl.export_stl_ascii(other))
     else:
         other.export(path)
-    mesh = meshio.read(path)
+    mesh = meshio.read_mesh(path)
     assert (mesh.sizes == 3).all()
     assert len(mesh.vertices) == len(quads.vertices)
     np.testing.assert_allclose(
@@ -142,7 +142,7 @@ def test_against_trimesh(tmp_path, kind):
 def test_against_blender(tmp_path):
     """Blender writes quads as OBJ, PLY and STL, with its own axes for OBJ: distances must agree."""
     bpy = pytest.importorskip("bpy")
-    mesh = shapes.make("torus", 1.0)
+    mesh = shapes.build_shape("torus", 1.0)
     data = bpy.data.meshes.new("torus")
     data.from_pydata(mesh.vertices.tolist(), [], mesh.quads.tolist())
     thing = bpy.data.objects.new("torus", data)
@@ -156,7 +156,7 @@ def test_against_blender(tmp_path):
         for suffix, write in writers.items():
             path = tmp_path / f"torus{suffix}"
             write(filepath=str(path), **{selected[suffix]: True})
-            got = meshio.read(path)
+            got = meshio.read_mesh(path)
             if suffix == ".stl":
                 assert (got.sizes == 3).all()
                 assert len(got.sizes) == 2 * len(mesh.quads)
@@ -181,7 +181,7 @@ def test_shared_meshes(shared_meshes):
         "suzanne.obj": 500,
     }
     for name, count in counts.items():
-        assert len(meshio.read(shared_meshes / name).sizes) == count
+        assert len(meshio.read_mesh(shared_meshes / name).sizes) == count
 
 
 # -- what bad files are told -----------------------------------------------------------------------------------------
@@ -189,19 +189,19 @@ def test_shared_meshes(shared_meshes):
 
 def test_not_a_file(tmp_path):
     with pytest.raises(FlexMapsError, match="does not exist"):
-        meshio.read(tmp_path / "none.obj")
+        meshio.read_mesh(tmp_path / "none.obj")
     with pytest.raises(FlexMapsError, match="folder"):
-        meshio.read(tmp_path)
+        meshio.read_mesh(tmp_path)
     (tmp_path / "f.obj").mkdir()
     with pytest.raises(FlexMapsError, match="folder"):
-        meshio.read(tmp_path / "f.obj")
+        meshio.read_mesh(tmp_path / "f.obj")
     with pytest.raises(FlexMapsError, match=r"\.fbx.*\.obj"):
-        meshio.read(save(tmp_path, "x.fbx", "abc"))
+        meshio.read_mesh(save(tmp_path, "x.fbx", "abc"))
     with pytest.raises(FlexMapsError, match="no suffix"):
-        meshio.read(save(tmp_path, "x", "abc"))
+        meshio.read_mesh(save(tmp_path, "x", "abc"))
     for name in ("x" * 5000 + ".obj", "a\0b.obj", "\ud800.obj"):
         with pytest.raises(FlexMapsError, match="cannot be read"):
-            meshio.read(tmp_path / name)
+            meshio.read_mesh(tmp_path / name)
 
 
 def test_no_permission(tmp_path, monkeypatch):
@@ -212,7 +212,7 @@ def test_no_permission(tmp_path, monkeypatch):
 
     monkeypatch.setattr(type(path), "read_bytes", deny)
     with pytest.raises(FlexMapsError, match=r"x\.obj cannot be read \(Permission denied\)"):
-        meshio.read(path)
+        meshio.read_mesh(path)
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
@@ -339,7 +339,7 @@ def test_damaged_files_are_read_or_refused(tmp_path, suffix, data):
         del damaged[data.draw(st.integers(0, len(damaged))) :]
     path = save(tmp_path, f"d{suffix}", bytes(damaged))
     try:
-        mesh = meshio.read(path)
+        mesh = meshio.read_mesh(path)
     except FlexMapsError as error:
         assert "\n" not in str(error)
         return
@@ -355,4 +355,4 @@ def test_damaged_files_are_read_or_refused(tmp_path, suffix, data):
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_noise_is_refused(tmp_path, suffix, content):
     with contextlib.suppress(FlexMapsError):
-        meshio.read(save(tmp_path, f"n{suffix}", content))
+        meshio.read_mesh(save(tmp_path, f"n{suffix}", content))

@@ -170,7 +170,7 @@ def test_off_as_libigl_reads_it(tmp_path, name):
     path = tmp_path / "x.off"
     path.write_bytes(_content("off", name))
     vertices, triangles = igl.read_triangle_mesh(str(path))
-    mesh = meshio.read(path)
+    mesh = meshio.read_mesh(path)
     np.testing.assert_array_equal(mesh.vertices, vertices)
     fans = [(f[0], f[i], f[i + 1]) for f in mesh.corners.reshape(-1, 4).tolist() for i in (1, 2)]
     assert sorted(map(sorted, fans)) == sorted(map(sorted, np.asarray(triangles).tolist()))
@@ -225,7 +225,7 @@ def test_blender_agrees_about_doubles(tmp_path):
         bpy.ops.wm.obj_import(filepath=str(path))
     (made,) = set(bpy.data.objects) - before
     try:
-        assert len(made.data.polygons) == len(meshio.read(path).sizes) == 2
+        assert len(made.data.polygons) == len(meshio.read_mesh(path).sizes) == 2
     finally:
         bpy.data.objects.remove(made)
 
@@ -234,6 +234,6 @@ def test_faces_over_several_lines_in_a_real_file(shared_meshes):
     path = shared_meshes / "foreign" / "inspired_mesh_quads_Smooth.off"
     if not path.is_file():
         pytest.skip("that mesh is not there")
-    mesh = meshio.read(path)
+    mesh = meshio.read_mesh(path)
     assert mesh.sizes.tolist() == [4] * 1838
     assert len(mesh.vertices) == 1963

@@ -46,7 +46,7 @@ def test_lines_run_along_a_cylinder():
 
 def test_lines_follow_sharp_folds():
     mesh = t.cube()
-    field = cross_field(mesh, mesh.lines(1.0))
+    field = cross_field(mesh, mesh.feature_sides(1.0))
     assert off_axis(field, np.roll(np.round(field.mesh.frames[:, 2]), 1, axis=1)).max() < 1e-6
     assert (field.indices == 1).sum() == 8 and np.abs(field.indices).sum() == 8
     np.testing.assert_allclose(np.abs(field.mesh.vertices[field.indices == 1]), 1.0)

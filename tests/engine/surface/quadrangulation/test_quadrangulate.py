@@ -13,13 +13,13 @@ from flexmaps.engine.surface.checking.check import as_quad_mesh
 from flexmaps.engine.surface.curvature import misalignment
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.quadrangulation import separation
-from flexmaps.engine.surface.quadrangulation.even import even_out
+from flexmaps.engine.surface.quadrangulation.even import equalise_triangles
 from flexmaps.engine.surface.quadrangulation.extraction import _has_same_topology, extract_quads
 from flexmaps.engine.surface.quadrangulation.field import ALIGNMENT, Triangles
 from flexmaps.engine.surface.quadrangulation.quadrangulate import quadrangulate
 from flexmaps.engine.surface.quadrangulation.rounding import round_unknowns
-from flexmaps.engine.surface.quadrangulation.seamless import _kernel
-from flexmaps.engine.surface.quadrangulation.separation import NOTHING, PositiveSums
+from flexmaps.engine.surface.quadrangulation.seamless import _integer_kernel
+from flexmaps.engine.surface.quadrangulation.separation import NO_CONSTRAINTS, MapConstraints
 
 t = sys.modules["flexmaps_triangles"]
 
@@ -132,7 +132,7 @@ def test_whole_number_solutions_are_all_found():
     random = np.random.default_rng(3)
     for _ in range(20):
         rows = random.integers(-2, 3, (2, 5))
-        basis = _kernel([{k: int(n) for k, n in enumerate(row) if n} for row in rows], 5)
+        basis = _integer_kernel([{k: int(n) for k, n in enumerate(row) if n} for row in rows], 5)
         assert not (rows @ basis).any()
         every = np.array(list(itertools.product(range(-2, 3), repeat=5))).T
         solutions = every[:, ~(rows @ every).any(axis=0)]
@@ -143,8 +143,8 @@ def test_whole_number_solutions_are_all_found():
 
 def test_even_triangles_keep_the_surface():
     mesh = t.ellipsoid()
-    fine = even_out(mesh, 0.15, np.pi)
-    assert np.abs(fine.sides).max() <= 0.15
+    fine = equalise_triangles(mesh, 0.15, np.pi)
+    assert np.abs(fine.side_vectors).max() <= 0.15
     assert fine.areas.sum() == pytest.approx(mesh.areas.sum(), rel=1e-9)
     assert igl.euler_characteristic(fine.corners) == 2
 
@@ -183,7 +183,7 @@ def energy(matrix: np.ndarray, right: np.ndarray, x: np.ndarray) -> float:
 def test_rounding_is_near_the_best_whole_numbers(seed):
     """Against all of a box of whole numbers: among the best few of 7^4, and no step of one is better."""
     matrix, right = quadratic(seed, 4)
-    got = round_unknowns(matrix, right, NOTHING)
+    got = round_unknowns(matrix, right, NO_CONSTRAINTS)
     every = np.array(list(itertools.product(range(-3, 4), repeat=4)))
     all_of_them = 0.5 * np.einsum("ni,ij,nj->n", every, matrix, every) - every @ right
     assert (all_of_them < energy(matrix, right, got) - 1e-9).sum() < 10
@@ -199,15 +199,15 @@ def test_rounding_keeps_pairs_apart(seed):
     size = 6
     matrix = np.eye(size) + 0.1 * np.ones((size, size))
     right = matrix @ (np.random.default_rng(seed).uniform(-1, 1) + 0.25 * np.arange(size))
-    chain = PositiveSums(np.diff(np.eye(size), axis=0), np.ones(size - 1))
-    assert not chain.hold(round_unknowns(matrix, right, NOTHING))
+    chain = MapConstraints(np.diff(np.eye(size), axis=0), np.ones(size - 1))
+    assert not chain.are_satisfied(round_unknowns(matrix, right, NO_CONSTRAINTS))
     got = round_unknowns(matrix, right, chain)
-    assert chain.hold(got)
+    assert chain.are_satisfied(got)
     np.testing.assert_array_equal(np.diff(got), 1)
 
 
 def test_what_cannot_be_kept_apart_is_left():
-    impossible = PositiveSums(np.array([[1.0], [-1.0]]), np.ones(2))
+    impossible = MapConstraints(np.array([[1.0], [-1.0]]), np.ones(2))
     assert round_unknowns(np.eye(1), np.zeros(1), impossible) == 0
 
 
@@ -226,11 +226,11 @@ def test_a_map_of_too_many_pairs_is_refused_before_they_are_all_found(monkeypatc
     box = t.cube()
     thin = Triangles(box.vertices * [1.0, 1.0, 0.08], box.corners)
     looked = []
-    look = separation._NeighbourWalk.look_round
-    monkeypatch.setattr(separation._NeighbourWalk, "look_round", lambda *args: looked.append(args[1]) or look(*args))
+    look = separation._NeighbourWalk.add_constraints_near
+    monkeypatch.setattr(separation._NeighbourWalk, "add_constraints_near", lambda *args: looked.append(args[1]) or look(*args))
     quads_of(thin, 0.4, SHARP)
     all_of_them = len(looked)
-    monkeypatch.setattr(separation, "MANY", 0)
+    monkeypatch.setattr(separation, "MAX_PAIRS", 0)
     with pytest.raises(FlexMapsError, match="too many sharp folds"):
         quads_of(thin, 0.4, SHARP)
     assert 0 < len(looked) - all_of_them < all_of_them
@@ -244,11 +244,11 @@ def test_short_folds_are_noise():
     points[inner, 2] = 1.0
     bumped = Triangles(points, mesh.corners)
     border = bumped.opposite < 0
-    assert bumped.lines(SHARP)[~border].any()
-    np.testing.assert_array_equal(bumped.long_lines(SHARP, 20.0), border)
+    assert bumped.feature_sides(SHARP)[~border].any()
+    np.testing.assert_array_equal(bumped.long_feature_sides(SHARP, 20.0), border)
     box = t.cube()
-    np.testing.assert_array_equal(box.long_lines(SHARP, 20.0), box.lines(SHARP))
-    assert box.lines(SHARP).any() and not box.long_lines(SHARP, 24.1).any()  # twelve edges of two
+    np.testing.assert_array_equal(box.long_feature_sides(SHARP, 20.0), box.feature_sides(SHARP))
+    assert box.feature_sides(SHARP).any() and not box.long_feature_sides(SHARP, 24.1).any()  # twelve edges of two
 
 
 def test_torn_quads_are_told_from_sound_ones():

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface.checking.finding import Finding
-from flexmaps.engine.surface.remeshing.bodies import without_crumbs
+from flexmaps.engine.surface.remeshing.bodies import choose_bodies
 
 FEWEST = 6
 
 
 def kept_of(areas: np.ndarray, count: int, crumbs: float) -> tuple[np.ndarray, list[Finding]]:
-    return without_crumbs(areas, count, np.full(len(areas), FEWEST), crumbs)
+    return choose_bodies(areas, count, np.full(len(areas), FEWEST), crumbs)
 
 
 @pytest.mark.parametrize("small", [0.001, 0.005, 0.011])
@@ -52,6 +52,6 @@ def test_bodies_with_too_few_quads_by_area_get_them_where_all_have_enough() -> N
 
 def test_each_body_needs_its_own_number_of_quads() -> None:
     """Of two small bodies with eight quads each by area, the one that needs twelve goes."""
-    large, found = without_crumbs(np.array([1.0, 0.08, 0.08]), 116, np.array([6, 6, 12]), 0.1)
+    large, found = choose_bodies(np.array([1.0, 0.08, 0.08]), 116, np.array([6, 6, 12]), 0.1)
     assert large.tolist() == [True, True, False]
     assert "1 of 3 bodies would get fewer than 12 quads" in found[0].message

@@ -8,7 +8,7 @@ from flexmaps.engine.surface import curvature
 from flexmaps.engine.surface.checking.check import as_quad_mesh
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.remeshing import quality, refine, requad
-from flexmaps.engine.surface.remeshing.mend import TargetSurface, of_rows
+from flexmaps.engine.surface.remeshing.mend import TargetSurface, mesh_from_rows
 
 
 def cylinder(turn: float, n: int = 24) -> QuadMesh:
@@ -17,7 +17,7 @@ def cylinder(turn: float, n: int = 24) -> QuadMesh:
     x, y = u * np.cos(turn) - v * np.sin(turn), u * np.sin(turn) + v * np.cos(turn)
     k = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
     rows = np.stack([k, k + n + 1, k + n + 2, k + 1], axis=1)
-    return as_quad_mesh(of_rows(np.stack([np.cos(x), np.sin(x), y], axis=1), rows))
+    return as_quad_mesh(mesh_from_rows(np.stack([np.cos(x), np.sin(x), y], axis=1), rows))
 
 
 @pytest.mark.parametrize("degrees", [0.0, 10.0, 30.0, 45.0, 70.0])
@@ -37,23 +37,23 @@ def cube(n: int) -> PolygonMesh:
             points.append(np.roll(np.stack([np.full(len(a), end), a, b], axis=1), axis, axis=1))
             rows.append((side if end else side[:, ::-1]) + (len(points) - 1) * len(a))
     places, index = np.unique(np.concatenate(points), axis=0, return_inverse=True)
-    return of_rows(places / n, index.reshape(-1)[np.concatenate(rows)])
+    return mesh_from_rows(places / n, index.reshape(-1)[np.concatenate(rows)])
 
 
 def as_target(quads: PolygonMesh) -> TargetSurface:
-    return requad.target_of(quads)
+    return requad.target_surface(quads)
 
 
 def test_a_cube_has_eight_irregular_vertices_and_keeps_its_edges() -> None:
     target = as_target(cube(3))
-    assert len(target.sharp) == 12 * 3
+    assert len(target.sharp_edges) == 12 * 3
     found = quality.quality(cube(6), target)
-    assert (found.irregular, found.lost) == (8, 0.0) and found.unevenness == pytest.approx(0.0, abs=1e-12)
+    assert (found.irregular, found.lost_edge_share) == (8, 0.0) and found.unevenness == pytest.approx(0.0, abs=1e-12)
     rounded = cube(6)
     middle = rounded.vertices - 0.5
     rounded = PolygonMesh(0.5 + 0.8 * middle / np.linalg.norm(middle, axis=1)[:, None], rounded.corners, rounded.sizes)
     worse = quality.quality(rounded, target)
-    assert worse.lost > 0.5 and worse.cost > found.cost
+    assert worse.lost_edge_share > 0.5 and worse.cost > found.cost
 
 
 def test_directions_are_not_given_up_for_a_few_irregular_vertices() -> None:
@@ -74,7 +74,7 @@ def test_finer_quads_lie_on_the_surface_and_on_its_sharp_edges() -> None:
     made = refine.refine_quads(PolygonMesh(moved, coarse.corners, coarse.sizes), as_target(cube(1)), 1)
     assert len(made.sizes) == 4 * len(coarse.sizes)
     found = quality.quality(made, as_target(cube(1)))
-    assert (found.irregular, found.lost) == (8, 0.0)
+    assert (found.irregular, found.lost_edge_share) == (8, 0.0)
     p = made.vertices[made.corners.reshape(-1, 4)]
     area = 0.5 * np.linalg.norm(np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]), axis=1)
     assert area.sum() == pytest.approx(6.0, rel=1e-6)
@@ -86,7 +86,7 @@ def test_the_border_of_a_sheet_stays_where_it_is() -> None:
     n = 3
     x, y = (g.ravel() / n for g in np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij"))
     k = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
-    sheet = of_rows(np.stack([x, y, 0 * x], axis=1), np.stack([k, k + n + 1, k + n + 2, k + 1], axis=1))
+    sheet = mesh_from_rows(np.stack([x, y, 0 * x], axis=1), np.stack([k, k + n + 1, k + n + 2, k + 1], axis=1))
     small = PolygonMesh(0.05 + 0.9 * sheet.vertices * [1.0, 1.0, 0.0], sheet.corners, sheet.sizes)
     made = refine.refine_quads(small, as_target(sheet), 1)
     p = made.vertices[made.corners.reshape(-1, 4)]

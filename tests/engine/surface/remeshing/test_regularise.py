@@ -14,15 +14,15 @@ from flexmaps.engine.surface.checking.geometry import breadth
 from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import QuadMesh
 from flexmaps.engine.surface.remeshing import regularise as regularising
-from flexmaps.engine.surface.remeshing.guide import Guide, distances, samples
+from flexmaps.engine.surface.remeshing.guide import VertexConstraints, distances, sample_points
 from flexmaps.engine.surface.remeshing.regularise import (
     BEND,
     GOOD,
     WARP,
     WORSE,
-    bends,
+    bend_angles,
     best_squares,
-    flatter,
+    flatten_bent_quads,
     regularise,
     square_energy,
 )
@@ -36,7 +36,7 @@ PARAMS = RegulariseParams()
 
 def deviation(mesh: QuadMesh, other: QuadMesh) -> float:
     """The largest distance between two surfaces of the same quads, metres, measured from vertices and quad middles both ways."""
-    return float(max(distances(mesh, samples(other)).max(), distances(other, samples(mesh)).max()))
+    return float(max(distances(mesh, sample_points(other)).max(), distances(other, sample_points(mesh)).max()))
 
 
 def shaken(mesh: QuadMesh, amount: float, seed: int = 0) -> QuadMesh:
@@ -107,7 +107,7 @@ def test_best_square_is_the_nearest(seed):
 
 @pytest.mark.parametrize("name", ["cubesphere", "torus", "vault", "saddle", "demo", "three_holes"])
 def test_shaken_shapes_become_squarer(name):
-    mesh = shaken(shapes.make(name), 0.2)
+    mesh = shaken(shapes.build_shape(name), 0.2)
     better = regularise(mesh, PARAMS)
     before, after = energy(mesh), energy(better)
     assert np.median(after) < 0.7 * np.median(before)
@@ -126,7 +126,7 @@ def test_a_shaken_plane_becomes_a_grid():
 
 
 def test_border_keeps_its_line_and_its_corners():
-    mesh = shaken(shapes.make("vault"), 0.2)
+    mesh = shaken(shapes.build_shape("vault"), 0.2)
     better = regularise(mesh, PARAMS)
     rim = mesh.edges[mesh.border]
     distance = igl.point_mesh_squared_distance(better.vertices[mesh.on_border], mesh.vertices, rim)[0]
@@ -138,7 +138,7 @@ def test_border_keeps_its_line_and_its_corners():
 
 
 def test_free_border():
-    mesh = shaken(shapes.make("saddle"), 0.2)
+    mesh = shaken(shapes.build_shape("saddle"), 0.2)
     better = regularise(mesh, RegulariseParams(boundary=False))
     rim = mesh.edges[mesh.border]
     distance = igl.point_mesh_squared_distance(better.vertices[mesh.on_border], mesh.vertices, rim)[0]
@@ -174,7 +174,7 @@ def test_creases_of_a_box_stay():
     ],
 )
 def test_symmetry_stays(name, motions):
-    mesh = shapes.make(name)
+    mesh = shapes.build_shape(name)
     better = regularise(mesh, PARAMS)
     moved = np.linalg.norm(better.vertices - mesh.vertices, axis=1).max()
     assert moved > 0.01 * mesh.median_edge
@@ -185,7 +185,7 @@ def test_symmetry_stays(name, motions):
 
 
 def test_warped_quads_are_pressed_flat():
-    mesh = shapes.make("vault")
+    mesh = shapes.build_shape("vault")
     at = len(mesh.vertices) // 2
     vertices = mesh.vertices.copy()
     vertices[at, 2] += 1.2 * mesh.median_edge
@@ -198,36 +198,36 @@ def test_warped_quads_are_pressed_flat():
 
 def test_lines_of_a_box():
     cube = shapes.voxels(np.ones((8, 6, 4), dtype=bool))
-    guide = Guide.from_mesh(cube, True)
-    assert guide.fixed.sum() == 8
+    guide = VertexConstraints.from_mesh(cube, True)
+    assert guide.is_fixed.sum() == 8
     assert len(guide.sliding) == 4 * (7 + 5 + 3)
     assert len(guide.line_edges) == 4 * (8 + 6 + 4)
 
 
 def test_nothing_to_do():
-    mesh = shapes.make("vault")
+    mesh = shapes.build_shape("vault")
     assert regularise(mesh, RegulariseParams(iterations=0)) is mesh
-    single = shapes.make("quad")
+    single = shapes.build_shape("quad")
     np.testing.assert_array_equal(regularise(single, PARAMS).vertices, single.vertices)
     np.testing.assert_array_equal(regularise(mesh, PARAMS).quads, mesh.quads)
 
 
 def test_same_again():
-    mesh = shaken(shapes.make("torus"), 0.2)
+    mesh = shaken(shapes.build_shape("torus"), 0.2)
     np.testing.assert_array_equal(regularise(mesh, PARAMS).vertices, regularise(mesh, PARAMS).vertices)
 
 
 def test_progress_and_cancel():
     told: list[float] = []
-    regularise(shapes.make("saddle"), PARAMS, Progress(lambda fraction, text: told.append(fraction)))
+    regularise(shapes.build_shape("saddle"), PARAMS, Progress(lambda fraction, text: told.append(fraction)))
     assert len(told) > PARAMS.iterations
     assert told == sorted(told)
     with pytest.raises(Cancelled):
-        regularise(shapes.make("saddle"), PARAMS, Progress(stopped=lambda: len(told) > 0))
+        regularise(shapes.build_shape("saddle"), PARAMS, Progress(stopped=lambda: len(told) > 0))
 
 
 def test_scale_does_not_matter():
-    mesh = shaken(shapes.make("demo", 1.0), 0.2)
+    mesh = shaken(shapes.build_shape("demo", 1.0), 0.2)
     small = mesh.with_vertices(mesh.vertices * 1e-3)
     one, two = regularise(mesh, PARAMS), regularise(small, PARAMS)
     np.testing.assert_allclose(energy(one), energy(two), atol=1e-6)
@@ -245,7 +245,7 @@ def test_scale_does_not_matter():
     ],
 )
 def test_shared_meshes(shared_meshes, name, falls):
-    mesh = check.as_quad_mesh(check.scale_to_metres(meshio.read(shared_meshes / name), edge=0.02))
+    mesh = check.as_quad_mesh(check.scale_to_metres(meshio.read_mesh(shared_meshes / name), edge=0.02))
     better = regularise(mesh, PARAMS)
     before, after = energy(mesh), energy(better)
     assert np.median(after) < falls * np.median(before)
@@ -259,7 +259,7 @@ def test_shared_meshes(shared_meshes, name, falls):
 
 def test_no_quad_gets_less_room_for_a_spiral_than_the_narrowest_had():
     """A spoilt saddle: relative to the median edge, the least breadth does not fall and no edge becomes short."""
-    mesh = shapes.make("saddle")
+    mesh = shapes.build_shape("saddle")
     rng = np.random.default_rng(5)
     inner = ~mesh.on_border
     points = mesh.vertices.copy()
@@ -308,17 +308,17 @@ def test_bend_of_a_quad_is_the_turn_of_its_normals():
         assert np.arccos(np.clip(first @ second, -1, 1)) == pytest.approx(angle, abs=1e-7)
         beside = np.cross(corners[3] - corners[0], corners[1] - corners[0])
         between = np.arccos(np.clip(abs(first @ beside) / np.linalg.norm(beside), -1, 1))
-        assert bends(corners[None])[0] == pytest.approx(between, abs=1e-7)
+        assert bend_angles(corners[None])[0] == pytest.approx(between, abs=1e-7)
 
 
 @pytest.mark.parametrize("height", [0.6, 1.2])
 def test_quads_that_bend_are_pressed_flat(height):
-    mesh = shapes.make("vault")
+    mesh = shapes.build_shape("vault")
     vertices = mesh.vertices.copy()
     vertices[len(vertices) // 2, 2] += height * mesh.median_edge
     bent = mesh.with_vertices(vertices)
-    flat = flatter(bent)
-    before, after = (bends(m.vertices[m.quads]) for m in (bent, flat))
+    flat = flatten_bent_quads(bent)
+    before, after = (bend_angles(m.vertices[m.quads]) for m in (bent, flat))
     assert before.max() > BEND and after.max() < before.max() and (after > BEND).sum() < (before > BEND).sum()
     np.testing.assert_array_equal(flat.vertices[mesh.on_border], bent.vertices[mesh.on_border])
     assert breadth(flat.vertices[mesh.quads]).min() >= 0.99 * min(
@@ -335,7 +335,7 @@ def test_a_twisted_surface_stays_as_it_is(quads):
     mesh = QuadMesh(
         np.stack([x, y, x * y], 1), np.stack([corner, corner + quads + 1, corner + quads + 2, corner + 1], 1)
     )
-    assert flatter(mesh) is mesh
+    assert flatten_bent_quads(mesh) is mesh
 
 
 @pytest.mark.parametrize("rounds", [3, regularising.MENDING - 1, regularising.MENDING])
@@ -348,7 +348,7 @@ def test_a_repair_gives_up_only_what_stays_spoilt(rounds: int, monkeypatch: pyte
         def __init__(self) -> None:
             self.mesh = mesh
 
-        def back(self, points: np.ndarray, _: np.ndarray) -> np.ndarray:
+        def move_towards(self, points: np.ndarray, _: np.ndarray) -> np.ndarray:
             return points
 
     def spoilt(_: QuadMesh, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -357,9 +357,9 @@ def test_a_repair_gives_up_only_what_stays_spoilt(rounds: int, monkeypatch: pyte
         return (np.arange(len(mesh.quads)) == 0) & (len(asked) <= rounds), none
 
     monkeypatch.setattr(regularising, "_spoilt_quads", spoilt)
-    hold = regularising._Hold(mesh, np.ones(len(mesh.quads)), np.zeros(len(mesh.vertices)))
+    hold = regularising._MoveWeights(mesh, np.ones(len(mesh.quads)), np.zeros(len(mesh.vertices)))
     tell = Progress(lambda fraction, words: told.append(fraction))
-    points = regularising._repair(moved, hold, Still(), tell)
+    points = regularising._repair_spoilt_quads(moved, hold, Still(), tell)
     assert told == sorted(set(told)) and told[0] >= 0.0 and told[-1] < 1.0
     returned = (points == mesh.vertices).all(axis=1)
     first, last = mesh.quads[0], mesh.quads[-1]

@@ -12,10 +12,10 @@ from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.checking.topology import bodies, sides_of
 from flexmaps.engine.surface.mesh import PolygonMesh
 from flexmaps.engine.surface.remeshing import coverage, requad, soundness
-from flexmaps.engine.surface.remeshing.mend import TargetSurface, mend_quads, of_rows
+from flexmaps.engine.surface.remeshing.mend import TargetSurface, mend_quads, mesh_from_rows
 
 RADIUS = 0.5
-OWN = requad.OWN
+OWN = requad.CURVATURE_ATTEMPTS
 
 
 def box(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -37,12 +37,12 @@ def box(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 def ball(n: int, centre: tuple[float, float, float] = (0.0, 0.0, 0.0), radius: float = RADIUS) -> PolygonMesh:
     points, rows = box(n)
-    return of_rows(radius * points / np.linalg.norm(points, axis=1)[:, None] + centre, rows)
+    return mesh_from_rows(radius * points / np.linalg.norm(points, axis=1)[:, None] + centre, rows)
 
 
 def halved(mesh: PolygonMesh) -> PolygonMesh:
     rows = mesh.corners.reshape(-1, 4)
-    return of_rows(mesh.vertices, np.concatenate([rows[:, [0, 1, 2]], rows[:, [0, 2, 3]]]))
+    return mesh_from_rows(mesh.vertices, np.concatenate([rows[:, [0, 1, 2]], rows[:, [0, 2, 3]]]))
 
 
 def both(*meshes: PolygonMesh) -> PolygonMesh:
@@ -52,8 +52,8 @@ def both(*meshes: PolygonMesh) -> PolygonMesh:
 @pytest.fixture(autouse=True)
 def _first_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     """The tool's first sound answer is taken; what is chosen among several has tests of its own."""
-    monkeypatch.setattr(requad, "CANDIDATES", 1)
-    monkeypatch.setattr(requad, "OWN", ())
+    monkeypatch.setattr(requad, "MIN_ATTEMPTS", 1)
+    monkeypatch.setattr(requad, "CURVATURE_ATTEMPTS", ())
 
 
 class Balls:
@@ -66,7 +66,7 @@ class Balls:
     def triangles(self, mesh: PolygonMesh, near: float, progress: Progress) -> PolygonMesh:
         return mesh if (mesh.sizes == 3).all() else halved(mesh)
 
-    def touching(self, parts: list[PolygonMesh], progress: Progress) -> list[tuple[int, int]]:
+    def intersecting_pairs(self, parts: list[PolygonMesh], progress: Progress) -> list[tuple[int, int]]:
         return self.cutting
 
     def quads(self, body: PolygonMesh, count: int, seed: int, sharp: bool, progress: Progress) -> PolygonMesh | None:
@@ -78,7 +78,7 @@ class Balls:
         made = ball(max(2, round((count / 6) ** 0.5)), tuple(middle), extent / 2)
         rows = made.corners.reshape(-1, 4)
         lacking = len(self.given) <= self.parts
-        return of_rows(made.vertices, rows[made.vertices[rows].mean(axis=1)[:, 2] > -0.4]) if lacking else made
+        return mesh_from_rows(made.vertices, rows[made.vertices[rows].mean(axis=1)[:, 2] > -0.4]) if lacking else made
 
     def voxels(self, body: PolygonMesh, size: float, progress: Progress) -> PolygonMesh | None:
         return None
@@ -102,7 +102,7 @@ def test_the_tool_works_at_one_size(size: float) -> None:
     mesh = ball(6, (4.0, 5.0, 6.0))
     tool = Balls()
     found = requad.requad(PolygonMesh(size * mesh.vertices, mesh.corners, mesh.sizes), 96, tool).polygons
-    assert [given[0] for given in tool.given] == pytest.approx([requad.EXTENT])
+    assert [given[0] for given in tool.given] == pytest.approx([requad.TOOL_EXTENT])
     assert np.linalg.norm(found.vertices / size - (4.0, 5.0, 6.0), axis=1) == pytest.approx(RADIUS, rel=1e-5)
 
 
@@ -124,7 +124,7 @@ def test_what_fails_once_is_tried_again_and_in_the_end_named() -> None:
 @pytest.mark.parametrize("hopeless", [0, 10**6])
 def test_quads_along_the_curvature_are_tried_first(hopeless: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """They need no tool; the best of both is taken."""
-    monkeypatch.setattr(requad, "OWN", OWN)
+    monkeypatch.setattr(requad, "CURVATURE_ATTEMPTS", OWN)
     tool = Balls(hopeless=hopeless)
     found = requad.requad(ball(6), 96, tool).polygons
     assert np.linalg.norm(found.vertices, axis=1) == pytest.approx(RADIUS, rel=0.05)
@@ -142,22 +142,22 @@ def tried(monkeypatch: pytest.MonkeyPatch, works: Callable[[float, float, float]
         hows.append(how)
         return requad.SoundQuads(surface, (0, 0, 0), 1.0) if works(*how) else "The map folds over itself"
 
-    monkeypatch.setattr(requad, "OWN", OWN)
-    monkeypatch.setattr(requad, "MAPS", maps)
-    monkeypatch.setattr(requad, "MAPPED", 96 * maps)
-    monkeypatch.setattr(requad, "_along_curvature", own)
+    monkeypatch.setattr(requad, "CURVATURE_ATTEMPTS", OWN)
+    monkeypatch.setattr(requad, "MAX_MAPS", maps)
+    monkeypatch.setattr(requad, "MAX_MAPPED_QUADS", 96 * maps)
+    monkeypatch.setattr(requad, "_quads_along_curvature", own)
     points, rows = box(4)
-    search = requad._BodySearch(halved(of_rows(points, rows)), 96, Balls(), "")
-    search.go_on(SILENT, True)
+    search = requad._BodySearch(halved(mesh_from_rows(points, rows)), 96, Balls(), "")
+    search.run(SILENT, True)
     return hows
 
 
 def test_a_stronger_pull_is_tried_only_where_a_weaker_one_works(monkeypatch: pytest.MonkeyPatch) -> None:
     def pulls(hows: list) -> list:
-        return [(fold < requad.FLAT, pull) for fold, pull, _ in hows]
+        return [(fold < requad.NO_FOLDS, pull) for fold, pull, _ in hows]
 
     assert pulls(tried(monkeypatch, lambda *_: True)) == [(True, 4.0), (True, 16.0)]
-    flat = pulls(tried(monkeypatch, lambda fold, _, __: fold == requad.FLAT))
+    flat = pulls(tried(monkeypatch, lambda fold, _, __: fold == requad.NO_FOLDS))
     assert flat == [(True, 4.0), (False, 4.0), (False, 16.0)]
     assert tried(monkeypatch, lambda *_: False)[-1][2] > 10, "smoothed more in the end"
     assert len(tried(monkeypatch, lambda *_: False, maps=2)) == 2, "no more maps than are allowed"
@@ -177,21 +177,21 @@ def test_dense_bodies_are_thinned_and_keep_their_borders() -> None:
     u, v = (g.ravel() / n for g in np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij"))
     k = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
     points = np.stack([np.sin(u), v, np.cos(u)], axis=1)
-    body = halved(of_rows(points, np.stack([k, k + n + 1, k + n + 2, k + 1], axis=1)))
-    thin, whole = requad._simplify(body, 96), requad.target_of(body)
-    target = requad.target_of(thin)
-    assert len(thin.sizes) <= requad.DENSE * 96 < len(body.sizes) and requad.is_clean(thin)
+    body = halved(mesh_from_rows(points, np.stack([k, k + n + 1, k + n + 2, k + 1], axis=1)))
+    thin, whole = requad._simplify(body, 96), requad.target_surface(body)
+    target = requad.target_surface(thin)
+    assert len(thin.sizes) <= requad.TRIANGLES_PER_QUAD * 96 < len(body.sizes) and requad.is_clean(thin)
     assert target.area == pytest.approx(whole.area, rel=1e-3)
-    border = target.vertices[np.unique(target.border)]
-    assert whole.to_border(border).max() < 1e-3
-    assert target.to_border(points[[0, n, n * (n + 1), (n + 1) ** 2 - 1]]).max() < 1e-3, "its four corners"
+    border = target.vertices[np.unique(target.border_edges)]
+    assert whole.distances_to_border(border).max() < 1e-3
+    assert target.distances_to_border(points[[0, n, n * (n + 1), (n + 1) ** 2 - 1]]).max() < 1e-3, "its four corners"
     assert requad._simplify(body, 8192) is body
 
 
 def test_what_hangs_together_by_an_edge_of_three_faces_is_cut_there() -> None:
     points = [(0, 0, 0), (0, 1, 0), (1, 0, 0), (1, 1, 0), (-1, 0, 0), (-1, 1, 0), (0, 0, 1), (0, 1, 1)]
     rows = np.array([(0, 2, 3), (0, 3, 1), (4, 0, 1), (4, 1, 5), (0, 1, 7), (0, 7, 6)])
-    parts, said = requad.parts_of(of_rows(np.array(points, float), rows), Balls(), SILENT)
+    parts, said = requad.bodies_to_remesh(mesh_from_rows(np.array(points, float), rows), Balls(), SILENT)
     assert [len(part.sizes) for part in parts] == [2, 2, 2] and [f.code for f in said] == ["bodies-cut"]
     assert all(requad.is_clean(part) for part in parts)
 
@@ -210,7 +210,9 @@ class Cells(Balls):
 
 
 def test_open_bodies_that_get_no_quads_are_cut_into_some() -> None:
-    square = of_rows(np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], float), np.array([(0, 1, 2), (0, 2, 3)]))
+    square = mesh_from_rows(
+        np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], float), np.array([(0, 1, 2), (0, 2, 3)])
+    )
     made = requad.requad(square, 14, Cells()).polygons
     assert requad.is_clean(made) and len(made.sizes) == 14 and (made.sizes == 4).all()
     p = made.vertices[made.corners.reshape(-1, 4)]
@@ -226,7 +228,7 @@ def poor(quads: PolygonMesh) -> set[str]:
 
 
 def sphere_target() -> TargetSurface:
-    return requad.target_of(halved(ball(24)))
+    return requad.target_surface(halved(ball(24)))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -281,7 +283,9 @@ def slit(quads: PolygonMesh, face: int) -> PolygonMesh:
     moved = 0.98 * points[middle] + 0.02 * points[rows[[face, second]]].mean(axis=(0, 1))
     for f in (face, second):
         rows[f][rows[f] == middle] = len(points)
-    return of_rows(np.concatenate([points, [moved]]), np.concatenate([rows, [(start, len(points), end, middle)]]))
+    return mesh_from_rows(
+        np.concatenate([points, [moved]]), np.concatenate([rows, [(start, len(points), end, middle)]])
+    )
 
 
 def sharpest(quads: PolygonMesh) -> np.ndarray:
@@ -313,7 +317,7 @@ class Needles(Balls):
 
     def quads(self, body: PolygonMesh, count: int, seed: int, sharp: bool, progress: Progress) -> PolygonMesh | None:
         found = super().quads(body, count, seed, sharp, progress)
-        return flattened(found, 20) if found is not None and len(self.given) <= requad.ENOUGH else found
+        return flattened(found, 20) if found is not None and len(self.given) <= requad.MIN_RESULTS else found
 
 
 def test_quads_without_needles_are_taken_where_there_are_any(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -328,7 +332,7 @@ def test_two_quads_that_share_two_sides_become_one() -> None:
     a, b, c, d = rows[0]
     extra = len(points)
     middle = points[rows[0]].mean(axis=0)
-    doubled = of_rows(
+    doubled = mesh_from_rows(
         np.concatenate([points, [middle]]), np.concatenate([[(a, b, c, extra), (a, extra, c, d)], rows[1:]])
     )
     good = mend_quads(doubled, sphere_target())
@@ -340,10 +344,10 @@ def test_a_border_keeps_its_corners_and_its_line() -> None:
     n = 8
     x, y = (g.ravel() / n for g in np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij"))
     k = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
-    sheet = of_rows(np.stack([x, y, 0 * x], axis=1), np.stack([k, k + n + 1, k + n + 2, k + 1], axis=1))
+    sheet = mesh_from_rows(np.stack([x, y, 0 * x], axis=1), np.stack([k, k + n + 1, k + n + 2, k + 1], axis=1))
     points = sheet.vertices.copy()
     points[[1, n + 2]] = points[[n + 2, 1]]  # a corner of the border and one within
-    target = requad.target_of(halved(sheet))
+    target = requad.target_surface(halved(sheet))
     good = mend_quads(PolygonMesh(points, sheet.corners, sheet.sizes), target)
     assert not poor(good)
     for corner in ((0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)):
@@ -352,24 +356,24 @@ def test_a_border_keeps_its_corners_and_its_line() -> None:
 
 def test_what_the_quads_miss_is_found_and_what_they_cover_is_not() -> None:
     """A ball's upper half alone misses the lower one; the whole ball misses nothing."""
-    whole, quads = requad.target_of(ball(8)), ball(6)
-    assert not coverage.warn_of_gaps(quads, requad.target_of(quads), whole, 216, 0)
+    whole, quads = requad.target_surface(ball(8)), ball(6)
+    assert not coverage.warn_of_gaps(quads, requad.target_surface(quads), whole, 216, 0)
     rows = quads.corners.reshape(-1, 4)
-    half = of_rows(quads.vertices, rows[quads.vertices[rows].mean(axis=1)[:, 2] > 0])
-    (found,) = coverage.warn_of_gaps(half, requad.target_of(half), whole, 216, 1000)
+    half = mesh_from_rows(quads.vertices, rows[quads.vertices[rows].mean(axis=1)[:, 2] > 0])
+    (found,) = coverage.warn_of_gaps(half, requad.target_surface(half), whole, 216, 1000)
     assert found.code == "surface-missed" and "430 quads" in found.message
     lowest = half.vertices[half.corners.reshape(-1, 4)[np.array(found.faces) - 1000]][:, :, 2].min(axis=1)
     assert (lowest < 0.5 * RADIUS).all(), "beside the border"
 
 
 def test_quads_of_a_part_of_the_surface_are_taken_where_there_are_no_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(requad, "CANDIDATES", 4)
+    monkeypatch.setattr(requad, "MIN_ATTEMPTS", 4)
     found = requad.requad(halved(ball(8)), 96, Balls(parts=10**6))
     assert [finding.code for finding in found.findings] == ["surface-missed"]
     found = requad.requad(halved(ball(8)), 96, Balls(parts=1))
     assert not found.findings and requad.is_closed(found.polygons)
     judged = requad.SoundQuads(ball(6), (0, 0, 0), 1.0)  # a body that cuts itself has lost no more than what was inside
-    assert requad._BodySearch(both(ball(8), ball(8, (0.3, 0.0, 0.0))), 216, Balls(), "")._with_losses(judged) is judged
+    assert requad._BodySearch(both(ball(8), ball(8, (0.3, 0.0, 0.0))), 216, Balls(), "")._with_area_fault(judged) is judged
 
 
 def test_one_shape_gives_one_numbering() -> None:

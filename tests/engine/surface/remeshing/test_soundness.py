@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from flexmaps.engine.surface.remeshing import soundness
-from flexmaps.engine.surface.remeshing.bodies import target_of
-from flexmaps.engine.surface.remeshing.mend import TargetSurface, of_rows
+from flexmaps.engine.surface.remeshing.bodies import target_surface
+from flexmaps.engine.surface.remeshing.mend import TargetSurface, mesh_from_rows
 
 
 def tube(around: int = 12, rings: int = 5) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -32,8 +32,8 @@ def sheet(n: int = 6) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("filled", [tube(), sheet()], ids=["tube", "sheet"])
 def test_an_open_side_that_was_filled_is_opened_again(filled: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
     points, own, filling = filled
-    target = target_of(of_rows(points, np.concatenate([own[:, [0, 1, 2]], own[:, [0, 2, 3]]])))
-    opened = soundness.reopen_holes(of_rows(points, np.concatenate([own, filling])), target)
+    target = target_surface(mesh_from_rows(points, np.concatenate([own[:, [0, 1, 2]], own[:, [0, 2, 3]]])))
+    opened = soundness.reopen_holes(mesh_from_rows(points, np.concatenate([own, filling])), target)
     assert sorted(map(sorted, opened.corners.reshape(-1, 4).tolist())) == sorted(map(sorted, own.tolist()))
 
 
@@ -44,7 +44,7 @@ def triangle_target(points: np.ndarray) -> TargetSurface:
 def test_one_large_triangle_has_points_all_over_it() -> None:
     """The mean of points of a triangle is its middle, and so many fall into each of the four into which its midpoints cut it."""
     corners = np.array([[0.0, 0.0], [6.0, 0.0], [1.0, 1.5]])
-    points = triangle_target(corners).samples[:, :2]
+    points = triangle_target(corners).sample_points[:, :2]
     shares = np.linalg.solve((corners[1:] - corners[0]).T, (points - corners[0]).T).T
     shares = np.column_stack([1.0 - shares.sum(axis=1), shares])
     assert shares.min() >= 0.0 and shares.mean(axis=0) == pytest.approx(np.full(3, 1 / 3), abs=0.01)
@@ -61,5 +61,5 @@ def test_border_vertices_are_put_onto_corners_that_were_cut_off() -> None:
     sound = np.column_stack([x, y, 0 * x])
     cut = sound.copy()
     cut[[0, 5, 30, 35]] += 0.06 * np.sign(0.5 - cut[[0, 5, 30, 35]]) * (1, 1, 0)
-    made = soundness.onto_corners(of_rows(cut, rows), whole)
+    made = soundness.snap_to_border_corners(mesh_from_rows(cut, rows), whole)
     assert made.vertices == pytest.approx(sound)
