@@ -22,7 +22,7 @@ from ..engine.params import LayoutParams, OptimiseParams, SimulateParams, Spiral
 from ..engine.patches.flattening.flatten import flatten, with_energies
 from ..engine.patches.layout import PatchLayout
 from ..engine.patches.merging.merge import merge
-from ..engine.patches.tracing.trace import trace
+from ..engine.patches.tracing.trace import trace_layout
 from ..engine.spirals.design import SpiralDesign
 from ..engine.spirals.fabricable import design_from_curvature
 from ..engine.surface.curvature import rms_curvature
@@ -235,7 +235,7 @@ def optimised(name: str, arms: str) -> SpiralDesign:
     mesh, path = build_shape("cubesphere", SIDE), DESIGNS / f"{name}.design.npz"
     if not path.is_file():
         target, spirals = mesh, SpiralParams()
-        flat = merge(trace(mesh, LayoutParams()), LayoutParams())
+        flat = merge(trace_layout(mesh, LayoutParams()), LayoutParams())
         first = design_from_curvature(flat, spirals, rms_curvature(mesh))
         found = optimise(first, target, MATERIALS["vero"], OptimiseParams(arms=arms), SimulateParams()).design
         found = meshable(found)

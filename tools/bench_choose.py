@@ -99,7 +99,7 @@ class _Watch:
 
 
 def _rms(result: Any) -> float:
-    return float(result.simulation.match["rms_percent"])
+    return float(result.simulation.target_distances["rms_percent"])
 
 
 main = Bench(

@@ -50,7 +50,7 @@ class Subject:
     def from_shape(cls, mesh: QuadMesh) -> Subject:
         """Equal spirals in the traced patches of a smooth surface, as it is: quick for any number of quads."""
         mesh = mesh.with_vertices(mesh.vertices * (EDGE / mesh.median_edge))
-        flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
+        flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
         return cls.from_design(fabricable.uniform_design(flat, SpiralParams(), twist=1.5), mesh)
 
     def solve(self, seed: int | None = None) -> Equilibrium:

@@ -30,15 +30,18 @@ def search(name: str, mesh: QuadMesh, options: Options) -> Rows:
     given = piece.design, piece.mesh, settings.material.chosen, params, settings.simulate
     seconds, found = timed(lambda: optimise(*given))
     after, trace = found.after, found.trace
-    rms, strain = after.match["rms_percent"], 0.0 if after.strain is None else float(after.strain.max())
+    rms, strain = after.target_distances["rms_percent"], 0.0 if after.strain is None else float(after.strain.max())
     again = simulate(found.design, after.target, after.material, replace(settings.simulate, restarts=0))
     named = any(one.code in OTHER_REST_CODES for one in after.findings)
-    before = {"before": f"{found.before.match['rms_percent']:.2f}", "panels": len(found.design.flat.layout.patches)}
+    before = {
+        "before": f"{found.before.target_distances['rms_percent']:.2f}",
+        "panels": len(found.design.flat.layout.patches),
+    }
     steps = {"steps": len(trace.rows), "refused": trace.rejected, "s": f"{seconds:.0f}"}
     confirmed = None if named else CONFIRMED * rms
     return [
         at_most(name, "RMS, %", ASKED.get(name), rms, before),
-        at_most(name, "RMS from the target, %", confirmed, again.match["rms_percent"]),
+        at_most(name, "RMS from the target, %", confirmed, again.target_distances["rms_percent"]),
         at_least(name, "softest motion", SOFTEST, after.softest()[1], steps),
         at_most(name, "strain, share of the limit", 1.0, strain),
     ]

@@ -99,7 +99,7 @@ def _distances(name: str) -> Rows:
     rest = solid.solve(solid.guess(pose), pose, solid.pulled(np.zeros((len(design.width), 3))))
     target = piece.mesh.centroids
     off = Pose(rest.centres * UNIT, rest.rotations).aligned(target).centres - target
-    said = found.match["rms_percent"]
+    said = found.target_distances["rms_percent"]
     true = 100.0 * float(np.sqrt((off**2).sum(axis=1).mean())) / piece.mesh.diagonal
     peer = {
         "program %": f"{said:.3f}",

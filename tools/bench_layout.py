@@ -37,7 +37,7 @@ def cases(options: Options) -> Cases:
 
 def measure(name: str, polygons: PolygonMesh, _: Options) -> Rows:
     params, kind, mesh = LayoutParams(), name.removeprefix("made:"), made(polygons, "regularise").mesh
-    seconds, flat = timed(lambda: merge.merge(trace.trace(mesh, params), params))
+    seconds, flat = timed(lambda: merge.merge(trace.trace_layout(mesh, params), params))
     report = layout_report(flat)
     yield at_most(name, "patches", PATCHES.get(name), report["patches"])
     yield at_most(name, "seconds", SECONDS.get(kind, 2.0), seconds)

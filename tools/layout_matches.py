@@ -60,7 +60,7 @@ def _cuts(mesh: QuadMesh, settings: Settings) -> Iterator[np.ndarray]:
     for limit in LIMITS:
         layout = replace(settings.layout, distortion_limit=limit * settings.layout.distortion_limit)
         try:
-            yield merge.merge(trace.trace(mesh, layout), layout).layout.cut
+            yield merge.merge(trace.trace_layout(mesh, layout), layout).layout.cut
         except FlexMapsError:
             continue
     yield from (cut for _, cut in equal_part_cuts(mesh, PARTS, []))
@@ -73,7 +73,7 @@ def _search(piece: LayoutProblem, laid: FlatLayout, patience: float) -> float:
     design = make_fabricable(laid.flat, settings.spiral, *wanted, check_outlines=False)
     params = replace(settings.optimise, patience=patience)
     found = optimise(design, piece.mesh, settings.material.chosen, params, settings.simulate, prove=False)
-    return float(found.after.match["rms_percent"])
+    return float(found.after.target_distances["rms_percent"])
 
 
 def sum_up(rows: list[Row], options: Options) -> list[Row]:

@@ -98,7 +98,7 @@ def compared(surface: PolygonMesh, *, remesh: bool) -> Pair:
         assert one.flat is not None
         assert one.simulation is not None
         cuts.append(one.flat.layout.cut)
-        percent.append(one.simulation.match["rms_percent"])
+        percent.append(one.simulation.target_distances["rms_percent"])
     return Pair(given.mesh, np.array(cuts), np.array(percent))
 
 

@@ -21,7 +21,7 @@ from harness import EDGE
 def of_mesh(mesh: QuadMesh, border: str = "stubs") -> tuple[FlatPatches, SpiralDesign]:
     """Traced patches with the curvature's spirals, as they are first made of any surface."""
     mesh = mesh.with_vertices(mesh.vertices * (EDGE / mesh.median_edge))
-    flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
+    flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     return flat, fabricable.design_from_curvature(flat, SpiralParams(border=border), rms_curvature(mesh))
 
 

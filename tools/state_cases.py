@@ -72,7 +72,7 @@ class State:
     @classmethod
     def of_simulation(cls, found: Simulation) -> State:
         strain = None if found.strain is None else float(found.strain.max())
-        return cls(1e-3 * found.match["rms_mm"], float(found.equilibrium.per_joint.sum()), strain)
+        return cls(1e-3 * found.target_distances["rms_mm"], float(found.equilibrium.per_joint.sum()), strain)
 
     def apart(self, other: State) -> float:
         """Largest relative difference of what both tell."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import FlexMapsError
 from ..params import OptimiseParams
-from ..patches.flattening.flatten import FlatPatches, overlapping, seam_mismatch, with_energies
+from ..patches.flattening.flatten import FlatPatches, overlapping_patches, seam_mismatch, with_energies
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from ..spirals.fabricable import make_fabricable
@@ -109,7 +109,7 @@ def flat_shapes_of(point: DesignPoint, design: SpiralDesign) -> FlatPatches | No
     layout = design.flat.layout
     points = point.problem.flat.points(point.flat_x)
     found = with_energies(layout, centre_patches(design.flat, points))
-    return None if overlapping(found) else found
+    return None if overlapping_patches(found) else found
 
 
 def centre_patches(flat: FlatPatches, points: np.ndarray) -> np.ndarray:
@@ -138,7 +138,7 @@ def flat_report(before: FlatPatches, after: FlatPatches) -> dict[str, Any]:
         report[name] = {
             "energy_max": float(flat.energy.max()),
             "energy_median": float(np.median(flat.energy)),
-            "square_median": float(np.median(flat.square)),
+            "square_median": float(np.median(flat.irregularity)),
             "seam_mismatch_median": float(np.median(seams)) if len(seams) else 0.0,
             "seam_mismatch_max": float(seams.max(initial=0.0)),
         }

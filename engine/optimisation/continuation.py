@@ -72,8 +72,8 @@ def _allowed_percent(search: Search, here: StageResult) -> float:
     """Return the distance from the target, in percent of the size, up to which a result needs no springs."""
     pose, held = here.point.equilibrium.pose, here.point.problem.loads.fixed[:, :3].any(axis=1)
     bodies = find_far_bodies(here.design.flat.layout, search.task.target, pose.centres, held)
-    flat = [one for one in bodies if one.flat]
-    if any(one.seamed or one.held for one in flat):
+    flat = [one for one in bodies if one.is_flat]
+    if any(one.has_seam or one.is_supported for one in flat):
         return NEAR_PERCENT
     if flat and len(flat) == len(bodies):
         return np.inf  # without seams and supports nothing can bend these bodies out of the plane

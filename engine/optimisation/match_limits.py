@@ -100,7 +100,7 @@ def find_limits(of: Simulation | Optimisation, progress: Progress = SILENT, *, r
     share = np.bincount(kind, weights=mismatch**2, minlength=len(REASON_NAMES)) / max(
         float((mismatch**2).sum()), 1e-300
     )
-    advice = _advice(kind, share, simulation.shortfalls) + _strain_advice(simulation)
+    advice = _advice(kind, share, simulation.far_bodies) + _strain_advice(simulation)
     return MatchLimits(kind, share, advice, _remedies(share, simulation) if remedies else {})
 
 
@@ -151,13 +151,13 @@ def _advice(kind: np.ndarray, share: np.ndarray, shortfalls: list[FarBody]) -> s
     if worst is None:
         return _worst_kind_sentence(kind, share)
     if _stays_flat(shortfalls, len(kind)):
-        return worst.wrong + worst.help
-    return f"{worst.wrong} {_worst_kind_sentence(kind, share)}{worst.help}"
+        return worst.fault_text + worst.remedy_text
+    return f"{worst.fault_text} {_worst_kind_sentence(kind, share)}{worst.remedy_text}"
 
 
 def _stays_flat(shortfalls: list[FarBody], quads: int) -> bool:
     """Return whether the worst body stays flat and is most of the piece, so that better spirals would not help."""
-    return bool(shortfalls) and shortfalls[0].flat and len(shortfalls[0].quads) > MAJORITY * quads
+    return bool(shortfalls) and shortfalls[0].is_flat and len(shortfalls[0].quads) > MAJORITY * quads
 
 
 def _strain_advice(simulation: Simulation) -> str:
@@ -191,13 +191,13 @@ def _remedies(share: np.ndarray, simulation: Simulation) -> Amounts:
 
     Finer quads are not offered where arms are overstrained, because shorter arms are strained more (docs/tuning.md).
     """
-    short, worst = simulation.shortfalls[:1], _worst_kind(share)
+    short, worst = simulation.far_bodies[:1], _worst_kind(share)
     if _stays_flat(short, simulation.assembly.size):
         worst = None  # the advice on a flat piece mentions no reason
     kind, _, names = REASONS[0] if worst is None else REASONS[worst]
     strain = None if simulation.strain is None else float(simulation.strain.max())
     strained = strain is not None and strain > OVERSTRAIN_SHARE
-    advised = [*names, *(CUT for piece in short if len(piece.line)), *((LARGER, THINNER) if strained else ())]
+    advised = [*names, *(CUT for piece in short if len(piece.cut_edges)), *((LARGER, THINNER) if strained else ())]
     if strained:
         advised = [name for name in advised if name != FINER]
     ease = forecast_strain(simulation) if strained else None

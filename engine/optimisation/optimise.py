@@ -108,7 +108,7 @@ class Optimisation:
 
     def report(self) -> dict[str, Any]:
         """Return the ``optimise`` block of report.json."""
-        before, after = self.before.match, self.after.match
+        before, after = self.before.target_distances, self.after.target_distances
         flat = (self.before.design.flat, self.after.design.flat)
         moved = codesign.flat_report(*flat) if flat[0] is not flat[1] else {}
         target = self.point.problem.target

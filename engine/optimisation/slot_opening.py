@@ -90,7 +90,7 @@ class SimulatedResult:
         """
         if self.merit(NO_STRAIN_PENALTY) == np.inf or self.strained_by(other).any():
             return False
-        target, percent, growth = self.point.problem.target, self.simulation.match["rms_percent"], MAX_GROWTH
+        target, percent, growth = self.point.problem.target, self.simulation.target_distances["rms_percent"], MAX_GROWTH
         now, before = (target.compare(one.simulation.equilibrium.pose.centres).value for one in (self, other))
         if percent <= WANTED_PERCENT and self.closed < other.closed:
             growth += (OPEN_GROWTH - MAX_GROWTH) * (1.0 - self.closed / other.closed)

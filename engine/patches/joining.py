@@ -13,7 +13,7 @@ from .layout import PatchLayout
 
 
 @dataclass(frozen=True)
-class Join:
+class SeamJoin:
     """A seam that is closed in a step of the assembly.
 
     seam : index in ``layout.seams``
@@ -28,15 +28,15 @@ class Join:
 
 
 @dataclass(frozen=True)
-class Step:
+class AssemblyStep:
     """A step of the assembly: the added panel, the closed seams, and all panels joined afterwards (patch indices)."""
 
     panel: int
-    joins: tuple[Join, ...]
-    there: tuple[int, ...]
+    joins: tuple[SeamJoin, ...]
+    joined_panels: tuple[int, ...]
 
 
-def steps(layout: PatchLayout) -> list[Step]:
+def assembly_steps(layout: PatchLayout) -> list[AssemblyStep]:
     """Return all steps of the assembly, one per patch, body by body, beginning at the largest patch of each body.
 
     The next panel is the panel with the fewest seams between it and the first panel; among equals, the panel with the
@@ -56,7 +56,7 @@ def steps(layout: PatchLayout) -> list[Step]:
     # may have several entries, and its latest is its best
     waiting: list[tuple[int, int, int]] = []
     known: dict[int, tuple[int, int]] = {}
-    found: list[Step] = []
+    found: list[AssemblyStep] = []
     while len(depth) < len(layout.patches):
         while waiting and waiting[0][2] in depth:
             heappop(waiting)
@@ -78,9 +78,9 @@ def steps(layout: PatchLayout) -> list[Step]:
                 known[other] = min(nearest, depth[here]), fewer - joints[seam]
                 heappush(waiting, (*known[other], other))
         joins = tuple(
-            Join(s, joints[s], here, sum(sides[s]) - here) for s in sorted(closing, key=lambda s: (-joints[s], s))
+            SeamJoin(s, joints[s], here, sum(sides[s]) - here) for s in sorted(closing, key=lambda s: (-joints[s], s))
         )
-        found.append(Step(here, joins, tuple(there)))
+        found.append(AssemblyStep(here, joins, tuple(there)))
     return found
 
 
@@ -88,6 +88,6 @@ def steps(layout: PatchLayout) -> list[Step]:
 def panel_numbers(layout: PatchLayout) -> tuple[int, ...]:
     """Return the panel number of every patch, from 1 in the order of assembly."""
     numbers = [0] * len(layout.patches)
-    for number, step in enumerate(steps(layout), start=1):
+    for number, step in enumerate(assembly_steps(layout), start=1):
         numbers[step.panel] = number
     return tuple(numbers)

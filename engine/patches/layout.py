@@ -19,7 +19,7 @@ from ..surface.mesh import QuadMesh
 from .loops import compactness_lengths, loops_of
 
 
-def _by_first(labels: np.ndarray) -> Int[np.ndarray, " nodes"]:
+def _renumber_by_first(labels: np.ndarray) -> Int[np.ndarray, " nodes"]:
     """Renumber labels from 0 in the order in which they first occur."""
     _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
     rank = np.empty(len(first), dtype=np.int64)
@@ -27,7 +27,7 @@ def _by_first(labels: np.ndarray) -> Int[np.ndarray, " nodes"]:
     return rank[inverse]
 
 
-def loop_of_sides(start: Int[np.ndarray, " sides"], end: Int[np.ndarray, " sides"]) -> Int[np.ndarray, " sides"]:
+def loops_of_sides(start: Int[np.ndarray, " sides"], end: Int[np.ndarray, " sides"]) -> Int[np.ndarray, " sides"]:
     """Return the closed loop to which every directed side belongs, numbered from 0.
 
     Parameters
@@ -36,10 +36,10 @@ def loop_of_sides(start: Int[np.ndarray, " sides"], end: Int[np.ndarray, " sides
     """
     used, ends = np.unique(np.stack([start, end]), return_inverse=True)
     ends = ends.reshape(2, -1)
-    return groups(len(used), ends[0], ends[1])[ends[0]]
+    return component_numbers(len(used), ends[0], ends[1])[ends[0]]
 
 
-def groups(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def component_numbers(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the connected component of every node; components are numbered from 0, ordered by their smallest node.
 
     Parameters
@@ -54,7 +54,7 @@ def groups(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     if count > 4000:
         graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(count, count))
         labels = connected_components(graph, directed=False)[1]
-        return _by_first(labels)
+        return _renumber_by_first(labels)
     # for few nodes, propagating the smallest label is faster than building a sparse graph
     labels = np.arange(count)
     while True:
@@ -94,7 +94,7 @@ class PatchLayout:
     def patch_of(self) -> Int[np.ndarray, " quads"]:
         """Patch of every quad; patches are numbered from 0 by their smallest quad."""
         a, b = self.mesh.edge_quads[self.uncut_edges].T
-        return groups(len(self.mesh.quads), a, b)
+        return component_numbers(len(self.mesh.quads), a, b)
 
     @cached_property
     def patches(self) -> tuple[np.ndarray, ...]:
@@ -114,12 +114,12 @@ class PatchLayout:
         # sides of two quads on an edge have opposite directions: corner k meets corner k'+1, k+1 meets k'
         a = np.concatenate([4 * qa + ka, 4 * qa + (ka + 1) % 4])
         b = np.concatenate([4 * qb + (kb + 1) % 4, 4 * qb + kb])
-        return groups(4 * len(mesh.quads), a, b).reshape(-1, 4)
+        return component_numbers(4 * len(mesh.quads), a, b).reshape(-1, 4)
 
     # -- measures of every patch ---------------------------------------------------------------------------------
 
     @cached_property
-    def euler(self) -> Int[np.ndarray, " patches"]:
+    def euler_characteristic(self) -> Int[np.ndarray, " patches"]:
         """Euler characteristic of every patch, cut open along its inner cuts; 1 for a disk, less 1 for every hole."""
         n = len(self.patches)
         patch = np.repeat(self.patch_of, 4)
@@ -140,7 +140,7 @@ class PatchLayout:
         quad, side = np.nonzero(self.outline_sides)
         start, end = self.flat_corners[quad, side], self.flat_corners[quad, (side + 1) % 4]
         result = np.full(self.outline_sides.shape, -1, dtype=np.int64)
-        result[quad, side] = loop_of_sides(start, end)
+        result[quad, side] = loops_of_sides(start, end)
         return result
 
     @cached_property
@@ -155,18 +155,18 @@ class PatchLayout:
     def loop_lengths(self) -> Float[np.ndarray, " loops"]:
         """Length of every loop on the surface, metres; ragged borders count as smooth, and inner cuts count twice."""
         sides = self.outline_sides
-        return np.bincount(self.loop_of[sides], weights=drawn_lengths(self.mesh)[self.mesh.quad_edges][sides])
+        return np.bincount(self.loop_of[sides], weights=smoothed_edge_lengths(self.mesh)[self.mesh.quad_edges][sides])
 
     @cached_property
-    def planar(self) -> Bool[np.ndarray, " patches"]:
+    def is_flattenable(self) -> Bool[np.ndarray, " patches"]:
         """Mask of patches whose topology allows laying them flat: disks, also with holes, but not tubes."""
         loops = np.bincount(self.loop_patch, minlength=len(self.patches))
-        good = (self.euler == 2 - loops) & (loops > 0)  # closed patches cannot be laid flat
+        good = (self.euler_characteristic == 2 - loops) & (loops > 0)  # closed patches cannot be laid flat
         for patch in np.flatnonzero(good & (loops > 1)).tolist():
             quads = self.patches[patch]
             corners = np.unique(self.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
             found = loops_of(corners, self.outline_sides[quads])
-            good[patch] = found.mere_holes(
+            good[patch] = found.has_only_holes(
                 corners, corner_angles(self.mesh)[quads], self.mesh.border[self.mesh.quad_edges[quads]]
             )
         return good
@@ -179,7 +179,7 @@ class PatchLayout:
         ``compactness_lengths`` for narrow surfaces.
         """
         area = np.bincount(self.patch_of, weights=self.mesh.areas)
-        weights = np.where(self.mesh.border, drawn_lengths(self.mesh), 0.0)[self.mesh.quad_edges]
+        weights = np.where(self.mesh.border, smoothed_edge_lengths(self.mesh), 0.0)[self.mesh.quad_edges]
         sides = self.outline_sides
         border = np.bincount(self.loop_of[sides], weights=weights[sides])
         result = np.zeros(len(self.patches))
@@ -218,7 +218,7 @@ class PatchLayout:
                 counts = end & (own | ~(rim & mesh.on_border[mesh.quads[q, (k + 1) % 4]]))
                 np.minimum.at(result, self.patch_of[q[counts]], steps)
                 q, k, rim = q[~end], k[~end], rim[~end]
-                q, k, valid = straight_on(mesh, q, k)
+                q, k, valid = next_straight_side(mesh, q, k)
                 q, k, rim = q[valid], k[valid], rim[valid]
         return result
 
@@ -235,9 +235,9 @@ class PatchLayout:
 
         A seam is a maximal run of cut edges that meets neither another cut nor a border between its ends.
         """
-        return self._runs((self.cut_degree == 2) & ~self.mesh.on_border)
+        return self._run_numbers((self.cut_degree == 2) & ~self.mesh.on_border)
 
-    def _runs(self, passing: Bool[np.ndarray, " vertices"]) -> Int[np.ndarray, " edges"]:
+    def _run_numbers(self, passing: Bool[np.ndarray, " vertices"]) -> Int[np.ndarray, " edges"]:
         """Return the number of each edge's run of cut edges, -1 if uncut; runs end at vertices not in ``passing``."""
         mesh = self.mesh
         ids = np.flatnonzero(self.cut)
@@ -246,8 +246,8 @@ class PatchLayout:
             return result
         ends = mesh.edges[ids]
         node = np.where(passing[ends], ends, len(mesh.vertices) + 2 * np.arange(len(ids))[:, None] + np.arange(2))
-        labels = groups(len(mesh.vertices) + 2 * len(ids), node[:, 0], node[:, 1])[node[:, 0]]
-        result[ids] = _by_first(labels)
+        labels = component_numbers(len(mesh.vertices) + 2 * len(ids), node[:, 0], node[:, 1])[node[:, 0]]
+        result[ids] = _renumber_by_first(labels)
         return result
 
     @cached_property
@@ -259,7 +259,7 @@ class PatchLayout:
     def short_seam_edges(self) -> tuple[np.ndarray, ...]:
         """Edges of every seam, ascending, with seams divided at irregular vertices."""
         mesh = self.mesh
-        return self._split_runs(self._runs((self.cut_degree == 2) & ~mesh.on_border & ~mesh.irregular))
+        return self._split_runs(self._run_numbers((self.cut_degree == 2) & ~mesh.on_border & ~mesh.irregular))
 
     def _split_runs(self, run_of: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return the edges of every run; ``run_of`` numbers the run of each cut edge."""
@@ -272,11 +272,11 @@ class PatchLayout:
     @cached_property
     def seams(self) -> tuple[np.ndarray, ...]:
         """Edges of every seam, in order along it."""
-        return tuple(in_order(self.mesh, edges) for edges in self.seam_edges)
+        return tuple(order_run(self.mesh, edges) for edges in self.seam_edges)
 
 
 @lru_cache(maxsize=4)
-def drawn_lengths(mesh: QuadMesh) -> Float[np.ndarray, " edges"]:
+def smoothed_edge_lengths(mesh: QuadMesh) -> Float[np.ndarray, " edges"]:
     """Return the length of every edge for measuring outlines, metres; a ragged border counts as if it were smooth.
 
     Both edges at a reflex vertex of the border count together as the straight line between their far ends.
@@ -299,7 +299,7 @@ def drawn_lengths(mesh: QuadMesh) -> Float[np.ndarray, " edges"]:
     return result
 
 
-def alone(layout: PatchLayout, quads: Int[np.ndarray, " quads"]) -> tuple[PatchLayout, np.ndarray]:
+def sublayout(layout: PatchLayout, quads: Int[np.ndarray, " quads"]) -> tuple[PatchLayout, np.ndarray]:
     """Return the layout of some quads as a mesh of their own.
 
     Parameters
@@ -319,7 +319,7 @@ def alone(layout: PatchLayout, quads: Int[np.ndarray, " quads"]) -> tuple[PatchL
     return PatchLayout(part, layout.cut[edges] & ~part.border, origin=layout.origin), edges
 
 
-def straight_on(
+def next_straight_side(
     mesh: QuadMesh, quad: Int[np.ndarray, " n"], side: Int[np.ndarray, " n"]
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
     """Step along straight lines of edges: return the next edge, straight ahead, as a side of a quad.
@@ -345,7 +345,7 @@ def straight_on(
     return np.where(valid, next_quad, 0), np.where(valid, next_side, 0), valid
 
 
-def in_order(mesh: QuadMesh, edges: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+def order_run(mesh: QuadMesh, edges: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     """Return the edges of a run in order, from the end with the smaller edge number (if closed, from the smallest)."""
     if len(edges) < 3:
         return np.sort(edges)

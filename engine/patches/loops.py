@@ -17,16 +17,16 @@ OPEN = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Loops:
+class OutlineLoops:
     """Positions of a patch's flat vertices on the loops of its outline.
 
     loop : loop of every flat vertex; -1 for inner vertices
-    where : position of every flat vertex along its loop, in edges; -1 for inner vertices
+    position : position of every flat vertex along its loop, in edges; -1 for inner vertices
     lengths : number of edges of every loop
     """
 
     loop: Int[np.ndarray, " vertices"]
-    where: Int[np.ndarray, " vertices"]
+    position: Int[np.ndarray, " vertices"]
     lengths: Int[np.ndarray, " loops"]
 
     def __len__(self) -> int:
@@ -35,9 +35,9 @@ class Loops:
     def vertices(self, number: int) -> Int[np.ndarray, " length"]:
         """Return the flat vertices of a loop in order, the patch on their left."""
         mine = np.flatnonzero(self.loop == number)
-        return mine[np.argsort(self.where[mine])]
+        return mine[np.argsort(self.position[mine])]
 
-    def turning(
+    def total_curvature(
         self, corners: Int[np.ndarray, "quads 4"], angles: Float[np.ndarray, "quads 4"]
     ) -> Float[np.ndarray, " loops"]:
         """Return the total geodesic curvature of every loop, radians, from the angles of the quads at its vertices.
@@ -53,7 +53,7 @@ class Loops:
         on = self.loop >= 0
         return np.bincount(self.loop[on], weights=np.pi - inner[on], minlength=len(self))
 
-    def mere_holes(
+    def has_only_holes(
         self,
         corners: Int[np.ndarray, "quads 4"],
         angles: Float[np.ndarray, "quads 4"],
@@ -71,13 +71,13 @@ class Loops:
         """
         if len(self) < 2:
             return True
-        turning = self.turning(corners, angles)
+        turning = self.total_curvature(corners, angles)
         hole = np.arange(len(self)) != np.argmax(turning)
         own = np.bincount(self.loop[corners[border]], minlength=len(self)) > 0
         return bool((own & (np.abs(turning + 2 * np.pi) < OPEN))[hole].all())
 
 
-def loops_of(corners: Int[np.ndarray, "quads 4"], sides: Bool[np.ndarray, "quads 4"]) -> Loops:
+def loops_of(corners: Int[np.ndarray, "quads 4"], sides: Bool[np.ndarray, "quads 4"]) -> OutlineLoops:
     """Return the loops of a patch's outline.
 
     Parameters
@@ -101,7 +101,7 @@ def loops_of(corners: Int[np.ndarray, "quads 4"], sides: Bool[np.ndarray, "quads
             vertex = step[vertex]
         loop[walk], where[walk] = len(lengths), np.arange(len(walk))
         lengths.append(len(walk))
-    return Loops(loop, where, np.array(lengths, dtype=np.int64))
+    return OutlineLoops(loop, where, np.array(lengths, dtype=np.int64))
 
 
 def compactness_lengths(
@@ -126,7 +126,7 @@ def compactness_lengths(
 def perimeter(
     sides: Bool[np.ndarray, "quads 4"],
     corners: Int[np.ndarray, "quads 4"],
-    loops: Loops,
+    loops: OutlineLoops,
     lengths: Float[np.ndarray, "quads 4"],
     border: Bool[np.ndarray, "quads 4"],
     area: float,

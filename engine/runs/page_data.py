@@ -129,7 +129,7 @@ def view_data(shown: ViewContent, settings: ObjectSettings, title: str, progress
     design, pose, packed = shown.design, shown.pose, ArrayPacker()
     material = settings.material.chosen
     layout = design.flat.layout
-    steps = joining.steps(layout)
+    steps = joining.assembly_steps(layout)
     skin = Skin.from_design(design, pose, progress.part(0.0, 0.2))
     _pack_skin(packed, skin)
     _pack_target(packed, shown.measured)
@@ -203,7 +203,7 @@ def _describe_panels(design: SpiralDesign, joined: list[int]) -> list[dict[str, 
     return found
 
 
-def _describe_seams(design: SpiralDesign, steps: list[joining.Step]) -> list[list[dict[str, Any]]]:
+def _describe_seams(design: SpiralDesign, steps: list[joining.AssemblyStep]) -> list[list[dict[str, Any]]]:
     """Return the seams that each assembly step closes: name, colour, other panel, and arm and name of every joint."""
     layout = design.flat.layout
     mesh, names, numbers = layout.mesh, seam_labels(layout), joining.panel_numbers(layout)

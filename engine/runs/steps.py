@@ -66,13 +66,13 @@ def _restore_size(mesh: QuadMesh, edge: float | None, height: float | None) -> Q
 
 
 def _trace(result: Result, settings: Settings, progress: Progress) -> Result:
-    layout = trace.trace(result.mesh, settings.layout, progress)
+    layout = trace.trace_layout(result.mesh, settings.layout, progress)
     return result.with_outputs(TracedLayout(layout, **provenance("trace", settings, result.inputs("mesh"))))
 
 
 def _merge(result: Result, traced: TracedLayout, settings: Settings, progress: Progress) -> Result:
     held = result.supports is not None and len(result.supports) > 0
-    flat = merge.merge(traced.layout, settings.layout, progress.part(0.0, MERGING_SHARE), held=held)
+    flat = merge.merge(traced.layout, settings.layout, progress.part(0.0, MERGING_SHARE), has_supports=held)
     if registry.has("choosing"):  # this extra predicts the match
         piece = registry.load("choosing.judge").LayoutProblem(result.mesh, settings, result.supports, result.force)
         refine, rest = registry.load("choosing.refine_merged").refine_merged, progress.part(MERGING_SHARE, 1.0)
@@ -81,7 +81,7 @@ def _merge(result: Result, traced: TracedLayout, settings: Settings, progress: P
 
 
 def _split(result: Result, merged: MergedLayout, settings: Settings, progress: Progress) -> Result:
-    flat = split.split(merged.merged, settings.layout, settings.sheet, progress)
+    flat = split.split_to_sheet(merged.merged, settings.layout, settings.sheet, progress)
     made = provenance("split", settings, result.inputs("mesh", "merged"))
     return result.with_outputs(FinalLayout(flat, merged.origin, **made))
 
@@ -191,7 +191,7 @@ def _with_band(simulation: Simulation, settings: Settings, progress: Progress) -
 
 
 def _sheets(result: Result, version: DesignVersion, settings: Settings, progress: Progress) -> Result:
-    split.check_size(version.design.flat, settings.sheet)
+    split.check_fits_sheet(version.design.flat, settings.sheet)
     base = None if settings.base.base == "none" else _make_base(result, version.design, settings)
     found = sheets.make_sheets(version.design, settings.sheet, progress, settings.connect, settings.cut, base)
     inputs = ["design"]

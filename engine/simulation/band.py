@@ -7,26 +7,26 @@ from typing import Any
 
 
 @dataclass(frozen=True)
-class Tolerance:
+class ToleranceEffect:
     """Distances from the target at the lower and the upper end of one tolerance.
 
     name : "thickness", "width" or "stiffness"
-    less, more : RMS distance in metres at the lower and at the upper end; None where no equilibrium was found
-    words : phrase that names the tolerance, for example "with a sheet 5 % thicker or thinner"
+    rms_low, rms_high : RMS distance in metres at the lower and at the upper end; None where no equilibrium was found
+    phrase : phrase that names the tolerance, for example "with a sheet 5 % thicker or thinner"
     """
 
     name: str
-    less: float | None
-    more: float | None
-    words: str
+    rms_low: float | None
+    rms_high: float | None
+    phrase: str
 
     @property
     def text(self) -> str:
         """Part of a sentence to users: the smaller and the larger distance, or that no equilibrium was found."""
-        distances = sorted(one for one in (self.less, self.more) if one is not None)
+        distances = sorted(one for one in (self.rms_low, self.rms_high) if one is not None)
         if len(distances) < 2:
-            return f"no equilibrium found {self.words}"
-        return f"{1e3 * distances[0]:.2g} to {1e3 * distances[1]:.2g} mm {self.words}"
+            return f"no equilibrium found {self.phrase}"
+        return f"{1e3 * distances[0]:.2g} to {1e3 * distances[1]:.2g} mm {self.phrase}"
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class ToleranceBand:
     tolerances : distances at the ends of each tolerance
     """
 
-    tolerances: tuple[Tolerance, ...]
+    tolerances: tuple[ToleranceEffect, ...]
 
     @property
     def text(self) -> str:
@@ -49,4 +49,4 @@ class ToleranceBand:
         def to_mm(value: float | None) -> float | None:
             return None if value is None else 1e3 * value
 
-        return {"text": self.text} | {one.name: [to_mm(one.less), to_mm(one.more)] for one in self.tolerances}
+        return {"text": self.text} | {one.name: [to_mm(one.rms_low), to_mm(one.rms_high)] for one in self.tolerances}

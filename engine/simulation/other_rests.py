@@ -29,7 +29,7 @@ def find_other_rests(simulation: Simulation, params: SimulateParams, progress: P
 
     Returns
     -------
-    The simulation with ``others`` in order of energy, and with ``assembled`` if the search from the target's pose ends
+    The simulation with ``others`` in order of energy, and with ``rest_from_target`` if the search from the target's pose ends
     in another shape.
     """
     equilibrium, loads, model = simulation.equilibrium, simulation.loads, simulation.model
@@ -37,17 +37,17 @@ def find_other_rests(simulation: Simulation, params: SimulateParams, progress: P
         return simulation
     aim = target_pose(simulation.target, simulation.design.flat.corners)
     others = list[Equilibrium]()
-    assembled: Equilibrium | None = None
+    rest_from_target: Equilibrium | None = None
     for k, start in enumerate((aim, _perturb(aim, simulation))):
         other = solve(model, start, loads, params, progress.part(0.5 * k, 0.5 * (k + 1)))
         if other.converged and all(
             poses_differ(other.pose, one.pose, model.pairs, loads) for one in (equilibrium, *others)
         ):
             others.append(other.with_pose(loads.align(other.pose, simulation.assembly.pairs, aim)))
-            assembled = others[-1] if start is aim else assembled
-    found = replace(simulation, others=sorted(others, key=lambda one: one.energy), assembled=assembled)
-    found.seen.extend(simulation.seen)  # the caches stay valid, because the shape is unchanged
-    found.soft.extend(simulation.soft)
+            rest_from_target = others[-1] if start is aim else rest_from_target
+    found = replace(simulation, others=sorted(others, key=lambda one: one.energy), rest_from_target=rest_from_target)
+    found.slots_cache.extend(simulation.slots_cache)  # the caches stay valid, because the shape is unchanged
+    found.softest_cache.extend(simulation.softest_cache)
     return found
 
 

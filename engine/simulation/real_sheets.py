@@ -15,13 +15,15 @@ from ..mechanics.equilibrium import solve
 from ..mechanics.loads import GRAVITY, Loads
 from ..params import SimulateParams
 from ..progress import SILENT, Progress
-from .band import Tolerance, ToleranceBand
+from .band import ToleranceBand, ToleranceEffect
 from .simulate import Simulation
 
 # tolerance of a sheet's thickness, plus or minus, as a share of the nominal thickness: plywood, all other materials
-PLYWOOD_THICKNESS, THICKNESS = 0.10, 0.05
-WIDTH = 5e-5  # tolerance of the arms' width, plus or minus, metres: as much as the kerf varies
-STIFFNESS = 0.03  # relative uncertainty of the elastic model's ratio of bending to in-plane stiffness, plus or minus
+PLYWOOD_THICKNESS_TOLERANCE, THICKNESS_TOLERANCE = 0.10, 0.05
+WIDTH_TOLERANCE = 5e-5  # tolerance of the arms' width, plus or minus, metres: as much as the kerf varies
+STIFFNESS_TOLERANCE = (
+    0.03  # relative uncertainty of the elastic model's ratio of bending to in-plane stiffness, plus or minus
+)
 MAX_SPIRALS = 3000  # largest number of spirals for which the band is computed by default; larger makes users wait
 
 
@@ -35,13 +37,19 @@ def tolerance_band(simulation: Simulation, params: SimulateParams, progress: Pro
     progress : called with the fraction done; may cancel
     """
     wood = simulation.material.orthotropy is not None
-    share = PLYWOOD_THICKNESS if wood else THICKNESS
+    share = PLYWOOD_THICKNESS_TOLERANCE if wood else THICKNESS_TOLERANCE
     ends = [
         ("thickness", share, f"with a sheet {100.0 * share:.0f} % thicker or thinner"),
-        ("width", WIDTH, f"with arms {1e3 * WIDTH:g} mm wider or narrower"),
+        ("width", WIDTH_TOLERANCE, f"with arms {1e3 * WIDTH_TOLERANCE:g} mm wider or narrower"),
     ]
     if simulation.model.with_bending(1.0) is not None:
-        ends.append(("stiffness", STIFFNESS, f"with {100.0 * STIFFNESS:.0f} % more or less stiffness in bending"))
+        ends.append(
+            (
+                "stiffness",
+                STIFFNESS_TOLERANCE,
+                f"with {100.0 * STIFFNESS_TOLERANCE:.0f} % more or less stiffness in bending",
+            )
+        )
     tolerances = []
     for k, (name, step, words) in enumerate(ends):
         part = progress.part(k / len(ends), (k + 1) / len(ends))
@@ -49,7 +57,7 @@ def tolerance_band(simulation: Simulation, params: SimulateParams, progress: Pro
             _rms_distance(simulation, name, sign * step, params, part.part(0.5 * i, 0.5 * (i + 1)))
             for i, sign in enumerate((-1.0, 1.0))
         )
-        tolerances.append(Tolerance(name, less, more, words))
+        tolerances.append(ToleranceEffect(name, less, more, words))
     return ToleranceBand(tuple(tolerances))
 
 

@@ -22,21 +22,21 @@ Strain = Callable[[Equilibrium], np.ndarray | None]
 # warn earlier
 SNAP_STIFFNESS = 0.02
 # least motion of a spiral in a finding, as a share of the largest motion; larger values name fewer spirals; by eye
-MOVING = 0.5
+MIN_MOTION_SHARE = 0.5
 # another stable shape counts as equally near to the target if its RMS distance is at most this factor times the
 # simulated shape's RMS distance; larger calls more shapes equal; by eye
-AS_NEAR = 1.25
+MAX_DISTANCE_RATIO = 1.25
 # codes of the findings about another stable shape: with a worse match or breaking arms; with an equally good match
 OTHER_REST_CODES = ("other-rest", "rest-as-near")
 # energy difference, as a share of the elastic energy, from which another stable shape counts as lower; rounding errors
 # are far smaller
-LOWER = 1e-3
+MIN_ENERGY_DROP = 1e-3
 
 
 def rest_findings(
     equilibrium: Equilibrium,
     others: Sequence[Equilibrium],
-    assembled: Equilibrium | None,
+    rest_from_target: Equilibrium | None,
     softest: Softest,
     strain: Strain,
     target: QuadMesh,
@@ -48,7 +48,7 @@ def rest_findings(
     ----------
     equilibrium : the simulated equilibrium
     others : other equilibria of the piece
-    assembled : member of ``others`` that a search from the target's pose reaches, or None
+    rest_from_target : member of ``others`` that a search from the target's pose reaches, or None
     softest : function that returns the softest motion
     strain : function that returns the strains of an equilibrium
     target : mesh that the piece should match
@@ -64,7 +64,7 @@ def rest_findings(
             f"{with_count(len(moving), 'spiral', 'spirals')}. Hold it there with supports, or press Optimise again."
         )
         findings.append(Finding("about-to-snap", "warning", text, tuple(moving.tolist())))
-    other = lower_rest(equilibrium, others) or assembled
+    other = lower_rest(equilibrium, others) or rest_from_target
     if other is not None:
         strains = [0.0 if found is None else float(found.max()) for found in map(strain, (equilibrium, other))]
         lower = _is_lower(other, equilibrium)
@@ -105,13 +105,13 @@ def _other_rest(
         text = f"Put together in the target's shape, the piece can come to rest in {where}, with more energy than in the shape shown. "
         cure = "Push it over from there, or hold it with supports."
     far = np.linalg.norm(other.pose.centres - equilibrium.pose.centres, axis=1)
-    moved = tuple(np.flatnonzero(far > MOVING * far.max()).tolist())
+    moved = tuple(np.flatnonzero(far > MIN_MOTION_SHARE * far.max()).tolist())
     if other_strain > max(OVERSTRAIN_SHARE, strain):
         text += (
             f"There its arms would be strained to {100.0 * other_strain:.0f} % of their limit "
             f"({100.0 * OVERSTRAIN_SHARE:.0f} % is allowed). "
         )
-    elif there <= AS_NEAR * here:
+    elif there <= MAX_DISTANCE_RATIO * here:
         return Finding("rest-as-near", "warning", text + "That shape is about as near to the target.", moved)
     return Finding("other-rest", "warning", text + cure, moved)
 
@@ -134,7 +134,7 @@ def snapping_spirals(equilibrium: Equilibrium, softest: Softest) -> tuple[Int[np
         return none, equilibrium.spare
     mode, share = softest()
     turned = np.linalg.norm(mode[:, 3:], axis=1)
-    return (np.flatnonzero(turned > MOVING * turned.max()) if share < SNAP_STIFFNESS else none), share
+    return (np.flatnonzero(turned > MIN_MOTION_SHARE * turned.max()) if share < SNAP_STIFFNESS else none), share
 
 
 def lower_rest(equilibrium: Equilibrium, others: Sequence[Equilibrium]) -> Equilibrium | None:
@@ -145,4 +145,4 @@ def lower_rest(equilibrium: Equilibrium, others: Sequence[Equilibrium]) -> Equil
 
 def _is_lower(other: Equilibrium, equilibrium: Equilibrium) -> bool:
     """Whether the energy of ``other`` is less than that of ``equilibrium`` by more than rounding errors."""
-    return bool(other.energy < equilibrium.energy - LOWER * equilibrium.per_joint.sum())
+    return bool(other.energy < equilibrium.energy - MIN_ENERGY_DROP * equilibrium.per_joint.sum())

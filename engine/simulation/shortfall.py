@@ -23,10 +23,10 @@ from .visible import VISIBLE_RMS_SHARE
 FAR_BY_RELIEF = 0.5
 # relief as a share of the target's relief below which a body has stayed flat: such bodies keep at most 0.12, all others
 # at least 0.45
-FLAT = 0.25
+FLAT_RELIEF_SHARE = 0.25
 # total Gaussian curvature of a patch, radians, above which a cut through it is proposed for a body with seams; for a
 # flat body without seams a cut is always proposed; larger proposes fewer cuts
-CURVED = 0.6
+MIN_PATCH_CURVATURE = 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,50 +35,55 @@ class FarBody:
 
     quads : (k,) indices of its quads
     rms : RMS distance from the target, as a share of the body's diagonal
-    flat : whether it has stayed flat; seamed : whether a seam runs through it
-    held : whether supports hold it
-    open : whether it has a border
-    whole : whether it is the whole piece
-    line : (c,) indices of the edges of a cut that would let it curve; empty if no cut would
+    is_flat : whether it has stayed flat; has_seam : whether a seam runs through it
+    is_supported : whether supports hold it
+    has_border : whether it has a border
+    is_whole_piece : whether it is the whole piece
+    cut_edges : (c,) indices of the edges of a cut that would let it curve; empty if no cut would
     """
 
     quads: Int[np.ndarray, " some"]
     rms: float
-    flat: bool
-    seamed: bool
-    held: bool
-    open: bool
-    whole: bool
-    line: Int[np.ndarray, " c"]
+    is_flat: bool
+    has_seam: bool
+    is_supported: bool
+    has_border: bool
+    is_whole_piece: bool
+    cut_edges: Int[np.ndarray, " c"]
 
     @property
-    def wrong(self) -> str:
+    def fault_text(self) -> str:
         """Sentence to users about the fault."""
         which = (
-            "The piece" if self.whole else f"One body of the piece, of {with_count(len(self.quads), 'quad', 'quads')},"
+            "The piece"
+            if self.is_whole_piece
+            else f"One body of the piece, of {with_count(len(self.quads), 'quad', 'quads')},"
         )
-        kind = "stays flat" if self.flat else "comes to rest far from its target"
-        return f"{which} {kind}: the RMS distance is {format_figure(100.0 * self.rms)} % of {'its' if self.whole else 'its own'} size."
+        kind = "stays flat" if self.is_flat else "comes to rest far from its target"
+        return f"{which} {kind}: the RMS distance is {format_figure(100.0 * self.rms)} % of {'its' if self.is_whole_piece else 'its own'} size."
 
     @property
-    def help(self) -> str:
+    def remedy_text(self) -> str:
         """Sentence to users with the remedies, after a space; empty if neither supports nor a cut would help."""
         ways = []
-        if self.open:
+        if self.has_border:
             ways.append(
                 "hold it at more places"
-                if self.held
+                if self.is_supported
                 else "hold it with supports, best at opposite borders (Rests, in Piece)"
             )
-        if len(self.line):
+        if len(self.cut_edges):
             ways.append(
-                f"cut it along a line through its middle, {with_count(len(self.line), 'edge', 'edges')} long (Cut there), so that it can curve both ways"
+                f"cut it along a line through its middle, {with_count(len(self.cut_edges), 'edge', 'edges')} long (Cut there), so that it can curve both ways"
             )
         return f" To bring it nearer, {', or '.join(ways)}." if ways else ""
 
 
 def find_far_bodies(
-    layout: PatchLayout, target: QuadMesh, centres: Float[np.ndarray, "spirals 3"], held: Bool[np.ndarray, " spirals"]
+    layout: PatchLayout,
+    target: QuadMesh,
+    centres: Float[np.ndarray, "spirals 3"],
+    is_supported: Bool[np.ndarray, " spirals"],
 ) -> list[FarBody]:
     """Return the bodies that are far from their target, the worst first.
 
@@ -87,7 +92,7 @@ def find_far_bodies(
     layout : mesh and cuts
     target : mesh that the piece should match
     centres : (n, 3) hub centres at rest, metres
-    held : (n,) whether a support holds the hub's position
+    is_supported : (n,) whether a support holds the hub's position
     """
     mesh, far = target, []
     for k in range(mesh.body_count):
@@ -95,7 +100,7 @@ def find_far_bodies(
         size = float(np.linalg.norm(np.ptp(mesh.vertices[mesh.quads[quads]].reshape(-1, 3), axis=0)))
         wanted, own = mesh.centroids[quads], centres[quads]
         rms, height = float(np.sqrt(((own - wanted) ** 2).sum(axis=1).mean())), relief(wanted)
-        flat = height > LOW_RELIEF * size and relief(own) < FLAT * height
+        flat = height > LOW_RELIEF * size and relief(own) < FLAT_RELIEF_SHARE * height
         if flat or rms > VISIBLE_RMS_SHARE * size or (height > LOW_RELIEF * size and rms > FAR_BY_RELIEF * height):
             edges = mesh.quad_edges[quads]
             seamed = bool(layout.cut[edges].any())
@@ -105,7 +110,7 @@ def find_far_bodies(
                     rms / size,
                     flat,
                     seamed,
-                    bool(held[quads].any()),
+                    bool(is_supported[quads].any()),
                     bool(mesh.border[edges].any()),
                     len(quads) == len(mesh.quads),
                     _middle_cut(layout, quads, any_curvature=flat and not seamed),
@@ -116,14 +121,18 @@ def find_far_bodies(
 
 def _middle_cut(layout: PatchLayout, quads: np.ndarray, *, any_curvature: bool) -> Int[np.ndarray, " c"]:
     """Return the edges (c,) that halve the most curved patch of a body; empty if no patch is curved enough."""
-    curved = angle_defects(layout)[quads]
+    curved = quad_curvatures(layout)[quads]
     patch = layout.patch_of[quads]
     total = np.bincount(patch, weights=curved)
     worst = int(total.argmax())
-    return middle_line(layout, worst) if any_curvature or total[worst] > CURVED else np.zeros(0, dtype=np.int64)
+    return (
+        middle_line(layout, worst)
+        if any_curvature or total[worst] > MIN_PATCH_CURVATURE
+        else np.zeros(0, dtype=np.int64)
+    )
 
 
-def angle_defects(layout: PatchLayout) -> Float[np.ndarray, " quads"]:
+def quad_curvatures(layout: PatchLayout) -> Float[np.ndarray, " quads"]:
     """Return the absolute Gaussian curvature (F,) of every quad, radians; vertices on seams and borders count as 0.
 
     The curvature is the angle defect (discrete Gauss-Bonnet). At a vertex this is 2 pi minus the sum of the angles

@@ -45,9 +45,9 @@ class Simulation:
 
     equilibrium : the simulated shape; its pose is aligned with the target as far as supports allow
     others : other equilibria, if they were searched for
-    assembled : member of ``others`` that a search from the target's pose reaches; None if ``equilibrium`` started there
+    rest_from_target : member of ``others`` that a search from the target's pose reaches; None if ``equilibrium`` started there
     band : effect of the tolerances of real sheets, if requested
-    seen, soft : caches of the results of ``slots`` and ``softest``; empty before their first call
+    slots_cache, softest_cache : caches of the results of ``slots`` and ``softest``; empty before their first call
     """
 
     design: SpiralDesign
@@ -59,9 +59,9 @@ class Simulation:
     equilibrium: Equilibrium
     others: list[Equilibrium]
     band: ToleranceBand | None = None
-    assembled: Equilibrium | None = None
-    seen: list[SpaceSlots] = field(default_factory=list, init=False, repr=False)
-    soft: list[tuple[np.ndarray, float]] = field(default_factory=list, init=False, repr=False)
+    rest_from_target: Equilibrium | None = None
+    slots_cache: list[SpaceSlots] = field(default_factory=list, init=False, repr=False)
+    softest_cache: list[tuple[np.ndarray, float]] = field(default_factory=list, init=False, repr=False)
 
     @cached_property
     def vertices(self) -> Float[np.ndarray, "vertices 3"]:
@@ -96,11 +96,11 @@ class Simulation:
 
     def slots(self, progress: Progress = SILENT) -> SpaceSlots | None:
         """Return the slots between the bent arms, measured at the first call; None without an equilibrium."""
-        if not self.seen and self.equilibrium.converged:
+        if not self.slots_cache and self.equilibrium.converged:
             pose = self.equilibrium.pose
             arms = bend_arms(self.design, pose, material=self.material, progress=progress.part(0.0, 0.5))
-            self.seen.append(slots_in_space(self.design, arms, progress.part(0.5, 1.0)))
-        return self.seen[0] if self.seen else None
+            self.slots_cache.append(slots_in_space(self.design, arms, progress.part(0.5, 1.0)))
+        return self.slots_cache[0] if self.slots_cache else None
 
     def slots_near(self, quads: Bool[np.ndarray, " quads"], others: SpaceSlots) -> SpaceSlots | None:
         """Measure the slots of some quads only; None without an equilibrium.
@@ -124,8 +124,8 @@ class Simulation:
         motion : (F, 6) shifts and turns of the hubs
         share : its stiffness, as a share of its stiffness by the convex part alone; negative at a saddle
         """
-        if self.soft:
-            return self.soft[0]
+        if self.softest_cache:
+            return self.softest_cache[0]
         pose, pairs = self.equilibrium.pose, self.model.pairs
         system = NewtonSystem(pairs, self.loads.held_increments(pairs, pose.centres))
         here = self.model.expand(self.model.start(pose))
@@ -135,11 +135,11 @@ class Simulation:
             modes, rise = system.softest_of_minimum(values, metric, 1)
         else:
             modes, rise = system.softest(values, metric, progress=progress)
-        self.soft.append((modes[0][: self.assembly.size], float(rise[0])))
-        return self.soft[0]
+        self.softest_cache.append((modes[0][: self.assembly.size], float(rise[0])))
+        return self.softest_cache[0]
 
     @cached_property
-    def shortfalls(self) -> list[FarBody]:
+    def far_bodies(self) -> list[FarBody]:
         """The bodies that come to rest far from their target, or stay flat."""
         if not self.equilibrium.converged:
             return []
@@ -173,11 +173,11 @@ class Simulation:
             )
             findings.append(Finding("knotted", "warning", text, tuple(quads[quads < len(self.target.quads)].tolist())))
         far = []
-        for piece in self.shortfalls:
-            beside = np.unique(self.target.edge_quads[piece.line])
+        for piece in self.far_bodies:
+            beside = np.unique(self.target.edge_quads[piece.cut_edges])
             faces = tuple((beside if len(beside) else piece.quads).tolist())
-            text, code = piece.wrong + piece.help, "stays-flat" if piece.flat else "far-from-target"
-            far.append(Finding(code, "warning", text, faces, tuple(piece.line.tolist())))
+            text, code = piece.fault_text + piece.remedy_text, "stays-flat" if piece.is_flat else "far-from-target"
+            far.append(Finding(code, "warning", text, faces, tuple(piece.cut_edges.tolist())))
         findings += merge_alike(far)  # findings about alike bodies, such as eyes, share one sentence
         alone = np.setdiff1d(np.arange(self.assembly.size), self.assembly.pairs)
         if len(alone):
@@ -196,7 +196,7 @@ class Simulation:
                 f"{self._strain_note}: they may break or stay bent. Press Optimise, take a thinner sheet, or make the piece larger"
             )
             findings.append(Finding("strained", "warning", text, tuple(strained.tolist())))
-        findings += self._kinked()
+        findings += self._kink_findings()
         slots = self.slots()
         if slots is not None and len(slots.closed):
             beside = np.unique(slots.arms[slots.closed] // 4)
@@ -206,14 +206,14 @@ class Simulation:
                 "the slots, wind these spirals less with the brush Twist and Ctrl, then simulate"
             )
             findings.append(Finding("slots-close", "warning", text, tuple(beside.tolist())))
-        rests = self.equilibrium, self.others, self.assembled, self.softest, self._strain_at
-        return findings + rest_findings(*rests, self.target, self.size)
+        rests = self.equilibrium, self.others, self.rest_from_target, self.softest, self._strain_at
+        return findings + rest_findings(*rests, self.target, self.diagonal)
 
     def _strain_at(self, rest: Equilibrium) -> Float[np.ndarray, " quads"] | None:
         """Return ``strain`` in this equilibrium or in another equilibrium of the piece."""
         return self.strain if rest is self.equilibrium else replace(self, equilibrium=rest).strain
 
-    def _kinked(self) -> list[Finding]:
+    def _kink_findings(self) -> list[Finding]:
         """Return a finding about joints at kinks where the true strain may exceed the limit, not the computed one."""
         if self.joint_strain is None:
             return []
@@ -245,20 +245,20 @@ class Simulation:
         return np.where(self.loads.fixed[:, :3], gradient[:, :3] - self.loads.force, 0.0)
 
     @property
-    def size(self) -> float:
+    def diagonal(self) -> float:
         """Diagonal of the target's bounding box, metres: percentages refer to it."""
         return self.target.diagonal
 
     @cached_property
-    def match(self) -> dict[str, float]:
+    def target_distances(self) -> dict[str, float]:
         """Distances from the target, by the keys of the ``equilibrium`` block of report.json."""
         rms, far = float(np.sqrt((self.distance**2).mean())), float(self.distance.max())
         bends = laplacian_rmse(self.assembly.pairs, self.equilibrium.pose.centres, self.target.centroids)
         return {
             "rms_mm": 1e3 * rms,
-            "rms_percent": 100.0 * rms / self.size,
+            "rms_percent": 100.0 * rms / self.diagonal,
             "max_mm": 1e3 * far,
-            "max_percent": 100.0 * far / self.size,
+            "max_percent": 100.0 * far / self.diagonal,
             "laplacian_rmse_mm": 1e3 * bends,
         }
 
@@ -277,7 +277,7 @@ class Simulation:
             "negative_eigenvalues": e.negative_eigenvalues,
             "twist_max": e.torsion_max,
             "energy": e.energy,
-            **self.match,
+            **self.target_distances,
         }
         if slots is not None:
             block |= {"slot_min_mm": 1e3 * float(slots.width.min()), "slots_closed": len(slots.closed)}
@@ -366,15 +366,15 @@ def simulate(
     loads = Loads.for_spirals(assembly.size, supports=supports, clamped=params.clamped, force=force, mass=mass)
     stance = Stance(loads, target, design.flat.corners)
 
-    def laid(pose: Pose) -> Pose:
+    def align_to_target(pose: Pose) -> Pose:
         return loads.align(pose, assembly.pairs, stance.aim)
 
-    watched = progress.showing(lambda pose: move_vertices(design, laid(pose), target))
+    watched = progress.showing(lambda pose: move_vertices(design, align_to_target(pose), target))
     main = watched.part(0.0, 0.3 if params.restarts else 1.0)
     begin = stance.aim if start is None else stance.place_supports(start)
     equilibrium = solve(model, begin, loads, params, main, margins=(SNAP_STIFFNESS,))
     others = other_minima(model, equilibrium, loads, params, watched.part(0.3, 1.0))
-    equilibrium, *others = (e.with_pose(laid(e.pose)) for e in (equilibrium, *others))
+    equilibrium, *others = (e.with_pose(align_to_target(e.pose)) for e in (equilibrium, *others))
     return Simulation(design, target, material, model, assembly, loads, equilibrium, others)
 
 

@@ -87,7 +87,7 @@ def test_a_fault_of_the_program_is_no_mistake_of_the_users(
     def broken(*_: object, **__: object) -> None:
         raise IndexError("sixth of five")
 
-    monkeypatch.setattr("flexmaps.engine.patches.tracing.trace.trace", broken)
+    monkeypatch.setattr("flexmaps.engine.patches.tracing.trace.trace_layout", broken)
     assert run("layout", "shape:strip") == 1
     said = capsys.readouterr()
     assert said.out == "" and "sixth of five" in said.err
@@ -101,7 +101,7 @@ def test_control_c_is_the_users_while_a_command_runs(
     def pressed(*_: object, **__: object) -> None:
         signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr("flexmaps.engine.patches.tracing.trace.trace", pressed)
+    monkeypatch.setattr("flexmaps.engine.patches.tracing.trace.trace_layout", pressed)
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         assert run("run", "shape:strip", "--out", tmp_path / "out") == 130

@@ -30,7 +30,7 @@ def read(obj: Any) -> tuple[ObjectSurface, QuadMesh]:
 
 
 def flat_of(quads: QuadMesh) -> FlatPatches:
-    return flatten.flatten(trace.trace(quads, LayoutParams()), LayoutParams())
+    return flatten.flatten(trace.trace_layout(quads, LayoutParams()), LayoutParams())
 
 
 @pytest.fixture

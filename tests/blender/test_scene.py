@@ -116,7 +116,7 @@ def test_solids_are_closed_and_as_heavy_as_the_sheets_say(clockwise: bool) -> No
     """Volume of the closed solid (trimesh) against area of the outlines times thickness."""
     import trimesh
 
-    flat = flatten.flatten(trace.trace(shapes.build_shape("cubesphere"), LayoutParams()), LayoutParams())
+    flat = flatten.flatten(trace.trace_layout(shapes.build_shape("cubesphere"), LayoutParams()), LayoutParams())
     made = fabricable.uniform_design(flat, SpiralParams(clockwise=clockwise))
     shape = solids.make_solids(made, arrange.arrange_patches(flat))
     starts = np.cumsum(shape.sizes) - shape.sizes
@@ -142,7 +142,7 @@ def test_solids_are_closed_and_as_heavy_as_the_sheets_say(clockwise: bool) -> No
 def test_solids_of_very_many_spirals_have_longer_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     import trimesh
 
-    flat = flatten.flatten(trace.trace(shapes.build_shape("cubesphere"), LayoutParams()), LayoutParams())
+    flat = flatten.flatten(trace.trace_layout(shapes.build_shape("cubesphere"), LayoutParams()), LayoutParams())
     made, centres = fabricable.uniform_design(flat, SpiralParams()), arrange.arrange_patches(flat)
     faces = len(solids.make_solids(made, centres).sizes)
     monkeypatch.setattr(solids, "MAX_FACES", faces // 2)
@@ -161,7 +161,7 @@ def test_solids_have_the_connectors_of_the_sheets(connector: str) -> None:
     import shapely
     import trimesh
 
-    flat = flatten.flatten(trace.trace(shapes.build_shape("cubesphere"), LayoutParams()), LayoutParams())
+    flat = flatten.flatten(trace.trace_layout(shapes.build_shape("cubesphere"), LayoutParams()), LayoutParams())
     made = fabricable.uniform_design(flat, SpiralParams())
     cut = sheets.make_sheets(
         made, SheetParams(labels=False, nesting="FAST"), connectors=ConnectorParams(connector=connector)

@@ -16,7 +16,7 @@ from ...fabrication.sheets import CutSheets
 from ...fabrication.writers.pdf import Page, pdf_bytes, text_width
 from ...files import NewFile, write_atomically
 from ...patches.flattening.flatten import FlatPatches
-from ...patches.joining import Join, Step, panel_numbers, steps
+from ...patches.joining import AssemblyStep, SeamJoin, assembly_steps, panel_numbers
 from ...progress import SILENT, Progress
 from ...spirals.design import SpiralDesign
 from .step_pictures import (
@@ -99,7 +99,7 @@ def draw_pages(
         to_hexadecimal(seam_colours(max(len(flat.layout.seams), 1))),
     )
     progress(0.0, "the order of the steps")
-    order = steps(flat.layout)
+    order = assembly_steps(flat.layout)
     found = [_draw_overview(flat, sheets, figures, title, look, checked, progress)]
     drawn = min(len(order), max(SHOWN // len(flat.layout.mesh.quads), ROWS))
     for first in range(0, drawn, ROWS):
@@ -290,7 +290,7 @@ def _draw_seam_list(
         page.draw_text("... the others are in the steps", (box.x + box.width * (1 - 1 / columns), box.y), 0.0026, INK)
 
 
-def _draw_step(page: Page, box: PageBox, flat: FlatPatches, number: int, step: Step, look: PatchColours) -> None:
+def _draw_step(page: Page, box: PageBox, flat: FlatPatches, number: int, step: AssemblyStep, look: PatchColours) -> None:
     """Draw a step: its title, its seams, the panels joined so far, and the flat new panel."""
     top = box.y + box.height
     page.draw_curve(polyline([[box.x, top - 0.001], [box.x + box.width, top - 0.001]]), PALE, 2e-4)
@@ -313,7 +313,7 @@ def _draw_step(page: Page, box: PageBox, flat: FlatPatches, number: int, step: S
         page,
         PageBox(box.x, box.y + 0.003, half - 0.003, height),
         flat,
-        step.there,
+        step.joined_panels,
         (step.panel,),
         step.joins,
         look,
@@ -323,7 +323,7 @@ def _draw_step(page: Page, box: PageBox, flat: FlatPatches, number: int, step: S
 
 
 def _draw_worded_steps(
-    order: list[Step], numbers: tuple[int, ...], first: int, look: PatchColours, progress: Progress
+    order: list[AssemblyStep], numbers: tuple[int, ...], first: int, look: PatchColours, progress: Progress
 ) -> list[Page]:
     """Return pages that describe the steps from index ``first`` on without pictures, in two columns."""
     found = []
@@ -347,13 +347,13 @@ def _draw_worded_steps(
     return found
 
 
-def _step_title(step: Step, number: int) -> str:
+def _step_title(step: AssemblyStep, number: int) -> str:
     """Return the title of a step, "Add panel 3" or "Take panel 1" for the first panel of a body."""
-    joined = len(step.there) > 1 and any(join.other != step.panel for join in step.joins)
+    joined = len(step.joined_panels) > 1 and any(join.other != step.panel for join in step.joins)
     return f"{'Add' if joined else 'Take'} panel {panel_name(number)}"
 
 
-def _describe_join(join: Join, numbers: tuple[int, ...]) -> str:
+def _describe_join(join: SeamJoin, numbers: tuple[int, ...]) -> str:
     """Return the description of a seam to join, such as "A: 5 joints to panel 2"."""
     joints = f"{join.joints} joint" + "s" * (join.joints > 1)
     where = "within the panel" if join.other == join.panel else f"to panel {panel_name(numbers[join.other])}"

@@ -11,7 +11,7 @@ from ...arrays import Bool, Float, Int
 from ...fabrication.panels.labels import panel_name, seam_name
 from ...fabrication.writers.pdf import Page
 from ...patches.flattening.flatten import FlatPatches
-from ...patches.joining import Join, Step, panel_numbers
+from ...patches.joining import AssemblyStep, SeamJoin, panel_numbers
 from ...spirals.curves.arcs import Curve
 
 WIDTH, HEIGHT, MARGIN = 0.21, 0.297, 0.015  # width, height and margin of a page (A4), metres
@@ -72,7 +72,7 @@ def draw_surface(
     flat: FlatPatches,
     there: tuple[int, ...],
     strong: tuple[int, ...],
-    joins: tuple[Join, ...],
+    joins: tuple[SeamJoin, ...],
     look: PatchColours,
     view: Float[np.ndarray, "3 3"],
 ) -> None:
@@ -183,12 +183,12 @@ def are_visible(
     return np.bincount(point, weights=inside & nearer, minlength=len(middles)) == 0.0
 
 
-def best_view(flat: FlatPatches, step: Step) -> Float[np.ndarray, "3 3"]:
+def best_view(flat: FlatPatches, step: AssemblyStep) -> Float[np.ndarray, "3 3"]:
     """Return the camera's axes for the view that shows most of a step's panel; from its front if that is as good."""
     layout, mesh = flat.layout, flat.layout.mesh
     quads = layout.patches[step.panel]
     some = quads[np.linspace(0, len(quads) - 1, min(len(quads), MAX_TESTED_QUADS)).astype(int)]
-    shown = np.isin(layout.patch_of, step.there)
+    shown = np.isin(layout.patch_of, step.joined_panels)
     facing = mesh.area_vectors[quads].sum(axis=0)
     start = float(np.arctan2(facing[1], facing[0])) if np.hypot(facing[0], facing[1]) > 1e-9 else -0.93
     slope = float(np.clip(facing[2] / max(np.hypot(facing[0], facing[1]), 1e-9), -1.2, 1.2))
@@ -220,7 +220,7 @@ def camera_axes(facing: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
     return np.stack([right, np.cross(ahead, right), ahead])
 
 
-def draw_flat_panel(page: Page, box: PageBox, flat: FlatPatches, step: Step, look: PatchColours) -> None:
+def draw_flat_panel(page: Page, box: PageBox, flat: FlatPatches, step: AssemblyStep, look: PatchColours) -> None:
     """Draw a step's flat panel with its seams in their colours, and the numbers of their first and last joints."""
     layout, mesh = flat.layout, flat.layout.mesh
     quads = layout.patches[step.panel]

@@ -11,7 +11,7 @@ from ...fabrication.estimates import assembly_seconds, cut_seconds
 from ...materials import Material
 from ...params import Settings
 from ...patches.flattening.flatten import FlatPatches
-from ...patches.splitting.split import usable
+from ...patches.splitting.split import usable_size
 from .judge import JudgedLayout
 
 # share of a sheet's area that panels fill, to estimate the number of sheets; larger: fewer sheets are announced
@@ -93,7 +93,7 @@ def make_proposal(judged: JudgedLayout, settings: Settings, material: Material) 
     flat, thickness = judged.laid.flat, settings.spiral.thickness
     corners = flat.corners - np.roll(flat.corners, 2, axis=1)
     area = 0.5 * float(np.abs(corners[:, 0, 0] * corners[:, 1, 1] - corners[:, 0, 1] * corners[:, 1, 0]).sum())
-    room = float(usable(settings.sheet).prod())
+    room = float(usable_size(settings.sheet).prod())
     return Proposal(
         judged,
         max(1, int(np.ceil(area / (SHEET_FILL * room)))),

@@ -27,7 +27,7 @@ from ...params import ChooseParams, LayoutParams
 from ...patches.flattening.flatten import FlatPatches
 from ...patches.layout import PatchLayout
 from ...patches.merging.ladder import merge_in_steps
-from ...patches.tracing.trace import trace
+from ...patches.tracing.trace import trace_layout
 from ...progress import SILENT, Progress
 from ...simulation.simulate import Simulation
 from ...surface.symmetry import preserved_by
@@ -299,9 +299,9 @@ def _run_task(
         shares = PANEL_GOAL_SHARES if params.goal == "panels" else MERGE_SHARES
         merged: list[PatchLayout] = []
         try:
-            traced = trace(piece.mesh, job)
+            traced = trace_layout(piece.mesh, job)
             for kept in (piece.symmetries, ()) if piece.symmetries else ((),):
-                merged += merge_in_steps(traced, job, (*shares, 1.0), kept, held=piece.is_loaded)
+                merged += merge_in_steps(traced, job, (*shares, 1.0), kept, has_supports=piece.is_loaded)
         except FlexMapsError:
             return []
         ideas, most = [CutPlan(one.cut, "merged under other limits") for one in merged], np.inf

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Bool, Float, Int
-from ...patches.layout import PatchLayout, groups, straight_on
+from ...patches.layout import PatchLayout, component_numbers, next_straight_side
 from ...patches.tracing.trace import make_disks
 from ...surface.checking.folds import SHARP, fold_angles
 from ...surface.checking.topology import sides_of
@@ -66,10 +66,10 @@ def lines_of_edges(mesh: QuadMesh) -> Int[np.ndarray, " edges"]:
     one, two = [], []
     for way in range(2):
         quad, side = mesh.edge_quads[inner, way], mesh.edge_sides[inner, way]
-        beyond, across, valid = straight_on(mesh, quad, side)
+        beyond, across, valid = next_straight_side(mesh, quad, side)
         one.append(inner[valid])
         two.append(mesh.quad_edges[beyond, across][valid])
-    return groups(len(mesh.edges), np.concatenate(one), np.concatenate(two))
+    return component_numbers(len(mesh.edges), np.concatenate(one), np.concatenate(two))
 
 
 def find_families(mesh: QuadMesh) -> list[LineFamily]:

@@ -12,13 +12,13 @@ from ...mechanics.laplacian import laplacian_difference
 from ...optimisation.match_limits import MatchLimits, find_limits
 from ...optimisation.optimise import optimise
 from ...params import Settings
-from ...patches.flattening.flatten import FlatPatches, flatten, overlapping
+from ...patches.flattening.flatten import FlatPatches, flatten, overlapping_patches
 from ...patches.layout import PatchLayout
-from ...patches.merging.dissolve import without_crumbs
-from ...patches.splitting.split import split
+from ...patches.merging.dissolve import join_small_panels
+from ...patches.splitting.split import split_to_sheet
 from ...patches.tracing.trace import make_disks
 from ...progress import SILENT, Progress
-from ...simulation.shortfall import angle_defects
+from ...simulation.shortfall import quad_curvatures
 from ...simulation.simulate import Simulation
 from ...spirals.fabricable import curvature_adjusted, make_fabricable
 from ...surface import curvature
@@ -204,18 +204,18 @@ def flatten_cuts(
         disks = make_disks(PatchLayout(piece.mesh, cut))
         if panel_curvature(disks) > most:
             return None
-        disks = without_crumbs(disks, layout, piece.symmetries, progress)
-        flat = split(flatten(disks, layout, progress), layout, sheet, progress)
+        disks = join_small_panels(disks, layout, piece.symmetries, progress)
+        flat = split_to_sheet(flatten(disks, layout, progress), layout, sheet, progress)
     except FlexMapsError:
         return None
-    if overlapping(flat):
+    if overlapping_patches(flat):
         return None
     return FlatLayout(flat, idea.origin, 1 + len(preserved_by(piece.symmetries, flat.layout.cut)))
 
 
 def panel_curvature(layout: PatchLayout) -> float:
     """Return the absolute Gaussian curvature inside the most curved panel, radians."""
-    return float(np.bincount(layout.patch_of, angle_defects(layout)).max())
+    return float(np.bincount(layout.patch_of, quad_curvatures(layout)).max())
 
 
 def judge(
@@ -301,7 +301,7 @@ def judge_shape(
     thorough : whether to count closed slots
     """
     bends = laplacian_difference(found.assembly.pairs, found.equilibrium.pose.centres, found.target.centroids)
-    match, measured = found.match, found.slots() if thorough else None
+    match, measured = found.target_distances, found.slots() if thorough else None
     return JudgedLayout(
         laid,
         match["rms_percent"] / 100.0,

@@ -8,10 +8,10 @@ import numpy as np
 
 from ...arrays import Float, Int
 from ...optimisation.match_limits import REASON_NAMES
-from ...patches.layout import PatchLayout, straight_on
+from ...patches.layout import PatchLayout, next_straight_side
 from ...patches.merging.dissolve import limited_board
 from ...patches.tracing.trace import middle_line
-from ...simulation.shortfall import angle_defects
+from ...simulation.shortfall import quad_curvatures
 from ...surface.symmetry import Symmetry, preserved_by
 from .judge import CutPlan, FlatLayout, JudgedLayout, LayoutProblem, flatten_cuts
 
@@ -48,7 +48,7 @@ def propose_changes(piece: LayoutProblem, judged: JudgedLayout, *, fewer: bool, 
     if fewer:
         for edges in seams_by_importance(layout, fixable_mismatch(judged))[:MAX_PLACES]:
             joined = changed(edges, False, "joined")
-            if PatchLayout(layout.mesh, joined.cut).planar.all():
+            if PatchLayout(layout.mesh, joined.cut).is_flattenable.all():
                 yield joined
 
 
@@ -114,7 +114,7 @@ def _worst_vertices(layout: PatchLayout, blame: np.ndarray) -> list[int]:
     """Return at most ``MAX_PLACES`` vertices inside patches, those with most mismatch and Gaussian curvature first."""
     mesh = layout.mesh
     inside = (layout.cut_degree == 0) & ~mesh.on_border & (mesh.valence > 0)
-    curved = angle_defects(layout)
+    curved = quad_curvatures(layout)
     weight = blame / max(float(blame.max()), 1e-300) + curved / max(float(curved.max()), 1e-300)
     each = np.bincount(mesh.quads.ravel(), np.repeat(weight, 4), len(mesh.vertices)) / np.maximum(mesh.valence, 1)
     order = np.argsort(np.where(inside, -each, np.inf), kind="stable")[: int(inside.sum())]
@@ -139,7 +139,7 @@ def _rays(layout: PatchLayout, vertex: int) -> Iterator[Int[np.ndarray, " some"]
             if outline[mesh.quads[q[0], (k[0] + 1) % 4]]:
                 yield np.array(walk)
                 break
-            q, k, valid = straight_on(mesh, q, k)
+            q, k, valid = next_straight_side(mesh, q, k)
             if not valid[0]:
                 break
 
@@ -173,7 +173,7 @@ def seams_by_importance(layout: PatchLayout, blame: np.ndarray) -> list[Int[np.n
     The importance is the mismatch and the Gaussian curvature of the quads beside a seam, per edge of the seam.
     """
     mesh, opened = layout.mesh, PatchLayout(layout.mesh, np.zeros(len(layout.cut), dtype=bool))
-    curved = angle_defects(opened)
+    curved = quad_curvatures(opened)
     weight = blame / max(float(blame.sum()), 1e-300) + curved / max(float(curved.sum()), 1e-300)
 
     def loss(edges: np.ndarray) -> float:

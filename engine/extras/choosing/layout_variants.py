@@ -8,7 +8,7 @@ import numpy as np
 
 from ...arrays import Float, Int
 from ...patches.layout import PatchLayout
-from ...simulation.shortfall import angle_defects
+from ...simulation.shortfall import quad_curvatures
 from ...surface.mesh import QuadMesh
 from ...surface.symmetry import Symmetry, preserved_by
 from .judge import CutPlan, JudgedLayout, LayoutProblem
@@ -43,7 +43,7 @@ def make_variants(piece: LayoutProblem, judged: JudgedLayout) -> list[CutPlan]:
 
 def _estimate_distortion(layout: PatchLayout) -> float:
     """Estimate a layout's distortion: sum over panels of the squared Gaussian curvature inside, radians squared."""
-    return round(float((np.bincount(layout.patch_of, angle_defects(layout)) ** 2).sum()), 9)
+    return round(float((np.bincount(layout.patch_of, quad_curvatures(layout)) ** 2).sum()), 9)
 
 
 def _shift_seams(layout: PatchLayout, symmetries: Sequence[Symmetry]) -> Iterator[CutPlan]:
@@ -124,5 +124,5 @@ def _exchange_seams(
             joined = more.cut.copy()
             joined[with_images(seam, symmetries)] = False
             after = PatchLayout(mesh, joined)
-            if len(after.patches) <= panels and after.planar.all():
+            if len(after.patches) <= panels and after.is_flattenable.all():
                 yield CutPlan(joined, f"{name}, another joined")

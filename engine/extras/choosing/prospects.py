@@ -61,7 +61,7 @@ def find_prospects(
     or has no equilibrium. ``LOWEST`` supports the lowest quads, ``BORDER`` those at the border, ``CUT`` adds cuts where
     the shape misses the target, ``ROUND_FOLDS`` rounds the folds of the target, and its distance is from the rounded target
     """
-    now = found.match["rms_percent"]
+    now = found.target_distances["rms_percent"]
     if not found.equilibrium.converged or now <= wanted_percent(settings.choose):
         return None
     ways: list[tuple[str, Any]] = [] if supports is not None else list(support_options(found.target))
@@ -141,7 +141,7 @@ def _distance_with_supports(
         )
     except FlexMapsError:
         return np.inf
-    return better.after.match["rms_percent"] if better.after.equilibrium.converged else np.inf
+    return better.after.target_distances["rms_percent"] if better.after.equilibrium.converged else np.inf
 
 
 def _distance_with_cuts(piece: LayoutProblem, idea: CutPlan, promise: _PredictionFilter, progress: Progress) -> float:

@@ -16,10 +16,10 @@ from ...optimisation.remedies import SOFTEST_LIMIT
 from ...params import ChooseParams, LayoutParams
 from ...patches.flattening.flatten import FlatPatches, flatten, with_corners
 from ...patches.flattening.flattening_report import forced_notes, symmetry_kept
-from ...patches.layout import PatchLayout, alone
-from ...patches.merging.dissolve import without_crumbs
+from ...patches.layout import PatchLayout, sublayout
+from ...patches.merging.dissolve import join_small_panels
 from ...patches.merging.merge import merge
-from ...patches.splitting.split import split
+from ...patches.splitting.split import split_to_sheet
 from ...progress import SILENT, Progress
 from ...surface.curvature import is_flat, relief
 from ...surface.symmetry import preserved_by, symmetries
@@ -113,7 +113,7 @@ def _refine_bodies(
     ends = np.cumsum(np.bincount(mesh.body_of)) / len(mesh.quads)
     for body, end in enumerate(ends.tolist()):
         quads = np.flatnonzero(mesh.body_of == body)
-        layout, edges = alone(flat.layout, quads)
+        layout, edges = sublayout(flat.layout, quads)
         first = PatchLayout(layout.mesh, begun.cut[edges], origin=begun.origin)
         present, own = with_corners(layout, corners[quads]), piece.restrict_to(layout.mesh, quads)
         within = progress.part(end - len(quads) / len(mesh.quads), end)
@@ -204,7 +204,7 @@ def _join_small(
         if _min_panel_quads(flat) >= limits.patch_min:
             break
         part, looser = next(parts), replace(limits, distortion_limit=factor * limits.distortion_limit)
-        joined = without_crumbs(flat.layout, looser, kept, part.quiet())
+        joined = join_small_panels(flat.layout, looser, kept, part.quiet())
         if joined is not flat.layout:
             other = flatten(joined, looser, part.quiet())
             now = _predict_match(piece, _fit_sheet(piece, other, part), start, part)
@@ -241,9 +241,9 @@ def _under_tighter_limits(
             return
         part = next(parts)
         last = merge(
-            begun, replace(limits, distortion_limit=share * limits.distortion_limit), part, held=piece.is_loaded
+            begun, replace(limits, distortion_limit=share * limits.distortion_limit), part, has_supports=piece.is_loaded
         )
-        joined = without_crumbs(last.layout, limits, kept, part.quiet())
+        joined = join_small_panels(last.layout, limits, kept, part.quiet())
         yield last if joined is last.layout else flatten(joined, limits, part.quiet())
 
 
@@ -306,7 +306,7 @@ def _count_panels(flat: FlatPatches) -> int:
 def _fit_sheet(piece: LayoutProblem, flat: FlatPatches, progress: Progress) -> FlatPatches:
     """Cut panels that do not fit the sheet; return the layout unchanged if single quads do not fit."""
     try:
-        return split(flat, piece.settings.layout, piece.settings.sheet, progress.quiet())
+        return split_to_sheet(flat, piece.settings.layout, piece.settings.sheet, progress.quiet())
     except FlexMapsError:  # the next stage reports this
         return flat
 

@@ -1,6 +1,6 @@
 """Film of the assembly: panels fly from the table to their places and are joined seam by seam.
 
-A step of the film adds one panel, in the order of ``joining.steps``. After every few joints the joined panels are in a
+A step of the film adds one panel, in the order of ``joining.assembly_steps``. After every few joints the joined panels are in a
 stage (``unfinished_pieces``): their equilibrium, floating and without weight. Between two stages hubs turn evenly, and
 joints that are closed stay closed (``blend``). Arms are bent for each shape by ``mechanics.arms.bent``; arms at a seam
 that is being closed gradually take up their final wrench, so that their tips meet when it is closed.
@@ -22,7 +22,7 @@ from ...mechanics.arms.bent import TIP_TOLERANCE, Bender
 from ...mechanics.assembly import Pose, nearest_rotation, rest_joints
 from ...mechanics.vectors import matvec, rotation_vector
 from ...params import SimulateParams
-from ...patches.joining import steps
+from ...patches.joining import assembly_steps
 from ...progress import SILENT, Progress
 from ...spirals.design import SpiralDesign
 from .flight import flight_path, lowest_height
@@ -165,7 +165,7 @@ def record_tracks(
     actors : points to move
     progress : called with the fraction done; may cancel
     """
-    order = steps(design.flat.layout)
+    order = assembly_steps(design.flat.layout)
     shot = _TrackRecorder(design, actors, table, float(np.linalg.norm(np.ptp(pose.centres, axis=0))))
     for number, step in enumerate(order):
         own = [stage for stage in found.all if stage.step == number]

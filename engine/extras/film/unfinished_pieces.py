@@ -5,7 +5,7 @@ floats freely, without weight, supports or forces, and is placed rigidly to fit 
 A loose panel is flat.
 
 The stages are computed backwards. The finished piece is taken apart joint by joint in the reverse order of
-``joining.steps``, and after some joints the rest relaxes from its last shape: nothing has to be pulled together, and
+``joining.assembly_steps``, and after some joints the rest relaxes from its last shape: nothing has to be pulled together, and
 energy only decreases. Where a part, such as a ring, springs open too far for the solver, the opened joints are first
 weakened gradually. If an unfinished piece has several equilibria, this finds the one that leads to the finished piece.
 """
@@ -24,7 +24,7 @@ from ...mechanics.elastic import ElasticModel
 from ...mechanics.equilibrium import solve
 from ...mechanics.loads import Loads
 from ...params import SimulateParams
-from ...patches.joining import Step, steps
+from ...patches.joining import AssemblyStep, assembly_steps
 from ...patches.layout import PatchLayout
 from ...progress import SILENT, Progress
 from ...simulation.simulate import build_model
@@ -41,7 +41,7 @@ STIFFNESS_SHARES = 10.0 ** -np.arange(1.0, 13.0)
 class UnfinishedPiece:
     """Equilibrium of an unfinished piece.
 
-    step : index of the step of ``joining.steps`` in which its last panel arrives
+    step : index of the step of ``joining.assembly_steps`` in which its last panel arrives
     seam : name of the seam closed last, empty before the first
     hubs : spirals of its panels
     closed : (m,) whether the joint at each inner edge is closed
@@ -117,10 +117,10 @@ def stages_without_equilibria(design: SpiralDesign, pose: Pose) -> AssemblyStage
     design, pose : spirals, and the final pose of their hubs
     """
     layout, found = design.flat.layout, []
-    order, bodies, sides = steps(layout), _body_of_patches(layout), layout.mesh.edge_quads[~layout.mesh.border]
+    order, bodies, sides = assembly_steps(layout), _body_of_patches(layout), layout.mesh.edge_quads[~layout.mesh.border]
     for number, step in enumerate(order):
         body = bodies[step.panel]
-        patches = [p for p in step.there if bodies[p] == body]
+        patches = [p for p in step.joined_panels if bodies[p] == body]
         hubs = np.flatnonzero(np.isin(layout.patch_of, patches))
         closed = np.isin(layout.patch_of[sides], patches).all(axis=1)
         whole = all(bodies[later.panel] != body for later in order[number + 1 :])
@@ -135,7 +135,7 @@ class _Disassembly:
     def __init__(self, design: SpiralDesign, pose: Pose, model: ElasticModel, params: SimulateParams):
         self.design, self.layout, self.end, self.model, self.params = design, design.flat.layout, pose, model, params
         self.pairs = assembly_from_design(design).pairs
-        self.order = steps(self.layout)
+        self.order = assembly_steps(self.layout)
         self.batches = [joint_batches(self.layout, step) for step in self.order]
         self.bodies = _body_of_patches(self.layout)
         self.closed = np.ones(len(self.pairs), dtype=bool)
@@ -154,7 +154,7 @@ class _Disassembly:
         """
         step, batches_ = self.order[number], self.batches[number]
         body, last = self.bodies[step.panel], k >= len(batches_) - 1
-        patches = [p for p in step.there if self.bodies[p] == body]
+        patches = [p for p in step.joined_panels if self.bodies[p] == body]
         hubs = np.flatnonzero(np.isin(self.layout.patch_of, patches))
         closed = self.closed & np.isin(self.layout.patch_of[self.pairs], patches).all(axis=1)
         counts = [len(joints) for _, joints in batches_]
@@ -251,7 +251,7 @@ def _body_of_patches(layout: PatchLayout) -> np.ndarray:
 # --------------------------------------------------------------------------
 
 
-def joint_batches(layout: PatchLayout, step: Step) -> list[tuple[str, Int[np.ndarray, " _"]]]:
+def joint_batches(layout: PatchLayout, step: AssemblyStep) -> list[tuple[str, Int[np.ndarray, " _"]]]:
     """Return the batches of joints that a step closes one after another: name of the seam, and indices of inner edges.
 
     Seams within the panel come last, because nothing holds the panel before the others; along a seam, joints are closed

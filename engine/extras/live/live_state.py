@@ -165,7 +165,7 @@ def _update_flat_patches(given: LiveInput, mesh: QuadMesh, old: LiveState | None
     layout = make_disks(PatchLayout(mesh, given.seams & ~mesh.border))
     if not moved.any() and np.array_equal(layout.cut, old_layout.cut):
         return stored
-    return flatten(layout, given.layout, previous=stored, moved=moved)
+    return flatten(layout, given.layout, previous=stored, moved_quads=moved)
 
 
 def _update_model(

@@ -23,10 +23,10 @@ from .triangles import corner_triangles, quad_energy
 
 # added to the diagonal of a Laplacian that is not positive definite, as shares of its largest entry, tried in turn;
 # larger shifts are safer and less exact
-SHIFTS = (1e-12, 1e-9, 1e-6)
+DIAGONAL_SHIFTS = (1e-12, 1e-9, 1e-6)
 # Largest further decrease of the weighted mean energy that is assumed, as a factor on its decrease within a round, when
 # hopeless flattenings are given up. Larger values lose fewer patches that would succeed, and save less time.
-REST = 4.0
+FURTHER_DECREASE = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,16 +36,16 @@ class FlatPatch:
     points : flat vertices, complex, metres
     rotation : nearest rotation of every corner triangle, unit complex numbers; merged patches start from it
     energy : distortion E of every quad
-    flips : number of corner triangles that are not positively oriented
+    flip_count : number of corner triangles that are not positively oriented
     """
 
     points: Complex[np.ndarray, " vertices"]
     rotation: Complex[np.ndarray, "quads 4"]
     energy: Float[np.ndarray, " quads"]
-    flips: int
+    flip_count: int
 
     @property
-    def worst(self) -> float:
+    def max_energy(self) -> float:
         """Largest distortion E of any quad."""
         return float(self.energy.max())
 
@@ -71,8 +71,8 @@ class PatchProblem:
         self.mesh, self.quads, self.corners, self.tick = mesh, quads, corners, tick
         self.sizes = np.array(sizes or [len(quads)])
         self.patch_of = np.repeat(np.arange(len(self.sizes)), self.sizes)
-        self.tri = corner_triangles(mesh).subset(quads)
-        self._towards = self.tri.along.conj(), self.tri.against.conj()
+        self.triangles = corner_triangles(mesh).subset(quads)
+        self._towards = self.triangles.along.conj(), self.triangles.against.conj()
         self._around = corners[:, NEXT], corners[:, PREVIOUS]
         self.count = int(corners.max()) + 1
         self._analyse()
@@ -95,10 +95,10 @@ class PatchProblem:
         # Fortran layout of LAPACK's lower band storage: entry (i, j) at [i - j, j]
         self._slot = (j * (self.band + 1) + i - j)[self._lower]
         self._flat_corners = c.ravel()
-        self._held = np.zeros(1, dtype=int)
+        self._pinned = np.zeros(1, dtype=int)
         if len(self.sizes) > 1:
-            self._held = np.full(len(self.sizes), n)
-            np.minimum.at(self._held, np.repeat(self.patch_of, 4), self.place[self._flat_corners])
+            self._pinned = np.full(len(self.sizes), n)
+            np.minimum.at(self._pinned, np.repeat(self.patch_of, 4), self.place[self._flat_corners])
 
     def factor(
         self, weights: Float[np.ndarray, " quads"], springs: SideSprings | None = None
@@ -117,7 +117,7 @@ class PatchProblem:
         Lower band in LAPACK's storage, for ``global_step``; NaN where the matrix is not positive definite
         """
         self.tick()
-        values = (weights[:, None, None] * self.tri.stiffness).take(self._lower)
+        values = (weights[:, None, None] * self.triangles.stiffness).take(self._lower)
         slots = self._slot
         size = (self.band + 1) * self.count
         if springs is not None:
@@ -128,10 +128,10 @@ class PatchProblem:
             slots = np.concatenate([slots, i * width, j * width, low * width + high - low])
             values = np.concatenate([values, stiff, stiff, -stiff])
         band = np.bincount(slots, weights=values, minlength=size)
-        band[self._held * (self.band + 1)] *= 2.0
+        band[self._pinned * (self.band + 1)] *= 2.0
         band = band.reshape(self.band + 1, self.count, order="F")
         # quads without area do not determine their corners; a tiny diagonal shift makes the matrix definite
-        for shift in (0.0, *SHIFTS):
+        for shift in (0.0, *DIAGONAL_SHIFTS):
             held = band.copy(order="F")
             if shift:
                 held[0] += shift * np.nan_to_num(band[0]).max()
@@ -140,13 +140,13 @@ class PatchProblem:
                 return factor
         return np.full_like(band, np.nan)
 
-    def maps(
+    def map_coefficients(
         self, points: Complex[np.ndarray, " vertices"]
     ) -> tuple[Complex[np.ndarray, "quads 4"], Complex[np.ndarray, "quads 4"]]:
         """Return the coefficients a and b of every corner triangle's map to the plane, u = a z + b conj(z)."""
         u, after, before = (points.take(corners) for corners in (self.corners, *self._around))
         d, before = after - u, u - before
-        t = self.tri
+        t = self.triangles
         return t.along * d + t.against * before, t.along_bar * d + t.against_bar * before
 
     def global_step(
@@ -167,7 +167,7 @@ class PatchProblem:
         """
         self.tick()
         along, against = self._towards
-        s = self.tri.area * weights[:, None] * rotation
+        s = self.triangles.area * weights[:, None] * rotation
         pull = along * s + (against * s).take(NEXT, axis=1)
         force = (pull.take(PREVIOUS, axis=1) - pull).ravel()
         f = self._flat_corners
@@ -187,10 +187,10 @@ class PatchProblem:
         return points
 
     @cached_property
-    def _turns(self) -> Complex[np.ndarray, " joints"]:
+    def _joint_rotations(self) -> Complex[np.ndarray, " joints"]:
         """Rotation between both quads of every joint that makes their common sides parallel, unit complex numbers."""
         fa, ka, fb, kb = self.joints
-        flat = self.tri.flat
+        flat = self.triangles.flat
         turn = (flat[fa, (ka + 1) % 4] - flat[fa, ka]) * (flat[fb, kb] - flat[fb, (kb + 1) % 4]).conj()
         size = np.abs(turn)
         return np.where(size > 0, turn, 1.0) / np.where(size > 0, size, 1.0)
@@ -202,12 +202,12 @@ class PatchProblem:
             return np.ones((q, 4), dtype=complex)
         fa, _, fb, _ = self.joints
         # an extra root node, linked to the middle quad of every patch
-        middle = self._middle()
+        middle = self._middle_quads()
         ends = np.concatenate([fa, np.full(len(middle), q)]), np.concatenate([fb, middle])
         graph = coo_array((np.ones(len(ends[0])), ends), shape=(q + 1, q + 1))
         order, before = breadth_first_order(graph.tocsr(), q, directed=False)
         step = {(q, start): 1.0 + 0j for start in middle.tolist()}
-        for a, b, t in zip(fa.tolist(), fb.tolist(), self._turns.tolist(), strict=True):
+        for a, b, t in zip(fa.tolist(), fb.tolist(), self._joint_rotations.tolist(), strict=True):
             step[a, b], step[b, a] = t, t.conjugate()
         values: list[complex] = [1.0 + 0j] * (q + 1)
         for quad in order[1:].tolist():
@@ -215,7 +215,7 @@ class PatchProblem:
             values[quad] = values[parent] * step[parent, quad]
         return np.repeat(np.array(values[:q])[:, None], 4, axis=1)
 
-    def _middle(self) -> Int[np.ndarray, " patches"]:
+    def _middle_quads(self) -> Int[np.ndarray, " patches"]:
         """Return the quad nearest to the centre of every patch."""
         centre = self.mesh.centroids[self.quads]
         first = np.cumsum(self.sizes) - self.sizes
@@ -223,11 +223,11 @@ class PatchProblem:
         away = ((centre - mean[self.patch_of]) ** 2).sum(axis=1)
         return np.lexsort((away, self.patch_of))[first]
 
-    def worst(self, energy: Float[np.ndarray, " quads"]) -> Float[np.ndarray, " patches"]:
+    def max_energies(self, energy: Float[np.ndarray, " quads"]) -> Float[np.ndarray, " patches"]:
         """Return the largest energy in every patch."""
         return np.maximum.reduceat(energy, np.cumsum(self.sizes) - self.sizes)
 
-    def smoothest(self) -> Complex[np.ndarray, "quads 4"]:
+    def smoothest_rotations(self) -> Complex[np.ndarray, "quads 4"]:
         """Return initial rotations that fit all uncut sides best; slower and better than ``propagate_rotations``.
 
         They are the lowest eigenvector of the connection Laplacian (Singer & Wu 2012), found by inverse iteration.
@@ -237,7 +237,7 @@ class PatchProblem:
         degree = np.bincount(fa, minlength=q) + np.bincount(fb, minlength=q)
         everyone = np.arange(q)
         rows, cols = np.concatenate([everyone, fa, fb]), np.concatenate([everyone, fb, fa])
-        values = np.concatenate([degree + 1e-6, -self._turns.conj(), -self._turns])
+        values = np.concatenate([degree + 1e-6, -self._joint_rotations.conj(), -self._joint_rotations])
         solver = splu(csc_array((values, (rows, cols)), shape=(q, q)))
         vector = self.propagate_rotations()[:, 0]
         for _ in range(20):
@@ -257,16 +257,16 @@ class PatchProblem:
         one, two = order[same], order[same + 1]
         return one // 4, one % 4, two // 4, two % 4
 
-    def patch(self, points: Complex[np.ndarray, " vertices"]) -> FlatPatch:
+    def flat_patch(self, points: Complex[np.ndarray, " vertices"]) -> FlatPatch:
         """Return the flat patch with its vertices at ``points``; its energies are infinite if a point is not finite."""
         if not np.isfinite(points).all():
             turns, energy = np.ones(self.corners.shape, dtype=complex), np.full(len(self.corners), np.inf)
             return FlatPatch(points, turns, energy, self.corners.size)
-        a, b = self.maps(points)
+        a, b = self.map_coefficients(points)
         size_a, size_b = np.abs(a), np.abs(b)
         rotation = a / np.maximum(size_a, 1e-300)
         flips = size_a.size - np.count_nonzero(size_b < size_a)
-        return FlatPatch(points, rotation, quad_energy(self.tri, size_a, size_b), flips)
+        return FlatPatch(points, rotation, quad_energy(self.triangles, size_a, size_b), flips)
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,13 +283,13 @@ class SideSprings:
     stiffness: Float[np.ndarray, " springs"]
 
 
-def settle(
+def solve_local_global(
     problem: PatchProblem,
     rotation: Complex[np.ndarray, "quads 4"] | None = None,
     *,
     rounds: int = 30,
     tolerance: float = 2e-4,
-    hopeless: float = np.inf,
+    give_up_above: float = np.inf,
 ) -> FlatPatch:
     """Alternate nearest rotations and linear solves until the flat points converge (Liu et al. 2008).
 
@@ -299,35 +299,35 @@ def settle(
     rotation : initial rotations of the corner triangles, unit complex numbers; by default propagated over the patch
     rounds : largest number of rounds
     tolerance : stop when the largest energy changes by less than this share in a round
-    hopeless : give up early when the largest energy will clearly stay above this value
+    give_up_above : give up early when the largest energy will clearly stay above this value
     """
     if rotation is None:
         rotation = problem.propagate_rotations()
     weights = np.ones(len(problem.quads))
     factor = problem.factor(weights)
     before = np.inf
-    patch = problem.patch(problem.global_step(factor, weights, rotation))
+    patch = problem.flat_patch(problem.global_step(factor, weights, rotation))
     for turn in range(rounds):
-        worst = patch.worst
+        worst = patch.max_energy
         change = before - worst
         if abs(change) < tolerance * worst:
             break
         # the energy falls geometrically: all further rounds together gain at most 12 times the last change
-        if turn >= 4 and worst - 12.0 * max(change, 0.0) > hopeless:
+        if turn >= 4 and worst - 12.0 * max(change, 0.0) > give_up_above:
             break
         before = worst
-        patch = problem.patch(problem.global_step(factor, weights, patch.rotation))
+        patch = problem.flat_patch(problem.global_step(factor, weights, patch.rotation))
     return patch
 
 
-def minimax(
+def minimise_max_energy(
     problem: PatchProblem,
     patch: FlatPatch,
     *,
     rounds: int = 15,
     inner: int = 2,
     target: float = 0.0,
-    hopeless: float = np.inf,
+    give_up_above: float = np.inf,
 ) -> FlatPatch:
     """Lower the largest energy by giving quads with high energy more weight, round by round; return the best patch.
 
@@ -338,27 +338,27 @@ def minimax(
     rounds : largest number of changes of the weights
     inner : number of solves between two changes of the weights
     target : stop when the largest energy is at most this and no triangle is flipped
-    hopeless : give up when the largest energy is estimated to stay above this value
+    give_up_above : give up when the largest energy is estimated to stay above this value
     """
     weights = np.ones(len(problem.quads))
     best = patch
     for _ in range(rounds):
-        if best.worst <= target and best.flips == 0:
+        if best.max_energy <= target and best.flip_count == 0:
             break
         share = patch.energy / max(patch.energy.max(), 1e-300)
         weights *= 0.15 + share
         weights /= weights.mean()
         np.maximum(weights, 1e-4, out=weights)
         factor = problem.factor(weights)
-        shares, means = weights * problem.tri.whole, list[float]()
+        shares, means = weights * problem.triangles.quad_areas, list[float]()
         shares /= shares.sum()
         for _ in range(inner):
-            patch = problem.patch(problem.global_step(factor, weights, patch.rotation))
+            patch = problem.flat_patch(problem.global_step(factor, weights, patch.rotation))
             means.append(float(shares @ patch.energy))
-        if (patch.flips, patch.worst) < (best.flips, best.worst):
+        if (patch.flip_count, patch.max_energy) < (best.flip_count, best.max_energy):
             best = patch
         # Stop where the limit is out of reach. The minimum of the weighted mean bounds the largest energy from below
         # (weak duality); the mean's decrease in this round estimates how much the mean can still decrease
-        if best.worst > hopeless and means[-1] - REST * (means[0] - means[-1]) > hopeless:
+        if best.max_energy > give_up_above and means[-1] - FURTHER_DECREASE * (means[0] - means[-1]) > give_up_above:
             break
     return best

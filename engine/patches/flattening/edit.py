@@ -30,7 +30,7 @@ def with_cuts(
     """
     mesh = flat.layout.mesh
     layout = PatchLayout(mesh, np.asarray(cut, dtype=bool) & ~mesh.border)
-    bad = np.flatnonzero(~layout.planar)
+    bad = np.flatnonzero(~layout.is_flattenable)
     if len(bad):
         quads = layout.patches[bad[0]]
         raise FlexMapsError(

@@ -12,8 +12,8 @@ from ...params import LayoutParams
 from ...progress import SILENT, Progress
 from ...threads import one_thread
 from ..layout import PatchLayout
-from .outline import simple
-from .seams import QUICK, ROUNDS, match_seams
+from .outline import has_simple_outline
+from .seams import EDIT_ROUNDS, LAYOUT_ROUNDS, match_seams
 from .triangles import corner_triangles, quad_energy, square_energy
 
 
@@ -26,13 +26,13 @@ class FlatPatches:
         centroid at the origin and the longest extent along x; quads are counter-clockwise seen from outside
     energy : distortion E of every quad: area-weighted mean over its 4 corner triangles of (s1-1)^2 + (s2-1)^2, with
         s1, s2 the singular values of the map from the surface to the plane
-    square : irregularity of every flat quad: the energy of the map from a square of equal area to the quad
+    irregularity : irregularity of every flat quad: the energy of the map from a square of equal area to the quad
     """
 
     layout: PatchLayout
     points: Float[np.ndarray, "points 2"]
     energy: Float[np.ndarray, " quads"]
-    square: Float[np.ndarray, " quads"]
+    irregularity: Float[np.ndarray, " quads"]
 
     @property
     def corners(self) -> Float[np.ndarray, "quads 4 2"]:
@@ -42,7 +42,7 @@ class FlatPatches:
     @cached_property
     def outlines(self) -> tuple[np.ndarray, ...]:
         """Flat vertices of every patch's outer outline, counter-clockwise; holes are left out."""
-        return tuple(outline(self.layout, patch) for patch in range(len(self.layout.patches)))
+        return tuple(outline_vertices(self.layout, patch) for patch in range(len(self.layout.patches)))
 
 
 @one_thread
@@ -52,7 +52,7 @@ def flatten(
     progress: Progress = SILENT,
     previous: FlatPatches | None = None,
     start: Complex[np.ndarray, "quads 4"] | None = None,
-    moved: Bool[np.ndarray, " quads"] | None = None,
+    moved_quads: Bool[np.ndarray, " quads"] | None = None,
 ) -> FlatPatches:
     """Flatten every patch of a layout; both sides of seams become equally long as far as the distortion limit allows.
 
@@ -63,23 +63,23 @@ def flatten(
     progress : called with the fraction done
     previous : flat patches whose unchanged patches are kept as they are
     start : initial rotations of the corner triangles, unit complex numbers
-    moved : mask of quads whose shape changed since ``previous``; their patches are flattened again
+    moved_quads : mask of quads whose shape changed since ``previous``; their patches are flattened again
     """
-    known = _reusable(previous, layout, moved)
+    known = _reusable_patches(previous, layout, moved_quads)
     corners = np.zeros((len(layout.mesh.quads), 4), dtype=complex)
     fresh = []
     for quads in layout.patches:
-        if previous is not None and _key(layout, quads) in known:
+        if previous is not None and _patch_key(layout, quads) in known:
             corners[quads] = previous.corners[quads] @ np.array([1.0, 1.0j])
         else:
             fresh.append(quads)
-    rounds = ROUNDS if not known else QUICK
+    rounds = LAYOUT_ROUNDS if not known else EDIT_ROUNDS
     corners = match_seams(layout, fresh, corners, params, progress.part(0.0, 0.95), start, rounds)
     points = np.empty((int(layout.flat_corners.max()) + 1, 2))
     points[layout.flat_corners] = np.stack([corners.real, corners.imag], axis=2)
     for quads in progress.part(0.95, 1.0).each(fresh, "Flattening"):
         own, local = np.unique(layout.flat_corners[quads], return_inverse=True)
-        points[own] = in_frame(points[own] @ np.array([1.0, 1.0j]), local.reshape(-1, 4))
+        points[own] = align_to_frame(points[own] @ np.array([1.0, 1.0j]), local.reshape(-1, 4))
     return with_energies(layout, points)
 
 
@@ -112,7 +112,7 @@ def with_corners(layout: PatchLayout, corners: Float[np.ndarray, "quads 4 2"]) -
     return with_energies(layout, points)
 
 
-def in_frame(
+def align_to_frame(
     points: Complex[np.ndarray, " vertices"], corners: Int[np.ndarray, "quads 4"]
 ) -> Float[np.ndarray, "vertices 2"]:
     """Move points to their patch's frame: area centroid at 0, longest extent along x.
@@ -141,22 +141,26 @@ def _longest_direction(points: np.ndarray) -> complex:
     return complex(np.exp(-1j * angles[best]))
 
 
-def _key(layout: PatchLayout, quads: np.ndarray) -> bytes:
+def _patch_key(layout: PatchLayout, quads: np.ndarray) -> bytes:
     """Return a dictionary key for a patch, made of its quads and their sides on the outline."""
     return quads.tobytes() + np.packbits(layout.outline_sides[quads]).tobytes()
 
 
-def _reusable(
-    previous: FlatPatches | None, layout: PatchLayout, moved: Bool[np.ndarray, " quads"] | None
+def _reusable_patches(
+    previous: FlatPatches | None, layout: PatchLayout, moved_quads: Bool[np.ndarray, " quads"] | None
 ) -> dict[bytes, int]:
     """Return the previous patches on this mesh without moved quads, as a dictionary from their key to their number."""
     if previous is None or previous.layout.mesh is not layout.mesh:
         return {}
-    kept = [(i, quads) for i, quads in enumerate(previous.layout.patches) if moved is None or not moved[quads].any()]
-    return {_key(previous.layout, quads): i for i, quads in kept}
+    kept = [
+        (i, quads)
+        for i, quads in enumerate(previous.layout.patches)
+        if moved_quads is None or not moved_quads[quads].any()
+    ]
+    return {_patch_key(previous.layout, quads): i for i, quads in kept}
 
 
-def outline(layout: PatchLayout, patch: int) -> Int[np.ndarray, " m"]:
+def outline_vertices(layout: PatchLayout, patch: int) -> Int[np.ndarray, " m"]:
     """Return the flat vertices on the outer outline of a patch, counter-clockwise, the smallest index first."""
     quads = layout.patches[patch]
     loop = layout.loop_of[quads]
@@ -180,7 +184,7 @@ def seam_mismatch(flat: FlatPatches) -> Float[np.ndarray, " cuts"]:
     return np.abs(length[:, 0] - length[:, 1]) / mesh.edge_lengths[cut]
 
 
-def overlapping(flat: FlatPatches) -> list[int]:
+def overlapping_patches(flat: FlatPatches) -> list[int]:
     """Return the patches that are not proven to be injective.
 
     They have a flipped corner triangle, a topology that cannot be laid flat, or an outline that is not simple.
@@ -188,20 +192,20 @@ def overlapping(flat: FlatPatches) -> list[int]:
     layout = flat.layout
     points = flat.points[:, 0] + 1j * flat.points[:, 1]
     corners = flat.layout.flat_corners
-    flipped = np.bincount(layout.patch_of, weights=flips(points[corners]), minlength=len(layout.patches)) > 0
-    bad = np.flatnonzero(flipped | ~layout.planar).tolist()
+    flipped = np.bincount(layout.patch_of, weights=count_flipped(points[corners]), minlength=len(layout.patches)) > 0
+    bad = np.flatnonzero(flipped | ~layout.is_flattenable).tolist()
     sides = layout.outline_sides
     return sorted(
         bad
         + [
             patch
             for patch, quads in enumerate(layout.patches)
-            if patch not in bad and not simple(points, corners[quads], sides[quads])
+            if patch not in bad and not has_simple_outline(points, corners[quads], sides[quads])
         ]
     )
 
 
-def flips(corners: Complex[np.ndarray, "quads 4"]) -> Int[np.ndarray, " quads"]:
+def count_flipped(corners: Complex[np.ndarray, "quads 4"]) -> Int[np.ndarray, " quads"]:
     """Return how many of the four corner triangles of each flat quad are not positively oriented."""
     d = np.roll(corners, -1, axis=1) - corners
     return ((np.roll(d, 1, axis=1).conj() * d).imag <= 0).sum(axis=1)

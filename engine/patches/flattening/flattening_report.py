@@ -12,15 +12,15 @@ from ...surface.checking.finding import with_count
 from ...surface.curvature import is_flat
 from ...surface.symmetry import Symmetry
 from ..joining import panel_numbers
-from .flatten import FlatPatches, flips, overlapping, seam_mismatch
+from .flatten import FlatPatches, count_flipped, overlapping_patches, seam_mismatch
 
-REMARKS = 3  # largest number of patches beyond a limit that are described one by one; chosen by eye
+MAX_REMARKS = 3  # largest number of patches beyond a limit that are described one by one; chosen by eye
 
 
 def layout_report(flat: FlatPatches) -> dict[str, Any]:
     """Return the ``layout`` block of report.json; energies have no unit, mismatches are shares of edge lengths.
 
-    ``flips`` counts corner triangles, four per quad; ``overlaps`` counts patches that are not proven injective;
+    ``count_flipped`` counts corner triangles, four per quad; ``overlaps`` counts patches that are not proven injective;
     ``remarks`` are sentences for the user.
     """
     layout = flat.layout
@@ -31,11 +31,11 @@ def layout_report(flat: FlatPatches) -> dict[str, Any]:
         "cut_edges": int(layout.cut.sum()),
         "energy_max": float(flat.energy.max()),
         "energy_median": float(np.median(flat.energy)),
-        "square_max": float(flat.square.max()),
-        "square_median": float(np.median(flat.square)),
-        "flips": int(flips(points).sum()),
-        "overlaps": len(overlapping(flat)),
-        "disks": bool(layout.planar.all()),
+        "square_max": float(flat.irregularity.max()),
+        "square_median": float(np.median(flat.irregularity)),
+        "flips": int(count_flipped(points).sum()),
+        "overlaps": len(overlapping_patches(flat)),
+        "disks": bool(layout.is_flattenable.all()),
         "flat_target": is_flat(layout.mesh),
         "compactness_max": float(layout.compactness.max()),
         "neck_min_quads": int(layout.isthmus_widths(own=False).min()),
@@ -51,10 +51,10 @@ def remarks(notes: Mapping[str, object]) -> dict[str, object]:
     said = [str(notes["halved"])] if "halved" in notes else []
     forced = notes.get("forced")
     if isinstance(forced, list):
-        said += forced[:REMARKS]
-        if len(forced) > REMARKS:
+        said += forced[:MAX_REMARKS]
+        if len(forced) > MAX_REMARKS:
             said.append(
-                f"{with_count(len(forced) - REMARKS, 'more panel goes', 'more panels go')} beyond a limit in such a way; the report names them"
+                f"{with_count(len(forced) - MAX_REMARKS, 'more panel goes', 'more panels go')} beyond a limit in such a way; the report names them"
             )
     return {"remarks": said} if said else {}
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays import Bool, Complex, Int
-from ..layout import loop_of_sides
+from ..layout import loops_of_sides
 
 # relative width (see ``isthmus_width``) of the widest isthmus; a rectangle 1.5 times as long as wide has this value
-WIDE = 0.4
-ROUNDING = 8.0 * np.finfo(float).eps  # relative error bound of orientation tests (Shewchuk 1997); larger is safer
+MAX_ISTHMUS = 0.4
+ROUNDING_TOL = 8.0 * np.finfo(float).eps  # relative error bound of orientation tests (Shewchuk 1997); larger is safer
 
 
-def simple(
+def has_simple_outline(
     points: Complex[np.ndarray, " vertices"],
     corners: Int[np.ndarray, "quads 4"],
     sides: Bool[np.ndarray, "quads 4"],
@@ -34,7 +34,7 @@ def simple(
     start = corners[sides]
     end = np.roll(corners, -1, axis=1)[sides]
     a, b = points[start], points[end]
-    slack = ROUNDING * float(np.abs(points).max(initial=0.0))
+    slack = ROUNDING_TOL * float(np.abs(points).max(initial=0.0))
     x_low, x_high = np.minimum(a.real, b.real) - slack, np.maximum(a.real, b.real) + slack
     y_low, y_high = np.minimum(a.imag, b.imag) - slack, np.maximum(a.imag, b.imag) + slack
     near = (
@@ -52,21 +52,21 @@ def simple(
     if _folds_back(a, b, start, end, one[follow], two[follow]):
         return False
     one, two = one[~follow], two[~follow]
-    if not _one_outer(a, b, start, end, owner):
+    if not _has_one_outer_loop(a, b, start, end, owner):
         return False
-    left = _side(a[one], b[one], a[two]) * _side(a[one], b[one], b[two])
-    right = _side(a[two], b[two], a[one]) * _side(a[two], b[two], b[one])
+    left = _orientation(a[one], b[one], a[two]) * _orientation(a[one], b[one], b[two])
+    right = _orientation(a[two], b[two], a[one]) * _orientation(a[two], b[two], b[one])
     return not bool(((left <= 0) & (right <= 0)).any())
 
 
-def _one_outer(a: np.ndarray, b: np.ndarray, start: np.ndarray, end: np.ndarray, owner: np.ndarray) -> bool:
+def _has_one_outer_loop(a: np.ndarray, b: np.ndarray, start: np.ndarray, end: np.ndarray, owner: np.ndarray) -> bool:
     """Return whether exactly one outline loop of every patch is counter-clockwise.
 
     a, b : points at the start and the end of every side on an outline
     start, end : flat vertices of these points
     owner : patch of every side
     """
-    loop = loop_of_sides(start, end)
+    loop = loops_of_sides(start, end)
     first = np.unique(loop, return_index=True)[1]
     if len(first) == owner.max(initial=0) + 1:
         return True  # the only loop of a patch without flips is counter-clockwise
@@ -82,17 +82,17 @@ def _folds_back(
     swap = end[one] != start[two]
     first, second = np.where(swap, two, one), np.where(swap, one, two)
     turn = (b[second] - a[second]) * (b[first] - a[first]).conj()
-    return bool(((turn.real < 0) & (_side(a[first], b[first], b[second]) == 0)).any())
+    return bool(((turn.real < 0) & (_orientation(a[first], b[first], b[second]) == 0)).any())
 
 
-def _side(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+def _orientation(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     """Return the orientation of triangles a, b, c: 1 counter-clockwise, -1 clockwise, 0 within the rounding error."""
     p, q = b - a, c - a
     one, two = p.real * q.imag, p.imag * q.real
     det = one - two
     # the differences p and q have rounding errors too, of a few units in the last digit of the coordinates
     scale = np.abs(a) + np.abs(b) + np.abs(c)
-    slack = ROUNDING * (np.abs(one) + np.abs(two) + scale * (np.abs(p) + np.abs(q)))
+    slack = ROUNDING_TOL * (np.abs(one) + np.abs(two) + scale * (np.abs(p) + np.abs(q)))
     return np.where(det > slack, 1, np.where(det < -slack, -1, 0))
 
 
@@ -118,15 +118,15 @@ def isthmus_width(outline: Complex[np.ndarray, " points"], rim: Bool[np.ndarray,
     arc = np.minimum(arc, total - arc)
     ratio = np.where(arc > 0.08 * total, np.abs(p[None, :] - p[:, None]) / np.maximum(arc, 1e-300), 1.0)
     if rim is not None:
-        ratio[rim[pick][:, None] & rim[pick]] = WIDE
-    i, j = np.nonzero(np.triu(ratio < WIDE))
+        ratio[rim[pick][:, None] & rim[pick]] = MAX_ISTHMUS
+    i, j = np.nonzero(np.triu(ratio < MAX_ISTHMUS))
     # at both ends the chord must start into the polygon, between the adjacent sides
     forward, backward, chord = after[pick] - p, np.roll(outline, 1)[pick] - p, p[j] - p[i]
-    inside = _between(forward[i], chord, backward[i]) & _between(forward[j], -chord, backward[j])
-    return float(ratio[i, j][inside].min(initial=WIDE))
+    inside = _is_between(forward[i], chord, backward[i]) & _is_between(forward[j], -chord, backward[j])
+    return float(ratio[i, j][inside].min(initial=MAX_ISTHMUS))
 
 
-def _between(first: np.ndarray, middle: np.ndarray, last: np.ndarray) -> np.ndarray:
+def _is_between(first: np.ndarray, middle: np.ndarray, last: np.ndarray) -> np.ndarray:
     """Return whether ``middle`` lies counter-clockwise between ``first`` and ``last``, all plane vectors."""
     turn, one, two = _cross(first, last), _cross(first, middle) > 0, _cross(middle, last) > 0
     return np.where(turn > 0, one & two, one | two)

@@ -13,17 +13,19 @@ from ...params import LayoutParams
 from ...progress import Progress
 from ..layout import PatchLayout
 from ..loops import NEXT
-from .arap import FlatPatch, PatchProblem, SideSprings, minimax, settle
-from .outline import simple
+from .arap import FlatPatch, PatchProblem, SideSprings, minimise_max_energy, solve_local_global
+from .outline import has_simple_outline
 
-ROUNDS = 24  # number of rounds for a whole layout, of which the best state is kept; more take longer; not measured
-QUICK = 10  # number of rounds for the few patches of a manual edit; more make edits slower than 0.1 s
+LAYOUT_ROUNDS = (
+    24  # number of rounds for a whole layout, of which the best state is kept; more take longer; not measured
+)
+EDIT_ROUNDS = 10  # number of rounds for the few patches of a manual edit; more make edits slower than 0.1 s
 # Number of quads below which patches share a linear system, because a system for one small patch takes as long as for
 # many: 3,840 patches of one quad take 3 s instead of 32 s. Larger patches gain less.
-SMALL = 8
-HEAP = 64  # approximate number of quads in a shared system
+SMALL_PATCH = 8
+BATCH_QUADS = 64  # approximate number of quads in a shared system
 # Initial stiffness of seam sides, where quads have the weight 1; 1 and 10 match seams less well
-STIFFNESS = 3.0
+SPRING_STIFFNESS = 3.0
 # Share of the distortion limit above which quads get more weight; larger values match seams better and leave more
 # distortion
 ENERGY_CAP = 0.65
@@ -32,11 +34,11 @@ ENERGY_CAP = 0.65
 MISMATCH_CAP = 0.07
 # Factor per round on the stiffness of seams where a patch exceeds the distortion limit; smaller values let seams yield
 # sooner
-YIELD = 0.7
+SOFTENING_FACTOR = 0.7
 
 
 @dataclass(eq=False)
-class _Work:
+class _FlatteningState:
     """State of a patch, or of several small patches with a common linear system, while seams are fitted."""
 
     problem: PatchProblem
@@ -55,7 +57,7 @@ def match_seams(
     params: LayoutParams,
     progress: Progress,
     start: Complex[np.ndarray, "quads 4"] | None = None,
-    rounds: int = ROUNDS,
+    rounds: int = LAYOUT_ROUNDS,
 ) -> Complex[np.ndarray, "quads 4"]:
     """Flatten patches with springs that pull both sides of a seam to their mean length.
 
@@ -81,27 +83,27 @@ def match_seams(
     for work in works:
         moving[work.problem.quads] = True
         _update_lengths(length, work)
-    stiffness = np.full(len(mesh.edges), STIFFNESS)
+    stiffness = np.full(len(mesh.edges), SPRING_STIFFNESS)
     cut = np.flatnonzero(layout.cut)
     pair, sides = mesh.edge_quads[cut], mesh.edge_sides[cut]
     best = [work.flat for work in works]
-    best_score = _score(works, length, pair, sides, mesh.edge_lengths[cut], params)
+    best_score = _rank(works, length, pair, sides, mesh.edge_lengths[cut], params)
     for turn in range(rounds):
         for number, work in enumerate(works):
             share = (turn + number / len(works)) / rounds
             work.problem.tick = partial(progress, 0.1 + 0.9 * share, "Fitting the seams")
-            _relax(work, layout, length, moving, stiffness, params)
+            _fit_round(work, layout, length, moving, stiffness, params)
         apart = np.abs(length[pair[:, 0], sides[:, 0]] - length[pair[:, 1], sides[:, 1]]) / mesh.edge_lengths[cut]
         change = apart / MISMATCH_CAP
         # distortion matters more: seams of a patch beyond the distortion limit become softer
         worst = np.zeros(len(mesh.quads))
         for work in works:
-            worst[work.problem.quads] = work.problem.worst(work.flat.energy)[work.problem.patch_of]
+            worst[work.problem.quads] = work.problem.max_energies(work.flat.energy)[work.problem.patch_of]
         over = (worst[pair] > params.distortion_limit).any(axis=1)
-        change[over] = YIELD
-        floor = np.where(over, 0.1 * STIFFNESS, STIFFNESS)
+        change[over] = SOFTENING_FACTOR
+        floor = np.where(over, 0.1 * SPRING_STIFFNESS, SPRING_STIFFNESS)
         stiffness[cut] = np.clip(stiffness[cut] * change, floor, 1e3)
-        score = _score(works, length, pair, sides, mesh.edge_lengths[cut], params)
+        score = _rank(works, length, pair, sides, mesh.edge_lengths[cut], params)
         if score < best_score:
             best, best_score = [work.flat for work in works], score
     made = corners.copy()
@@ -112,30 +114,30 @@ def match_seams(
 
 def _start_all(
     layout: PatchLayout, patches: Sequence[np.ndarray], limit: float, progress: Progress, start: np.ndarray | None
-) -> list[_Work]:
+) -> list[_FlatteningState]:
     """Flatten the patches without springs: small patches together if that suffices, all others one by one."""
     tick = partial(progress, 0.1, "Flattening")
-    large = [quads for quads in patches if len(quads) >= SMALL]
-    small = [quads for quads in patches if len(quads) < SMALL]
-    heap_of = np.cumsum([len(quads) for quads in small]) // HEAP
+    large = [quads for quads in patches if len(quads) >= SMALL_PATCH]
+    small = [quads for quads in patches if len(quads) < SMALL_PATCH]
+    heap_of = np.cumsum([len(quads) for quads in small]) // BATCH_QUADS
     works = []
     for number in range(int(heap_of[-1]) + 1 if len(small) else 0):
         heap = [small[k] for k in np.flatnonzero(heap_of == number).tolist()]
         while len(heap) > 1:
-            problem = _problem(layout, heap, tick)
-            flat = settle(problem, None if start is None else start[problem.quads], tolerance=0.005)
+            problem = _make_problem(layout, heap, tick)
+            flat = solve_local_global(problem, None if start is None else start[problem.quads], tolerance=0.005)
             good = _sound_patches(layout, problem, flat, limit)
             if good.all():
-                works.append(_work(layout, problem, flat))
+                works.append(_make_state(layout, problem, flat))
                 break
             large += [quads for quads, whole in zip(heap, good.tolist(), strict=True) if not whole]
             heap = [quads for quads, whole in zip(heap, good.tolist(), strict=True) if whole]
         else:
             large += heap
-    return works + [_flatten_alone(layout, _problem(layout, [quads], tick), limit, start) for quads in large]
+    return works + [_flatten_alone(layout, _make_problem(layout, [quads], tick), limit, start) for quads in large]
 
 
-def _problem(layout: PatchLayout, patches: Sequence[np.ndarray], tick: Callable[[], None]) -> PatchProblem:
+def _make_problem(layout: PatchLayout, patches: Sequence[np.ndarray], tick: Callable[[], None]) -> PatchProblem:
     """Set up a common linear system for flattening several patches."""
     quads = np.concatenate(patches)
     local = np.unique(layout.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
@@ -149,45 +151,47 @@ def _sound_patches(
     u, first = flat.points[problem.corners], np.cumsum(problem.sizes) - problem.sizes
     d = u[:, NEXT] - u
     flipped = ~((np.roll(d, 1, axis=1).conj() * d).imag > 0.0).all(axis=1)
-    good = ~np.logical_or.reduceat(flipped, first) & (problem.worst(flat.energy) <= limit)
+    good = ~np.logical_or.reduceat(flipped, first) & (problem.max_energies(flat.energy) <= limit)
     outline = layout.outline_sides[problem.quads]
-    if good.all() and simple(flat.points, problem.corners, outline, problem.patch_of):
+    if good.all() and has_simple_outline(flat.points, problem.corners, outline, problem.patch_of):
         return good
     for k, (a, b) in enumerate(zip(first.tolist(), (first + problem.sizes).tolist(), strict=True)):
-        good[k] &= simple(flat.points, problem.corners[a:b], outline[a:b])
+        good[k] &= has_simple_outline(flat.points, problem.corners[a:b], outline[a:b])
     return good
 
 
-def _flatten_alone(layout: PatchLayout, problem: PatchProblem, limit: float, start: np.ndarray | None) -> _Work:
+def _flatten_alone(
+    layout: PatchLayout, problem: PatchProblem, limit: float, start: np.ndarray | None
+) -> _FlatteningState:
     """Flatten a patch without springs; try other initial rotations if it exceeds the distortion limit or overlaps."""
     outline = layout.outline_sides[problem.quads]
-    flat = settle(problem, None if start is None else start[problem.quads], tolerance=0.005)
-    if flat.flips or flat.worst > limit:
-        flat = minimax(problem, flat, target=0.95 * limit)
-    if flat.flips or flat.worst > limit or not simple(flat.points, problem.corners, outline):
-        other = settle(problem, problem.smoothest(), tolerance=0.003)
-        if (other.flips, other.worst) < (flat.flips, 3 * flat.worst):
-            other = minimax(problem, other, target=0.95 * limit)
-        flat = min((flat, other), key=lambda f: (f.flips, f.worst))
-    return _work(layout, problem, flat)
+    flat = solve_local_global(problem, None if start is None else start[problem.quads], tolerance=0.005)
+    if flat.flip_count or flat.max_energy > limit:
+        flat = minimise_max_energy(problem, flat, target=0.95 * limit)
+    if flat.flip_count or flat.max_energy > limit or not has_simple_outline(flat.points, problem.corners, outline):
+        other = solve_local_global(problem, problem.smoothest_rotations(), tolerance=0.003)
+        if (other.flip_count, other.max_energy) < (flat.flip_count, 3 * flat.max_energy):
+            other = minimise_max_energy(problem, other, target=0.95 * limit)
+        flat = min((flat, other), key=lambda f: (f.flip_count, f.max_energy))
+    return _make_state(layout, problem, flat)
 
 
-def _work(layout: PatchLayout, problem: PatchProblem, flat: FlatPatch) -> _Work:
+def _make_state(layout: PatchLayout, problem: PatchProblem, flat: FlatPatch) -> _FlatteningState:
     """Make the state of flattened patches, with their sides on seams."""
     quad, side = np.nonzero(layout.cut[layout.mesh.quad_edges[problem.quads]])
     edge = layout.mesh.quad_edges[problem.quads[quad], side]
     outline = layout.outline_sides[problem.quads]
-    return _Work(problem, flat, np.ones(len(problem.quads)), quad, side, edge, outline)
+    return _FlatteningState(problem, flat, np.ones(len(problem.quads)), quad, side, edge, outline)
 
 
-def _update_lengths(length: np.ndarray, work: _Work) -> None:
+def _update_lengths(length: np.ndarray, work: _FlatteningState) -> None:
     """Write the lengths of a patch's flat sides (metres) into ``length`` (F, 4)."""
     u = work.flat.points[work.problem.corners]
     length[work.problem.quads] = np.abs(u[:, NEXT] - u)
 
 
-def _relax(
-    work: _Work,
+def _fit_round(
+    work: _FlatteningState,
     layout: PatchLayout,
     length: np.ndarray,
     moving: np.ndarray,
@@ -210,12 +214,12 @@ def _relax(
         springs = SideSprings(ends, wanted * vector / np.maximum(np.abs(vector), 1e-300), stiff)
         if factor is None:
             factor = problem.factor(work.weights, springs)
-        work.flat = problem.patch(problem.global_step(factor, work.weights, work.flat.rotation, springs))
+        work.flat = problem.flat_patch(problem.global_step(factor, work.weights, work.flat.rotation, springs))
     _update_lengths(length, work)
 
 
-def _score(
-    works: list[_Work],
+def _rank(
+    works: list[_FlatteningState],
     length: np.ndarray,
     pair: np.ndarray,
     sides: np.ndarray,
@@ -223,14 +227,14 @@ def _score(
     params: LayoutParams,
 ) -> tuple[float, float]:
     """Return the rank of a state (small is good): flips, overlaps and excess distortion first, then seam mismatch."""
-    broken = float(sum(work.flat.flips + (not _simple(work)) for work in works))
+    broken = float(sum(work.flat.flip_count + (not _have_simple_outlines(work)) for work in works))
     apart = np.abs(length[pair[:, 0], sides[:, 0]] - length[pair[:, 1], sides[:, 1]]) / surface
-    worst = max((work.flat.worst for work in works), default=0.0) / params.distortion_limit
+    worst = max((work.flat.max_energy for work in works), default=0.0) / params.distortion_limit
     over = max(worst - 0.97, 0.0)
     return broken + over, float(apart.max(initial=0.0) + 3 * np.median(apart)) if len(apart) else worst
 
 
-def _simple(work: _Work) -> bool:
+def _have_simple_outlines(work: _FlatteningState) -> bool:
     """Return whether the outlines of the patches neither cross nor touch themselves."""
     several = work.problem.patch_of if len(work.problem.sizes) > 1 else None
-    return simple(work.flat.points, work.problem.corners, work.outline, several)
+    return has_simple_outline(work.flat.points, work.problem.corners, work.outline, several)

@@ -37,7 +37,7 @@ class CornerTriangles(Columns):
     stiffness: Float[np.ndarray, "quads 4 4"]
 
     @cached_property
-    def whole(self) -> Float[np.ndarray, " quads"]:
+    def quad_areas(self) -> Float[np.ndarray, " quads"]:
         """Sum of the areas of each quad's corner triangles, square metres; at least 1e-300, to avoid dividing by 0."""
         return np.maximum(self.area.sum(axis=1), 1e-300)
 
@@ -103,7 +103,7 @@ def quad_energy(
     a, b : absolute values of the coefficients a and b of every corner triangle's map
     """
     energy = 2.0 * ((a - 1.0) ** 2 + b**2)
-    return (tri.area * energy).sum(axis=1) / tri.whole
+    return (tri.area * energy).sum(axis=1) / tri.quad_areas
 
 
 def square_energy(corners: Complex[np.ndarray, "quads 4"]) -> Float[np.ndarray, " quads"]:

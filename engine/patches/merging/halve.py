@@ -21,17 +21,19 @@ from ...surface.symmetry import Symmetry, preserved_by
 from ..flattening.flatten import flatten
 from ..layout import PatchLayout
 from ..splitting.straight_runs import ends_and_unevenness, straight_runs
-from .board import Board
-from .straighten import badness
+from .board import MergeBoard
+from .straighten import fault_cost
 
 # number of decimals to which ratings of cuts are compared; of equally rated cuts, the straightest in space is taken
-ALIKE = 6
-RUNS = 12  # number of cuts that are tried; with more, panels may be less distorted, and it takes longer
-SMALLEST = 0.25  # smallest share of the panel's area on either side of a cut; chosen by eye
-APART = 0.03  # smallest distance between the ends of two tried cuts, as a share of the outline; chosen by eye
+RATING_DECIMALS = 6
+MAX_CUTS = 12  # number of cuts that are tried; with more, panels may be less distorted, and it takes longer
+MIN_AREA_SHARE = 0.25  # smallest share of the panel's area on either side of a cut; chosen by eye
+MIN_END_DISTANCE = (
+    0.03  # smallest distance between the ends of two tried cuts, as a share of the outline; chosen by eye
+)
 
 
-def leaves_plane(board: Board) -> bool:
+def needs_no_halving(board: MergeBoard) -> bool:
     """Return whether the layout need not be halved.
 
     This is so if it has a cut or several panels, or if the surface is nearly flat or too small for two panels.
@@ -42,26 +44,28 @@ def leaves_plane(board: Board) -> bool:
     return relief(mesh.vertices) <= LOW_RELIEF * mesh.diagonal
 
 
-def cut_in_half(board: Board, whole_group: list[Symmetry], progress: Progress) -> Board:
+def cut_in_half(board: MergeBoard, whole_group: list[Symmetry], progress: Progress) -> MergeBoard:
     """Cut the single panel where that leaves the least distortion, symmetrically if that is almost as good."""
     layout = board.layout
-    ranked: list[tuple[float, float, int, Board]] = []
-    for number, cut in enumerate(_cuts(layout, board.params, progress)):
-        tick = partial(progress, 0.5 + 0.5 * number / RUNS, "Looking for the seam that drives the panel")
+    ranked: list[tuple[float, float, int, MergeBoard]] = []
+    for number, cut in enumerate(_straight_cuts(layout, board.params, progress)):
+        tick = partial(progress, 0.5 + 0.5 * number / MAX_CUTS, "Looking for the seam that drives the panel")
         tick()
-        if not PatchLayout(layout.mesh, cut).planar.all():
+        if not PatchLayout(layout.mesh, cut).is_flattenable.all():
             continue
-        made = Board(PatchLayout(layout.mesh, cut), board.params, effort=board.effort, tick=tick, shared=board.shared)
+        made = MergeBoard(
+            PatchLayout(layout.mesh, cut), board.params, budget=board.budget, tick=tick, cache=board.cache
+        )
         kept = preserved_by(whole_group, made.cut)
         share = 0.6 + 0.4 / (1 + len(kept))
         left = sum(float(p.flat.energy @ layout.mesh.areas[p.quads]) for p in made.pieces.values())
-        wrong = badness(made, made.pieces.values()) - len(made.pieces)
-        rating = round(round(wrong, 6) + share * left / float(layout.mesh.areas.sum()), ALIKE)
-        ranked.append((rating, _turning(layout.mesh, made.cut), number, made))
+        wrong = fault_cost(made, made.pieces.values()) - len(made.pieces)
+        rating = round(round(wrong, 6) + share * left / float(layout.mesh.areas.sum()), RATING_DECIMALS)
+        ranked.append((rating, _total_turn(layout.mesh, made.cut), number, made))
     return min(ranked, key=lambda r: r[:3])[-1] if ranked else board
 
 
-def _turning(mesh: QuadMesh, cut: Bool[np.ndarray, " edges"]) -> float:
+def _total_turn(mesh: QuadMesh, cut: Bool[np.ndarray, " edges"]) -> float:
     """Return the sum of the angles in space between successive edges of a cut, radians, rounded."""
     edges = mesh.edges[cut]
     ways = mesh.vertices[edges[:, 1]] - mesh.vertices[edges[:, 0]]
@@ -73,7 +77,7 @@ def _turning(mesh: QuadMesh, cut: Bool[np.ndarray, " edges"]) -> float:
     return round(float(np.arccos(np.clip(cosine, -1.0, 1.0)).sum()), 6)
 
 
-def _cuts(layout: PatchLayout, params: LayoutParams, progress: Progress) -> list[np.ndarray]:
+def _straight_cuts(layout: PatchLayout, params: LayoutParams, progress: Progress) -> list[np.ndarray]:
     """Return straight cuts through the panel as (E,) masks; straight cuts that divide it evenly come first."""
     mesh = layout.mesh
     flat = flatten(layout, params, progress)
@@ -82,17 +86,17 @@ def _cuts(layout: PatchLayout, params: LayoutParams, progress: Progress) -> list
         return []
     tails, heads, uneven = ends_and_unevenness(flat, runs)
     score = runs.cost / np.sqrt(mesh.areas.sum()) + uneven**2
-    score[uneven > 1.0 - 2.0 * SMALLEST] = np.inf
+    score[uneven > 1.0 - 2.0 * MIN_AREA_SHARE] = np.inf
     found: list[np.ndarray] = []
     places: list[np.ndarray] = []
     for at in np.argsort(score, axis=None, kind="stable").tolist():
         start, end = divmod(at, score.shape[1])
-        if not np.isfinite(score[start, end]) or len(found) == RUNS:
+        if not np.isfinite(score[start, end]) or len(found) == MAX_CUTS:
             break
         # skip runs that end near the ends of a better run
         place = np.sort([tails[start], heads[end]])
         near = [np.abs(place - other) for other in places]
-        if any((np.minimum(d, len(runs.loop) - d) <= APART * len(runs.loop)).all() for d in near):
+        if any((np.minimum(d, len(runs.loop) - d) <= MIN_END_DISTANCE * len(runs.loop)).all() for d in near):
             continue
         places.append(place)
         cut = np.zeros(len(mesh.edges), dtype=bool)

@@ -10,11 +10,11 @@ from ...progress import SILENT, Progress
 from ...surface.symmetry import Symmetry, preserved_by
 from ...threads import one_thread
 from ..layout import PatchLayout
-from .board import Board
-from .dissolve import dissolve
-from .halve import leaves_plane
-from .merge import LAST, effort_for, greedy
-from .straighten import straighten, widen
+from .board import MergeBoard
+from .dissolve import dissolve_small
+from .halve import needs_no_halving
+from .merge import REPEAT_STRATEGY, merge_seams, work_budget
+from .straighten import straighten, widen_necks
 
 
 @one_thread
@@ -25,7 +25,7 @@ def merge_in_steps(
     symmetries: Sequence[Symmetry] = (),
     progress: Progress = SILENT,
     *,
-    held: bool = False,
+    has_supports: bool = False,
 ) -> list[PatchLayout]:
     """Merge patches greedily under rising distortion limits, each layout starting from the previous layout.
 
@@ -38,21 +38,21 @@ def merge_in_steps(
     shares : shares of the distortion limit to use
     symmetries : symmetries of the mesh; the results keep the symmetries that ``layout`` has
     progress : called with the fraction done
-    held : see ``merge``
+    has_supports : see ``merge``
 
     Returns
     -------
     a layout for every share, the smallest share first, up to the last layout before one that would stay flat
     """
-    kept, effort, found = preserved_by(symmetries, layout.cut), effort_for(layout), list[PatchLayout]()
+    kept, effort, found = preserved_by(symmetries, layout.cut), work_budget(layout), list[PatchLayout]()
     for share in sorted(shares):
         limits = replace(params, distortion_limit=share * params.distortion_limit)
-        board = Board(layout, limits, kept, effort, tick=lambda: progress(0.0))
-        greedy(board, LAST, progress)
+        board = MergeBoard(layout, limits, kept, effort, tick=lambda: progress(0.0))
+        merge_seams(board, REPEAT_STRATEGY, progress)
         straighten(board, progress, darts=True)
-        widen(board)
-        dissolve(board)
-        if not (held or params.seamless or leaves_plane(board)):
+        widen_necks(board)
+        dissolve_small(board)
+        if not (has_supports or params.seamless or needs_no_halving(board)):
             break
         layout = PatchLayout(layout.mesh, board.cut)
         found.append(layout)

@@ -15,31 +15,33 @@ from ...surface.symmetry import Symmetry, preserved_by, subgroups, symmetric_clo
 from ...threads import one_thread
 from ..flattening.flatten import FlatPatches, flatten
 from ..flattening.flattening_report import forced_notes, symmetry_kept
-from ..layout import PatchLayout, alone
-from ..tracing.regions import Halving
+from ..layout import PatchLayout, sublayout
+from ..tracing.regions import RegionHalver
 from ..tracing.trace import make_disks
-from .board import BOTTLENECK, Board, Effort, SeamChange, Shared
-from .dissolve import dissolve
-from .halve import cut_in_half, leaves_plane
-from .ranking import Ranking, split_long, worth
-from .reroute import reroute
-from .straighten import natural_stops, straighten, widen
+from .board import BOTTLENECK, BoardCache, MergeBoard, SeamChange, WorkBudget
+from .dissolve import dissolve_small
+from .halve import cut_in_half, needs_no_halving
+from .ranking import LayoutRanking, halve_long_patches, layout_cost
+from .reroute import redraw_seams
+from .straighten import natural_stops, straighten, widen_necks
 
 # Product of the numbers of quads and seams above which only the first strategy is tried, with a few symmetry groups in
 # turn; larger values take longer
-WORK = 70_000
-# Smallest budget, and budget per quad, in quads times solves, see ``Effort``; more may remove more seams, in more time
-WORK_LEAST, WORK_EACH = 2e6, 2.5e3
-STOPS = 12  # largest number of places where a removed part of a seam may begin or end; more take longer
-ROUNDS = 3  # largest number of times a merged layout is merged again; more take longer
+MAX_SEAM_QUADS = 70_000
+# Smallest budget, and budget per quad, in quads times solves, see ``WorkBudget``; more may remove more seams, in more time
+MIN_WORK, WORK_PER_QUAD = 2e6, 2.5e3
+MAX_STOPS = 12  # largest number of places where a removed part of a seam may begin or end; more take longer
+REPEAT_ROUNDS = 3  # largest number of times a merged layout is merged again; more take longer
 # Largest number of symmetries of a surface for which first cuts that break one are completed by their images: a mirror,
 # or two mirrors with their half turn. With hundreds, on a ring, the images gave 60 panels instead of 4.
-MIRRORS = 3
-TRIES = 5  # largest number of symmetry groups that are tried; more take longer
+MAX_SYMMETRIES = 3
+MAX_GROUPS = 5  # largest number of symmetry groups that are tried; more take longer
 
 
 @one_thread
-def merge(layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT, *, held: bool = False) -> FlatPatches:
+def merge(
+    layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT, *, has_supports: bool = False
+) -> FlatPatches:
     """Merge patches greedily within all limits; merges with little distortion and a long common seam come first.
 
     A symmetric layout stays symmetric unless that costs many patches; the ``layout.notes`` of the result tell how many
@@ -50,10 +52,10 @@ def merge(layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT
     layout : mesh and first cuts
     params : limits
     progress : called with the fraction done
-    held : whether something holds the piece in its shape; if not, a curved surface never becomes a single panel without
+    has_supports : whether something holds the piece in its shape; if not, a curved surface never becomes a single panel without
         a cut, unless ``params.seamless``
     """
-    seamless = held or params.seamless
+    seamless = has_supports or params.seamless
     mesh, progress = layout.mesh, _monotonic(progress)
     bodies = mesh.body_count
     cut = layout.cut.copy()
@@ -67,13 +69,13 @@ def merge(layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT
             cut, start, notes = board.cut, board.rotations(), notes | said
         else:
             quads = np.flatnonzero(mesh.body_of == body)
-            part_of, edges = alone(layout, quads)
+            part_of, edges = sublayout(layout, quads)
             board, said = _merge_body(part_of, params, part, bodies, seamless)
             cut[edges], start[quads] = board.cut, board.rotations()
             each.append(said)
     if any(each):
         notes["bodies"] = each
-    return _finish(PatchLayout(mesh, cut, notes), params, progress.part(0.8, 1.0), start)
+    return _flatten_merged(PatchLayout(mesh, cut, notes), params, progress.part(0.8, 1.0), start)
 
 
 def _monotonic(progress: Progress) -> Progress:
@@ -82,17 +84,17 @@ def _monotonic(progress: Progress) -> Progress:
     if report is None:
         return progress
 
-    def rise(fraction: float, text: str) -> None:
+    def report_highest(fraction: float, text: str) -> None:
         nonlocal highest
         highest = max(highest, fraction)
         report(highest, text)
 
-    return replace(progress, report=rise)
+    return replace(progress, report=report_highest)
 
 
-def _finish(layout: PatchLayout, params: LayoutParams, progress: Progress, start: np.ndarray) -> FlatPatches:
+def _flatten_merged(layout: PatchLayout, params: LayoutParams, progress: Progress, start: np.ndarray) -> FlatPatches:
     """Halve patches that are too long, flatten, and add notes on limits that could not be kept."""
-    layout = split_long(layout, params)
+    layout = halve_long_patches(layout, params)
     flat = flatten(layout, params, progress, start=start)
     layout.notes.update(forced_notes(flat, params))
     return flat
@@ -100,49 +102,49 @@ def _finish(layout: PatchLayout, params: LayoutParams, progress: Progress, start
 
 def _merge_body(
     layout: PatchLayout, params: LayoutParams, progress: Progress, bodies: int, seamless: bool
-) -> tuple[Board, dict[str, object]]:
+) -> tuple[MergeBoard, dict[str, object]]:
     """Merge one body; return the board and notes about its symmetry."""
     whole_group = symmetries(layout.mesh, progress=progress.part(0.0, 0.02)) if params.symmetric else []
-    effort = effort_for(layout)
+    effort = work_budget(layout)
     tick = partial(progress, 0.0, "Flattening the first panels")
-    shared, ranking = Shared(layout.mesh, params), Ranking(whole_group)
-    start = Board(layout, params, effort=effort, tick=tick, shared=shared)
+    shared, ranking = BoardCache(layout.mesh, params), LayoutRanking(whole_group)
+    start = MergeBoard(layout, params, budget=effort, tick=tick, cache=shared)
     ranked = _try_strategies(start, layout.origin, whole_group, bodies, progress.part(0.02, 0.5))
     board = _best_board(ranked, ranking, progress.part(0.5, 0.55))
     kept = preserved_by(whole_group, layout.cut)
-    if layout.origin and len(kept) < len(whole_group) <= MIRRORS:
+    if layout.origin and len(kept) < len(whole_group) <= MAX_SYMMETRIES:
         images = symmetric_closure(layout.cut, whole_group)
         disks = make_disks(PatchLayout(layout.mesh, images, origin=layout.origin))
-        mirrored = Board(disks, params, effort=effort_for(layout), tick=tick, shared=shared)
+        mirrored = MergeBoard(disks, params, budget=work_budget(layout), tick=tick, cache=shared)
         more = _try_strategies(mirrored, layout.origin, whole_group, bodies, progress.part(0.5, 0.55))
         more = [one for one in more if len(preserved_by(whole_group, one[2].cut)) > len(kept)] or more
         other = _best_board(more, ranking, progress.part(0.5, 0.55))
-        if not ranking.better(board, other, progress):
+        if not ranking.is_better(board, other, progress):
             board, ranked, kept = other, more, whole_group
-    if not layout.origin and not ranking.better(board, start, progress):
+    if not layout.origin and not ranking.is_better(board, start, progress):
         board = start  # the layout was already merged
-    if layout.origin and ranking.poor(board):
-        parts = Halving(layout.mesh, params).layout(np.arange(len(layout.mesh.quads)), progress)
-        other = Board(parts, params, effort=effort, tick=tick, shared=shared)
-        run(other, FACES, progress.part(0.55, 0.75))
+    if layout.origin and ranking.is_poor(board):
+        parts = RegionHalver(layout.mesh, params).region_layout(np.arange(len(layout.mesh.quads)), progress)
+        other = MergeBoard(parts, params, budget=effort, tick=tick, cache=shared)
+        run_strategy(other, REGION_STRATEGY, progress.part(0.55, 0.75))
         other = _best_board([(0.0, 0, other)], ranking, progress.part(0.75, 0.8))
-        if ranking.better(other, board, progress):
+        if ranking.is_better(other, board, progress):
             board = other
-    for turn in range(ROUNDS if len(board.pieces) > 1 and layout.origin else 0):
+    for turn in range(REPEAT_ROUNDS if len(board.pieces) > 1 and layout.origin else 0):
         # repeat merging until the layout no longer changes
-        again = Board(PatchLayout(layout.mesh, board.cut), params, effort=effort, tick=tick, shared=shared)
+        again = MergeBoard(PatchLayout(layout.mesh, board.cut), params, budget=effort, tick=tick, cache=shared)
         part = progress.part(0.8 + 0.05 * turn, 0.85 + 0.05 * turn)
         more = _try_strategies(again, "", whole_group, bodies, part)
         if (more[0][2].cut == board.cut).all():
             break
         again = _best_board(more, ranking, part)
-        if effort.over or not ranking.better(again, board, progress):
+        if effort.is_spent or not ranking.is_better(again, board, progress):
             break
         board = again
-    if seamless or leaves_plane(board):
+    if seamless or needs_no_halving(board):
         return board, symmetry_notes(whole_group, kept, ranked, board)
     board = cut_in_half(board, whole_group, progress.part(0.95, 1.0))
-    said: dict[str, object] = {"halved": HALVED}
+    said: dict[str, object] = {"halved": HALVED_NOTE}
     if whole_group:
         rest = preserved_by(whole_group, board.cut)
         counts, text = symmetry_kept(whole_group, rest)
@@ -151,50 +153,52 @@ def _merge_body(
     return board, said
 
 
-def effort_for(layout: PatchLayout) -> Effort:
+def work_budget(layout: PatchLayout) -> WorkBudget:
     """Return the work budget of a merging strategy."""
-    return Effort(WORK_LEAST + WORK_EACH * len(layout.mesh.quads))
+    return WorkBudget(MIN_WORK + WORK_PER_QUAD * len(layout.mesh.quads))
 
 
 def _try_strategies(
-    start: Board, origin: str, whole_group: list[Symmetry], bodies: int, progress: Progress
-) -> list[tuple[float, int, Board]]:
-    """Merge a layout by several strategies; return the cost (``worth``), the number and the board of every result."""
+    start: MergeBoard, origin: str, whole_group: list[Symmetry], bodies: int, progress: Progress
+) -> list[tuple[float, int, MergeBoard]]:
+    """Merge a layout by several strategies; return the cost (``layout_cost``), the number and the board of every result."""
     layout = start.layout
     kept = preserved_by(whole_group, layout.cut)
     if not origin:
         board = start.copy()
         board.symmetries = kept
-        run(board, LAST, progress.part(0.0, 0.5))
+        run_strategy(board, REPEAT_STRATEGY, progress.part(0.0, 0.5))
         if (board.cut == start.cut).all():
-            return [(round(worth(board), 9), 0, board)]  # the layout was already merged
-    dear = len(layout.seam_edges) * len(layout.mesh.quads) > WORK
-    most = 0 if dear else max(TRIES // bodies, 3)
+            return [(round(layout_cost(board), 9), 0, board)]  # the layout was already merged
+    dear = len(layout.seam_edges) * len(layout.mesh.quads) > MAX_SEAM_QUADS
+    most = 0 if dear else max(MAX_GROUPS // bodies, 3)
     groups = [*_useful_groups(subgroups(kept, 60), most), []] if kept else [[]]
-    ranked: list[tuple[float, int, Board]] = []
+    ranked: list[tuple[float, int, MergeBoard]] = []
     strategies = STRATEGIES if not dear and len(start.pieces) > 1 else STRATEGIES[:1]
-    for strategy in [replace(w, redraw=origin == "regions") for w in strategies]:
+    for strategy in [replace(w, redraws_seams=origin == "regions") for w in strategies]:
         for group in groups:
             # on large surfaces, continue from the previous result, which keeps a larger symmetry group
             again = bool(ranked) and dear
             board = (ranked[-1][2] if again else start).copy()
             board.symmetries, board.bottleneck = group, strategy.bottleneck
-            run(board, LAST if again else strategy, progress.part(len(ranked) / 16, (len(ranked) + 1) / 16))
-            ranked.append((round(worth(board), 9), len(ranked), board))
+            run_strategy(
+                board, REPEAT_STRATEGY if again else strategy, progress.part(len(ranked) / 16, (len(ranked) + 1) / 16)
+            )
+            ranked.append((round(layout_cost(board), 9), len(ranked), board))
     return ranked
 
 
-def _best_board(ranked: list[tuple[float, int, Board]], ranking: Ranking, progress: Progress) -> Board:
+def _best_board(ranked: list[tuple[float, int, MergeBoard]], ranking: LayoutRanking, progress: Progress) -> MergeBoard:
     """Return the best merged layout whose seams can be made equally long, merged further if the whole limit allows.
 
     Merging before uses only ``MERGING_SHARE`` of the distortion limit.
     """
     ordered = [r[2] for r in sorted(ranked, key=lambda r: r[:2])[:4]]
-    board = next((b for b in ordered if ranking.fits(b, progress)), ordered[0])
+    board = next((b for b in ordered if ranking.can_match_seams(b, progress)), ordered[0])
     tighter = board.copy()
     tighter.distortion_share = 1.0
-    run(tighter, LAST, progress)
-    return tighter if len(tighter.pieces) < len(board.pieces) and ranking.fits(tighter, progress) else board
+    run_strategy(tighter, REPEAT_STRATEGY, progress)
+    return tighter if len(tighter.pieces) < len(board.pieces) and ranking.can_match_seams(tighter, progress) else board
 
 
 def _useful_groups(groups: list[list[Symmetry]], most: int) -> list[list[Symmetry]]:
@@ -206,77 +210,77 @@ def _useful_groups(groups: list[list[Symmetry]], most: int) -> list[list[Symmetr
     return (groups[:1] + sorted(rest, key=len))[:most]
 
 
-HALVED = (
+HALVED_NOTE = (
     "In one panel the surface would lie flat and stay flat; the seam makes it rise into its shape. "
     'To keep it whole, hold it with supports (Rests, in Piece), or choose "One panel without a cut"'
 )
 
 
 @dataclass(frozen=True)
-class Strategy:
+class MergeStrategy:
     """A merging strategy.
 
-    shared : weight of a seam's share of the outline in the order of merges; larger removes long seams first
+    seam_weight : weight of a seam's share of the outline in the order of merges; larger removes long seams first
     bottleneck : largest allowed bottleneck, see ``Sketch``
-    short : remove seams only from one irregular vertex to the next, and cuts inside patches last; this saves distortion
-    redraw : redraw whole seams, for layouts whose seams do not follow lines of edges
-    again : for layouts merged before: stop if neither a seam nor a part of a seam can be removed
+    by_parts : remove seams only from one irregular vertex to the next, and cuts inside patches last; this saves distortion
+    redraws_seams : redraw whole seams, for layouts whose seams do not follow lines of edges
+    is_repeat : for layouts merged before: stop if neither a seam nor a part of a seam can be removed
     """
 
-    shared: float = 3.0
+    seam_weight: float = 3.0
     bottleneck: float = BOTTLENECK
-    short: bool = False
-    redraw: bool = False
-    again: bool = False
+    by_parts: bool = False
+    redraws_seams: bool = False
+    is_repeat: bool = False
 
 
 # strategies: all are tried on small surfaces, only the first on large surfaces
-STRATEGIES = (Strategy(), Strategy(bottleneck=2 * BOTTLENECK, short=True))
+STRATEGIES = (MergeStrategy(), MergeStrategy(bottleneck=2 * BOTTLENECK, by_parts=True))
 
-FACES = Strategy(redraw=True)  # for layouts of regions, whose seams do not follow lines of edges
-LAST = Strategy(again=True)  # for layouts that were merged before
+REGION_STRATEGY = MergeStrategy(redraws_seams=True)  # for layouts of regions, whose seams do not follow lines of edges
+REPEAT_STRATEGY = MergeStrategy(is_repeat=True)  # for layouts that were merged before
 
 
-def run(board: Board, strategy: Strategy, progress: Progress) -> None:
+def run_strategy(board: MergeBoard, strategy: MergeStrategy, progress: Progress) -> None:
     """Merge and straighten alternately until nothing changes."""
     board.tick = lambda: progress(0.0, f"Merging: {with_count(len(board.pieces), 'panel', 'panels')}")
-    merged = greedy(board, strategy, progress.part(0.0, 0.5))
-    if strategy.again:
+    merged = merge_seams(board, strategy, progress.part(0.0, 0.5))
+    if strategy.is_repeat:
         merged |= open_parts(board, strategy, progress.part(0.5, 0.6))
         if not merged:
             return
-    _in_turns(board, strategy, progress.part(0.6, 0.9))
-    widen(board)
-    if dissolve(board):
+    _straighten_and_merge(board, strategy, progress.part(0.6, 0.9))
+    widen_necks(board)
+    if dissolve_small(board):
         # the remaining patches have new neighbours
-        greedy(board, strategy, progress.part(0.9, 0.95))
-        _in_turns(board, strategy, progress.part(0.95, 1.0))
+        merge_seams(board, strategy, progress.part(0.9, 0.95))
+        _straighten_and_merge(board, strategy, progress.part(0.95, 1.0))
 
 
-def _in_turns(board: Board, strategy: Strategy, progress: Progress) -> None:
+def _straighten_and_merge(board: MergeBoard, strategy: MergeStrategy, progress: Progress) -> None:
     """Straighten, redraw and partly remove seams, and merge after each round, until nothing changes."""
     for turn in range(4):
         part = progress.part(turn / 4, (turn + 1) / 4)
-        changed = straighten(board, part, darts=not strategy.short or turn == 3)
-        changed |= strategy.redraw and reroute(board)
+        changed = straighten(board, part, darts=not strategy.by_parts or turn == 3)
+        changed |= strategy.redraws_seams and redraw_seams(board)
         changed |= open_parts(board, strategy, part)
         if not changed:
             break
-        greedy(board, strategy, part)
+        merge_seams(board, strategy, part)
     straighten(board, progress, darts=True)
 
 
-def open_parts(board: Board, strategy: Strategy, progress: Progress) -> bool:
+def open_parts(board: MergeBoard, strategy: MergeStrategy, progress: Progress) -> bool:
     """Remove parts of seams, and whole seams after each, as long as possible; return whether anything changed."""
     changed = False
     while open_best_part(board, strategy, progress):
         changed = True
-        greedy(board, strategy, progress)
+        merge_seams(board, strategy, progress)
     return changed
 
 
 def symmetry_notes(
-    whole_group: list[Symmetry], kept: list[Symmetry], ranked: list[tuple[float, int, Board]], board: Board
+    whole_group: list[Symmetry], kept: list[Symmetry], ranked: list[tuple[float, int, MergeBoard]], board: MergeBoard
 ) -> dict[str, object]:
     """Return notes for the report about symmetry.
 
@@ -301,7 +305,7 @@ def symmetry_notes(
     return said | {"symmetry": text}
 
 
-def greedy(board: Board, strategy: Strategy, progress: Progress) -> bool:
+def merge_seams(board: MergeBoard, strategy: MergeStrategy, progress: Progress) -> bool:
     """Remove whole seams, the best first, until no more can be removed; return whether any seam was removed."""
     mesh = board.mesh
     tried: dict[tuple[int, ...], SeamChange | None] = {}
@@ -311,17 +315,17 @@ def greedy(board: Board, strategy: Strategy, progress: Progress) -> bool:
     while True:
         current: dict[tuple[int, ...], np.ndarray] = {}
         layout = board.layout
-        for edges in layout.short_seam_edges if strategy.short else layout.seam_edges:
+        for edges in layout.short_seam_edges if strategy.by_parts else layout.seam_edges:
             a, b = sorted(board.pieces_at(edges[:1])[0].tolist())
             key: tuple[int, ...] = (a, b, int(edges.min()), len(edges))
-            if a == b and (strategy.short or (layout.cut_degree[mesh.edges[edges]] > 1).all()):
+            if a == b and (strategy.by_parts or (layout.cut_degree[mesh.edges[edges]] > 1).all()):
                 continue  # removing a cut inside a patch that has no free end would make the patch a ring
             if not board.is_first_image(edges):
                 continue
             current[key] = edges
             if key not in tried:
                 tried[key] = None
-                heapq.heappush(heap, (_score(board, edges, 0.0, strategy), key, False))
+                heapq.heappush(heap, (_seam_rank(board, edges, 0.0, strategy), key, False))
         while heap:
             _, key, known = heapq.heappop(heap)
             if key not in current:
@@ -330,8 +334,8 @@ def greedy(board: Board, strategy: Strategy, progress: Progress) -> bool:
                 break
             change = tried[key] = board.attempt(current[key])
             if change is not None:
-                worst = max(p.flat.worst for p in change.pieces)
-                heapq.heappush(heap, (_score(board, current[key], worst, strategy), key, True))
+                worst = max(p.flat.max_energy for p in change.pieces)
+                heapq.heappush(heap, (_seam_rank(board, current[key], worst, strategy), key, True))
         else:
             return changed
         best = tried[key]
@@ -340,15 +344,17 @@ def greedy(board: Board, strategy: Strategy, progress: Progress) -> bool:
         progress(1.0 - len(board.pieces) / first, f"Merging: {with_count(len(board.pieces), 'panel', 'panels')}")
 
 
-def _score(board: Board, edges: np.ndarray, worst: float, strategy: Strategy) -> float:
+def _seam_rank(board: MergeBoard, edges: np.ndarray, worst: float, strategy: MergeStrategy) -> float:
     """Return the rank of removing a seam, smallest first: distortion less the weighted share of outline removed."""
     sides = [board.pieces[n] for n in set(board.pieces_at(edges[:1])[0].tolist())]
     shared = float(board.mesh.edge_lengths[edges].sum())
-    worst = max(worst, *(p.flat.worst for p in sides))
-    return worst / board.params.distortion_limit - strategy.shared * shared / min(p.sketch.perimeter for p in sides)
+    worst = max(worst, *(p.flat.max_energy for p in sides))
+    return worst / board.params.distortion_limit - strategy.seam_weight * shared / min(
+        p.measures.perimeter for p in sides
+    )
 
 
-def open_best_part(board: Board, strategy: Strategy, progress: Progress) -> bool:
+def open_best_part(board: MergeBoard, strategy: MergeStrategy, progress: Progress) -> bool:
     """Remove the best part of a seam that cannot be removed as a whole; the rest stays as a cut inside the patch."""
     best: tuple[float, int, SeamChange] | None = None
     for number, edges in enumerate(board.layout.seams):
@@ -357,20 +363,20 @@ def open_best_part(board: Board, strategy: Strategy, progress: Progress) -> bool
             continue
         change = longest_part(board, edges)
         if change is not None:
-            worst = max(p.flat.worst for p in change.pieces)
-            score = _score(board, change.opens, worst, strategy)
+            worst = max(p.flat.max_energy for p in change.pieces)
+            score = _seam_rank(board, change.joins, worst, strategy)
             if best is None or (score, number) < best[:2]:
                 best = (score, number, change)
     progress(0.5, f"Merging: {with_count(len(board.pieces), 'panel', 'panels')}")
     return best is not None and board.apply(best[2])
 
 
-def longest_part(board: Board, edges: np.ndarray) -> SeamChange | None:
+def longest_part(board: MergeBoard, edges: np.ndarray) -> SeamChange | None:
     """Return the change that removes the longest possible part of a seam between natural stops; None if impossible."""
     few = min(len(board.pieces[n].quads) for n in board.pieces_at(edges[:1])[0]) < 2 * board.params.patch_min
     stops = list(range(len(edges) + 1)) if few and len(edges) <= 10 else natural_stops(board, edges)
     # limit the number of stops, because a seam without straight parts has one at every vertex
-    stops = stops[:: -(-len(stops) // STOPS)] + ([] if len(stops) <= STOPS else stops[-1:])
+    stops = stops[:: -(-len(stops) // MAX_STOPS)] + ([] if len(stops) <= MAX_STOPS else stops[-1:])
     lengths = np.concatenate([[0.0], np.cumsum(board.mesh.edge_lengths[edges])])
     spans = [(lengths[j] - lengths[i], i, j) for n, i in enumerate(stops) for j in stops[n + 1 :]]
     for length, i, j in sorted(spans, key=lambda s: (-round(s[0], 9), s[1])):

@@ -7,20 +7,20 @@ import numpy as np
 from ...params import LayoutParams
 from ...progress import Progress
 from ...surface.symmetry import Symmetry, preserved_by
-from ..flattening.flatten import flatten, overlapping, seam_mismatch
+from ..flattening.flatten import flatten, overlapping_patches, seam_mismatch
 from ..layout import PatchLayout
 from ..tracing.trace import middle_line
-from .board import Board
-from .straighten import badness, drawing_cost
+from .board import MergeBoard
+from .straighten import fault_cost, seam_cost
 
 # largest seam mismatch of a layout whose seams count as fitting, as a share of an edge; larger accepts more merges
-MISMATCH = 0.1
+MAX_MISMATCH = 0.1
 # largest cost of an asymmetric layout that replaces a symmetric layout, as a share of that layout's cost; larger values
 # give up symmetry for fewer patches
-HALF = 0.5
+SYMMETRY_FACTOR = 0.5
 
 
-class Ranking:
+class LayoutRanking:
     """Compares layouts of a surface.
 
     whole_group : symmetries of the surface
@@ -30,7 +30,7 @@ class Ranking:
         self.whole_group = whole_group
         self._fitting: dict[bytes, bool] = {}
 
-    def better(self, one: Board, two: Board, progress: Progress) -> bool:
+    def is_better(self, one: MergeBoard, two: MergeBoard, progress: Progress) -> bool:
         """Return whether layout ``one`` is clearly better than layout ``two``.
 
         A layout with fewer symmetries is better only if its cost, mainly its number of patches, is less than half.
@@ -38,56 +38,56 @@ class Ranking:
         if (one.cut == two.cut).all():
             return False
         lost = len(preserved_by(self.whole_group, one.cut)) < len(preserved_by(self.whole_group, two.cut))
-        a, b = in_the_end(one) + 0.01, (HALF if lost else 1.0) * in_the_end(two)
+        a, b = cost_after_halving(one) + 0.01, (SYMMETRY_FACTOR if lost else 1.0) * cost_after_halving(two)
         if a < b:
-            return self.fits(one, progress) or not self.fits(two, progress)
-        return self.fits(one, progress) and not self.fits(two, progress)
+            return self.can_match_seams(one, progress) or not self.can_match_seams(two, progress)
+        return self.can_match_seams(one, progress) and not self.can_match_seams(two, progress)
 
-    def poor(self, board: Board) -> bool:
+    def is_poor(self, board: MergeBoard) -> bool:
         """Return whether a merged layout has necks or too small patches, so that other first cuts are worth trying."""
-        sizes = np.array([len(quads) for quads in split_long(board.layout, board.params).patches])
-        necks = sum(p.sketch.isthmuses for p in board.pieces.values())
+        sizes = np.array([len(quads) for quads in halve_long_patches(board.layout, board.params).patches])
+        necks = sum(p.measures.isthmuses for p in board.pieces.values())
         return len(sizes) > 1 and (necks > 0 or sizes.min() < board.params.patch_min)
 
-    def fits(self, board: Board, progress: Progress) -> bool:
+    def can_match_seams(self, board: MergeBoard, progress: Progress) -> bool:
         """Return whether both sides of all seams can be made equally long within the distortion limit."""
         key = np.packbits(board.cut).tobytes()
         if key not in self._fitting:
-            self._fitting[key] = _fits(board, progress)
+            self._fitting[key] = _can_match_seams(board, progress)
         return self._fitting[key]
 
 
-def _fits(board: Board, progress: Progress) -> bool:
+def _can_match_seams(board: MergeBoard, progress: Progress) -> bool:
     """Flatten a layout and return whether seam mismatch, distortion and overlaps are within their limits."""
     if not board.cut.any():
-        return all(p.flat.worst <= board.params.distortion_limit for p in board.pieces.values())
+        return all(p.flat.max_energy <= board.params.distortion_limit for p in board.pieces.values())
     flat = flatten(board.layout, board.params, progress, start=board.rotations())
     apart = seam_mismatch(flat)
     return bool(
-        apart.max(initial=0.0) < MISMATCH
-        and (not len(apart) or np.median(apart) < 0.3 * MISMATCH)
+        apart.max(initial=0.0) < MAX_MISMATCH
+        and (not len(apart) or np.median(apart) < 0.3 * MAX_MISMATCH)
         and flat.energy.max() <= board.params.distortion_limit
-        and not overlapping(flat)
+        and not overlapping_patches(flat)
     )
 
 
-def in_the_end(board: Board) -> float:
+def cost_after_halving(board: MergeBoard) -> float:
     """Return the cost of a layout after halving long patches: patches, penalties, and length and corners of cuts."""
     pieces = board.pieces.values()
-    more = len(split_long(board.layout, board.params).patches) - len(pieces)
-    return more + badness(board, pieces) + 1e-3 * drawing_cost(board)
+    more = len(halve_long_patches(board.layout, board.params).patches) - len(pieces)
+    return more + fault_cost(board, pieces) + 1e-3 * seam_cost(board)
 
 
-def worth(board: Board) -> float:
+def layout_cost(board: MergeBoard) -> float:
     """Return the cost of a layout: patches and penalties, reduced for symmetry, plus length and corners of the cuts.
 
     The reduction is 20 % for a mirror symmetry and up to 40 % for larger groups.
     """
     share = 0.6 + 0.4 / (1 + len(board.symmetries))
-    return badness(board, board.pieces.values()) * share + 1e-3 * drawing_cost(board)
+    return fault_cost(board, board.pieces.values()) * share + 1e-3 * seam_cost(board)
 
 
-def split_long(layout: PatchLayout, params: LayoutParams) -> PatchLayout:
+def halve_long_patches(layout: PatchLayout, params: LayoutParams) -> PatchLayout:
     """Halve patches that are less compact than allowed (long strips), as long as their parts are more compact."""
     for _ in range(20):
         cut = layout.cut.copy()

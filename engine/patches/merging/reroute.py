@@ -15,16 +15,16 @@ from scipy.sparse.csgraph import dijkstra
 from ...arrays import Int
 from ...surface.corner_costs import REFLEX_COST, edge_rings
 from ...surface.mesh import QuadMesh
-from .board import Board
-from .straighten import GAIN, gain_of, try_change
+from .board import MergeBoard
+from .straighten import MIN_GAIN, gain_of, try_change
 
 # numbers of edges that are tried as the largest shift of a seam's ends along the outline of both patches; more and
 # larger numbers straighten more and take longer
-SLIDES = (0, 2, 5)
+END_SLIDES = (0, 2, 5)
 
 
 @lru_cache(maxsize=4)
-def bends(mesh: QuadMesh) -> csr_array:
+def bend_costs(mesh: QuadMesh) -> csr_array:
     """Return the (2 E, 2 E) costs of continuing from a directed edge to the next: its length plus a cost of the bend.
 
     Costs are in median edge lengths. Directed edge e runs from the smaller to the larger vertex of edge e, directed
@@ -52,7 +52,7 @@ def bends(mesh: QuadMesh) -> csr_array:
     return csr_array((values, (rows, cols)), shape=(2 * count, 2 * count))
 
 
-def reroute(board: Board) -> bool:
+def redraw_seams(board: MergeBoard) -> bool:
     """Redraw seams between two patches where that makes the cuts shorter or straighter; return whether any changed."""
     changed = False
     for seam in board.layout.seams:
@@ -63,12 +63,12 @@ def reroute(board: Board) -> bool:
         if not board.is_first_image(seam):
             continue
         listed = []
-        for slide in SLIDES:
-            way = _way(board, seam, names, slide)
+        for slide in END_SLIDES:
+            way = _straightest_path(board, seam, names, slide)
             if way is None:
                 continue
             opens, closes = np.setdiff1d(seam, way), np.setdiff1d(way, seam)
-            if len(opens) and len(closes) and (gain := gain_of(board, opens, closes)) > GAIN:
+            if len(opens) and len(closes) and (gain := gain_of(board, opens, closes)) > MIN_GAIN:
                 listed.append((-round(gain, 6), slide, opens, closes))
         for _, _, opens, closes in sorted(listed, key=lambda item: item[:2]):
             if try_change(board, opens, closes):
@@ -77,7 +77,9 @@ def reroute(board: Board) -> bool:
     return changed
 
 
-def _way(board: Board, seam: np.ndarray, names: np.ndarray, slide: int) -> Int[np.ndarray, " n"] | None:
+def _straightest_path(
+    board: MergeBoard, seam: np.ndarray, names: np.ndarray, slide: int
+) -> Int[np.ndarray, " n"] | None:
     """Return the edges of the straightest path through both patches between the ends of a seam; None if there is none.
 
     names : serials of both pieces
@@ -89,11 +91,11 @@ def _way(board: Board, seam: np.ndarray, names: np.ndarray, slide: int) -> Int[n
     inner = edges[~mesh.border[edges] & np.isin(board.pieces_at(edges), names).all(axis=1)]
     inner = np.union1d(inner[~board.cut[inner]], seam)
     outline = np.setdiff1d(edges, inner)
-    ends = _ends(mesh.edges[seam])
+    ends = _end_vertices(mesh.edges[seam])
     if ends is None or not len(outline):
         return None
     pairs = mesh.edges[outline]
-    begin, stop = (_near(pairs, v, slide) for v in ends)
+    begin, stop = (_vertices_near(pairs, v, slide) for v in ends)
     if np.intersect1d(begin, stop).size:
         return None
     count = len(mesh.edges)
@@ -108,7 +110,7 @@ def _way(board: Board, seam: np.ndarray, names: np.ndarray, slide: int) -> Int[n
     starts, goals = np.flatnonzero(np.isin(tail, begin)), np.flatnonzero(np.isin(head, stop))
     if not len(starts) or not len(goals):
         return None
-    graph = bends(mesh)[nodes][:, nodes]
+    graph = bend_costs(mesh)[nodes][:, nodes]
     cost, before = dijkstra(graph, indices=starts, return_predecessors=True)
     total = cost[:, goals] + (mesh.edge_lengths[nodes[starts] % count] / mesh.median_edge)[:, None]
     if not np.isfinite(total).any():
@@ -120,14 +122,14 @@ def _way(board: Board, seam: np.ndarray, names: np.ndarray, slide: int) -> Int[n
     return np.unique(nodes[walk] % count)
 
 
-def _ends(pairs: np.ndarray) -> tuple[int, int] | None:
+def _end_vertices(pairs: np.ndarray) -> tuple[int, int] | None:
     """Return the two end vertices of a run of edges (n, 2); None if it is closed."""
     vertices, count = np.unique(pairs, return_counts=True)
     tips = vertices[count == 1].tolist()
     return (tips[0], tips[1]) if len(tips) == 2 else None
 
 
-def _near(pairs: np.ndarray, vertex: int, steps: int) -> np.ndarray:
+def _vertices_near(pairs: np.ndarray, vertex: int, steps: int) -> np.ndarray:
     """Return the vertices of outline edges (n, 2) within ``steps`` edges of a vertex."""
     found = np.array([vertex])
     for _ in range(steps):

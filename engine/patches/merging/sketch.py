@@ -11,16 +11,18 @@ from ...arrays import Bool, Complex, Int
 from ...surface.mesh import QuadMesh
 from ..flattening.arap import FlatPatch
 from ..flattening.outline import isthmus_width
-from ..layout import drawn_lengths, groups, straight_on
-from ..loops import NEXT, Loops, loops_of, perimeter
+from ..layout import component_numbers, next_straight_side, smoothed_edge_lengths
+from ..loops import NEXT, OutlineLoops, loops_of, perimeter
 
 # largest number of quads in all cached sketches (or flat patches), at about 100 bytes each; larger needs more memory
-ROOM = 1_000_000
-WIDEST = 8  # length of the longest isthmus, in edges; longer straight lines are ignored; larger values take longer
+MAX_CACHED_QUADS = 1_000_000
+MAX_ISTHMUS_WIDTH = (
+    8  # length of the longest isthmus, in edges; longer straight lines are ignored; larger values take longer
+)
 
 
 @dataclass(frozen=True, eq=False)
-class Sketch:
+class PatchMeasures:
     """Measures of a patch before flattening.
 
     An isthmus is a straight line of edges through the patch, from outline to outline. Lines from border to border of
@@ -40,7 +42,7 @@ class Sketch:
     quads: Int[np.ndarray, " quads"]
     corners: Int[np.ndarray, "quads 4"]
     sides: Bool[np.ndarray, "quads 4"]
-    loops: Loops
+    loops: OutlineLoops
     rim: Bool[np.ndarray, " vertices"]
     perimeter: float
     area: float
@@ -53,7 +55,7 @@ class Sketch:
         return self.perimeter / self.area**0.5
 
     @property
-    def planar(self) -> bool:
+    def is_flattenable(self) -> bool:
         """Whether the patch is a disk, possibly with holes."""
         inner = (self.sides.size - int(self.sides.sum())) // 2
         euler = int(self.corners.max()) + 1 - (4 * len(self.quads) - inner) + len(self.quads)
@@ -61,70 +63,70 @@ class Sketch:
 
 
 @dataclass(frozen=True, eq=False)
-class SketchedPatch:
+class FlatPiece:
     """A flattened patch (piece) with its sketch and a unique serial number."""
 
     serial: int
-    sketch: Sketch
+    measures: PatchMeasures
     flat: FlatPatch
 
     @cached_property
     def isthmus(self) -> float:
         """Relative width of the narrowest isthmus of the flat outline, see ``isthmus_width``."""
-        loops = self.sketch.loops
+        loops = self.measures.loops
         around = loops.vertices(int(np.argmax(loops.lengths)))
-        return isthmus_width(self.flat.points[around], self.sketch.rim[around])
+        return isthmus_width(self.flat.points[around], self.measures.rim[around])
 
     @property
     def quads(self) -> np.ndarray:
         """Quads of the patch."""
-        return self.sketch.quads
+        return self.measures.quads
 
 
-class Sketcher:
+class PatchMeasurer:
     """Measures patches of a mesh under changing cuts.
 
     neck_min : width of the smallest allowed neck, in quads
     place : (F,) int, scratch: local numbers of the current quads during a call, -1 between calls
-    onward : (4 F,) int, the side 4 q + k that continues the line of side k of quad q, -1 where the line ends
-    known : cached sketches; key: quads and sides on the outline
-    held : number of quads in all cached sketches
+    next_straight : (4 F,) int, the side 4 q + k that continues the line of side k of quad q, -1 where the line ends
+    cache : cached sketches; key: quads and sides on the outline
+    cached_quads : number of quads in all cached sketches
     """
 
     def __init__(self, mesh: QuadMesh, neck_min: int):
         self.mesh, self.neck_min = mesh, neck_min
         self.place = np.full(len(mesh.quads), -1, dtype=np.int64)
-        quad, side, valid = straight_on(mesh, *np.divmod(np.arange(mesh.quads.size), 4))
-        self.onward = np.where(valid, 4 * quad + side, -1)
-        self.known: dict[tuple[bytes, bytes], Sketch] = {}
-        self.held = 0
+        quad, side, valid = next_straight_side(mesh, *np.divmod(np.arange(mesh.quads.size), 4))
+        self.next_straight = np.where(valid, 4 * quad + side, -1)
+        self.cache: dict[tuple[bytes, bytes], PatchMeasures] = {}
+        self.cached_quads = 0
 
-    def sketch(self, quads: Int[np.ndarray, " quads"], cut: Bool[np.ndarray, " edges"]) -> Sketch:
+    def measure(self, quads: Int[np.ndarray, " quads"], cut: Bool[np.ndarray, " edges"]) -> PatchMeasures:
         """Return the sketch of the patch that consists of some quads, under given cuts (cached)."""
         sides = (cut | self.mesh.border)[self.mesh.quad_edges[quads]]
         key = quads.tobytes(), sides.tobytes()
-        if key not in self.known:
-            if self.held > ROOM:
-                self.known, self.held = {}, 0
-            self.known[key] = self._measure(quads, sides, cut)
-            self.held += len(quads)
-        return self.known[key]
+        if key not in self.cache:
+            if self.cached_quads > MAX_CACHED_QUADS:
+                self.cache, self.cached_quads = {}, 0
+            self.cache[key] = self._measure(quads, sides, cut)
+            self.cached_quads += len(quads)
+        return self.cache[key]
 
     def _measure(
         self, quads: Int[np.ndarray, " quads"], sides: Bool[np.ndarray, "quads 4"], cut: Bool[np.ndarray, " edges"]
-    ) -> Sketch:
+    ) -> PatchMeasures:
         """Compute the sketch of a patch."""
         mesh = self.mesh
         qa, ka, qb, kb = self.joints(quads, cut)
         a = np.concatenate([4 * qa + ka, 4 * qa + NEXT[ka]])
         b = np.concatenate([4 * qb + NEXT[kb], 4 * qb + kb])
-        corners = groups(4 * len(quads), a, b).reshape(-1, 4)
+        corners = component_numbers(4 * len(quads), a, b).reshape(-1, 4)
         loops = loops_of(corners, sides)
         border, area = mesh.border[mesh.quad_edges[quads]], float(mesh.areas[quads].sum())
-        around = perimeter(sides, corners, loops, drawn_lengths(mesh)[mesh.quad_edges[quads]], border, area)
+        around = perimeter(sides, corners, loops, smoothed_edge_lengths(mesh)[mesh.quad_edges[quads]], border, area)
         rim = np.zeros(len(loops.loop), dtype=bool)
         rim[corners] = mesh.on_border[mesh.quads[quads]]
-        return Sketch(
+        return PatchMeasures(
             quads, corners, sides, loops, rim, around, area, *self._isthmuses(quads, corners, sides, loops, rim)
         )
 
@@ -149,7 +151,7 @@ class Sketcher:
     def components(self, quads: Int[np.ndarray, " quads"], cut: Bool[np.ndarray, " edges"]) -> list[np.ndarray]:
         """Return the quads of every patch (connected component) into which cuts divide some quads."""
         qa, _, qb, _ = self.joints(quads, cut)
-        labels = groups(len(quads), qa, qb)
+        labels = component_numbers(len(quads), qa, qb)
         return [quads[labels == n] for n in range(int(labels.max()) + 1)]
 
     def _isthmuses(
@@ -157,16 +159,16 @@ class Sketcher:
         quads: Int[np.ndarray, " quads"],
         corners: Int[np.ndarray, "quads 4"],
         sides: Bool[np.ndarray, "quads 4"],
-        loops: Loops,
+        loops: OutlineLoops,
         rim: Bool[np.ndarray, " vertices"],
     ) -> tuple[int, float]:
-        """Return ``Sketch.isthmuses`` and ``Sketch.bottleneck``; lines between different loops are not bottlenecks."""
-        where = loops.where
+        """Return ``PatchMeasures.isthmuses`` and ``PatchMeasures.bottleneck``; lines between different loops are not bottlenecks."""
+        where = loops.position
         q, k = np.nonzero(~sides & (where[corners] >= 0))
         at, begin, ahead = 4 * quads[q] + k, corners[q, k], corners[:, NEXT].ravel()
         short, bottleneck = 0, 0.0
         self.place[quads] = 4 * np.arange(len(quads))
-        for steps in range(1, WIDEST + 1):
+        for steps in range(1, MAX_ISTHMUS_WIDTH + 1):
             tip = ahead[self.place[at >> 2] + (at & 3)]
             end = where[tip] >= 0
             if end.any():
@@ -177,7 +179,7 @@ class Sketcher:
                 behind[own | (loops.loop[one] != loops.loop[two])] = 0
                 bottleneck = max(bottleneck, float(behind.max()) / steps)
                 short += int((~own).sum()) if steps < self.neck_min else 0
-            at = np.where(end, -1, self.onward[at])
+            at = np.where(end, -1, self.next_straight[at])
             going = at >= 0
             at, begin = at[going], begin[going]
             if not len(at):
@@ -186,7 +188,7 @@ class Sketcher:
         return short, bottleneck
 
     def rotations(
-        self, parents: list[SketchedPatch], quads: Int[np.ndarray, " quads"], opens: Int[np.ndarray, " opened"]
+        self, parents: list[FlatPiece], quads: Int[np.ndarray, " quads"], opens: Int[np.ndarray, " opened"]
     ) -> Complex[np.ndarray, "quads 4"]:
         """Return initial rotations for flattening a merged patch from the rotations of its parents.
 
@@ -200,7 +202,7 @@ class Sketcher:
         for i, p in enumerate(parents):
             row = place[p.quads]
             kept = row >= 0
-            u = p.flat.points[p.sketch.corners[kept]]
+            u = p.flat.points[p.measures.corners[kept]]
             side[row[kept]] = u[:, NEXT] - u
             rotation[row[kept]] = p.flat.rotation[kept]
             owner[row[kept]] = i

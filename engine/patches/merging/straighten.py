@@ -15,23 +15,23 @@ from ...arrays import Int
 from ...progress import Progress
 from ...surface.corner_costs import corner_cost, edge_rings
 from ..layout import PatchLayout
-from .board import BOTTLENECK, NOTHING, Board
-from .sketch import SketchedPatch
+from .board import BOTTLENECK, NO_EDGES, MergeBoard
+from .sketch import FlatPiece
 
 # smallest gain (see ``gain_of``) that justifies a change, in median edge lengths; larger values change less
-GAIN = 0.3
-DEPTH = 8  # largest number of rows of quads by which a seam slides at once; more take longer
+MIN_GAIN = 0.3
+MAX_ROWS = 8  # largest number of rows of quads by which a seam slides at once; more take longer
 
 
 @dataclass(frozen=True, eq=False)
-class Slide:
+class SeamSlide:
     """Sideways move of a seam: quads that change to another patch, and for each quad a quad (host) of that patch."""
 
     quads: Int[np.ndarray, " quads"]
     hosts: Int[np.ndarray, " quads"]
 
 
-def straighten(board: Board, progress: Progress, *, darts: bool, sweeps: int = 8) -> bool:
+def straighten(board: MergeBoard, progress: Progress, *, darts: bool, sweeps: int = 8) -> bool:
     """Slide seams as long as that improves the layout; return whether anything changed.
 
     Parameters
@@ -44,7 +44,7 @@ def straighten(board: Board, progress: Progress, *, darts: bool, sweeps: int = 8
     changed = False
     for sweep in range(sweeps):
         progress(sweep / sweeps, "Straightening seams")
-        again = _close_inner(board) if darts else False
+        again = _join_dead_ends(board) if darts else False
         again |= _slide_all(board)
         changed |= again
         if not again:
@@ -52,43 +52,43 @@ def straighten(board: Board, progress: Progress, *, darts: bool, sweeps: int = 8
     return changed
 
 
-def _slide_all(board: Board) -> bool:
+def _slide_all(board: MergeBoard) -> bool:
     """Try every slide once, the largest gain first; return whether anything changed."""
-    listed: list[tuple[float, int, Slide]] = []
-    for slide in slides(board, fresh=True):
-        flipped = flips_of(board, slide)
+    listed: list[tuple[float, int, SeamSlide]] = []
+    for slide in candidate_slides(board, fresh=True):
+        flipped = edges_changed_by(board, slide)
         gain = gain_of(board, *flipped) if flipped is not None else 0.0
-        if gain > GAIN:
+        if gain > MIN_GAIN:
             listed.append((-round(gain, 6), len(listed), slide))
     changed = False
     for _, _, slide in sorted(listed, key=lambda item: item[:2]):
-        flipped = flips_of(board, slide)
-        if flipped is None or gain_of(board, *flipped) <= GAIN:
+        flipped = edges_changed_by(board, slide)
+        if flipped is None or gain_of(board, *flipped) <= MIN_GAIN:
             continue
         changed |= try_change(board, *flipped)
     return changed
 
 
-def try_change(board: Board, opens: Int[np.ndarray, " opened"], closes: Int[np.ndarray, " closed"]) -> bool:
+def try_change(board: MergeBoard, opens: Int[np.ndarray, " opened"], closes: Int[np.ndarray, " closed"]) -> bool:
     """Make a change if all limits allow it; return whether it was made. Refused changes are not tested again."""
     names = np.unique(board.pieces_at(np.concatenate([opens, closes])))
     key = (opens.tobytes(), closes.tobytes(), names.tobytes())
-    if key in board.refused:
+    if key in board.refused_changes:
         return False
     change = board.attempt(opens, closes)
     if change is not None and board.apply(change):
         return True
-    board.refused.add(key)
+    board.refused_changes.add(key)
     return False
 
 
-def gain_of(board: Board, opens: Int[np.ndarray, " opened"], closes: Int[np.ndarray, " closed"]) -> float:
+def gain_of(board: MergeBoard, opens: Int[np.ndarray, " opened"], closes: Int[np.ndarray, " closed"]) -> float:
     """Return the gain of a change: decrease of the cuts' length, in median edge lengths, and of their corner costs."""
     mesh = board.mesh
     ring = edge_rings(mesh)
     vertices = set(mesh.edges[opens].ravel().tolist())
     vertices.update(mesh.edges[closes].ravel().tolist())
-    cut = board.marked
+    cut = board.cut_or_border
     before = sum([corner_cost(ring[v], cut) for v in vertices])
     cut.difference_update(opens.tolist())
     cut.update(closes.tolist())
@@ -99,62 +99,62 @@ def gain_of(board: Board, opens: Int[np.ndarray, " opened"], closes: Int[np.ndar
     return float(length) + before - after
 
 
-def widen(board: Board) -> bool:
+def widen_necks(board: MergeBoard) -> bool:
     """Widen too narrow isthmuses and enlarge too small patches by slides, even if seams become longer.
 
     Return whether anything changed.
     """
     changed = False
     for _ in range(10):
-        poor = {n for n, p in board.pieces.items() if p.sketch.isthmuses or len(p.quads) < board.params.patch_min}
-        if not poor or not _widen_one(board, poor):
+        poor = {n for n, p in board.pieces.items() if p.measures.isthmuses or len(p.quads) < board.params.patch_min}
+        if not poor or not _widen_neck(board, poor):
             break
         changed = True
     return changed
 
 
-def _widen_one(board: Board, poor: set[int]) -> bool:
-    """Make the slide with the best gain that reduces the faults (``_poverty``) of its patches; return whether made."""
+def _widen_neck(board: MergeBoard, poor: set[int]) -> bool:
+    """Make the slide with the best gain that reduces the faults (``_limit_shortfall``) of its patches; return whether made."""
     listed: list[tuple[float, int, tuple[np.ndarray, np.ndarray]]] = []
-    for slide in slides(board):
+    for slide in candidate_slides(board):
         if not poor & set(board.piece_of[np.concatenate([slide.quads, slide.hosts])].tolist()):
             continue
-        flipped = flips_of(board, slide)
+        flipped = edges_changed_by(board, slide)
         if flipped is not None:
             listed.append((-round(gain_of(board, *flipped), 6), len(listed), flipped))
     for _, _, (opens, closes) in sorted(listed, key=lambda item: item[:2])[:60]:
         names = set(board.pieces_at(np.concatenate([opens, closes])).ravel().tolist())
-        before = _poverty(board, [board.pieces[n] for n in names])
+        before = _limit_shortfall(board, [board.pieces[n] for n in names])
         change = board.attempt(opens, closes)
-        if change is not None and _poverty(board, change.pieces) < before and board.apply(change):
+        if change is not None and _limit_shortfall(board, change.pieces) < before and board.apply(change):
             return True
     return False
 
 
-def _poverty(board: Board, pieces: list[SketchedPatch]) -> int:
+def _limit_shortfall(board: MergeBoard, pieces: list[FlatPiece]) -> int:
     """Return the faults of pieces: the number of too narrow isthmuses plus the quads missing to the smallest size."""
-    return sum(p.sketch.isthmuses + max(board.params.patch_min - len(p.quads), 0) for p in pieces)
+    return sum(p.measures.isthmuses + max(board.params.patch_min - len(p.quads), 0) for p in pieces)
 
 
-def badness(board: Board, pieces: Iterable[SketchedPatch]) -> float:
+def fault_cost(board: MergeBoard, pieces: Iterable[FlatPiece]) -> float:
     """Return the number of patches plus penalties for too small patches, narrow necks and bottlenecks, in patches."""
     params = board.params
     total = 0.0
     for p in pieces:
-        total += 1.0 + 0.5 * (p.sketch.isthmuses + (len(p.quads) < params.patch_min))
-        total += 0.1 * max(p.sketch.bottleneck - BOTTLENECK, 0.0)
+        total += 1.0 + 0.5 * (p.measures.isthmuses + (len(p.quads) < params.patch_min))
+        total += 0.1 * max(p.measures.bottleneck - BOTTLENECK, 0.0)
     return total
 
 
-def drawing_cost(board: Board) -> float:
+def seam_cost(board: MergeBoard) -> float:
     """Return the length of all cuts, in median edge lengths, plus the costs of their corners (see ``corner_costs``)."""
     ring = edge_rings(board.mesh)
     touched = np.unique(board.mesh.edges[board.cut]).tolist()
     length = float(board.mesh.edge_lengths[board.cut].sum() / board.mesh.median_edge)
-    return length + sum(corner_cost(ring[v], board.marked) for v in touched)
+    return length + sum(corner_cost(ring[v], board.cut_or_border) for v in touched)
 
 
-def flips_of(board: Board, slide: Slide) -> tuple[np.ndarray, np.ndarray] | None:
+def edges_changed_by(board: MergeBoard, slide: SeamSlide) -> tuple[np.ndarray, np.ndarray] | None:
     """Return the cut edges that a slide joins and the uncut edges that it cuts; None if it joins no edges."""
     mesh, owner = board.mesh, board.piece_of
     old = owner[slide.quads]
@@ -180,7 +180,7 @@ def flips_of(board: Board, slide: Slide) -> tuple[np.ndarray, np.ndarray] | None
     return (opens, closes) if len(opens) else None
 
 
-def slides(board: Board, *, fresh: bool = False) -> Iterator[Slide]:
+def candidate_slides(board: MergeBoard, *, fresh: bool = False) -> Iterator[SeamSlide]:
     """Yield every slide of a straight part of a seam, to both sides, by one or more rows of quads.
 
     fresh : skip seams that were already examined between the present patches
@@ -193,9 +193,9 @@ def slides(board: Board, *, fresh: bool = False) -> Iterator[Slide]:
         if fresh:
             around = frozenset(board.pieces_at(np.array(edges)).ravel().tolist())
             key = (edges[0], edges[-1], tuple(stops), around)
-            if key in board.swept:
+            if key in board.tried_slides:
                 continue
-            board.swept.add(key)
+            board.tried_slides.add(key)
         forward = np.array(vertices[:-1]) < np.array(vertices[1:])
         line = np.array(edges)
         for side in (0, 1):
@@ -205,24 +205,26 @@ def slides(board: Board, *, fresh: bool = False) -> Iterator[Slide]:
             for i, begin in enumerate(stops[:-1]):
                 for end in stops[i + 1 : i + 4]:
                     part = slice(begin, end)
-                    yield from _rows(board, border, row[part], at[part], hosts[part])
+                    yield from _row_slides(board, border, row[part], at[part], hosts[part])
 
 
-def _rows(board: Board, border: np.ndarray, row: np.ndarray, at: np.ndarray, hosts: np.ndarray) -> Iterator[Slide]:
+def _row_slides(
+    board: MergeBoard, border: np.ndarray, row: np.ndarray, at: np.ndarray, hosts: np.ndarray
+) -> Iterator[SeamSlide]:
     """Yield slides of a row of quads, then of two rows, and so on; ``at`` are the sides of the quads on the seam."""
     mesh, owner = board.mesh, board.piece_of
     taken = np.zeros(0, dtype=np.int64)
     givers = set(owner[row].tolist())
     if len(givers) > 2:
         return
-    for depth in range(1, DEPTH + 1):
+    for depth in range(1, MAX_ROWS + 1):
         if not set(owner[row].tolist()) <= givers:
             return
         taken = np.concatenate([taken, row])
         unique, first = np.unique(taken, return_index=True)
         if len(unique) < len(taken):
             return
-        yield Slide(unique, np.tile(hosts, depth)[first])
+        yield SeamSlide(unique, np.tile(hosts, depth)[first])
         far = mesh.quad_edges[row, (at + 2) % 4]
         if border[far].any():
             return
@@ -272,7 +274,7 @@ def straight_cut_runs(layout: PatchLayout) -> list[tuple[list[int], list[int], l
     return result
 
 
-def _close_inner(board: Board) -> bool:
+def _join_dead_ends(board: MergeBoard) -> bool:
     """Join cuts inside patches from their free ends back to a natural stop, where all limits allow it."""
     changed = False
     mesh = board.mesh
@@ -286,7 +288,7 @@ def _close_inner(board: Board) -> bool:
             continue
         run = edges if free[1] else edges[::-1]
         for begin in natural_stops(board, run)[:-1]:
-            if try_change(board, np.sort(run[begin:]), NOTHING):
+            if try_change(board, np.sort(run[begin:]), NO_EDGES):
                 changed = True
                 break
     return changed
@@ -301,7 +303,7 @@ def _run_ends(pairs: np.ndarray) -> tuple[int, int]:
     return int(first), int(last)
 
 
-def natural_stops(board: Board, run: np.ndarray) -> list[int]:
+def natural_stops(board: MergeBoard, run: np.ndarray) -> list[int]:
     """Return positions in a run where a person would end a cut: its ends, corners and irregular vertices."""
     mesh = board.mesh
     stops = [0]
@@ -309,7 +311,7 @@ def natural_stops(board: Board, run: np.ndarray) -> list[int]:
         a, b = int(run[i - 1]), int(run[i])
         vertex = next(iter(set(mesh.edges[a].tolist()) & set(mesh.edges[b].tolist())))
         ring = edge_rings(mesh)[vertex]
-        straight = ring.closed and len(ring.edges) == 4 and ring.edges[(ring.edges.index(a) + 2) % 4] == b
+        straight = ring.is_closed and len(ring.edges) == 4 and ring.edges[(ring.edges.index(a) + 2) % 4] == b
         if not straight:
             stops.append(i)
     return [*stops, len(run)]

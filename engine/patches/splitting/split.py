@@ -22,7 +22,7 @@ from ...surface.symmetry import Symmetry, preserved_by, symmetries
 from ..flattening.edit import with_cuts
 from ..flattening.flatten import FlatPatches
 from ..flattening.flattening_report import forced_notes, symmetry_kept
-from ..layout import PatchLayout, alone
+from ..layout import PatchLayout, sublayout
 from .straight_runs import StraightRuns, ends_and_unevenness, straight_runs
 
 ANGLES = 60  # number of directions per half turn in which a piece is tried on the sheet; more fit more tightly
@@ -37,7 +37,9 @@ SLACK = 0.005  # share of the sheet's longer side reserved for connectors and pa
 OUTDATED = {"forced", "halved"}
 
 
-def split(flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress: Progress = SILENT) -> FlatPatches:
+def split_to_sheet(
+    flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress: Progress = SILENT
+) -> FlatPatches:
     """Cut every patch that does not fit the sheet, and flatten the pieces.
 
     Nothing is cut unless ``sheet.oversize`` is "split". Patches that no run can divide are halved across their longest
@@ -55,14 +57,14 @@ def split(flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress:
     """
     if sheet.oversize != "split":
         return flat
-    box = usable(sheet)
+    box = usable_size(sheet)
     _refuse_large_quads(flat, box, sheet)
     first, before = len(flat.layout.patches), flat.layout.cut
     found: list[Symmetry] | None = None if params.symmetric else []
     for turn in count():
         part = progress.part(1.0 - 0.5**turn, 1.0 - 0.5 ** (turn + 1))
         cut = flat.layout.cut.copy()
-        large = [p for p in range(len(flat.layout.patches)) if excess(_points(flat, p), box, sheet) > 1.0]
+        large = [p for p in range(len(flat.layout.patches)) if size_over_box(_patch_corners(flat, p), box, sheet) > 1.0]
         if not large:
             break
         if found is None:
@@ -77,7 +79,7 @@ def split(flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress:
                 continue  # already cut as the mirror image of another patch
             run = _best_run(flat, patch, params, (1.0 - CHANGE) * box, sheet, tick)
             if run is None:
-                run = _halves(flat, patch)
+                run = _middle_cut_edges(flat, patch)
             for edges in (run, *(image.edges[run] for image in mirrored)):
                 done |= _cut_once(flat.layout, edges, cut, done)
         notes = flat.layout.notes
@@ -99,7 +101,7 @@ def split(flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress:
     return flat
 
 
-def check_size(flat: FlatPatches, sheet: SheetParams) -> None:
+def check_fits_sheet(flat: FlatPatches, sheet: SheetParams) -> None:
     """Check that all panels fit the sheet, as the layout may have been made by hand or for a larger sheet.
 
     Parameters
@@ -113,9 +115,13 @@ def check_size(flat: FlatPatches, sheet: SheetParams) -> None:
     """
     if sheet.oversize != "split":
         return
-    box = usable(sheet)
+    box = usable_size(sheet)
     _refuse_large_quads(flat, box, sheet)
-    large = [p for p in range(len(flat.layout.patches)) if excess(_points(flat, p), box, sheet) > 1.0 + ROUNDING]
+    large = [
+        p
+        for p in range(len(flat.layout.patches))
+        if size_over_box(_patch_corners(flat, p), box, sheet) > 1.0 + ROUNDING
+    ]
     if large:
         raise FlexMapsError(
             f"{len(large)} of {with_count(len(flat.layout.patches), 'panel is', 'panels are')} larger than the sheet of {sheet.sheet_width * 1e3:g} x "
@@ -125,10 +131,10 @@ def check_size(flat: FlatPatches, sheet: SheetParams) -> None:
         )
 
 
-def _halves(flat: FlatPatches, patch: int) -> Int[np.ndarray, " run"]:
+def _middle_cut_edges(flat: FlatPatches, patch: int) -> Int[np.ndarray, " run"]:
     """Return the mesh edges between the two halves of a patch's quads, divided across its longest extent."""
     mesh, quads = flat.layout.mesh, flat.layout.patches[patch]
-    along = flat.corners[quads].mean(axis=1) @ _directions()[:, int(np.argmax(_widths(_points(flat, patch))))]
+    along = flat.corners[quads].mean(axis=1) @ _directions()[:, int(np.argmax(_widths(_patch_corners(flat, patch))))]
     order = np.argsort(along, kind="stable")
     side = np.full(len(mesh.quads), -1)
     side[quads[order]] = np.arange(len(quads)) >= len(quads) // 2
@@ -142,7 +148,7 @@ def _refuse_large_quads(flat: FlatPatches, box: np.ndarray, sheet: SheetParams) 
     """Raise FlexMapsError if a single quad is larger than the sheet."""
     size = f"The sheet of {sheet.sheet_width * 1e3:g} x {sheet.sheet_height * 1e3:g} mm"
     widths = np.ptp(np.einsum("fcx,xa->fca", flat.corners, _directions()), axis=1).T
-    large = np.flatnonzero(_ratios(widths, box, sheet.rotation).max(axis=1).min(axis=0) > 1.0)
+    large = np.flatnonzero(_size_ratios(widths, box, sheet.rotation).max(axis=1).min(axis=0) > 1.0)
     if len(large):
         raise FlexMapsError(
             f"{size} has no room for {with_count(len(large), 'single quad', 'single quads')}; use a larger sheet or smaller quads, or let too large "
@@ -151,13 +157,13 @@ def _refuse_large_quads(flat: FlatPatches, box: np.ndarray, sheet: SheetParams) 
         )
 
 
-def usable(sheet: SheetParams) -> Float[np.ndarray, " 2"]:
+def usable_size(sheet: SheetParams) -> Float[np.ndarray, " 2"]:
     """Return width and height of the part of the sheet that panels may use, metres."""
     size = np.array([sheet.sheet_width, sheet.sheet_height])
     return size - 2.0 * sheet.margin - SLACK * size.max()
 
 
-def excess(points: Float[np.ndarray, "samples 2"], box: Float[np.ndarray, " 2"], sheet: SheetParams) -> float:
+def size_over_box(points: Float[np.ndarray, "samples 2"], box: Float[np.ndarray, " 2"], sheet: SheetParams) -> float:
     """Return the size of a set of points over the size of a box, in the best allowed direction; at most 1 fits.
 
     Parameters
@@ -166,10 +172,10 @@ def excess(points: Float[np.ndarray, "samples 2"], box: Float[np.ndarray, " 2"],
     box : width and height, metres
     sheet : settings, with the allowed rotations
     """
-    return float(_ratios(_widths(points)[:, None], box, sheet.rotation).max(axis=1).min())
+    return float(_size_ratios(_widths(points)[:, None], box, sheet.rotation).max(axis=1).min())
 
 
-def _points(flat: FlatPatches, patch: int) -> np.ndarray:
+def _patch_corners(flat: FlatPatches, patch: int) -> np.ndarray:
     """Return the flat corners of a patch's quads, (n, 2), metres."""
     return flat.corners[flat.layout.patches[patch]].reshape(-1, 2)
 
@@ -185,7 +191,7 @@ def _widths(points: Float[np.ndarray, "samples 2"]) -> np.ndarray:
     return np.ptp(points @ _directions(), axis=0)
 
 
-def _ratios(width: np.ndarray, box: np.ndarray, rotation: str) -> Float[np.ndarray, "directions 2 patches"]:
+def _size_ratios(width: np.ndarray, box: np.ndarray, rotation: str) -> Float[np.ndarray, "directions 2 patches"]:
     """Return the extents of N shapes over the width and the height of a box, in all allowed directions.
 
     width : extents of the shapes in all directions, (ANGLES, N), metres
@@ -206,7 +212,7 @@ def _ratios(width: np.ndarray, box: np.ndarray, rotation: str) -> Float[np.ndarr
 
 def _sheets_needed(width: np.ndarray, box: np.ndarray, rotation: str) -> Int[np.ndarray, " patches"]:
     """Return the number of sheets, laid in a grid, that cover shapes of given extents (ANGLES, N)."""
-    return np.ceil(_ratios(width, box, rotation) - 1e-9).prod(axis=1).min(axis=0).astype(np.int64)
+    return np.ceil(_size_ratios(width, box, rotation) - 1e-9).prod(axis=1).min(axis=0).astype(np.int64)
 
 
 def _best_run(
@@ -306,7 +312,7 @@ class SinglePatch:
         patch : number of the patch
         """
         quads = flat.layout.patches[patch]
-        layout, edges = alone(flat.layout, quads)
+        layout, edges = sublayout(flat.layout, quads)
         return cls(layout, edges, flat.corners[quads], int(layout.isthmus_widths()[0]))
 
 
@@ -321,7 +327,7 @@ def _cost_of_cut(
     cut = layout.cut.copy()
     cut[np.searchsorted(piece.edges, run)] = True
     after = PatchLayout(layout.mesh, cut)
-    if len(after.patches) != 2 or not after.planar.all():
+    if len(after.patches) != 2 or not after.is_flattenable.all():
         return None
     small = min(len(quads) for quads in after.patches)
     if small < min(params.patch_min, len(piece.corners) // 2):

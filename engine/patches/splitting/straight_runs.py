@@ -15,7 +15,7 @@ from ..flattening.flatten import FlatPatches
 
 # largest product of the numbers of starts and directed edges, which bounds memory to about 200 MB; with more, only some
 # starts are used
-MOST = 10_000_000
+MAX_ENTRIES = 10_000_000
 CHUNK = 500_000  # starts times directed edges between two progress reports; larger values delay a cancel
 
 
@@ -31,7 +31,7 @@ class StraightRuns:
     tail, head : (2 m,) flat vertices at the start and the end of every directed edge
     starts, ends : directed edges that begin, or end, on the outline
     cost : cost of every run, metres: its length plus costs of bends
-    before : (starts, 2 m) predecessor of every directed edge on the run from each start
+    predecessor : (starts, 2 m) predecessor of every directed edge on the run from each start
     """
 
     loop: Int[np.ndarray, " points"]
@@ -41,13 +41,13 @@ class StraightRuns:
     starts: Int[np.ndarray, " starts"]
     ends: Int[np.ndarray, " ends"]
     cost: Float[np.ndarray, "starts ends"]
-    before: np.ndarray
+    predecessor: np.ndarray
 
     def edges(self, start: int, end: int) -> np.ndarray:
         """Return the mesh edges of the run from ``starts[start]`` to ``ends[end]``, last edge first."""
         walk = [int(self.ends[end])]
         while walk[-1] != self.starts[start]:
-            walk.append(int(self.before[start, walk[-1]]))
+            walk.append(int(self.predecessor[start, walk[-1]]))
         return self.inner[np.array(walk) % len(self.inner)]
 
 
@@ -80,14 +80,14 @@ def straight_runs(flat: FlatPatches, patch: int, tick: Callable[[], None] = lamb
     on_outline[loop] = True
     step = flat.points[head] - flat.points[tail]
     length = np.linalg.norm(step, axis=1)
-    one, two = _following(tail, head, ~on_outline)
+    one, two = _successor_pairs(tail, head, ~on_outline)
     cross = step[one, 0] * step[two, 1] - step[one, 1] * step[two, 0]
     bend = np.abs(np.arctan2(cross, (step[one] * step[two]).sum(axis=1)))
     # bends up to 22.5 degrees are not corners, because lines of edges bend slightly all the time
     corner = np.maximum(bend - np.pi / 8, 0.0) / (np.pi / 2 - np.pi / 8)
     weight = length[two] + REFLEX_COST * length.mean() * (corner + 0.02 * bend)
     starts, ends = np.flatnonzero(on_outline[tail]), np.flatnonzero(on_outline[head])
-    starts = starts[:: max(1, len(starts) * len(tail) // MOST)]
+    starts = starts[:: max(1, len(starts) * len(tail) // MAX_ENTRIES)]
     graph = coo_array((weight, (one, two)), shape=(len(tail), len(tail))).tocsr()
     found = []
     for part in np.array_split(starts, -(-len(starts) * len(tail) // CHUNK)):
@@ -97,7 +97,7 @@ def straight_runs(flat: FlatPatches, patch: int, tick: Callable[[], None] = lamb
     return StraightRuns(loop, inner, tail, head, starts, ends, cost[:, ends] + length[starts, None], before)
 
 
-def _following(tail: np.ndarray, head: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _successor_pairs(tail: np.ndarray, head: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return pairs of directed edges: the second edge continues the first at an inner vertex, and does not go back."""
     order = np.argsort(tail, kind="stable")
     count = np.bincount(tail, minlength=len(inside))

@@ -19,9 +19,9 @@ from ...params import LayoutParams
 from ...progress import SILENT, Progress
 from ...surface.curvature import angle_defects, corner_angles
 from ...surface.mesh import QuadMesh
-from ..flattening.arap import PatchProblem, minimax, settle
-from ..flattening.outline import simple
-from ..layout import PatchLayout, drawn_lengths, groups
+from ..flattening.arap import PatchProblem, minimise_max_energy, solve_local_global
+from ..flattening.outline import has_simple_outline
+from ..layout import PatchLayout, component_numbers, smoothed_edge_lengths
 from ..loops import loops_of, perimeter
 
 # Share of the distortion limit that merging may use; the rest is needed to make both sides of seams equally long.
@@ -29,36 +29,36 @@ from ..loops import loops_of, perimeter
 MERGING_SHARE = 0.85
 # Width of the band that contains the cut, as a share of the distance between the two quads; larger values give shorter
 # cuts and more unequal halves
-CORE = 0.35
+BAND_SHARE = 0.35
 # largest reduction of the price of an edge at vertices with curvature, as a share; larger draws cuts to such vertices
-CONE = 0.6
+CURVATURE_DISCOUNT = 0.6
 # Integral curvature of a region, radians, above which flattening is not tried (a hemisphere has 6.3); larger values try
 # more regions in vain
-ROUND = 6.5
+MAX_REGION_CURVATURE = 6.5
 # Curvature at a vertex (angle defect, radians) above which flattening is not tried (a corner of a cube has 1.57);
 # larger values try more regions in vain
-POINTED = 1.5
+MAX_VERTEX_CURVATURE = 1.5
 
 
-class Halving:
+class RegionHalver:
     """Divides regions of a mesh.
 
     dual : (D, 2) int, quads on both sides of every inner edge
-    across : (D,) distance between the centres of both quads, metres
-    price : (D,) cost of cutting the edge, metres: its length, reduced near vertices with curvature
+    centre_distance : (D,) distance between the centres of both quads, metres
+    cut_cost : (D,) cost of cutting the edge, metres: its length, reduced near vertices with curvature
     """
 
     def __init__(self, mesh: QuadMesh, params: LayoutParams):
         self.mesh, self.params = mesh, params
         self.dual, edges = mesh.dual, mesh.dual_edges
-        self.across = np.linalg.norm(mesh.centroids[self.dual[:, 0]] - mesh.centroids[self.dual[:, 1]], axis=1)
+        self.centre_distance = np.linalg.norm(mesh.centroids[self.dual[:, 0]] - mesh.centroids[self.dual[:, 1]], axis=1)
         self.defect, self.warp = angle_defects(mesh)
         self.angles = corner_angles(mesh)
         cone = np.minimum(np.abs(self.defect) / 0.5, 1.0)[mesh.edges[edges]].mean(axis=1)
-        self.price = mesh.edge_lengths[edges] * (1.0 - CONE * cone)
+        self.cut_cost = mesh.edge_lengths[edges] * (1.0 - CURVATURE_DISCOUNT * cone)
         self.place = np.full(len(mesh.quads), -1, dtype=np.int64)
 
-    def layout(self, quads: Int[np.ndarray, " n"], progress: Progress = SILENT) -> PatchLayout:
+    def region_layout(self, quads: Int[np.ndarray, " n"], progress: Progress = SILENT) -> PatchLayout:
         """Divide bodies into regions that can be laid flat, and cut between them.
 
         A quad whose own energy exceeds the distortion limit becomes a region by itself.
@@ -76,7 +76,7 @@ class Halving:
             quads = waiting.pop()
             tick = partial(progress, done / len(mesh.quads), "Dividing the surface")
             tick()
-            if len(quads) == 1 or self.lies_flat(quads, tick=tick):
+            if len(quads) == 1 or self.is_flattenable(quads, tick=tick):
                 done += len(quads)
                 continue
             for part in self.halves(quads)[1:]:
@@ -88,7 +88,7 @@ class Halving:
         cut[mesh.dual_edges] = region[self.dual[:, 0]] != region[self.dual[:, 1]]
         return PatchLayout(mesh, cut)
 
-    def lies_flat(self, quads: np.ndarray, share: float = 1.0, tick: Callable[[], None] = lambda: None) -> bool:
+    def is_flattenable(self, quads: np.ndarray, share: float = 1.0, tick: Callable[[], None] = lambda: None) -> bool:
         """Return whether a region can be laid flat in one piece, without overlap and within the limits.
 
         Parameters
@@ -105,7 +105,7 @@ class Halving:
         inside = count == mesh.valence[used]
         bent = self.defect[used[inside]]
         total = float(bent.sum() + self.warp[quads].sum())
-        if not sides.any() or abs(total) > ROUND or np.abs(bent).max(initial=0.0) > POINTED:
+        if not sides.any() or abs(total) > MAX_REGION_CURVATURE or np.abs(bent).max(initial=0.0) > MAX_VERTEX_CURVATURE:
             return False
         corners = np.searchsorted(used, mesh.quads[quads])
         if len(np.unique(corners[sides])) != int(sides.sum()):
@@ -115,18 +115,18 @@ class Halving:
         if len(used) - (4 * len(quads) - inner) + len(quads) != 2 - len(loops):
             return False
         border = mesh.border[mesh.quad_edges[quads]]
-        if not loops.mere_holes(corners, self.angles[quads], border):
+        if not loops.has_only_holes(corners, self.angles[quads], border):
             return False
-        lengths, area = drawn_lengths(mesh)[mesh.quad_edges[quads]], float(mesh.areas[quads].sum())
+        lengths, area = smoothed_edge_lengths(mesh)[mesh.quad_edges[quads]], float(mesh.areas[quads].sum())
         around = perimeter(sides, corners, loops, lengths, border, area)
         if around > self.params.compactness_limit * np.sqrt(area) * (1 + 1e-9):
             return False
         problem = PatchProblem(mesh, quads, corners, tick)
-        flat = settle(problem, tolerance=0.01, hopeless=3 * limit)
-        if flat.worst > 5 * limit:
+        flat = solve_local_global(problem, tolerance=0.01, give_up_above=3 * limit)
+        if flat.max_energy > 5 * limit:
             return False
-        flat = minimax(problem, flat, target=0.9 * limit)
-        return flat.worst <= limit and flat.flips == 0 and simple(flat.points, corners, sides)
+        flat = minimise_max_energy(problem, flat, target=0.9 * limit)
+        return flat.max_energy <= limit and flat.flip_count == 0 and has_simple_outline(flat.points, corners, sides)
 
     def halves(self, quads: np.ndarray) -> list[np.ndarray]:
         """Divide a region in two; return its connected parts, more than two if the cut leaves islands."""
@@ -136,19 +136,19 @@ class Halving:
         pair = place[self.dual[rows]]
         place[quads] = -1
         n = len(quads)
-        graph = csr_array(coo_array((self.across[rows], pair.T), shape=(n, n)))
+        graph = csr_array(coo_array((self.centre_distance[rows], pair.T), shape=(n, n)))
         graph = graph + graph.T
         start = dijkstra(graph, indices=0)
         one = int(np.argmax(start))
         from_one = dijkstra(graph, indices=one)
         two = int(np.argmax(from_one))
         from_two = dijkstra(graph, indices=two)
-        side = self._cut(pair, self.price[rows], from_one, from_two)
+        side = self._minimum_cut(pair, self.cut_cost[rows], from_one, from_two)
         same = side[pair[:, 0]] == side[pair[:, 1]]
-        part = groups(n, pair[same, 0], pair[same, 1])
+        part = component_numbers(n, pair[same, 0], pair[same, 1])
         return [quads[part == k] for k in range(int(part.max()) + 1)]
 
-    def _cut(
+    def _minimum_cut(
         self, pair: np.ndarray, price: np.ndarray, from_one: np.ndarray, from_two: np.ndarray
     ) -> Bool[np.ndarray, " n"]:
         """Return a mask of the quads on the first side of the cheapest cut (minimum cut) in the middle of a region.
@@ -158,7 +158,7 @@ class Halving:
         """
         n = len(from_one)
         share = from_one / np.maximum(from_one + from_two, 1e-300)
-        one, two = share <= 0.5 - 0.5 * CORE, share >= 0.5 + 0.5 * CORE
+        one, two = share <= 0.5 - 0.5 * BAND_SHARE, share >= 0.5 + 0.5 * BAND_SHARE
         scale = 1e4 / price.max()
         capacity = np.maximum((price * scale).astype(np.int32), 1)
         source, sink = n, n + 1

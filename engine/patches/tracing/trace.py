@@ -18,14 +18,14 @@ from ...params import LayoutParams
 from ...progress import SILENT, Progress
 from ...surface.mesh import QuadMesh
 from ...threads import one_thread
-from ..flattening.arap import PatchProblem, minimax, settle
-from ..flattening.outline import simple
-from ..layout import PatchLayout, straight_on
-from .regions import MERGING_SHARE, Halving
+from ..flattening.arap import PatchProblem, minimise_max_energy, solve_local_global
+from ..flattening.outline import has_simple_outline
+from ..layout import PatchLayout, next_straight_side
+from .regions import MERGING_SHARE, RegionHalver
 
 
 @one_thread
-def trace(mesh: QuadMesh, params: LayoutParams, progress: Progress = SILENT) -> PatchLayout:
+def trace_layout(mesh: QuadMesh, params: LayoutParams, progress: Progress = SILENT) -> PatchLayout:
     """Make the first layout, in which every patch can be laid flat within the distortion limit.
 
     A body that can be laid flat in one piece stays whole. Other bodies are cut along their motorcycle graph, and
@@ -39,14 +39,14 @@ def trace(mesh: QuadMesh, params: LayoutParams, progress: Progress = SILENT) -> 
     progress : called with the fraction done
     """
     progress(0.0, "Tracing parametric lines")
-    halving = Halving(mesh, params)
+    halving = RegionHalver(mesh, params)
     body = mesh.body_of
     bodies = [np.flatnonzero(body == n) for n in range(int(body.max()) + 1)]
     whole = np.zeros(len(bodies), dtype=bool)
     for number, quads in enumerate(bodies):
         tick = partial(progress, 0.1 * number / len(bodies), "Tracing parametric lines")
         tick()
-        whole[number] = halving.lies_flat(quads, MERGING_SHARE, tick)
+        whole[number] = halving.is_flattenable(quads, MERGING_SHARE, tick)
     sides = body[mesh.edge_quads].max(axis=1)  # body of every edge
     lines = motorcycles(mesh) & ~whole[sides]
     layout = make_disks(PatchLayout(mesh, lines), where=~whole)
@@ -57,7 +57,7 @@ def trace(mesh: QuadMesh, params: LayoutParams, progress: Progress = SILENT) -> 
     shattered |= ~whole & (size < params.patch_min)
     cut = traced.cut
     if shattered.any():
-        parts = halving.layout(np.flatnonzero(shattered[body]), progress.part(0.8, 1.0))
+        parts = halving.region_layout(np.flatnonzero(shattered[body]), progress.part(0.8, 1.0))
         cut = np.where(shattered[sides], parts.cut, cut)
     return PatchLayout(mesh, cut, origin="regions" if shattered.any() else "lines")
 
@@ -90,9 +90,9 @@ def _worst_energy(layout: PatchLayout, quads: np.ndarray, tick: Callable[[], Non
     """Return the largest energy of a patch after minimax flattening; infinite if the flat patch overlaps itself."""
     corners = np.unique(layout.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
     problem = PatchProblem(layout.mesh, quads, corners, tick)
-    flat = settle(problem, tolerance=0.01)
-    flat = minimax(problem, flat, target=0.01)
-    return flat.worst if simple(flat.points, corners, layout.outline_sides[quads]) else np.inf
+    flat = solve_local_global(problem, tolerance=0.01)
+    flat = minimise_max_energy(problem, flat, target=0.01)
+    return flat.max_energy if has_simple_outline(flat.points, corners, layout.outline_sides[quads]) else np.inf
 
 
 def motorcycles(mesh: QuadMesh) -> Bool[np.ndarray, " edges"]:
@@ -114,7 +114,7 @@ def motorcycles(mesh: QuadMesh) -> Bool[np.ndarray, " edges"]:
         go = ~reached[end]
         # motorcycles that meet head-on stop below, because the edge ahead of each is already cut
         quad, side, end = quad[go], side[go], end[go]
-        quad2, side2, valid = straight_on(mesh, quad, side)
+        quad2, side2, valid = next_straight_side(mesh, quad, side)
         reached[end] = True
         fresh = valid & ~cut[mesh.quad_edges[quad2, side2]]
         quad, side = quad2[fresh], side2[fresh]
@@ -134,7 +134,7 @@ def make_disks(layout: PatchLayout, where: Bool[np.ndarray, " bodies"] | None = 
     FlexMapsError : the surface could not be cut into disks
     """
     for _ in range(10 * len(layout.mesh.quads)):
-        bad = np.flatnonzero(~layout.planar).tolist()
+        bad = np.flatnonzero(~layout.is_flattenable).tolist()
         if where is not None:
             bad = [patch for patch in bad if where[layout.mesh.body_of[layout.patches[patch][0]]]]
         if not bad:
@@ -151,15 +151,15 @@ def opening_line(layout: PatchLayout, patch: int) -> np.ndarray:
     lines = parametric_lines(layout, patch)
     length = layout.mesh.edge_lengths
     keys = [(round(float(length[line].sum()), 12), i) for i, line in enumerate(lines)]
-    before = layout.euler[patch]
+    before = layout.euler_characteristic[patch]
     for _, i in sorted(keys):
         line = lines[i]
-        if before == 2 or (line.size and _opens(layout, patch, line)):
+        if before == 2 or (line.size and _brings_nearer_to_disk(layout, patch, line)):
             return line
     return lines[sorted(keys)[0][1]]
 
 
-def _opens(layout: PatchLayout, patch: int, line: np.ndarray) -> bool:
+def _brings_nearer_to_disk(layout: PatchLayout, patch: int, line: np.ndarray) -> bool:
     """Return whether a patch stays connected after a cut, which then removes a handle or joins two outlines."""
     cut = layout.cut.copy()
     cut[line] = True
@@ -207,7 +207,7 @@ def parametric_lines(layout: PatchLayout, patch: int) -> list[np.ndarray]:
     for way in range(2):
         quad, side = mesh.edge_quads[edges, way], mesh.edge_sides[edges, way]
         vertex = mesh.quads[quad, (side + 1) % 4]
-        next_quad, next_side, valid = straight_on(mesh, quad, side)
+        next_quad, next_side, valid = next_straight_side(mesh, quad, side)
         target = mesh.quad_edges[next_quad, next_side]
         valid &= inside[target] & (layout.cut_degree[vertex] == 0)
         for e, v, t, ok in zip(edges.tolist(), vertex.tolist(), target.tolist(), valid.tolist(), strict=True):

@@ -212,7 +212,10 @@ def _adjacent_pieces(
         at, s, up = at[hit], s[hit], up[hit]
         over = np.where(up > 0, 3 if axis == 0 else 0, 1 if axis == 0 else 2)
         next_cell = cell[at] + STEP[over]
-        one, two = pieces.index_of(here[s], cell[at]), pieces.index_of(there[s], _rotate_cells(next_cell, q[s], shift[s]))
+        one, two = (
+            pieces.index_of(here[s], cell[at]),
+            pieces.index_of(there[s], _rotate_cells(next_cell, q[s], shift[s])),
+        )
         good = (one >= 0) & (two >= 0)
         glued.append(np.stack([one, over, two, (over + 2 - q[s]) % 4], axis=1)[good])
     return merged, turns, np.concatenate(glued)

@@ -39,7 +39,9 @@ def round_unknowns(
         step = -np.sign(slope)
         if len(constraints.lower_bounds):
             value = (constraints.rows @ result)[:, None]
-            gain[(value + constraints.rows * step < np.minimum(constraints.lower_bounds[:, None], value)).any(axis=0)] = 0.0
+            gain[
+                (value + constraints.rows * step < np.minimum(constraints.lower_bounds[:, None], value)).any(axis=0)
+            ] = 0.0
         if not len(result) or gain.max() <= 1e-12:
             break
         k = int(gain.argmax())
@@ -80,7 +82,9 @@ def _round_with_constraints(matrix: np.ndarray, constraints: MapConstraints, res
             np.concatenate([result - FAR, np.zeros(size)]), np.concatenate([result + FAR, np.full(size, FAR)])
         ),
         constraints=[
-            LinearConstraint(np.hstack([constraints.rows, np.zeros_like(constraints.rows)]), constraints.lower_bounds, np.inf),
+            LinearConstraint(
+                np.hstack([constraints.rows, np.zeros_like(constraints.rows)]), constraints.lower_bounds, np.inf
+            ),
             LinearConstraint(
                 beside,
                 np.concatenate([np.full(size, -np.inf), result]),

@@ -334,7 +334,10 @@ class SeamlessMaps:
             ),
             shape=(4 * count, 2 * (int(chart.wedge.max()) + 1)),
         ).tocsr()
-        self._real_gradients, self._integer_gradients = gradients @ found.real_factors, gradients @ found.integer_factors
+        self._real_gradients, self._integer_gradients = (
+            gradients @ found.real_factors,
+            gradients @ found.integer_factors,
+        )
         along = np.exp(1j * chart.angles)
         self._target_gradients = np.stack([along.real, along.imag, -along.imag, along.real], axis=1).ravel()
         normal = (self._real_gradients.T @ self._real_gradients).tocoo()

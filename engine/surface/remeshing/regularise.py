@@ -54,7 +54,7 @@ def square_energy(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, 
     """Return how much every quad differs from a square of its area; 0 for a square.
 
     This is the mean over the four corner triangles of (s1-1)^2 + (s2-1)^2, with s1 and s2 the singular values of the
-    map from the square: the energy of ``FlatPatches.square`` for quads in space.
+    map from the square: the energy of ``FlatPatches.irregularity`` for quads in space.
     """
     along, against = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])

@@ -161,7 +161,9 @@ def requad(
             raise
     progress.tell(1.0, "Quads are ready")
     first = np.cumsum([0, *(len(search.best_quads.sizes) for search in searches)]).tolist()
-    missed = [one for search, begin in zip(searches, first, strict=False) for one in search.gap_warnings(first[-1], begin)]
+    missed = [
+        one for search, begin in zip(searches, first, strict=False) for one in search.gap_warnings(first[-1], begin)
+    ]
     return RemeshResult(regularise_if_better(joined_quads()), found + left_out + missed)
 
 

@@ -106,7 +106,11 @@ def rate_quads(quads: PolygonMesh, target: TargetSurface, count: int) -> SoundQu
     if made.area > MAX_AREA_RATIO * target.area:
         return "its open side was closed, or both of its sides were covered"
     missed = int(
-        max(np.percentile(made.distances(target.sample_points), 95), np.percentile(target.distances(made.sample_points), 95)) / edge
+        max(
+            np.percentile(made.distances(target.sample_points), 95),
+            np.percentile(target.distances(made.sample_points), 95),
+        )
+        / edge
     )
     if missed >= MAX_MISSED:
         return "parts of the surface are lost"

@@ -17,7 +17,7 @@ from flexmaps.engine.mechanics.arms.bent import bend_arms
 from flexmaps.engine.mechanics.assembly import Pose, rest_joints
 from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
-from flexmaps.engine.patches.joining import steps
+from flexmaps.engine.patches.joining import assembly_steps
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals import fabricable
@@ -30,7 +30,7 @@ POM = MATERIALS["pom"]
 def piece(request):
     """Panels with seams, and where they rest."""
     mesh = shapes.build_shape(request.param)
-    flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
+    flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     made = fabricable.uniform_design(flat, SpiralParams(), twist=3.0)
     return made, simulate(made, mesh, POM, SimulateParams()).equilibrium.pose
 
@@ -39,7 +39,7 @@ def piece(request):
 def rimmed():
     """A dome of panels with a rim, and where it rests."""
     mesh = shapes.build_shape("dome")
-    flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
+    flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     made = fabricable.uniform_design(flat, SpiralParams(border="rim"), twist=3.0)
     return made, simulate(made, mesh, POM, SimulateParams()).equilibrium.pose
 
@@ -150,7 +150,7 @@ def test_hubs_come_together_as_in_the_film(piece, resting):
     )
     actors = hub_film.HubActors(made)
     shots = assembly_film.record_tracks(made, pose, table, found, actors)
-    assert [track.patch for track in shots.tracks] == [step.panel for step in steps(layout)]
+    assert [track.patch for track in shots.tracks] == [step.panel for step in assembly_steps(layout)]
     for track in shots.tracks:
         hubs = layout.patches[track.patch]
         centres, rotations = actors.poses(track.shapes)
@@ -173,7 +173,7 @@ def test_every_seam_is_closed_once_and_in_the_order_of_the_assembly_sheet(piece)
     assert np.isfinite(times).all() and (times[:, 0] < times[:, 1]).all()
     joint = np.cumsum(~layout.mesh.border) - 1
     assert (times[joint[~layout.cut & ~layout.mesh.border], 1] < 0.0).all()
-    for number, step in enumerate(steps(layout)):
+    for number, step in enumerate(assembly_steps(layout)):
         for join in step.joins:
             own = times[joint[layout.seams[join.seam]]]
             assert (own >= number).all() and (own <= min(number + 1.5, shots.length) + 1e-9).all()

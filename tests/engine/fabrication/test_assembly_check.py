@@ -24,7 +24,7 @@ def stretched(flat, patch, factor):
     """The same patches, one of them longer along y."""
     points = flat.points.copy()
     points[np.unique(flat.layout.flat_corners[flat.layout.patches[patch]])] *= [1.0, factor]
-    return FlatPatches(flat.layout, points, flat.energy, flat.square)
+    return FlatPatches(flat.layout, points, flat.energy, flat.irregularity)
 
 
 def test_lengths_of_both_sides(flat_grid):
@@ -43,7 +43,7 @@ def test_differences_along_a_seam_do_not_cancel(flat_grid):
     middle = right[np.isclose(flat.points[right, 1], 0.02)]
     points[middle, 1] += 0.001
     found = assembly_check.check_assembly(
-        fabricable.uniform_design(FlatPatches(flat.layout, points, flat.energy, flat.square), SpiralParams())
+        fabricable.uniform_design(FlatPatches(flat.layout, points, flat.energy, flat.irregularity), SpiralParams())
     )
     (seam,) = found.seams
     assert seam.mismatch == pytest.approx(0.0, abs=1e-9)
@@ -54,7 +54,7 @@ def test_differences_along_a_seam_do_not_cancel(flat_grid):
 def test_sides_keep_together_within_one_panel():
     """Along a cut inside a panel both sides have the same patch: the path tells which is which."""
     params = LayoutParams()
-    flat = merge.merge(trace.trace(shapes.build_shape("cubesphere"), params), params)
+    flat = merge.merge(trace.trace_layout(shapes.build_shape("cubesphere"), params), params)
     made = fabricable.uniform_design(flat, SpiralParams())
     layout, mesh = flat.layout, flat.layout.mesh
     for seam, edges in zip(assembly_check.check_assembly(made).seams, layout.seams, strict=True):

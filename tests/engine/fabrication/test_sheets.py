@@ -318,7 +318,7 @@ def test_sheets_of_real_layouts(name):
     from flexmaps.engine.surface import curvature, shapes
 
     mesh = shapes.build_shape(name)
-    flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
+    flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     result = sheets.make_sheets(
         fabricable.design_from_curvature(flat, SpiralParams(), curvature.rms_curvature(mesh)),
         SheetParams(nesting="FAST"),
@@ -373,12 +373,12 @@ def test_loose_keys_stay_on_sheets_of_the_size_that_is_there(count):
 def test_a_smaller_sheet_after_the_layout_is_refused_where_the_panels_could_be_cut(flat_grid):
     small, fits = SheetParams(sheet_width=0.1, sheet_height=0.08), SheetParams()
     flat = flat_grid(10, 3, cut=lambda x, _: x == 9)
-    split.check_size(flat, fits)
+    split.check_fits_sheet(flat, fits)
     with pytest.raises(FlexMapsError, match=r"1 of 2 panels are larger than the sheet of 100 x 80 mm") as caught:
-        split.check_size(flat, small)
+        split.check_fits_sheet(flat, small)
     assert caught.value.faces == list(range(27))
-    split.check_size(flat, SheetParams(sheet_width=0.1, sheet_height=0.08, oversize="enlarge"))
-    split.check_size(split.split(flat, LayoutParams(), small), small)
+    split.check_fits_sheet(flat, SheetParams(sheet_width=0.1, sheet_height=0.08, oversize="enlarge"))
+    split.check_fits_sheet(split.split_to_sheet(flat, LayoutParams(), small), small)
 
 
 def test_the_job_refuses_sheets_smaller_than_its_layout():

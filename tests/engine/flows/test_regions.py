@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from flexmaps.engine.params import LayoutParams, RegulariseParams, Settings
 from flexmaps.engine.patches.flattening import flatten
-from flexmaps.engine.patches.flattening.arap import PatchProblem, settle
+from flexmaps.engine.patches.flattening.arap import PatchProblem, solve_local_global
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.patches.flattening.flattening_report import layout_report
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.tracing import trace
-from flexmaps.engine.patches.tracing.regions import Halving
+from flexmaps.engine.patches.tracing.regions import RegionHalver
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job, manual_changes
 from flexmaps.engine.surface import curvature, shapes
@@ -67,7 +67,7 @@ def thirds(mesh: QuadMesh) -> QuadMesh:
 
 
 def merged(mesh: QuadMesh, *, held: bool = False) -> FlatPatches:
-    return merge.merge(trace.trace(mesh, PARAMS), PARAMS, held=held)
+    return merge.merge(trace.trace_layout(mesh, PARAMS), PARAMS, has_supports=held)
 
 
 def sound(made: FlatPatches) -> dict[str, object]:
@@ -157,8 +157,8 @@ def test_a_tube_is_no_plate_with_a_hole() -> None:
     ring = grid(6, flat, lambda i, j: not (i in (2, 3) and j in (2, 3)))
     for mesh, planar in ((tube, False), (ring, True)):
         layout = PatchLayout(mesh, np.zeros(len(mesh.edges), dtype=bool))
-        assert layout.euler.tolist() == [0]
-        assert layout.planar.tolist() == [planar]
+        assert layout.euler_characteristic.tolist() == [0]
+        assert layout.is_flattenable.tolist() == [planar]
 
 
 def test_a_cut_that_floats_is_no_hole() -> None:
@@ -166,13 +166,13 @@ def test_a_cut_that_floats_is_no_hole() -> None:
     inside = np.flatnonzero(~mesh.on_border[mesh.edges].any(axis=1))[:1]
     cut = np.zeros(len(mesh.edges), dtype=bool)
     cut[inside] = True
-    assert not PatchLayout(mesh, cut).planar[0]
+    assert not PatchLayout(mesh, cut).is_flattenable[0]
 
 
 def test_regions_are_connected_and_lie_flat() -> None:
     mesh = thirds(shapes.build_shape("torus"))
-    layout = Halving(mesh, PARAMS).layout(np.arange(len(mesh.quads)))
-    assert layout.planar.all()
+    layout = RegionHalver(mesh, PARAMS).layout(np.arange(len(mesh.quads)))
+    assert layout.is_flattenable.all()
     assert flatten.flatten(layout, PARAMS).energy.max() <= PARAMS.distortion_limit
 
 
@@ -197,7 +197,7 @@ def test_what_nothing_holds_leaves_the_plane(height: Height) -> None:
     shape = {}
     for seamless in (True, False):
         params = LayoutParams(seamless=seamless)
-        made = merge.merge(trace.trace(mesh, params), params)
+        made = merge.merge(trace.trace_layout(mesh, params), params)
         result = manual_changes.with_manual_layout(
             job.check_input(PolygonMesh.from_quads(mesh)), made, Settings(layout=params)
         )
@@ -257,23 +257,23 @@ def test_quads_without_area_do_not_break_a_flattening() -> None:
     points = mesh.vertices.copy()
     points[mesh.quads[4]] = points[mesh.quads[4, 0]]
     bad = QuadMesh(points, mesh.quads)
-    made = settle(PatchProblem(bad, np.arange(9), bad.quads))
-    assert not made.worst <= PARAMS.distortion_limit or made.flips > 0
+    made = solve_local_global(PatchProblem(bad, np.arange(9), bad.quads))
+    assert not made.max_energy <= PARAMS.distortion_limit or made.flip_count > 0
 
 
 @pytest.mark.filterwarnings("error")
 def test_a_flattening_that_is_no_number_is_the_worst() -> None:
     mesh = grid(2, flat)
-    found = PatchProblem(mesh, np.arange(4), mesh.quads).patch(np.full(9, np.nan, dtype=complex))
-    assert found.worst == np.inf
-    assert found.flips == 16
+    found = PatchProblem(mesh, np.arange(4), mesh.quads).flat_patch(np.full(9, np.nan, dtype=complex))
+    assert found.max_energy == np.inf
+    assert found.flip_count == 16
 
 
 def test_progress_between_all_solves() -> None:
     """However large the patches are, a stop is asked for at every one of their solves."""
     mesh = grid(30, bowl)
     said: list[str] = []
-    trace.trace(mesh, PARAMS, Progress(report=lambda _, text: said.append(text)))
+    trace.trace_layout(mesh, PARAMS, Progress(report=lambda _, text: said.append(text)))
     assert len(said) > 5
 
 

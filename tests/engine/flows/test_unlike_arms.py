@@ -48,7 +48,7 @@ def _layout(name):
     mesh = {"dome": shapes.dome, "saddle": shapes.saddle}.get(name, lambda _: shapes.torus(8, 5))(4)
     mesh = mesh.with_vertices(mesh.vertices * 0.02 / mesh.median_edge)
     if name != "saddle":
-        return mesh, trace.trace(mesh, LayoutParams())
+        return mesh, trace.trace_layout(mesh, LayoutParams())
     across = np.abs(mesh.vertices[mesh.edges][:, :, 0]).max(axis=1) < 1e-6
     return mesh, PatchLayout(mesh, across & ~mesh.border)
 

@@ -24,7 +24,13 @@ from flexmaps.engine.optimisation.point_copy import with_position_share
 from flexmaps.engine.optimisation.slot_penalty import SlotRequirement
 from flexmaps.engine.optimisation.terms import StrainLimit, StrainTerm
 from flexmaps.engine.params import ChooseParams, LayoutParams, OptimiseParams, Settings, SimulateParams
-from flexmaps.engine.patches.flattening.flatten import flatten, flips, overlapping, seam_mismatch, with_energies
+from flexmaps.engine.patches.flattening.flatten import (
+    count_flipped,
+    flatten,
+    overlapping_patches,
+    seam_mismatch,
+    with_energies,
+)
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.runs import job
@@ -315,7 +321,7 @@ def test_the_match_improves_within_the_limits_and_can_be_cut() -> None:
     better = codesign.to_design(found, design)
     flat = better.flat
     assert flat.energy.max() < LIMIT and seam_mismatch(flat).max() < max(SEAM, 1.02 * seam_mismatch(design.flat).max())
-    assert overlapping(flat) == [] and not flips(flat.corners @ np.array([1.0, 1.0j])).any()
+    assert overlapping_patches(flat) == [] and not count_flipped(flat.corners @ np.array([1.0, 1.0j])).any()
     # it is the simulated object that is nearer, and fitting it again changes nothing
     before = simulate(
         make_fabricable(design.flat, design.params, *alone.space.width_and_twist(spirals.x)),
@@ -379,6 +385,6 @@ def test_patches_that_overlap_are_no_design() -> None:
     first = here.n_spiral_x + 2 * design.flat.layout.flat_corners[0, 0]
     x[first : first + 2] = 1.0
     broken = dataclasses.replace(here, problem=dataclasses.replace(whole, flat=folded), x=x)
-    assert overlapping(with_energies(design.flat.layout, folded.points(broken.flat_x)))
+    assert overlapping_patches(with_energies(design.flat.layout, folded.points(broken.flat_x)))
     assert codesign.to_design(broken, design) is None
     assert codesign.to_design(here, design) is not None

@@ -69,17 +69,17 @@ def fitted(*, cancels: bool) -> tuple[Optimisation, Watcher]:
 def test_a_cancel_while_springs_hold_the_piece_leaves_what_was_found_without_them() -> None:
     usual, _ = fitted(cancels=True)
     assert usual.ended == CANCELLED and usual.after.loads.springs is None
-    found = usual.after.match["rms_percent"]
-    assert continuation.FAR_PERCENT < found <= usual.before.match["rms_percent"]
+    found = usual.after.target_distances["rms_percent"]
+    assert continuation.FAR_PERCENT < found <= usual.before.target_distances["rms_percent"]
 
 
 def test_springs_bring_a_search_on_that_ends_far_from_its_target() -> None:
     usual, (found, _) = fitted(cancels=True)[0].after, fitted(cancels=False)
-    assert found.after.match["rms_percent"] < 0.2 * usual.match["rms_percent"]
+    assert found.after.target_distances["rms_percent"] < 0.2 * usual.target_distances["rms_percent"]
     # nothing holds the result any more: it rests there from the target's pose too
     assert found.after.equilibrium.converged and found.after.loads.springs is None
     again = simulate(found.design, found.after.target, VERO, replace(SETTINGS.simulate, restarts=0))
-    assert again.match["rms_percent"] == pytest.approx(found.after.match["rms_percent"], rel=0.01)
+    assert again.target_distances["rms_percent"] == pytest.approx(found.after.target_distances["rms_percent"], rel=0.01)
 
 
 @pytest.mark.parametrize("height", [0.1, 0.12, 0.16])
@@ -87,9 +87,11 @@ def test_a_shallow_surface_does_not_stay_flat(height: float) -> None:
     design, mesh = hill(height)
     found = optimise(design, mesh, VERO, replace(SETTINGS.optimise, patience=0.5), SETTINGS.simulate)
     flat = relief(found.before.equilibrium.pose.centres)
-    assert flat < 0.01 * relief(mesh.centroids) and found.before.match["rms_percent"] < continuation.FAR_PERCENT
+    assert (
+        flat < 0.01 * relief(mesh.centroids) and found.before.target_distances["rms_percent"] < continuation.FAR_PERCENT
+    )
     assert relief(found.after.equilibrium.pose.centres) == pytest.approx(relief(mesh.centroids), rel=0.1)
-    assert found.after.match["rms_percent"] < 0.2 * found.before.match["rms_percent"]
+    assert found.after.target_distances["rms_percent"] < 0.2 * found.before.target_distances["rms_percent"]
 
 
 def test_no_springs_where_nothing_can_make_a_piece_leave_the_plane() -> None:

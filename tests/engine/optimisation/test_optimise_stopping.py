@@ -124,7 +124,9 @@ def test_given_design_is_shown_before_limits_and_other_starts_are_computed(monke
     assert looks[0].width == pytest.approx(design.width, rel=1e-6)
     at_rest = simulate(design, mesh, VERO, SimulateParams())
     assert looks[0].vertices == pytest.approx(at_rest.vertices, abs=1e-6 * mesh.diagonal)
-    assert looks[0].distance == pytest.approx(0.01 * at_rest.match["rms_percent"] * at_rest.target.diagonal, rel=1e-3)
+    assert looks[0].distance == pytest.approx(
+        0.01 * at_rest.target_distances["rms_percent"] * at_rest.target.diagonal, rel=1e-3
+    )
     assert events.index("shown") < events.index("limits")
     assert "Starting shapes" in events[events.index("shown") :]
 

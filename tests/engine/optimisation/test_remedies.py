@@ -69,10 +69,10 @@ def test_blocks_of_earlier_versions_tell_of_a_cut_in_their_sentence_alone() -> N
 
 
 def stand_in(strain: float | None, *, flat: bool | None = None, line: int = 0, quads: int = 100) -> Any:
-    short = [] if flat is None else [SimpleNamespace(flat=flat, line=np.arange(line), quads=np.arange(quads))]
+    short = [] if flat is None else [SimpleNamespace(is_flat=flat, cut_edges=np.arange(line), quads=np.arange(quads))]
     values = None if strain is None else np.array([0.1, strain])
     assembly = SimpleNamespace(thickness=0.002, size=100)
-    return SimpleNamespace(strain=values, shortfalls=short, assembly=assembly, model=None)
+    return SimpleNamespace(strain=values, far_bodies=short, assembly=assembly, model=None)
 
 
 def advised(kind: str, simulation: Any) -> list[str]:
@@ -81,7 +81,7 @@ def advised(kind: str, simulation: Any) -> list[str]:
     found = reaching._remedies(share, simulation)
     sentence = reaching.REASONS[reaching.REASON_NAMES.index(kind)][1]
     for name, word in (("larger", "larger"), ("thinner", "thinner"), ("finer", "finer"), ("cut", "cut")):
-        if simulation.strain is None and not simulation.shortfalls:
+        if simulation.strain is None and not simulation.far_bodies:
             assert name not in found or word in sentence  # a button never says more than the sentence
     return list(found)
 

@@ -35,7 +35,7 @@ from flexmaps.engine.surface import shapes
 def wound() -> tuple[Task, SimulatedResult]:
     """A dome of spirals wound so far that slots close, as a search would have left it."""
     mesh, pom = shapes.build_shape("dome"), find_material("pom")
-    flat, count = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams()), len(mesh.quads)
+    flat, count = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams()), len(mesh.quads)
     params = SpiralParams(width_min=0.0006)
     made = fabricable.make_fabricable(flat, params, np.full((count, 4), 0.0009), np.full(count, 5.5))
     task = Task(mesh, pom, OptimiseParams(), SimulateParams(), None, None, Work())
@@ -54,9 +54,9 @@ def test_slots_open_and_the_shape_hardly_changes(wound):
     assert len(before.slots().closed) > 20  # or this shows nothing
     assert len(after.slots().closed) < 0.25 * len(before.slots().closed)
     assert (after.design.twist <= before.design.twist).all()
-    assert after.match["laplacian_rmse_mm"] <= 1.05 * before.match["laplacian_rmse_mm"]
+    assert after.target_distances["laplacian_rmse_mm"] <= 1.05 * before.target_distances["laplacian_rmse_mm"]
     again = simulate(after.design, after.target, after.material, SimulateParams())
-    assert again.match["rms_percent"] == pytest.approx(after.match["rms_percent"], rel=1e-2)
+    assert again.target_distances["rms_percent"] == pytest.approx(after.target_distances["rms_percent"], rel=1e-2)
 
 
 def test_slots_are_measured_only_where_they_may_have_closed(wound, monkeypatch):
@@ -92,7 +92,7 @@ def test_slots_open_by_more_steps_where_less_twist_alone_strains_arms_too_much(w
         assert after.strain.max() <= limit
         closed.append(len(after.slots().closed))
     assert closed[0] > 10 and closed[1] < 0.2 * closed[0]
-    assert after.match["laplacian_rmse_mm"] <= 1.1 * before.match["laplacian_rmse_mm"]
+    assert after.target_distances["laplacian_rmse_mm"] <= 1.1 * before.target_distances["laplacian_rmse_mm"]
 
 
 def test_further_searches_end_where_they_ease_no_strains(wound, monkeypatch):
@@ -180,7 +180,7 @@ def test_a_piece_on_its_target_may_give_up_of_its_match_what_nobody_sees(wound):
         return replace(found, simulation=other)
 
     near, twice, far, farther, hardly = (placed(share) for share in (0.2, 0.4, 2.0, 4.0, 2.08))
-    assert all(one.simulation.match["rms_percent"] < UNSEEN_PERCENT for one in (near, twice))
+    assert all(one.simulation.target_distances["rms_percent"] < UNSEEN_PERCENT for one in (near, twice))
     assert twice.bears(near)
     assert hardly.bears(far) and not farther.bears(far)
     slots = simulation.slots()
@@ -188,7 +188,7 @@ def test_a_piece_on_its_target_may_give_up_of_its_match_what_nobody_sees(wound):
     for share, of in ((2.6, 2.0), (OPEN_GROWTH * 2.0, 2.0), (26.0, 20.0)):
         closed, before = placed(share), placed(of)
         opened = replace(closed, nearby=without)
-        wanted = opened.simulation.match["rms_percent"] <= WANTED_PERCENT and share / of < OPEN_GROWTH**0.5
+        wanted = opened.simulation.target_distances["rms_percent"] <= WANTED_PERCENT and share / of < OPEN_GROWTH**0.5
         assert opened.bears(before) == wanted
         assert not closed.bears(before)
     half = slots.width.copy()

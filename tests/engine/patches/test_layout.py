@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from flexmaps.engine.patches.layout import PatchLayout, groups, in_order
+from flexmaps.engine.patches.layout import PatchLayout, component_numbers, order_run
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import QuadMesh
 from hypothesis import given, settings
@@ -56,7 +56,7 @@ def test_random_cuts_keep_patches_and_flat_vertices_consistent(edges: set[int]) 
         # trimesh takes the two sides of a slit of one edge for one edge: they have the same ends
         outline = np.sort(np.stack([c, np.roll(c, -1, axis=1)], axis=2)[layout.outline_sides[quads]], axis=1)
         slits = len(outline) - len(np.unique(outline, axis=0))
-        assert body.euler_number - slits == layout.euler[patch]
+        assert body.euler_number - slits == layout.euler_characteristic[patch]
 
 
 @settings(max_examples=60, deadline=None)
@@ -78,7 +78,7 @@ def test_seams_are_runs_that_share_their_edges_out(edges: set[int]) -> None:
 def test_groups_are_connected_components(count: int, links: list[tuple[int, int]], many: bool) -> None:
     pairs = np.array([(a % count, b % count) for a, b in links], dtype=np.int64).reshape(-1, 2)
     size = count + (5000 if many else 0)
-    labels = groups(size, pairs[:, 0], pairs[:, 1])
+    labels = component_numbers(size, pairs[:, 0], pairs[:, 1])
     parent = list(range(size))
 
     def root(i: int) -> int:
@@ -102,7 +102,7 @@ def row_between(mesh: QuadMesh, columns: int, rows: int, first: int, last: int) 
 def test_measures_of_a_rectangle() -> None:
     mesh = grid(8, 9)
     layout = cut_of(mesh, row_between(mesh, 8, 9, 3, 6))
-    assert layout.euler.tolist() == [1, 1, 1]
+    assert layout.euler_characteristic.tolist() == [1, 1, 1]
     assert layout.compactness == pytest.approx(np.full(3, 22 / np.sqrt(24)))
     assert layout.isthmus_widths().tolist() == [3, 3, 3]
 
@@ -120,16 +120,16 @@ def test_an_inner_cut_counts_twice_and_narrows_the_neck() -> None:
     edges = [e for e, (a, b) in enumerate(mesh.edges.tolist()) if middle <= a and b <= middle + 4]
     layout = cut_of(mesh, np.array(edges))
     assert len(layout.patches) == 1
-    assert layout.euler[0] == 1
+    assert layout.euler_characteristic[0] == 1
     assert layout.compactness[0] == pytest.approx(4 + 8 / np.sqrt(48))  # the border is longer than that of a square
     assert layout.isthmus_widths()[0] == 2  # from the end of the cut to the border
     floating = cut_of(mesh, np.array(edges[1:]))
-    assert floating.euler[0] == 0
+    assert floating.euler_characteristic[0] == 0
 
 
 def test_closed_surfaces_are_no_disks() -> None:
-    assert cut_of(shapes.build_shape("torus"), np.zeros(0, dtype=np.int64)).euler.tolist() == [0]
-    assert cut_of(shapes.build_shape("cubesphere"), np.zeros(0, dtype=np.int64)).euler.tolist() == [2]
+    assert cut_of(shapes.build_shape("torus"), np.zeros(0, dtype=np.int64)).euler_characteristic.tolist() == [0]
+    assert cut_of(shapes.build_shape("cubesphere"), np.zeros(0, dtype=np.int64)).euler_characteristic.tolist() == [2]
 
 
 def test_a_closed_run_is_walked_once_round() -> None:
@@ -137,7 +137,7 @@ def test_a_closed_run_is_walked_once_round() -> None:
     ring = mesh.quad_edges[[6, 7, 8, 13, 18, 17, 16, 11]].ravel()
     outer = np.flatnonzero(np.bincount(ring, minlength=len(mesh.edges)) == 1)
     outer = outer[~np.isin(outer, mesh.quad_edges[12])]
-    walk = in_order(mesh, outer)
+    walk = order_run(mesh, outer)
     assert sorted(walk.tolist()) == sorted(outer.tolist())
     for one, two in zip(walk, np.roll(walk, -1), strict=True):
         assert set(mesh.edges[one].tolist()) & set(mesh.edges[two].tolist())
@@ -148,5 +148,5 @@ def test_a_closed_body_is_no_patch_that_lies_flat() -> None:
 
     mesh = shapes.two_bodies()
     layout = PatchLayout(mesh, np.zeros(len(mesh.edges), bool))
-    assert not layout.planar.any()
-    assert trace.make_disks(layout).planar.all()
+    assert not layout.is_flattenable.any()
+    assert trace.make_disks(layout).is_flattenable.all()

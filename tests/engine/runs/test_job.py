@@ -12,7 +12,7 @@ from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job, manual_changes, report
-from flexmaps.engine.simulation.shortfall import angle_defects
+from flexmaps.engine.simulation.shortfall import quad_curvatures
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
@@ -180,8 +180,8 @@ def test_total_curvature_is_that_of_gauss_and_bonnet() -> None:
     )
     for mesh, slack in ((cube, 1e-12), (shapes.build_shape("cubesphere"), 1.0)):
         uncut, cut = (PatchLayout(mesh, np.full(len(mesh.edges), c)) for c in (False, True))
-        assert angle_defects(uncut).sum() == pytest.approx(4.0 * np.pi, abs=slack)
-        assert angle_defects(cut).sum() == pytest.approx(0.0, abs=slack)
+        assert quad_curvatures(uncut).sum() == pytest.approx(4.0 * np.pi, abs=slack)
+        assert quad_curvatures(cut).sum() == pytest.approx(0.0, abs=slack)
 
 
 def test_a_job_may_end_with_the_check() -> None:

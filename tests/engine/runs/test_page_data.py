@@ -19,7 +19,7 @@ from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.bent import bend_arms
 from flexmaps.engine.mechanics.assembly import Pose
 from flexmaps.engine.params import ObjectSettings, with_values
-from flexmaps.engine.patches.joining import panel_numbers, steps
+from flexmaps.engine.patches.joining import assembly_steps, panel_numbers
 from flexmaps.engine.runs import job, page_data, report, report_page, share_page
 from flexmaps.engine.runs.page_data import ArrayPacker, ViewContent
 from flexmaps.engine.surface import shapes
@@ -269,7 +269,7 @@ def test_all_steps_are_there_on_paper(dome):
     layout = dome.design.flat.layout
     words = share_page.steps_in_words(text)
     assert len(words) == len(layout.patches)
-    order, numbers = steps(layout), panel_numbers(layout)
+    order, numbers = assembly_steps(layout), panel_numbers(layout)
     for number, (step, said) in enumerate(zip(order, words, strict=True)):
         assert said.startswith(f"{'Add' if number else 'Take'} panel {panel_name(number + 1)}")
         for join in step.joins:

@@ -8,7 +8,7 @@ from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.params import Settings, SimulateParams
 from flexmaps.engine.runs import job
-from flexmaps.engine.simulation.band import Tolerance, ToleranceBand
+from flexmaps.engine.simulation.band import ToleranceBand, ToleranceEffect
 from flexmaps.engine.simulation.real_sheets import tolerance_band
 from flexmaps.engine.simulation.simulate import Simulation, simulate
 from flexmaps.engine.surface import shapes
@@ -35,9 +35,9 @@ def test_each_end_is_what_a_simulation_of_such_a_sheet_finds(dome: Simulation) -
     )
     wider = dataclasses.replace(design, width=design.width + 5e-5)
     for name, other in (("thickness", thicker), ("width", wider)):
-        rms = 1e-3 * simulate(other, dome.target, dome.material, FINE).match["rms_mm"]
-        change = rms - 1e-3 * dome.match["rms_mm"]
-        assert band[name].more - 1e-3 * dome.match["rms_mm"] == pytest.approx(change, rel=0.05)
+        rms = 1e-3 * simulate(other, dome.target, dome.material, FINE).target_distances["rms_mm"]
+        change = rms - 1e-3 * dome.target_distances["rms_mm"]
+        assert band[name].rms_high - 1e-3 * dome.target_distances["rms_mm"] == pytest.approx(change, rel=0.05)
 
 
 def test_a_sheet_that_is_stiffer_in_every_way_rests_alike(dome: Simulation) -> None:
@@ -53,11 +53,11 @@ def test_a_sheet_that_is_stiffer_in_every_way_rests_alike(dome: Simulation) -> N
     alike = simulate(
         dome.design, dome.target, dataclasses.replace(dome.material, youngs=2.0 * dome.material.youngs), FINE
     )
-    assert alike.match["rms_mm"] == pytest.approx(dome.match["rms_mm"], rel=1e-5)
+    assert alike.target_distances["rms_mm"] == pytest.approx(dome.target_distances["rms_mm"], rel=1e-5)
 
 
 def test_the_sentence_goes_from_best_to_worst() -> None:
-    band = ToleranceBand((Tolerance("thickness", 1.6e-3, 7e-4, "with a sheet 5 % thicker or thinner"),))
+    band = ToleranceBand((ToleranceEffect("thickness", 1.6e-3, 7e-4, "with a sheet 5 % thicker or thinner"),))
     assert band.text == "RMS with other sheets: 0.7 to 1.6 mm with a sheet 5 % thicker or thinner."
     assert band.report()["thickness"] == pytest.approx([1.6, 0.7])
-    assert "no equilibrium" in ToleranceBand((Tolerance("width", None, 1e-3, "with arms"),)).text
+    assert "no equilibrium" in ToleranceBand((ToleranceEffect("width", None, 1e-3, "with arms"),)).text

@@ -59,15 +59,15 @@ def test_a_knot_is_named_where_neighbours_are_twisted_further_than_in_the_target
 
 def test_a_higher_rest_is_named_where_the_target_leads_to_it(saddle: Simulation) -> None:
     again = find_other_rests(saddle, SimulateParams(clamped=False))
-    assert again.assembled is None  # the target's pose leads to the simulated rest
+    assert again.rest_from_target is None  # the target's pose leads to the simulated rest
     assert all(one.code not in rests.OTHER_REST_CODES for one in again.findings)
-    higher = dataclasses.replace(saddle, assembled=saddle.others[0])
+    higher = dataclasses.replace(saddle, rest_from_target=saddle.others[0])
     told = [one for one in higher.findings if one.code in rests.OTHER_REST_CODES]
     assert len(told) == 1 and "more energy" in told[0].message and told[0].faces
     far = np.linalg.norm(saddle.others[0].pose.centres - saddle.target.centroids, axis=1)
     share = float(told[0].message.split(" % of its size")[0].rsplit(" ", 1)[1])
-    assert share == pytest.approx(100.0 * np.sqrt((far**2).mean()) / saddle.size, rel=0.05)
-    rests_of = {"others": [saddle.equilibrium], "assembled": saddle.equilibrium}
+    assert share == pytest.approx(100.0 * np.sqrt((far**2).mean()) / saddle.diagonal, rel=0.05)
+    rests_of = {"others": [saddle.equilibrium], "rest_from_target": saddle.equilibrium}
     lower = dataclasses.replace(saddle, equilibrium=saddle.others[0], **rests_of)
     assert ["less energy" in one.message for one in lower.findings if one.code in rests.OTHER_REST_CODES] == [True]
 
@@ -78,7 +78,7 @@ def test_another_rest_is_a_fault_only_where_it_lies_farther_from_the_target(sadd
     assert max(apart) > 1.3 * min(apart)
     codes = []
     for shown, other in ((here, there), (there, here)):
-        found = dataclasses.replace(saddle, equilibrium=shown, others=[other], assembled=other)
+        found = dataclasses.replace(saddle, equilibrium=shown, others=[other], rest_from_target=other)
         codes += [one.code for one in found.findings if one.code in rests.OTHER_REST_CODES]
     assert codes == (["other-rest", "rest-as-near"] if apart[1] > apart[0] else ["rest-as-near", "other-rest"])
 
@@ -90,7 +90,7 @@ def test_another_rest_as_near_is_a_fault_where_arms_would_break_there_only(
     saddle: Simulation, here: float, there: float, code: str
 ) -> None:
     near, far = sorted((saddle.equilibrium, saddle.others[0]), key=lambda one: _away(saddle, one))
-    told = rests._other_rest(far, near, here, there, lower=True, target=saddle.target, size=saddle.size)
+    told = rests._other_rest(far, near, here, there, lower=True, target=saddle.target, size=saddle.diagonal)
     assert told.code == code
     assert ("strained to 130 %" in told.message) == (code == "other-rest")
 
@@ -99,7 +99,7 @@ def test_strains_of_another_rest_are_those_in_its_shape(saddle: Simulation, monk
     seen: list[float] = []
     monkeypatch.setattr(rests, "_other_rest", lambda _, __, *strains, **___: seen.extend(strains))
     other = saddle.others[0]
-    assert dataclasses.replace(saddle, others=[other], assembled=other).findings
+    assert dataclasses.replace(saddle, others=[other], rest_from_target=other).findings
     worst = [dataclasses.replace(saddle, equilibrium=one).strain for one in (saddle.equilibrium, other)]
     assert seen == [one.max() for one in worst if one is not None] and seen[0] != seen[1]
 
@@ -130,7 +130,7 @@ def test_a_piece_is_about_to_snap_when_its_softest_eigenvalue_is_small(
         in [
             one.code
             for one in rests.rest_findings(
-                saddle.equilibrium, [], None, saddle.softest, lambda _: None, saddle.target, saddle.size
+                saddle.equilibrium, [], None, saddle.softest, lambda _: None, saddle.target, saddle.diagonal
             )
         ]
         and not saddle.loads.fixed[moving].any()

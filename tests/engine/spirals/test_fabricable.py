@@ -20,7 +20,7 @@ from flexmaps.engine.surface import shapes
 
 def test_a_cancel_is_looked_for_before_and_after_the_clearance_model(monkeypatch: pytest.MonkeyPatch) -> None:
     params, events = SpiralParams(), []
-    flat = flatten.flatten(trace.trace(shapes.dome(4), LayoutParams()), LayoutParams())
+    flat = flatten.flatten(trace.trace_layout(shapes.dome(4), LayoutParams()), LayoutParams())
     design = fabricable.uniform_design(flat, params)
     original = fabricable.ClearanceModel.from_flat
 

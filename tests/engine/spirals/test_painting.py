@@ -165,7 +165,7 @@ def test_the_optimiser_leaves_protected_spirals_exactly_as_they_are(codesign: bo
     assert (found.design.width[kept] == mine.width[kept]).all() and (found.design.twist[kept] == mine.twist[kept]).all()
     free = np.setdiff1d(np.arange(len(design.twist)), kept)
     assert np.abs(found.design.width[free] - mine.width[free]).max() > 1e-5
-    assert found.after.match["laplacian_rmse_mm"] < 0.95 * found.before.match["laplacian_rmse_mm"]
+    assert found.after.target_distances["laplacian_rmse_mm"] < 0.95 * found.before.target_distances["laplacian_rmse_mm"]
     shape, was = (d.flat.corners[kept] - d.flat.corners[kept].mean(axis=1, keepdims=True) for d in (found.design, mine))
     np.testing.assert_allclose(shape, was, atol=1e-12)
     if codesign:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from flexmaps.engine.params import LayoutParams
-from flexmaps.engine.patches.merging.board import Board
+from flexmaps.engine.patches.merging.board import MergeBoard
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.surface import shapes, symmetry
 from flexmaps.engine.surface.symmetry import preserved_by, subgroups, symmetries
@@ -81,7 +81,7 @@ def test_keeping_asks_the_cuts() -> None:
 def test_one_of_several_mirrored_runs_leads_the_others() -> None:
     """Of every orbit of edges under the kept symmetries exactly one is tried; without symmetries all are."""
     mesh = shapes.build_shape("cubesphere")
-    board = Board(trace.trace(mesh, LayoutParams()), LayoutParams())
+    board = MergeBoard(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     edges = np.arange(len(mesh.edges))
     assert all(board.is_first_image([e]) for e in edges.tolist())
     board.symmetries = symmetries(mesh)

@@ -15,7 +15,7 @@ from flexmaps.engine.fabrication.writers import pdf
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.params import LayoutParams, SheetParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
-from flexmaps.engine.patches.joining import panel_numbers, steps
+from flexmaps.engine.patches.joining import assembly_steps, panel_numbers
 from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.progress import Progress
@@ -27,13 +27,13 @@ pdfium = pytest.importorskip("pypdfium2")
 
 def test_every_step_adds_one_panel_that_touches_what_is_there(flat_grid):
     layout = flat_grid(9, 6, cut=lambda x, y: x in (3, 6) or y == 3).layout  # 3 by 2 panels
-    found = steps(layout)
+    found = assembly_steps(layout)
     assert sorted(s.panel for s in found) == list(range(6))
     assert found[0].joins == ()
     for before, step in pairwise(found):
-        assert set(step.there) == {*before.there, step.panel}
+        assert set(step.joined_panels) == {*before.joined_panels, step.panel}
         assert step.joins
-        assert all(j.panel == step.panel and j.other in before.there for j in step.joins)
+        assert all(j.panel == step.panel and j.other in before.joined_panels for j in step.joins)
     # every joint is made once
     assert sum(j.joints for s in found for j in s.joins) == layout.cut.sum()
     assert sorted(j.seam for s in found for j in s.joins) == list(range(len(layout.seams)))
@@ -42,7 +42,7 @@ def test_every_step_adds_one_panel_that_touches_what_is_there(flat_grid):
 def test_breadth_first_from_the_largest(flat_grid):
     # a row of panels 2, 2, 6, 2 and 2 quads long: out from the middle one, by turns
     layout = flat_grid(14, 2, cut=lambda x, y: x in (2, 4, 10, 12)).layout
-    order = [s.panel for s in steps(layout)]
+    order = [s.panel for s in assembly_steps(layout)]
     middles = [layout.mesh.centroids[layout.patches[p], 0].mean() for p in order]
     away = np.abs(np.array(middles) - 0.14)
     assert away[0] == pytest.approx(0)
@@ -50,14 +50,14 @@ def test_breadth_first_from_the_largest(flat_grid):
 
 
 def test_bodies_begin_anew_and_inner_cuts_are_closed():
-    layout = trace.trace(shapes.build_shape("two_bodies"), LayoutParams())
-    found = steps(layout)
+    layout = trace.trace_layout(shapes.build_shape("two_bodies"), LayoutParams())
+    found = assembly_steps(layout)
     body = layout.mesh.body_of
     bodies = [int(body[layout.patches[s.panel][0]]) for s in found]
     assert sum(not s.joins for s in found) == 2
     assert len(set(bodies[: bodies.count(bodies[0])])) == 1
-    sphere = merge.merge(trace.trace(shapes.build_shape("cubesphere"), LayoutParams()), LayoutParams())
-    alone = [s for s in steps(sphere.layout) if any(j.other == j.panel for j in s.joins)]
+    sphere = merge.merge(trace.trace_layout(shapes.build_shape("cubesphere"), LayoutParams()), LayoutParams())
+    alone = [s for s in assembly_steps(sphere.layout) if any(j.other == j.panel for j in s.joins)]
     inner = [
         e for e in sphere.layout.seams if len(set(sphere.layout.patch_of[sphere.layout.mesh.edge_quads[e[0]]])) == 1
     ]
@@ -66,7 +66,7 @@ def test_bodies_begin_anew_and_inner_cuts_are_closed():
 
 def test_the_sheet_says_what_to_do(tmp_path):
     mesh = shapes.build_shape("saddle")
-    flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
+    flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     cut = flat.layout.cut.copy()
     cut[trace.middle_line(flat.layout, 0)] = True
     flat = flatten.flatten(type(flat.layout)(mesh, cut), LayoutParams())
@@ -81,7 +81,7 @@ def test_the_sheet_says_what_to_do(tmp_path):
     assert f"{figures.mass * 1e3:.0f} g" in text[0]
     assert "1 of 2" in text[0]
     joined = "\n".join(text)
-    order = steps(flat.layout)
+    order = assembly_steps(flat.layout)
     said = re.findall(r"(?:Take|Add) panel (\d+)", joined)
     assert [int(number) for number in said] == list(range(1, len(order) + 1))
     assert joined.count("Add panel") == len(order) - 1
@@ -137,7 +137,7 @@ def test_steps_beyond_the_pictures_are_told_in_words(flat_grid, monkeypatch):
     assert len(found) == 1 + 4 + 1  # the overview, ten pictures on pages of three, and words
     document = pdfium.PdfDocument(pdf.pdf_bytes(found, "x"))
     text = [" ".join(page.get_textpage().get_text_range().split()) for page in document]
-    order, numbers = steps(flat.layout), panel_numbers(flat.layout)
+    order, numbers = assembly_steps(flat.layout), panel_numbers(flat.layout)
     assert [int(number) for number in re.findall(r"(\d+)\. Add panel", text[-1])] == list(range(11, 37))
     for number, step in enumerate(order[10:], start=11):
         joins = " ".join(f"{seam_name(join.seam)} to {panel_name(numbers[join.other])}" for join in step.joins)

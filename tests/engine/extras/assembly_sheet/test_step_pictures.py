@@ -11,7 +11,7 @@ import shapely
 from flexmaps.engine.extras.assembly_sheet.step_pictures import PageBox, PatchColours, draw_flat_panel, mix_colours
 from flexmaps.engine.fabrication.writers.pdf import Page
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
-from flexmaps.engine.patches.joining import steps
+from flexmaps.engine.patches.joining import assembly_steps
 from flexmaps.engine.spirals.curves.arcs import Curve
 
 
@@ -32,7 +32,7 @@ class Sketch(Page):
 
 def test_the_seams_of_a_step_lie_on_the_outline_of_its_panel(flat_grid: Callable[..., FlatPatches]) -> None:
     flat = flat_grid(6, 3, cut=lambda x, y: x == 2)
-    last, seam = steps(flat.layout)[-1], "#ff0000"
+    last, seam = assembly_steps(flat.layout)[-1], "#ff0000"
     (join,) = last.joins
     page, box = Sketch(), PageBox(0.02, 0.1, 0.08, 0.06)
     draw_flat_panel(page, box, flat, last, PatchColours(["#c0c0c0"] * 2, [seam]))

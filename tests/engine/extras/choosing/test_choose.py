@@ -18,10 +18,10 @@ from flexmaps.engine.extras.choosing.judge import CutPlan, FlatLayout, JudgedLay
 from flexmaps.engine.extras.choosing.layout_changes import merge_across_seams, propose_changes
 from flexmaps.engine.extras.choosing.layout_variants import SHIFT_ROWS, make_variants
 from flexmaps.engine.params import ChooseParams, Settings
-from flexmaps.engine.patches.layout import PatchLayout, groups
+from flexmaps.engine.patches.layout import PatchLayout, component_numbers
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
-from flexmaps.engine.simulation.shortfall import angle_defects
+from flexmaps.engine.simulation.shortfall import quad_curvatures
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals.fabricable import design_from_spirals
 from flexmaps.engine.surface import shapes
@@ -69,7 +69,7 @@ def test_equal_parts_of_a_torus_are_equally_large() -> None:
     for parts in (2, 4, 8):
         cut = np.isin(drawn_cuts.lines_of_edges(mesh), long.equal(parts))
         a, b = mesh.edge_quads[~cut & ~mesh.border].T
-        assert np.bincount(groups(len(mesh.quads), a, b)).tolist() == [len(mesh.quads) // parts] * parts
+        assert np.bincount(component_numbers(len(mesh.quads), a, b)).tolist() == [len(mesh.quads) // parts] * parts
 
 
 def test_equal_strips_of_a_sheet() -> None:
@@ -79,7 +79,7 @@ def test_equal_strips_of_a_sheet() -> None:
         layout = PatchLayout(mesh, cut)
         sizes.add(tuple(len(quads) for quads in layout.patches))
         assert name.startswith(str(len(layout.patches)))
-        assert layout.planar.all()
+        assert layout.is_flattenable.all()
     assert {(24, 24), (12, 12, 12, 12), (16, 16, 16)} <= sizes  # halves both ways, quarters of 8, thirds of 6
 
 
@@ -132,7 +132,7 @@ def test_what_is_no_disk_is_opened_as_symmetrically_as_the_cuts_are() -> None:
             assert even is None  # there is no need for another
         else:
             lost += 1
-            assert even is not None and even.symmetric > 1 and PatchLayout(mesh, even.cut).planar.all()
+            assert even is not None and even.symmetric > 1 and PatchLayout(mesh, even.cut).is_flattenable.all()
             opened = drawn_cuts.open_symmetrically(cut, mesh, found)  # before crumbs are joined
             assert opened is not None and (opened >= cut).all()
     assert lost
@@ -155,7 +155,7 @@ def test_what_cannot_be_laid_flat_is_no_layout() -> None:
     piece = LayoutProblem(torus(), Settings())
     nothing = np.zeros(len(piece.mesh.edges), dtype=bool)
     opened = flatten_cuts(piece, CutPlan(nothing, "no cut at all"))
-    assert opened is not None and PatchLayout(piece.mesh, opened.cut).planar.all()
+    assert opened is not None and PatchLayout(piece.mesh, opened.cut).is_flattenable.all()
     assert flatten_cuts(piece, CutPlan(nothing, "too curved"), most=0.1) is None
 
 
@@ -211,7 +211,7 @@ def test_cuts_and_darts_go_where_the_blame_is_and_joins_where_it_is_not() -> Non
     assert added
     assert all((mesh.vertices[mesh.edges[cut]][..., 0] <= 0.08 + 1e-9).all() for cut in added[:3])
     assert any(idea.origin == "joined" and not idea.cut.any() for idea in ideas)
-    assert all(PatchLayout(mesh, idea.cut).planar.all() for idea in ideas)
+    assert all(PatchLayout(mesh, idea.cut).is_flattenable.all() for idea in ideas)
 
 
 def test_changes_keep_the_symmetry_of_a_layout() -> None:
@@ -252,7 +252,7 @@ def test_cuts_against_joins_give_no_more_panels_and_take_up_less_curvature_first
     assert all((idea.cut != laid.cut).any() for idea in ideas)
     assert all((thirds & ~idea.cut).any() and (idea.cut & ~thirds).any() for idea in exchanged)
     # by Gauss and Bonnet, what the panels have to take up is what no cut lets out: the fewer it lets out, the later it comes
-    within = [np.bincount(p.patch_of, angle_defects(p)) for p in (PatchLayout(mesh, idea.cut) for idea in ideas)]
+    within = [np.bincount(p.patch_of, quad_curvatures(p)) for p in (PatchLayout(mesh, idea.cut) for idea in ideas)]
     assert (np.diff([float((one**2).sum()) for one in within]) >= -1e-6).all()
 
 
@@ -331,7 +331,7 @@ def test_a_nearer_match_is_found_by_more_cuts_and_the_note_tells() -> None:
     # what it tells is what one gets: its panels with its spirals, simulated by themselves
     design = design_from_spirals(choice.best.flat, small.settings.spiral, *choice.best.judged.spirals)
     found = simulate(design, small.mesh, small.settings.material.chosen, small.settings.simulate)
-    assert found.match["rms_percent"] == pytest.approx(taken["rms_percent"], rel=0.05, abs=0.001)
+    assert found.target_distances["rms_percent"] == pytest.approx(taken["rms_percent"], rel=0.05, abs=0.001)
 
 
 @pytest.mark.usefixtures("few")
@@ -376,7 +376,7 @@ def test_what_was_optimised_stays_where_its_layout_does(monkeypatch: pytest.Monk
     after = job.run_stages(made, quick, ("choose",))
     assert after.choice is not None and made.simulation is not None
     assert after.choice.best.proved
-    assert 100.0 * after.choice.best.rms == pytest.approx(made.simulation.match["rms_percent"], rel=1e-12)
+    assert 100.0 * after.choice.best.rms == pytest.approx(made.simulation.target_distances["rms_percent"], rel=1e-12)
     assert after.flat is made.flat and after.design is made.design and after.optimisation is made.optimisation
     plain = job.run_stages(job.run(mesh, quick, stop_after="simulate"), quick, ("choose",))  # nothing was optimised
     assert plain.design is None and plain.simulation is None and plain.flat is not None
@@ -391,7 +391,9 @@ def test_another_proposal_can_be_taken_and_what_was_made_goes() -> None:
     assert made.undone == {}
     # the spirals are those with which the layout was chosen: simulated, it comes as near as its proposal says
     assert made.simulation is not None and made.choice is not None and made.design is not None
-    assert made.simulation.match["rms_percent"] == pytest.approx(100.0 * made.choice.best.rms, rel=0.05, abs=0.002)
+    assert made.simulation.target_distances["rms_percent"] == pytest.approx(
+        100.0 * made.choice.best.rms, rel=0.05, abs=0.002
+    )
     assert made.flat is made.choice.best.flat
     other = next(k for k in range(len(made.choice.proposals)) if k != made.choice.taken)
     changed = choice_stage.take_proposal(made, other, quick)

@@ -61,7 +61,7 @@ def test_no_search_begins_nearer_than_is_predicted() -> None:
         design = SpiralDesign(laid.flat, piece.settings.spiral, *start.spirals)
         found = simulate(design, piece.mesh, piece.settings.material.chosen, piece.settings.simulate)
         near = predict(piece, laid.flat, start)
-        assert 0.0 < near < 0.01 * found.match["rms_percent"]
+        assert 0.0 < near < 0.01 * found.target_distances["rms_percent"]
 
 
 def test_a_step_out_of_the_limits_of_flat_shapes_is_not_followed(monkeypatch: pytest.MonkeyPatch) -> None:

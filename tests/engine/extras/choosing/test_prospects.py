@@ -30,7 +30,7 @@ def saddle() -> Simulation:
     assert made.flat is not None
     design = uniform_design(made.flat, Settings().spiral)
     found = simulate(design, made.mesh, MATERIALS["vero"], SimulateParams())
-    assert found.match["rms_percent"] > Settings().choose.match
+    assert found.target_distances["rms_percent"] > Settings().choose.match
     return found
 
 
@@ -60,14 +60,14 @@ def told(
 
 
 def test_nothing_is_tried_within_the_match_that_is_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
-    now = saddle().match["rms_percent"]
+    now = saddle().target_distances["rms_percent"]
     monkeypatch.setattr(prospects, "support_options", lambda *_: pytest.fail("tried"))
     near = Settings(choose=replace(Settings().choose, match=1.01 * now))
     assert prospects.find_prospects(saddle(), find_limits(saddle()), near) is None
 
 
 def test_the_best_come_first_and_what_gains_little_is_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    mesh, now = saddle().target, saddle().match["rms_percent"]
+    mesh, now = saddle().target, saddle().target_distances["rms_percent"]
     uses = np.bincount(mesh.quad_edges.ravel(), minlength=len(mesh.edges))
     border = np.flatnonzero((uses[mesh.quad_edges] == 1).any(axis=1))
     heights = np.sort(mesh.vertices[mesh.quads, 2], axis=1)[:, 1]
@@ -153,4 +153,4 @@ def test_the_full_search_comes_as_near_as_is_told() -> None:
         better = optimise(
             made.design, mesh, settings.material.chosen, replace(settings.optimise), settings.simulate, supports=quads
         )
-        assert better.after.match["rms_percent"] <= 1.3 * found[name]
+        assert better.after.target_distances["rms_percent"] <= 1.3 * found[name]

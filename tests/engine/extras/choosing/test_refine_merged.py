@@ -21,9 +21,9 @@ from flexmaps.engine.extras.choosing.refine_merged import (
 from flexmaps.engine.params import Settings
 from flexmaps.engine.patches.flattening.flatten import FlatPatches, flatten
 from flexmaps.engine.patches.layout import PatchLayout
-from flexmaps.engine.patches.merging.dissolve import without_crumbs
+from flexmaps.engine.patches.merging.dissolve import join_small_panels
 from flexmaps.engine.patches.merging.merge import merge
-from flexmaps.engine.patches.tracing.trace import trace
+from flexmaps.engine.patches.tracing.trace import trace_layout
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface import shapes
@@ -37,7 +37,7 @@ NEAR = replace(SETTINGS.choose, match=1e-3)  # what no layout holds
 @pytest.fixture(name="sphere", scope="module")
 def _sphere() -> tuple[LayoutProblem, PatchLayout, FlatPatches]:
     mesh = shapes.build_shape("cubesphere")
-    layout = trace(mesh, SETTINGS.layout)
+    layout = trace_layout(mesh, SETTINGS.layout)
     held = LayoutProblem(mesh, SETTINGS)
     return held, layout, merge(layout, SETTINGS.layout)
 
@@ -75,7 +75,7 @@ def test_a_cut_along_the_folds_replaces_more_panels_that_hold_the_match() -> Non
     mesh = shapes.weld_quads(0.02 * np.c_[x, y, -0.7 * np.abs(y)], quads)
     ends = mesh.vertices[mesh.edges]
     across = (np.abs(ends[:, :, 0] - 0.08) < 1e-9).all(axis=1)
-    piece, layout = LayoutProblem(mesh, SETTINGS), trace(mesh, SETTINGS.layout)
+    piece, layout = LayoutProblem(mesh, SETTINGS), trace_layout(mesh, SETTINGS.layout)
     ((_, ridge),) = cuts_along_folds(mesh)
     quartered = flatten_cuts(piece, CutPlan(ridge | across, "quarters"))
     assert quartered is not None and len(quartered.flat.layout.patches) == 4
@@ -130,7 +130,7 @@ def test_a_panel_of_one_quad_joins_a_more_distorted_one_where_the_match_bears_it
     assert sorted(map(len, flat.layout.patches)) == [1, len(mesh.quads) - 1]
     limits = replace(SETTINGS.layout, distortion_limit=float(whole.energy.max()) / 1.5)
     piece = LayoutProblem(mesh, replace(SETTINGS, layout=limits))
-    assert without_crumbs(flat.layout, limits) is flat.layout  # the limit forbids it
+    assert join_small_panels(flat.layout, limits) is flat.layout  # the limit forbids it
     start, parts = PredictionStart.from_layout(piece, flat), Progress().shares(0.2)
     found, expected = _join_small(piece, flat, start, 1.0, 1.0, parts)
     assert len(found.layout.patches) == 1 and expected < 1.0
@@ -194,7 +194,7 @@ def _waist(around: int = 28, along: int = ALONG) -> QuadMesh:
 
 
 def _merged(mesh: QuadMesh) -> tuple[PatchLayout, FlatPatches]:
-    layout = trace(mesh, SETTINGS.layout)
+    layout = trace_layout(mesh, SETTINGS.layout)
     return layout, merge(layout, SETTINGS.layout)
 
 

@@ -14,7 +14,7 @@ from flexmaps.engine.mechanics.arms.bent import bend_arms
 from flexmaps.engine.mechanics.assembly import Pose, rest_joints
 from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
-from flexmaps.engine.patches.joining import steps
+from flexmaps.engine.patches.joining import assembly_steps
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.simulation.simulate import simulate
@@ -29,7 +29,7 @@ POM = MATERIALS["pom"]
 def dome():
     """Two panels with four seams, and where they rest."""
     mesh = shapes.build_shape("dome")
-    flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
+    flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     made = fabricable.uniform_design(flat, SpiralParams(), twist=3.0)
     return made, simulate(made, mesh, POM, SimulateParams()).equilibrium.pose
 
@@ -108,7 +108,7 @@ def test_it_ends_in_the_pose(dome, film):
 
 def test_panels_come_in_the_order_of_the_assembly_sheet(dome, film):
     made, _ = dome
-    order = [step.panel for step in steps(made.flat.layout)]
+    order = [step.panel for step in assembly_steps(made.flat.layout)]
     assert [track.patch for track in film[0].tracks] == order
     assert (np.diff([track.times[0] for track in film[0].tracks]) > 0).all()
 

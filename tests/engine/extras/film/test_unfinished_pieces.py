@@ -17,7 +17,7 @@ from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
-from flexmaps.engine.patches.joining import steps
+from flexmaps.engine.patches.joining import assembly_steps
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.progress import Progress
@@ -33,7 +33,7 @@ MODELS = ("arm", "rod")
 def piece(name: str, model: str):
     """A design, its simulation and its stages."""
     mesh = shapes.build_shape(name)
-    flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
+    flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     made = fabricable.uniform_design(flat, SpiralParams(), twist=3.0)
     params = SimulateParams(model=model)
     simulation = simulate(made, mesh, POM, params)
@@ -63,11 +63,11 @@ def test_they_go_on_from_flat_to_the_simulation(dome):
 
 def test_all_joints_are_closed_one_after_the_other(dome):
     made, _, found, _ = dome
-    order = steps(made.flat.layout)
+    order = assembly_steps(made.flat.layout)
     before = np.zeros_like(found.all[0].closed)
     for stage in found.all:
         assert stage.closed[before].all()  # what is joined stays joined
-        there = np.isin(made.flat.layout.patch_of, order[stage.step].there)
+        there = np.isin(made.flat.layout.patch_of, order[stage.step].joined_panels)
         assert (np.flatnonzero(there) == stage.hubs).all()
         before = stage.closed
     assert np.unique([stage.step for stage in found.all]).tolist() == list(range(len(order)))
@@ -176,7 +176,7 @@ def test_a_ring_costs_what_bending_it_costs(ring):
 def test_what_does_not_come_to_rest_is_left_out_and_named(ring):
     made, _, rest = ring
     found = unfinished_pieces.find_stages(made, rest.pose, POM, SimulateParams(iterations=1))
-    second = steps(made.flat.layout)[1]
+    second = assembly_steps(made.flat.layout)[1]
     assert found.skipped == ((panel_name(2), seam_name(second.joins[0].seam)),)
     assert [stage.whole for stage in found.all] == [False, True]
     assert found.all[-1].pose.centres == pytest.approx(rest.pose.centres)
@@ -211,7 +211,7 @@ def test_a_seam_is_closed_from_where_the_panel_hangs(dome):
     layout = dome[0].flat.layout
     mesh = layout.mesh
     inner = np.flatnonzero(~mesh.border)
-    for step in steps(layout):
+    for step in assembly_steps(layout):
         held: set[int] = set()
         closed = []
         for join in sorted(step.joins, key=lambda join: join.other == join.panel):
@@ -235,7 +235,7 @@ def test_a_seam_is_closed_from_where_the_panel_hangs(dome):
 def test_parts_of_a_model_are_its_joints(name):
     """The energy of a part is that of its joints in the whole; weaker joints have their share of it."""
     mesh = shapes.build_shape("dome")
-    flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
+    flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     made = fabricable.uniform_design(flat, SpiralParams(), twist=3.0)
     model, pose = build_model(assembly_from_design(made), POM, name), target_pose(mesh, flat.corners)
     each = model.expand(model.start(pose)).per_joint
@@ -255,7 +255,7 @@ def test_a_cancel_is_looked_for_before_the_elastic_model_is_built(monkeypatch):
 
     monkeypatch.setattr(unfinished_pieces, "build_model", build)
     mesh = shapes.build_shape("strip")
-    flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
+    flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     made = fabricable.uniform_design(flat, SpiralParams(), twist=3.0)
     with pytest.raises(Cancelled):
         unfinished_pieces.find_stages(

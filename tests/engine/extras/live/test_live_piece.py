@@ -16,7 +16,7 @@ from flexmaps.engine.mechanics.loads import parse_supports
 from flexmaps.engine.params import LayoutParams, MaterialParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches, flatten
 from flexmaps.engine.patches.layout import PatchLayout
-from flexmaps.engine.patches.tracing.trace import trace
+from flexmaps.engine.patches.tracing.trace import trace_layout
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.spirals.fabricable import uniform_design
@@ -29,7 +29,7 @@ SAME = 1e-5  # metres: the live tolerance, with room
 
 @pytest.fixture(scope="module")
 def dome() -> FlatPatches:
-    return flatten(trace(shapes.build_shape("dome"), LayoutParams()), LayoutParams())
+    return flatten(trace_layout(shapes.build_shape("dome"), LayoutParams()), LayoutParams())
 
 
 def given_of(flat: FlatPatches, twist: float = 1.5) -> LiveInput:
@@ -187,7 +187,7 @@ def bump(n: int, height: float) -> QuadMesh:
 
 def test_a_piece_that_snaps_is_told_and_comes_back() -> None:
     """A shell that is held round about and pushed down in its middle, until it does not come back by itself."""
-    flat = flatten(trace(bump(10, 0.8), LayoutParams()), LayoutParams())
+    flat = flatten(trace_layout(bump(10, 0.8), LayoutParams()), LayoutParams())
     mesh = flat.layout.mesh
     rim = np.flatnonzero(mesh.border[mesh.quad_edges].any(axis=1))
     first = replace(given_of(flat, twist=0.3), supports=rim)

@@ -38,7 +38,7 @@ def flat_pose(made: design.SpiralDesign) -> Pose:
 def dome(request):
     """A dome of wound spirals in several patches, in its equilibrium."""
     mesh = shapes.build_shape("dome")
-    flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
+    flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     made = fabricable.uniform_design(flat, SpiralParams(clockwise=request.param), twist=3.5)
     found = simulate(made, mesh, find_material("pom"), SimulateParams())
     assert found.equilibrium.converged
@@ -255,7 +255,7 @@ def test_on_the_target_without_a_simulation(dome):
 
 
 def test_necks_and_strips_of_a_rim_reach_from_its_nodes_to_their_joints():
-    flat = flatten.flatten(trace.trace(shapes.build_shape("dome"), LayoutParams()), LayoutParams())
+    flat = flatten.flatten(trace.trace_layout(shapes.build_shape("dome"), LayoutParams()), LayoutParams())
     rim = fabricable.uniform_design(flat, SpiralParams(border="rim")).rim
     assert rim is not None
     ends = np.array([0.0, 1.0])

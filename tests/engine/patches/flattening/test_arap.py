@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flexmaps.engine.patches.flattening.arap import PatchProblem, minimax, settle
+from flexmaps.engine.patches.flattening.arap import PatchProblem, minimise_max_energy, solve_local_global
 from flexmaps.engine.patches.flattening.triangles import corner_triangles, quad_energy, square_energy
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.surface import shapes
@@ -37,7 +37,7 @@ def test_energy_is_the_one_of_the_singular_values() -> None:
     points = points + 0.002 * (rng.normal(size=len(points)) + 1j * rng.normal(size=len(points)))
     flat_of = np.empty(len(points), dtype=complex)
     flat_of[problem.corners] = points[mesh.quads]
-    energy = problem.patch(flat_of).energy
+    energy = problem.flat_patch(flat_of).energy
     for quad in (0, 57, 131):
         total = weight = 0.0
         for k in range(4):
@@ -55,9 +55,9 @@ def test_energy_is_blind_to_rigid_motions_and_sees_scale() -> None:
     mesh = shapes.build_shape("quad")
     tri = corner_triangles(mesh)
     problem = whole(mesh)
-    turned = settle(problem).points * np.exp(0.7j) + 3
-    assert problem.patch(turned).energy.max() < 1e-20
-    a, b = problem.maps(turned * 1.1)
+    turned = solve_local_global(problem).points * np.exp(0.7j) + 3
+    assert problem.flat_patch(turned).energy.max() < 1e-20
+    a, b = problem.map_coefficients(turned * 1.1)
     assert quad_energy(tri, np.abs(a), np.abs(b)) == pytest.approx(2 * 0.1**2)
 
 
@@ -76,8 +76,8 @@ def test_a_cylinder_unrolls_without_distortion() -> None:
     vertices = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0.02 * v.ravel()], axis=1)
     index = np.arange(u.size).reshape(u.shape)
     quads = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1).reshape(-1, 4)
-    flat = settle(whole(QuadMesh(vertices, quads)), tolerance=1e-12, rounds=100)
-    assert flat.worst < 1e-12
+    flat = solve_local_global(whole(QuadMesh(vertices, quads)), tolerance=1e-12, rounds=100)
+    assert flat.max_energy < 1e-12
     chord = 2 * radius * np.sin(0.1)
     assert np.ptp(np.abs(flat.points[:, None] - flat.points[None, :])) == pytest.approx(
         np.hypot(n * chord, 0.12), rel=1e-6
@@ -86,10 +86,10 @@ def test_a_cylinder_unrolls_without_distortion() -> None:
 
 def test_weighing_bad_quads_lowers_the_worst() -> None:
     problem = whole(shapes.build_shape("dome"))
-    start = settle(problem)
-    better = minimax(problem, start)
-    assert better.flips == 0
-    assert better.worst < 0.8 * start.worst
+    start = solve_local_global(problem)
+    better = minimise_max_energy(problem, start)
+    assert better.flip_count == 0
+    assert better.max_energy < 0.8 * start.max_energy
 
 
 @pytest.mark.parametrize("height", [0.5, 1.0, 2.0, 3.0])
@@ -97,17 +97,17 @@ def test_weighing_bad_quads_lowers_the_worst() -> None:
 def test_giving_up_early_loses_nothing_that_comes_within_the_limit(name: str, height: float) -> None:
     mesh = shapes.build_shape(name)
     problem = whole(mesh.with_vertices(mesh.vertices * [1.0, 1.0, height]))
-    start, solves = settle(problem), [0]
+    start, solves = solve_local_global(problem), [0]
     problem.tick = lambda: solves.__setitem__(0, solves[0] + 1)
-    least = minimax(problem, start).worst
+    least = minimise_max_energy(problem, start).max_energy
     for limit in np.array([1.0, 1.001, 1.02, 1.2]) * least:
-        without = minimax(problem, start, target=0.97 * limit)
-        found = minimax(problem, start, target=0.97 * limit, hopeless=limit)
-        assert without.worst > limit or (found.points == without.points).all()
+        without = minimise_max_energy(problem, start, target=0.97 * limit)
+        found = minimise_max_energy(problem, start, target=0.97 * limit, give_up_above=limit)
+        assert without.max_energy > limit or (found.points == without.points).all()
     solves[0] = 0
-    minimax(problem, start)
+    minimise_max_energy(problem, start)
     whole_way, solves[0] = solves[0], 0
-    assert minimax(problem, start, hopeless=0.1 * least).worst > 0.1 * least
+    assert minimise_max_energy(problem, start, give_up_above=0.1 * least).max_energy > 0.1 * least
     assert solves[0] < 0.5 * whole_way
 
 
@@ -129,13 +129,13 @@ def test_not_worse_than_libigl() -> None:
     held = np.array([0], dtype=np.int32)
     igl.arap_precomputation(points, triangles, 2, held, data)
     theirs = np.asarray(igl.arap_solve(start[held], data, start))
-    their_energy = problem.patch(theirs[:, 0] + 1j * theirs[:, 1]).energy
-    ours = settle(problem, tolerance=1e-7, rounds=300)
-    area = problem.tri.area.sum(axis=1)
+    their_energy = problem.flat_patch(theirs[:, 0] + 1j * theirs[:, 1]).energy
+    ours = solve_local_global(problem, tolerance=1e-7, rounds=300)
+    area = problem.triangles.area.sum(axis=1)
     assert (area * ours.energy).sum() <= 1.001 * (area * their_energy).sum()
     assert (area * ours.energy).sum() > 0.8 * (area * their_energy).sum()
     uv = np.stack([ours.points.real, ours.points.imag], axis=1)
-    assert len(igl.flipped_triangles(uv, triangles)) == ours.flips == 0
+    assert len(igl.flipped_triangles(uv, triangles)) == ours.flip_count == 0
 
 
 def test_the_smoothest_rotations_fit_better_than_carried_ones() -> None:
@@ -144,9 +144,9 @@ def test_the_smoothest_rotations_fit_better_than_carried_ones() -> None:
 
     def misfit(rotation: np.ndarray) -> float:
         r = rotation[:, 0]
-        return float((np.abs(r[fb] - r[fa] * problem._turns) ** 2).sum())
+        return float((np.abs(r[fb] - r[fa] * problem._joint_rotations) ** 2).sum())
 
-    assert misfit(problem.smoothest()) < 0.9 * misfit(problem.propagate_rotations())
+    assert misfit(problem.smoothest_rotations()) < 0.9 * misfit(problem.propagate_rotations())
 
 
 def test_patches_side_by_side_lie_as_each_does_alone() -> None:
@@ -157,11 +157,11 @@ def test_patches_side_by_side_lie_as_each_does_alone() -> None:
     quads = np.concatenate(layout.patches)
     corners = np.unique(layout.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
     together = PatchProblem(mesh, quads, corners, sizes=[len(patch) for patch in layout.patches])
-    made = settle(together, rounds=200, tolerance=1e-9)
+    made = solve_local_global(together, rounds=200, tolerance=1e-9)
     for patch, one in zip(layout.patches, np.split(made.energy, np.cumsum(together.sizes)[:-1]), strict=True):
         own = np.unique(layout.flat_corners[patch], return_inverse=True)[1].reshape(-1, 4)
-        alone = settle(PatchProblem(mesh, patch, own), rounds=200, tolerance=1e-9)
+        alone = solve_local_global(PatchProblem(mesh, patch, own), rounds=200, tolerance=1e-9)
         assert one == pytest.approx(alone.energy, rel=1e-3, abs=1e-9)
-    assert together.worst(made.energy) == pytest.approx(
+    assert together.max_energies(made.energy) == pytest.approx(
         [made.energy[together.patch_of == k].max() for k in range(len(together.sizes))]
     )

@@ -19,7 +19,7 @@ PARAMS = LayoutParams()
 @pytest.fixture(scope="module")
 def flat() -> FlatPatches:
     mesh = shapes.build_shape("three_holes")
-    return flatten.flatten(trace.trace(mesh, PARAMS), PARAMS)
+    return flatten.flatten(trace.trace_layout(mesh, PARAMS), PARAMS)
 
 
 def with_run(flat: FlatPatches, edges: np.ndarray, cut: bool) -> FlatPatches:
@@ -43,7 +43,7 @@ def test_opening_joins_two_patches_and_leaves_the_others_alone(flat: FlatPatches
     assert touched.sum() < len(touched)
     assert np.abs(after.corners[~touched] - flat.corners[~touched]).max() == 0
     assert (after.energy[~touched] == flat.energy[~touched]).all()
-    assert not flatten.overlapping(after)
+    assert not flatten.overlapping_patches(after)
 
 
 def test_closing_again_is_as_before(flat: FlatPatches) -> None:
@@ -55,14 +55,14 @@ def test_closing_again_is_as_before(flat: FlatPatches) -> None:
 
 
 def test_the_border_is_never_cut() -> None:
-    flat = merge.merge(trace.trace(shapes.build_shape("vault"), PARAMS), PARAMS, held=True)
+    flat = merge.merge(trace.trace_layout(shapes.build_shape("vault"), PARAMS), PARAMS, has_supports=True)
     after = with_run(flat, np.flatnonzero(flat.layout.mesh.border), True)
     assert not after.layout.cut.any()
 
 
 def test_a_ring_is_refused_with_its_quads(flat: FlatPatches) -> None:
     mesh = shapes.build_shape("vault")
-    whole = flatten.flatten(trace.trace(mesh, PARAMS), PARAMS)
+    whole = flatten.flatten(trace.trace_layout(mesh, PARAMS), PARAMS)
     inside = np.flatnonzero(~mesh.on_border[mesh.edges].any(axis=1))[:1]
     with pytest.raises(FlexMapsError) as caught:
         with_run(whole, inside, True)
@@ -72,7 +72,7 @@ def test_a_ring_is_refused_with_its_quads(flat: FlatPatches) -> None:
 
 def test_a_run_from_the_border_stays_one_patch() -> None:
     mesh = shapes.build_shape("vault")
-    whole = flatten.flatten(trace.trace(mesh, PARAMS), PARAMS)
+    whole = flatten.flatten(trace.trace_layout(mesh, PARAMS), PARAMS)
     run = max(trace.parametric_lines(whole.layout, 0), key=len)
     slit = with_run(whole, run[: len(run) // 3], True) if len(run) > 3 else whole
     assert len(slit.layout.patches) <= 2
@@ -88,6 +88,6 @@ def test_a_panel_a_quad_lies_as_flat_as_its_quad_and_a_warped_one_spoils_no_othe
     assert flat.energy[20] > PARAMS.distortion_limit
     beside = (mesh.quads == warped[2]).any(axis=1)
     assert flat.energy[~beside].max() < 0.01 * PARAMS.distortion_limit
-    assert not flatten.overlapping(flat)
+    assert not flatten.overlapping_patches(flat)
     away = ~beside[mesh.edge_quads[flat.layout.cut]].any(axis=1)
     assert flatten.seam_mismatch(flat)[away].max() < 0.02

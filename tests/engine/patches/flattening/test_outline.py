@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flexmaps.engine.patches.flattening.outline import isthmus_width, simple
+from flexmaps.engine.patches.flattening.outline import has_simple_outline, isthmus_width
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -25,14 +25,14 @@ def test_simple_is_what_shapely_calls_simple(corners: list[tuple[int, int]]) -> 
 
     points = np.array([complex(*c) for c in corners])
     ring = shapely.LinearRing(corners)
-    assert simple(points, *as_quads(len(points))) == bool(ring.is_simple)
+    assert has_simple_outline(points, *as_quads(len(points))) == bool(ring.is_simple)
 
 
 def test_what_rounding_cannot_tell_counts_as_touching() -> None:
     slit = np.array([0, 4, 4 + 2j, 2 + 2j, 2 + 1e-17j, 1 + 2j, 2j])
-    assert not simple(slit, *as_quads(len(slit)))
+    assert not has_simple_outline(slit, *as_quads(len(slit)))
     slit[4] = 2 + 1e-3j
-    assert simple(slit, *as_quads(len(slit)))
+    assert has_simple_outline(slit, *as_quads(len(slit)))
 
 
 @pytest.mark.parametrize(("length", "expected"), [(1, 0.4), (2, 1 / 3), (3, 1 / 4), (4, 1 / 5), (6, 1 / 7)])
@@ -55,7 +55,7 @@ def test_patches_side_by_side_are_looked_at_by_themselves() -> None:
     square = np.array([0, 1, 1 + 1j, 1j])
     points = np.concatenate([square, square + 0.5 + 0.5j])
     corners, sides, patch = np.arange(8).reshape(2, 4), np.ones((2, 4), dtype=bool), np.arange(2)
-    assert simple(points, corners, sides, patch)
-    assert not simple(points, corners, sides)
+    assert has_simple_outline(points, corners, sides, patch)
+    assert not has_simple_outline(points, corners, sides)
     points[[6, 7]] = points[[7, 6]]
-    assert not simple(points, corners, sides, patch)
+    assert not has_simple_outline(points, corners, sides, patch)

@@ -8,8 +8,8 @@ import numpy as np
 from flexmaps.engine.params import LayoutParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.patches.layout import PatchLayout
-from flexmaps.engine.patches.merging.board import Board
-from flexmaps.engine.patches.merging.dissolve import _around, _divide_among_neighbours
+from flexmaps.engine.patches.merging.board import MergeBoard
+from flexmaps.engine.patches.merging.dissolve import _divide_among_neighbours, _pieces_across
 
 
 def test_quads_amid_a_dissolved_panel_go_to_a_neighbour_too(flat_grid: Callable[..., FlatPatches]) -> None:
@@ -20,11 +20,11 @@ def test_quads_amid_a_dissolved_panel_go_to_a_neighbour_too(flat_grid: Callable[
         return at_panel or (x == 3 and not 1 < y < 4)
 
     layout = flat_grid(5, 5, cut=cut).layout
-    board = Board(layout, LayoutParams())
+    board = MergeBoard(layout, LayoutParams())
     middle = int(layout.patch_of[12])
     assert len(layout.patches) == 3 and len(layout.patches[middle]) == 9
     piece = board.pieces[int(board.piece_of[12])]
-    ((opens, closes),) = _divide_among_neighbours(board, piece, _around(board, piece))
+    ((opens, closes),) = _divide_among_neighbours(board, piece, _pieces_across(board, piece))
     after = layout.cut.copy()
     after[opens], after[closes] = False, True
     made = PatchLayout(layout.mesh, after)

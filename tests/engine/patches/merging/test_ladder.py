@@ -6,7 +6,7 @@ import pytest
 from flexmaps.engine.params import Settings
 from flexmaps.engine.patches.flattening.flatten import flatten
 from flexmaps.engine.patches.merging.ladder import merge_in_steps
-from flexmaps.engine.patches.tracing.trace import trace
+from flexmaps.engine.patches.tracing.trace import trace_layout
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.symmetry import preserved_by, symmetries
 
@@ -17,13 +17,15 @@ def test_merging_in_steps_gives_fewer_panels_as_the_limit_rises_and_keeps_each_l
 ) -> None:
     """One run, a layout for every share of the limit, symmetric as the traced one."""
     mesh, params = shapes.build_shape(name), Settings().layout
-    found, traced = symmetries(mesh) if symmetric else [], trace(mesh, params)
+    found, traced = symmetries(mesh) if symmetric else [], trace_layout(mesh, params)
     shares = (1.0, 0.1, 0.3)
-    made = merge_in_steps(traced, params, shares, found, held=True)
+    made = merge_in_steps(traced, params, shares, found, has_supports=True)
     assert len(made) == 3
     counts = [len(layout.patches) for layout in made]
     assert counts == sorted(counts, reverse=True) and counts[0] > counts[-1]
     for share, layout in zip(sorted(shares), made, strict=True):
-        assert layout.planar.all() and len(preserved_by(found, layout.cut)) >= len(preserved_by(found, traced.cut))
+        assert layout.is_flattenable.all() and len(preserved_by(found, layout.cut)) >= len(
+            preserved_by(found, traced.cut)
+        )
         before = float(flatten(traced, params).energy.max())
         assert float(flatten(layout, params).energy.max()) <= max(share * params.distortion_limit, before) * 1.05

@@ -30,7 +30,7 @@ PATCHES = {"cubesphere": 1, "vault": 2, "quad": 1, "two_bodies": 2, "torus": 4}
 
 
 def merged(mesh: QuadMesh, params: LayoutParams = PARAMS) -> FlatPatches:
-    return merge.merge(trace.trace(mesh, params), params)
+    return merge.merge(trace.trace_layout(mesh, params), params)
 
 
 @cache
@@ -44,21 +44,21 @@ def layout_of(name: str) -> FlatPatches:
 def test_what_is_remembered_changes_no_layout(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """With nothing kept between changes the same seams, flat points and work come of it."""
     spent: list[float] = []
-    make = merge.effort_for
+    make = merge.work_budget
 
-    def counted(layout: PatchLayout) -> board.Effort:
+    def counted(layout: PatchLayout) -> board.WorkBudget:
         efforts.append(make(layout))
         return efforts[-1]
 
-    monkeypatch.setattr(merge, "effort_for", counted)
+    monkeypatch.setattr(merge, "work_budget", counted)
     found = []
     for remembers in (True, False):
-        efforts: list[board.Effort] = []
+        efforts: list[board.WorkBudget] = []
         if not remembers:
-            monkeypatch.setattr(sketch, "ROOM", -1)
-            monkeypatch.setattr(board.Shared, "__init__", _without_memory)
+            monkeypatch.setattr(sketch, "MAX_CACHED_QUADS", -1)
+            monkeypatch.setattr(board.BoardCache, "__init__", _without_memory)
         found.append(merged(shapes.build_shape(name)))
-        spent.append(sum(effort.left for effort in efforts))
+        spent.append(sum(effort.remaining for effort in efforts))
     assert (found[0].layout.cut == found[1].layout.cut).all()
     assert (found[0].points == found[1].points).all() and spent[0] == spent[1]
 
@@ -75,7 +75,7 @@ class _Forgetful(dict[Any, Any]):
 
 
 def _without_memory(self: Any, mesh: QuadMesh, params: LayoutParams) -> None:
-    self.sketcher, self.flattened, self.held = sketch.Sketcher(mesh, params.neck_min), _Forgetful(), 0
+    self.measurer, self.flattenings, self.quad_count = sketch.PatchMeasurer(mesh, params.neck_min), _Forgetful(), 0
 
 
 def checked(flat: FlatPatches) -> dict[str, Any]:
@@ -156,12 +156,14 @@ def test_a_wider_neck_is_kept() -> None:
 
 def test_it_can_be_stopped() -> None:
     with pytest.raises(Cancelled):
-        merge.merge(trace.trace(shapes.build_shape("dome"), PARAMS), PARAMS, Progress(stopped=lambda: True))
+        merge.merge(trace.trace_layout(shapes.build_shape("dome"), PARAMS), PARAMS, Progress(stopped=lambda: True))
 
 
 def test_progress_rises() -> None:
     seen: list[float] = []
-    merge.merge(trace.trace(shapes.build_shape("torus"), PARAMS), PARAMS, Progress(report=lambda f, _: seen.append(f)))
+    merge.merge(
+        trace.trace_layout(shapes.build_shape("torus"), PARAMS), PARAMS, Progress(report=lambda f, _: seen.append(f))
+    )
     assert seen == sorted(seen)
     assert 0 <= seen[0] < 0.1
     assert seen[-1] <= 1

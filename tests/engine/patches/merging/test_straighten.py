@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from flexmaps.engine.params import LayoutParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
-from flexmaps.engine.patches.merging.board import Board
+from flexmaps.engine.patches.merging.board import MergeBoard
 from flexmaps.engine.patches.merging.straighten import natural_stops, straighten
 from flexmaps.engine.progress import SILENT
 
@@ -20,7 +20,7 @@ def test_a_seam_with_a_step_becomes_straight(flat_grid: Callable[..., FlatPatche
 
     layout = flat_grid(25, 4, cut=stepped).layout
     assert len(layout.patches) == 2 and layout.cut.sum() == 5
-    board = Board(layout, LayoutParams())
+    board = MergeBoard(layout, LayoutParams())
     assert straighten(board, SILENT, darts=False)
     drawn = board.layout
     places = drawn.mesh.vertices[drawn.mesh.edges[drawn.cut]]
@@ -34,6 +34,6 @@ def test_a_cut_may_end_at_its_corner_and_nowhere_on_a_straight_line(flat_grid: C
     way = np.array([[1.5, 2.0], [2.5, 2.0], [3.5, 2.0], [4.5, 2.0], [5.0, 2.5], [5.0, 3.5]])
     middles = mesh.vertices[mesh.edges].mean(axis=1)[:, :2]
     run = np.linalg.norm(middles - way[:, None], axis=2).argmin(axis=1)
-    board = Board(flat_grid(7, 5, 1.0).layout, LayoutParams())
+    board = MergeBoard(flat_grid(7, 5, 1.0).layout, LayoutParams())
     assert natural_stops(board, run) == [0, 4, 6]
     assert natural_stops(board, run[:4]) == [0, 4]

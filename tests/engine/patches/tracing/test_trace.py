@@ -8,8 +8,8 @@ from flexmaps.engine.components import components
 from flexmaps.engine.params import LayoutParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.layout import PatchLayout
-from flexmaps.engine.patches.tracing.regions import Halving
-from flexmaps.engine.patches.tracing.trace import make_disks, middle_line, motorcycles, parametric_lines, trace
+from flexmaps.engine.patches.tracing.regions import RegionHalver
+from flexmaps.engine.patches.tracing.trace import make_disks, middle_line, motorcycles, parametric_lines, trace_layout
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import QuadMesh
 
@@ -27,16 +27,16 @@ def tube(around: int = 12, long: int = 8) -> QuadMesh:
 @pytest.mark.parametrize("name", shapes.NAMES)
 def test_every_patch_is_a_disk_under_the_limit(name: str) -> None:
     params = LayoutParams()
-    layout = trace(shapes.build_shape(name), params)
-    assert (layout.euler == 1).all()
+    layout = trace_layout(shapes.build_shape(name), params)
+    assert (layout.euler_characteristic == 1).all()
     flat = flatten.flatten(layout, params)
     assert flat.energy.max() <= params.distortion_limit
-    assert not flatten.overlapping(flat)
+    assert not flatten.overlapping_patches(flat)
     assert not (layout.cut & layout.mesh.border).any()
 
 
 def test_a_cube_falls_into_its_faces() -> None:
-    layout = trace(shapes.build_shape("cubesphere"), LayoutParams())
+    layout = trace_layout(shapes.build_shape("cubesphere"), LayoutParams())
     assert [len(quads) for quads in layout.patches] == [25] * 6
 
 
@@ -50,7 +50,7 @@ def test_a_tube_is_cut_along_its_shortest_line() -> None:
     mesh = tube()
     layout = make_disks(PatchLayout(mesh, motorcycles(mesh)))
     assert layout.cut.sum() == 8
-    assert layout.euler.tolist() == [1]
+    assert layout.euler_characteristic.tolist() == [1]
     heights = mesh.vertices[mesh.edges[layout.cut]][:, :, 2]
     assert np.abs(np.diff(heights, axis=1)).min() > 0.019
 
@@ -58,7 +58,7 @@ def test_a_tube_is_cut_along_its_shortest_line() -> None:
 def test_a_torus_is_cut_twice() -> None:
     mesh = shapes.build_shape("torus")
     layout = make_disks(PatchLayout(mesh, motorcycles(mesh)))
-    assert layout.euler.tolist() == [1]
+    assert layout.euler_characteristic.tolist() == [1]
     assert len(layout.seams) <= 4
 
 
@@ -73,7 +73,7 @@ def test_the_middle_line_halves() -> None:
 @pytest.mark.parametrize("name", ["dome", "saddle", "strip", "vault"])
 def test_halves_are_connected_and_take_all_quads(name: str) -> None:
     mesh = shapes.build_shape(name)
-    parts = Halving(mesh, LayoutParams()).halves(np.arange(len(mesh.quads)))
+    parts = RegionHalver(mesh, LayoutParams()).halves(np.arange(len(mesh.quads)))
     assert len(parts) == 2 and min(len(part) for part in parts) > 0.2 * len(mesh.quads)
     assert np.array_equal(np.sort(np.concatenate(parts)), np.arange(len(mesh.quads)))
     for part in parts:

@@ -20,7 +20,7 @@ POINTS = 40  # of a centre line
 @pytest.mark.parametrize("name", ["dome", "cubesphere", "three_holes"])
 def test_arms_that_come_near_across_a_seam_are_pairs(name: str) -> None:
     mesh, params, rng = shapes.build_shape(name), SpiralParams(), np.random.default_rng(3)
-    flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
+    flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     found = find_arm_pairs(flat, params, NEAR)
     laid = found.subset((found.kind == ACROSS) & found.is_across_cut)
     known = set(zip(laid.one.tolist(), laid.two.tolist(), strict=True))
@@ -56,7 +56,7 @@ def test_the_narrowest_slot_may_lie_deep_inside_an_uneven_quad() -> None:
     """Half way to the centre an arm that is hardly wound passes the arms beside its mate."""
     points = np.array([[129, 40, 0], [137, 48, 0], [113, 49, 0], [108, 37, 0], [112, 27, 0], [140, 35, 0]]) * 1e-3
     mesh = QuadMesh(points, np.array([[0, 1, 2, 3], [0, 3, 4, 5]]))
-    flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
+    flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     width = np.array([[1.0, 1.08, 1.19, 1.15], [1.1, 1.0, 1.0, 1.0]]) * 1e-3
     design = SpiralDesign(flat, SpiralParams(), width, np.radians([54.0, 130.0]))
     t = np.broadcast_to(np.linspace(0.0, 1.0, 1001), (2, 4, 1001))

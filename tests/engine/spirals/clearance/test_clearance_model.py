@@ -24,7 +24,7 @@ WIDE = 6.0  # rooms: all that is near in any way
 
 
 def _moved(flat, change):
-    return FlatPatches(flat.layout, flat.points + change.reshape(-1, 2), flat.energy, flat.square)
+    return FlatPatches(flat.layout, flat.points + change.reshape(-1, 2), flat.energy, flat.irregularity)
 
 
 def _sheared(points, way):

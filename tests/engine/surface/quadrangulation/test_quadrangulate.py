@@ -227,7 +227,9 @@ def test_a_map_of_too_many_pairs_is_refused_before_they_are_all_found(monkeypatc
     thin = Triangles(box.vertices * [1.0, 1.0, 0.08], box.corners)
     looked = []
     look = separation._NeighbourWalk.add_constraints_near
-    monkeypatch.setattr(separation._NeighbourWalk, "add_constraints_near", lambda *args: looked.append(args[1]) or look(*args))
+    monkeypatch.setattr(
+        separation._NeighbourWalk, "add_constraints_near", lambda *args: looked.append(args[1]) or look(*args)
+    )
     quads_of(thin, 0.4, SHARP)
     all_of_them = len(looked)
     monkeypatch.setattr(separation, "MAX_PAIRS", 0)

@@ -79,7 +79,9 @@ def test_a_half_ends_in_the_plane_and_has_half_of_the_area() -> None:
 def image_distance(mesh: PolygonMesh, plane: halves.MirrorPlane) -> float:
     """Metres: the largest distance of the middles of mirrored faces from those of faces."""
     middles = mesh.vertices[mesh.corners.reshape(-1, 4)].mean(axis=1)
-    return float(cKDTree(middles).query(middles - 2.0 * plane.signed_distances(middles)[:, None] * plane.normal)[0].max())
+    return float(
+        cKDTree(middles).query(middles - 2.0 * plane.signed_distances(middles)[:, None] * plane.normal)[0].max()
+    )
 
 
 @pytest.mark.parametrize(("name", "count"), [("torus", 160), ("saddle", 120)])

@@ -373,7 +373,9 @@ def test_quads_of_a_part_of_the_surface_are_taken_where_there_are_no_others(monk
     found = requad.requad(halved(ball(8)), 96, Balls(parts=1))
     assert not found.findings and requad.is_closed(found.polygons)
     judged = requad.SoundQuads(ball(6), (0, 0, 0), 1.0)  # a body that cuts itself has lost no more than what was inside
-    assert requad._BodySearch(both(ball(8), ball(8, (0.3, 0.0, 0.0))), 216, Balls(), "")._with_area_fault(judged) is judged
+    assert (
+        requad._BodySearch(both(ball(8), ball(8, (0.3, 0.0, 0.0))), 216, Balls(), "")._with_area_fault(judged) is judged
+    )
 
 
 def test_one_shape_gives_one_numbering() -> None:
