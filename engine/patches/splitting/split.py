@@ -78,13 +78,11 @@ def split_to_sheet(
             if patch in done:
                 continue  # already cut as the mirror image of another patch
             run = _best_run(flat, patch, params, (1.0 - CHANGE) * box, sheet, tick)
-            if run is None:
-                run = _middle_cut_edges(flat, patch)
+            run = _middle_cut_edges(flat, patch) if run is None else run
             for edges in (run, *(image.edges[run] for image in mirrored)):
                 done |= _cut_once(flat.layout, edges, cut, done)
-        notes = flat.layout.notes
+        kept = {name: value for name, value in flat.layout.notes.items() if name not in OUTDATED}
         flat = with_cuts(flat, cut, params, part.part(1.0, 1.0))
-        kept = {name: value for name, value in notes.items() if name not in OUTDATED}
         flat.layout.notes.update(kept | forced_notes(flat, params))
     added = len(flat.layout.patches) - first
     if added:

@@ -22,7 +22,7 @@ from .tool import RemeshTool
 BEYOND = 2
 
 
-def triangulate_and_merge(mesh: PolygonMesh, tolerance: float, tool: RemeshTool, progress: Progress) -> PolygonMesh:
+def to_triangles(mesh: PolygonMesh, tolerance: float, tool: RemeshTool, progress: Progress) -> PolygonMesh:
     """Return a mesh as triangles, with corners nearer than the tolerance merged.
 
     Parameters
@@ -42,7 +42,7 @@ def triangulate_and_merge(mesh: PolygonMesh, tolerance: float, tool: RemeshTool,
     return triangles
 
 
-def bodies_to_remesh(
+def find_bodies(
     triangles: PolygonMesh, tool: RemeshTool, progress: Progress
 ) -> tuple[list[PolygonMesh], list[Finding]]:
     """Return the bodies to remesh one by one, and warnings about bodies that were joined or cut apart."""

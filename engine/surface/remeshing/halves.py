@@ -58,7 +58,7 @@ class MirrorPlane:
         )
 
 
-def find_mirror_planes(mesh: PolygonMesh) -> list[MirrorPlane]:
+def mirror_planes(mesh: PolygonMesh) -> list[MirrorPlane]:
     """Return mutually perpendicular mirror planes of a mesh, normal to the coordinate axes or to the principal axes."""
     points, extent = mesh.vertices, float(np.ptp(mesh.vertices, axis=0).max())
     _, directions = np.linalg.eigh(np.cov(points.T))

@@ -25,33 +25,17 @@ from ..mesh import PolygonMesh
 from ..quadrangulation.even import simplify_triangles
 from ..quadrangulation.quadrangulate import quadrangulate
 from ..welding import weld
-from .bodies import (
-    bodies_to_remesh,
-    choose_bodies,
-    concatenate_meshes,
-    is_clean,
-    is_closed,
-    target_surface,
-    triangulate_and_merge,
-)
+from .bodies import choose_bodies, concatenate_meshes, find_bodies, is_clean, is_closed, target_surface, to_triangles
 from .coverage import warn_of_gaps
-from .halves import (
-    MirrorPlane,
-    cut_at_plane,
-    euler_characteristic,
-    find_mirror_planes,
-    mirror_and_join,
-    planes_preserving,
-)
+from .halves import MirrorPlane, cut_at_plane, euler_characteristic, mirror_and_join, mirror_planes, planes_preserving
 from .mend import SHARP_ANGLE, TargetSurface, mesh_from_rows
 from .refine import split_into_quads
 from .soundness import SoundQuads, rate_quads, regularise_if_better, repair_and_rate
 from .tool import RemeshTool
 
-TOOL_EXTENT = 2.0  # largest dimension to which bodies are scaled for the tool; at smaller sizes QuadriFlow fails
-MAX_LEFT_OUT = (
-    RemeshParams.crumbs
-)  # default: largest share of the area that may be left out, in bodies with too few quads
+EXTENT = 2.0  # largest dimension to which bodies are scaled for the tool; at smaller sizes QuadriFlow fails
+# Default: largest share of the area that may be left out, in bodies with too few quads.
+MAX_LEFT_OUT = RemeshParams.crumbs
 FIRST, REST = (0.05, 0.3), (0.3, 1.0)  # ranges of the progress: first quads of every body; better quads
 # Smallest number of quads of an open and of a closed body; bodies that would get fewer are left out. Larger: the pieces
 # match the shape better, but small bodies are lost.
@@ -83,9 +67,8 @@ MIN_SKIN_SHARE = 0.95
 MIN_RESULTS = 3  # smallest number of sound results before the best is accepted with poor quads; larger: better, slower
 # Polygon sizes, in quad edges, tried if QuadriFlow finds no quads; each polygon is then split into one quad per corner.
 CELL_SIZES = (2.0, 2.4, 1.6)
-MAX_CELL_RATIO = (
-    3  # largest ratio of quads from CELLS to the wanted number; bodies that consist of small faces give more
-)
+# Largest ratio of quads from CELL_SIZES to the wanted number; bodies that consist of small faces give more.
+MAX_CELL_RATIO = 3
 # Symmetric quads are accepted at once if their number differs from the wanted number by less than this factor. Larger:
 # faster, but meshes that had to be subdivided, with many irregular vertices, are accepted.
 MAX_COUNT_RATIO = 1.5
@@ -125,25 +108,22 @@ def requad(
         raise FlexMapsError("The mesh has no faces, or vertices that are not finite: add faces, or delete these")
     mesh = weld(mesh).with_canonical_order()
     low = mesh.vertices[mesh.corners].min(axis=0)
-    scale = TOOL_EXTENT / max(float(np.ptp(mesh.vertices[mesh.corners], axis=0).max()), 1e-300)
+    scale = EXTENT / max(float(np.ptp(mesh.vertices[mesh.corners], axis=0).max()), 1e-300)
     sized = replace(mesh, vertices=(mesh.vertices - low) * scale)
-    parts, found = bodies_to_remesh(
-        triangulate_and_merge(sized, SINGLE_TOL * TOOL_EXTENT, tool, progress), tool, progress
-    )
+    triangles = to_triangles(sized, SINGLE_TOL * EXTENT, tool, progress)
+    parts, found = find_bodies(triangles, tool, progress)
     areas = np.array([target_surface(part).area for part in parts])
     share = count * areas / areas.sum()
     fewest = np.where([is_closed(part) for part in parts], MIN_QUADS_CLOSED, MIN_QUADS)
     large, left_out = choose_bodies(areas, count, fewest, crumbs)
     kept = np.flatnonzero(large)
-    planes = find_mirror_planes(concatenate_meshes([parts[k] for k in kept])) if symmetric else []
+    planes = mirror_planes(concatenate_meshes([parts[k] for k in kept])) if symmetric else []
     searches: list[_BodySearch | _MirroredSearch] = []
     for done, k in enumerate(kept):
         image = next(_mirrored_searches(parts, kept[:done].tolist(), searches, k, planes), None)
         name = f" of body {done + 1} of {len(kept)}" if len(kept) > 1 else ""
         wanted = max(int(fewest[k]), round(share[k] * count / share[large].sum()))
-        searches.append(
-            image or _BodySearch(parts[k], wanted, tool, name, planes_preserving(parts[k], planes, TOOL_EXTENT))
-        )
+        searches.append(image or _BodySearch(parts[k], wanted, tool, name, planes_preserving(parts[k], planes, EXTENT)))
 
     def joined_quads() -> PolygonMesh:
         quads = concatenate_meshes([search.best_quads for search in searches])
@@ -161,9 +141,7 @@ def requad(
             raise
     progress.tell(1.0, "Quads are ready")
     first = np.cumsum([0, *(len(search.best_quads.sizes) for search in searches)]).tolist()
-    missed = [
-        one for search, begin in zip(searches, first, strict=False) for one in search.gap_warnings(first[-1], begin)
-    ]
+    missed = [w for search, begin in zip(searches, first, strict=False) for w in search.gap_warnings(first[-1], begin)]
     return RemeshResult(regularise_if_better(joined_quads()), found + left_out + missed)
 
 
@@ -178,7 +156,7 @@ class _BodySearch:
 
     def __init__(self, body: PolygonMesh, count: int, tool: RemeshTool, name: str, planes: Sequence[MirrorPlane] = ()):
         low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
-        self._middle, self._scale = 0.5 * (low + high), TOOL_EXTENT / max(float((high - low).max()), 1e-300)
+        self._middle, self._scale = 0.5 * (low + high), EXTENT / max(float((high - low).max()), 1e-300)
         self._small = replace(body, vertices=(body.vertices - self._middle) * self._scale)
         self._whole, self._count, self._tool, self._name = target_surface(self._small), count, tool, name
         self._clean = is_clean(self._small)
@@ -240,10 +218,8 @@ class _BodySearch:
     def _attempts(self) -> Iterator[SoundQuads | str]:
         """Yield the results of all attempts (reasons, where they fail), the quickest attempts first."""
         yield from self._quads_by_halves()
-        if (
-            _any_useful(self.results)
-            and 1.0 / MAX_COUNT_RATIO < len(self.results[0].quads.sizes) / self._count < MAX_COUNT_RATIO
-        ):
+        useful = _any_useful(self.results)
+        if useful and 1.0 / MAX_COUNT_RATIO < len(self.results[0].quads.sizes) / self._count < MAX_COUNT_RATIO:
             return
         maps = max(1, min(MAX_MAPS, round(MAX_MAPPED_QUADS / self._count)))
         for surface in _surfaces_for_tool(self._small, self._whole, self._count, self._tool, self._progress.quiet()):
@@ -302,9 +278,8 @@ class _BodySearch:
         sound = [one for one in self.results if not one.faults[0]]
         if _any_useful(self.results) and not min(one.faults[2] for one in sound):
             return True
-        return (
-            self._attempt_count >= MIN_ATTEMPTS and bool(sound) and len(self.results) >= min(MIN_RESULTS, MIN_ATTEMPTS)
-        )
+        enough = len(self.results) >= min(MIN_RESULTS, MIN_ATTEMPTS)
+        return self._attempt_count >= MIN_ATTEMPTS and bool(sound) and enough
 
     def _quads_by_tool(self, surface: PolygonMesh, how: tuple[int, float, int, bool]) -> SoundQuads | str:
         """Return the tool's quads for ``how``, a row of ``QUADRIFLOW_ATTEMPTS``, repaired and rated, or the reason of the failure."""
@@ -348,7 +323,7 @@ def _mirrored_searches(
     """Yield every way in which body ``k`` is the mirror image of one of the bodies ``before`` it."""
     for other, search in zip(before, searches, strict=True):
         for plane in planes:
-            if plane.maps_onto(parts[other], parts[k], TOOL_EXTENT):
+            if plane.maps_onto(parts[other], parts[k], EXTENT):
                 yield _MirroredSearch(search, plane)
 
 

@@ -53,13 +53,13 @@ def dented(mesh: PolygonMesh) -> PolygonMesh:
 def test_mirror_planes_are_found_wherever_a_surface_lies(name: str, normals: tuple[np.ndarray, ...]) -> None:
     mesh = triangles(name)
     mesh = replace(mesh, vertices=mesh.vertices + np.array([0.3, 1.0, -2.0]))
-    assert sorted(map(tuple, np.abs([plane.normal for plane in halves.find_mirror_planes(mesh)]).round(6))) == sorted(
+    assert sorted(map(tuple, np.abs([plane.normal for plane in halves.mirror_planes(mesh)]).round(6))) == sorted(
         map(tuple, normals)
     )
-    turned = halves.find_mirror_planes(replace(mesh, vertices=mesh.vertices @ TURN.T))
+    turned = halves.mirror_planes(replace(mesh, vertices=mesh.vertices @ TURN.T))
     if name == "torus":  # the others' principal directions are any that lie in their plane
         assert any(abs(plane.normal @ TURN @ normal) > 1.0 - 1e-6 for plane in turned for normal in normals)
-    assert not halves.find_mirror_planes(dented(mesh))
+    assert not halves.mirror_planes(dented(mesh))
 
 
 def test_a_half_ends_in_the_plane_and_has_half_of_the_area() -> None:
@@ -88,7 +88,7 @@ def image_distance(mesh: PolygonMesh, plane: halves.MirrorPlane) -> float:
 def test_quads_of_a_symmetric_surface_are_symmetric_and_whole(name: str, count: int) -> None:
     mesh = triangles(name)
     made = requad.requad(mesh, count, NoTool(), symmetric=True).polygons
-    planes, extent = halves.find_mirror_planes(mesh), float(np.ptp(mesh.vertices))
+    planes, extent = halves.mirror_planes(mesh), float(np.ptp(mesh.vertices))
     assert planes and max(image_distance(made, plane) for plane in planes) < 1e-9 * extent
     assert not [finding for finding in check.findings(made) if finding.is_error]
     area = requad.target_surface(mesh).area

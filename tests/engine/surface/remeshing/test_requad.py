@@ -102,7 +102,7 @@ def test_the_tool_works_at_one_size(size: float) -> None:
     mesh = ball(6, (4.0, 5.0, 6.0))
     tool = Balls()
     found = requad.requad(PolygonMesh(size * mesh.vertices, mesh.corners, mesh.sizes), 96, tool).polygons
-    assert [given[0] for given in tool.given] == pytest.approx([requad.TOOL_EXTENT])
+    assert [given[0] for given in tool.given] == pytest.approx([requad.EXTENT])
     assert np.linalg.norm(found.vertices / size - (4.0, 5.0, 6.0), axis=1) == pytest.approx(RADIUS, rel=1e-5)
 
 
@@ -191,7 +191,7 @@ def test_dense_bodies_are_thinned_and_keep_their_borders() -> None:
 def test_what_hangs_together_by_an_edge_of_three_faces_is_cut_there() -> None:
     points = [(0, 0, 0), (0, 1, 0), (1, 0, 0), (1, 1, 0), (-1, 0, 0), (-1, 1, 0), (0, 0, 1), (0, 1, 1)]
     rows = np.array([(0, 2, 3), (0, 3, 1), (4, 0, 1), (4, 1, 5), (0, 1, 7), (0, 7, 6)])
-    parts, said = requad.bodies_to_remesh(mesh_from_rows(np.array(points, float), rows), Balls(), SILENT)
+    parts, said = requad.find_bodies(mesh_from_rows(np.array(points, float), rows), Balls(), SILENT)
     assert [len(part.sizes) for part in parts] == [2, 2, 2] and [f.code for f in said] == ["bodies-cut"]
     assert all(requad.is_clean(part) for part in parts)
 
