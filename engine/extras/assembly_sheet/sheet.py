@@ -290,7 +290,9 @@ def _draw_seam_list(
         page.draw_text("... the others are in the steps", (box.x + box.width * (1 - 1 / columns), box.y), 0.0026, INK)
 
 
-def _draw_step(page: Page, box: PageBox, flat: FlatPatches, number: int, step: AssemblyStep, look: PatchColours) -> None:
+def _draw_step(
+    page: Page, box: PageBox, flat: FlatPatches, number: int, step: AssemblyStep, look: PatchColours
+) -> None:
     """Draw a step: its title, its seams, the panels joined so far, and the flat new panel."""
     top = box.y + box.height
     page.draw_curve(polyline([[box.x, top - 0.001], [box.x + box.width, top - 0.001]]), PALE, 2e-4)

@@ -242,9 +242,7 @@ def test_a_comparison_can_be_stopped():
 
     with pytest.raises(Cancelled):
         compare.compare_scan(
-            
             shapes.build_shape("saddle"), Scan(scanned(shapes.build_shape("saddle"), 10, 1)[0]), progress=Progress(tell)
-        
         )
 
 
