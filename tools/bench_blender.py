@@ -14,7 +14,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from harness import ROOT, Bench, Kept, Options, Rows, at_least, at_most, checksum, run
+from harness import ROOT, Bench, Options, Rows, StoredResults, at_least, at_most, checksum, run_python
 from responsiveness import frames, next_button, panels, preview
 
 SESSION, BATCH = 20, 5  # calls per file, files per process: a crash of Blender costs one process
@@ -24,7 +24,7 @@ LONGEST = 900  # seconds of a batch
 def random(options: Options) -> Rows:
     """Make random operator calls in separate processes, resuming an interrupted run."""
     sources = checksum("engine", "bridge", "operators", "panels", "tools/random_calls.py")
-    known, ends = Kept(ROOT / "out" / "random_calls.json"), time.monotonic() + options.seconds
+    known, ends = StoredResults(ROOT / "out" / "random_calls.json"), time.monotonic() + options.seconds
     batches = []
     for batch in range(-(-options.calls // (SESSION * BATCH))):
         key = f"{sources} {batch}"
@@ -62,7 +62,7 @@ def _batch(batch: int) -> dict[str, Any]:
     """Return the outcomes and faults of some sessions in a process of their own."""
     words = ("-c", BATCH_SCRIPT, ROOT / "tools", batch * BATCH, (batch + 1) * BATCH, SESSION)
     try:
-        done: Any = run(*words, timeout=LONGEST)
+        done: Any = run_python(*words, timeout=LONGEST)
         status = str(done.returncode)
     except subprocess.TimeoutExpired as expired:
         done, status = expired, f"no answer in {LONGEST} s"

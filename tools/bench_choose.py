@@ -20,7 +20,19 @@ from flexmaps.engine.progress import Progress
 from flexmaps.engine.remaining import RemainingTime
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface.mesh import PolygonMesh
-from harness import MESHES, Bench, Cases, Options, Rows, at_most, from_blender, from_folder, from_zoo, made, processor
+from harness import (
+    MESHES,
+    Bench,
+    Cases,
+    Options,
+    Rows,
+    at_most,
+    from_blender,
+    from_folder,
+    from_zoo,
+    processor_seconds,
+    run_job,
+)
 from zoo import trial
 
 PRIMITIVES = ("cube", "uv sphere", "cylinder", "cone", "monkey")
@@ -43,14 +55,14 @@ def cases(_: Options) -> Cases:
 def measure(name: str, polygons: PolygonMesh, options: Options) -> Rows:
     settings, quads = Settings(), options.quads
     if (polygons.sizes != 4).any() or not quads / LARGEST <= len(polygons.sizes) <= LARGEST * quads:
-        polygons = trial.remeshed(polygons, quads)
-    first: Any = job.run_stages(made(polygons, "split"), settings, SEARCH)
+        polygons = trial.remesh_into_quads(polygons, quads)
+    first: Any = job.run_stages(run_job(polygons, "split"), settings, SEARCH)
     again, before, panels = first, _rms(first), len(first.flat.layout.patches)
     yield at_most(name, "RMS % by default", None, before, {"quads": len(first.mesh.quads), "panels": panels})
     if before > settings.choose.match:
         watch = _Watch()
         chosen: Any = job.run_stages(first, settings, ("choose",), Progress(watch.report))
-        spent = processor() - watch.used
+        spent = processor_seconds() - watch.used
         choice, best = chosen.choice, chosen.choice.best
         again = chosen if chosen.design is not None else job.run_stages(chosen, settings, SEARCH)
         allowed = max(SAME * before, settings.choose.match if choice.reached else 0.0)
@@ -85,12 +97,12 @@ class _Watch:
 
     def __init__(self) -> None:
         self.first, self.least, self.rise = np.inf, np.inf, 1.0
-        self._began, self.used, self._remaining = time.monotonic(), processor(), RemainingTime()
+        self._began, self.used, self._remaining = time.monotonic(), processor_seconds(), RemainingTime()
 
     def report(self, fraction: float, text: str) -> None:
         now = time.monotonic() - self._began
         if "the best" in text:
-            self.first = min(self.first, processor() - self.used)
+            self.first = min(self.first, processor_seconds() - self.used)
         self._remaining.report(now, fraction)
         left = self._remaining.seconds(now)
         if left is not None:

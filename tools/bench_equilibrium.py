@@ -23,7 +23,7 @@ from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.curvature import rms_curvature
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
-from harness import EDGE, Bench, Cases, Options, Rows, at_least, at_most, each, made, surfaces, timed
+from harness import EDGE, Bench, Cases, Options, Rows, at_least, at_most, for_each, measure_time, run_job, surfaces
 
 BENIGN = {"cubesphere", "quad_dome", "dome", "torus", "vault", "saddle", "strip"}
 SECONDS = {"bunny": 1.5, "three_holes": 1.5, "spot": 1.5}  # required processor seconds, by mesh
@@ -64,10 +64,10 @@ class Subject:
 
 def rows_of_mesh(name: str, polygons: PolygonMesh, _: Options) -> Rows:
     """Start from the target and from perturbed targets: iterations, residual forces, seconds, and convergence."""
-    result = made(polygons, "merge")
+    result = run_job(polygons, "merge")
     design = fabricable.design_from_curvature(result.flat, SpiralParams(), rms_curvature(result.mesh))
     piece, kind = Subject.from_design(design, result.mesh), name.removeprefix("made:")
-    spent, rest = timed(piece.solve)
+    spent, rest = measure_time(piece.solve)
     calm = sum(piece.solve(seed).converged for seed in range(SEEDS))
     yield at_least(name, "converged from the target", 1, rest.converged, {"spirals": len(design.width)})
     yield at_most(name, "iterations", 20 if kind in BENIGN else 50, rest.iterations)
@@ -101,7 +101,7 @@ def rows_of_sizes(_: Options) -> Rows:
     """Time the equilibrium of smooth objects of 150 to 20,000 equal spirals, and measure the memory after the largest dome."""
     spent = []
     for make, count, limit in (*SIZES, *OTHERS):
-        seconds, rest = timed(make(count).solve)
+        seconds, rest = measure_time(make(count).solve)
         spent.append(seconds)
         how = {"iterations": rest.iterations, "converged": rest.converged}
         yield at_most(f"{make.__name__} {count}", "seconds", limit, seconds, how)
@@ -113,7 +113,7 @@ def rows_of_sizes(_: Options) -> Rows:
 
 
 def cases(options: Options) -> Cases:
-    return each(rows_of_mesh, surfaces(options)) | {"scaling": rows_of_sizes}
+    return for_each(rows_of_mesh, surfaces(options)) | {"scaling": rows_of_sizes}
 
 
 main = Bench("equilibrium", cases, meshes=True)

@@ -10,7 +10,7 @@ import time
 from typing import Any
 
 from flexmaps import api
-from harness import Bench, Options, Rows, at_least, at_most, note, processor, row, timed
+from harness import Bench, Options, Rows, at_least, at_most, measure_time, note, processor_seconds, row
 
 SHAPE = "demo"  # built-in surface with about 400 quads
 VARY = {"edge": "12:24", "spiral.thickness": "1:3", "spiral.width_max": "1.2:2.4"}
@@ -23,9 +23,9 @@ PART = 24  # candidates for the comparison with one worker: the initial samples 
 def explore(options: Options) -> Rows:
     """Explore, on a cluster too if asked."""
     piece = api.layout(api.load(f"shape:{SHAPE}", edge=16))
-    name, began, count = f"{SHAPE} {len(piece.mesh.quads)}", processor(), options.candidates
+    name, began, count = f"{SHAPE} {len(piece.mesh.quads)}", processor_seconds(), options.candidates
     seconds, made = explore_piece(piece, count, cores=options.cores)
-    each = (processor() - began) / max(len(made.candidates), 1)
+    each = (processor_seconds() - began) / max(len(made.candidates), 1)
     asked = MINUTES if (count, options.cores) == (CANDIDATES, CORES) else None
     faults = {"could not be made": sum(bool(one.fault) for one in made.candidates)}
     yield note(name, "candidates", len(made.candidates), faults)
@@ -37,7 +37,7 @@ def explore(options: Options) -> Rows:
 
 def explore_piece(piece: Any, count: int, **where: Any) -> tuple[float, Any]:
     """Explore; return the seconds of the clock and the result."""
-    return timed(lambda: api.explore(piece, VARY, candidates=count, **where), time.perf_counter)
+    return measure_time(lambda: api.explore(piece, VARY, candidates=count, **where), time.perf_counter)
 
 
 def on_cluster(piece: Any, workers: int, name: str) -> Rows:

@@ -17,7 +17,19 @@ from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface import curvature
 from flexmaps.engine.surface.mesh import PolygonMesh
-from harness import Bench, Cases, Options, Rows, at_least, at_most, each, made, surfaces, temporary, timed
+from harness import (
+    Bench,
+    Cases,
+    Options,
+    Rows,
+    at_least,
+    at_most,
+    for_each,
+    measure_time,
+    run_job,
+    surfaces,
+    temporary_folder,
+)
 
 SECONDS = {"bunny": 30.0}  # most seconds for writing all files, by mesh
 MEGABYTES = {"bunny": 15.0}  # largest size of the SVG files, by mesh
@@ -28,12 +40,12 @@ CUTS = {"svg": ("#ff0000", "#0000ff"), "dxf": ("CUT_OUTER", "CUT_INNER"), "dxf-r
 
 
 def cases(options: Options) -> Cases:
-    return each(measure, surfaces(options)) | {growth.NAME: lambda _: growth.rows(QUICK)}
+    return for_each(measure, surfaces(options)) | {growth.NAME: lambda _: growth.rows(QUICK)}
 
 
 def measure(name: str, polygons: PolygonMesh, _: Options) -> Rows:
     """Yield all rows of one mesh, with quads of 20 mm and sheets of 600 x 400 x 2 mm."""
-    seconds, (spirals, done) = timed(lambda: make_quickly(polygons))
+    seconds, (spirals, done) = measure_time(lambda: make_quickly(polygons))
     nodes = sheets_report.sheets_report(done)["nodes"] / (4 * len(spirals.width))
     yield at_most(name, "mesh to sheets, seconds", SECONDS.get(name), seconds)
     yield at_most(name, "nodes per arm", 40, nodes)
@@ -42,7 +54,7 @@ def measure(name: str, polygons: PolygonMesh, _: Options) -> Rows:
         found = connector_gaps.fit(spirals, done.connections, kerf)
         off = 1e3 * max(float(np.abs(gap - done.connections.clearance).max()) for gap in (found.least, found.most))
         yield at_most(name, f"clearance off, kerf {kerf * 1e3:g}", 0.01, off)
-    with temporary() as folder:
+    with temporary_folder() as folder:
         for kind in CUTS:
             paths = export.write_sheets(done, folder / "sheet", (kind,))
             if kind == "svg":
@@ -53,7 +65,7 @@ def measure(name: str, polygons: PolygonMesh, _: Options) -> Rows:
 
 def make_quickly(polygons: PolygonMesh) -> tuple[SpiralDesign, CutSheets]:
     """Make the spirals of the curvature, and their sheets with the quick nesting."""
-    piece = made(polygons, "split")
+    piece = run_job(polygons, "split")
     params = SpiralParams(thickness=0.002)
     spirals = fabricable.design_from_curvature(piece.flat, params, curvature.rms_curvature(piece.mesh))
     return spirals, sheets.make_sheets(spirals, QUICK)

@@ -13,7 +13,7 @@ from flexmaps.engine.params import Settings
 from flexmaps.engine.simulation.rests import OTHER_REST_CODES
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
-from harness import Bench, Options, Rows, at_least, at_most, made, timed
+from harness import Bench, Options, Rows, at_least, at_most, measure_time, run_job
 from zoo import hard
 
 # required RMS distance in % of the size, by class of surface, with the default patience
@@ -25,10 +25,10 @@ SOFTEST = 0.05  # required stiffness of the softest motion, as a share
 
 def search(name: str, mesh: QuadMesh, options: Options) -> Rows:
     """Search, and return the rows of one surface."""
-    settings, piece = Settings(), made(PolygonMesh.from_quads(mesh), "spirals")
+    settings, piece = Settings(), run_job(PolygonMesh.from_quads(mesh), "spirals")
     params = replace(settings.optimise, patience=options.patience)
     given = piece.design, piece.mesh, settings.material.chosen, params, settings.simulate
-    seconds, found = timed(lambda: optimise(*given))
+    seconds, found = measure_time(lambda: optimise(*given))
     after, trace = found.after, found.trace
     rms, strain = after.target_distances["rms_percent"], 0.0 if after.strain is None else float(after.strain.max())
     again = simulate(found.design, after.target, after.material, replace(settings.simulate, restarts=0))

@@ -10,7 +10,7 @@ import numpy as np
 from flexmaps.database.design_mesh import Resolution
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.threads import one_thread
-from harness import Bench, Options, PolygonMesh, Rows, at_most, made, seconds
+from harness import Bench, Options, PolygonMesh, Rows, at_most, fewest_seconds, run_job
 
 most = partial(at_most, "spirals")
 OPTIMISED = ("cap-pole6", "lattice-dome", "hall-waves", "lattice-saddle", "vault-plain")
@@ -47,10 +47,10 @@ def speed(_: Options) -> Rows:
     for s in chosen[::6]:
         sampler = Sampler(s, "strain")
         loads = [sampler.model.loads(sampler.wrenches(k)) for k in range(3)]
-        usual += [seconds(partial(sampler.model.solve, load)) for load in loads[1:]]
+        usual += [fewest_seconds(partial(sampler.model.solve, load)) for load in loads[1:]]
     soft = Sampler(next(s for s in chosen if s.scale == 0.03 and s.width == 0.001 and s.twist > 6.2), "strain")
     loads = [soft.model.loads(soft.wrenches(k)) for k in range(4)]
-    slow = [seconds(partial(soft.model.solve, load)) for load in loads][1:]
+    slow = [fewest_seconds(partial(soft.model.solve, load)) for load in loads][1:]
     mean = float(np.mean(usual))
     return [
         most("strain-targeted solve, mean processor seconds", 0.10, mean),
@@ -68,7 +68,7 @@ def interpolation(_: Options) -> Rows:
     twist = rng.uniform(0, 1, n) * np.minimum(stiffness.table_twist_limit(s / w), 2 * np.pi)
     kind: dict[str, Any] = {"thickness": 0.002, "youngs": 2.6e9, "poisson": 0.33}
     stiffness.table_tip_compliance(s, w, twist, **kind)
-    ms = 1e3 * seconds(lambda: stiffness.table_tip_compliance(s, w, twist, **kind), 10)
+    ms = 1e3 * fewest_seconds(lambda: stiffness.table_tip_compliance(s, w, twist, **kind), 10)
     return [
         most("values and derivatives of 2400 spirals, ms", 10.0, ms),
         most("table file, MB", 2.0, stiffness.TABLE.stat().st_size / 1e6),
@@ -91,7 +91,7 @@ def _distances(name: str) -> Rows:
 
     settings = Settings()
     polygons = SURFACES[name].polygons() if name in SURFACES else PolygonMesh.from_quads(hard.SURFACES[name]())
-    piece = made(polygons, "simulate", optimised=True)
+    piece = run_job(polygons, "simulate", optimised=True)
     design, changed = _without_folds(piece.design)
     start = piece.simulation.equilibrium.pose  # a piece may rest in other shapes too
     found = simulate(design, piece.mesh, settings.material.chosen, settings.simulate, start=start)

@@ -22,7 +22,7 @@ from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.progress import SILENT
 from flexmaps.engine.spirals.curves.arcs import Curve
 from flexmaps.engine.surface.mesh import PolygonMesh
-from harness import Bench, Cases, Options, Rows, at_least, at_most, each, made, surfaces
+from harness import Bench, Cases, Options, Rows, at_least, at_most, for_each, run_job, surfaces
 from sheet_kinds import KINDS
 
 QUICK = (*KINDS, "made:demo")
@@ -36,12 +36,12 @@ VPYPE = os.environ.get("FLEXMAPS_VPYPE") or shutil.which("vpype")
 def cases(options: Options) -> Cases:
     large = {name: make for name, make in surfaces(options).items() if name in LARGE}
     small = {name: partial(kind, Path(FOLDER.name)) for name, kind in KINDS.items()}
-    return each(sheet_rows, small) | each(rows_of_mesh, large)
+    return for_each(sheet_rows, small) | for_each(rows_of_mesh, large)
 
 
 def rows_of_mesh(name: str, polygons: PolygonMesh, options: Options) -> Rows:
     """Lay the panels of a mesh on sheets, and return the rows on their files."""
-    sheets = made(polygons, "sheets", values={"sheet.nesting": "FAST"}).sheets
+    sheets = run_job(polygons, "sheets", values={"sheet.nesting": "FAST"}).sheets
     return [*travel_rows(name, sheets), *sheet_rows(name, sheets, options)]
 
 

@@ -13,9 +13,9 @@ from typing import Any
 import bpy
 import flexmaps
 import numpy as np
-from findings_apart import unsaid
+from findings_apart import unreported_faults
 from flexmaps import api
-from harness import Bench, Cases, Options, Row, Rows, at_least, at_most, note, temporary
+from harness import Bench, Cases, Options, Row, Rows, at_least, at_most, note, temporary_folder
 
 USUAL, MANY, FEW = 500, 1500, 100  # quads: the default, the former default, and few enough for rows that take seconds
 LARGER = 2.0  # largest factor by which *Next* offers to enlarge a piece
@@ -131,13 +131,13 @@ def measure(name: str, add: Add, quads: int, _: Options) -> Rows:
     add()
     source = bpy.context.object
     source.flexmaps.remesh.quads = quads
-    with temporary() as folder:
+    with temporary_folder() as folder:
         source.flexmaps.export.folder = str(folder)
         presses = list(api.presses(source, most=PRESSES))
     findings, figures = presses[-1]["findings"], presses[-1]["figures"]
     left = [finding for finding in findings if finding["kind"] != "information"]
     without_cure = [finding["words"] for finding in left if not finding["cures"]]
-    missed = unsaid(bpy.context.object, source, presses[-1])
+    missed = unreported_faults(bpy.context.object, source, presses[-1])
     how = {key: [press[key] for press in presses if press[key]] for key in ("pressed", "error")}
     yield at_least(name, SHEETS, 1, figures["sheets"] or 0, {"quads": figures["quads"], **how})
     yield at_most(name, "processor seconds", SECONDS, sum(press["seconds"] for press in presses))

@@ -11,7 +11,7 @@ import importlib
 import traceback
 from functools import partial
 
-from harness import Bench, Options, Rows, at_most, timed
+from harness import Bench, Options, Rows, at_most, measure_time
 
 SECONDS = 5.0  # largest processor time of a case
 # default number of cases of each kind
@@ -29,7 +29,7 @@ def measure(what: str, options: Options) -> Rows:
     outcomes, faults = collections.Counter[str](), collections.Counter[str]()
     for number in range(options.first, options.first + (options.count or COUNTS[what])):
         whole = bool(options.whole) and number % options.whole == 0
-        seconds, text = timed(partial(_outcome, fuzzer, number, whole))
+        seconds, text = measure_time(partial(_outcome, fuzzer, number, whole))
         text = text if seconds <= SECONDS else f"fault: {seconds:.1f} s"
         outcomes[text.partition(":")[0]] += 1
         if text.startswith("fault: "):

@@ -17,7 +17,7 @@ from flexmaps.engine.patches.flattening.flattening_report import layout_report
 from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.surface.mesh import PolygonMesh
-from harness import Bench, Cases, Options, Rows, at_least, at_most, each, made, surfaces, timed
+from harness import Bench, Cases, Options, Rows, at_least, at_most, for_each, measure_time, run_job, surfaces
 
 # largest number of patches, by mesh
 PATCHES = {"cubesphere": 1, "three_holes": 11, "bunny": 10, "vault": 2, "spot": 25}
@@ -32,12 +32,12 @@ REPORTED = {"flower_cmc1", "amo_quad"}
 
 
 def cases(options: Options) -> Cases:
-    return each(measure if options.match is None else layout_matches.measure, surfaces(options))
+    return for_each(measure if options.match is None else layout_matches.measure, surfaces(options))
 
 
 def measure(name: str, polygons: PolygonMesh, _: Options) -> Rows:
-    params, kind, mesh = LayoutParams(), name.removeprefix("made:"), made(polygons, "regularise").mesh
-    seconds, flat = timed(lambda: merge.merge(trace.trace_layout(mesh, params), params))
+    params, kind, mesh = LayoutParams(), name.removeprefix("made:"), run_job(polygons, "regularise").mesh
+    seconds, flat = measure_time(lambda: merge.merge(trace.trace_layout(mesh, params), params))
     report = layout_report(flat)
     yield at_most(name, "patches", PATCHES.get(name), report["patches"])
     yield at_most(name, "seconds", SECONDS.get(kind, 2.0), seconds)
@@ -60,7 +60,7 @@ def _worst_edit(flat: FlatPatches, params: LayoutParams) -> float:
         cut = layout.cut.copy()
         cut[edges] = closed
         try:
-            worst = max(worst, timed(lambda: edit.with_cuts(flat, cut, params))[0])  # noqa: B023
+            worst = max(worst, measure_time(lambda: edit.with_cuts(flat, cut, params))[0])  # noqa: B023
         except FlexMapsError:
             continue  # refused: the patch would be a ring
     return worst

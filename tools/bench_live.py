@@ -26,13 +26,13 @@ from flexmaps.engine.mechanics.loads import parse_supports
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
-from harness import MESHES, Bench, Options, Rows, at_least, at_most, temporary
-from live_brush import painted
-from live_cases import given_of, of_mesh, stroke
-from live_followed import Followed, distance
-from live_foreign import tried
+from harness import MESHES, Bench, Options, Rows, at_least, at_most, temporary_folder
+from live_brush import measure_strokes
+from live_cases import design_of_mesh, live_input, stroke
+from live_followed import FollowedPiece, distance
+from live_foreign import measure_meshes
 from live_hand import Hand
-from live_wishes import wished
+from live_wishes import measure_wishes
 from zoo import SURFACES
 
 # number of spirals, required seconds to the first picture and to equilibrium
@@ -49,8 +49,8 @@ def changes(_: Options) -> Rows:
     """Measure strokes and other changes on domes of three sizes."""
     rng = np.random.default_rng(0)
     for count, first_asked, rest_asked in SIZES:
-        flat, made = of_mesh(shapes.dome(2 * round(0.5 * np.sqrt(count / 3.0))))
-        name, piece = f"dome {len(made.width)}", Followed(given_of(made))
+        flat, made = design_of_mesh(shapes.dome(2 * round(0.5 * np.sqrt(count / 3.0))))
+        name, piece = f"dome {len(made.width)}", FollowedPiece(live_input(made))
         firsts, rests, at_rest = zip(*(piece.follow(stroke(piece.given, rng)) for _ in range(STROKES)), strict=True)
         yield at_most(name, "stroke of 5 %: first picture, s", first_asked, float(np.median(firsts)))
         yield at_most(name, "stroke of 5 %: at rest, s", rest_asked, float(np.median(rests)))
@@ -93,7 +93,7 @@ def surfaces(options: Options) -> Rows:
     """Measure strokes on surfaces of the zoo, to which nothing was tuned."""
     rng, found = np.random.default_rng(1), []
     for made in islice(_pieces(), options.surfaces):
-        piece = Followed(given_of(made))
+        piece = FollowedPiece(live_input(made))
         for _ in range(TRIES):
             _, rest, shape = piece.follow(stroke(piece.given, rng))
             if shape.converged:
@@ -110,14 +110,14 @@ def _pieces() -> Iterator[Any]:
     for surface in SURFACES.values():
         if not (surface.refused or surface.remesh):
             try:
-                yield of_mesh(check.as_quad_mesh(surface.polygons()))[1]
+                yield design_of_mesh(check.as_quad_mesh(surface.polygons()))[1]
             except FlexMapsError:
                 continue
 
 
 def hand(options: Options) -> Rows:
     """Work on an object at random while live mode follows."""
-    with temporary() as folder:
+    with temporary_folder() as folder:
         worked = Hand(folder)
         end, memory = time.monotonic() + 60.0 * options.minutes, []
         while time.monotonic() < end:
@@ -149,9 +149,9 @@ def resident_bytes(process: str) -> float:
 PARTS: dict[str, Callable[[Options], Rows]] = {
     "changes": changes,
     "surfaces": surfaces,
-    "brush": lambda _: (row for count, *_ in SIZES for row in painted(count, SHARE, TICK)),
-    "wishes": lambda _: wished(),
-    "foreign": lambda _: tried(MESHES / "foreign", TICK),
+    "brush": lambda _: (row for count, *_ in SIZES for row in measure_strokes(count, SHARE, TICK)),
+    "wishes": lambda _: measure_wishes(),
+    "foreign": lambda _: measure_meshes(MESHES / "foreign", TICK),
     "hand": hand,
 }
 main = Bench(

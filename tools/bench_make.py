@@ -19,7 +19,7 @@ from flexmaps.engine.extras.scanning.scan_reader import Scan
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.check import as_quad_mesh
 from flexmaps.engine.surface.mesh import QuadMesh
-from harness import Bench, Cases, Options, Row, Rows, at_least, fits, note
+from harness import Bench, Cases, Options, Row, Rows, at_least, matches, note
 from scipy.spatial.transform import Rotation
 
 WANTED, NEAR = 0.99, 0.001  # share of starts that end within this share of the size
@@ -34,7 +34,7 @@ MADE = (
 
 def cases(options: Options) -> Cases:
     """Return the starts, surface by surface in turns."""
-    names = [name for name in MADE if fits(name, options.only.split(","))]
+    names = [name for name in MADE if matches(name, options.only.split(","))]
     seeds = range(-(-options.starts // max(1, len(names))))
     starts = [(name, seed) for seed in seeds for name in names][: options.starts]
     return {f"{name} {seed}": partial(_start, name, seed) for name, seed in starts}

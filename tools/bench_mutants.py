@@ -18,7 +18,7 @@ from functools import partial
 from itertools import accumulate
 from pathlib import Path
 
-from harness import ONE_THREAD, ROOT, Bench, Cases, Kept, Options, Row, Rows, at_least, note, run
+from harness import ONE_THREAD, ROOT, Bench, Cases, Options, Row, Rows, StoredResults, at_least, note, run_python
 
 WANTED = 0.85  # share of the mutants that must be caught
 LONGEST = 600  # seconds for the tests of one mutant; one that never ends is caught too
@@ -99,7 +99,7 @@ def cases(options: Options) -> Cases:
     found = {label: (path, text) for path in sources for label, text in mutants(path)}
     labels = sorted(label for label in found if label.startswith(options.at))
     chosen = random.Random(options.seed).sample(labels, min(options.count, len(labels)))
-    copied, known = Path(COPY.name) / "checkout", Kept(options.file)
+    copied, known = Path(COPY.name) / "checkout", StoredResults(options.file)
     shutil.copytree(ROOT, copied, ignore=shutil.ignore_patterns(".*", "out", "dist", "build", "__pycache__"))
     return {label: partial(known.answer, label, partial(judge, copied, *found[label])) for label in chosen}
 
@@ -116,7 +116,7 @@ def judge(copied: Path, path: Path, text: str) -> str:
     try:
         for files in nearest(path):
             words = ("-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *files)
-            if run(*words, cwd=copied, env=environment, timeout=LONGEST).returncode:
+            if run_python(*words, cwd=copied, env=environment, timeout=LONGEST).returncode:
                 return "caught"
     except subprocess.TimeoutExpired:
         return "never ends"

@@ -30,7 +30,19 @@ from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.threads import one_thread
-from harness import Bench, Cases, Options, Rows, at_least, at_most, built_in, each, from_folder, made, timed
+from harness import (
+    Bench,
+    Cases,
+    Options,
+    Rows,
+    at_least,
+    at_most,
+    built_in,
+    for_each,
+    from_folder,
+    measure_time,
+    run_job,
+)
 from lbfgs import lbfgs
 
 RUNS = 5  # presses of *Optimise* on every mesh
@@ -68,12 +80,12 @@ def cases(options: Options) -> Cases:
     wanted = {name: make for name, make in from_folder(options.meshes).items() if name in WANTED}
     if options.meshes is None:
         wanted = {name: partial(built_in, name) for name in ("cubesphere", "three_holes", "vault", "dome", "torus")}
-    return each(measure, wanted) | ({} if options.press else {"large": large})
+    return for_each(measure, wanted) | ({} if options.press else {"large": large})
 
 
 @one_thread
 def measure(name: str, polygons: PolygonMesh, options: Options) -> Rows:
-    piece = made(polygons, "spirals", values=ONE_PANEL)
+    piece = run_job(polygons, "spirals", values=ONE_PANEL)
     return [*press(name, piece, options.runs), *(() if options.press else published_problem(name, piece))]
 
 
@@ -89,7 +101,7 @@ def search(piece: Any, params: OptimiseParams, **options: Any) -> tuple[float, o
     """Search for the best spirals of a piece; return the seconds and the result."""
     given = piece.mesh, MATERIAL, params, SimulateParams()
     design = options.pop("design", piece.design)
-    return timed(lambda: optimise.optimise(design, *given, supports=supports(piece.mesh), **options))
+    return measure_time(lambda: optimise.optimise(design, *given, supports=supports(piece.mesh), **options))
 
 
 def press(name: str, piece: Any, runs: int) -> Rows:
@@ -150,7 +162,7 @@ def _optimiser(piece: Any, method: Any, params: OptimiseParams, tolerance: float
     x, pose = space.coordinates(design.width, design.twist), target_pose(piece.mesh, design.flat.corners)
     quick = lambda piece, progress: build_model(piece, MATERIAL, "arm", quick=True, progress=progress)  # noqa: E731
     problem = InverseProblem(assembly, space, aim, loads, quick, SimulateParams(tolerance=tolerance))
-    seconds, best = timed(
+    seconds, best = measure_time(
         lambda: method(problem, problem.point_at(x, pose), params, SearchRecord(), lambda point: None)
     )
     return best, seconds
@@ -159,7 +171,7 @@ def _optimiser(piece: Any, method: Any, params: OptimiseParams, tolerance: float
 @one_thread
 def large(_: Options) -> Rows:
     """Search on a vault of 10,000 spirals that stands on its feet."""
-    piece = made(PolygonMesh.from_quads(shapes.vault(LARGE_SIDE)), "spirals", values=ONE_PANEL)
+    piece = run_job(PolygonMesh.from_quads(shapes.vault(LARGE_SIDE)), "spirals", values=ONE_PANEL)
     seconds, result = search(piece, OptimiseParams(codesign=False))
     block = result.report()
     rmse = {"rmse mm": f"{block['laplacian_rmse_mm_before']:.3f} to {block['laplacian_rmse_mm']:.3f}"}

@@ -15,7 +15,20 @@ from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.surface.checking.check import as_quad_mesh, with_numeric_arrays
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.remeshing import quality, requad
-from harness import Bench, Cases, Options, Row, Rows, at_most, from_folder, from_zoo, made, note, processor, timed
+from harness import (
+    Bench,
+    Cases,
+    Options,
+    Row,
+    Rows,
+    at_most,
+    from_folder,
+    from_zoo,
+    measure_time,
+    note,
+    processor_seconds,
+    run_job,
+)
 
 FEWER, BETTER = 2 / 3, 0.8  # of the first answer alone: irregular vertices, misalignment to the principal directions
 ENERGY = 0.035  # distortion that a quad should keep below
@@ -45,7 +58,7 @@ def measure(name: str, polygons: PolygonMesh, options: Options) -> Rows:
     yield note(name, IRREGULAR, int(few), {"first": int(many)})
     yield note(name, OFF, round(off, 1), {"first": round(off_first, 1), BENT: round(bent, 3)})
     yield at_most(name, "seconds", LONGEST, seconds, {"first": round(seconds_first, 1)})
-    energy = made(PolygonMesh.from_quads(best), "split").flat.energy
+    energy = run_job(PolygonMesh.from_quads(best), "split").flat.energy
     yield at_most(name, "E after merging", ENERGY, float(energy.max()))
 
 
@@ -54,7 +67,7 @@ def remeshed(triangles: PolygonMesh, count: int, *tries: Any) -> tuple[float, Qu
     usual = requad.MIN_ATTEMPTS, requad.MIN_RESULTS, requad.CURVATURE_ATTEMPTS
     requad.MIN_ATTEMPTS, requad.MIN_RESULTS, requad.CURVATURE_ATTEMPTS = tries
     try:
-        spent, found = timed(lambda: remesh.make_quads(triangles, count, ObjectSettings()), processor)
+        spent, found = measure_time(lambda: remesh.make_quads(triangles, count, ObjectSettings()), processor_seconds)
     finally:
         requad.MIN_ATTEMPTS, requad.MIN_RESULTS, requad.CURVATURE_ATTEMPTS = usual
     return spent, as_quad_mesh(found.polygons)

@@ -22,7 +22,7 @@ from flexmaps.engine.fabrication.sheets import CutSheets
 from flexmaps.engine.fabrication.writers import dxf
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface.mesh import PolygonMesh
-from harness import EDGE, Bench, Cases, Options, Rows, from_zoo, judged, made, temporary
+from harness import EDGE, Bench, Cases, Options, Rows, from_zoo, judge_record, run_job, temporary_folder
 
 # of the zoo: open surfaces that stand on their border
 MADE = ("dome", "dome-feet4", "cap-feet", "vault-plain", "barrel", "vase", "tower", "catenoid", "saddle-aspect2")
@@ -67,10 +67,10 @@ def measure(name: str, make: Callable[[], PolygonMesh], kind: str, _: Options) -
         height = job.check_input(polygons, edge=EDGE).mesh.centroids[:, 2]
         top = np.flatnonzero(height >= height.max() - 0.005).tolist()
         values |= {"simulate.clamped": False, "simulate.gravity": True}
-        return judged(name, WANTED, read_eyelets(made(polygons, values=values, supports=top)))
-    piece = made(polygons, values=values, supports="lowest")
+        return judge_record(name, WANTED, read_eyelets(run_job(polygons, values=values, supports=top)))
+    piece = run_job(polygons, values=values, supports="lowest")
     ring = read_frame(piece) if piece.sheets.base.is_frame else {}
-    return judged(name, WANTED, read_back(piece) | ring)
+    return judge_record(name, WANTED, read_back(piece) | ring)
 
 
 def read_back(piece: Any) -> Figures:
@@ -155,7 +155,7 @@ def read_eyelets(piece: Any) -> Figures:
 def parts(sheets: CutSheets) -> tuple[dict[int, Any], list[Any]]:
     """Return the panels by their patches, in the frames of these, and all plates in space seen from above; in mm."""
     panels, plates = {}, []
-    with temporary() as folder:
+    with temporary_folder() as folder:
         for index in range(sheets.count):
             path = folder / "sheet.dxf"
             dxf.write_dxf(sheets, index, path)

@@ -14,7 +14,7 @@ from flexmaps.database.validation_strain import ArmStrains
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.arms.strain_changes import KINK_LIMIT, KINK_STRAIN_FACTOR, Strains
 from flexmaps.engine.mechanics.assembly import assembly_from_design, target_pose
-from harness import Bench, Cases, Options, Row, Rows, at_least, at_most, each, fits, note, seconds
+from harness import Bench, Cases, Options, Row, Rows, at_least, at_most, fewest_seconds, for_each, matches, note
 from scipy.stats import spearmanr
 
 LARGE = 0.3  # arms count whose strain exceeds this share of their piece's largest strain
@@ -25,11 +25,11 @@ found: list[ArmStrains] = []  # of all pieces measured
 
 def cases(options: Options) -> Cases:
     """Return the designs whose solids are solved; with ``--solve``, solve the others before."""
-    designs = [one for one in validation_strain.strain_cases() if fits(one.name, options.only.split(","))]
+    designs = [one for one in validation_strain.strain_cases() if matches(one.name, options.only.split(","))]
     if options.solve:
         print("solved:", ", ".join(validation_strain.run(designs)) or "none were missing")
     known = filter(validation_strain.is_done, designs)
-    return each(measure, {one.name: partial(validation_strain.compare, one) for one in known})
+    return for_each(measure, {one.name: partial(validation_strain.compare, one) for one in known})
 
 
 def measure(name: str, states: list[ArmStrains], _: Options) -> Rows:
@@ -88,7 +88,7 @@ def _cost() -> Row:
     changes = model.changes(model.start(target_pose(case.mesh, case.design.flat.corners)))
     count = 2 * len(model.pairs)
     strains, every = Strains.from_changes(model.assembly, changes, case.material), np.tile(np.arange(count), 10)
-    whole = seconds(lambda: strains.slopes(every), 10) / 10.0
+    whole = fewest_seconds(lambda: strains.slopes(every), 10) / 10.0
     return at_most("cost", "with all derivatives, us an arm", 35.0, 1e6 * whole / count)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from harness import Bench, Options, Rows, at_most, timed
+from harness import Bench, Options, Rows, at_most, measure_time
 from structure_cases import Pushed, arch, by_solid, dome, turned_pair
 
 # spirals a side, height, width and twist of a dome of arms hardly longer than wide, where the model itself is some percent too stiff
@@ -25,7 +25,7 @@ def solids(make: partial[Pushed], _: Options) -> Rows:
     path = piece.path(100.0)
     assert path.critical is not None
     falls = piece.fall(path.last.pose) * np.array(FALLS)
-    spent, forces = timed(lambda: by_solid(piece, falls))
+    spent, forces = measure_time(lambda: by_solid(piece, falls))
     top = int(np.nanargmax(forces))
     near = slice(max(top - 1, 0), max(top - 1, 0) + 3)
     a, b, c = np.polyfit(falls[near] / falls[top], forces[near], 2)

@@ -11,14 +11,14 @@ import shapely
 from flexmaps.engine.fabrication.nesting.packing import fill_ratio
 from flexmaps.engine.params import SheetParams
 from flexmaps.engine.surface.mesh import PolygonMesh
-from harness import Bench, Options, Rows, at_least, made, note, surfaces
+from harness import Bench, Options, Rows, at_least, note, run_job, surfaces
 
 FILL = 0.6  # share of the sheets that is wanted
 
 
 def measure_fill(name: str, polygons: PolygonMesh, options: Options) -> Rows:
     values = {"sheet.nesting_seconds": options.seconds, "spiral.border": "left_out"}
-    piece = made(polygons, values=values)
+    piece = run_job(polygons, values=values)
     panels, packing, flat = piece.sheets.panels, piece.sheets.packing, piece.flat
     shapes = [panel.outline.sample(2e-5) for panel in panels]
     areas = {

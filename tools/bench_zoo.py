@@ -22,7 +22,21 @@ import numpy as np
 import zoo
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import Settings
-from harness import MESHES, ONE_THREAD, ROOT, Bench, Cases, Options, Row, Rows, checksum, fits, from_folder, row, run
+from harness import (
+    MESHES,
+    ONE_THREAD,
+    ROOT,
+    Bench,
+    Cases,
+    Options,
+    Row,
+    Rows,
+    checksum,
+    from_folder,
+    matches,
+    row,
+    run_python,
+)
 from zoo import pictures, summary, trial
 
 OUT = ROOT / "out" / "zoo"
@@ -58,7 +72,7 @@ def tasks(pattern: str, plain: bool) -> list[Task]:
     for folder in (MESHES, MESHES / "foreign"):
         for stem, read in from_folder(folder).items():
             surfaces[f"{folder.name}/{stem}"] = zoo.Surface(read, refused=REFUSED.get(stem), remesh=REMESHED)
-    found = [_task(name, one, plain) for name, one in surfaces.items() if fits(name, pattern.split(","))]
+    found = [_task(name, one, plain) for name, one in surfaces.items() if matches(name, pattern.split(","))]
     return sorted(found, key=lambda task: task.size)
 
 
@@ -95,7 +109,7 @@ def wait(pool: ThreadPoolExecutor, name: str, future: Future[Record], _: Options
         raise
     wrong, shown = said(record), figures(record)
     shown |= {"": wrong} if wrong else {}
-    yield row(name, "processor seconds", "", round(summary.busy(record)), not wrong, shown)
+    yield row(name, "processor seconds", "", round(summary.busy_seconds(record)), not wrong, shown)
 
 
 def record_of(task: Task, options: Options) -> Record:
@@ -108,7 +122,7 @@ def record_of(task: Task, options: Options) -> Record:
         path.unlink(missing_ok=True)
     words = ("tools/dev.py", "bench", "zoo", "--one", task.name, *["--plain"] * options.plain)
     try:
-        done = run(*words, env=ONE_THREAD, timeout=options.limit)
+        done = run_python(*words, env=ONE_THREAD, timeout=options.limit)
         why, log = f"ended with status {done.returncode}", done.stdout + done.stderr
     except subprocess.TimeoutExpired:
         why, late = f"given up after {options.limit:g} s", True

@@ -45,7 +45,7 @@ def wanted(tag: str) -> tuple[str, set[str]]:
     return ELF, {ARM if tag.endswith("aarch64") else X86}
 
 
-def glibc(tag: str) -> int | None:
+def glibc_minor(tag: str) -> int | None:
     """The second number of the C library that a tag of Linux promises to be enough; None of other systems."""
     found = re.match(r"manylinux_2_(\d+)_", tag)
     return int(found[1]) if found else {"manylinux2014": 17, "manylinux2010": 12}.get(tag.partition("_")[0])
@@ -67,7 +67,7 @@ def faults(wheel: Path) -> list[str]:
                 found.append(
                     f"{wheel.name}: {name} is {form or 'no compiled file'} for {', '.join(sorted(processors)) or '?'}"
                 )
-            oldest = max((promised for tag in tags if (promised := glibc(tag)) is not None), default=None)
+            oldest = max((promised for tag in tags if (promised := glibc_minor(tag)) is not None), default=None)
             newest = max(map(int, _GLIBC.findall(data)), default=0)
             if oldest is not None and form == ELF and newest > oldest:
                 found.append(f"{wheel.name}: {name} needs glibc 2.{newest}, and the wheel promises 2.{oldest}")

@@ -29,7 +29,7 @@ SIZES = {"desktop": (1280, 800), "phone": (390, 844), "wide": (1440, 900)}
 PATIENCE = 120.0  # seconds for an answer: drawn by software, maybe on a busy machine
 
 
-def found() -> str | None:
+def find_browser() -> str | None:
     """The browser: FLEXMAPS_BROWSER, or the first of ``NAMES`` that is there."""
     asked = os.environ.get("FLEXMAPS_BROWSER")
     return asked or next(filter(None, map(shutil.which, NAMES)), None)
@@ -39,7 +39,7 @@ def obstacle() -> str | None:
     """Return the reason why no browser is available, as a sentence; ``None`` if one is. Installs Debian's on the first call, as root."""
     if sys.platform != "linux":
         return "the browser for the page is only tried on Linux"
-    if found() is not None:
+    if find_browser() is not None:
         return None
     if os.geteuid() != 0 or shutil.which("apt-get") is None:
         return f"no browser: install one of {', '.join(NAMES[:3])}, or name it in FLEXMAPS_BROWSER"
@@ -64,7 +64,7 @@ class Browser:
         self._number, self._rest, self._loaded = 0, b"", False
         self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         (there, self._out), (self._in, back) = os.pipe(), os.pipe()
-        program = found()
+        program = find_browser()
         assert program is not None
         # the browser reads from file 3 and writes to file 4
         shell = f'exec "$0" "$@" 3<&{there} 4>&{back}'

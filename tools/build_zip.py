@@ -33,7 +33,7 @@ PLATFORMS = {
 PURE = ("ezdxf", "fonttools")  # their compiled wheels are four times as large and no faster at what they do here
 
 
-class Line(NamedTuple):
+class BlenderLine(NamedTuple):
     """Blenders that share a Python: from ``first`` on, and older than ``before``, where that is known."""
 
     python: str
@@ -43,9 +43,11 @@ class Line(NamedTuple):
 
 # in the words that stand in a zip's name
 LINES = {
-    "blender-4.2-to-5.0": Line("3.11", "4.2.0", "5.1.0"),
-    "blender-5.1-or-newer": Line("3.13", "5.1.0", None),
-    "debian-13-blender": Line("3.13", "4.2.0", "5.1.0"),  # Debian's own Blender, 4.3, runs on the system's Python
+    "blender-4.2-to-5.0": BlenderLine("3.11", "4.2.0", "5.1.0"),
+    "blender-5.1-or-newer": BlenderLine("3.13", "5.1.0", None),
+    "debian-13-blender": BlenderLine(
+        "3.13", "4.2.0", "5.1.0"
+    ),  # Debian's own Blender, 4.3, runs on the system's Python
 }
 USUAL = ("blender-4.2-to-5.0", "blender-5.1-or-newer")
 # Blender 4.5 is the last for Macs of Intel (developer.blender.org, release notes of 5.0)
@@ -70,7 +72,7 @@ def main(argv: list[str]) -> int:
     wanted = parser.parse_args(argv)
     built = []
     for platform in PLATFORMS if wanted.platform == "all" else [wanted.platform]:
-        for line in wanted.line or usual(platform):
+        for line in wanted.line or usual_lines(platform):
             built.append(build(platform, line))
             print(f"{built[-1].relative_to(ROOT)}  {built[-1].stat().st_size / 1e6:.1f} MB", flush=True)
     if wanted.pip:
@@ -87,7 +89,7 @@ def own_platform() -> str | None:
     return {"linux": "linux-x64", "win32": "windows-x64", "darwin": mac}.get(sys.platform)
 
 
-def usual(platform: str) -> tuple[str, ...]:
+def usual_lines(platform: str) -> tuple[str, ...]:
     """The lines for which there is a Blender on a platform."""
     return ENDED.get(platform, USUAL)
 
@@ -101,7 +103,7 @@ def own_line() -> str:
 def build(platform: str, line: str, folder: Path = DIST) -> Path:
     """Make and validate one zip in a folder; returns its path. Raises ``CalledProcessError`` with the reason printed, and ``ValueError`` where
     something would ship whose licence nobody looked up, or that is for another system."""
-    wheels = fetch(platform, LINES[line].python)
+    wheels = download_wheels(platform, LINES[line].python)
     stage = BUILD / f"{line}-{platform}"
     shutil.rmtree(stage, ignore_errors=True)
     try:
@@ -151,7 +153,7 @@ def repository(zips: list[Path], folder: Path) -> None:
     with tempfile.TemporaryDirectory() as alone:  # the tool lists all zips of a folder
         for path in zips:
             shutil.copy2(path, folder)
-            linked(str(path.resolve()), str(Path(alone, path.name)))
+            link_or_copy(str(path.resolve()), str(Path(alone, path.name)))
         blender_ext("server-generate", "--repo-dir", alone, "--html", "--html-template", str(TEMPLATE))
         for name in ("index.html", "index.json"):  # after the zips: what they name is there
             part = folder / f"{name}.part"
@@ -159,7 +161,7 @@ def repository(zips: list[Path], folder: Path) -> None:
             part.replace(folder / name)
 
 
-def linked(source: str, target: str) -> None:
+def link_or_copy(source: str, target: str) -> None:
     """A second name for a large file, where the disk can give one, instead of a copy."""
     try:
         os.link(source, target)
@@ -179,7 +181,7 @@ def manifest(platform: str, line: str, wheels: list[str]) -> str:
     return f'{head}platforms = ["{platform}"]\nwheels = [\n{listed}]\n\n{marker}{rest}'
 
 
-def fetch(platform: str, python: str) -> list[Path]:
+def download_wheels(platform: str, python: str) -> list[Path]:
     """Download the pinned wheels for a platform and Python into wheels/ unless they are there; returns their paths, sorted."""
     pins = re.findall(r"^([\w.-]+==[\w.]+)", (ROOT / "requirements" / "runtime.txt").read_text(), re.MULTILINE)
     folder = WHEELS / platform / python
@@ -204,7 +206,9 @@ def _download(pip: list[str], pins: list[str]) -> None:
     known = lock.hashes(lock.LOCKED.read_text(encoding="utf-8"))
     with tempfile.TemporaryDirectory() as place:
         wanted = Path(place) / "wanted.txt"
-        wanted.write_text("".join(f"{pin} {' '.join(known[lock.plain(pin)])}\n" for pin in pins), encoding="utf-8")
+        wanted.write_text(
+            "".join(f"{pin} {' '.join(known[lock.normalise_pin(pin)])}\n" for pin in pins), encoding="utf-8"
+        )
         subprocess.run([*pip, "--require-hashes", "-r", str(wanted)], check=True)
 
 

@@ -30,7 +30,7 @@ TOLD = {
 }
 
 
-def measured(obj: bpy.types.Object, source: bpy.types.Object | None) -> dict[str, float]:
+def measure_piece(obj: bpy.types.Object, source: bpy.types.Object | None) -> dict[str, float]:
     """Figures of a piece that *Next* has led to its sheets; ``source``: what its quads were made of."""
     mesh = obj.data
     points, quads = _of(mesh.vertices, "co", 3), _of(mesh.polygons, "vertices", 4, np.int64)
@@ -52,9 +52,9 @@ def measured(obj: bpy.types.Object, source: bpy.types.Object | None) -> dict[str
     return figures
 
 
-def unsaid(obj: bpy.types.Object, source: bpy.types.Object | None, told: dict[str, Any]) -> list[str]:
+def unreported_faults(obj: bpy.types.Object, source: bpy.types.Object | None, told: dict[str, Any]) -> list[str]:
     """Return sentences on faults that the findings of a piece omit or contradict; ``told``: result of ``api.press``."""
-    figures, keys = measured(obj, source), {finding["key"] for finding in told["findings"]}
+    figures, keys = measure_piece(obj, source), {finding["key"] for finding in told["findings"]}
     figures["strain"] = told["figures"]["strain_share"] or 0.0
     bad = {
         "rms": figures.get("rms", 0.0) > RMS * (1.0 + MATCH),

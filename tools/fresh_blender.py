@@ -86,7 +86,7 @@ class _Quiet(http.server.SimpleHTTPRequestHandler):
 
 
 @contextmanager
-def served(folder: Path) -> Iterator[str]:
+def serve_folder(folder: Path) -> Iterator[str]:
     """Serve a folder on a local web server; yield its address."""
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(_Quiet, directory=str(folder)))
     threading.Thread(target=server.serve_forever, daemon=True).start()
@@ -112,18 +112,20 @@ def environment(folder: Path, python: str = sys.executable) -> dict[str, str]:
     return found | {"BLENDER_USER_RESOURCES": str(folder / "user"), "PYTHONPATH": str(site)}
 
 
-def tried(zip_file: Path, folder: Path, python: str = sys.executable) -> dict[str, Any]:
+def try_zip(zip_file: Path, folder: Path, python: str = sys.executable) -> dict[str, Any]:
     """Install a zip into such a Blender, start it anew and make a piece there; returns what ``SCRIPT`` tells.
 
     Raises ``RuntimeError`` with Blender's last words where that fails.
     """
     own, found = environment(folder, python), dict[str, Any]()
     for word in (str(zip_file), "use"):
-        found |= told(SCRIPT, word, folder, own, python)
+        found |= run_script(SCRIPT, word, folder, own, python)
     return found
 
 
-def told(script: str, word: str, folder: Path, own: dict[str, str], python: str = sys.executable) -> dict[str, Any]:
+def run_script(
+    script: str, word: str, folder: Path, own: dict[str, str], python: str = sys.executable
+) -> dict[str, Any]:
     """Run a script in such a Blender and return its result; raises ``RuntimeError`` with the end of Blender's output if it fails."""
     (folder / "script.py").write_text(script, encoding="utf-8")
     command = [python, "-S", str(folder / "script.py"), word]

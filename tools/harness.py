@@ -68,7 +68,7 @@ def from_folder(folder: Path | None, pattern: str = "*") -> Cases:
     return {path.stem: partial(meshio.read_mesh, path) for path in paths if path.suffix.lower() in FORMATS}
 
 
-def each(measure: Callable[..., Iterable[Row]], cases: Mapping[str, Callable[..., Any]]) -> Cases:
+def for_each(measure: Callable[..., Iterable[Row]], cases: Mapping[str, Callable[..., Any]]) -> Cases:
     """Return cases that give the rows of what those cases make: ``measure(name, case(), options)``."""
     return {
         name: lambda options, name=name, case=case: measure(name, case(), options)  # type: ignore[misc]
@@ -76,7 +76,7 @@ def each(measure: Callable[..., Iterable[Row]], cases: Mapping[str, Callable[...
     }
 
 
-def fits(name: str, patterns: list[str]) -> bool:
+def matches(name: str, patterns: list[str]) -> bool:
     """Return whether the name of a case fits one of the patterns; "cube 3", of several of a surface, fits "cube" too."""
     return any(fnmatch.fnmatch(one, pattern) for one in (name, name.rpartition(" ")[0]) for pattern in patterns)
 
@@ -96,7 +96,7 @@ def from_blender(add: Callable[[], Any]) -> PolygonMesh:
 # -- measuring -----------------------------------------------------------------------------------------------------------
 
 
-def made(polygons: PolygonMesh, stop_after: str = job.STAGE_NAMES[-1], /, **options: Any) -> Any:
+def run_job(polygons: PolygonMesh, stop_after: str = job.STAGE_NAMES[-1], /, **options: Any) -> Any:
     """Run the main job on a surface with quads of 20 mm.
 
     ``values`` of the options are settings; the result's optional values have no types here, for a bench knows how far it went.
@@ -106,31 +106,31 @@ def made(polygons: PolygonMesh, stop_after: str = job.STAGE_NAMES[-1], /, **opti
 
 
 @contextmanager
-def temporary() -> Iterator[Path]:
+def temporary_folder() -> Iterator[Path]:
     """Give a folder that is gone afterwards."""
     with tempfile.TemporaryDirectory() as folder:
         yield Path(folder)
 
 
-def processor() -> float:
+def processor_seconds() -> float:
     """Return the processor seconds of this process and of its finished child processes."""
     used = os.times()
     return used.user + used.system + used.children_user + used.children_system
 
 
-def timed(action: Callable[[], Any], clock: Callable[[], float] = time.process_time) -> tuple[float, Any]:
+def measure_time(action: Callable[[], Any], clock: Callable[[], float] = time.process_time) -> tuple[float, Any]:
     """Return the seconds that an action takes, of the processor unless another clock is given, and its result."""
     began = clock()
     result = action()
     return clock() - began, result
 
 
-def seconds(action: Callable[[], Any], repeats: int = 1) -> float:
+def fewest_seconds(action: Callable[[], Any], repeats: int = 1) -> float:
     """Return the fewest processor seconds that an action takes in several runs."""
-    return min(timed(action)[0] for _ in range(repeats))
+    return min(measure_time(action)[0] for _ in range(repeats))
 
 
-def run(*words: object, python: str = sys.executable, **options: Any) -> subprocess.CompletedProcess[str]:
+def run_python(*words: object, python: str = sys.executable, **options: Any) -> subprocess.CompletedProcess[str]:
     """Run Python with these words in a process of its own, in the checkout, and return what it printed."""
     command = [python, *map(str, words)]
     usual: dict[str, Any] = {"capture_output": True, "text": True, "cwd": ROOT}
@@ -147,7 +147,7 @@ def checksum(*places: str) -> str:
     return made.hexdigest()[:16]
 
 
-class Kept(dict[str, Any]):
+class StoredResults(dict[str, Any]):
     """Answers by key in a JSON file, with which an interrupted bench goes on; without a path they are not stored."""
 
     def __init__(self, path: Path | None):
@@ -192,7 +192,7 @@ def at_least(mesh: str, name: str, limit: float, measured: float, peer: Peer = N
     return row(mesh, name, f">= {limit:g}", float(f"{measured:.4g}"), bool(measured >= limit), peer)
 
 
-def judged(
+def judge_record(
     mesh: str, wanted: Mapping[str, str], figures: Mapping[str, Any], peers: Mapping[str, Peer] = {}
 ) -> list[Row]:
     """Make a row of every figure beside what is wanted of it, such as "<= 5" or ">= 1"; one of which nothing is wanted is a note."""
@@ -315,8 +315,8 @@ class Bench:
         table = Table(options.json, **kept)
         known = {one["mesh"] for one in table.rows}
         cases = self._cases(options) if callable(self._cases) else self._cases
-        for name, case in (cases if self._measure is None else each(self._measure, cases)).items():
-            if name not in known and fits(name, patterns):
+        for name, case in (cases if self._measure is None else for_each(self._measure, cases)).items():
+            if name not in known and matches(name, patterns):
                 try:
                     for one in case(options):
                         table.add(one)

@@ -22,7 +22,7 @@ from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.spirals.fabricable import curvature_adjusted, make_fabricable
 from flexmaps.engine.surface import curvature
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
-from harness import Kept, Options, Row, at_least, at_most, made, note, timed
+from harness import Options, Row, StoredResults, at_least, at_most, measure_time, note, run_job
 from scipy.stats import spearmanr
 
 LIMITS = 1.0, 0.4, 0.15, 0.06  # times the usual distortion: layouts of more and more panels
@@ -35,13 +35,13 @@ PREDICTED = ": predicted, %"  # end of the rows' names
 
 def measure(name: str, polygons: PolygonMesh, options: Options) -> Iterator[Row]:
     """Predict layouts, search those of which the file has no answer yet, and yield both."""
-    piece, answers = LayoutProblem(made(polygons, "regularise").mesh, Settings()), Kept(options.match)
+    piece, answers = LayoutProblem(run_job(polygons, "regularise").mesh, Settings()), StoredResults(options.match)
     several = list(islice(_layouts(piece), options.layouts))
     start = PredictionStart.from_layout(piece, several[0].flat) if several else None
     for laid in several:
         key = f"{name} {hashlib.sha256(laid.cut.tobytes()).hexdigest()[:16]}"
         reached = answers.answer(key, partial(_search, piece, laid, options.patience))
-        seconds, share = timed(partial(predict, piece, laid.flat, start, further=EXTRA_STEPS), time.thread_time)
+        seconds, share = measure_time(partial(predict, piece, laid.flat, start, further=EXTRA_STEPS), time.thread_time)
         peer = {"reached": reached, "s for 1,000 quads": round(1e3 * seconds / len(piece.mesh.quads), 2)}
         yield note(name, f"{laid.panels} panels{PREDICTED}", float(f"{100.0 * share:.4g}"), peer)
 

@@ -89,7 +89,7 @@ def polygons(kind: str, name: str) -> PolygonMesh:
 def compared(surface: PolygonMesh, *, remesh: bool) -> Pair:
     """Lay a surface out, make it fit, propose layouts, and make the one that is taken fit."""
     settings, fit = Settings(), ("spirals", "optimise", "simulate")
-    surface = trial.remeshed(surface, QUADS) if remesh else surface
+    surface = trial.remesh_into_quads(surface, QUADS) if remesh else surface
     given = job.run_stages(job.run(surface, settings, edge=EDGE, stop_after="split"), settings, fit)
     chosen = job.run_stages(given, settings, ("choose",))
     after = chosen if chosen.design is not None else job.run_stages(chosen, settings, fit)

@@ -14,7 +14,7 @@ import responsiveness
 from flexmaps.bridge.view import dab_queue, paint_session
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import QuadMesh
-from harness import Row, at_most, timed
+from harness import Row, at_most, measure_time
 
 DABS = 6  # of a stroke
 STROKES = 8  # alternately softer and stiffer
@@ -22,7 +22,7 @@ FLOW = 0.2  # of every dab, as of the tool's strength of one half
 
 
 @dataclass
-class Held:
+class StrokeTimes:
     """Seconds of the window's thread that every dab, every written stroke and every undo took."""
 
     dabs: list[float] = field(default_factory=list)
@@ -32,22 +32,22 @@ class Held:
 
 def _seconds(action: Callable[..., Any], *given: Any) -> float:
     """Return seconds of this thread's processor."""
-    return timed(partial(action, *given), time.thread_time)[0]
+    return measure_time(partial(action, *given), time.thread_time)[0]
 
 
-def painted(count: int, share: float, limit: float) -> Iterator[Row]:
+def measure_strokes(count: int, share: float, limit: float) -> Iterator[Row]:
     """Strokes on a dome of about so many spirals; the slowest of each kind of work counts."""
-    obj = spiralled(shapes.dome(2 * round(0.5 * np.sqrt(count / 3.0))))
+    obj = add_piece(shapes.dome(2 * round(0.5 * np.sqrt(count / 3.0))))
     name = f"dome {len(obj.data.polygons)}"
     held = strokes(obj, share)
     for what, seconds in (("a dab", held.dabs), ("writing a stroke", held.written), ("after an undo", held.undone)):
         yield at_most(name, f"brush: {what}, main thread, s", limit, float(np.max(seconds)))
 
 
-def strokes(obj: bpy.types.Object, share: float, count: int = STROKES) -> Held:
+def strokes(obj: bpy.types.Object, share: float, count: int = STROKES) -> StrokeTimes:
     """Strokes of that share of an object's spirals, each with an undo and a redo."""
     rng = np.random.default_rng(0)
-    held = Held()
+    held = StrokeTimes()
     for k in range(count):
         on = paint_session.get_session(obj, bpy.context.scene)
         radius = 0.9 * np.sqrt(
@@ -82,7 +82,7 @@ def _dab(work: dab_queue.DabQueue, on: paint_session.PaintSession, at: int, radi
     work.add([FLOW * ground.dab_weights(ground.centres[at], ground.normals[at], radius)], np.zeros(3))
 
 
-def spiralled(mesh: QuadMesh, border: str = "stubs") -> bpy.types.Object:
+def add_piece(mesh: QuadMesh, border: str = "stubs") -> bpy.types.Object:
     """A surface with its spirals, as an object in a new file."""
     obj = responsiveness.piece(mesh)
     obj.flexmaps.spiral.border = border

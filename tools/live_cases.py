@@ -18,14 +18,14 @@ from flexmaps.engine.surface.mesh import QuadMesh
 from harness import EDGE
 
 
-def of_mesh(mesh: QuadMesh, border: str = "stubs") -> tuple[FlatPatches, SpiralDesign]:
+def design_of_mesh(mesh: QuadMesh, border: str = "stubs") -> tuple[FlatPatches, SpiralDesign]:
     """Traced patches with the curvature's spirals, as they are first made of any surface."""
     mesh = mesh.with_vertices(mesh.vertices * (EDGE / mesh.median_edge))
     flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     return flat, fabricable.design_from_curvature(flat, SpiralParams(border=border), rms_curvature(mesh))
 
 
-def given_of(made: SpiralDesign, **others: Any) -> LiveInput:
+def live_input(made: SpiralDesign, **others: Any) -> LiveInput:
     """Return the inputs of a live piece for a design."""
     flat, mesh = made.flat, made.flat.layout.mesh
     sizes = np.full(len(mesh.quads), 4)

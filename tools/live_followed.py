@@ -15,7 +15,7 @@ from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals.design import SpiralDesign
 
 
-class Followed:
+class FollowedPiece:
     """A piece whose work all counts; what goes through the pipe is written and read as there."""
 
     def __init__(self, given: LiveInput):

@@ -11,9 +11,9 @@ from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import QuadMesh
 from harness import Row, at_most, note, row
-from live_brush import spiralled, strokes
-from live_cases import given_of, of_mesh, stroke
-from live_followed import Followed
+from live_brush import add_piece, strokes
+from live_cases import design_of_mesh, live_input, stroke
+from live_followed import FollowedPiece
 
 # of quads alone and with a border, 240 to 871 of them
 NAMES = ("cmc1.obj", "0-static.off", "heart.obj", "chebyshev_sphere.obj", "six.off", "M2_eq_quad2.obj")
@@ -22,7 +22,7 @@ STROKES = 3  # of which the slowest counts
 BORDERS = {"stubs": "", "rim": ", with a rim", "left_out": ", arms left out"}
 
 
-def tried(folder: Path, tick: float) -> Iterator[Row]:
+def measure_meshes(folder: Path, tick: float) -> Iterator[Row]:
     """The meshes that lie in the folder; those that do not are named."""
     for name in NAMES:
         path = folder / name
@@ -44,8 +44,8 @@ def tried(folder: Path, tick: float) -> Iterator[Row]:
 
 def _live(mesh: QuadMesh, name: str, border: str, words: str, _tick: float) -> Iterator[Row]:
     """Strokes that the shape follows."""
-    _, made = of_mesh(mesh, border)
-    piece, rng = Followed(given_of(made)), np.random.default_rng(1)
+    _, made = design_of_mesh(mesh, border)
+    piece, rng = FollowedPiece(live_input(made)), np.random.default_rng(1)
     followed = [piece.follow(stroke(piece.given, rng, SHARE)) for _ in range(STROKES)]
     slowest, came = max(rest for _, rest, _ in followed), sum(shape.converged for *_, shape in followed)
     yield note(name, f"live: {len(mesh.quads)} spirals at rest, s{words}", float(f"{slowest:.3g}"))
@@ -54,6 +54,6 @@ def _live(mesh: QuadMesh, name: str, border: str, words: str, _tick: float) -> I
 
 def _brush(mesh: QuadMesh, name: str, border: str, words: str, tick: float) -> Iterator[Row]:
     """Painting, and how long it holds up the window at the most."""
-    held = strokes(spiralled(mesh, border), SHARE, STROKES)
+    held = strokes(add_piece(mesh, border), SHARE, STROKES)
     slowest = max(*held.dabs, *held.written, *held.undone)
     yield at_most(name, f"brush: main thread, slowest, s{words}", tick, slowest)

@@ -12,7 +12,7 @@ from flexmaps.engine.optimisation.wishes import Wishes
 from flexmaps.engine.params import MaterialParams, OptimiseParams, SimulateParams
 from flexmaps.engine.surface.checking import check
 from harness import Row, at_most, note, row
-from live_cases import of_mesh
+from live_cases import design_of_mesh
 from zoo import SURFACES
 
 # caps, stars, tubes, saddles and sheets, of few quads; some of them are a single panel that nothing bends
@@ -23,7 +23,7 @@ BY = 0.5  # median edges along the normal, how far beside the target: 10 mm
 LEFT = 0.9  # of the distance to the wishes at the most, as in the test of wishes that spirals can fulfil
 
 
-def wished() -> Iterator[Row]:
+def measure_wishes() -> Iterator[Row]:
     """Four wishes a surface, at the ends of its two longest axes: outwards along one, inwards along the other, which no turn can do."""
     left, flat = [], []
     for name in NAMES:
@@ -47,7 +47,7 @@ def wished() -> Iterator[Row]:
 
 def _report(name: str) -> dict[str, Any]:
     """The ``optimise`` block for wishes on a surface of the zoo."""
-    _, design = of_mesh(check.as_quad_mesh(SURFACES[name].polygons()))
+    _, design = design_of_mesh(check.as_quad_mesh(SURFACES[name].polygons()))
     mesh = design.flat.layout.mesh
     apart = mesh.centroids - mesh.centroids.mean(axis=0)
     offsets = np.zeros((len(mesh.quads), 3))

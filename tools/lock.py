@@ -60,11 +60,11 @@ def hashes(text: str) -> dict[str, list[str]]:
     for entry in re.split(r"\n(?=[\w])", text):
         pin = re.match(r"([\w.-]+)==([\w.+!]+)", entry)
         if pin:
-            found.setdefault(plain(pin[0]), []).extend(re.findall(r"--hash=\S+", entry))
+            found.setdefault(normalise_pin(pin[0]), []).extend(re.findall(r"--hash=\S+", entry))
     return found
 
 
-def plain(pin: str) -> str:
+def normalise_pin(pin: str) -> str:
     """A name==version as package indexes compare names (PEP 503)."""
     name, _, version = pin.partition("==")
     return f"{re.sub(r'[-_.]+', '-', name).lower()}=={version}"

@@ -98,7 +98,7 @@ def package() -> list[Path]:
 
 
 @cache
-def tree(path: Path) -> ast.Module:
+def parse(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
@@ -108,7 +108,7 @@ def dotted(path: Path) -> tuple[str, ...]:
     return parts[:-1] if parts[-1] == "__init__" else parts
 
 
-def room(path: Path) -> str:
+def room_of(path: Path) -> str:
     """The folder of the package that a file is in."""
     return path.parent.relative_to(ROOT).as_posix().removeprefix(".")
 
@@ -116,7 +116,7 @@ def room(path: Path) -> str:
 @cache
 def statements(path: Path) -> tuple[ast.Import | ast.ImportFrom | ast.FunctionDef | ast.AsyncFunctionDef, ...]:
     """All imports and functions of a file, at any depth: no expression holds one."""
-    found, left = [], list[ast.AST]([tree(path)])
+    found, left = [], list[ast.AST]([parse(path)])
     while left:
         for node in ast.iter_child_nodes(left.pop()):
             if isinstance(node, ast.Import | ast.ImportFrom | ast.FunctionDef | ast.AsyncFunctionDef):
@@ -171,7 +171,7 @@ def upward() -> list[Place]:
 
 
 def _room(path: Path) -> str:
-    return DATABASE if path.is_relative_to(ROOT / DATABASE) else room(path)
+    return DATABASE if path.is_relative_to(ROOT / DATABASE) else room_of(path)
 
 
 def circles() -> list[Place]:
@@ -211,7 +211,7 @@ def bare_numbers() -> list[Place]:
     found = []
     for path in [*package(), *sources(DATABASE, "tools")]:
         text = path.read_text(encoding="utf-8").splitlines()
-        for node in tree(path).body:
+        for node in parse(path).body:
             if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None or not _numeric(node.value):
                 continue
             own = text[node.lineno - 1 : node.end_lineno]
@@ -228,10 +228,12 @@ def undescribed() -> list[Place]:
     """
     files = package()
     known = {dotted(path): path for path in files}
-    foreign = {(other, name) for path in files for other, name in _names_used(path, known) if room(other) != room(path)}
+    foreign = {
+        (other, name) for path in files for other, name in _names_used(path, known) if room_of(other) != room_of(path)
+    }
     found = []
     for path in files:
-        for node in tree(path).body:
+        for node in parse(path).body:
             if isinstance(node, ast.FunctionDef | ast.ClassDef) and (path, node.name) in foreign:
                 own = 0 if isinstance(node, ast.FunctionDef) else 1  # self or cls
                 for function in [node] if isinstance(node, ast.FunctionDef) else node.body:
@@ -253,7 +255,7 @@ def _names_used(path: Path, known: dict[tuple[str, ...], Path]) -> Iterator[tupl
                     modules[alias.asname or alias.name] = known[*base, alias.name]
                 elif base in known:
                     yield known[base], alias.name
-    for use in ast.walk(tree(path)):
+    for use in ast.walk(parse(path)):
         if isinstance(use, ast.Attribute) and isinstance(use.value, ast.Name) and use.value.id in modules:
             yield modules[use.value.id], use.attr
 
@@ -288,7 +290,7 @@ def names_twice() -> list[Place]:
             for node in statements(path)
             if isinstance(node, ast.FunctionDef) and node.name == "of"
         ]
-        for node in ast.walk(tree(path)):
+        for node in ast.walk(parse(path)):
             if isinstance(node, ast.ClassDef):
                 classes.setdefault(node.name, []).append(Place(file, node.lineno, f"class {node.name}"))
     return found + [place for some in classes.values() if len(some) > 1 for place in some]
@@ -305,7 +307,7 @@ def dangling() -> list[Place]:
     known = set(sys.stdlib_module_names) | {part for path in [*files, *sources(*BESIDE)] for part in dotted(path)}
     for path in [*files, *sources("tools")]:
         own = {id(node) for node, _ in _docstrings(path)}
-        for node in ast.walk(tree(path)):
+        for node in ast.walk(parse(path)):
             if id(node) not in own:
                 known.update(_words(node))
     return [
@@ -318,7 +320,7 @@ def dangling() -> list[Place]:
 
 def _docstrings(path: Path) -> Iterator[tuple[ast.Constant, str]]:
     """Yield the docstrings of a file with their nodes."""
-    for node in ast.walk(tree(path)):
+    for node in ast.walk(parse(path)):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and node.body:
             first = node.body[0]
             if (

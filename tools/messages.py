@@ -28,7 +28,7 @@ Found = Iterator[tuple[str, str, str]]  # context, text, what it is
 
 def main() -> int:
     """Write the template and bring the languages up to date; says what is left to translate."""
-    template = made()
+    template = build_template()
     template.save(str(LOCALE / "flexmaps.pot"))
     for file in sorted(LOCALE.glob("*.po")):
         language = polib.pofile(str(file), wrapwidth=WRAP)
@@ -42,7 +42,7 @@ WORDS = re.compile(r"[A-Z]+[a-z ]")  # start of a text; names in the code differ
 WRAP = 100  # characters in a line of the files
 
 
-def made() -> polib.POFile:
+def build_template() -> polib.POFile:
     """The template: every message once in every context, with a line on what it is."""
     template = polib.POFile(wrapwidth=WRAP)
     template.metadata = {

@@ -31,7 +31,7 @@ UNRELEASED = "## [Unreleased]"
 _VERSION = re.compile(r'^version = "(.+)"$', re.MULTILINE)
 
 
-class Refused(Exception):
+class ReleaseRefused(Exception):
     """Raised with the reason why there can be no release."""
 
 
@@ -47,11 +47,11 @@ def main(argv: list[str]) -> int:
     wanted = parser.parse_args(argv)
 
     def make(folder: Path) -> None:
-        built(folder, wanted.platform or list(build_zip.PLATFORMS), wanted.line)
+        build_all(folder, wanted.platform or list(build_zip.PLATFORMS), wanted.line)
 
     try:
         release(ROOT, wanted.version, make, dry=wanted.dry_run)
-    except Refused as reason:
+    except ReleaseRefused as reason:
         print(f"release: {reason}", file=sys.stderr)
         return 2
     return 0
@@ -62,13 +62,13 @@ def release(root: Path, version: str, make: Callable[[Path], None], *, dry: bool
 
     Raises ``Refused`` where the version, the changelog or the checkout does not allow it, and what ``make`` raises.
     """
-    texts = prepared(root, version)
+    texts = prepare_texts(root, version)
     target = root / "dist" / version
     target.parent.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target.parent, prefix=".release-") as place:
         folder = Path(place) / version
         folder.mkdir()
-        with written(root, texts, keep=not dry):
+        with write_texts(root, texts, keep=not dry):
             make(folder)
             _told(folder)
             if dry:
@@ -84,37 +84,37 @@ def release(root: Path, version: str, make: Callable[[Path], None], *, dry: bool
 # -- what is looked at before --------------------------------------------------------------------------------------------
 
 
-def prepared(root: Path, version: str) -> dict[str, str]:
+def prepare_texts(root: Path, version: str) -> dict[str, str]:
     """The files of the checkout that the release changes, with their new texts. Raises ``Refused``."""
     manifest = (root / MANIFEST).read_text(encoding="utf-8")
     before = _VERSION.search(manifest)
     assert before is not None
     if not re.fullmatch(r"(0|[1-9]\d*)\.(0|[1-9]\d*)\.(0|[1-9]\d*)", version):
-        raise Refused(f"'{version}' is no version; give three numbers, such as {before[1]}")
+        raise ReleaseRefused(f"'{version}' is no version; give three numbers, such as {before[1]}")
     if _numbers(version) < _numbers(before[1]):
-        raise Refused(f"{version} is older than {before[1]}, which {MANIFEST} says; give a newer one")
+        raise ReleaseRefused(f"{version} is older than {before[1]}, which {MANIFEST} says; give a newer one")
     if _git(root, "status", "--porcelain"):
-        raise Refused(
+        raise ReleaseRefused(
             "there are changes that are not committed; commit them or put them away ('git status' names them)"
         )
     if f"v{version}" in _git(root, "tag", "--list").split():
-        raise Refused(f"there is a tag v{version} already; give a newer version")
+        raise ReleaseRefused(f"there is a tag v{version} already; give a newer version")
     if (root / "dist" / version).exists():
-        raise Refused(f"dist/{version} is there already; remove it, if it was never uploaded")
+        raise ReleaseRefused(f"dist/{version} is there already; remove it, if it was never uploaded")
     notes = (root / CHANGELOG).read_text(encoding="utf-8")
-    changed = noted(notes, version, datetime.date.today().isoformat())
+    changed = with_release_notes(notes, version, datetime.date.today().isoformat())
     return {MANIFEST: manifest.replace(before[0], f'version = "{version}"', 1), CHANGELOG: changed}
 
 
-def noted(text: str, version: str, day: str) -> str:
+def with_release_notes(text: str, version: str, day: str) -> str:
     """Return the changelog with the unreleased entries under the version. Raises ``Refused`` if there are none."""
     own = re.search(rf"^## \[{re.escape(version)}\].*$", text, re.MULTILINE)
     head, marker, rest = text.partition(f"{UNRELEASED}\n")
     fresh = bool(marker) and re.split(r"^## ", rest, maxsplit=1, flags=re.MULTILINE)[0].strip() != ""
     if own is not None and fresh:
-        raise Refused(f"{CHANGELOG} has both {UNRELEASED[3:]} and [{version}]; put what is new into one of them")
+        raise ReleaseRefused(f"{CHANGELOG} has both {UNRELEASED[3:]} and [{version}]; put what is new into one of them")
     if own is None and not fresh:
-        raise Refused(f"{CHANGELOG} says nothing of {version}; write under {UNRELEASED[3:]} what is new")
+        raise ReleaseRefused(f"{CHANGELOG} says nothing of {version}; write under {UNRELEASED[3:]} what is new")
     return text if own is not None else f"{head}{marker}\n## [{version}] - {day}\n{rest}"
 
 
@@ -127,7 +127,7 @@ def _git(root: Path, *words: str) -> str:
 
 
 @contextmanager
-def written(root: Path, texts: dict[str, str], *, keep: bool) -> Iterator[None]:
+def write_texts(root: Path, texts: dict[str, str], *, keep: bool) -> Iterator[None]:
     """Files of the checkout with other texts; as they were, byte for byte, after an error, or unless they are to be kept."""
     before = {name: (root / name).read_bytes() for name in texts}
     done = False
@@ -145,14 +145,14 @@ def written(root: Path, texts: dict[str, str], *, keep: bool) -> Iterator[None]:
 # -- what is made and tried ----------------------------------------------------------------------------------------------
 
 
-def built(folder: Path, platforms: list[str], lines: list[str] | None) -> None:
+def build_all(folder: Path, platforms: list[str], lines: list[str] | None) -> None:
     """Build every zip, the repository and the wheel for pip, and test them as far as this machine can. Raises ``Refused``.
 
     lines : None for those that there are on each platform
     """
     zips = []
     for platform in platforms:
-        for line in lines or build_zip.usual(platform):
+        for line in lines or build_zip.usual_lines(platform):
             print(f"Building for {platform}, {line}", flush=True)
             zips.append(build_zip.build(platform, line, folder))
     build_zip.repository(zips, folder / "repository")
@@ -185,7 +185,7 @@ def _validated(zips: list[Path]) -> None:
         lines = "".join(f"blender --command extension validate {path.name} || exit 1\n" for path in zips)
         done = real_blender.shell(f"blender --version | head -1\n{lines}", Path(place))
     if done.returncode:
-        raise Refused(f"Blender does not accept a zip: {(done.stdout + done.stderr)[-2000:]}")
+        raise ReleaseRefused(f"Blender does not accept a zip: {(done.stdout + done.stderr)[-2000:]}")
     print(f"{len(zips)} zips accepted by {done.stdout.splitlines()[0]}", flush=True)
 
 
@@ -204,18 +204,18 @@ def _installed(zips: list[Path]) -> None:
         else:
             with tempfile.TemporaryDirectory() as place:
                 try:
-                    told = fresh_blender.tried(path, Path(place), python)
+                    told = fresh_blender.try_zip(path, Path(place), python)
                 except RuntimeError as error:
-                    raise Refused(str(error)) from None
+                    raise ReleaseRefused(str(error)) from None
             if f"-{told['version']}-" not in path.name:
-                raise Refused(f"{path.name} says inside that it is of version {told['version']}")
+                raise ReleaseRefused(f"{path.name} says inside that it is of version {told['version']}")
             print(f"{path.name}: installed and used, {told['spirals']} spirals simulated", flush=True)
 
 
 def _run(command: list[str], **how: object) -> None:
     done = subprocess.run(command, capture_output=True, text=True, **how)  # type: ignore[call-overload]
     if done.returncode:
-        raise Refused(f"'{' '.join(command[:4])} ...' failed: {(done.stdout + done.stderr)[-2000:]}")
+        raise ReleaseRefused(f"'{' '.join(command[:4])} ...' failed: {(done.stdout + done.stderr)[-2000:]}")
 
 
 def _told(folder: Path) -> None:

@@ -130,7 +130,7 @@ def frames(_: argparse.Namespace) -> Iterator[Row]:
     found = []
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
-        reason = ready(work)
+        reason = place_zip(work)
         for variables in () if reason else ("", NOTHING_DRAWN):
             import real_blender
 
@@ -169,7 +169,7 @@ def next_button(_: argparse.Namespace) -> Iterator[Row]:
             continue
         with tempfile.TemporaryDirectory() as folder:
             work = Path(folder)
-            reason = ready(work)
+            reason = place_zip(work)
             if reason is not None:
                 yield row(name, "sheets by Next", "yes", reason[:60], None)
                 return
@@ -201,7 +201,7 @@ def _by_next(name: str, found: dict[str, Any]) -> Iterator[Row]:
         yield note(name, "RMSE, mm", rmse, peer)
 
 
-def ready(work: Path) -> str | None:
+def place_zip(work: Path) -> str | None:
     """Put the zip of the real Blender into a folder; why there is none, as a sentence."""
     import real_blender
 

@@ -70,7 +70,7 @@ def lay_out(folder: Path) -> None:
         path = folder / target
         path.parent.mkdir(exist_ok=True)
         text = example(ROOT / source) if source.startswith("examples/") else (ROOT / source).read_text(encoding="utf-8")
-        path.write_text(turned(text, source, folder), encoding="utf-8")
+        path.write_text(convert_page(text, source, folder), encoding="utf-8")
     for name, text in (
         ("api.md", functions()),
         ("commands.md", commands()),
@@ -81,7 +81,7 @@ def lay_out(folder: Path) -> None:
         (folder / name).write_text(text, encoding="utf-8")
 
 
-def turned(text: str, source: str, folder: Path) -> str:
+def convert_page(text: str, source: str, folder: Path) -> str:
     """A page of the repository with its links leading to the site's pages, and its pictures beside them.
 
     Raises ``NotOnTheSite`` for a link to anything else of the repository.

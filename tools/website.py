@@ -76,10 +76,10 @@ def main(argv: list[str]) -> int:
         Row("links within the site", links.count, links.broken),
         Row("addresses that a page asks for by itself", len(links.loaded), links.loaded),
     ]
-    rows += code(run=not wanted.no_code)
+    rows += check_code(run=not wanted.no_code)
     reason = "left out" if wanted.no_browser else browser.obstacle()
     if reason is None:
-        rows += looked_at(TARGET, PICTURES)
+        rows += check_in_browser(TARGET, PICTURES)
     table(rows)
     if reason is not None:
         print(f"not looked at in a browser: {reason}")
@@ -149,7 +149,7 @@ def build(target: Path, repository: Path | None = None) -> list[Row]:
     for name in FRONT:
         shutil.copyfile(ROOT / "docs" / "images" / name, part / "_images" / Path(name).name)
     if repository is not None:
-        shutil.copytree(repository, part / INSTALL, copy_function=build_zip.linked)
+        shutil.copytree(repository, part / INSTALL, copy_function=build_zip.link_or_copy)
     shutil.rmtree(target, ignore_errors=True)
     part.rename(target)
     return [Row("pages", len(list(target.rglob("*.html"))), tuple(said))]
@@ -158,7 +158,7 @@ def build(target: Path, repository: Path | None = None) -> list[Row]:
 # -- what it is checked by ---------------------------------------------------------------------------------------------
 
 
-def checked() -> list[Path]:
+def checked_pages() -> list[Path]:
     """The pages whose code is checked, and the first words of the API; the examples are run by tests of their own."""
     pages = [
         ROOT / name
@@ -168,9 +168,9 @@ def checked() -> list[Path]:
     return [*pages, ROOT / "README.md", ROOT / "api" / "__init__.py"]
 
 
-def code(run: bool) -> list[Row]:
+def check_code(run: bool) -> list[Row]:
     """Blocks and names of all pages; with ``run`` the Python blocks run, page by page, in processes of their own."""
-    pages = checked()
+    pages = checked_pages()
     counts, faults = site_code.summary(pages)
     rows = [Row("shell blocks, and names of the program in the text", counts["shell"], tuple(faults))]
     if run:
@@ -194,7 +194,7 @@ def code(run: bool) -> list[Row]:
     return rows
 
 
-def looked_at(folder: Path, pictures: Path) -> list[Row]:
+def check_in_browser(folder: Path, pictures: Path) -> list[Row]:
     """All pages in a browser, at the width of a desktop and of a phone, some dark too; pictures of some to look at."""
     said, wide, count = list[str](), list[str](), 0
     every = sorted(path.relative_to(folder).with_suffix("").as_posix() for path in folder.rglob("*.html"))

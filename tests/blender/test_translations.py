@@ -33,7 +33,7 @@ def language(request: Any) -> Path:
 
 
 def test_the_template_has_all_messages(messages: ModuleType) -> None:
-    made, stored = messages.made(), polib.pofile(str(translations.FOLDER / "flexmaps.pot"))
+    made, stored = messages.build_template(), polib.pofile(str(translations.FOLDER / "flexmaps.pot"))
     assert keys(stored) == keys(made), f"missing or stale in the template{HOW}"
     found = {text for _, text in keys(made)}
     assert {cls.bl_label for cls in operators.CLASSES if hasattr(cls, "bl_label")} <= found
@@ -49,7 +49,7 @@ def test_the_template_has_all_messages(messages: ModuleType) -> None:
 
 def test_a_language_has_the_templates_messages(language: Path, messages: ModuleType) -> None:
     file = polib.pofile(str(language))
-    assert keys(file) == keys(messages.made()), f"missing or stale in {language.name}{HOW}"
+    assert keys(file) == keys(messages.build_template()), f"missing or stale in {language.name}{HOW}"
     assert not file.fuzzy_entries() and not file.untranslated_entries()
 
 

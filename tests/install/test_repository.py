@@ -81,7 +81,7 @@ def served(fresh_blender: ModuleType, tmp_path: Path) -> Iterator[tuple[Path, st
     """A folder on a web server, and the address of its index."""
     folder = tmp_path / "served"
     folder.mkdir()
-    with fresh_blender.served(folder) as address:
+    with fresh_blender.serve_folder(folder) as address:
         yield folder, f"{address}/index.json"
 
 

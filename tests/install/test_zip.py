@@ -111,10 +111,10 @@ def test_the_wheels_of_every_zip(build_zip: ModuleType, tmp_path: Path) -> None:
     runtime = (ROOT / "requirements" / "runtime.txt").read_text(encoding="utf-8")
     pins = re.findall(r"^[\w.-]+==", runtime, re.MULTILINE)
     for platform in build_zip.PLATFORMS:
-        for line in build_zip.usual(platform):
+        for line in build_zip.usual_lines(platform):
             folder = tmp_path / f"{platform}-{line}"
             folder.mkdir()
-            wheels = build_zip.fetch(platform, build_zip.LINES[line].python)
+            wheels = build_zip.download_wheels(platform, build_zip.LINES[line].python)
             shipped = [build_zip.third_party.lighter(wheel, folder) for wheel in wheels]
             assert len(shipped) == len(pins), "those that runtime.txt names"
             assert build_zip.third_party.faults(shipped) == []
@@ -124,7 +124,7 @@ def test_the_wheels_of_every_zip(build_zip: ModuleType, tmp_path: Path) -> None:
 def test_one_repository_can_offer_all_zips(build_zip: ModuleType, tmp_path: Path) -> None:
     """Blender's own tool makes the repository's list; it refuses zips of which two fit the same Blender."""
     for platform in build_zip.PLATFORMS:
-        for line in build_zip.usual(platform):
+        for line in build_zip.usual_lines(platform):
             with zipfile.ZipFile(tmp_path / f"{line}-{platform}.zip", "w") as file:
                 file.writestr("__init__.py", "")
                 file.writestr(

@@ -38,6 +38,6 @@ def test_the_site(website: ModuleType, tmp_path: Path) -> None:
     reason = browser.obstacle()
     if reason is not None:
         pytest.skip(reason)
-    for row in website.looked_at(tmp_path / "site", website.PICTURES):
+    for row in website.check_in_browser(tmp_path / "site", website.PICTURES):
         assert row.count > 10
         assert row.faults == ()

@@ -25,7 +25,7 @@ FAULTS = (
 def forget_syntax_trees(measures: ModuleType) -> Iterator[None]:
     """Drop the parsed files in the end: Python's last collections of garbage would look at millions of nodes."""
     yield
-    measures.tree.cache_clear()
+    measures.parse.cache_clear()
 
 
 @pytest.mark.parametrize("name", FAULTS)
@@ -121,7 +121,7 @@ def test_the_glossary_names_classes_that_there_are(root: Path, measures: ModuleT
     classes = {
         node.name
         for path in measures.package()
-        for node in ast.walk(measures.tree(path))
+        for node in ast.walk(measures.parse(path))
         if isinstance(node, ast.ClassDef)
     }
     assert named - classes == set()

@@ -56,7 +56,7 @@ def test_the_version_the_changelog_and_the_files(release: ModuleType, checkout: 
     assert made["dist/0.3.0/made.zip"].decode() == made["blender_manifest.toml"].decode()
     digest, name = made["dist/0.3.0/SHA256SUMS"].decode().split()
     assert (len(digest), name) == (64, "made.zip")
-    with pytest.raises(release.Refused, match="not committed"):  # until this one is committed
+    with pytest.raises(release.ReleaseRefused, match="not committed"):  # until this one is committed
         release.release(checkout, "0.3.1", make)
 
 
@@ -79,18 +79,18 @@ def test_a_dry_run_and_a_failure_leave_everything_as_it_was(release: ModuleType,
     [("0.1.9", "older"), ("0.2.0", "tag"), ("0.3", "three numbers"), ("0.03.0", "three numbers"), ("v1.0.0", "three")],
 )
 def test_versions_that_cannot_be(release: ModuleType, checkout: Path, version: str, reason: str) -> None:
-    with pytest.raises(release.Refused, match=reason):
+    with pytest.raises(release.ReleaseRefused, match=reason):
         release.release(checkout, version, make)
 
 
 def test_what_stands_in_the_way(release: ModuleType, checkout: Path) -> None:
     (checkout / "CHANGELOG.md").write_text(CHANGELOG.replace("### Added\n- A rim.\n\n", ""))
-    with pytest.raises(release.Refused, match="not committed"):
+    with pytest.raises(release.ReleaseRefused, match="not committed"):
         release.release(checkout, "0.3.0", make)
     commit(checkout)
-    with pytest.raises(release.Refused, match=r"says nothing of 0\.3\.0"):
+    with pytest.raises(release.ReleaseRefused, match=r"says nothing of 0\.3\.0"):
         release.release(checkout, "0.3.0", make)
     (checkout / "CHANGELOG.md").write_text(CHANGELOG.replace("[0.2.0]", "[0.3.0]"))
     commit(checkout)
-    with pytest.raises(release.Refused, match="both"):
+    with pytest.raises(release.ReleaseRefused, match="both"):
         release.release(checkout, "0.3.0", make)

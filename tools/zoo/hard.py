@@ -49,7 +49,7 @@ def lattice(side: int, period: int, rise: float, across: float = 1.0) -> QuadMes
     u = sm.steps(-1, 1, side)
     shell = pieces.sheet(lambda x, y: (x, y, rise * (1.0 - x**2 - across * (y**2 - 1.0))), u, u)
     i, j = np.divmod(np.arange(side * side), side)
-    return pieces.without(shell, (i % period != 0) & (j % period != 0))
+    return pieces.without_quads(shell, (i % period != 0) & (j % period != 0))
 
 
 def fluted(folds: int, each: int, rows: int, depth: float, height: float, twist: float = 0.0) -> QuadMesh:

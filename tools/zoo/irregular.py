@@ -40,27 +40,27 @@ def block(name: str, finer: int) -> QuadMesh:
 
 def rounded(name: str, finer: int, rounds: int) -> QuadMesh:
     """A block, divided and rounded by Catmull and Clark's rule."""
-    return pieces.smoothed(block(name, finer), rounds)
+    return pieces.smooth(block(name, finer), rounds)
 
 
 def handles(genus: int, rounds: int = 2) -> QuadMesh:
     """A smooth solid with that many holes: a slab of cubes, subdivided."""
     cells = np.ones((2 * genus + 1, 3, 1), dtype=bool)
     cells[1::2, 1] = False
-    return pieces.smoothed(shapes.voxels(cells), rounds)
+    return pieces.smooth(shapes.voxels(cells), rounds)
 
 
 def open_box(side: int, depth: int) -> QuadMesh:
     """A box without lid."""
     box = shapes.voxels(np.ones((side, side, depth), dtype=bool))
-    return pieces.without(box, box.centroids[:, 2] > depth - 0.25)
+    return pieces.without_quads(box, box.centroids[:, 2] > depth - 0.25)
 
 
 def channel(length: int, side: int) -> QuadMesh:
     """A gutter of three walls."""
     box = shapes.voxels(np.ones((length, side, side), dtype=bool))
     x, _, z = box.centroids.T
-    return pieces.without(box, (z > side - 0.25) | (x < 0.25) | (x > length - 0.25))
+    return pieces.without_quads(box, (z > side - 0.25) | (x < 0.25) | (x > length - 0.25))
 
 
 def branches(arms: str, finer: int, rounds: int, reach: int = 2) -> QuadMesh:
@@ -80,7 +80,7 @@ def branches(arms: str, finer: int, rounds: int, reach: int = 2) -> QuadMesh:
     for arm in arms:
         axis = "xyz".index(arm.lower())
         gone |= middle[:, axis] > size - 0.25 if arm.isupper() else middle[:, axis] < 0.25
-    return pieces.smoothed(pieces.without(mesh, gone), rounds)
+    return pieces.smooth(pieces.without_quads(mesh, gone), rounds)
 
 
 def schwarz_p(rounds: int) -> QuadMesh:
@@ -88,7 +88,7 @@ def schwarz_p(rounds: int) -> QuadMesh:
     mesh = branches("xXyYzZ", 1, rounds, reach=1)
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     cell = mesh.with_vertices((mesh.vertices - 0.5 * (low + high)) / (high - low) * 2 * np.pi)
-    return pieces.onto(cell, lambda p: np.cos(p).sum(axis=1))
+    return pieces.project_onto(cell, lambda p: np.cos(p).sum(axis=1))
 
 
 # -- folded and creased ------------------------------------------------------------------------------------------------
@@ -154,21 +154,21 @@ def perforated(side: int, period: int, bulge: float) -> QuadMesh:
     u = steps(-1, 1, side)
     plate = pieces.sheet(lambda x, y: (x, y, bulge * (2 - x**2 - y**2)), u, u)
     i, j = np.divmod(np.arange(side * side), side)
-    return pieces.without(plate, (i % period == period // 2) & (j % period == period // 2))
+    return pieces.without_quads(plate, (i % period == period // 2) & (j % period == period // 2))
 
 
 def perforated_tube(sectors: int, rings: int, period: int) -> QuadMesh:
     """A tube with windows."""
     tube = pieces.sheet(lambda z, a: (np.cos(a), np.sin(a), z), steps(0, 2.4, rings), turn(sectors), (False, True))
     i, j = np.divmod(np.arange(len(tube.quads)), sectors)
-    return pieces.without(tube, (i % period == period // 2) & (j % period == period // 2))
+    return pieces.without_quads(tube, (i % period == period // 2) & (j % period == period // 2))
 
 
 def oculus(size: int, hole: float, low: float = 0.0) -> QuadMesh:
     """A dome of a blown-up cube with an opening at its top."""
     dome = shapes.cubesphere(size)
     z = dome.centroids[:, 2] / np.linalg.norm(dome.centroids, axis=1)
-    return pieces.without(dome, (z < low) | (z > np.cos(np.radians(hole))))
+    return pieces.without_quads(dome, (z < low) | (z > np.cos(np.radians(hole))))
 
 
 def feet(size: int, count: int) -> QuadMesh:
@@ -176,7 +176,7 @@ def feet(size: int, count: int) -> QuadMesh:
     dome = shapes.cubesphere(size)
     x, y, z = dome.centroids.T / np.linalg.norm(dome.centroids, axis=1)
     arch = 0.12 + 0.42 * np.sin(0.5 * count * (np.arctan2(y, x) + np.pi / 4)) ** 2
-    return largest(pieces.without(dome, z < arch))
+    return largest(pieces.without_quads(dome, z < arch))
 
 
 def largest(mesh: QuadMesh) -> QuadMesh:
@@ -187,7 +187,7 @@ def largest(mesh: QuadMesh) -> QuadMesh:
         gone = free | fans[mesh.quads].any(axis=1) | (mesh.body_of != np.argmax(np.bincount(mesh.body_of)))
         if not gone.any():
             return mesh
-        mesh = pieces.without(mesh, gone)
+        mesh = pieces.without_quads(mesh, gone)
 
 
 # -- polygons divided into quads ---------------------------------------------------------------------------------------
@@ -195,13 +195,13 @@ def largest(mesh: QuadMesh) -> QuadMesh:
 
 def thirds(polygons: pieces.Polygons, shape: Shape | None = None) -> QuadMesh:
     """Cut every triangle into three quads: irregular vertices everywhere."""
-    mesh = pieces.divided(polygons, smooth=False)
+    mesh = pieces.divide_polygons(polygons, smooth=False)
     return mesh if shape is None else mesh.with_vertices(shape(mesh.vertices))
 
 
 def catmull_clark(polygons: pieces.Polygons, rounds: int, shape: Shape | None = None) -> QuadMesh:
     """Subdivide polygons by Catmull and Clark's rule."""
-    mesh = pieces.smoothed(pieces.divided(polygons, smooth=True), rounds - 1)
+    mesh = pieces.smooth(pieces.divide_polygons(polygons, smooth=True), rounds - 1)
     return mesh if shape is None else mesh.with_vertices(shape(mesh.vertices))
 
 

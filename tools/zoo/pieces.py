@@ -63,7 +63,7 @@ def star(sectors: int, size: int, place: Place, power: float = 3.0) -> QuadMesh:
     return flat.with_vertices(_points(place, flat.vertices[:, 0], flat.vertices[:, 1]))
 
 
-def without(mesh: QuadMesh, gone: np.ndarray) -> QuadMesh:
+def without_quads(mesh: QuadMesh, gone: np.ndarray) -> QuadMesh:
     """The mesh without some quads, (F,) bool, and without the vertices that only they used."""
     used, corners = np.unique(mesh.quads[~gone], return_inverse=True)
     return QuadMesh(mesh.vertices[used], corners.reshape(-1, 4))
@@ -141,7 +141,7 @@ def _across(vector: np.ndarray, ahead: np.ndarray) -> np.ndarray:
 Polygons = tuple[np.ndarray, list[list[int]]]  # vertices (V, 3) and the corners of every face
 
 
-def divided(polygons: Polygons, smooth: bool) -> QuadMesh:
+def divide_polygons(polygons: Polygons, smooth: bool) -> QuadMesh:
     """Cut every n-gon into n quads: by Catmull and Clark's rule (1978), or, not ``smooth``, with all points where they are."""
     points, faces = polygons
     centres = np.array([points[f].mean(axis=0) for f in faces])
@@ -269,7 +269,7 @@ def triangle_mesh(points: np.ndarray, triangles: np.ndarray) -> PolygonMesh:
     return PolygonMesh(points, triangles.ravel().astype(np.int64), np.full(len(triangles), 3))
 
 
-def triangulated(mesh: QuadMesh) -> PolygonMesh:
+def triangulate(mesh: QuadMesh) -> PolygonMesh:
     """Cut every quad into two triangles."""
     return triangle_mesh(mesh.vertices, np.concatenate([mesh.quads[:, [0, 1, 2]], mesh.quads[:, [0, 2, 3]]]))
 
@@ -287,7 +287,7 @@ def noise(points: np.ndarray, seed: int, length: float, octaves: int = 1) -> np.
     return total
 
 
-def smoothed(mesh: QuadMesh, steps: int) -> QuadMesh:
+def smooth(mesh: QuadMesh, steps: int) -> QuadMesh:
     """The mesh after some steps of Catmull and Clark."""
     for _ in range(steps):
         mesh = shapes.subdivide(mesh)
@@ -309,7 +309,7 @@ def soap_film(mesh: QuadMesh) -> QuadMesh:
     return mesh.with_vertices(found)
 
 
-def onto(mesh: QuadMesh, value: Callable[[np.ndarray], np.ndarray], steps: int = 20) -> QuadMesh:
+def project_onto(mesh: QuadMesh, value: Callable[[np.ndarray], np.ndarray], steps: int = 20) -> QuadMesh:
     """The mesh moved onto the surface where ``value`` of points (n, 3) is zero, along its slope (Newton's method)."""
     points = mesh.vertices.copy()
     size = 1e-5 * float(np.ptp(points))

@@ -38,10 +38,10 @@ GROWTH = 1.2  # n log n between 500 and 6,000 quads
 
 def rows(records: Records) -> list[Row]:
     """The rows of the whole zoo, of the surfaces that figures are asked of by name, and of how the cost grows."""
-    whole = {name: r for name, r in records.items() if not refused(r)}
+    whole = {name: r for name, r in records.items() if not is_refused(r)}
     made = {name: r for name, r in whole.items() if r.get("sheets", 0)}
     sizes = np.concatenate([r["sizes"] for r in made.values()]) if made else np.zeros(1)
-    known, count = sum(not unknown(r) for r in made.values()), max(len(whole), 1)
+    known, count = sum(not is_unsolved(r) for r in made.values()), max(len(whole), 1)
     faults = []
     for fault, is_wrong in FAULTS.items():
         found = sorted(name for name, r in records.items() if is_wrong(r))
@@ -59,17 +59,17 @@ def rows(records: Records) -> list[Row]:
     ]
 
 
-def refused(record: Record) -> bool:
+def is_refused(record: Record) -> bool:
     """Return whether a surface failed the checks."""
     return "refused" in record and record["ended_in"] in BEFORE
 
 
-def unknown(record: Record) -> bool:
+def is_unsolved(record: Record) -> bool:
     """Return whether it was not simulated, or not optimised although requested."""
     return "rmse_mm" not in record or ("optimise" in record["busy"] and "rmse_mm_before" not in record)
 
 
-def unsaid(record: Record) -> bool:
+def is_unreported(record: Record) -> bool:
     """Return whether the piece of a curved surface stays flat, its arms hardly strained, without a finding that says so."""
     flat = record.get("rms_percent", 0.0) > 1.0 and (record.get("strain") or 0.0) < FLAT
     return flat and not {"stays-flat", "far-from-target"} & set(record["findings"])
@@ -77,25 +77,25 @@ def unsaid(record: Record) -> bool:
 
 def has_sheets(record: Record) -> bool:
     """Return whether it passed the checks and lies on sheets."""
-    return not refused(record) and bool(record.get("sheets", 0))
+    return not is_refused(record) and bool(record.get("sheets", 0))
 
 
 # what no surface shall be, by the names of rows
 FAULTS: dict[str, Callable[[Record], object]] = {
-    "wrongly refused or wrongly taken": lambda r: refused(r) != bool(r.get("to_be_refused")),
-    "without sheets": lambda r: not refused(r) and not r.get("sheets", 0),
-    "not optimised or not simulated": lambda r: has_sheets(r) and unknown(r),
+    "wrongly refused or wrongly taken": lambda r: is_refused(r) != bool(r.get("to_be_refused")),
+    "without sheets": lambda r: not is_refused(r) and not r.get("sheets", 0),
+    "not optimised or not simulated": lambda r: has_sheets(r) and is_unsolved(r),
     "tracebacks": lambda r: "traceback" in r,
     "given up or crashed": lambda r: "crashed" in r,
     "worse than they began": lambda r: r.get("worse"),
-    "stay flat without a word": lambda r: has_sheets(r) and unsaid(r),
+    "stay flat without a word": lambda r: has_sheets(r) and is_unreported(r),
     "patches of one quad for no reason of its own": lambda r: r.get("alone", 0) > r.get("alone_own_e", 0),
     "panels that cannot be cut": lambda r: r.get("uncuttable", 0),
     "figures that are not finite": lambda r: r.get("not_finite"),
 }
 
 
-def busy(record: Record, stages: tuple[str, ...] | None = None) -> float:
+def busy_seconds(record: Record, stages: tuple[str, ...] | None = None) -> float:
     """Seconds of processor of some stages, or of all."""
     each = record.get("busy", {})
     return float(sum(each.get(stage, 0.0) for stage in (each if stages is None else stages)))
@@ -114,7 +114,7 @@ def _by_name(records: Records) -> list[Row]:
             continue
         for key, limit in asked.items():
             if key in SECONDS:
-                found.append(at_most(name, f"{key}, seconds", limit, busy(record, SECONDS[key][0])))
+                found.append(at_most(name, f"{key}, seconds", limit, busy_seconds(record, SECONDS[key][0])))
             else:
                 found.append(at_most(name, key, limit, record.get(key, float("nan"))))
     return found
@@ -124,7 +124,7 @@ def _times(records: Records) -> list[Row]:
     """The slowest of every stage among those of a size for which a time is asked, and the longest silence."""
     found = []
     for name, (stages, most, limit) in SECONDS.items():
-        times = {n: busy(r, stages) for n, r in records.items() if r.get("quads", 0) <= most}
+        times = {n: busy_seconds(r, stages) for n, r in records.items() if r.get("quads", 0) <= most}
         if times:
             slowest = max(times, key=lambda n: times[n])
             late = sum(t > limit for t in times.values())
@@ -145,7 +145,7 @@ def _growth(records: Records) -> list[Row]:
 
     found = []
     for stage in ("check", "regularise", "trace", "merge", "split", "spirals", "optimise", "simulate", "sheets"):
-        pairs = [(r["quads"], busy(r, (stage,))) for r in records.values() if r["quads"] >= SMALLEST]
+        pairs = [(r["quads"], busy_seconds(r, (stage,))) for r in records.values() if r["quads"] >= SMALLEST]
         pairs = [(n, t) for n, t in pairs if t > 0.01]
         if len(pairs) >= 8 and max(pairs)[0] >= SPREAD * min(pairs)[0]:
             slope = siegelslopes(*np.log(np.array(pairs, dtype=float)).T[::-1])[0]

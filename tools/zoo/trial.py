@@ -23,7 +23,7 @@ from flexmaps.engine.runs import job, report
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import PolygonMesh
-from harness import EDGE, processor
+from harness import EDGE, processor_seconds
 
 NESTING = 1.0  # seconds
 WORSE = 1.005  # the same figure of two simulations differs by less than this from rounding
@@ -46,10 +46,10 @@ class Clock:
         self.silence: dict[str, float] = {}
         self.stage = ""
         self._part = part
-        self._start, self._told = (time.monotonic(), processor()), time.process_time()
+        self._start, self._told = (time.monotonic(), processor_seconds()), time.process_time()
 
     def __call__(self, fraction: float, text: str) -> None:
-        now, told = (time.monotonic(), processor()), time.process_time()
+        now, told = (time.monotonic(), processor_seconds()), time.process_time()
         if self.stage:
             quiet = told - self._told
             self.silence[self.stage] = round(max(self.silence.get(self.stage, 0.0), quiet), 3)
@@ -86,7 +86,7 @@ def run(
         polygons = make()
         record["quads"] = len(polygons.sizes)
         if remesh is not None:
-            polygons = remeshed(polygons, remesh)
+            polygons = remesh_into_quads(polygons, remesh)
         result = job.run(
             polygons, settings, edge=EDGE, optimised=optimised, supports=supports, progress=Progress(report=clock)
         )
@@ -111,7 +111,7 @@ def settings_used(**optimise: Any) -> Settings:
     )
 
 
-def remeshed(polygons: PolygonMesh, count: int) -> PolygonMesh:
+def remesh_into_quads(polygons: PolygonMesh, count: int) -> PolygonMesh:
     """Quads by Blender's tools, as ``run --remesh`` makes them."""
     from flexmaps.bridge.hosts import job_folder, remesh
 
