@@ -34,7 +34,7 @@ def lbfgs(
         done = min(trace.evaluations / (1.2 * params.iterations), 1.0)
         within = progress.at(done, f"RMSE {1e3 * best.mismatch.rmse:.4g} mm")
         trace.evaluations += 1
-        if problem.work.over:
+        if problem.work.is_over:
             raise StopIteration
         point = problem.point_at(x, last.equilibrium.pose, within, MAX_NEWTON_ITERATIONS)
         if not (point.equilibrium.converged and np.isfinite(point.value)):

@@ -32,7 +32,7 @@ from .point_copy import copy_state, with_problem
 from .polytope import LinearClearances
 from .slot_penalty import NarrowSlots, SlotRequirement
 from .terms import Jacobian
-from .work import CURVED, GEOMETRY, VARIED
+from .work import FLAT_MODES_COST, GEOMETRY_COST, SECOND_ORDER_COST
 
 # Weight of the barriers over the mismatch. Smaller: longer steps, but quads get stuck at their limits (docs/tuning.md)
 BARRIER_WEIGHT = 0.12
@@ -187,7 +187,7 @@ class FlatProblem(InverseProblem):
             model=start.model,
             equilibrium=start.equilibrium,
             mismatch=start.mismatch,
-            factors=start.factors,
+            factor_cache=start.factor_cache,
             assembly=self.assembly.with_spirals(*start.width_and_twist),
             stance=self.stance,
             progress=progress,
@@ -196,7 +196,7 @@ class FlatProblem(InverseProblem):
         return found
 
     def linear_clearances(self, x: np.ndarray) -> LinearClearances:
-        if self.room is None:
+        if self.clearance_model is None:
             return LinearClearances.empty(len(x))
         model, spirals = self._clearances_at(x), self.space.width_and_twist(x)
         terms = narrowest_per_pair(model.clearances(*spirals, with_flat=True, narrowest_only=True))
@@ -250,14 +250,14 @@ class FlatProblem(InverseProblem):
             assembly = replace(assembly, rim=assembly.rim.with_hubs_moved(shift))
         model = self.build_model(assembly, progress)
         stance = None if self.stance is None else self.stance.with_corners(points[layout.flat_corners])
-        found, factors = self.find_equilibrium(model, stance, start, progress, iterations, step)
+        found, factor_cache = self.find_equilibrium(model, stance, start, progress, iterations, step)
         return FlatPoint(
             x=x,
             problem=self,
             model=model,
             equilibrium=found,
             mismatch=self.target.compare(found.pose.centres),
-            factors=factors,
+            factor_cache=factor_cache,
             assembly=assembly,
             stance=stance,
             progress=progress,
@@ -300,7 +300,7 @@ class FlatPoint(DesignPoint):
         """Derivatives of all joints with respect to the rest geometry of their sides."""
         assert self.arm_model is not None and self._joint_derivatives is not None
         self.progress(0.0)
-        self.problem.work.add(GEOMETRY, self.assembly.size)
+        self.problem.work.add(GEOMETRY_COST, self.assembly.size)
         return RestChanges(self.arm_model, self._state, self._joint_derivatives.constant_curving)
 
     @property
@@ -337,7 +337,7 @@ class FlatPoint(DesignPoint):
     @cached_property
     def _forces_by_x(self) -> csr_array:
         pairs = self._joint_pairs
-        self.problem.work.add(CURVED, len(self._rest_changes.curving.joints))
+        self.problem.work.add(SECOND_ORDER_COST, len(self._rest_changes.curving.joints))
         joints, values = np.arange(len(pairs)), np.swapaxes(self._rest_changes.gradient[: len(pairs)], 1, 2)
         row = (6 * pairs[:, :, None] + np.arange(6)).reshape(-1, 12, 1)
         column = 6 * joints[:, None, None] + np.arange(6)
@@ -386,7 +386,7 @@ class FlatPoint(DesignPoint):
 
     def _eigenvalue_derivatives(self) -> tuple[np.ndarray, np.ndarray]:
         hubs, by_x = super()._eigenvalue_derivatives()
-        self.problem.work.add(VARIED, self.assembly.size)
+        self.problem.work.add(FLAT_MODES_COST, self.assembly.size)
         modes, pairs, arms = self._soft_modes, self._joint_pairs, self.arm_model
         assert modes is not None and arms is not None
         known = joint_derivatives(

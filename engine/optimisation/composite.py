@@ -82,7 +82,7 @@ class CompositeModel:
             if further is None:
                 break
             fall, here = here.damped - further.damped, further
-            if fall < MIN_GAIN * (start.damped - here.damped) or self.point.problem.work.over:
+            if fall < MIN_GAIN * (start.damped - here.damped) or self.point.problem.work.is_over:
                 break
         return here
 

@@ -46,7 +46,7 @@ MESSAGE = "Held near the target by springs"  # text of the progress during this 
 def continue_far(search: Search, progress: Progress) -> None:
     """Go on with springs from the best result of a search that ended far from its target.
 
-    New results are appended to ``search.held``.
+    New results are appended to ``search.results``.
 
     Parameters
     ----------
@@ -57,14 +57,14 @@ def continue_far(search: Search, progress: Progress) -> None:
     if (
         not search.task.params.codesign
         or here.point.arm_model is None
-        or here.percent <= _allowed_percent(search, here)
+        or here.distance_percent <= _allowed_percent(search, here)
     ):
         return
-    work.extend(TIME_WITH_SPRINGS * work.usual)
+    work.begin_overtime(TIME_WITH_SPRINGS * work.usual)
     released = _release_from_springs(search, here, progress.part(0.0, 0.7).saying(MESSAGE))
     if released is not None:
-        work.extend(TIME_AFTER_SPRINGS * work.usual, rated=True)
-        search.relieve(search.cycled(released, progress.part(0.7, 0.95)), progress.part(0.95, 1.0))
+        work.begin_overtime(TIME_AFTER_SPRINGS * work.usual, ends_at_rate=True)
+        search.relieve_strains(search.run_cycles(released, progress.part(0.7, 0.95)), progress.part(0.95, 1.0))
     search.trace.ended = ended  # users are told how the search without springs ended
 
 
@@ -77,7 +77,7 @@ def _allowed_percent(search: Search, here: StageResult) -> float:
         return NEAR_PERCENT
     if flat and len(flat) == len(bodies):
         return np.inf  # without seams and supports nothing can bend these bodies out of the plane
-    return WANTED_PERCENT if search.snapping else FAR_PERCENT
+    return WANTED_PERCENT if search.is_snapping else FAR_PERCENT
 
 
 def _release_from_springs(search: Search, here: StageResult, progress: Progress) -> StageResult | None:
@@ -89,8 +89,10 @@ def _release_from_springs(search: Search, here: StageResult, progress: Progress)
     for k, share in enumerate(SHARES):
         within = progress.part(k / len(SHARES), (k + 1) / len(SHARES))
         with_springs = replace(task, springs=Springs(share * unit, task.target.centroids))
-        stage = replace(search, task=with_springs, trace=SearchRecord(), accepted=_ignore, farthest=np.inf, held=[])
-        point = with_springs.point(design, replace(like.problem, stability=stability), pose, within)
+        stage = replace(
+            search, task=with_springs, trace=SearchRecord(), accepted=_ignore, max_distance=np.inf, results=[]
+        )
+        point = with_springs.evaluate(design, replace(like.problem, stability=stability), pose, within)
         if not point.equilibrium.converged:
             return None
         point = point.with_strain_weight(point.mismatch.value)
@@ -98,16 +100,16 @@ def _release_from_springs(search: Search, here: StageResult, progress: Progress)
             point, replace(point.problem, stability=stability)
         )  # ``with_strain_weight`` has replaced it
         coarse = replace(task.params, stop=max(task.params.stop, FIRST_STOP))
-        start = stage.improved(StageResult(design, point, np.inf), coarse, within.part(0.0, 0.3))
-        result = stage.together(start, within.part(0.3, 1.0))
-        if result.percent > HOPEFUL * here.percent:
+        start = stage.optimise_spirals(StageResult(design, point, np.inf), coarse, within.part(0.0, 0.3))
+        result = stage.run_cycle(start, within.part(0.3, 1.0))
+        if result.distance_percent > HOPEFUL * here.distance_percent:
             return None
         design, like, pose = result.design, result.point, result.point.equilibrium.pose
-        alone = task.point(design, here.point.problem, pose, within)
-        free = StageResult(design, alone.with_strain_weight(alone.mismatch.value), search.farthest)
-        if free.sound and free.percent <= SUCCESS * here.percent:
-            return search.hold(design, free.point)
-        if task.work.over:
+        alone = task.evaluate(design, here.point.problem, pose, within)
+        free = StageResult(design, alone.with_strain_weight(alone.mismatch.value), search.max_distance)
+        if free.is_sound and free.distance_percent <= SUCCESS * here.distance_percent:
+            return search.add_result(design, free.point)
+        if task.work.is_over:
             break
     return None
 

@@ -20,7 +20,7 @@ from ..mechanics.equilibrium import Equilibrium
 from ..mechanics.newton_system import NewtonSystem
 from ..progress import Progress
 from .costs import Cost
-from .factor_cache import Factors
+from .factor_cache import FactorCache
 from .goal_registry import goals_of
 from .inverse import InverseProblem
 from .objective import Mismatch
@@ -39,7 +39,7 @@ from .terms import (
     sparse_from_runs,
     sum_gradients,
 )
-from .work import CURVED, MODE, OPENING, PRODUCT, SOFTEST
+from .work import MODE_DERIVATIVES_COST, PRODUCT_COST, SECOND_ORDER_COST, SLOTS_COST, SOFT_MODES_COST
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class DesignPoint:
     model: ElasticModel
     equilibrium: Equilibrium
     mismatch: Mismatch
-    factors: Factors
+    factor_cache: FactorCache
 
     @property
     def arm_model(self) -> ArmModel | None:
@@ -61,7 +61,7 @@ class DesignPoint:
     @property
     def newton_system(self) -> NewtonSystem:
         """Linear system with the factor of this equilibrium's Hessian."""
-        return self.factors.system_of(self.equilibrium, lambda: self.model.expand(self._state).hessian)
+        return self.factor_cache.system_of(self.equilibrium, lambda: self.model.expand(self._state).hessian)
 
     def precompute(self, progress: Progress) -> None:
         """Compute and cache the parts of the gradient; report progress, because thousands of spirals take seconds."""
@@ -168,7 +168,7 @@ class DesignPoint:
         asked, found = self.problem.stability, self.equilibrium
         if asked is None or not found.converged or found.spare >= asked.enough or self.arm_model is None:
             return None
-        self.problem.work.add(SOFTEST, self.problem.assembly.size)
+        self.problem.work.add(SOFT_MODES_COST, self.problem.assembly.size)
         modes = SoftModes.from_equilibrium(self.arm_model, found.pose, self.newton_system, asked)
         return modes if len(modes.rises) else None
 
@@ -186,14 +186,14 @@ class DesignPoint:
         """Return the derivatives of the softest eigenvalues with respect to hubs, and to coordinates at fixed hubs."""
         modes, changes, pose = self._soft_modes, self._joint_derivatives, self.equilibrium.pose
         assert modes is not None and changes is not None
-        self.problem.work.add(MODE * len(modes.rises), self.problem.assembly.size)
+        self.problem.work.add(MODE_DERIVATIVES_COST * len(modes.rises), self.problem.assembly.size)
         return modes.by_hubs(changes.model, pose), modes.by_spirals(changes, pose, self._design_by_x)
 
     @cached_property
     def _narrow_slots(self) -> NarrowSlots | None:
         if self._slot_requirement is None or self.arm_model is None:
             return None
-        self.problem.work.add(OPENING, self.problem.assembly.size)
+        self.problem.work.add(SLOTS_COST, self.problem.assembly.size)
         found = self._slot_requirement.narrow_slots(self.arm_model, self.equilibrium.pose)
         return found if len(found.found.values) else None
 
@@ -221,7 +221,7 @@ class DesignPoint:
     def _forces_by_spiral_x(self) -> csr_array:
         """Return the derivatives (6 n, K n) of the hubs' forces with respect to the K coordinates of each spiral."""
         known = self._joint_derivatives
-        self.problem.work.add(CURVED, 0 if known is None else len(known.curving.joints))
+        self.problem.work.add(SECOND_ORDER_COST, 0 if known is None else len(known.curving.joints))
         by_design = self.model.gradient_by_design(self._state) if known is None else known.complete.gradient_by_design
         blocks = np.swapaxes(by_design, 1, 2) @ self._design_by_x
         return self.problem.joint_assembler(blocks.transpose(0, 2, 1, 3))
@@ -283,7 +283,7 @@ class DesignPoint:
         self, change: np.ndarray, terms: Sequence[Term], costs: Sequence[Cost], rotation_damping: float = 0.0
     ) -> Float[np.ndarray, " coordinates"]:
         """Return the Gauss-Newton product of terms and costs; rotation_damping : weight of half the squared rotations."""
-        self.problem.work.add(PRODUCT, len(self.problem.assembly.width))
+        self.problem.work.add(PRODUCT_COST, len(self.problem.assembly.width))
         increments = self.hub_increments(change)
         parts = [
             rotation_damping_gradient(rotation_damping, increments),

@@ -15,7 +15,7 @@ MAX_FACTORS = 2  # number of factors: for a search's present point and for its t
 
 
 @dataclass(eq=False)
-class Factor:
+class CachedFactor:
     """A linear system with its factor; owner : the equilibrium whose Hessian is factored, None before that."""
 
     system: NewtonSystem
@@ -23,29 +23,29 @@ class Factor:
 
 
 @dataclass(eq=False)
-class Factors:
+class FactorCache:
     """Cache of factors with a common sparsity pattern; a new factor replaces the least recently used.
 
     A factor that was replaced is computed again on request, so no equilibrium gets the factor of another.
 
     pairs : (m, 2) int, bodies of every joint; fixed : (n, 6) bool, degrees of freedom that supports fix
-    held : (n, 6) bool, increments that stay 0; springs : at the hubs; kept : factors, the least recently used first
+    held : (n, 6) bool, increments that stay 0; springs : at the hubs; factors : factors, the least recently used first
     """
 
     pairs: np.ndarray
     fixed: Bool[np.ndarray, "spirals 6"]
     held: Bool[np.ndarray, "spirals 6"]
     springs: Springs | None = None
-    kept: list[Factor] = field(default_factory=list)
+    factors: list[CachedFactor] = field(default_factory=list)
 
-    def free(self) -> Factor:
+    def acquire(self) -> CachedFactor:
         """Return a system to factor anew; the caller sets its owner."""
-        if len(self.kept) < MAX_FACTORS:
-            factor = Factor(NewtonSystem(self.pairs, self.held, springs=self.springs))
+        if len(self.factors) < MAX_FACTORS:
+            factor = CachedFactor(NewtonSystem(self.pairs, self.held, springs=self.springs))
         else:
-            factor = self.kept.pop(0)
+            factor = self.factors.pop(0)
         factor.owner = None
-        self.kept.append(factor)
+        self.factors.append(factor)
         return factor
 
     def system_of(self, owner: object, blocks: Callable[[], np.ndarray]) -> NewtonSystem:
@@ -60,12 +60,12 @@ class Factors:
         ------
         ValueError : the matrix is not positive definite
         """
-        for factor in self.kept:
+        for factor in self.factors:
             if factor.owner is owner:
-                self.kept.remove(factor)
-                self.kept.append(factor)
+                self.factors.remove(factor)
+                self.factors.append(factor)
                 return factor.system
-        factor = self.free()
+        factor = self.acquire()
         if not factor.system.factor(factor.system.values(blocks())):
             raise ValueError("derivatives belong to converged equilibria")
         factor.owner = owner

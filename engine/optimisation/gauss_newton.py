@@ -23,7 +23,7 @@ from .preconditioning import CurvatureEstimate
 
 # Radians, largest predicted rotation of a hub in a step: larger predictions are scaled down to it, and refused beyond
 # four times as much. Larger: longer steps, more lost equilibria
-MAX_TURN = 0.3
+MAX_ROTATION = 0.3
 CANCELLED = "stopped"  # ``SearchRecord.ended`` of a cancelled search
 # RMS length of a stage's first step along the gradient, in coordinates scaled to [0, 1], for stable pieces and for
 # pieces less stable than required. Larger: fewer steps, more lost equilibria of pieces about to snap (docs/tuning.md)
@@ -43,29 +43,29 @@ MAX_NEWTON_ITERATIONS, PREDICTED_ITERATIONS = 30, 12
 class SearchRecord:
     """Record of a search, shared by all of its stages.
 
-    began : time of the start, seconds; rows : seconds, objective and RMSE (metres) of every accepted point
+    start_time : time of the start, seconds; rows : seconds, objective and RMSE (metres) of every accepted point
     evaluations : number of trial points; rejected : number of steps refused because the objective rose
     unstable : number of steps refused because no equilibrium was found, or the piece would have snapped
     ended : reason for the end of the last stage, at last of the search, a key of ``optimise.ENDS``
-    bending, damping : last curvature estimate and damping, by number of coordinates; later stages start from these
+    curvature_estimates, damping : last curvature estimate and damping, by number of coordinates; later stages start from these
     """
 
-    began: float = field(default_factory=time.perf_counter)
+    start_time: float = field(default_factory=time.perf_counter)
     rows: list[tuple[float, float, float]] = field(default_factory=list)
     evaluations: int = 0
     rejected: int = 0
     unstable: int = 0
     ended: str = "converged"
-    bending: dict[int, CurvatureEstimate] = field(default_factory=dict)
+    curvature_estimates: dict[int, CurvatureEstimate] = field(default_factory=dict)
     damping: dict[int, float] = field(default_factory=dict)
 
     def note(self, point: DesignPoint) -> None:
         """Add an accepted point to ``rows``."""
-        self.rows.append((time.perf_counter() - self.began, point.value, point.mismatch.rmse))
+        self.rows.append((time.perf_counter() - self.start_time, point.value, point.mismatch.rmse))
 
-    def bending_of(self, size: int) -> CurvatureEstimate:
+    def curvature_estimate(self, size: int) -> CurvatureEstimate:
         """Return the curvature estimate for this number of coordinates."""
-        return self.bending.setdefault(size, CurvatureEstimate(size))
+        return self.curvature_estimates.setdefault(size, CurvatureEstimate(size))
 
 
 Accepted = Callable[[DesignPoint], None]
@@ -96,11 +96,11 @@ def run_gauss_newton(
     -------
     The best point.
     """
-    search = _GaussNewtonProblem(params, trace, accepted, progress, start, trace.bending_of(len(start.x)))
-    trace.ended = TIME if problem.work.over else ITERATIONS
+    search = _GaussNewtonProblem(params, trace, accepted, progress, start, trace.curvature_estimate(len(start.x)))
+    trace.ended = TIME if problem.work.is_over else ITERATIONS
     if is_near(start, params):
         trace.ended = REACHED
-    elif params.iterations and not problem.work.over:
+    elif params.iterations and not problem.work.is_over:
         first = FIRST_STEP if start.stability_barrier is None else FIRST_STEP_NEAR_SNAP
         rule = LevenbergMarquardt(params.iterations, params.stop, first, trace.damping.get(len(start.x)))
         trace.ended = minimise(search, start, rule).ended
@@ -126,7 +126,7 @@ class _Proposal:
 class _GaussNewtonProblem:
     """The objective as a function of points, for ``newton.minimise`` (a ``newton.DampedProblem``).
 
-    note : called with every better point; best : the best point so far; bending : estimate of the objective's curvature
+    note : called with every better point; best : the best point so far; curvature_estimates : estimate of the objective's curvature
     step_number : number of accepted steps; before : value of ``_depending_on_shape`` before the present step
     """
 
@@ -135,13 +135,13 @@ class _GaussNewtonProblem:
     note: Accepted
     progress: Progress
     best: DesignPoint
-    bending: CurvatureEstimate
+    curvature_estimates: CurvatureEstimate
     step_number: int = 0
     before: float = np.inf
 
     @property
     def over(self) -> bool:
-        return self.best.problem.work.over
+        return self.best.problem.work.is_over
 
     def step_progress(self, point: DesignPoint) -> Progress:
         """Return the progress of the present step; its text has the number of steps so far and the point's distance."""
@@ -160,7 +160,7 @@ class _GaussNewtonProblem:
         )
         point.precompute(within)
         within(0.0)
-        self.bending.refine(point.gauss_newton_product)
+        self.curvature_estimates.refine(point.gauss_newton_product)
         self.before = _depending_on_shape(point)
         return LocalModel(point.value, point.gradient, float(np.linalg.norm(point.gradient)), own=point)
 
@@ -175,12 +175,12 @@ class _GaussNewtonProblem:
         point: DesignPoint = here.own
         within = self.step_progress(point)
 
-        units = self.bending.units(point.value, damping)
+        units = self.curvature_estimates.units(point.value, damping)
         model = CompositeModel(point, damping, following, units, lambda: within(0.0))
         proposal = self._proposal(model, model.minimise().step)
         if self.over:
             return None
-        point.problem.work.note_proposal()
+        point.problem.work.add_proposal()
         return proposal
 
     def shortened(self, here: LocalModel, proposal: _Proposal, share: float) -> _Proposal:
@@ -211,7 +211,7 @@ class _GaussNewtonProblem:
 
     def accepted(self, point: DesignPoint) -> None:
         self.step_number += 1
-        point.problem.work.note(float(np.log(self.before / max(_depending_on_shape(point), 1e-300))))
+        point.problem.work.add_step(float(np.log(self.before / max(_depending_on_shape(point), 1e-300))))
         if point.value < self.best.value:
             self.best = point
             self.trace.note(point)
@@ -232,10 +232,10 @@ def _take_step(
     """
     trace.evaluations += 1
     turn = np.linalg.norm(increments[:, 3:], axis=1).max()
-    if turn > 4.0 * MAX_TURN:
+    if turn > 4.0 * MAX_ROTATION:
         trace.unstable += 1
         return None
-    increments = increments * min(1.0, MAX_TURN / max(turn, 1e-300))
+    increments = increments * min(1.0, MAX_ROTATION / max(turn, 1e-300))
     x, pose = np.clip(here.x + step, 0.0, 1.0), here.equilibrium.pose
     trial = here.problem.point_at(x, pose, progress, PREDICTED_ITERATIONS, increments)
     spare = min(here.equilibrium.spare, inverse.MIN_STABILITY)

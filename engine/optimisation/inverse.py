@@ -21,13 +21,13 @@ from . import clearance_restoration
 from .clearance_restoration import ClearanceProblem, narrowest_per_pair
 from .costs import Cost, Roughness
 from .design_space import DesignSpace
-from .factor_cache import Factors
+from .factor_cache import FactorCache
 from .objective import Target
 from .polytope import LinearClearances
 from .slot_penalty import SlotRequirement
 from .stability import MIN_STABILITY, StabilityRequirement
 from .terms import StrainLimit
-from .work import EQUILIBRIUM, ITERATION, ROOMS, Work
+from .work import CLEARANCES_COST, EQUILIBRIUM_COST, ITERATION_COST, Work
 
 if TYPE_CHECKING:
     from .design_point import DesignPoint
@@ -39,10 +39,10 @@ NEAR_GAP = 1e-3  # clearance, in smallest slots, below which a gap is kept open 
 class InverseProblem:
     """An inverse problem: find spirals in ``space`` whose equilibrium under ``loads`` matches ``target``.
 
-    build_model : makes the elastic model of an assembly; simulate : settings of equilibria
+    build_model : makes the elastic model of an assembly; physics : settings of equilibria
     smoothness : weight of differences between joined spirals; strain_limit : limit of the arms' strains, None for no limit
     slot_requirement : required width of slots in space; None lets slots close; factor_caches, joint_assemblers : caches
-    work : counter for all points; room : clearances of a design; None does not check whether designs can be cut
+    work : counter for all points; clearance_model : clearances of a design; None does not check whether designs can be cut
     stability : required stability of equilibria; None requires ``MIN_STABILITY`` only
     stance : poses of the supports; None keeps the supports where the search starts
     """
@@ -52,25 +52,25 @@ class InverseProblem:
     target: Target
     loads: Loads
     build_model: Callable[[Assembly, Progress], ElasticModel]
-    simulate: SimulateParams
+    physics: SimulateParams
     smoothness: float = 0.0
     strain_limit: StrainLimit | None = None
     slot_requirement: SlotRequirement | None = None
     work: Work = field(default_factory=Work)
-    factor_caches: list[Factors] = field(default_factory=list)
-    room: ClearanceModel | None = None
+    factor_caches: list[FactorCache] = field(default_factory=list)
+    clearance_model: ClearanceModel | None = None
     stability: StabilityRequirement | None = None
     joint_assemblers: list[JointSum] = field(default_factory=list)
     stance: Stance | None = None
 
-    def factors(self, start: Pose) -> Factors:
+    def factor_cache(self, start: Pose) -> FactorCache:
         """Return the cache of factors of all points with these supports; they share the increments held at 0 too."""
         fixed, pairs = self.loads.fixed, self.assembly.whole.pairs
         for known in self.factor_caches:
             if np.array_equal(known.fixed, fixed):
                 return known
         self.factor_caches.append(
-            Factors(pairs, fixed, self.loads.held_increments(pairs, start.centres), self.loads.springs)
+            FactorCache(pairs, fixed, self.loads.held_increments(pairs, start.centres), self.loads.springs)
         )
         return self.factor_caches[-1]
 
@@ -92,16 +92,16 @@ class InverseProblem:
 
     def linear_clearances(self, x: np.ndarray) -> LinearClearances:
         """Return the linearised clearances at coordinates x."""
-        if self.room is None:
+        if self.clearance_model is None:
             return LinearClearances.empty(len(x))
-        terms = narrowest_per_pair(self.room.clearances(*self.space.width_and_twist(x), narrowest_only=True))
+        terms = narrowest_per_pair(self.clearance_model.clearances(*self.space.width_and_twist(x), narrowest_only=True))
         return LinearClearances.from_clearances(terms.value, terms.by_design @ self.space.jacobian(x))
 
     def restore_clearances(self, x: np.ndarray, feasible: DesignPoint) -> Float[np.ndarray, " coordinates"]:
         """Return the coordinates of a design near x that can be cut; the design of ``feasible`` can be cut."""
-        if self.room is None:
+        if self.clearance_model is None:
             return x
-        self.work.add(ROOMS, self.assembly.size)
+        self.work.add(CLEARANCES_COST, self.assembly.size)
         problem = ClearanceProblem(
             self._narrow_gaps,
             self._spirals_with_closed_gaps,
@@ -117,8 +117,8 @@ class InverseProblem:
 
     def _clearances_at(self, x: np.ndarray) -> ClearanceModel:
         """Return the clearances of designs in the flat shapes at coordinates x."""
-        assert self.room is not None
-        return self.room
+        assert self.clearance_model is not None
+        return self.clearance_model
 
     def _narrow_gaps(self, x: np.ndarray, quads: np.ndarray | None) -> LinearClearances:
         """Return the closed and nearly closed gaps, linearised in the spirals' coordinates; quads : None for all."""
@@ -152,10 +152,10 @@ class InverseProblem:
     ) -> DesignPoint:
         """Return the point at x; seek its equilibrium from ``start`` moved by ``step``, in at most ``iterations``."""
         model = self.build_model(self.assembly.with_spirals(*self.space.width_and_twist(x)), progress)
-        found, factors = self.find_equilibrium(model, self.stance, start, progress, iterations, step)
+        found, factor_cache = self.find_equilibrium(model, self.stance, start, progress, iterations, step)
         from .design_point import DesignPoint
 
-        return DesignPoint(self, x, model, found, self.target.compare(found.pose.centres), factors)
+        return DesignPoint(self, x, model, found, self.target.compare(found.pose.centres), factor_cache)
 
     def find_equilibrium(
         self,
@@ -165,14 +165,14 @@ class InverseProblem:
         progress: Progress,
         iterations: int | None,
         step: np.ndarray | None,
-    ) -> tuple[Equilibrium, Factors]:
+    ) -> tuple[Equilibrium, FactorCache]:
         """Return the equilibrium of a model on its supports, and the cache with its factor, see ``point_at``."""
         if stance is not None:
             start, step = (stance.place_supports(start), None) if step is None else (start, stance.step(start, step))
-        factors = self.factors(start)
-        factor = factors.free()
+        factor_cache = self.factor_cache(start)
+        factor = factor_cache.acquire()
         margins = (MIN_STABILITY,) if self.stability is None else self.stability.margins
-        found = solve(model, start, self.loads, self.simulate, progress, factor.system, iterations, step, margins)
+        found = solve(model, start, self.loads, self.physics, progress, factor.system, iterations, step, margins)
         factor.owner = found if found.converged else None
-        self.work.add(EQUILIBRIUM + ITERATION * (found.iterations + 1), self.assembly.size)
-        return found, factors
+        self.work.add(EQUILIBRIUM_COST + ITERATION_COST * (found.iterations + 1), self.assembly.size)
+        return found, factor_cache

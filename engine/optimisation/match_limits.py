@@ -207,5 +207,5 @@ def _remedies(share: np.ndarray, simulation: Simulation) -> Amounts:
         soft=kind == "softest",
         thickness=simulation.assembly.thickness,
         quads=simulation.assembly.size,
-        eased=None if ease is None else lambda times, thickness: ease(times, thickness) / OVERSTRAIN_SHARE,
+        forecast=None if ease is None else lambda times, thickness: ease(times, thickness) / OVERSTRAIN_SHARE,
     )

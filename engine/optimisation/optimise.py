@@ -30,13 +30,13 @@ from .continuation import continue_far
 from .design_point import DesignPoint
 from .gauss_newton import CANCELLED, SearchRecord
 from .inverse import InverseProblem
-from .search import ALWAYS_ALLOWED_DISTANCE, FARTHER, Search, StageResult
+from .search import ALWAYS_ALLOWED_DISTANCE, MAX_DISTANCE_GROWTH, Search, StageResult
 from .slot_opening import SimulatedResult, open_closed_slots
 from .snapshot import OptimisationStep
 from .task import Task
 from .terms import FULL_STRAIN_PENALTY, MILD_STRAIN_PENALTY, NO_STRAIN_PENALTY
 from .wishes import Wishes
-from .work import FIT, Work
+from .work import FABRICABLE_COST, Work
 
 ENDS = {
     "converged": "Converged: further steps would improve it by next to nothing.",
@@ -90,12 +90,12 @@ class Optimisation:
         return self.point.problem.space.by_spiral(self.point.gradient)
 
     @property
-    def finished(self) -> bool:
+    def is_finished(self) -> bool:
         """Whether the search ended without a cancel by the user."""
         return self.ended != CANCELLED
 
     @cached_property
-    def end(self) -> str:
+    def end_message(self) -> str:
         """Reason for the end, as a sentence."""
         stuck = self.ended in ("converged", "nothing") and self.after.equilibrium.converged
         if stuck and len(snapping_spirals(self.after.equilibrium, self.after.softest)[0]):
@@ -122,9 +122,9 @@ class Optimisation:
         return {
             "method": "gauss_newton",  # other programs may read it
             "start": self.start,
-            "finished": self.finished,
+            "finished": self.is_finished,
             "ended": self.ended,
-            "end": self.end,
+            "end": self.end_message,
             "iterations": len(self.trace.rows),
             "evaluations": self.trace.evaluations,
             "rejected": self.trace.rejected,
@@ -173,11 +173,11 @@ def optimise(
     ------
     FlexMapsError : no start has an equilibrium, or arguments do not fit together; Cancelled : before the first design
     """
-    _check(design, target, constraints, wishes)
+    _check_arguments(design, target, constraints, wishes)
     progress, work = progress.rising(), Work.for_spirals(len(design.width), params.patience)
     task = Task(target, material, params, physics, supports, force, work, constraints, wishes)
-    before = _shown_at_rest(task, design, progress) if prove else None
-    problem = task.problem(design, progress.at(0.0, "Starting shapes"))
+    before = _simulate_given(task, design, progress) if prove else None
+    problem = task.build_problem(design, progress.at(0.0, "Starting shapes"))
     points = find_starts(problem, design, target, params, progress.part(0.0, 0.1))
     names = _rank_starts(points, _distance_limit(points.get("given"), problem))
     starts = {name: points[name].with_strain_weight(points[names[0]].mismatch.value) for name in names}
@@ -186,42 +186,42 @@ def optimise(
     pose = given.equilibrium.pose
     rests_elsewhere = before and poses_differ(before.equilibrium.pose, pose, before.assembly.pairs, before.loads)
     if before is None or rests_elsewhere:
-        before = task.simulated(design, pose, progress.part(0.1, 0.12)) if prove else task.rested(design, given)
+        before = task.simulate(design, pose, progress.part(0.1, 0.12)) if prove else task.simulate_point(design, given)
     trace, latest = SearchRecord(), (start, design)
 
     def accepted(point: DesignPoint) -> None:
         nonlocal latest
-        latest = point, search.held[-1].design if search.held else design
+        latest = point, search.results[-1].design if search.results else design
         progress.show(OptimisationStep.from_point(point, design, target, len(trace.rows)))
 
     search = Search(task, trace, accepted, _distance_limit(given, problem), design.flat)
     accepted(start)
     try:
-        search.run(list(starts.values()), design, work.pace(progress.part(0.12, 0.9)))
+        search.run(list(starts.values()), design, work.with_work_fraction(progress.part(0.12, 0.9)))
         found = _continue_and_prove(search, progress) if prove else _best_unproved(search)
     except Cancelled:
         trace.ended, found = CANCELLED, _best_so_far(search, *latest)
-    found = _better(found, SimulatedResult(before, given, search.farthest), trace)
+    found = _better_result(found, SimulatedResult(before, given, search.max_distance), trace)
     after = found.simulation
     if prove and trace.ended != CANCELLED:
         after = _with_other_rests(after, physics, progress.part(0.99, 1.0))
     return Optimisation(before, after, trace, names[0], found.point, trace.ended)
 
 
-def _shown_at_rest(task: Task, design: SpiralDesign, progress: Progress) -> Simulation | None:
+def _simulate_given(task: Task, design: SpiralDesign, progress: Progress) -> Simulation | None:
     """Simulate the given design and show it; return None without an equilibrium.
 
     This is done first, so that a user who cancels later need not wait for it.
     """
     pose, within = target_pose(task.target, design.flat.corners), progress.at(0.0, "Starting shapes")
-    found = task.simulated(design, pose, within)
+    found = task.simulate(design, pose, within)
     if not found.equilibrium.converged:
         return None
     progress.show(OptimisationStep.from_simulation(found, task))
     return found
 
 
-def _better(found: SimulatedResult | None, given: SimulatedResult, trace: SearchRecord) -> SimulatedResult:
+def _better_result(found: SimulatedResult | None, given: SimulatedResult, trace: SearchRecord) -> SimulatedResult:
     """Return the better of the search's result and the given design; set ``trace.ended`` if the given one stays."""
     strain_penalty = NO_STRAIN_PENALTY if trace.ended == CANCELLED else MILD_STRAIN_PENALTY
     if found is None or not found.merit(strain_penalty) < (1.0 - SAME_MERIT) * given.merit(strain_penalty):
@@ -239,7 +239,7 @@ def _with_other_rests(simulation: Simulation, physics: SimulateParams, progress:
         return simulation
 
 
-def _check(design: SpiralDesign, target: QuadMesh, constraints: Constraints, wishes: Wishes | None) -> None:
+def _check_arguments(design: SpiralDesign, target: QuadMesh, constraints: Constraints, wishes: Wishes | None) -> None:
     """Raise FlexMapsError if arguments do not fit together."""
     if len(target.quads) != len(design.width):
         raise FlexMapsError(
@@ -253,11 +253,9 @@ def _check(design: SpiralDesign, target: QuadMesh, constraints: Constraints, wis
 
 def _distance_limit(given: DesignPoint | None, problem: InverseProblem) -> float:
     """Return the largest allowed RMS distance from the target, in distances of neighbours; inf without ``given``."""
-    return (
-        np.inf
-        if given is None
-        else max(FARTHER * given.relative_distance, ALWAYS_ALLOWED_DISTANCE) + problem.target.farthest_wish
-    )
+    if given is None:
+        return np.inf
+    return max(MAX_DISTANCE_GROWTH * given.relative_distance, ALWAYS_ALLOWED_DISTANCE) + problem.target.farthest_wish
 
 
 def _rank_starts(points: dict[str, DesignPoint], farthest: float) -> list[str]:
@@ -272,7 +270,7 @@ def _rank_starts(points: dict[str, DesignPoint], farthest: float) -> list[str]:
 
 def _continue_and_prove(search: Search, progress: Progress) -> SimulatedResult | None:
     """Continue with springs if the search ended far from its target; then return the best design, proved fabricable."""
-    continue_far(search, search.task.work.pace(progress.part(0.12, 0.9)))
+    continue_far(search, search.task.work.with_work_fraction(progress.part(0.12, 0.9)))
     return _prove_best(search, progress.part(0.9, 1.0))
 
 
@@ -280,15 +278,15 @@ def _prove_best(search: Search, progress: Progress) -> SimulatedResult | None:
     """Return the best design after mending its touching outlines and opening its slots; None if none can be cut."""
     found: list[SimulatedResult] = []
     strain_penalty = _strictness(search)
-    for held in _drop_similar(search.held, strain_penalty)[:MAX_PROOFS]:
+    for held in _drop_similar(search.results, strain_penalty)[:MAX_PROOFS]:
         progress(0.3, "Proving that it can be cut")
         pose = held.point.equilibrium.pose
         try:
             design = resolve_contacts(held.design, progress.part(0.3, 0.7), free=held.point.problem.space.free_spirals)
         except FlexMapsError:
             continue
-        simulation = search.task.simulated(design, pose, progress.part(0.7, 0.9))
-        found.append(SimulatedResult(simulation, held.point, search.farthest))
+        simulation = search.task.simulate(design, pose, progress.part(0.7, 0.9))
+        found.append(SimulatedResult(simulation, held.point, search.max_distance))
         if found[-1].merit(strain_penalty) <= (1.0 + RESULT_TOL) * held.merit(strain_penalty):
             break
     best = min(found, key=lambda one: one.merit(strain_penalty), default=None)
@@ -297,14 +295,14 @@ def _prove_best(search: Search, progress: Progress) -> SimulatedResult | None:
 
 def _best_unproved(search: Search) -> SimulatedResult | None:
     """Return the best design, not proved fabricable; None if it has no equilibrium near the target."""
-    best = min(search.held, key=lambda one: one.merit(_strictness(search)))
-    rested = search.task.rested(best.design, best.point) if best.sound else None
-    return None if rested is None else SimulatedResult(rested, best.point, search.farthest)
+    best = min(search.results, key=lambda one: one.merit(_strictness(search)))
+    rested = search.task.simulate_point(best.design, best.point) if best.is_sound else None
+    return None if rested is None else SimulatedResult(rested, best.point, search.max_distance)
 
 
 def _strictness(search: Search) -> float:
     """Return the penalty on excess strain when ranking results: lenient if no time was left to reduce strains."""
-    return MILD_STRAIN_PENALTY if search.task.work.late else FULL_STRAIN_PENALTY
+    return MILD_STRAIN_PENALTY if search.task.work.is_late else FULL_STRAIN_PENALTY
 
 
 def _drop_similar(held: list[StageResult], strain_penalty: float) -> list[StageResult]:
@@ -322,14 +320,16 @@ def _best_so_far(search: Search, point: DesignPoint, design: SpiralDesign) -> Si
     Equilibria are reused, and the latest point is not made fabricable if the best stage result is as good.
     """
     task, found = search.task, list[SimulatedResult]()
-    if search.held and search.best.value < np.inf:
+    if search.results and search.best.value < np.inf:
         found.append(
-            SimulatedResult(task.rested(search.best.design, search.best.point), search.best.point, search.farthest)
+            SimulatedResult(
+                task.simulate_point(search.best.design, search.best.point), search.best.point, search.max_distance
+            )
         )
     if not found or found[0].merit(NO_STRAIN_PENALTY) > (1.0 + RESULT_TOL) * point.merit(NO_STRAIN_PENALTY):
         latest = codesign.to_design(point, design)
         if latest is not None:
-            found.append(SimulatedResult(task.rested(latest, point), point, search.farthest))
+            found.append(SimulatedResult(task.simulate_point(latest, point), point, search.max_distance))
     return min(found, key=lambda one: one.merit(NO_STRAIN_PENALTY))
 
 
@@ -381,7 +381,7 @@ def _make_fabricable(
     problem: InverseProblem, design: SpiralDesign, x: np.ndarray, progress: Progress
 ) -> tuple[InverseProblem, Float[np.ndarray, " coordinates"]]:
     """Return coordinates of a design near x that can be cut, and the problem with a space that contains this design."""
-    problem.work.add(FIT, problem.assembly.size)
+    problem.work.add(FABRICABLE_COST, problem.assembly.size)
     wanted, free = problem.space.width_and_twist(x), problem.space.free_spirals
     made = make_fabricable(design.flat, design.params, *wanted, check_outlines=False, free=free, progress=progress)
     space = problem.space.extended_to(made)

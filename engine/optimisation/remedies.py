@@ -21,14 +21,14 @@ StrainForecast = Callable[[float, float], float]
 
 # Smallest factor on the size for spirals that are as soft as possible, a step of the R10 series of preferred sizes.
 # Larger: nearer to the target, larger pieces (docs/tuning.md)
-FIRST_FACTOR = 1.25
+MIN_SOFT_FACTOR = 1.25
 MAX_FACTOR = 2.0  # largest factor on the size per press of the button; another press continues from there; by eye
 # Largest number of sizes whose strain is computed. Strain is nearly inverse to size, so the second is mostly right
 MAX_SIZES = 3
 MAX_SHEETS = 6  # largest number of thinner sheets whose strain is computed, down to a quarter of the thickness
-STEP = 0.05  # factors on the size are rounded up to a multiple of it
+FACTOR_STEP = 0.05  # factors on the size are rounded up to a multiple of it
 # Factor on the number of quads. Larger: nearer to the target where quads are distorted, more to make (docs/tuning.md)
-DENSER = 2
+QUAD_FACTOR = 2
 # Strain of the softest spirals over its limit above which a larger size is advised. Larger: fewer warnings, more pieces
 # too small (docs/tuning.md)
 SOFTEST_LIMIT = 1.6
@@ -37,7 +37,7 @@ SOFTEST_AIM = 1.2  # strain of the softest spirals over its limit after the advi
 # larger pieces
 SOFTEST_POWER = 2.5
 # sheet thicknesses on sale in one decade: the series R''10 of ISO 497
-SERIES = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
+SHEET_SERIES = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 MILLIMETRES = SHOWN["m"][0]
 # RMS distance from the target, in percent of the size, up to which a piece needs no remedy: 5 mm on half a metre.
 # Chosen by eye
@@ -56,7 +56,7 @@ def remedy_amounts(
     soft: bool,
     thickness: float,
     quads: int,
-    eased: StrainForecast | None = None,
+    forecast: StrainForecast | None = None,
 ) -> Amounts:
     """Return the amount of every advised remedy, by name, for ``report.json``; leave out impossible remedies.
 
@@ -67,24 +67,24 @@ def remedy_amounts(
     soft : whether most of the mismatch lies in spirals that are as soft as possible
     thickness : of the present sheet, metres
     quads : present number of quads
-    eased : function from a factor on the size and a thickness, metres, to ``strain``; None if it cannot be computed
+    forecast : function from a factor on the size and a thickness, metres, to ``strain``; None if it cannot be computed
 
     Returns
     -------
     By name: factor on the size (larger), millimetres (thinner), number of quads (finer), None (cut).
     """
-    if eased is None or strain is None or strain <= 1.0:
+    if forecast is None or strain is None or strain <= 1.0:
         times = size_factor(strain, soft=soft)
         sheet = thinner_sheet(thickness, times)
     else:
-        times = size_factor(strain, soft=soft, eased=lambda factor: eased(factor, thickness))
-        sheet = thinner_sheet(thickness, times, eased=lambda metres: eased(1.0, metres))
+        times = size_factor(strain, soft=soft, forecast=lambda factor: forecast(factor, thickness))
+        sheet = thinner_sheet(thickness, times, forecast=lambda metres: forecast(1.0, metres))
     found: Amounts = {CUT: None, LARGER: times, FINER: quad_count(quads)}
     found[THINNER] = None if sheet is None else round(sheet * MILLIMETRES, 6)
     return {name: found[name] for name in advised if name == CUT or found[name] is not None}
 
 
-def size_factor(strain: float | None, *, soft: bool, eased: Callable[[float], float] | None = None) -> float:
+def size_factor(strain: float | None, *, soft: bool, forecast: Callable[[float], float] | None = None) -> float:
     """Return the factor on the size that brings the strain below its limit, at most ``MAX_FACTOR``.
 
     A sheet of thickness h bent to a radius R is strained by h / 2R (Euler and Bernoulli); a strip of length l whose
@@ -94,16 +94,16 @@ def size_factor(strain: float | None, *, soft: bool, eased: Callable[[float], fl
 
     Parameters
     ----------
-    strain, soft : as in ``remedy_amounts``; if ``soft``, the factor is at least ``FIRST_FACTOR``
-    eased : function from a factor on the size to the strain over its limit; None if it cannot be computed
+    strain, soft : as in ``remedy_amounts``; if ``soft``, the factor is at least ``MIN_SOFT_FACTOR``
+    forecast : function from a factor on the size to the strain over its limit; None if it cannot be computed
     """
-    times, enough = _round_up(max(strain or 0.0, FIRST_FACTOR if soft else 1.0)), None
-    for _ in range(MAX_SIZES if eased is not None else 0):
-        assert eased is not None
-        share = eased(times)
+    times, enough = _round_up(max(strain or 0.0, MIN_SOFT_FACTOR if soft else 1.0)), None
+    for _ in range(MAX_SIZES if forecast is not None else 0):
+        assert forecast is not None
+        share = forecast(times)
         if share <= 1.0:
             enough = times
-        again = max(_round_up(times * share), FIRST_FACTOR if soft else 1.0)
+        again = max(_round_up(times * share), MIN_SOFT_FACTOR if soft else 1.0)
         if again == times or (enough is not None and again >= enough):
             break
         times = again
@@ -121,36 +121,36 @@ def size_of_softest(strain: float | None) -> float:
 
 
 def _round_up(times: float) -> float:
-    """Round a factor on the size up to a multiple of ``STEP``, at most ``MAX_FACTOR``."""
-    return round(min(MAX_FACTOR, STEP * math.ceil(times / STEP - 1e-6)), 2)
+    """Round a factor on the size up to a multiple of ``FACTOR_STEP``, at most ``MAX_FACTOR``."""
+    return round(min(MAX_FACTOR, FACTOR_STEP * math.ceil(times / FACTOR_STEP - 1e-6)), 2)
 
 
-def thinner_sheet(thickness: float, times: float, *, eased: Callable[[float], float] | None = None) -> float | None:
+def thinner_sheet(thickness: float, times: float, *, forecast: Callable[[float], float] | None = None) -> float | None:
     """Return the thickest sheet on sale, metres, that brings the strain below its limit; None if there is none.
 
-    Without ``eased`` the thickness is divided by ``times``, by the formula of ``size_factor``. That may not be enough:
+    Without ``forecast`` the thickness is divided by ``times``, by the formula of ``size_factor``. That may not be enough:
     strains of twisted arms that are thicker than wide fall more slowly with the thickness (docs/tuning.md).
 
     Parameters
     ----------
     thickness : of the present sheet, metres
     times : factor on the size from ``size_factor``
-    eased : function from a thickness, metres, to the strain over its limit; None if it cannot be computed
+    forecast : function from a thickness, metres, to the strain over its limit; None if it cannot be computed
     """
     least = next(f for f in fields(SpiralParams) if f.name == "thickness").metadata["low"]
-    most = thickness / max(times, 1.0) if eased is None else thickness
-    usual = [share * 10.0**decade for decade in range(-5, 0) for share in SERIES]
+    most = thickness / max(times, 1.0) if forecast is None else thickness
+    usual = [share * 10.0**decade for decade in range(-5, 0) for share in SHEET_SERIES]
     fitting = sorted(
         (sheet for sheet in usual if least * (1 - 1e-6) <= sheet < 0.999 * thickness and sheet <= most * (1 + 1e-6)),
         reverse=True,
     )
-    return next((sheet for sheet in fitting[:MAX_SHEETS] if eased is None or eased(sheet) <= 1.0), None)
+    return next((sheet for sheet in fitting[:MAX_SHEETS] if forecast is None or forecast(sheet) <= 1.0), None)
 
 
 def quad_count(quads: int) -> int | None:
-    """Return ``DENSER`` times the number of quads; None if that exceeds the largest value of the setting."""
+    """Return ``QUAD_FACTOR`` times the number of quads; None if that exceeds the largest value of the setting."""
     most = next(f for f in fields(RemeshParams) if f.name == "quads").metadata["high"]
-    return DENSER * quads if DENSER * quads <= most else None
+    return QUAD_FACTOR * quads if QUAD_FACTOR * quads <= most else None
 
 
 def read_block(block: Mapping[str, Any]) -> Amounts:

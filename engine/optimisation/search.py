@@ -50,7 +50,7 @@ POLISH_STEPS, MAX_POLISHES, POLISH_GAIN = 4, 12, 0.01
 TIME_WITH_FLATS = 0.85  # share of the time limit at which the cycles must end
 # If arms are overstrained at the end: share of the work so far that further steps of the spirals alone may add (larger:
 # slower, fewer strained arms), and steps between two updates of the strain multipliers (more: slower) (docs/tuning.md)
-OVERTIME, RELIEF_STEPS = 0.5, 1
+RELIEF_TIME_SHARE, RELIEF_STEPS = 0.5, 1
 # Share of the objective; a refused step of this kind is shortened only if it was predicted to bring as much. Larger:
 # gives up sooner (docs/tuning.md)
 RELIEF_STOP = 0.25
@@ -62,7 +62,7 @@ UNMET_FACTOR = 8.0
 STRAINED_FACTOR = 2.0
 # RMS distances from the target that a result may always have, in distances of neighbouring hubs, and as a multiple of
 # the given design's distance: a match in curvature is useless if the piece drifts away. Larger: less often refused
-ALWAYS_ALLOWED_DISTANCE, FARTHER = 0.2, 1.1
+ALWAYS_ALLOWED_DISTANCE, MAX_DISTANCE_GROWTH = 0.2, 1.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,22 +70,22 @@ class StageResult:
     """Result of a stage.
 
     design, point : the design and its point
-    farthest : largest allowed RMS distance from the target, in distances of neighbouring hubs
+    max_distance : largest allowed RMS distance from the target, in distances of neighbouring hubs
     """
 
     design: SpiralDesign
     point: DesignPoint
-    farthest: float
+    max_distance: float
 
     @property
-    def sound(self) -> bool:
+    def is_sound(self) -> bool:
         """Whether the design has an equilibrium within the allowed distance from the target."""
-        return self.point.equilibrium.converged and self.point.relative_distance <= self.farthest
+        return self.point.equilibrium.converged and self.point.relative_distance <= self.max_distance
 
     @property
     def value(self) -> float:
         """Objective, for comparing designs of one stage, in which strains have the same weight; inf if not sound."""
-        return self.point.value if self.sound else np.inf
+        return self.point.value if self.is_sound else np.inf
 
     def with_updated_multipliers(self) -> StageResult:
         """Return this result with updated multipliers of the strain limits."""
@@ -111,12 +111,12 @@ class StageResult:
         return self if point is self.point else replace(self, point=point.with_strain_weight(point.mismatch.value))
 
     @property
-    def percent(self) -> float:
+    def distance_percent(self) -> float:
         """RMS distance from the target, in percent of its size."""
         return 100.0 * self.point.distance_metres / self.design.flat.layout.mesh.diagonal
 
     @property
-    def strained(self) -> bool:
+    def is_overstrained(self) -> bool:
         """Whether the largest strain exceeds the limit by so much that the user is warned."""
         return is_overstrained(self.point)
 
@@ -126,14 +126,14 @@ class StageResult:
 
         A piece held by springs counts as far from its target, because it moves away when they are removed.
         """
-        far = self.percent / WANTED_PERCENT
+        far = self.distance_percent / WANTED_PERCENT
         if far > 1.0 or self.point.problem.loads.springs is not None:
             return max(UNMET_FACTOR, far)
-        return STRAINED_FACTOR if self.strained else 1.0
+        return STRAINED_FACTOR if self.is_overstrained else 1.0
 
     def merit(self, strain_penalty: float) -> float:
         """Return ``DesignPoint.merit``, for comparing results of different stages; inf if not sound."""
-        return self.point.merit(strain_penalty) if self.sound else np.inf
+        return self.point.merit(strain_penalty) if self.is_sound else np.inf
 
 
 @dataclass(eq=False)
@@ -141,23 +141,23 @@ class Search:
     """A search with all its stages.
 
     task : inputs other than the design; trace : record of all steps; accepted : called with every better point
-    farthest : largest allowed RMS distance from the target, in distances of neighbouring hubs
-    first : the flat patches before earlier runs moved them; held : results of all stages, in order
-    snapping : whether the piece was about to snap far from its target at the start
+    max_distance : largest allowed RMS distance from the target, in distances of neighbouring hubs
+    first_flat : the flat patches before earlier runs moved them; results : of all stages, in order
+    is_snapping : whether the piece was about to snap far from its target at the start
     """
 
     task: Task
     trace: SearchRecord
     accepted: Accepted
-    farthest: float
-    first: FlatPatches
-    held: list[StageResult] = field(default_factory=list)
-    snapping: bool = False
+    max_distance: float
+    first_flat: FlatPatches
+    results: list[StageResult] = field(default_factory=list)
+    is_snapping: bool = False
 
     @property
     def best(self) -> StageResult:
         """Stage result with the best merit."""
-        return min(self.held, key=lambda one: one.merit(FULL_STRAIN_PENALTY))
+        return min(self.results, key=lambda one: one.merit(FULL_STRAIN_PENALTY))
 
     def run(self, starts: list[DesignPoint], design: SpiralDesign, progress: Progress) -> None:
         """Run all stages from the first of ``starts``; every separate body comes from the start where it matches best.
@@ -169,28 +169,28 @@ class Search:
         progress : reports progress and raises Cancelled
         """
         params, work = self.task.params, self.task.work
-        tried = [self.hold(design, start) for start in starts]
+        tried = [self.add_result(design, start) for start in starts]
         here = self._with_best_bodies(tried, tried[0], progress.at(0.0, "Starting shapes"))
-        work.begin(TIME_WITH_FLATS)
+        work.begin_stage(TIME_WITH_FLATS)
         codesigned = params.codesign and here.point.arm_model is not None
         if codesigned:
-            here = self.cycled(here, progress.part(0.0, 0.8))
+            here = self.run_cycles(here, progress.part(0.0, 0.8))
         else:
-            found = self.improved(here, params, progress.part(0.0, 0.8))
+            found = self.optimise_spirals(here, params, progress.part(0.0, 0.8))
             here = found if found.value < here.value else here
-        slow = work.slow
+        slow = work.is_slow
         # in cycles ``FLAT_STEPS`` and ``POLISH_STEPS`` limit the number of steps, whatever the settings allow
         limited = self.trace.ended == ITERATIONS and not (codesigned and params.iterations > FLAT_STEPS)
         if not codesigned:
-            work.begin(1.0)
-            here = self._repeat(self.polished, here, MAX_POLISHES, POLISH_GAIN, progress.part(0.8, 0.95))
-        late = work.late  # read before ``relieve``, which extends the limit
-        self.relieve(here, progress.part(0.95, 1.0))
+            work.begin_stage(1.0)
+            here = self._repeat(self.polish, here, MAX_POLISHES, POLISH_GAIN, progress.part(0.8, 0.95))
+        late = work.is_late  # read before ``relieve_strains``, which extends the limit
+        self.relieve_strains(here, progress.part(0.95, 1.0))
         if is_near(self.best.with_stability_weight().point, params):
             self.trace.ended = REACHED
-        elif slow or work.slow:
+        elif slow or work.is_slow:
             self.trace.ended = SLOW
-        elif late or work.late:
+        elif late or work.is_late:
             self.trace.ended = TIME
         else:
             self.trace.ended = ITERATIONS if limited else CONVERGED
@@ -211,38 +211,40 @@ class Search:
             pose = pose.with_part(hubs, one.point.equilibrium.pose.part(hubs))
         space = best.point.problem.space.extended_to(replace(best.design, width=width, twist=twist))
         problem = replace(best.point.problem, space=space)
-        found = self.hold(best.design, problem.point_at(space.coordinates(width, twist), pose, progress))
+        found = self.add_result(best.design, problem.point_at(space.coordinates(width, twist), pose, progress))
         return found if found.merit(NO_STRAIN_PENALTY) < best.merit(NO_STRAIN_PENALTY) else best
 
-    def cycled(self, here: StageResult, progress: Progress) -> StageResult:
-        """Run cycles (``together``) while they pay; return the best result.
+    def run_cycles(self, here: StageResult, progress: Progress) -> StageResult:
+        """Run cycles (``run_cycle``) while they pay; return the best result.
 
-        If the piece is about to snap far from its target, ``_bend`` comes first.
+        If the piece is about to snap far from its target, ``_bend_cycle`` comes first.
         """
-        if here.percent > WANTED_PERCENT and here.with_stability_weight().point.stability_barrier is not None:
-            here = self._bend(here, progress)
-        return self._repeat(self.together, here, MAX_CYCLES, CYCLE_GAIN, progress)
+        if here.distance_percent > WANTED_PERCENT and here.with_stability_weight().point.stability_barrier is not None:
+            here = self._bend_cycle(here, progress)
+        return self._repeat(self.run_cycle, here, MAX_CYCLES, CYCLE_GAIN, progress)
 
-    def _bend(self, here: StageResult, progress: Progress) -> StageResult:
+    def _bend_cycle(self, here: StageResult, progress: Progress) -> StageResult:
         """Run one cycle that compares mostly curvature, for a piece that is about to snap far from its target."""
-        self.snapping, lies, work = True, self.task.params.lies, self.task.work
+        self.is_snapping, lies, work = True, self.task.params.lies, self.task.work
         found = self._repeat(
-            self.together, here.with_position_share(min(lies, BENDING_POSITION_SHARE)), 1, CYCLE_GAIN, progress
+            self.run_cycle, here.with_position_share(min(lies, BENDING_POSITION_SHARE)), 1, CYCLE_GAIN, progress
         )
-        work.begin(work.share, rated=work.rated)  # forget the decreases, which were those of another objective
+        work.begin_stage(
+            work.share, ends_at_rate=work.ends_at_rate
+        )  # forget the decreases, which were those of another objective
         return found.with_position_share(lies)
 
-    def relieve(self, here: StageResult, progress: Progress) -> None:
-        """Take further steps that reduce strains if arms are overstrained; append the results to ``held``."""
-        if here.strained:
-            self.task.work.extend(OVERTIME * self.task.work.done)
-            self._repeat(self.relieved, here.with_full_strain_weight(), MAX_POLISHES, 1.0, progress)
+    def relieve_strains(self, here: StageResult, progress: Progress) -> None:
+        """Take further steps that reduce strains if arms are overstrained; append the results to ``results``."""
+        if here.is_overstrained:
+            self.task.work.begin_overtime(RELIEF_TIME_SHARE * self.task.work.seconds_done)
+            self._repeat(self.relieve_step, here.with_full_strain_weight(), MAX_POLISHES, 1.0, progress)
 
-    def hold(self, design: SpiralDesign, point: DesignPoint) -> StageResult:
-        """Append the result of a stage, a point in the design's flat shapes, to ``held``; return the result."""
+    def add_result(self, design: SpiralDesign, point: DesignPoint) -> StageResult:
+        """Append the result of a stage, a point in the design's flat shapes, to ``results``; return the result."""
         width, twist = point.width_and_twist
-        found = StageResult(replace(design, width=width, twist=twist), point, self.farthest)
-        self.held.append(replace(found, point=with_position_share(point, self.task.params.lies)))
+        found = StageResult(replace(design, width=width, twist=twist), point, self.max_distance)
+        self.results.append(replace(found, point=with_position_share(point, self.task.params.lies)))
         return found
 
     def _repeat(self, step: Stage, here: StageResult, most: int, gain: float, progress: Progress) -> StageResult:
@@ -251,9 +253,9 @@ class Search:
         While arms are overstrained any decrease is enough. Return the best result.
         """
         for k in range(most):
-            if self.task.work.over:
+            if self.task.work.is_over:
                 break
-            self.task.work.factor = here.rate_factor
+            self.task.work.rate_factor = here.rate_factor
             start = here.with_updated_multipliers().with_stability_weight()
             if is_near(start.point, self.task.params):
                 break
@@ -261,17 +263,17 @@ class Search:
             if not found.value < start.value:
                 break
             here = found
-            if not here.strained and here.value >= (1.0 - gain) * start.value:
+            if not here.is_overstrained and here.value >= (1.0 - gain) * start.value:
                 break
         return here
 
-    def polished(
+    def polish(
         self, here: StageResult, progress: Progress, steps: int = POLISH_STEPS, stop: float = 0.0
     ) -> StageResult:
-        """Take a few more steps of the spirals alone; ``stop`` : see ``_limited``."""
-        return self.improved(here, self._limited(steps, stop), progress)
+        """Take a few more steps of the spirals alone; ``stop`` : see ``_limited_params``."""
+        return self.optimise_spirals(here, self._limited_params(steps, stop), progress)
 
-    def _limited(self, steps: int, stop: float) -> OptimiseParams:
+    def _limited_params(self, steps: int, stop: float) -> OptimiseParams:
         """Return the settings for at most ``steps`` steps, which end after two in a row that bring less than ``stop``.
 
         stop : decrease of the objective, as a share of it
@@ -279,12 +281,12 @@ class Search:
         params = self.task.params
         return replace(params, iterations=min(steps, params.iterations), stop=params.stop and max(params.stop, stop))
 
-    def relieved(self, here: StageResult, progress: Progress) -> StageResult:
+    def relieve_step(self, here: StageResult, progress: Progress) -> StageResult:
         """Take ``RELIEF_STEPS`` steps of the spirals alone; ``_repeat`` updates the strain multipliers before."""
-        return self.polished(here, progress, RELIEF_STEPS, RELIEF_STOP)
+        return self.polish(here, progress, RELIEF_STEPS, RELIEF_STOP)
 
-    def improved(self, here: StageResult, params: OptimiseParams, progress: Progress) -> StageResult:
-        """Optimise the spirals alone; append the results to ``held``."""
+    def optimise_spirals(self, here: StageResult, params: OptimiseParams, progress: Progress) -> StageResult:
+        """Optimise the spirals alone; append the results to ``results``."""
         start = bearable = here.point
 
         def accepted(point: DesignPoint) -> None:
@@ -295,39 +297,39 @@ class Search:
 
         found = run_gauss_newton(start.problem, start, params, self.trace, accepted, progress)
         if bearable not in (start, found):  # the last steps may have raised strains, with no time left to reduce them
-            self.hold(here.design, bearable)
-        return self.hold(here.design, found)
+            self.add_result(here.design, bearable)
+        return self.add_result(here.design, found)
 
-    def together(self, here: StageResult, progress: Progress) -> StageResult:
+    def run_cycle(self, here: StageResult, progress: Progress) -> StageResult:
         """Run one cycle: optimise flat shapes and spirals together, then the spirals alone."""
-        found = self.moved(here, progress.part(0.0, 0.8))
+        found = self.optimise_flat_shapes(here, progress.part(0.0, 0.8))
         found = found if found.value < here.value else here
-        if self.task.work.over:
+        if self.task.work.is_over:
             return found
-        return self.polished(found, progress.part(0.8, 1.0), stop=CYCLE_STOP / found.rate_factor)
+        return self.polish(found, progress.part(0.8, 1.0), stop=CYCLE_STOP / found.rate_factor)
 
-    def moved(self, here: StageResult, progress: Progress) -> StageResult:
+    def optimise_flat_shapes(self, here: StageResult, progress: Progress) -> StageResult:
         """Optimise flat shapes and spirals together; take only a share of the change if the whole is not better."""
-        start, rough = here.point, self._limited(FLAT_STEPS, CYCLE_STOP / here.rate_factor)
+        start, rough = here.point, self._limited_params(FLAT_STEPS, CYCLE_STOP / here.rate_factor)
         part, steps = progress.part(0.0, 0.9), len(self.trace.rows)
         found = codesign.refine_flat_shapes(
-            start.problem, start, here.design, rough, self.trace, self.accepted, part, self.first
+            start.problem, start, here.design, rough, self.trace, self.accepted, part, self.first_flat
         )
         if not self.trace.rows[steps:]:
             return here  # the time ended before the first step, or no step was accepted
         within = progress.at(0.9, codesign.FLAT_SHAPES)
-        other = self._as_design(here, found, within)
+        other = self._add_as_design(here, found, within)
         for share in BACKTRACK_SHARES:
             if other is not None and other.value < here.value:
                 break
             less = codesign.interpolate(start, found, share, within)
-            other = self._as_design(here, less, within) if less.equilibrium.converged else None
+            other = self._add_as_design(here, less, within) if less.equilibrium.converged else None
         return other or here
 
-    def _as_design(self, here: StageResult, found: FlatPoint, progress: Progress) -> StageResult | None:
-        """Turn a point with moved flat shapes into a design; append it to ``held``. None if a patch overlaps itself."""
+    def _add_as_design(self, here: StageResult, found: FlatPoint, progress: Progress) -> StageResult | None:
+        """Turn a point with moved flat shapes into a design; append it to ``results``. None if a patch overlaps itself."""
         design = codesign.to_design(found, here.design)
         if design is None:
             return None
-        point = self.task.point(design, found.problem, found.equilibrium.pose, progress, known=found)
-        return self.hold(design, point)
+        point = self.task.evaluate(design, found.problem, found.equilibrium.pose, progress, known=found)
+        return self.add_result(design, point)

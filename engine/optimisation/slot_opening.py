@@ -37,12 +37,12 @@ OPEN_GROWTH = 2.0
 MAX_IDLE = 4  # largest number of reductions in a row that open no slot; more: more slots open, slower
 # Largest number of short searches that relieve strains after reductions, and the share of the work so far that each may
 # add. More: more slots open, slower (docs/tuning.md)
-MAX_SEARCHES, SEARCH_SHARE = 4, 0.15
+MAX_SHORT_SEARCHES, SHORT_SEARCH_SHARE = 4, 0.15
 # Largest number of these searches in a row that open no further slot; more: slower, rarely opens one (docs/tuning.md)
 MAX_FRUITLESS = 2
 # Steps of such a search, and rings of neighbours that it changes around the spirals with less twist. More: nearer to
 # the target and slower (docs/tuning.md)
-EASED_STEPS, EASED_RINGS = 2, 3
+SHORT_SEARCH_STEPS, SHORT_SEARCH_RINGS = 2, 3
 MIN_TWIST = 0.1  # radians; a spiral whose twist falls below this becomes straight
 
 
@@ -51,20 +51,20 @@ class SimulatedResult:
     """Simulated result of a search.
 
     point : point of the search that the design was made from
-    farthest : largest allowed RMS distance from the target, in distances of neighbouring hubs
-    nearby : slots, measured in this shape only where they may have closed, else in an earlier shape; None to measure
+    max_distance : largest allowed RMS distance from the target, in distances of neighbouring hubs
+    known_slots : slots, measured in this shape only where they may have closed, else in an earlier shape; None to measure
         all
     """
 
     simulation: Simulation
     point: DesignPoint
-    farthest: float
-    nearby: SpaceSlots | None = None
+    max_distance: float
+    known_slots: SpaceSlots | None = None
 
     @property
     def slots(self) -> SpaceSlots | None:
         """The slots in space; None without an equilibrium."""
-        return self.simulation.slots() if self.nearby is None else self.nearby
+        return self.simulation.slots() if self.known_slots is None else self.known_slots
 
     @property
     def closed(self) -> float:
@@ -72,23 +72,23 @@ class SimulatedResult:
         return np.inf if self.slots is None else float(len(self.slots.closed))
 
     def merit(self, strain_penalty: float) -> float:
-        """Return ``DesignPoint.merit`` of the simulated shape; inf without an equilibrium, or beyond ``farthest``."""
+        """Return ``DesignPoint.merit`` of the simulated shape; inf without an equilibrium, or beyond ``max_distance``."""
         target, pose = self.point.problem.target, self.simulation.equilibrium.pose
-        if not self.simulation.equilibrium.converged or target.relative_distance(pose) > self.farthest:
+        if not self.simulation.equilibrium.converged or target.relative_distance(pose) > self.max_distance:
             return np.inf
         mismatch = target.compare(pose.centres)
         strains = self.simulation.strain
         largest = None if strains is None else float(strains.max()) * self.simulation.material.strain_limit
         return self.point.merit(strain_penalty, mismatch, largest)
 
-    def bears(self, other: SimulatedResult) -> bool:
+    def can_replace(self, other: SimulatedResult) -> bool:
         """Return whether this result is acceptable in place of ``other``, the result before slots were opened.
 
-        No spiral may be overstrained (see ``strained_by``), and the mismatch with its penalty on instability may grow
+        No spiral may be overstrained (see ``overstrained_spirals``), and the mismatch with its penalty on instability may grow
         by ``MAX_GROWTH``. Within ``WANTED_PERCENT`` of the target it may grow by up to ``OPEN_GROWTH``, in proportion
         to the share of closed slots that have opened; within ``UNSEEN_PERCENT`` growth of the mismatch does not count.
         """
-        if self.merit(NO_STRAIN_PENALTY) == np.inf or self.strained_by(other).any():
+        if self.merit(NO_STRAIN_PENALTY) == np.inf or self.overstrained_spirals(other).any():
             return False
         target, percent, growth = self.point.problem.target, self.simulation.target_distances["rms_percent"], MAX_GROWTH
         now, before = (target.compare(one.simulation.equilibrium.pose.centres).value for one in (self, other))
@@ -102,7 +102,7 @@ class SimulatedResult:
         barrier = self.point.stability_barrier
         return mismatch if barrier is None else barrier.merit(mismatch)
 
-    def strained_by(self, other: SimulatedResult) -> Bool[np.ndarray, " spirals"]:
+    def overstrained_spirals(self, other: SimulatedResult) -> Bool[np.ndarray, " spirals"]:
         """Return a mask of overstrained spirals.
 
         A spiral is overstrained beyond the limit, or, if ``other`` exceeds the limit already, beyond ``MAX_GROWTH``
@@ -139,11 +139,11 @@ def open_closed_slots(search: Search, found: SimulatedResult, progress: Progress
         return found
     if best is found:
         return found
-    best = replace(best, nearby=None, point=_with_kept(best.point, found.point))
-    return best if best.bears(found) and best.closed < found.closed else found
+    best = replace(best, known_slots=None, point=_with_fixed_spirals_of(best.point, found.point))
+    return best if best.can_replace(found) and best.closed < found.closed else found
 
 
-def with_room(design: SpiralDesign, free: Bool[np.ndarray, " spirals"], progress: Progress) -> SpiralDesign:
+def separate_arms(design: SpiralDesign, free: Bool[np.ndarray, " spirals"], progress: Progress) -> SpiralDesign:
     """Return a design whose arms do not touch in the flat sheet either, after twists were reduced.
 
     Parameters
@@ -159,58 +159,58 @@ def with_room(design: SpiralDesign, free: Bool[np.ndarray, " spirals"], progress
 
 
 def _open_slots(search: Search, found: SimulatedResult, progress: Progress) -> SimulatedResult:
-    """Return the result with the fewest closed slots among those that ``SimulatedResult.bears`` accepts.
+    """Return the result with the fewest closed slots among those that ``SimulatedResult.can_replace`` accepts.
 
     Reductions of twists alternate with short searches that relieve strains.
     """
     best, free = found, found.point.problem.space.free_spirals
-    here = again = _unwind(search, found, found, progress, bearable=True)
+    here = again = _reduce_twists(search, found, found, progress, bearable=True)
     fruitless = 0
-    for searches in range(MAX_SEARCHES + 1):
+    for searches in range(MAX_SHORT_SEARCHES + 1):
         before = best
         if again.closed < best.closed:
-            design = with_room(again.simulation.design, free, progress)
+            design = separate_arms(again.simulation.design, free, progress)
             if design is not again.simulation.design:
                 here = again = _with_design(search, again, design, progress)
-            if again.closed < best.closed and again.bears(found):
+            if again.closed < best.closed and again.can_replace(found):
                 best = again
         fruitless = fruitless + 1 if searches and best is before else 0
-        if not best.closed or searches == MAX_SEARCHES or fruitless == MAX_FRUITLESS:
+        if not best.closed or searches == MAX_SHORT_SEARCHES or fruitless == MAX_FRUITLESS:
             break
-        eased = _ease_strains(search, here, found, progress)
-        if eased is None:
+        relieved = _relieve_strains(search, here, found, progress)
+        if relieved is None:
             break
-        here, again = eased, _unwind(search, eased, found, progress, bearable=True)
+        here, again = relieved, _reduce_twists(search, relieved, found, progress, bearable=True)
     return best
 
 
-def _unwind(
+def _reduce_twists(
     search: Search, found: SimulatedResult, before: SimulatedResult, progress: Progress, *, bearable: bool
 ) -> SimulatedResult:
     """Reduce twists step by step; return the result with the fewest closed slots, ``found`` if none has fewer.
 
     before : result before slots were opened; the spirals fixed in its problem do not change
-    bearable : whether overstrained spirals and their neighbours keep their twists, and ``SimulatedResult.bears`` must
+    bearable : whether overstrained spirals and their neighbours keep their twists, and ``SimulatedResult.can_replace`` must
         accept the result
     """
     if bearable and not found.closed:
-        found = replace(found, nearby=None)  # measure all slots, as others may have closed too
+        found = replace(found, known_slots=None)  # measure all slots, as others may have closed too
     free, here, given = before.point.problem.space.free_spirals.copy(), found, found.simulation.design.twist
     best, idle = found, 0
     for _ in range(MAX_UNWINDINGS):
         design, slots = here.simulation.design, here.slots
         if bearable:
             pairs = search.task.target.dual
-            free[pairs[here.strained_by(before)[pairs].any(axis=1)]] = False
+            free[pairs[here.overstrained_spirals(before)[pairs].any(axis=1)]] = False
         twist = design.twist if slots is None else np.where(free, reduce_twist(design, slots, free), given)
         if (twist == design.twist).all():
             break
         here = _with_design(search, here, replace(design, twist=twist).reuse_cache_of(design), progress)
         fewer = here.closed < best.closed and (
-            here.bears(before) if bearable else here.merit(NO_STRAIN_PENALTY) < np.inf
+            here.can_replace(before) if bearable else here.merit(NO_STRAIN_PENALTY) < np.inf
         )
         if fewer and bearable and not here.closed:
-            here = replace(here, nearby=None)
+            here = replace(here, known_slots=None)
             fewer = here.closed < best.closed
         if fewer:
             best, idle = here, 0
@@ -219,7 +219,7 @@ def _unwind(
     return best
 
 
-def _ease_strains(
+def _relieve_strains(
     search: Search, found: SimulatedResult, before: SimulatedResult, progress: Progress
 ) -> SimulatedResult | None:
     """Reduce twists where slots are closed, then take a few steps of the search with these twists as upper limits.
@@ -230,7 +230,7 @@ def _ease_strains(
 
     before : result before slots were opened; the spirals fixed in its problem do not change
     """
-    loose = _unwind(search, found, before, progress, bearable=False)
+    loose = _reduce_twists(search, found, before, progress, bearable=False)
     closed, slots = found.slots, loose.slots
     if closed is None or slots is None or (loose is found and len(closed.closed)):
         return None
@@ -240,23 +240,23 @@ def _ease_strains(
     limited = design.twist < found.simulation.design.twist
     limited[beside[beside[:, 0] != beside[:, 1]]] = True
     space = space.with_twist_limits(design, limited)
-    near = design.changed_spirals(found.simulation.design) | loose.strained_by(before)
+    near = design.changed_spirals(found.simulation.design) | loose.overstrained_spirals(before)
     mates = opposite_sides(search.task.target)[0]
-    for _ in range(EASED_RINGS):
+    for _ in range(SHORT_SEARCH_RINGS):
         near |= near[mates].any(axis=1)
     space = space.with_fixed_spirals(design, np.flatnonzero(~near))
     x, pose = space.coordinates(design.width, design.twist), loose.simulation.equilibrium.pose
     point = replace(given, space=space).point_at(x, pose, progress)
     if not point.equilibrium.converged:
         return None
-    work.extend(SEARCH_SHARE * work.done)
+    work.begin_overtime(SHORT_SEARCH_SHARE * work.seconds_done)
     start = (
-        StageResult(design, _with_measured_slots(point, slots), found.farthest)
+        StageResult(design, _with_measured_slots(point, slots), found.max_distance)
         .with_full_strain_weight()
         .with_updated_multipliers()
     )
     ended = search.trace.ended
-    held = search.polished(start, progress, EASED_STEPS)
+    held = search.polish(start, progress, SHORT_SEARCH_STEPS)
     search.trace.ended = ended
     if held.point is start.point:
         return None
@@ -264,13 +264,13 @@ def _ease_strains(
         design = resolve_contacts(held.design.reuse_cache_of(design), progress, free=space.free_spirals)
     except FlexMapsError:
         return None
-    eased = _with_design(search, replace(loose, point=held.point), design, progress)
-    strains = [one.simulation.strain for one in (loose, eased)]
+    relieved = _with_design(search, replace(loose, point=held.point), design, progress)
+    strains = [one.simulation.strain for one in (loose, relieved)]
     worst = [0.0 if strain is None else float(strain.max()) for strain in strains]
-    return None if loose.strained_by(before).any() and worst[0] <= worst[1] else eased
+    return None if loose.overstrained_spirals(before).any() and worst[0] <= worst[1] else relieved
 
 
-def _with_kept(point: DesignPoint, other: DesignPoint) -> DesignPoint:
+def _with_fixed_spirals_of(point: DesignPoint, other: DesignPoint) -> DesignPoint:
     """Return the point in a problem that fixes the same spirals as the problem of ``other``."""
     space = replace(point.problem.space, fixed_spirals=other.problem.space.fixed_spirals)
     return replace(point, problem=replace(point.problem, space=space))
@@ -305,8 +305,8 @@ def reduce_twist(
 
 def _with_design(search: Search, found: SimulatedResult, design: SpiralDesign, progress: Progress) -> SimulatedResult:
     """Return a result with another design, simulated from the present pose; measure only slots that may have closed."""
-    simulation, slots = search.task.simulated(design, found.simulation.equilibrium.pose, progress), found.slots
+    simulation, slots = search.task.simulate(design, found.simulation.equilibrium.pose, progress), found.slots
     if slots is None:
-        return replace(found, simulation=simulation, nearby=None)
+        return replace(found, simulation=simulation, known_slots=None)
     doubtful = (slots.of_quads < min_slot_width(design.params)) | design.changed_arms(found.simulation.design)
-    return replace(found, simulation=simulation, nearby=simulation.slots_near(doubtful, slots))
+    return replace(found, simulation=simulation, known_slots=simulation.slots_near(doubtful, slots))

@@ -38,6 +38,6 @@ class OptimisationStep:
     @classmethod
     def from_simulation(cls, given: Simulation, task: Task) -> Self:
         """Return the snapshot of the given design, before the first step."""
-        aim = task.aim(given.assembly)
+        aim = task.build_target(given.assembly)
         distance = aim.unit_length * aim.relative_distance(given.equilibrium.pose)
         return cls(given.vertices, given.design.width, given.design.twist, distance, 0)

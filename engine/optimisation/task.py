@@ -29,7 +29,7 @@ from .point_copy import copy_state
 from .slot_penalty import SlotRequirement
 from .terms import StrainLimit
 from .wishes import Wishes
-from .work import CURVING, SPACE, Work
+from .work import DESIGN_SPACE_COST, MODEL_COST, Work
 
 # by the setting "Arms": number of groups of a spiral's arms; the arms of a group share a width
 GROUP_COUNTS = {"alike": 1, "pairs": 2, "each": 4}
@@ -44,7 +44,7 @@ class Task:
 
     target, material : the surface to make, and the sheet's material
     params, physics : settings of the search, and of its equilibria
-    supports, force : as in ``simulate``; work : counter shared by all problems of the search
+    supports, force : as in ``physics``; work : counter shared by all problems of the search
     constraints : spirals that must stay unchanged, straight or wide; wishes : target positions of some spirals
     springs : pull the piece towards its target during the search; None for a search without springs
     """
@@ -60,7 +60,7 @@ class Task:
     wishes: Wishes | None = None
     springs: Springs | None = None
 
-    def problem(
+    def build_problem(
         self, design: SpiralDesign, progress: Progress = SILENT, space: DesignSpace | None = None
     ) -> InverseProblem:
         """Return the inverse problem of the spirals in a design's flat panels, with the second-order elastic model.
@@ -79,20 +79,20 @@ class Task:
         loads = replace(loads, springs=self.springs)
         return InverseProblem(
             assembly,
-            space or self.space(design, progress),
-            self.aim(assembly),
+            space or self.build_space(design, progress),
+            self.build_target(assembly),
             loads,
-            self.model,
+            self.build_model,
             replace(physics, tolerance=max(physics.tolerance, COARSE_TOLERANCE)),
             params.smoothness,
             StrainLimit(self.material, params.strain_share) if params.strain_share > 0.0 else None,
             SlotRequirement.from_design(design) if params.open_slots else None,
             self.work,
-            room=ClearanceModel.from_flat(design.flat, design.params),
+            clearance_model=ClearanceModel.from_flat(design.flat, design.params),
             stance=Stance(loads, self.target, design.flat.corners),
         )
 
-    def point(
+    def evaluate(
         self,
         design: SpiralDesign,
         like: InverseProblem,
@@ -112,19 +112,21 @@ class Task:
         """
         space = like.space.extended_to(design)
         problem = replace(
-            self.problem(design, progress, space),
+            self.build_problem(design, progress, space),
             strain_limit=like.strain_limit,
             stability=like.stability,
             target=like.target,
         )
         x = space.coordinates(design.width, design.twist)
-        if known is not None and self._rests_alike(problem.assembly.with_spirals(*space.width_and_twist(x)), known):
-            found = DesignPoint(problem, x, known.model, known.equilibrium, known.mismatch, known.factors)
+        if known is not None and self._has_equilibrium_of(
+            problem.assembly.with_spirals(*space.width_and_twist(x)), known
+        ):
+            found = DesignPoint(problem, x, known.model, known.equilibrium, known.mismatch, known.factor_cache)
             copy_state(known, found)
             return found
         return problem.point_at(x, start, progress, MAX_NEWTON_ITERATIONS)
 
-    def aim(self, assembly: Assembly) -> Target:
+    def build_target(self, assembly: Assembly) -> Target:
         """Return the target of the spirals' centres.
 
         Parameters
@@ -134,7 +136,7 @@ class Task:
         wishes = self.wishes if self.params.urge > 0.0 else None
         return Target(assembly.pairs, self.target.centroids, self.params.lies, self.supports, wishes, self.params.urge)
 
-    def space(self, design: SpiralDesign, progress: Progress = SILENT) -> DesignSpace:
+    def build_space(self, design: SpiralDesign, progress: Progress = SILENT) -> DesignSpace:
         """Return the design space of this design's patches.
 
         Parameters
@@ -142,12 +144,12 @@ class Task:
         design : gives the patches and limits
         progress : called with the fraction done; may cancel
         """
-        self.work.add(SPACE, len(design.width))
+        self.work.add(DESIGN_SPACE_COST, len(design.width))
         groups = GROUP_COUNTS[self.params.arms]
         space = DesignSpace.from_design(design, assembly_from_design(design), groups, progress, self.constraints)
         return space.extended_to(design)
 
-    def model(self, assembly: Assembly, progress: Progress = SILENT) -> ElasticModel:
+    def build_model(self, assembly: Assembly, progress: Progress = SILENT) -> ElasticModel:
         """Build the elastic model of an assembly, with second-order strains.
 
         Parameters
@@ -155,10 +157,10 @@ class Task:
         assembly : the piece
         progress : called with the fraction done; may cancel
         """
-        self.work.add(CURVING, assembly.size)
+        self.work.add(MODEL_COST, assembly.size)
         return build_model(assembly, self.material, self.physics.model, progress=progress)
 
-    def simulated(self, design: SpiralDesign, start: Pose, progress: Progress) -> Simulation:
+    def simulate(self, design: SpiralDesign, start: Pose, progress: Progress) -> Simulation:
         """Simulate a design, starting from a pose.
 
         Parameters
@@ -171,7 +173,7 @@ class Task:
         rest["progress"] = replace(progress, shown=None)  # the view shows the steps of the search only
         return simulate(design, self.target, self.material, replace(self.physics, restarts=0), start=start, **rest)
 
-    def rested(self, design: SpiralDesign, point: DesignPoint) -> Simulation:
+    def simulate_point(self, design: SpiralDesign, point: DesignPoint) -> Simulation:
         """Return the simulation of a design; reuse the point's equilibrium if the design equals the point's.
 
         Parameters
@@ -180,20 +182,20 @@ class Task:
         point : converged point of the search
         """
         assembly, found, loads = assembly_from_design(design), point.equilibrium, point.problem.loads
-        if not self._rests_alike(assembly, point):
-            return self.simulated(design, found.pose, SILENT)
+        if not self._has_equilibrium_of(assembly, point):
+            return self.simulate(design, found.pose, SILENT)
         found = found.with_pose(loads.align(found.pose, assembly.pairs, target_pose(self.target, design.flat.corners)))
         return Simulation(design, self.target, self.material, point.model, assembly, loads, found, [])
 
-    def _rests_alike(self, assembly: Assembly, point: DesignPoint) -> bool:
+    def _has_equilibrium_of(self, assembly: Assembly, point: DesignPoint) -> bool:
         """Return whether an assembly has the equilibrium of a point, because both differ by rounding only.
 
         Always False under gravity: a search computes the weights of its spirals only at the start of a stage.
         """
-        return not self.physics.gravity and _equal_but_rounding(assembly.whole, point.model.assembly)
+        return not self.physics.gravity and _equal_up_to_rounding(assembly.whole, point.model.assembly)
 
 
-def _equal_but_rounding(one: Assembly, two: Assembly) -> bool:
+def _equal_up_to_rounding(one: Assembly, two: Assembly) -> bool:
     """Return whether two assemblies of the same joints differ by rounding only."""
     apart = [np.abs(one.lever - two.lever) / one.radius.mean(), one.width / two.width - 1.0, one.twist - two.twist]
     return all(float(np.abs(part).max()) < SINGLE_TOL for part in apart)

@@ -54,9 +54,9 @@ def test_times_are_said_as_people_say_them() -> None:
 def test_the_bar_of_a_search_moves_on_where_it_takes_all_of_its_time() -> None:
     shown: list[float] = []
     work = Work(limit=8.0)
-    told = work.pace(Progress(report=lambda share, _: shown.append(share)))
+    told = work.with_work_fraction(Progress(report=lambda share, _: shown.append(share)))
     for seconds in np.arange(0.0, 8.5, 0.5):
-        work.done = seconds
+        work.seconds_done = seconds
         told(0.0, "")
     assert shown[0] == 0.0 and (np.diff(shown) > 0.0).all() and shown[-1] == pytest.approx(1.0)
     assert shown[2] == pytest.approx(0.5)  # half after an eighth of the time, as most searches end before half of it
@@ -65,13 +65,13 @@ def test_the_bar_of_a_search_moves_on_where_it_takes_all_of_its_time() -> None:
 def test_the_bar_of_a_search_does_not_fall_where_its_time_is_extended() -> None:
     shown: list[float] = []
     work = Work(limit=10.0)
-    told = work.pace(Progress(report=lambda share, _: shown.append(share)).rising())
+    told = work.with_work_fraction(Progress(report=lambda share, _: shown.append(share)).rising())
     for seconds in (0.0, 5.0, 10.0):
-        work.done = seconds
+        work.seconds_done = seconds
         told(0.0, "")
-    work.extend(10.0)
+    work.begin_overtime(10.0)
     for seconds in (10.0, 15.0, 20.0):
-        work.done = seconds
+        work.seconds_done = seconds
         told(0.0, "")
     assert (np.diff(shown) >= 0.0).all() and shown[-1] == pytest.approx(1.0)
     assert work.fraction == 1.0 and shown[2] == pytest.approx(1.0)

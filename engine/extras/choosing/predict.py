@@ -61,10 +61,8 @@ class PredictionStart:
         flat : one of its layouts
         progress : called with the fraction done; may cancel
         """
-        design = make_fabricable(
-            flat, piece.settings.spiral, *starting_spirals(piece), check_outlines=False, progress=progress
-        )
-        return cls((design.width, design.twist), _make_task(piece).space(design, progress))
+        design = make_fabricable(flat, piece.settings.spiral, *starting_spirals(piece), check_outlines=False, progress=progress)
+        return cls((design.width, design.twist), _make_task(piece).build_space(design, progress))
 
     def with_uniform_spirals(self, width: float = 0.5, twist: float = 0.5) -> PredictionStart:
         """Return a start whose spirals have the same relative width and relative twist in all quads.
@@ -123,7 +121,7 @@ def judge_by_prediction(
         rms = _predict_distance(design, point, progress.part(0.4, 1.0))
         if not np.isfinite(rms):
             return None
-        rested = _make_task(piece).rested(design, point)
+        rested = _make_task(piece).simulate_point(design, point)
         found = judge_shape(laid, rested, find_limits(rested, remedies=False), 0.0, thorough=False)
     except FlexMapsError:
         return None
@@ -136,7 +134,7 @@ def _solve_start(
     """Return the starting design of a prediction, and its equilibrium as a function of spirals and flat shapes."""
     task = _make_task(piece)
     design = make_fabricable(flat, piece.settings.spiral, *start.spirals, check_outlines=False, progress=progress)
-    problem = task.problem(design, progress, start.space.extended_to(design))
+    problem = task.build_problem(design, progress, start.space.extended_to(design))
     limits = task.params.distortion_limit, MAX_SEAM_MISMATCH
     free, movable = problem.space.free_spirals, design.rim is None
     shapes = FlatRange.from_patches(

@@ -244,9 +244,9 @@ def problem(share: float, groups: int, opening: float | None, soft: float = 0.0)
         target=Target(assembly.pairs, mesh.centroids),
         loads=Loads.for_spirals(assembly.size),
         build_model=lambda a, _: build_model(a, VERO, "arm", quick=True),
-        simulate=SimulateParams(tolerance=1e-11),
+        physics=SimulateParams(tolerance=1e-11),
         strain_limit=StrainLimit(VERO, share) if share else None,
-        room=ClearanceModel.from_flat(whole.flat, whole.params),
+        clearance_model=ClearanceModel.from_flat(whole.flat, whole.params),
         slot_requirement=None
         if opening is None
         else dataclasses.replace(SlotRequirement.from_design(whole), width=opening),

@@ -86,9 +86,9 @@ def problem(
         target=Target(assembly.pairs, mesh.centroids, supports=supports),
         loads=loads,
         build_model=lambda a, _: build_model(a, VERO, model, quick=not curving),
-        simulate=EXACT,
+        physics=EXACT,
         strain_limit=StrainLimit(VERO, share) if share else None,
-        room=ClearanceModel.from_flat(design.flat, design.params),
+        clearance_model=ClearanceModel.from_flat(design.flat, design.params),
         slot_requirement=None
         if opening is None
         else dataclasses.replace(SlotRequirement.from_design(design), width=opening),
@@ -347,7 +347,7 @@ def test_optimise_moves_the_flat_shapes_where_asked() -> None:
     params = dataclasses.replace(params, codesign=True)
     found = optimise.optimise(design, mesh, VERO, params, SimulateParams(), progress=Progress(shown=looks.append))
     report = found.report()
-    assert found.finished and found.after.equilibrium.converged and found.design.flat is not design.flat
+    assert found.is_finished and found.after.equilibrium.converged and found.design.flat is not design.flat
     assert report["laplacian_rmse_mm"] < 0.97 * alone["laplacian_rmse_mm"]
     assert found.at_bound.shape == found.gradient.shape == (len(mesh.quads), 5)
     assert report["flat"]["energy_max"] < LIMIT and "flat" not in alone
@@ -356,7 +356,7 @@ def test_optimise_moves_the_flat_shapes_where_asked() -> None:
     stopping = Progress(shown=seen.append, stopped=lambda: len(seen) >= 8)
     assert count > 10
     stopped = optimise.optimise(design, mesh, VERO, params, SimulateParams(), progress=stopping)
-    assert not stopped.finished and stopped.design.flat is not design.flat
+    assert not stopped.is_finished and stopped.design.flat is not design.flat
     assert stopped.report()["laplacian_rmse_mm"] < stopped.report()["laplacian_rmse_mm_before"]
 
 

@@ -28,7 +28,7 @@ def start() -> DesignPoint:
     assert found.design is not None
     params = OptimiseParams(strain_share=0.5)
     task = Task(found.mesh, MATERIAL, params, SimulateParams(tolerance=1e-10), None, None, Work())
-    problem = task.problem(found.design)
+    problem = task.build_problem(found.design)
     point = problem.point_at(problem.space.uniform(0.5, 0.6), target_pose(found.mesh, found.design.flat.corners))
     return point.with_strain_weight(point.mismatch.value)
 

@@ -128,16 +128,16 @@ def test_springs_may_add_their_shares_of_the_usual_time(monkeypatch: pytest.Monk
 
     def note(*given: Any) -> Any:
         assert work.limit is not None
-        allowed.append((work.share * work.limit - work.done, work.rated))
+        allowed.append((work.share * work.limit - work.seconds_done, work.ends_at_rate))
         work.add(0.1, 1)
         return object()
 
     monkeypatch.setattr(continuation, "_allowed_percent", lambda *_: continuation.FAR_PERCENT)
     monkeypatch.setattr(continuation, "_release_from_springs", note)
-    best = SimpleNamespace(point=SimpleNamespace(arm_model=object()), percent=5.0)
+    best = SimpleNamespace(point=SimpleNamespace(arm_model=object()), distance_percent=5.0)
     search: Any = SimpleNamespace(
         best=best, task=SimpleNamespace(work=work, params=SimpleNamespace(codesign=True)),
-        trace=SimpleNamespace(ended="as before"), cycled=note, relieve=lambda *_: None,
+        trace=SimpleNamespace(ended="as before"), run_cycles=note, relieve_strains=lambda *_: None,
     )  # fmt: skip
     continuation.continue_far(search, Progress())
     shares = continuation.TIME_WITH_SPRINGS, continuation.TIME_AFTER_SPRINGS

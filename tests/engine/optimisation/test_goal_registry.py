@@ -51,7 +51,10 @@ def problem() -> tuple[InverseProblem, DesignPoint]:
     assert made.design is not None
     task = Task(made.mesh, MATERIALS["vero"], OptimiseParams(), SimulateParams(tolerance=1e-11), None, None, Work())
     found = replace(
-        task.problem(made.design), strain_limit=None, slot_requirement=None, simulate=SimulateParams(tolerance=1e-11)
+        task.build_problem(made.design),
+        strain_limit=None,
+        slot_requirement=None,
+        physics=SimulateParams(tolerance=1e-11),
     )
     return found, found.point_at(found.space.uniform(0.5, 0.6), target_pose(made.mesh, made.design.flat.corners))
 

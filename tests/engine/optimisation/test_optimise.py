@@ -130,7 +130,7 @@ def test_adjoint_gradient_is_that_of_the_objective(options: dict) -> None:
 def test_gradient_with_the_second_order_of_the_strains(monkeypatch: pytest.MonkeyPatch) -> None:
     design, mesh = made()
     task = Task(mesh, VERO, OptimiseParams(strain_share=0.3), EXACT, None, None, Work())
-    whole = dataclasses.replace(task.problem(design), simulate=EXACT)
+    whole = dataclasses.replace(task.build_problem(design), physics=EXACT)
     x = np.clip(whole.space.coordinates(design.width, design.twist), 0.05, 0.95)
     pose = whole.point_at(x, target_pose(mesh, design.flat.corners)).equilibrium.pose
     direction, h = np.random.default_rng(5).normal(size=x.shape), 1e-5
@@ -265,7 +265,7 @@ def test_the_whole_job_improves_the_match_and_can_be_cut() -> None:
     )
     block = found.report()
     assert block["laplacian_rmse_mm"] < 0.9 * block["laplacian_rmse_mm_before"]
-    assert found.finished and found.after.equilibrium.converged
+    assert found.is_finished and found.after.equilibrium.converged
     assert seen and seen[-1].vertices.shape == mesh.vertices.shape
     # the result is as it was asked for: cutting it again changes nothing
     again = make_fabricable(found.design.flat, design.params, found.design.width, found.design.twist)
@@ -332,7 +332,7 @@ def test_the_end_is_told() -> None:
     )
     assert patient.ended == "iterations"
     hasty = optimise.optimise(design, mesh, VERO, OptimiseParams(patience=0.02, codesign=False), SimulateParams())
-    assert hasty.ended in ("time", "nothing") and hasty.finished
+    assert hasty.ended in ("time", "nothing") and hasty.is_finished
     assert hasty.report()["laplacian_rmse_mm"] <= hasty.report()["laplacian_rmse_mm_before"]
     assert hasty.report()["end"] == optimise.ENDS[hasty.ended]
 
@@ -345,7 +345,7 @@ def test_loads_that_are_too_much_at_once_are_put_on_in_parts() -> None:
     loaded = dataclasses.replace(
         whole,
         loads=dataclasses.replace(whole.loads, force=pull),
-        simulate=SimulateParams(iterations=200, tolerance=1e-6),
+        physics=SimulateParams(iterations=200, tolerance=1e-6),
     )
     direct = loaded.point_at(here.x, here.equilibrium.pose)
     parts = optimise._load_in_parts(loaded, here.x, here.equilibrium.pose, SILENT)

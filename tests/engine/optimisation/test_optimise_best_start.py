@@ -52,7 +52,7 @@ def test_starts_that_are_nearly_the_given_design_are_left_out(scale: float, name
     made = made_dome()
     design = dataclasses.replace(made.design, twist=scale * made.design.twist)
     task = Task(made.mesh, MATERIALS["vero"], OptimiseParams(), SimulateParams(restarts=0), None, None, Work())
-    found = optimise.find_starts(task.problem(design), design, made.mesh, OptimiseParams(), optimise.SILENT)
+    found = optimise.find_starts(task.build_problem(design), design, made.mesh, OptimiseParams(), optimise.SILENT)
     assert set(found) == names
 
 
@@ -60,13 +60,13 @@ def test_a_result_too_far_away_is_worth_nothing() -> None:
     made = made_dome()
     physics = SimulateParams(restarts=0)
     task = Task(made.mesh, MATERIALS["vero"], OptimiseParams(), physics, None, None, Work())
-    problem = task.problem(made.design)
+    problem = task.build_problem(made.design)
     start = optimise.find_starts(problem, made.design, made.mesh, OptimiseParams(restart=False), optimise.SILENT)[
         "given"
     ]
-    near = optimise.SimulatedResult(task.rested(made.design, start), start, start.relative_distance * 1.01)
+    near = optimise.SimulatedResult(task.simulate_point(made.design, start), start, start.relative_distance * 1.01)
     assert np.isfinite(near.merit(1.0))
-    assert dataclasses.replace(near, farthest=start.relative_distance * 0.99).merit(1.0) == np.inf
+    assert dataclasses.replace(near, max_distance=start.relative_distance * 0.99).merit(1.0) == np.inf
 
 
 def test_every_body_is_taken_from_the_result_where_it_matches_best() -> None:
@@ -78,13 +78,13 @@ def test_every_body_is_taken_from_the_result_where_it_matches_best() -> None:
     made = job.run(two, Settings(), edge=0.02, stop_after="spirals")
     assert made.design is not None
     task = Task(made.mesh, MATERIALS["vero"], OptimiseParams(), SimulateParams(restarts=0), None, None, Work())
-    problem, start = task.problem(made.design), target_pose(made.mesh, made.design.flat.corners)
+    problem, start = task.build_problem(made.design), target_pose(made.mesh, made.design.flat.corners)
     body = problem.target.body_of_spiral
     shares = np.where(body[None] == [[0], [1]], 0.1, 0.6)
     every = [np.repeat(share, problem.space.coordinates_per_spiral) for share in shares]
     points = [problem.point_at(x, start).with_strain_weight(1.0) for x in every]
     search = Search(task, SearchRecord(), lambda _: None, np.inf, made.design.flat)
-    tried = [search.hold(made.design, one) for one in points]
+    tried = [search.add_result(made.design, one) for one in points]
     best = search._with_best_bodies(tried, tried[0], optimise.SILENT)
     values = np.array([one.point.mismatch.value_by_body for one in tried])
     assert np.argmin(values, axis=0).tolist() in ([0, 1], [1, 0])

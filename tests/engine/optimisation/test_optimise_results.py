@@ -38,10 +38,10 @@ def test_the_latest_point_becomes_a_design_only_if_it_is_better_than_the_stored_
     monkeypatch.setattr(optimise.codesign, "to_design", lambda *given: calls.append(given) or object())
     best = None if stored is None else SimpleNamespace(value=stored, design=object(), point=point(stored))
     search: Any = SimpleNamespace(
-        held=[] if best is None else [best],
+        results=[] if best is None else [best],
         best=best,
-        farthest=np.inf,
-        task=SimpleNamespace(rested=lambda *_: object()),
+        max_distance=np.inf,
+        task=SimpleNamespace(simulate_point=lambda *_: object()),
     )
     design: Any = object()
     found: Any = optimise._best_so_far(search, point(latest), design)

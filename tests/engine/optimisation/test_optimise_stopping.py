@@ -41,7 +41,7 @@ def test_stopping_keeps_the_best_so_far() -> None:
     looks = []
     progress = Progress(shown=looks.append, stopped=lambda: len(looks) >= 4)  # given design, best start, two steps
     found = optimise.optimise(design, mesh, VERO, OptimiseParams(), SimulateParams(), progress=progress)
-    assert not found.finished and len(found.trace.rows) == 2
+    assert not found.is_finished and len(found.trace.rows) == 2
     assert found.report()["laplacian_rmse_mm"] < found.report()["laplacian_rmse_mm_before"]
     with pytest.raises(Cancelled):
         optimise.optimise(
@@ -64,8 +64,8 @@ def test_only_an_unstrained_piece_on_its_target_is_near_enough() -> None:
     design, mesh = made()
     material, params = Settings().material.chosen, OptimiseParams(open_slots=False)
     task = optimise.Task(mesh, material, params, SimulateParams(), None, None, Work())
-    x = task.space(design).coordinates(design.width, design.twist)
-    point = task.problem(design).point_at(x, target_pose(mesh, design.flat.corners))
+    x = task.build_space(design).coordinates(design.width, design.twist)
+    point = task.build_problem(design).point_at(x, target_pose(mesh, design.flat.corners))
     target = replace(point.problem.target, points=point.equilibrium.pose.centres)
 
     def near(params: OptimiseParams = params, **changes: Any) -> bool:
@@ -89,11 +89,11 @@ def test_a_search_is_given_up_later_while_the_piece_is_far_overstrained_or_held(
 ) -> None:
     monkeypatch.setattr(search, "is_near", lambda *_: False)
     work = Work(limit=100.0, rate=1.0)
-    work.begin(1.0)
+    work.begin_stage(1.0)
     searching: Any = SimpleNamespace(task=SimpleNamespace(work=work, params=OptimiseParams()))
     loads = SimpleNamespace(springs=object() if held else None)
     point = SimpleNamespace(problem=SimpleNamespace(loads=loads))
-    here: Any = SimpleNamespace(percent=percent, value=1.0, strained=strained, point=point)
+    here: Any = SimpleNamespace(distance_percent=percent, value=1.0, is_overstrained=strained, point=point)
     here.rate_factor = search.StageResult.rate_factor.fget(here)  # type: ignore[attr-defined]
     here.with_updated_multipliers = here.with_stability_weight = lambda: here
     slow = []
@@ -101,8 +101,8 @@ def test_a_search_is_given_up_later_while_the_piece_is_far_overstrained_or_held(
     def stage(*_: Any) -> Any:
         for _ in range(10):  # two thirds of the rate
             work.add(0.1, 1)
-            work.note(0.067)
-        slow.append(work.slow)
+            work.add_step(0.067)
+        slow.append(work.is_slow)
         return here
 
     search.Search._repeat(searching, stage, here, 1, 0.05, SILENT)
@@ -112,8 +112,8 @@ def test_a_search_is_given_up_later_while_the_piece_is_far_overstrained_or_held(
 def test_given_design_is_shown_before_limits_and_other_starts_are_computed(monkeypatch: pytest.MonkeyPatch) -> None:
     design, mesh = made()
     looks, events = [], []
-    space = optimise.Task.space
-    monkeypatch.setattr(optimise.Task, "space", lambda *given: events.append("limits") or space(*given))
+    space = optimise.Task.build_space
+    monkeypatch.setattr(optimise.Task, "build_space", lambda *given: events.append("limits") or space(*given))
 
     def show(look: optimise.OptimisationStep) -> None:
         looks.append(look)
@@ -139,7 +139,7 @@ def test_what_a_stop_leaves_is_what_a_simulation_finds(steps: int) -> None:
     looks: list[optimise.OptimisationStep] = []
     progress = Progress(shown=looks.append, stopped=lambda: len(looks) > steps)
     found = optimise.optimise(design, mesh, VERO, OptimiseParams(stop=1e-6), SimulateParams(), progress=progress)
-    assert not found.finished
+    assert not found.is_finished
     again = simulate(found.design, mesh, VERO, SimulateParams(), start=found.after.equilibrium.pose).report()
     left = found.after.report()
     for name in ("rms_mm", "laplacian_rmse_mm"):
@@ -177,11 +177,11 @@ def test_it_tells_and_listens_between_any_two_factorisations(monkeypatch: pytest
 @pytest.mark.parametrize("stop", [1e-3, 0.4, 0.0])
 def test_steps_that_relieve_arms_must_bring_more_than_others(stop: float, monkeypatch: pytest.MonkeyPatch) -> None:
     taken: list[OptimiseParams] = []
-    monkeypatch.setattr(search.Search, "improved", lambda _, here, params, progress: taken.append(params))
+    monkeypatch.setattr(search.Search, "optimise_spirals", lambda _, here, params, progress: taken.append(params))
     task = SimpleNamespace(params=OptimiseParams(stop=stop))
     alone = search.Search(task, optimise.SearchRecord(), print, np.inf, None)
-    alone.polished(None, SILENT)
-    alone.relieved(None, SILENT)
+    alone.polish(None, SILENT)
+    alone.relieve_step(None, SILENT)
     assert [one.iterations for one in taken] == [search.POLISH_STEPS, search.RELIEF_STEPS]
     assert taken[0].stop == stop
     assert taken[1].stop > max(stop, 0.1) or taken[1].stop == stop in (0.4, 0.0)

@@ -33,18 +33,18 @@ def test_a_bent_sheet_ends_within_its_limit(radius: float) -> None:
     before = bent(thickness, radius)
     assert 1.0 < before < remedies.MAX_FACTOR
     times = remedies.size_factor(before, soft=False)
-    assert 1.0 - remedies.STEP < bent(thickness, times * radius) <= 1.0
+    assert 1.0 - remedies.FACTOR_STEP < bent(thickness, times * radius) <= 1.0
     sheet = remedies.thinner_sheet(thickness, times)
     assert sheet is not None and bent(sheet, radius) <= 1.0
     share = 10.0 ** (math.log10(sheet) % 1.0)
-    assert min(abs(share - usual) for usual in remedies.SERIES) < 1e-6
+    assert min(abs(share - usual) for usual in remedies.SHEET_SERIES) < 1e-6
     # there is no usual sheet between that and the one that would just do
-    assert not [s for s in remedies.SERIES if sheet * 1e3 + 1e-6 < s <= thickness * 1e3 / times]
+    assert not [s for s in remedies.SHEET_SERIES if sheet * 1e3 + 1e-6 < s <= thickness * 1e3 / times]
 
 
 def test_where_no_strain_says_how_much_it_is_a_modest_step() -> None:
     for strain in (None, 0.0, 0.7):
-        assert remedies.size_factor(strain, soft=True) == remedies.FIRST_FACTOR
+        assert remedies.size_factor(strain, soft=True) == remedies.MIN_SOFT_FACTOR
     assert remedies.size_factor(1.4, soft=True) == 1.4
     assert remedies.size_factor(50.0, soft=False) == remedies.MAX_FACTOR
     assert remedies.thinner_sheet(0.0001, 1.25) is None  # the thinnest that can be asked for
@@ -151,7 +151,7 @@ def test_of_as_thin_a_sheet_as_is_advised_the_arms_bear_their_strain() -> None:
     start, before = dome(), strained_by(1.15)
     assert start.design is not None
     told = reaching.find_limits(before).report()["remedies"]["thinner"]
-    usual = sorted(round(share * decade, 6) for share in remedies.SERIES for decade in (0.1, 1.0))
+    usual = sorted(round(share * decade, 6) for share in remedies.SHEET_SERIES for decade in (0.1, 1.0))
     sheets = [sheet for sheet in usual if told <= sheet < 1e3 * before.assembly.thickness]
     strains = {}
     for sheet in sheets[:2]:

@@ -8,17 +8,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from flexmaps.engine.materials import OVERSTRAIN_SHARE, find_material
-from flexmaps.engine.optimisation import slot_opening as slot_opening
+from flexmaps.engine.optimisation import slot_opening
 from flexmaps.engine.optimisation.gauss_newton import CANCELLED, SearchRecord
 from flexmaps.engine.optimisation.remedies import WANTED_PERCENT
-from flexmaps.engine.optimisation.search import OVERTIME, TIME_WITH_FLATS, Search
+from flexmaps.engine.optimisation.search import RELIEF_TIME_SHARE, TIME_WITH_FLATS, Search
 from flexmaps.engine.optimisation.slot_opening import (
     OPEN_GROWTH,
     UNSEEN_PERCENT,
     SimulatedResult,
     open_closed_slots,
     reduce_twist,
-    with_room,
+    separate_arms,
 )
 from flexmaps.engine.optimisation.task import Task
 from flexmaps.engine.optimisation.work import Work
@@ -40,7 +40,7 @@ def wound() -> tuple[Task, SimulatedResult]:
     made = fabricable.make_fabricable(flat, params, np.full((count, 4), 0.0009), np.full(count, 5.5))
     task = Task(mesh, pom, OptimiseParams(), SimulateParams(), None, None, Work())
     at_rest = simulate(made, mesh, pom, SimulateParams())
-    problem = task.problem(made)
+    problem = task.build_problem(made)
     point = problem.point_at(problem.space.coordinates(made.width, made.twist), at_rest.equilibrium.pose)
     return task, SimulatedResult(at_rest, point, np.inf)
 
@@ -84,8 +84,8 @@ def test_slots_open_by_more_steps_where_less_twist_alone_strains_arms_too_much(w
     found = replace(found, point=replace(found.point, problem=replace(found.point.problem, strain_limit=strain_limit)))
     monkeypatch.setattr(slot_opening, "OVERSTRAIN_SHARE", limit)
     closed = []
-    for searches in (0, slot_opening.MAX_SEARCHES):
-        monkeypatch.setattr(slot_opening, "MAX_SEARCHES", searches)
+    for searches in (0, slot_opening.MAX_SHORT_SEARCHES):
+        monkeypatch.setattr(slot_opening, "MAX_SHORT_SEARCHES", searches)
         after = open_closed_slots(
             Search(task, SearchRecord(), lambda _: None, np.inf, before.design.flat), found, SILENT
         ).simulation
@@ -97,10 +97,10 @@ def test_slots_open_by_more_steps_where_less_twist_alone_strains_arms_too_much(w
 
 def test_further_searches_end_where_they_ease_no_strains(wound, monkeypatch):
     task, found = wound
-    calls, polished = [], Search.polished
-    monkeypatch.setattr(Search, "polished", lambda *given: calls.append(given) or polished(*given))
+    calls, polished = [], Search.polish
+    monkeypatch.setattr(Search, "polish", lambda *given: calls.append(given) or polished(*given))
     every = np.ones(len(found.simulation.design.twist), dtype=bool)
-    monkeypatch.setattr(SimulatedResult, "strained_by", lambda *given: every)
+    monkeypatch.setattr(SimulatedResult, "overstrained_spirals", lambda *given: every)
     search = Search(task, SearchRecord(), lambda _: None, np.inf, found.simulation.design.flat)
     assert open_closed_slots(search, found, SILENT) is found
     assert len(calls) == 1
@@ -121,12 +121,12 @@ def test_arms_beside_a_spiral_with_less_twist_have_room_in_the_flat_sheet(wound)
     width = 0.0016 * np.random.default_rng(0).uniform(0.7, 1.5, (len(flat.corners), 4))
     tight = fabricable.make_fabricable(flat, SpiralParams(width_min=0.0006), width, np.full(len(width), 7.0))
     every = np.ones(len(width), dtype=bool)
-    assert with_room(tight, every, SILENT) is tight
+    assert separate_arms(tight, every, SILENT) is tight
     lacking = 0
     for quad in range(0, len(width), 45):
         twist = tight.twist.copy()
         twist[quad] *= 0.8
-        made = with_room(replace(tight, twist=twist), every, SILENT)
+        made = separate_arms(replace(tight, twist=twist), every, SILENT)
         fitted = fabricable.make_fabricable(flat, made.params, made.width, made.twist, check_outlines=False)
         assert not fitted.changed_spirals(made).any()
         lacking += bool((made.twist != twist).any())
@@ -161,9 +161,9 @@ def test_strains_that_hold_go_on_to_hold(wound, worst, beyond):
     before[3] = worst
     after = before.copy()
     after[7] = beyond
-    assert np.flatnonzero(strained(after).strained_by(strained(before))).tolist() == [7]
+    assert np.flatnonzero(strained(after).overstrained_spirals(strained(before))).tolist() == [7]
     after[7] = 0.99 * OVERSTRAIN_SHARE
-    assert not strained(after).strained_by(strained(before)).any()
+    assert not strained(after).overstrained_spirals(strained(before)).any()
 
 
 def test_a_piece_on_its_target_may_give_up_of_its_match_what_nobody_sees(wound):
@@ -181,27 +181,27 @@ def test_a_piece_on_its_target_may_give_up_of_its_match_what_nobody_sees(wound):
 
     near, twice, far, farther, hardly = (placed(share) for share in (0.2, 0.4, 2.0, 4.0, 2.08))
     assert all(one.simulation.target_distances["rms_percent"] < UNSEEN_PERCENT for one in (near, twice))
-    assert twice.bears(near)
-    assert hardly.bears(far) and not farther.bears(far)
+    assert twice.can_replace(near)
+    assert hardly.can_replace(far) and not farther.can_replace(far)
     slots = simulation.slots()
     without = replace(slots, width=np.abs(slots.width))
     for share, of in ((2.6, 2.0), (OPEN_GROWTH * 2.0, 2.0), (26.0, 20.0)):
         closed, before = placed(share), placed(of)
-        opened = replace(closed, nearby=without)
+        opened = replace(closed, known_slots=without)
         wanted = opened.simulation.target_distances["rms_percent"] <= WANTED_PERCENT and share / of < OPEN_GROWTH**0.5
-        assert opened.bears(before) == wanted
-        assert not closed.bears(before)
+        assert opened.can_replace(before) == wanted
+        assert not closed.can_replace(before)
     half = slots.width.copy()
     half[slots.closed[::2]] *= -1.0
-    grown = [replace(placed(2.0 * factor**0.5), nearby=replace(slots, width=half)) for factor in (1.5, 1.6)]
-    before = replace(placed(2.0), nearby=slots)
-    assert [one.bears(before) for one in grown] == [True, False]  # half of the way from 1.1 to 2
+    grown = [replace(placed(2.0 * factor**0.5), known_slots=replace(slots, width=half)) for factor in (1.5, 1.6)]
+    before = replace(placed(2.0), known_slots=slots)
+    assert [one.can_replace(before) for one in grown] == [True, False]  # half of the way from 1.1 to 2
 
 
-@pytest.mark.parametrize("share, until", [(0.01, 0.9 * (1.0 + OVERTIME)), (100.0, TIME_WITH_FLATS)])
+@pytest.mark.parametrize("share, until", [(0.01, 0.9 * (1.0 + RELIEF_TIME_SHARE)), (100.0, TIME_WITH_FLATS)])
 def test_a_search_whose_time_for_flat_shapes_is_over_goes_on_where_arms_are_strained_too_much(wound, share, until):
     task, found = wound
-    task = replace(task, work=Work(limit=1.0, done=0.9))
+    task = replace(task, work=Work(limit=1.0, seconds_done=0.9))
     strain_limit = found.point.problem.strain_limit
     problem = replace(found.point.problem, work=task.work, strain_limit=replace(strain_limit, share=share))
     search = Search(task, SearchRecord(), lambda _: None, np.inf, found.simulation.design.flat)
@@ -215,11 +215,11 @@ def test_searches_for_open_slots_end_when_two_in_a_row_open_none(
 ) -> None:
     """Counts of closed slots: of the result, and after each search."""
     point = SimpleNamespace(problem=SimpleNamespace(space=SimpleNamespace(free_spirals=None)))
-    rest = {"simulation": SimpleNamespace(design=None), "point": point, "bears": lambda _: True}
+    rest = {"simulation": SimpleNamespace(design=None), "point": point, "can_replace": lambda _: True}
     results = [SimpleNamespace(closed=count, **rest) for count in counts]
     waiting = iter(results[1:])
-    monkeypatch.setattr(slot_opening, "_unwind", lambda search, one, *rest, **options: one)
-    monkeypatch.setattr(slot_opening, "_ease_strains", lambda *given: next(waiting))
-    monkeypatch.setattr(slot_opening, "with_room", lambda design, *rest: design)
+    monkeypatch.setattr(slot_opening, "_reduce_twists", lambda search, one, *rest, **options: one)
+    monkeypatch.setattr(slot_opening, "_relieve_strains", lambda *given: next(waiting))
+    monkeypatch.setattr(slot_opening, "separate_arms", lambda design, *rest: design)
     best = slot_opening._open_slots(SimpleNamespace(), results[0], SILENT)  # type: ignore[arg-type]
     assert best.closed == min(counts[: searches + 1]) and len(list(waiting)) == len(counts) - 1 - searches

@@ -184,10 +184,10 @@ def test_gradient_of_a_search_that_keeps_slots_open(arms) -> None:
         Work(),
     )
     whole = dataclasses.replace(
-        task.problem(found.design), build_model=lambda a, _: build_model(a, VERO, "arm", quick=True)
+        task.build_problem(found.design), build_model=lambda a, _: build_model(a, VERO, "arm", quick=True)
     )
     wide = dataclasses.replace(SlotRequirement.from_design(found.design), width=0.0015)
-    whole = dataclasses.replace(whole, slot_requirement=wide, simulate=SimulateParams(tolerance=1e-11))
+    whole = dataclasses.replace(whole, slot_requirement=wide, physics=SimulateParams(tolerance=1e-11))
     x = np.random.default_rng(4).uniform(0.2, 0.8, len(found.design.twist) * whole.space.coordinates_per_spiral)
     here = whole.point_at(x, target_pose(found.target, found.design.flat.corners))
     assert here._narrow_slots is not None and here._narrow_slots.value > 0.02 * here.mismatch.value

@@ -70,7 +70,7 @@ def start(
         "loads": loads,
         "stance": Stance(loads, mesh, design.flat.corners),
         "build_model": lambda a, _: build_model(a, VERO, "arm", quick=not curving),
-        "simulate": EXACT,
+        "physics": EXACT,
         "stability": stability,
     }
     x = np.random.default_rng(4).uniform(0.2, 0.8, assembly.size * space.coordinates_per_spiral)
@@ -78,7 +78,7 @@ def start(
         opening = dataclasses.replace(SlotRequirement.from_design(design), width=0.0006)
         flat = FlatRange.from_patches(design.flat, 0.5, 0.035, 0.06, 1e-3, design.flat, space.free_spirals)
         more = {
-            "room": ClearanceModel.from_flat(design.flat, design.params),
+            "clearance_model": ClearanceModel.from_flat(design.flat, design.params),
             "strain_limit": StrainLimit(VERO, 0.3),
             "slot_requirement": opening,
         }

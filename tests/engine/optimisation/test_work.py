@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from flexmaps.engine.optimisation.work import END_RATE, RATED_STEPS, Work
+from flexmaps.engine.optimisation.work import END_RATE, RATE_STEPS, Work
 
 
 def test_work_is_counted_not_timed() -> None:
@@ -14,7 +14,7 @@ def test_work_is_counted_not_timed() -> None:
     endless, short = Work.for_spirals(100, 0.0), Work.for_spirals(100, 1.0)
     for work in (endless, short):
         work.add(1e6, 100)
-    assert short.over and not endless.over
+    assert short.is_over and not endless.over
 
 
 @pytest.mark.parametrize("patience", [1.0, 2.0])
@@ -22,41 +22,41 @@ def test_a_search_ends_where_its_last_steps_bring_too_little_for_their_work(pati
     work = Work.for_spirals(100, patience)
     fast, slow = (factor * END_RATE / patience for factor in (1.1, 0.9))
     for steps, rate, over in (
-        (RATED_STEPS, slow, False),  # too few
-        (RATED_STEPS + 1, slow, True),
-        (RATED_STEPS + 1, fast, False),
+        (RATE_STEPS, slow, False),  # too few
+        (RATE_STEPS + 1, slow, True),
+        (RATE_STEPS + 1, fast, False),
     ):
-        work.begin(1.0)
+        work.begin_stage(1.0)
         for _ in range(steps):
             work.add(1e-3, 100)
-            work.note(0.1 * rate)
-        assert work.over == over
+            work.add_step(0.1 * rate)
+        assert work.is_over == over
     work.add(1e-2, 100)  # what is tried without success counts too
-    assert work.over
-    work.factor = 20.0  # far from the target
-    assert not work.over
+    assert work.is_over
+    work.rate_factor = 20.0  # far from the target
+    assert not work.is_over
 
 
 def test_a_search_does_not_begin_a_step_that_it_would_not_finish() -> None:
     def after_steps(*, proposed: bool) -> Work:
         work = Work.for_spirals(100, 1.0)
-        work.begin(1.0)
-        for _ in range(RATED_STEPS + 1):
+        work.begin_stage(1.0)
+        for _ in range(RATE_STEPS + 1):
             work.add(1e-3, 100)
             if proposed:
-                work.note_proposal()
-            work.note(0.105 * END_RATE)  # enough for this work, but not for that of another step
+                work.add_proposal()
+            work.add_step(0.105 * END_RATE)  # enough for this work, but not for that of another step
         return work
 
-    assert not after_steps(proposed=False).over
+    assert not after_steps(proposed=False).is_over
     work = after_steps(proposed=True)
-    assert work.over and work.slow
-    work.begin(1.0)
-    assert not work.over
-    work.note(0.0)
-    assert not work.late
-    work.share = (work.done + 0.05) / work.limit
-    assert work.late
+    assert work.is_over and work.is_slow
+    work.begin_stage(1.0)
+    assert not work.is_over
+    work.add_step(0.0)
+    assert not work.is_late
+    work.share = (work.seconds_done + 0.05) / work.limit
+    assert work.is_late
 
 
 def test_a_stage_may_add_to_the_work_beyond_the_limit() -> None:
@@ -64,10 +64,10 @@ def test_a_stage_may_add_to_the_work_beyond_the_limit() -> None:
     limit = work.limit
     assert limit is not None
     work.add(0.9 * limit / 100, 100)
-    work.extend(0.5 * limit)
+    work.begin_overtime(0.5 * limit)
     work.add(0.4 * limit / 100, 100)
-    assert work.done > limit and not work.over
-    work.began -= 10.0 * limit  # the clock allows for busy machines in proportion
-    assert not work.over
+    assert work.seconds_done > limit and not work.is_over
+    work.start_time -= 10.0 * limit  # the clock allows for busy machines in proportion
+    assert not work.is_over
     work.add(0.2 * limit / 100, 100)
-    assert work.late
+    assert work.is_late
