@@ -238,7 +238,7 @@ def compare(
 def _distance(reference: Reference, k: int, coarse: ElasticModel) -> dict[str, Any]:
     supports, true = Loads(reference.fixed[k], reference.force[k]), reference.pose(k)
     found: Equilibrium = solve(coarse, true, supports, PARAMS)
-    pose = found.pose if reference.fixed[k].any() else found.pose.aligned(true.centres)
+    pose = found.pose if reference.fixed[k].any() else found.pose.aligned_to(true.centres)
     apart, size = np.linalg.norm(pose.centres - true.centres, axis=1), reference.size(k)
     return {
         "spirals": len(reference.case.mesh.quads),

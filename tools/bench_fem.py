@@ -98,7 +98,7 @@ def _distances(name: str) -> Rows:
     solid, pose = DesignSolid(design, settings.material.chosen.poisson, [0], COARSE), found.equilibrium.pose
     rest = solid.solve(solid.guess(pose), pose, solid.pulled(np.zeros((len(design.width), 3))))
     target = piece.mesh.centroids
-    off = Pose(rest.centres * UNIT, rest.rotations).aligned(target).centres - target
+    off = Pose(rest.centres * UNIT, rest.rotations).aligned_to(target).centres - target
     said = found.target_distances["rms_percent"]
     true = 100.0 * float(np.sqrt((off**2).sum(axis=1).mean())) / piece.mesh.diagonal
     peer = {

@@ -100,7 +100,7 @@ def write(
     if not obj.show_only_shape_key:
         obj.active_shape_key_index = 0  # so that edit mode shows and edits the target
     slots = simulation.slots()
-    room = None if slots is None else 1e3 * slots.of_quads
+    room = None if slots is None else 1e3 * slots.narrowest_per_quad
     values_of = simulation.distance * 1e3, simulation.energy * 1e3, simulation.strain, room
     for name, values in zip(NAMES, values_of, strict=True):
         if values is None:

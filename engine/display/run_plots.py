@@ -92,7 +92,7 @@ class MapValues:
             distance = simulation.distance * 1e3
             values |= {"shape": simulation.vertices, "distance": distance, "strain": simulation.strain}
             slots = simulation.slots()
-            values["slot"] = None if slots is None else 1e3 * slots.of_quads
+            values["slot"] = None if slots is None else 1e3 * slots.narrowest_per_quad
         if limits is not None:
             values["kind"] = limits.kind
         return cls(mesh, **values)

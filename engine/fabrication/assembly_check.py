@@ -196,7 +196,7 @@ def _forces(design: SpiralDesign, connections: Connections | None, simulation: S
         return None
     mesh, material, thickness = design.flat.layout.mesh, simulation.material, design.params.thickness
     wrench = np.zeros((len(mesh.edges), 6))
-    wrench[~mesh.border] = wrenches[: model.assembly.inner]
+    wrench[~mesh.border] = wrenches[: model.assembly.n_inner_joints]
     force, moment = np.linalg.norm(wrench[:, :3], axis=1), np.linalg.norm(wrench[:, 3:], axis=1)
     stress = joints.neck_stresses(wrench, joints.neck_widths(design, connections), thickness)
     return np.column_stack([force, moment, stress / material.strength])

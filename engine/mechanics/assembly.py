@@ -32,7 +32,7 @@ class Pose:
 
     centres: Float[np.ndarray, "spirals 3"]
     rotations: Float[np.ndarray, "spirals 3 3"]
-    nodes: Nodes | None = None
+    nodes: RimNodes | None = None
 
     def moved(self, step: np.ndarray) -> Pose:
         """Shift the hubs by step[:, :3], metres, and turn them by rotation vectors step[:, 3:], radians, in space.
@@ -45,7 +45,7 @@ class Pose:
             return replace(moved, nodes=self.nodes)
         there = self.whole
         nodes = Pose(there.centres[n:], there.rotations[n:]).moved(step[n:])
-        return replace(moved, nodes=Nodes.from_poses(moved, self.nodes.hub, nodes))
+        return replace(moved, nodes=RimNodes.from_poses(moved, self.nodes.hub, nodes))
 
     @cached_property
     def whole(self) -> Pose:
@@ -83,14 +83,14 @@ class Pose:
         centres[hubs], rotations[hubs] = part.centres, part.rotations
         return replace(self, centres=centres, rotations=rotations)
 
-    def aligned(self, centres: Float[np.ndarray, "spirals 3"]) -> Pose:
+    def aligned_to(self, centres: Float[np.ndarray, "spirals 3"]) -> Pose:
         """Move the whole pose rigidly so that its centres lie closest to ``centres`` (n, 3) metres (Procrustes)."""
         rotation = nearest_rotation((self.centres - self.centres.mean(axis=0)).T @ (centres - centres.mean(axis=0)))
         return self.transform(rotation, centres.mean(axis=0) - rotation @ self.centres.mean(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
-class Nodes:
+class RimNodes:
     """Poses of a rim's nodes relative to their hubs.
 
     hub : (b,) int; centres : (b, 3) metres and rotations : (b, 3, 3), in the frames of the hubs
@@ -101,7 +101,7 @@ class Nodes:
     rotations: Float[np.ndarray, "nodes 3 3"]
 
     @classmethod
-    def from_poses(cls, pose: Pose, hub: np.ndarray, there: Pose) -> Nodes:
+    def from_poses(cls, pose: Pose, hub: np.ndarray, there: Pose) -> RimNodes:
         """Convert poses of nodes in space to poses relative to their hubs.
 
         Parameters
@@ -114,7 +114,7 @@ class Nodes:
         return cls(hub, np.einsum("nij,nj->ni", back, there.centres - pose.centres[hub]), back @ there.rotations)
 
     @classmethod
-    def resting(cls, hub: np.ndarray, offset: Float[np.ndarray, "nodes 3"]) -> Nodes:
+    def at_rest(cls, hub: np.ndarray, offset: Float[np.ndarray, "nodes 3"]) -> RimNodes:
         """Return the nodes at rest, in the flat sheet.
 
         Parameters
@@ -124,12 +124,12 @@ class Nodes:
         """
         return cls(hub, offset, np.broadcast_to(np.eye(3), (len(hub), 3, 3)))
 
-    def part(self, hubs: Int[np.ndarray, " some"]) -> Nodes:
+    def part(self, hubs: Int[np.ndarray, " some"]) -> RimNodes:
         """Select the nodes of some hubs, which are renumbered in this order."""
         number = np.full(max(int(self.hub.max(initial=-1)), int(np.max(hubs, initial=-1))) + 1, -1)
         number[hubs] = np.arange(len(hubs))
         kept = number[self.hub] >= 0
-        return Nodes(number[self.hub[kept]], self.centres[kept], self.rotations[kept])
+        return RimNodes(number[self.hub[kept]], self.centres[kept], self.rotations[kept])
 
 
 def nearest_rotation(covariance: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
@@ -194,17 +194,17 @@ class Assembly:
         return self.size - self.nodes
 
     @property
-    def inner(self) -> int:
+    def n_inner_joints(self) -> int:
         """Number of joints outside the rim."""
         return len(self.pairs) - (self.nodes + len(self.rim.pairs) if self.nodes and self.rim is not None else 0)
 
     @property
-    def ties(self) -> slice:
+    def tie_joints(self) -> slice:
         """Slice of the joints between arms at the border and the rim's nodes."""
-        return slice(self.inner, self.inner + self.nodes)
+        return slice(self.n_inner_joints, self.n_inner_joints + self.nodes)
 
     @cached_property
-    def owners(self) -> Int[np.ndarray, "joints 2"]:
+    def hub_pairs(self) -> Int[np.ndarray, "joints 2"]:
         """``pairs``, with every node replaced by its hub."""
         if not self.nodes or self.rim is None:
             return self.pairs
@@ -234,9 +234,9 @@ class Assembly:
         )
 
     @property
-    def plain(self) -> Assembly:
+    def without_rim(self) -> Assembly:
         """The assembly without its rim: the inverse of ``whole``, but with ``rim`` None."""
-        m, n = self.inner, self.spirals
+        m, n = self.n_inner_joints, self.spirals
         parts = {name: getattr(self, name)[:m] for name in ("pairs", "sides", "lever", "axes")}
         return replace(self, **parts, width=self.width[:n], twist=self.twist[:n], rim=None, nodes=0)
 
@@ -246,7 +246,7 @@ class Assembly:
         whole = self.whole
         if whole.rim is None:
             return whole
-        parts = {name: getattr(whole, name)[: whole.ties.stop] for name in ("pairs", "sides", "lever", "axes")}
+        parts = {name: getattr(whole, name)[: whole.tie_joints.stop] for name in ("pairs", "sides", "lever", "axes")}
         return replace(whole, **parts, rim=whole.rim.without_strips)
 
     @cached_property
@@ -278,23 +278,23 @@ class Assembly:
         return out * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0]) if self.clockwise else out
 
     @property
-    def to_grain(self) -> Float[np.ndarray, "joints 2"]:
+    def grain_angles(self) -> Float[np.ndarray, "joints 2"]:
         """(m, 2) radians from every arm's radius to the grain; positive is the side to which arms wind inwards."""
         return (self.grain - np.arctan2(self.lever[..., 1], self.lever[..., 0])) * (-1.0 if self.clockwise else 1.0)
 
     @cached_property
-    def left(self) -> Float[np.ndarray, "joints 2 3"]:
+    def lever_normals(self) -> Float[np.ndarray, "joints 2 3"]:
         """(m, 2, 3) metres, the levers turned by a right angle in the sheet, to the side to which the arms wind
         inwards."""
         return np.cross([0.0, 0.0, 1.0], self.lever) * (-1.0 if self.clockwise else 1.0)
 
     @cached_property
-    def bend(self) -> tuple[Float[np.ndarray, "joints 2 2"], Float[np.ndarray, "joints 2 2"]]:
+    def bend_points(self) -> tuple[Float[np.ndarray, "joints 2 2"], Float[np.ndarray, "joints 2 2"]]:
         """(m, 2, 2) bend points of both arms of every joint, and derivatives by their twists (see ``arm_bend``)."""
         value, slope = (found[self.pairs] for found in bend_point(self.twist))
         if self.nodes:
             # a neck is so stiff that the whole turn happens in the arm beyond it
-            ties = self.ties
+            ties = self.tie_joints
             value[ties, 0], slope[ties, 0] = bend_point(self.twist[self.pairs[ties, 0]], 1.0)
             value[ties, 1], slope[ties, 1], slope[ties.stop :] = [1.0, 0.0], 0.0, 0.0
         return value, slope

@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 from ..arrays import Float, Int
 from ..materials import Material
 from .assembly import Assembly, Pose
-from .beyond import Beyond
+from .out_of_range import OutOfRange
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ class ElasticModel(Protocol):
         (per radian) of the spiral on that side
         """
 
-    def beyond(self) -> list[Beyond]:
+    def beyond(self) -> list[OutOfRange]:
         """List the quantities outside the model's range, with the spirals concerned."""
 
     def torsion(self, state: Any) -> Float[np.ndarray, " joints"]:
@@ -169,7 +169,7 @@ def sum_joint_vectors(
     return np.bincount(index, weights=blocks.ravel(), minlength=6 * size).reshape(size, 6)
 
 
-class JointSum:
+class JointAssembler:
     """Assembler of a sparse matrix from blocks (m, 12, 2 K) of the joints; its sparsity pattern is computed once.
 
     The matrix (6 n, K s) holds the derivatives of six quantities per body (s spirals, then the rim's nodes) by K
@@ -179,7 +179,7 @@ class JointSum:
     def __init__(self, assembly: Assembly, each: int):
         """Compute the sparsity pattern for an assembly with its rim, and ``each`` = K numbers per spiral."""
         row = (assembly.pairs[..., None] * 6 + np.arange(6)).reshape(-1, 12, 1)
-        column = (assembly.owners[..., None] * each + np.arange(each)).reshape(-1, 1, 2 * each)
+        column = (assembly.hub_pairs[..., None] * each + np.arange(each)).reshape(-1, 1, 2 * each)
         self._shape = (6 * assembly.size, each * assembly.spirals)
         entries, self._slot = np.unique((row * self._shape[1] + column).ravel(), return_inverse=True)
         self._indices = (entries % self._shape[1]).astype(np.int32)

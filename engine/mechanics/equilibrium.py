@@ -179,7 +179,7 @@ class _Balance:
     def factor(self, here: LocalModel, convex: float, shift: float) -> bool:
         if not convex:
             return self.system.factor(self.system.values(here.own.hessian))
-        part = self.system.definite(self.system.values(here.own.convex), shift)
+        part = self.system.make_definite(self.system.values(here.own.convex), shift)
         if convex < 1.0:
             part = (1.0 - convex) * self.system.values(here.own.hessian) + convex * part
         return self.system.factor(part)
@@ -202,7 +202,7 @@ class _Balance:
 
     def exits(self, state: Any) -> list[Any]:
         here = self.model.expand(state)
-        way = self.system.softest(self.system.values(here.hessian), self.system.values(here.convex))[0][0]
+        way = self.system.softest_modes(self.system.values(here.hessian), self.system.values(here.convex))[0][0]
         way *= NUDGE / max(np.linalg.norm(way[:, 3:], axis=1).max(), 1e-300)
         return [self.model.moved(state, sign * way) for sign in (1.0, -1.0)]
 
@@ -240,7 +240,7 @@ def _make_result(problem: _Balance, run: Run) -> Equilibrium:
     steps, converged, negative = len(history) - 1, run.ended in (CONVERGED, AT_ROUNDING), 0
     sentence = STATUS.get(run.ended, "").format(with_count(steps, "iteration", "iterations"))
     if not converged:
-        negative = problem.system.negative(problem.system.values(model.expand(state).hessian))
+        negative = problem.system.count_negative(problem.system.values(model.expand(state).hessian))
         sentence += f" {with_count(negative, 'way leads', 'ways lead')} downhill from there." if negative else ""
     energy, residual = float(history[-1].energy), float(history[-1].residual)
     joints = run.here.own.per_joint
@@ -269,7 +269,7 @@ def other_minima(
         return []
     here = model.expand(model.start(found.pose))
     count = min(MODE_COUNT, len(system.free))
-    modes = system.softest(system.values(here.hessian), system.values(here.convex), count)[0]
+    modes = system.softest_modes(system.values(here.hessian), system.values(here.convex), count)[0]
     modes /= np.linalg.norm(modes[..., 3:], axis=2).max(axis=1)[:, None, None]
     minima, quick = [found], replace(params, iterations=min(params.iterations, 100))
     for k in range(params.restarts):

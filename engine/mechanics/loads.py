@@ -13,7 +13,7 @@ from ..arrays import Bool, Float, Int
 from ..errors import FlexMapsError
 from ..surface.mesh import QuadMesh
 from .assembly import Pose
-from .rigid import Freedom, free_pieces
+from .rigid import RigidFreedom, movable_pieces
 
 GRAVITY = 9.81  # gravitational acceleration, m / s^2
 LOWEST = "lowest"
@@ -108,7 +108,7 @@ class Loads:
         FlexMapsError : forces would carry away or turn a piece; ``faces`` are its spirals
         """
         held = self.fixed.copy()
-        for free in free_pieces(self.fixed, joints_between_hubs(pairs, len(held)), centres):
+        for free in movable_pieces(self.fixed, joints_between_hubs(pairs, len(held)), centres):
             work, most = free.work(centres, self.force)
             shifts = np.linalg.norm(free.motions[:, 3:], axis=1) == 0.0
             moving = np.abs(work) > np.where(shifts, CARRY_TOLERANCE, TURN_TOLERANCE) * most
@@ -125,7 +125,7 @@ class Loads:
         pose, target : the pose to move, and the pose to come close to
         pairs : (m, 2) int, joined hubs
         """
-        for free in free_pieces(self.fixed, joints_between_hubs(pairs, len(self.fixed)), pose.centres):
+        for free in movable_pieces(self.fixed, joints_between_hubs(pairs, len(self.fixed)), pose.centres):
             pose = free.align(pose, target.centres)
         return pose
 
@@ -150,10 +150,10 @@ def joints_between_hubs(pairs: Int[np.ndarray, "joints 2"], size: int) -> Int[np
     return pairs[(pairs < size).all(axis=1)]
 
 
-def _describe_motion(free: Freedom, carried: bool) -> str:
+def _describe_motion(free: RigidFreedom, carried: bool) -> str:
     """Return the message to users about forces that move a piece as a whole."""
     size = len(free.members)
-    if free.floats:
+    if free.is_unsupported:
         return (
             f"Weight or forces {'carry away' if carried else 'turn'} a piece of {size} spirals that nothing holds; "
             "name supports there or take the forces away"

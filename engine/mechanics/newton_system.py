@@ -69,7 +69,7 @@ class NewtonSystem:
             field = np.concatenate([field, np.zeros((len(self.held) - len(field), 6))])
         return field.ravel()[self.free]
 
-    def full(self, reduced: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
+    def expand(self, reduced: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
         """Return the field (n, 6) with these values at the free increments and zeros at the held increments."""
         out = np.zeros(self.held.size)
         out[self.free] = reduced
@@ -77,9 +77,9 @@ class NewtonSystem:
 
     def solve(self, field: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
         """Solve for a right-hand side (n, 6) with the last factor."""
-        return self.full(self.cholesky.solve(self.free_entries(field)))
+        return self.expand(self.cholesky.solve(self.free_entries(field)))
 
-    def definite(self, values: np.ndarray, share: float = SHIFT) -> np.ndarray:
+    def make_definite(self, values: np.ndarray, share: float = SHIFT) -> np.ndarray:
         """Make a positive semi-definite matrix positive definite by a small addition to its diagonal.
 
         Parameters
@@ -91,7 +91,7 @@ class NewtonSystem:
         values[diagonal] += share * values[diagonal] + 1e-3 * share * values[diagonal].max(initial=0.0)
         return values
 
-    def negative(self, values: np.ndarray) -> int:
+    def count_negative(self, values: np.ndarray) -> int:
         """Count the negative eigenvalues of the matrix with these values."""
         try:
             return negative_eigenvalues(self.pattern, values)
@@ -100,7 +100,7 @@ class NewtonSystem:
             shifted[diagonal] += SHIFT * np.abs(values[diagonal]).max(initial=1e-300)
             return negative_eigenvalues(self.pattern, shifted)
 
-    def softest(
+    def softest_modes(
         self,
         values: np.ndarray,
         metric: np.ndarray,
@@ -127,7 +127,7 @@ class NewtonSystem:
         """
         if not len(self.free):
             return np.zeros((1, *self.held.shape)), np.ones(1)
-        metric = self.definite(metric)
+        metric = self.make_definite(metric)
         if len(self.free) <= MAX_DENSE_SIZE:
             return self._all_modes(values, metric, count)
         self.cholesky.factor(metric)
@@ -146,12 +146,12 @@ class NewtonSystem:
             rise, vectors = error.eigenvalues, error.eigenvectors
             if not len(rise):  # the modes are too close to separate: any of them will do
                 rise, vectors = eigsh(both[0], 1, both[1], Minv=inverse, which="SA", v0=start, tol=0.5)
-        return np.stack([self.full(v) for v in vectors.T]), rise
+        return np.stack([self.expand(v) for v in vectors.T]), rise
 
-    def softest_of_minimum(
+    def softest_at_minimum(
         self, values: np.ndarray, metric: np.ndarray, count: int
     ) -> tuple[Float[np.ndarray, "count spirals 6"], Float[np.ndarray, " count"]]:
-        """Find the modes of ``softest`` at a minimum, with unit length in the metric.
+        """Find the modes of ``softest_modes`` at a minimum, with unit length in the metric.
 
         Uses Lanczos on the inverse, which needs few solves where modes are nearly unstable.
 
@@ -164,7 +164,7 @@ class NewtonSystem:
         -------
         (count, n, 6) and (count,) : modes and their lambda
         """
-        metric = self.definite(metric)
+        metric = self.make_definite(metric)
         if len(self.free) <= MAX_DENSE_SIZE:
             return self._all_modes(values, metric, count)
         size = (len(self.free),) * 2
@@ -178,10 +178,10 @@ class NewtonSystem:
         order = np.argsort(-found)
         found, vectors = found[order], vectors[:, order]
         lengths = np.sqrt((vectors * (both[0] @ vectors)).sum(axis=0))
-        return np.array([self.full(v / one) for v, one in zip(vectors.T, lengths, strict=True)]), 1.0 / found
+        return np.array([self.expand(v / one) for v, one in zip(vectors.T, lengths, strict=True)]), 1.0 / found
 
     def _all_modes(self, values: np.ndarray, metric: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the modes and eigenvalues of ``softest``, computed with dense matrices."""
+        """Return the modes and eigenvalues of ``softest_modes``, computed with dense matrices."""
         a, b = (self.pattern.matrix(v).toarray() for v in (values, metric))
         rise, vectors = eigh(a, b, subset_by_index=(0, min(count, len(self.free)) - 1))
-        return np.stack([self.full(v) for v in vectors.T]), rise
+        return np.stack([self.expand(v) for v in vectors.T]), rise

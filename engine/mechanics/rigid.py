@@ -24,7 +24,7 @@ MIN_SUPPORT_MOTION = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Freedom:
+class RigidFreedom:
     """Rigid motions that the supports leave to one connected piece.
 
     members : (k,) int, its hubs; hub : the member whose increments are held so that the piece cannot move as a whole
@@ -38,7 +38,7 @@ class Freedom:
     entries: Int[np.ndarray, " d"]
 
     @property
-    def floats(self) -> bool:
+    def is_unsupported(self) -> bool:
         """True if nothing holds the piece."""
         return len(self.motions) == 6
 
@@ -53,8 +53,8 @@ class Freedom:
     def align(self, pose: Pose, target: Float[np.ndarray, "spirals 3"]) -> Pose:
         """Move this piece rigidly, as far as its supports allow, so that its centres are closest to ``target``."""
         part, wanted = pose.part(self.members), target[self.members]
-        if self.floats:
-            moved = part.aligned(wanted)
+        if self.is_unsupported:
+            moved = part.aligned_to(wanted)
         else:
             pivot = pose.centres[self.hub]
             covariance = (part.centres - pivot).T @ (wanted - pivot)
@@ -78,9 +78,9 @@ def connected_pieces(pairs: Int[np.ndarray, "joints 2"], size: int) -> Int[np.nd
     return components(size, *pairs.T)
 
 
-def free_pieces(
+def movable_pieces(
     fixed: Bool[np.ndarray, "spirals 6"], pairs: Int[np.ndarray, "joints 2"], centres: Float[np.ndarray, "spirals 3"]
-) -> list[Freedom]:
+) -> list[RigidFreedom]:
     """List the pieces that can still move as a whole.
 
     Parameters
@@ -99,7 +99,7 @@ def free_pieces(
         motions, hub = _free_motions(fixed, centres, members, spacing)
         if len(motions):
             entries = qr(motions * np.repeat([1.0, spacing], 3), mode="r", pivoting=True)[1][: len(motions)]
-            found.append(Freedom(members, hub, motions, np.sort(entries)))
+            found.append(RigidFreedom(members, hub, motions, np.sort(entries)))
     return found
 
 

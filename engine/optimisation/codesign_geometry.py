@@ -18,7 +18,7 @@ from scipy.sparse import coo_array, csr_array
 from ..arrays import Float
 from ..mechanics.arms.curving_changes import with_rest_change
 from ..mechanics.arms.model import ArmModel
-from ..mechanics.assembly import Assembly, Nodes, Pose
+from ..mechanics.assembly import Assembly, Pose, RimNodes
 from ..mechanics.rim_bodies import RimJoints
 from ..patches.layout import PatchLayout
 
@@ -63,7 +63,7 @@ def _separate_joints(assembly: Assembly, pose: Pose) -> tuple[Assembly, Pose]:
 
     Return the assembly and pose of the copies; the nodes of a rim follow all spirals, as in ``Assembly.whole``.
     """
-    inner, ties = assembly.pairs[: assembly.inner], assembly.pairs[assembly.inner :]
+    inner, ties = assembly.pairs[: assembly.n_inner_joints], assembly.pairs[assembly.n_inner_joints :]
     body = np.concatenate([inner.ravel(), ties[:, 0], ties[:, 1]])
     hubs = np.arange(inner.size, inner.size + len(ties))
     pairs = np.concatenate([np.arange(inner.size).reshape(-1, 2), np.stack([hubs, hubs + len(ties)], axis=1)])
@@ -75,7 +75,7 @@ def _separate_joints(assembly: Assembly, pose: Pose) -> tuple[Assembly, Pose]:
     own, nodes = (
         Pose(placed.centres[part], placed.rotations[part]) for part in (np.s_[: alone.spirals], np.s_[alone.spirals :])
     )
-    return alone, replace(own, nodes=Nodes.from_poses(own, hubs, nodes))
+    return alone, replace(own, nodes=RimNodes.from_poses(own, hubs, nodes))
 
 
 def geometry_jacobian(layout: PatchLayout, points: np.ndarray, rim: RimJoints | None = None) -> csr_array:

@@ -16,7 +16,7 @@ from ..arrays import Bool, Float, Int
 from ..mechanics.arms.rest_geometry import RestChanges
 from ..mechanics.arms.strain_changes import strain_by_rest_shape
 from ..mechanics.assembly import Assembly, Pose, rest_joints
-from ..mechanics.stance import Stance
+from ..mechanics.support_poses import SupportPoses
 from ..mechanics.vectors import matvec
 from ..patches.flattening.flatten import FlatPatches
 from ..patches.loops import NEXT
@@ -189,7 +189,7 @@ class FlatProblem(InverseProblem):
             mismatch=start.mismatch,
             factor_cache=start.factor_cache,
             assembly=self.assembly.with_spirals(*start.width_and_twist),
-            stance=self.stance,
+            support_poses=self.support_poses,
             progress=progress,
         )
         copy_state(start, found)
@@ -198,8 +198,8 @@ class FlatProblem(InverseProblem):
     def linear_clearances(self, x: np.ndarray) -> LinearClearances:
         if self.clearance_model is None:
             return LinearClearances.empty(len(x))
-        model, spirals = self._clearances_at(x), self.space.width_and_twist(x)
-        terms = narrowest_per_pair(model.clearances(*spirals, with_flat=True, narrowest_only=True))
+        found = self._clearances_at(x).clearances(*self.space.width_and_twist(x), with_flat=True, narrowest_only=True)
+        terms = narrowest_per_pair(found)
         by_points = terms.by_flat @ diags_array(np.repeat(2.0 * self.flat.span, 2))
         by_spirals = terms.by_design @ self.space.jacobian(x[: self.n_spiral_x])
         return LinearClearances.from_clearances(terms.value, csr_array(hstack([by_spirals, by_points])))
@@ -213,8 +213,7 @@ class FlatProblem(InverseProblem):
 
     def clip_flat_shapes(self, x: np.ndarray, feasible: np.ndarray) -> Float[np.ndarray, " coordinates"]:
         n = self.n_spiral_x
-        flat = self.flat.clip_to_limits(x[n:].reshape(-1, 2), feasible[n:].reshape(-1, 2))
-        return np.concatenate([x[:n], flat.ravel()])
+        return np.append(x[:n], self.flat.clip_to_limits(x[n:].reshape(-1, 2), feasible[n:].reshape(-1, 2)))
 
     def _repeat_per_coordinate(self, share: np.ndarray) -> np.ndarray:
         flat = self.flat.flat
@@ -249,8 +248,9 @@ class FlatProblem(InverseProblem):
             shift = (points - self.flat.flat.points)[layout.flat_corners].mean(axis=1)
             assembly = replace(assembly, rim=assembly.rim.with_hubs_moved(shift))
         model = self.build_model(assembly, progress)
-        stance = None if self.stance is None else self.stance.with_corners(points[layout.flat_corners])
-        found, factor_cache = self.find_equilibrium(model, stance, start, progress, iterations, step)
+        poses = self.support_poses
+        poses = None if poses is None else poses.with_corners(points[layout.flat_corners])
+        found, factor_cache = self.find_equilibrium(model, poses, start, progress, iterations, step)
         return FlatPoint(
             x=x,
             problem=self,
@@ -259,7 +259,7 @@ class FlatProblem(InverseProblem):
             mismatch=self.target.compare(found.pose.centres),
             factor_cache=factor_cache,
             assembly=assembly,
-            stance=stance,
+            support_poses=poses,
             progress=progress,
         )
 
@@ -268,12 +268,12 @@ class FlatProblem(InverseProblem):
 class FlatPoint(DesignPoint):
     """``DesignPoint`` with flat vertices.
 
-    assembly, stance : with the moved flat shapes; progress : raises Cancelled while derivatives are computed
+    assembly, support_poses : with the moved flat shapes; progress : raises Cancelled while derivatives are computed
     """
 
     problem: FlatProblem
     assembly: Assembly
-    stance: Stance | None
+    support_poses: SupportPoses | None
     progress: Progress = SILENT
 
     def with_barrier_weight(self) -> FlatPoint:
@@ -351,17 +351,17 @@ class FlatPoint(DesignPoint):
     @cached_property
     def _supports_by_x(self) -> csr_array | None:
         """Derivatives (6 n, coordinates) of clamped supports' poses with respect to coordinates; None without any."""
-        if self.stance is None or not self.stance.loads.fixed[:, 3].any():
+        if self.support_poses is None or not self.support_poses.loads.fixed[:, 3].any():
             return None
         bodies = self.assembly.whole.size
-        by_points = self.stance.by_points(self.problem.flat.flat.layout, bodies) @ self._points_by_flat_x
+        by_points = self.support_poses.by_points(self.problem.flat.flat.layout, bodies) @ self._points_by_flat_x
         return csr_array(hstack([csr_array((6 * bodies, self.n_spiral_x)), by_points]))
 
     @property
     def _support_hessian(self) -> csr_array:
         """Hessian (6 n, 6 n) of the joints at clamped supports, with respect to hubs' and supports' increments."""
-        assert self.stance is not None
-        clamped, pairs = np.flatnonzero(self.stance.loads.fixed[:, 3]), self.model.pairs
+        assert self.support_poses is not None
+        clamped, pairs = np.flatnonzero(self.support_poses.loads.fixed[:, 3]), self.model.pairs
         beside = np.flatnonzero(np.isin(pairs, clamped).any(axis=1))
         blocks = self.model.expand(self._state).hessian[beside]
         index = (6 * pairs[beside][:, :, None] + np.arange(6)).reshape(-1, 12)

@@ -11,10 +11,10 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..arrays import Float, Int
+from ..mechanics.arms.arm_access import as_arm_model
 from ..mechanics.arms.curving_changes import DesignChanges
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.strain_changes import Strains, StrainSlopes
-from ..mechanics.arms.with_arms import with_arms
 from ..mechanics.elastic import ElasticModel
 from ..mechanics.equilibrium import Equilibrium
 from ..mechanics.newton_system import NewtonSystem
@@ -56,7 +56,7 @@ class DesignPoint:
     @property
     def arm_model(self) -> ArmModel | None:
         """The elastic model if it is an arm model, else None."""
-        return with_arms(self.model)
+        return as_arm_model(self.model)
 
     @property
     def newton_system(self) -> NewtonSystem:
@@ -234,7 +234,7 @@ class DesignPoint:
     @cached_property
     def _design_by_x(self) -> Float[np.ndarray, "joints 2 5 _"]:
         """Derivatives (m, 2, 5, K) of widths and twist of a joint's spirals with respect to their K coordinates."""
-        return self.problem.space.spiral_jacobians(self.x)[self.problem.assembly.whole.owners]
+        return self.problem.space.spiral_jacobians(self.x)[self.problem.assembly.whole.hub_pairs]
 
     def hub_increments(self, change: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
         """Return the linearised increments (n, 6) of hubs and rim nodes for a change of coordinates (jvp, eq. 8)."""
@@ -267,7 +267,7 @@ class DesignPoint:
         hubs = sparse_from_runs(found.by_pose.reshape(-1, 2, 6), 6 * whole.pairs[e], 6 * whole.size)
         by_x = (found.by_design[:, :, None] @ self._design_by_x[e])[:, :, 0]
         return found, Jacobian(
-            hubs, sparse_from_runs(by_x, problem.space.coordinates_per_spiral * whole.owners[e], problem.n_spiral_x)
+            hubs, sparse_from_runs(by_x, problem.space.coordinates_per_spiral * whole.hub_pairs[e], problem.n_spiral_x)
         )
 
     @cached_property

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from importlib import import_module
+from typing import Any
 
 import numpy as np
 
 from ..arrays import Bool, Float
 from ..mechanics.assembly import Assembly, Pose
-from ..mechanics.elastic import ElasticModel, JointSum
+from ..mechanics.elastic import ElasticModel, JointAssembler
 from ..mechanics.equilibrium import Equilibrium, solve
 from ..mechanics.loads import Loads
-from ..mechanics.stance import Stance
+from ..mechanics.support_poses import SupportPoses
 from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from ..spirals.clearance.clearance_model import ClearanceModel
@@ -29,9 +30,6 @@ from .stability import MIN_STABILITY, StabilityRequirement
 from .terms import StrainLimit
 from .work import CLEARANCES_COST, EQUILIBRIUM_COST, ITERATION_COST, Work
 
-if TYPE_CHECKING:
-    from .design_point import DesignPoint
-
 NEAR_GAP = 1e-3  # clearance, in smallest slots, below which a gap is kept open while closed gaps are opened
 
 
@@ -40,11 +38,11 @@ class InverseProblem:
     """An inverse problem: find spirals in ``space`` whose equilibrium under ``loads`` matches ``target``.
 
     build_model : makes the elastic model of an assembly; physics : settings of equilibria
-    smoothness : weight of differences between joined spirals; strain_limit : limit of the arms' strains, None for no limit
+    smoothness : weight of differences between joined spirals; strain_limit : of the arms' strains, None for none
     slot_requirement : required width of slots in space; None lets slots close; factor_caches, joint_assemblers : caches
-    work : counter for all points; clearance_model : clearances of a design; None does not check whether designs can be cut
+    work : counter for all points; clearance_model : of a design; None does not check that designs can be cut
     stability : required stability of equilibria; None requires ``MIN_STABILITY`` only
-    stance : poses of the supports; None keeps the supports where the search starts
+    support_poses : poses of the supports; None keeps the supports where the search starts
     """
 
     assembly: Assembly
@@ -60,8 +58,8 @@ class InverseProblem:
     factor_caches: list[FactorCache] = field(default_factory=list)
     clearance_model: ClearanceModel | None = None
     stability: StabilityRequirement | None = None
-    joint_assemblers: list[JointSum] = field(default_factory=list)
-    stance: Stance | None = None
+    joint_assemblers: list[JointAssembler] = field(default_factory=list)
+    support_poses: SupportPoses | None = None
 
     def factor_cache(self, start: Pose) -> FactorCache:
         """Return the cache of factors of all points with these supports; they share the increments held at 0 too."""
@@ -80,10 +78,10 @@ class InverseProblem:
         return self.space.coordinates_per_spiral * self.assembly.size
 
     @property
-    def joint_assembler(self) -> JointSum:
+    def joint_assembler(self) -> JointAssembler:
         """Sparsity pattern of the derivatives of the hubs' forces with respect to the spirals' coordinates."""
         if not self.joint_assemblers:
-            self.joint_assemblers.append(JointSum(self.assembly.whole, self.space.coordinates_per_spiral))
+            self.joint_assemblers.append(JointAssembler(self.assembly.whole, self.space.coordinates_per_spiral))
         return self.joint_assemblers[0]
 
     def costs(self, x: np.ndarray) -> tuple[Cost, ...]:
@@ -97,7 +95,7 @@ class InverseProblem:
         terms = narrowest_per_pair(self.clearance_model.clearances(*self.space.width_and_twist(x), narrowest_only=True))
         return LinearClearances.from_clearances(terms.value, terms.by_design @ self.space.jacobian(x))
 
-    def restore_clearances(self, x: np.ndarray, feasible: DesignPoint) -> Float[np.ndarray, " coordinates"]:
+    def restore_clearances(self, x: np.ndarray, feasible: Any) -> Float[np.ndarray, " coordinates"]:
         """Return the coordinates of a design near x that can be cut; the design of ``feasible`` can be cut."""
         if self.clearance_model is None:
             return x
@@ -149,26 +147,30 @@ class InverseProblem:
         progress: Progress = SILENT,
         iterations: int | None = None,
         step: Float[np.ndarray, "spirals 6"] | None = None,
-    ) -> DesignPoint:
-        """Return the point at x; seek its equilibrium from ``start`` moved by ``step``, in at most ``iterations``."""
+    ) -> Any:
+        """Return the ``DesignPoint`` at x; seek its equilibrium from ``start`` plus ``step`` in ``iterations`` steps."""
         model = self.build_model(self.assembly.with_spirals(*self.space.width_and_twist(x)), progress)
-        found, factor_cache = self.find_equilibrium(model, self.stance, start, progress, iterations, step)
-        from .design_point import DesignPoint
-
-        return DesignPoint(self, x, model, found, self.target.compare(found.pose.centres), factor_cache)
+        found, factor_cache = self.find_equilibrium(model, self.support_poses, start, progress, iterations, step)
+        # ``design_point`` imports this module
+        make = import_module(".design_point", __package__).DesignPoint
+        return make(self, x, model, found, self.target.compare(found.pose.centres), factor_cache)
 
     def find_equilibrium(
         self,
         model: ElasticModel,
-        stance: Stance | None,
+        support_poses: SupportPoses | None,
         start: Pose,
         progress: Progress,
         iterations: int | None,
         step: np.ndarray | None,
     ) -> tuple[Equilibrium, FactorCache]:
         """Return the equilibrium of a model on its supports, and the cache with its factor, see ``point_at``."""
-        if stance is not None:
-            start, step = (stance.place_supports(start), None) if step is None else (start, stance.step(start, step))
+        if support_poses is not None:
+            start, step = (
+                (support_poses.place_supports(start), None)
+                if step is None
+                else (start, support_poses.correct_step(start, step))
+            )
         factor_cache = self.factor_cache(start)
         factor = factor_cache.acquire()
         margins = (MIN_STABILITY,) if self.stability is None else self.stability.margins

@@ -134,7 +134,7 @@ def _find_stretched(simulation: Simulation, plane: Float[np.ndarray, " joints"])
     both = np.stack([plane, simulation.equilibrium.per_joint], axis=1)
     total = np.zeros((simulation.assembly.size, 2))
     for side in (0, 1):
-        np.add.at(total, simulation.model.assembly.owners[:, side], both)
+        np.add.at(total, simulation.model.assembly.hub_pairs[:, side], both)
     return total[:, 0] > STRETCHED_ABOVE * np.maximum(total[:, 1], 1e-300)
 
 

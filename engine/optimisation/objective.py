@@ -155,7 +155,7 @@ class Target:
     def align_pose(self, pose: Pose) -> Pose:
         """Return a pose with every free body moved rigidly onto the target."""
         for body in self.free_bodies:
-            pose = pose.with_part(body.hubs, pose.part(body.hubs).aligned(self.points[body.hubs]))
+            pose = pose.with_part(body.hubs, pose.part(body.hubs).aligned_to(self.points[body.hubs]))
         return pose
 
     def relative_distance(self, pose: Pose) -> float:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from ..mechanics.arms.arm_access import as_arm_model
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.strain_changes import max_strain_per_spiral
-from ..mechanics.arms.with_arms import with_arms
 from ..mechanics.equilibrium import solve
 from ..params import SimulateParams
 from ..simulation.simulate import Simulation
@@ -21,7 +21,7 @@ def forecast_strain(simulation: Simulation) -> StrainForecast | None:
     terms of a joint's unequal arms cancel only there. Return None for the rod model, and for pieces with a rim, whose
     nodes would need an equilibrium first.
     """
-    old = with_arms(simulation.model)
+    old = as_arm_model(simulation.model)
     if old is None or simulation.assembly.rim is not None:
         return None
     given, pose, material = simulation.assembly, simulation.equilibrium.pose, simulation.material

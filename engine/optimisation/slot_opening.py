@@ -308,5 +308,5 @@ def _with_design(search: Search, found: SimulatedResult, design: SpiralDesign, p
     simulation, slots = search.task.simulate(design, found.simulation.equilibrium.pose, progress), found.slots
     if slots is None:
         return replace(found, simulation=simulation, known_slots=None)
-    doubtful = (slots.of_quads < min_slot_width(design.params)) | design.changed_arms(found.simulation.design)
+    doubtful = (slots.narrowest_per_quad < min_slot_width(design.params)) | design.changed_arms(found.simulation.design)
     return replace(found, simulation=simulation, known_slots=simulation.slots_near(doubtful, slots))

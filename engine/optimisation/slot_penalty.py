@@ -200,7 +200,7 @@ class NarrowSlots:
         arms = 4 * count
         flat = self._at_tips(self.tip_motions.by_design.reshape(*self.tip_motions.by_design.shape[:3], 10))
         through = (self._widths_by_motion @ flat)[:, :, 0].reshape(len(found.values), 2, 2, 5)
-        spiral = self._of_tips(self.assembly.owners)[..., None]
+        spiral = self._of_tips(self.assembly.hub_pairs)[..., None]
         column = np.concatenate([4 * spiral + np.arange(4), arms + spiral], axis=-1)
         by, own = found.slopes[1], found.arms
         direct = np.stack([by[..., OWN_WIDTH], by[..., MATE_WIDTH], by[..., OWN_WIND], by[..., MATE_WIND]], axis=-1)

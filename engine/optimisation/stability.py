@@ -136,9 +136,9 @@ class SoftModes:
         alone = system.without_springs
         hessian, convex = alone.values(here.hessian), alone.values(here.convex)
         if alone is system:
-            ways, rises = system.softest_of_minimum(hessian, convex, count)
+            ways, rises = system.softest_at_minimum(hessian, convex, count)
         else:  # springs hold the piece, and it may be unstable without them
-            ways, rises = alone.softest(hessian, convex, count, tolerance=MODE_TOLERANCE)
+            ways, rises = alone.softest_modes(hessian, convex, count, tolerance=MODE_TOLERANCE)
         below = rises < asked.enough
         ways, rises, (a, b) = ways[below], rises[below], model.pairs.T
         centres = pose.whole.centres
@@ -224,7 +224,7 @@ class SoftModes:
         """
         joints, each, assembly = self.by_design(changes, pose), slopes.shape[-1], changes.model.assembly
         joints = joints[:, :, :, None] @ slopes
-        column = (each * assembly.owners[..., None] + np.arange(each)).ravel()
+        column = (each * assembly.hub_pairs[..., None] + np.arange(each)).ravel()
         return np.array([np.bincount(column, one.ravel(), each * assembly.spirals) for one in joints])
 
 

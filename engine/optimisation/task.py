@@ -11,7 +11,7 @@ from ..materials import Material
 from ..mechanics.assembly import Assembly, Pose, assembly_from_design, target_pose
 from ..mechanics.elastic import ElasticModel
 from ..mechanics.loads import Loads, Springs
-from ..mechanics.stance import Stance
+from ..mechanics.support_poses import SupportPoses
 from ..params import OptimiseParams, SimulateParams
 from ..progress import SILENT, Progress
 from ..simulation.simulate import Simulation, build_model, simulate
@@ -89,7 +89,7 @@ class Task:
             SlotRequirement.from_design(design) if params.open_slots else None,
             self.work,
             clearance_model=ClearanceModel.from_flat(design.flat, design.params),
-            stance=Stance(loads, self.target, design.flat.corners),
+            support_poses=SupportPoses(loads, self.target, design.flat.corners),
         )
 
     def evaluate(

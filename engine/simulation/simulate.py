@@ -22,7 +22,7 @@ from ..mechanics.laplacian import laplacian_rmse
 from ..mechanics.loads import Loads
 from ..mechanics.newton_system import NewtonSystem
 from ..mechanics.rods.rod_model import RodModel
-from ..mechanics.stance import Stance
+from ..mechanics.support_poses import SupportPoses
 from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
@@ -76,7 +76,7 @@ class Simulation:
     @cached_property
     def energy(self) -> Float[np.ndarray, " quads"]:
         """(F,) elastic energy of every spiral, joules: half the energy of each of its joints."""
-        halves, owners = np.repeat(0.5 * self.equilibrium.per_joint, 2), self.model.assembly.owners
+        halves, owners = np.repeat(0.5 * self.equilibrium.per_joint, 2), self.model.assembly.hub_pairs
         return np.bincount(owners.ravel(), weights=halves, minlength=self.assembly.size)
 
     @cached_property
@@ -132,9 +132,9 @@ class Simulation:
         progress(0.0, "How the shape moves most easily")
         values, metric = system.values(here.hessian), system.values(here.convex)
         if self.equilibrium.converged and len(system.free) and system.factor(values):
-            modes, rise = system.softest_of_minimum(values, metric, 1)
+            modes, rise = system.softest_at_minimum(values, metric, 1)
         else:
-            modes, rise = system.softest(values, metric, progress=progress)
+            modes, rise = system.softest_modes(values, metric, progress=progress)
         self.softest_cache.append((modes[0][: self.assembly.size], float(rise[0])))
         return self.softest_cache[0]
 
@@ -364,14 +364,14 @@ def simulate(
     progress(0.0, "Loads")
     mass = design.area * assembly.thickness * material.density if params.gravity else None
     loads = Loads.for_spirals(assembly.size, supports=supports, clamped=params.clamped, force=force, mass=mass)
-    stance = Stance(loads, target, design.flat.corners)
+    support_poses = SupportPoses(loads, target, design.flat.corners)
 
     def align_to_target(pose: Pose) -> Pose:
-        return loads.align(pose, assembly.pairs, stance.aim)
+        return loads.align(pose, assembly.pairs, support_poses.fitted_pose)
 
     watched = progress.showing(lambda pose: move_vertices(design, align_to_target(pose), target))
     main = watched.part(0.0, 0.3 if params.restarts else 1.0)
-    begin = stance.aim if start is None else stance.place_supports(start)
+    begin = support_poses.fitted_pose if start is None else support_poses.place_supports(start)
     equilibrium = solve(model, begin, loads, params, main, margins=(SNAP_STIFFNESS,))
     others = other_minima(model, equilibrium, loads, params, watched.part(0.3, 1.0))
     equilibrium, *others = (e.with_pose(align_to_target(e.pose)) for e in (equilibrium, *others))

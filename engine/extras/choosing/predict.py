@@ -61,7 +61,9 @@ class PredictionStart:
         flat : one of its layouts
         progress : called with the fraction done; may cancel
         """
-        design = make_fabricable(flat, piece.settings.spiral, *starting_spirals(piece), check_outlines=False, progress=progress)
+        design = make_fabricable(
+            flat, piece.settings.spiral, *starting_spirals(piece), check_outlines=False, progress=progress
+        )
         return cls((design.width, design.twist), _make_task(piece).build_space(design, progress))
 
     def with_uniform_spirals(self, width: float = 0.5, twist: float = 0.5) -> PredictionStart:

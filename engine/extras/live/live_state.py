@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Bool, Float, Int
+from ...mechanics.arms.arm_access import as_arm_model
 from ...mechanics.arms.model import ArmModel
-from ...mechanics.arms.with_arms import with_arms
 from ...mechanics.assembly import Assembly, Pose, assembly_from_design
 from ...mechanics.elastic import ElasticModel
 from ...mechanics.loads import Loads
 from ...mechanics.newton_system import NewtonSystem
-from ...mechanics.stance import Stance
+from ...mechanics.support_poses import SupportPoses
 from ...patches.flattening.flatten import FlatPatches, flatten, with_corners
 from ...patches.layout import PatchLayout
 from ...patches.tracing.trace import make_disks
@@ -86,9 +86,9 @@ class LiveState:
         model, rough = _update_model(assembly, given, old)
         area, guessed = _update_areas(design, given, old)
         loads = _make_loads(given, area)
-        stance = Stance(loads, mesh, flat.corners)
-        aim = stance.aim
-        pose = aim if start is None else stance.place_supports(_adapt_pose(start, flat, old))
+        support_poses = SupportPoses(loads, mesh, flat.corners)
+        aim = support_poses.fitted_pose
+        pose = aim if start is None else support_poses.place_supports(_adapt_pose(start, flat, old))
         if assembly.rim is None or old is None or old.flat is not flat or old.assembly.rim is None:
             pose = replace(pose, nodes=None)  # poses of rim nodes are only valid for the rim that they belong to
         held = loads.held_increments(assembly.pairs, pose.centres)
@@ -109,7 +109,7 @@ class LiveState:
 
     def refine(self) -> Generator[None, None, LiveState]:
         """Compute all approximate parts in small steps; finally return the exact state."""
-        given, model, arms = self.given, self.model, with_arms(self.model)
+        given, model, arms = self.given, self.model, as_arm_model(self.model)
         if arms is not None:
             joints = np.flatnonzero(self.rough)
             for first in range(0, len(joints), BATCH):
@@ -174,7 +174,7 @@ def _update_model(
     """Return the elastic model, and a mask of the joints whose second-order strains are those of an earlier design."""
     material, name = given.material, given.simulate.model
     rimmed = assembly.rim is not None or (old is not None and old.assembly.rim is not None)
-    arms = None if old is None or rimmed else with_arms(old.model)
+    arms = None if old is None or rimmed else as_arm_model(old.model)
     if name != ArmModel.name or old is None or arms is None:
         return build_model(assembly, material, name, slopes=False), np.zeros(len(assembly.pairs), bool)
     joints = _changed_joints(assembly, material, old.assembly, old.given)
@@ -219,7 +219,9 @@ def _replace_joints(
         return out
 
     # drop derivatives with respect to the design, which a live piece does not need
-    compliance = replace(model.compliance, by=None).each(lambda name, whole: put(whole, getattr(part.compliance, name)))
+    compliance = replace(model.compliance, by=None).map_arrays(
+        lambda name, whole: put(whole, getattr(part.compliance, name))
+    )
     names = ("at_joint", "lever", "rest", "stiffness", "offset", "curving_at_joint")
     arrays: dict[str, Any] = {name: put(getattr(model, name), getattr(part, name)) for name in names}
     return replace(model, assembly=assembly, compliance=compliance, material=material, **arrays)

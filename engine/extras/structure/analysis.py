@@ -238,7 +238,10 @@ class _Strength:
         strains, wrenches = model.strains(state, material), model.wrenches(state)
         if strains is None or wrenches is None:
             return Utilisation()
-        worst, wrench = max_strain_per_spiral(model.assembly, strains) / strain, wrenches[: model.assembly.inner]
+        worst, wrench = (
+            max_strain_per_spiral(model.assembly, strains) / strain,
+            wrenches[: model.assembly.n_inner_joints],
+        )
         stress = joints.neck_stresses(wrench, self.necks, model.assembly.thickness)
         force, moment = np.linalg.norm(wrench[:, :3], axis=1), np.linalg.norm(wrench[:, 3:], axis=1)
         return Utilisation(worst, stress / (material.youngs * strain), force, moment)

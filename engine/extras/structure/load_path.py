@@ -176,7 +176,7 @@ class PathFollower:
         if self.action.follows:
             matrix = (matrix + self.follows(pose, factor)).tocsc()
         lu = SparseLU(matrix)
-        return lambda field: self.system.full(lu.solve(self.system.free_entries(field))), lu.negative
+        return lambda field: self.system.expand(lu.solve(self.system.free_entries(field))), lu.negative
 
     def with_support_motion(self, way: Float[np.ndarray, "spirals 6"], factor: float) -> Float[np.ndarray, "spirals 6"]:
         """Add the movements of supports to increments (n, 6) of the hubs.

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Float
-from .bars import BarPull, Bars
+from .bars import BarGradient, Bars
 from .tip_beams import SplitVector, sum_beyond
 
 # columns of the loads of an arm, in its own axes: wrench at the tip, N and N m; first-order wrench, which bends the
@@ -41,7 +41,7 @@ class BarLoads:
     compliance : turn of the pieces per N m and metre, about the arm, about the direction across it, about the normal
     flat : torque and bending moments of the first-order wrench on the flat arm
     bends : turns of the pieces, radians; beyond : turn between the last piece and the hub over that of the last piece
-    half : half of the rotation vectors of the sections; tangent : tangents of the bent arm
+    half_turns : half of the rotation vectors of the sections; tangent : tangents of the bent arm
     lever, moment : vectors from the sections to the tip, and moments about the sections, in the half-way frame
     normal, torque, lift, turn : normal force, torque, bending moment out of the sheet and in it, N and N m
     """
@@ -52,7 +52,7 @@ class BarLoads:
     flat: _FlatLoads
     bends: SplitVector
     beyond: Float[np.ndarray, "n 1"]
-    half: SplitVector
+    half_turns: SplitVector
     tangent: SplitVector
     lever: SplitVector
     moment: SplitVector
@@ -68,18 +68,20 @@ class BarLoads:
         """Bend the bars and compute the loads in their sections; arguments as the attributes."""
         flat = _FlatLoads.from_wrench(bars, loads[:, FIRST_ORDER])
         twist, lift, turn = compliance * bars.length * flat.moments
-        bends, hub = SplitVector((twist + 1j * lift) * bars.tangent, turn), _pair(loads[:, TURN])
+        bends, hub = SplitVector((twist + 1j * lift) * bars.tangent, turn), _split(loads[:, TURN])
         beyond = BEYOND * bars.width[:, -1:] / bars.length[:, -1:]
         half = SplitVector(
             0.5 * (sum_beyond(bends.flat) + beyond * bends.flat[:, -1:]) - 0.25 * hub.flat,
             0.5 * (sum_beyond(bends.off) + beyond * bends.off[:, -1:]) - 0.25 * hub.off,
         )
         along = SplitVector(bars.tangent, np.zeros_like(bars.length))
-        change = _turned(half, along)
-        lever = SplitVector(bars.lever + _from_tip(change.flat * bars.length), _from_tip(change.off * bars.length))
-        force, at_tip = _pair(loads[:, 0:3]), _pair(loads[:, 3:6])
+        change = _rotation_change(half, along)
+        lever = SplitVector(
+            bars.lever + _sum_from_tip(change.flat * bars.length), _sum_from_tip(change.off * bars.length)
+        )
+        force, at_tip = _split(loads[:, 0:3]), _split(loads[:, 3:6])
         moment = _sum(_cross(lever, force), at_tip)
-        own = _sum(moment, _turned(_negative(half), moment))
+        own = _sum(moment, _rotation_change(_negative(half), moment))
         tangent = _sum(along, change)
         normal = (np.conj(tangent.flat) * force.flat).real + tangent.off * force.off
         bent = np.conj(bars.tangent) * own.flat
@@ -88,7 +90,7 @@ class BarLoads:
 
     def vjp(
         self, normal: np.ndarray, torque: np.ndarray, lift: np.ndarray, turn: np.ndarray
-    ) -> tuple[Float[np.ndarray, "n 15"], BarPull, Float[np.ndarray, "3 n pieces"]]:
+    ) -> tuple[Float[np.ndarray, "n 15"], BarGradient, Float[np.ndarray, "3 n pieces"]]:
         """Return the vector-Jacobian product by the loads, by the bars, and by the compliances of their pieces.
 
         Parameters
@@ -96,10 +98,10 @@ class BarLoads:
         normal, torque, lift, turn : (n, pieces) derivatives of one scalar per arm by the loads in the sections
         """
         bars, along = self.bars, SplitVector(self.bars.tangent, np.zeros_like(self.normal))
-        force = _pair(self.loads[:, 0:3])
+        force = _split(self.loads[:, 0:3])
         by_own = SplitVector((torque + 1j * lift) * bars.tangent, turn)
         by_along = (torque - 1j * lift) * (self.torque + 1j * self.lift) * bars.tangent
-        by_moment, by_back = _turned_vjp(_negative(self.half), self.moment, by_own)
+        by_moment, by_back = _rotation_change_vjp(_negative(self.half_turns), self.moment, by_own)
         by_moment = _sum(by_moment, by_own)
         by_lever = _cross(force, by_moment)
         by_force = _sum(
@@ -110,21 +112,23 @@ class BarLoads:
         by_length = _dot(steps, change)
         by_tangent = SplitVector(normal * force.flat, normal * force.off)
         by_change = _sum(by_tangent, SplitVector(bars.length * steps.flat, bars.length * steps.off))
-        back, by_half = _turned_vjp(self.half, along, by_change)
+        back, by_half = _rotation_change_vjp(self.half_turns, along, by_change)
         by_half = SplitVector(by_half.flat - by_back.flat, by_half.off - by_back.off)
         by_along = by_along + by_tangent.flat + back.flat
-        by_first, by_compliance, bent = self._bends_pulled(by_half)
+        by_first, by_compliance, bent = self._bends_vjp(by_half)
         angle = (np.conj(1j * bars.tangent) * by_along).real
-        pull = BarPull(by_lever.flat + bent.lever, by_length + bent.length, bent.width, bent.bend, angle + bent.angle)
-        wrench, hub = [_vectors(by_force), _vectors(by_moment)], -0.25 * _vectors(by_half)
-        return np.concatenate([*wrench, by_first, hub], axis=1), pull, by_compliance
+        gradient = BarGradient(
+            by_lever.flat + bent.lever, by_length + bent.length, bent.width, bent.bend, angle + bent.angle
+        )
+        wrench, hub = [_sum_pieces(by_force), _sum_pieces(by_moment)], -0.25 * _sum_pieces(by_half)
+        return np.concatenate([*wrench, by_first, hub], axis=1), gradient, by_compliance
 
-    def _bends_pulled(
+    def _bends_vjp(
         self, by_half: SplitVector
-    ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "3 n pieces"], BarPull]:
-        """Convert derivatives by ``half`` to derivatives by first-order wrenches, compliances and bars."""
-        bars, moments, all_turned = self.bars, self.flat.moments, 0.5 * _vectors(by_half)
-        by_bends = SplitVector(0.5 * _from_tip(by_half.flat), 0.5 * _from_tip(by_half.off))
+    ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "3 n pieces"], BarGradient]:
+        """Convert derivatives by ``half_turns`` to derivatives by first-order wrenches, compliances and bars."""
+        bars, moments, all_turned = self.bars, self.flat.moments, 0.5 * _sum_pieces(by_half)
+        by_bends = SplitVector(0.5 * _sum_from_tip(by_half.flat), 0.5 * _sum_from_tip(by_half.off))
         by_bends.flat[:, -1:] += self.beyond * (all_turned[:, :1] + 1j * all_turned[:, 1:2])
         by_bends.off[:, -1:] += self.beyond * all_turned[:, 2:]
         last = SplitVector(self.bends.flat[:, -1:], self.bends.off[:, -1:]).space[:, 0]
@@ -138,7 +142,11 @@ class BarLoads:
         by_first, lever, by_along = self.flat.vjp(by_parts * self.compliance * bars.length)
         by_along = by_along + bars.length * by_bends.flat * (rates[0] - 1j * rates[1])
         angle = (np.conj(1j * bars.tangent) * by_along).real
-        return by_first, by_parts * bars.length * moments, BarPull(lever, length, width, np.zeros_like(width), angle)
+        return (
+            by_first,
+            by_parts * bars.length * moments,
+            BarGradient(lever, length, width, np.zeros_like(width), angle),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +163,7 @@ class _FlatLoads:
 
     @classmethod
     def from_wrench(cls, bars: Bars, wrench: Float[np.ndarray, "n 6"]) -> _FlatLoads:
-        force, moment = _pair(wrench[:, :3]), _pair(wrench[:, 3:])
+        force, moment = _split(wrench[:, :3]), _split(wrench[:, 3:])
         plane = moment.flat - 1j * bars.lever * force.off
         turned = np.conj(bars.tangent) * plane
         turn = moment.off + (np.conj(bars.lever) * force.flat).imag
@@ -168,15 +176,15 @@ class _FlatLoads:
         by_tangent = (by[0] - 1j * by[1]) * self.moment
         lever = 1j * (self.force.off * moment - self.force.flat * turn)
         force = SplitVector(1j * turn * bars.lever, (np.conj(-1j * bars.lever) * moment).real)
-        return np.concatenate([_vectors(force), _vectors(SplitVector(moment, turn))], axis=1), lever, by_tangent
+        return np.concatenate([_sum_pieces(force), _sum_pieces(SplitVector(moment, turn))], axis=1), lever, by_tangent
 
 
-def _pair(vectors: Float[np.ndarray, "n 3"]) -> SplitVector:
+def _split(vectors: Float[np.ndarray, "n 3"]) -> SplitVector:
     """Split vectors of n arms, in the shape (n, 1), to combine them with arrays (n, pieces)."""
     return SplitVector.from_vectors(vectors[:, None])
 
 
-def _vectors(pairs: SplitVector) -> Float[np.ndarray, "n 3"]:
+def _sum_pieces(pairs: SplitVector) -> Float[np.ndarray, "n 3"]:
     """Sum split vectors (n, pieces) over the pieces, and return them as vectors."""
     flat = pairs.flat.sum(1)
     return np.stack([flat.real, flat.imag, pairs.off.sum(1)], axis=1)
@@ -198,21 +206,21 @@ def _cross(a: SplitVector, b: SplitVector) -> SplitVector:
     return SplitVector(1j * (a.off * b.flat - a.flat * b.off), (np.conj(a.flat) * b.flat).imag)
 
 
-def _size(half: SplitVector) -> np.ndarray:
+def _cayley_factor(half: SplitVector) -> np.ndarray:
     """Return the factor f of the Cayley transform v -> v + f (q x v + q x (q x v)), q half of a rotation vector."""
     return 2.0 / (1.0 + _dot(half, half))
 
 
-def _turned(half: SplitVector, vector: SplitVector) -> SplitVector:
+def _rotation_change(half: SplitVector, vector: SplitVector) -> SplitVector:
     """Return the change of vectors when Cayley transforms rotate them."""
-    once, size = _cross(half, vector), _size(half)
+    once, size = _cross(half, vector), _cayley_factor(half)
     twice = _cross(half, once)
     return SplitVector(size * (once.flat + twice.flat), size * (once.off + twice.off))
 
 
-def _turned_vjp(half: SplitVector, vector: SplitVector, by: SplitVector) -> tuple[SplitVector, SplitVector]:
-    """Return the vector-Jacobian product of ``_turned`` by the vectors and by ``half``."""
-    once, size = _cross(half, vector), _size(half)
+def _rotation_change_vjp(half: SplitVector, vector: SplitVector, by: SplitVector) -> tuple[SplitVector, SplitVector]:
+    """Return the vector-Jacobian product of ``_rotation_change`` by the vectors and by ``half_turns``."""
+    once, size = _cross(half, vector), _cayley_factor(half)
     both = _sum(once, _cross(half, once))
     scaled = SplitVector(size * by.flat, size * by.off)
     inner = _sum(scaled, _cross(scaled, half))
@@ -221,6 +229,6 @@ def _turned_vjp(half: SplitVector, vector: SplitVector, by: SplitVector) -> tupl
     return _cross(inner, half), SplitVector(direct.flat - less * half.flat, direct.off - less * half.off)
 
 
-def _from_tip(x: np.ndarray) -> np.ndarray:
+def _sum_from_tip(x: np.ndarray) -> np.ndarray:
     """Return the sums over the pieces from the tip to the middle of every piece."""
     return np.cumsum(x, axis=1) - 0.5 * x

@@ -73,19 +73,19 @@ class Bars:
         return cls(lines, end, end_by, t, point, velocity, 2.0 * half[:, 1::2])
 
     @cached_property
-    def pace(self) -> Float[np.ndarray, "n pieces"]:
+    def speed(self) -> Float[np.ndarray, "n pieces"]:
         """Absolute value of ``velocity`` at the pieces' middles, metres per t."""
         return np.abs(self.velocity[:, 1::2])
 
     @cached_property
     def length(self) -> Float[np.ndarray, "n pieces"]:
         """Lengths of the pieces, metres."""
-        return self.pace * (self.end[:, None] * _STEPS)
+        return self.speed * (self.end[:, None] * _STEPS)
 
     @cached_property
     def tangent(self) -> Complex[np.ndarray, "n pieces"]:
         """Unit tangents at the pieces' middles, towards the tip."""
-        return -self.velocity[:, 1::2] / self.pace
+        return -self.velocity[:, 1::2] / self.speed
 
     @cached_property
     def lever(self) -> Complex[np.ndarray, "n pieces"]:
@@ -98,21 +98,23 @@ class Bars:
         ends = self.velocity[:, ::2]
         return -np.angle(ends[:, 1:] * np.conj(ends[:, :-1])) / self.length * self.width
 
-    def vjp(self, pull: BarPull) -> Float[np.ndarray, "n numbers"]:
-        """Convert derivatives by the bars (``pull``) to derivatives by the parameters (vector-Jacobian product)."""
+    def vjp(self, gradient: BarGradient) -> Float[np.ndarray, "n numbers"]:
+        """Convert derivatives by the bars (``gradient``) to derivatives by the parameters (vector-Jacobian product)."""
         ends, middles = self.velocity[:, ::2], self.velocity[:, 1::2]
-        by_turn = -pull.bend * self.width / self.length
-        by_length = pull.length - pull.bend * self.bend / self.length
-        by_width = pull.width + pull.bend * self.bend / self.width
+        by_turn = -gradient.bend * self.width / self.length
+        by_length = gradient.length - gradient.bend * self.bend / self.length
+        by_width = gradient.width + gradient.bend * self.bend / self.width
         points, velocity, half = np.zeros_like(self.point), np.zeros_like(self.velocity), np.zeros_like(self.t)
-        points[:, 0], points[:, 1::2] = pull.lever.sum(1), -pull.lever
-        velocity[:, 1::2] = middles / self.pace * (1j * pull.angle / self.pace + self.end[:, None] * _STEPS * by_length)
+        points[:, 0], points[:, 1::2] = gradient.lever.sum(1), -gradient.lever
+        velocity[:, 1::2] = (
+            middles / self.speed * (1j * gradient.angle / self.speed + self.end[:, None] * _STEPS * by_length)
+        )
         spin = 1j * ends / np.abs(ends) ** 2
         velocity[:, 2::2] += spin[:, 1:] * by_turn
         velocity[:, :-1:2] -= spin[:, :-1] * by_turn
         half[:, 1::2] = 2.0 * by_width
         numbers, by_t = self.lines.vjp(self.t, points, velocity, half)
-        by_end = by_t @ _STATIONS + (by_length * self.pace) @ _STEPS
+        by_end = by_t @ _STATIONS + (by_length * self.speed) @ _STEPS
         out = by_end[:, None] * self.end_by
         out[:, :BLEND_NUMBERS] += numbers
         return out
@@ -132,7 +134,7 @@ _STEPS = np.diff(_STATIONS[::2])
 
 
 @dataclass(frozen=True, eq=False)
-class BarPull:
+class BarGradient:
     """Derivatives of one scalar per arm by lever, length, width, bend and tangent angle of its bar's pieces."""
 
     lever: Complex[np.ndarray, "n pieces"]

@@ -42,7 +42,7 @@ class RimPieces:
     def _model(self) -> ArmModel:
         return ArmModel.from_assembly(
             assembly_from_design(self.design), self.material, curving=False, slopes=False
-        ).of_rim
+        ).set_rim_compliances
 
     def with_nodes(self, pose: Pose) -> Pose:
         """Add the nodes to a pose, in equilibrium between the hubs; a pose with nodes is returned unchanged."""
@@ -71,8 +71,8 @@ def rim_pieces(design: SpiralDesign, material: Material | None) -> RimPieces:
             beams.lever, beams.tangent, length, beams.width, design.params.thickness, known.poisson, grain
         )
     return RimPieces(
-        design, known, rim.quad, 4 * whole.pairs[whole.inner :] + whole.sides[whole.inner :],
-        whole.axes[whole.inner :], flat.reshape(-1, STATIONS + 1, 3), answer.reshape(-1, STATIONS, 6, 6),
+        design, known, rim.quad, 4 * whole.pairs[whole.n_inner_joints :] + whole.sides[whole.n_inner_joints :],
+        whole.axes[whole.n_inner_joints :], flat.reshape(-1, STATIONS + 1, 3), answer.reshape(-1, STATIONS, 6, 6),
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from ...materials import Material
 from ..assembly import Assembly
 from .cut import TWIST, WIDTH, CutArms, added_compliance, reduction_factors, rest_shapes
 from .grain import GrainBeams
-from .rim_beams import of_rim
+from .rim_beams import set_rim_compliances
 from .stiffness import table_tip_compliance
 
 
@@ -55,7 +55,7 @@ class ArmCompliances(Columns):
         added = np.einsum("nkij,nk->nij", by_shapes, change).reshape(shape)
         return replace(self, table=table, values=self.values + (table - self.table) + added)
 
-    def each(self, made: Callable[[str, np.ndarray], np.ndarray]) -> ArmCompliances:
+    def map_arrays(self, made: Callable[[str, np.ndarray], np.ndarray]) -> ArmCompliances:
         """Replace every attribute that is not None by a function of its name and value."""
         known: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self)}
         changed: dict[str, Any] = {k: None if value is None else made(k, value) for k, value in known.items()}
@@ -100,7 +100,7 @@ def arm_compliances(assembly: Assembly, material: Material, slopes: bool = True)
     both = assembly.pairs.shape
     by_grain = np.zeros_like(added) if found.by_grain is None else found.by_grain
     if assembly.nodes:
-        of_rim(assembly, material, found.values, added, by if slopes else None)
+        set_rim_compliances(assembly, material, found.values, added, by if slopes else None)
     values, table, by_scale, by_grain = (
         v.reshape(*both, 6, 6) for v in (found.values + added, found.values, found.by_scale, by_grain)
     )

@@ -94,7 +94,7 @@ class CurvedArms(Columns):
         side, axes = -1.0 if assembly.clockwise else 1.0, assembly.arm_axes
         compliance = axes @ compliance @ np.swapaxes(axes, 2, 3)
         radial, centre = assembly.radial, middle[:, None] - lever
-        rest = (assembly.to_grain, assembly.thickness, material, side)
+        rest = (assembly.grain_angles, assembly.thickness, material, side)
         return cls(*shape, compliance, radial, centre, to_joint, *rest)
 
 

@@ -199,7 +199,7 @@ def _joints_that_matter(model: ArmModel, state: ArmState) -> Int[np.ndarray, " k
     motion = model.motion_at_joint(state)
     linear = matvec(model.at_joint, motion)
     second = add_second_order(motion, model.curving_at_joint)[0] - motion
-    energy = np.abs((linear * second).sum(axis=1))[: model.assembly.inner]
+    energy = np.abs((linear * second).sum(axis=1))[: model.assembly.n_inner_joints]
     return np.flatnonzero(energy > MIN_SHARE * (linear * motion).sum(axis=1).mean())
 
 
@@ -219,7 +219,7 @@ def _curving_nearby(
         shapes = rest_shapes(there, model.material) - rest_shapes(alone, model.material)
         compliance = compliance.to_first_order(shapes, by.reshape(-1, *by.shape[2:]))
     compliance = replace(compliance, values=compliance.values + values)
-    found = ArmModel.assemble(there, compliance, there.bend[0], model.material, True).curving_at_joint
+    found = ArmModel.assemble(there, compliance, there.bend_points[0], model.material, True).curving_at_joint
     assert found is not None
     return found
 

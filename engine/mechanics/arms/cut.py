@@ -103,7 +103,7 @@ class CutArms(Columns):
             pure = (np.zeros(n, dtype=complex), known[1], np.ones(n), none.astype(complex), none, none)
             return cls(*known, np.zeros(n), np.zeros(n), *pure, grain)
         if assembly.nodes:
-            ties, twist = assembly.ties, twist.copy()
+            ties, twist = assembly.tie_joints, twist.copy()
             twist[ties, 1] = -twist[ties, 0]  # the mate of an arm at a rim is its mirror image
         widths, twists = (_with_mates(v) for v in (width, twist))
         end = blend_joints(widths, twists, leans, radius, np.zeros_like(radius), cut.blend)
@@ -128,12 +128,12 @@ def rest_shapes(assembly: Assembly, material: Material | None = None) -> Float[n
     out = assembly.radial[..., 0] * np.array([1.0, -1.0])[:, None]
     lean = np.arctan2(out[..., 1], out[..., 0]) * (-1.0 if assembly.clockwise else 1.0)
     if assembly.nodes:
-        ties = assembly.ties
+        ties = assembly.tie_joints
         lean[ties, 1], lean[ties.stop :] = -lean[ties, 0], 0.0
     found = np.column_stack([assembly.radius.ravel(), _with_mates(lean)])
     if material is None or material.orthotropy is None:
         return found
-    return np.column_stack([found, assembly.to_grain.ravel()])
+    return np.column_stack([found, assembly.grain_angles.ravel()])
 
 
 def _with_mates(values: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, "n 2"]:

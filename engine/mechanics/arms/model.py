@@ -17,10 +17,10 @@ import numpy as np
 from ...arrays import Float
 from ...materials import Material
 from ...progress import SILENT, Progress
-from ..assembly import Assembly, Nodes, Pose
-from ..beyond import Beyond
+from ..assembly import Assembly, Pose, RimNodes
 from ..elastic import Expansion, sum_joint_vectors
 from ..newton_system import NewtonSystem
+from ..out_of_range import OutOfRange
 from ..vectors import matvec, skew
 from . import stiffness
 from .compliances import ArmCompliances, arm_compliances
@@ -89,7 +89,7 @@ class ArmModel:
         """
         whole = assembly.whole
         found = arm_compliances(whole, material, slopes)
-        return cls.assemble(whole, found, whole.bend[0], material, curving, progress)
+        return cls.assemble(whole, found, whole.bend_points[0], material, curving, progress)
 
     def with_rest_geometry(self, assembly: Assembly) -> ArmModel:
         """Return the model of these spirals on a slightly different rest geometry.
@@ -98,7 +98,7 @@ class ArmModel:
         """
         change = rest_shapes(assembly, self.material) - rest_shapes(self.assembly, self.material)
         compliance = self.compliance.to_first_order(change, self.cut_by_shapes) if change.any() else self.compliance
-        found = self.assemble(assembly, compliance, self.assembly.bend[0], self.material, False)
+        found = self.assemble(assembly, compliance, self.assembly.bend_points[0], self.material, False)
         return found.with_curving(self.curving_at_joint)
 
     def rebuilt(self, assembly: Assembly, material: Material) -> ArmModel:
@@ -108,7 +108,7 @@ class ArmModel:
     @cached_property
     def cut_by_shapes(self) -> Float[np.ndarray, "n _ 6 6"]:
         """Derivatives of the cut's correction by the arms' rest shapes, see ``cut.added_compliance_by_shape``."""
-        table, ties = self.compliance.table.reshape(-1, 6, 6), self.assembly.ties
+        table, ties = self.compliance.table.reshape(-1, 6, 6), self.assembly.tie_joints
         found = added_compliance_by_shape(self.assembly, table, self.material)
         if self.assembly.nodes:  # necks and strips have no table compliance
             found[2 * ties.start + 1 : 2 * ties.stop : 2], found[2 * ties.stop :] = 0.0, 0.0
@@ -131,7 +131,7 @@ class ArmModel:
 
     def with_own_curving(self) -> ArmModel:
         """Return the model with its second-order term, computed anew."""
-        return self.assemble(self.assembly, self.compliance, self.assembly.bend[0], self.material, True)
+        return self.assemble(self.assembly, self.compliance, self.assembly.bend_points[0], self.material, True)
 
     def with_curving(self, at_joint: np.ndarray | None) -> ArmModel:
         """Return the model with this second-order term (m, 6, 6, 6) of the motions at the joints."""
@@ -177,21 +177,21 @@ class ArmModel:
 
     def part(self, hubs: np.ndarray, joints: np.ndarray) -> ArmModel:
         whole, rim = self.assembly, self.assembly.rim
-        own = replace(whole.plain, rim=rim).part(hubs, joints).whole
+        own = replace(whole.without_rim, rim=rim).part(hubs, joints).whole
         if whole.nodes and rim is not None:
             nodes, strips = rim.indices_of_hubs(hubs)
-            joints = np.concatenate([joints, whole.inner + nodes, whole.ties.stop + strips])
+            joints = np.concatenate([joints, whole.n_inner_joints + nodes, whole.tie_joints.stop + strips])
         return self._select_joints(own, joints)
 
     @property
     def without_strips(self) -> ArmModel:
         """The model without the joints between the rim's nodes."""
-        return self._select_joints(self.assembly.without_strips, np.arange(self.assembly.ties.stop))
+        return self._select_joints(self.assembly.without_strips, np.arange(self.assembly.tie_joints.stop))
 
     @property
-    def of_rim(self) -> ArmModel:
+    def set_rim_compliances(self) -> ArmModel:
         """The model of the rim's joints only."""
-        whole, joints = self.assembly, np.arange(self.assembly.inner, len(self.pairs))
+        whole, joints = self.assembly, np.arange(self.assembly.n_inner_joints, len(self.pairs))
         parts = {name: getattr(whole, name)[joints] for name in ("pairs", "sides", "lever", "axes")}
         return self._select_joints(replace(whole, **parts), joints)
 
@@ -229,7 +229,7 @@ class ArmModel:
         rim, n = self.assembly.rim, self.assembly.spirals
         assert rim is not None
         held = Loads(np.ones((n, 6), dtype=bool), np.zeros((n, 3)))
-        resting, own = replace(pose, nodes=Nodes.resting(rim.hub, rim.offset)), self.of_rim
+        resting, own = replace(pose, nodes=RimNodes.at_rest(rim.hub, rim.offset)), self.set_rim_compliances
         system = NewtonSystem(own.pairs, held.fixed)
         return solve(own, resting, held, SimulateParams(), system=system).pose
 
@@ -275,7 +275,7 @@ class ArmModel:
         inside = np.where(OUT_OF_PLANE_MASK, 0.0, state.motion.vector)
         return 0.5 * np.einsum("mi,mij,mj->m", inside, self.stiffness, inside, optimize=True)
 
-    def beyond(self) -> list[Beyond]:
+    def beyond(self) -> list[OutOfRange]:
         known = self.assembly
         spiral = known.pairs.ravel()
         own = spiral < known.spirals
@@ -387,7 +387,7 @@ OUT_OF_PLANE_MASK = np.array([False, False, True, True, True, False])
 
 def _bend_levers(assembly: Assembly, bend: np.ndarray) -> Float[np.ndarray, "joints 2 3"]:
     """Return the vectors (m, 2, 3), metres, from the hubs to the arms' bend points ``bend`` (m, 2, 2)."""
-    return bend[..., :1] * assembly.lever + bend[..., 1:] * assembly.left
+    return bend[..., :1] * assembly.lever + bend[..., 1:] * assembly.lever_normals
 
 
 def _move_to_bend_points(

@@ -28,7 +28,7 @@ from ...materials import Material
 from .bar_loads import LOADS, BarLoads
 from .bar_sections import Curvature, Torsion
 from .bars import NUMBERS as BAR_NUMBERS
-from .bars import PIECES, BarPull, Bars
+from .bars import PIECES, BarGradient, Bars
 from .grain import direction_share
 from .stacked import BATCH
 
@@ -174,8 +174,8 @@ class _SectionStrains:
         scaled = by_compliance[1:] * self.compliance[1:]
         width = own.width + bent.width - (scaled[0] + 3.0 * scaled[1]) / self.bars.width
         width += by_compliance[0] * self.softness * self.torsion.slopes[0]
-        pull = BarPull(bent.lever, own.length + bent.length, width, own.bend, bent.angle - by_weak)
-        return by_loads, np.concatenate([self.bars.vjp(pull), by_weak.sum(1)[:, None]], axis=1)
+        gradient = BarGradient(bent.lever, own.length + bent.length, width, own.bend, bent.angle - by_weak)
+        return by_loads, np.concatenate([self.bars.vjp(gradient), by_weak.sum(1)[:, None]], axis=1)
 
     def _by_points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the derivatives of the values by the axial strains (8, n, pieces), by the shear (3, n, pieces) of both
@@ -191,7 +191,7 @@ class _SectionStrains:
 
     def _by_sections(
         self, by_axial: np.ndarray, by_shear: np.ndarray
-    ) -> tuple[tuple[np.ndarray, ...], np.ndarray, BarPull]:
+    ) -> tuple[tuple[np.ndarray, ...], np.ndarray, BarGradient]:
         """Return derivatives by the sections' loads (see ``BarLoads.vjp``), twist rates per torque, and bars."""
         loads, c, t = self.loads, self.curvature, self.torsion
         youngs, height, width = self.arms.material.youngs, self.arms.thickness, self.bars.width
@@ -219,8 +219,8 @@ class _SectionStrains:
         area = youngs * width * height
         lift = raised * 6.0 / (area * height * c.log)
         none = np.zeros_like(bend)
-        pull = BarPull(none.astype(complex), -(change * self.change) @ _LAG_LENGTH.T, by_width, bend, none)
-        return (stretch / area, torque, lift, in_plane / (area * width)), back * loads.torque, pull
+        gradient = BarGradient(none.astype(complex), -(change * self.change) @ _LAG_LENGTH.T, by_width, bend, none)
+        return (stretch / area, torque, lift, in_plane / (area * width)), back * loads.torque, gradient
 
 
 def _lag_matrices() -> tuple[Float[np.ndarray, "pieces pieces"], Float[np.ndarray, "pieces pieces"]]:

@@ -66,7 +66,7 @@ class RestChanges:
         back, winding = np.swapaxes(known.axes, 2, 3), -1.0 if known.clockwise else 1.0
         lever, bend = (matvec(back, v) for v in (known.lever, self.model.lever))
         own = known.axes[:, :, :2]  # rows are the x and y axes of the patch in the joint's axes
-        along, aside = np.moveaxis(known.bend[0], 2, 0)[..., None, None]
+        along, aside = np.moveaxis(known.bend_points[0], 2, 0)[..., None, None]
         by_bend = along * own + winding * aside * _about_normal(own)
         return (
             np.concatenate([own, -_about_normal(lever)[:, :, None]], axis=2),
@@ -127,8 +127,8 @@ class RestChanges:
         turned += sense * yields[:, :, SHAPE_LEAN]
         mates = sense * yields[:, :, SHAPE_MATE_LEAN]
         if known.nodes:  # the mate of an arm at a rim is its mirror image
-            turned[known.ties, 0] -= mates[known.ties, 0]
-            mates[known.ties] = 0.0
+            turned[known.tie_joints, 0] -= mates[known.tie_joints, 0]
+            mates[known.tie_joints] = 0.0
         by_radius, by_angle, by_direction = (x[..., None, None] for x in self._shapes)
         out = np.empty((len(turned), 2, 2, 3, 3, 6))
         for side in (0, 1):

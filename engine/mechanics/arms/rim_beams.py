@@ -12,7 +12,7 @@ from .cut import MATE_TWIST, MATE_WIDTH, TWIST, WIDTH
 from .pieces import Grain, piece_flexibilities
 
 
-def of_rim(
+def set_rim_compliances(
     assembly: Assembly,
     material: Material,
     table: Float[np.ndarray, "n 6 6"],
@@ -29,7 +29,7 @@ def of_rim(
     assembly, material : joints with the rim's joints at the end, and the sheet
     table, added, by : table compliances, the cut's corrections, and derivatives of their sums or None
     """
-    rim, ties = assembly.rim, assembly.ties
+    rim, ties = assembly.rim, assembly.tie_joints
     assert rim is not None
     arm, neck = 2 * np.arange(ties.start, ties.stop), 2 * np.arange(ties.start, ties.stop) + 1
     strips = np.arange(2 * ties.stop, len(table))

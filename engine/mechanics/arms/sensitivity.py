@@ -229,8 +229,8 @@ def arm_loads(
 
 def _way_by_twist(assembly: Assembly, side: int) -> Float[np.ndarray, "joints 3"]:
     """Return the derivative (m, 3) by the twist of the vector from bend point to joint, in the joint's axes."""
-    change = assembly.bend[1][:, side]
-    way = change[:, :1] * assembly.lever[:, side] + change[:, 1:] * assembly.left[:, side]
+    change = assembly.bend_points[1][:, side]
+    way = change[:, :1] * assembly.lever[:, side] + change[:, 1:] * assembly.lever_normals[:, side]
     return -np.einsum("eji,ej->ei", assembly.axes[:, side], way)
 
 

@@ -31,7 +31,7 @@ from ...arrays import Float, Int
 from ...errors import FlexMapsError
 from ...spirals.clearance.table_range import SCALE_RANGE, table_limit_and_slope, table_twist_limit
 from ...surface.checking.finding import with_count
-from ..beyond import Beyond
+from ..out_of_range import OutOfRange
 from . import beams
 
 TABLE = Path(__file__).resolve().parents[3] / "data" / "stiffness.npz"
@@ -157,7 +157,7 @@ def beyond(
     twist: Float[np.ndarray, " arms"],
     thickness: float,
     spiral: Int[np.ndarray, " arms"],
-) -> list[Beyond]:
+) -> list[OutOfRange]:
     """List the spirals with arms that no finite elements cover; the model extends the table to them.
 
     Parameters
@@ -169,9 +169,9 @@ def beyond(
     ratio = scale / width
     share = twist / table_twist_limit(np.clip(ratio, *SCALE_RANGE))
     return [
-        *Beyond.outside_range("scale / width", ratio, SHORTEST, SLENDEREST, spiral),
-        *Beyond.outside_range("width / thickness", width / thickness, *WIDTH_RANGE, spiral),
-        *Beyond.outside_range("twist / largest twist that can be cut", share, 0.0, 1.0, spiral),
+        *OutOfRange.outside_range("scale / width", ratio, SHORTEST, SLENDEREST, spiral),
+        *OutOfRange.outside_range("width / thickness", width / thickness, *WIDTH_RANGE, spiral),
+        *OutOfRange.outside_range("twist / largest twist that can be cut", share, 0.0, 1.0, spiral),
     ]
 
 
@@ -321,8 +321,8 @@ def table_tip_compliance(
     ------
     FlexMapsError : a length or an angle is not a number or not positive; ``faces`` are indices into the arrays
     """
-    refuse_material(thickness, youngs)
-    scale, width, twist = lengths_and_twists(scale, width, twist)
+    check_material(thickness, youngs)
+    scale, width, twist = check_dimensions(scale, width, twist)
     ratio, least = scale / width, SCALE_RANGE[0]
     table = load_table(float(poisson))
     found = blocks(np.maximum(ratio, least), width / thickness, twist, table, float(poisson), beam)
@@ -343,7 +343,7 @@ def table_tip_compliance(
     return ArmCompliance(*(_full_matrices(part) for part in (values, by_scale, by_width, by_twist, *others)))
 
 
-def lengths_and_twists(
+def check_dimensions(
     scale: np.ndarray, width: np.ndarray, twist: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Check scales, widths and twists and return them as arrays (n,).
@@ -371,7 +371,7 @@ def lengths_and_twists(
     return scale, width, twist
 
 
-def refuse_material(thickness: float, youngs: float) -> None:
+def check_material(thickness: float, youngs: float) -> None:
     """Raise FlexMapsError unless thickness and Young's modulus are positive numbers.
 
     Parameters

@@ -82,10 +82,10 @@ class Strains:
         by_design += (changes.linear_by_design[e] @ by_linear[:, None, :, None])[..., 0]
         mate, sign = (of[arms] for of in _mates(known))
         # the width of a neck follows the arm that it joins; a strip does not depend on the design
-        own = np.where((e >= known.inner) & (side == 1), 0, side)
+        own = np.where((e >= known.n_inner_joints) & (side == 1), 0, side)
         beyond = np.where(mate == arms, own, mate % 2)
-        alive = e < known.ties.stop
-        turns = (e < known.inner) | (alive & (side == 0))
+        alive = e < known.tie_joints.stop
+        turns = (e < known.n_inner_joints) | (alive & (side == 0))
         for at, numbers, weight in ((own, (OWN_WIDTH, OWN_WIND), 1.0), (beyond, (MATE_WIDTH, MATE_WIND), sign)):
             by_design[rows, at, WIDTH] += alive * found.by_numbers[:, numbers[0]]
             by_design[rows, at, TWIST] += turns * weight * found.by_numbers[:, numbers[1]]
@@ -110,7 +110,7 @@ def strain_by_rest_shape(
     (k, 2, 3) : side of the joint; x and y of the lever (per metre) and the direction of the edge (per radian)
     """
     e, side, rows, sense = arms // 2, arms % 2, np.arange(len(arms)), -1.0 if assembly.clockwise else 1.0
-    out, ties = np.zeros((len(arms), 2, 3)), e >= assembly.inner
+    out, ties = np.zeros((len(arms), 2, 3)), e >= assembly.n_inner_joints
     if ties.any():
         by = np.where((ties & (side == 1))[:, None], 0.0, by)  # necks and strips do not change
         by[ties, OWN_LEAN] -= by[ties, MATE_LEAN]
@@ -143,7 +143,7 @@ def strained_arms(assembly: Assembly, material: Material) -> StrainedArms:
         lean = shape[:, 1]
         if assembly.nodes:
             lean = lean.copy()
-            lean[1 + 2 * assembly.ties.start : 2 * assembly.ties.stop : 2] = 0.0
+            lean[1 + 2 * assembly.tie_joints.start : 2 * assembly.tie_joints.stop : 2] = 0.0
         numbers[:, OWN_LEAN], numbers[:, MATE_LEAN] = lean, sign * lean[mate]
     if shape.shape[1] > 3:
         numbers[:, GRAIN_INDEX] = shape[:, 3]
@@ -168,7 +168,7 @@ def max_strain_per_spiral(assembly: Assembly, strains: Float[np.ndarray, "joints
     assembly, strains : m joints, and the strains (m, 2) of their arms
     """
     worst = np.zeros(assembly.spirals)
-    np.maximum.at(worst, assembly.owners, strains.max(axis=1)[:, None])
+    np.maximum.at(worst, assembly.hub_pairs, strains.max(axis=1)[:, None])
     return worst
 
 
@@ -194,7 +194,7 @@ def _mates(assembly: Assembly) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray,
     if assembly.cut is None:
         mate = own
     elif assembly.nodes:
-        rim = slice(2 * assembly.inner, None)
+        rim = slice(2 * assembly.n_inner_joints, None)
         mate[rim], sign[rim] = own[rim], -1.0
     return mate, sign
 

@@ -193,12 +193,12 @@ class TipBeams:
     @cached_property
     def _elastic_centres(self) -> tuple[Any, ...]:
         """Elastic centres of the in-plane and the out-of-plane beam problem, and the tip compliances about them."""
-        (p, r, off, pull, aside, slide), lever = self._flexibilities[:6], self.lever
+        (p, r, off, gradient, aside, slide), lever = self._flexibilities[:6], self.lever
         turn = off.sum(1)
         centre = (off * lever).sum(1) / turn
         way = lever - centre[:, None]
         plane = (
-            (pull + 0.5 * off * np.abs(way) ** 2).sum(1),
+            (gradient + 0.5 * off * np.abs(way) ** 2).sum(1),
             (aside * self._direction_squared + 0.5 * off * way**2).sum(1),
         )
         roll = p.sum(1), (r * self._direction_squared).sum(1)
@@ -250,33 +250,33 @@ class BentBeams:
     shift: SplitVector
     middle: SplitVector
 
-    def rows(self, index: Int[np.ndarray, " k"]) -> BentBeams:
+    def subset(self, index: Int[np.ndarray, " k"]) -> BentBeams:
         """Select arms by index, possibly repeated, with all that is already computed for them."""
         return _select_rows(self, index)
 
     def vjp(
-        self, t: Float[np.ndarray, " n"], piece: Int[np.ndarray, " n"], pull: PointGradient
+        self, t: Float[np.ndarray, " n"], piece: Int[np.ndarray, " n"], gradient: PointGradient
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n numbers"]]:
         """Return the vector-Jacobian product by the tip motions and by the arms' parameters (see ``blends``).
 
         Parameters
         ----------
         t, piece : one place on every arm, and the piece that contains it
-        pull : derivatives of one scalar per arm by the state at that place
+        gradient : derivatives of one scalar per arm by the state at that place
         """
         beams = self.beams
         count, rows = beams.velocity.shape[1], np.arange(len(t))
         before, chord = np.arange(count) < piece[:, None], np.diff(beams.flat, axis=1)
-        stretch = SplitVector(before * pull.shift.flat[:, None], before * pull.shift.off[:, None])
+        stretch = SplitVector(before * gradient.shift.flat[:, None], before * gradient.shift.off[:, None])
         half = SplitVector(-1j * stretch.off * chord, _cross(chord, stretch.flat))
-        turn = pull.turn[:, None]
+        turn = gradient.turn[:, None]
         bend = SplitVector(sum_beyond(half.flat) + before * turn.flat, sum_beyond(half.off) + before * turn.off)
         by_chord = 1j * (stretch.off * self.middle.flat - self.middle.off * stretch.flat)
         by_flat = np.zeros(beams.flat.shape, dtype=complex)
         by_flat[:, 1:] += by_chord
         by_flat[:, :-1] -= by_chord
-        by_flat[rows, piece] += pull.station
-        for own, other in ((bend, pull.bend), (stretch, pull.stretch)):
+        by_flat[rows, piece] += gradient.station
+        for own, other in ((bend, gradient.bend), (stretch, gradient.stretch)):
             own.flat[rows, piece] += other.flat
             own.off[rows, piece] += other.off
         virtual, by_hub, by_velocity, by_width, by_lever = self._vjp_of_pieces(bend, stretch)
@@ -284,12 +284,12 @@ class BentBeams:
         step = np.linspace(1.0, 0.0, 2 * count + 1)
         # stations alternate with middles of pieces, the last column is the place
         points, velocity, width = (np.zeros((len(t), 2 * count + 2), dtype=kind) for kind in (complex, complex, float))
-        points[:, :-1:2], points[:, 1:-1:2], points[:, -1] = by_flat, -by_lever, pull.point
-        velocity[:, 1:-1:2], velocity[:, -1] = by_velocity, pull.velocity
-        width[:, 1:-1:2], width[:, -1] = 2.0 * by_width, pull.half
+        points[:, :-1:2], points[:, 1:-1:2], points[:, -1] = by_flat, -by_lever, gradient.point
+        velocity[:, 1:-1:2], velocity[:, -1] = by_velocity, gradient.velocity
+        width[:, 1:-1:2], width[:, -1] = 2.0 * by_width, gradient.half
         at = np.concatenate([beams.hub[:, None] * step, t[:, None]], axis=1)
         numbers, by_t = beams.lines.vjp(at, points, velocity, width)
-        by_hub = by_hub + pull.hub + by_t[:, :-1] @ step
+        by_hub = by_hub + gradient.hub + by_t[:, :-1] @ step
         numbers += by_hub[:, None] * beams.hub_slopes
         force, moment = virtual.force.space, virtual.moment.space
         return np.concatenate([force, moment], axis=1), numbers

@@ -12,7 +12,7 @@ from ..vectors import dot, matvec, right_jacobian, rotation_matrix, to_space
 
 
 @dataclass(eq=False)
-class SectionPull:
+class SectionGradient:
     """Derivatives of one scalar per section by the attributes of ``Section`` with these names."""
 
     middle: Float[np.ndarray, "n places 3"]
@@ -22,7 +22,7 @@ class SectionPull:
     half: Float[np.ndarray, "n places"]
 
     @classmethod
-    def none(cls, like: Float[np.ndarray, "n places 3"]) -> SectionPull:
+    def zeros(cls, like: Float[np.ndarray, "n places 3"]) -> SectionGradient:
         """Return zero derivatives, in the shape of the middles ``like``."""
         zero = np.zeros_like(like)
         return cls(zero, zero, zero, zero, zero[..., 0])
@@ -94,41 +94,51 @@ class Section:
         )  # fmt: skip
 
     @property
-    def turning(self) -> Float[np.ndarray, "n places 3"]:
+    def along_by_t(self) -> Float[np.ndarray, "n places 3"]:
         """Derivative of the vector ``along`` with respect to t, to first order in the bend."""
         return self.rate[..., None] * np.cross(self.bend, self.along) - self.curving[..., None] * self.across
 
-    def by_place(self, pull: SectionPull) -> Float[np.ndarray, "n places"]:
-        """Return derivatives with respect to t of scalars whose derivatives by the sections are ``pull``."""
-        turn, aside = self._vjp_of_turns(pull)
+    def vjp_by_t(self, gradient: SectionGradient) -> Float[np.ndarray, "n places"]:
+        """Return derivatives with respect to t of scalars whose derivatives by the sections are ``gradient``."""
+        turn, aside = self._vjp_of_turns(gradient)
         return (
-            dot(pull.middle, self.velocity)
+            dot(gradient.middle, self.velocity)
             + self.rate * dot(turn, self.bend)
             + self.curving * aside
-            + pull.half * self.widening
+            + gradient.half * self.widening
         )
 
-    def vjp(self, pull: SectionPull) -> tuple[PointGradient, Int[np.ndarray, " n"]]:
+    def vjp(self, gradient: SectionGradient) -> tuple[PointGradient, Int[np.ndarray, " n"]]:
         """Return the vector-Jacobian product by the bent arms, one section per arm, and the pieces of the sections."""
-        turn, aside = self._vjp_of_turns(pull)
-        share, halfway = self.share[..., None], np.cross(self.chord, pull.middle)
+        turn, aside = self._vjp_of_turns(gradient)
+        share, halfway = self.share[..., None], np.cross(self.chord, gradient.middle)
         within = (self.rate < 0.0)[..., None]
-        chord = SplitVector.from_vectors(np.where(within, np.cross(pull.middle, self.halfway), 0.0)).flat
-        by_share = dot(pull.middle, self.stretch) + dot(0.5 * halfway + turn, self.bend)
+        chord = SplitVector.from_vectors(np.where(within, np.cross(gradient.middle, self.halfway), 0.0)).flat
+        by_share = dot(gradient.middle, self.stretch) + dot(0.5 * halfway + turn, self.bend)
         rates = by_share * -self.rate * self.t / self.hub
         spin = aside * 1j * self.pace / np.abs(self.pace) ** 2
-        vectors = (pull.middle, halfway + turn, share * (0.5 * halfway + turn), share * pull.middle)
+        vectors = (gradient.middle, halfway + turn, share * (0.5 * halfway + turn), share * gradient.middle)
         shift, turns, bend, stretch = (SplitVector.from_vectors(x[:, 0]) for x in vectors)
-        flat = SplitVector.from_vectors(pull.middle).flat
+        flat = SplitVector.from_vectors(gradient.middle).flat
         return PointGradient(
-            shift, turns, bend, stretch, -chord[:, 0], rates[:, 0], (flat + chord)[:, 0], spin[:, 0], pull.half[:, 0]
+            shift,
+            turns,
+            bend,
+            stretch,
+            -chord[:, 0],
+            rates[:, 0],
+            (flat + chord)[:, 0],
+            spin[:, 0],
+            gradient.half[:, 0],
         ), self.piece[:, 0]
 
-    def _vjp_of_turns(self, pull: SectionPull) -> tuple[Float[np.ndarray, "n places 3"], Float[np.ndarray, "n places"]]:
+    def _vjp_of_turns(
+        self, gradient: SectionGradient
+    ) -> tuple[Float[np.ndarray, "n places 3"], Float[np.ndarray, "n places"]]:
         """Return derivatives with respect to the sections' rotation vectors and to the flat arm's direction."""
         torque = sum(
             np.cross(axis, by)
-            for axis, by in ((self.along, pull.along), (self.across, pull.across), (self.off, pull.off))
+            for axis, by in ((self.along, gradient.along), (self.across, gradient.across), (self.off, gradient.off))
         )
-        aside = dot(pull.across, self.along) - dot(pull.along, self.across)
+        aside = dot(gradient.across, self.along) - dot(gradient.along, self.across)
         return matvec(right_jacobian(self.turn), torque), aside

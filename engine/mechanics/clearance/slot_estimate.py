@@ -29,7 +29,7 @@ from ...spirals.curves.blends import (
 )
 from ..arms.tip_beams import BentBeams, PointGradient, SplitVector, TipBeams
 from ..vectors import dot
-from .sections import Section, SectionPull
+from .sections import Section, SectionGradient
 
 # positions t on the outer arm (0 at its tip) where widths are measured; more are slower; slots close near the tip
 PLACES = np.array([0.0, 0.05, 0.1, 0.15, 0.22, 0.3])
@@ -67,7 +67,7 @@ class SlotWidths:
     @cached_property
     def slopes(self) -> tuple[Float[np.ndarray, "k 2 6"], Float[np.ndarray, "k 2 numbers"]]:
         """Derivatives of the widths by tip motion (K, 2, 6) and parameters (K, 2, 8) of the outer and the inner arm."""
-        return self.slots.slopes(self.field.rows(self.rows.ravel()), self.t, self.s)
+        return self.slots.slopes(self.field.subset(self.rows.ravel()), self.t, self.s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,17 +132,17 @@ class Slots:
         outer, inner = self._section_distance(here, there)[1]
         # the facing point moves too, so that the vector between both points stays at right angles to the inner arm
         way = here.middle - there.middle
-        facing = SectionPull.none(way)
+        facing = SectionGradient.zeros(way)
         facing.middle, facing.along = -there.along, way
-        pace = there.by_place(facing)
-        move = np.where((both[1::2] > 0.0) & (both[1::2] < 1.0), -there.by_place(inner) / pace, 0.0)
+        pace = there.vjp_by_t(facing)
+        move = np.where((both[1::2] > 0.0) & (both[1::2] < 1.0), -there.vjp_by_t(inner) / pace, 0.0)
         facing.middle, facing.along = move[..., None] * facing.middle, move[..., None] * facing.along
         outer.middle -= facing.middle
         inner.middle += facing.middle
         inner.along += facing.along
-        pulls, pieces = zip(*(part.vjp(pull) for part, pull in ((here, outer), (there, inner))))
+        gradients, pieces = zip(*(part.vjp(gradient) for part, gradient in ((here, outer), (there, inner))))
         pieces = np.stack(pieces, axis=1).ravel()
-        by_motion, by_numbers = field.vjp(both[:, 0], pieces, PointGradient.interleave(*pulls))
+        by_motion, by_numbers = field.vjp(both[:, 0], pieces, PointGradient.interleave(*gradients))
         return by_motion.reshape(-1, 2, 6), by_numbers.reshape(-1, 2, N_BLEND_PARAMETERS)
 
     @property
@@ -181,7 +181,7 @@ class Slots:
             there = Section.from_arms(field, inner, s)
             way = here.middle - there.middle
             pace = dot(there.velocity, there.along)
-            slope = np.maximum(pace - dot(way, there.turning), 0.25 * pace)
+            slope = np.maximum(pace - dot(way, there.along_by_t), 0.25 * pace)
             s = np.clip(s + np.clip(dot(way, there.along) / slope, -0.1, 0.1), 0.0, 1.0)
         there = Section.from_arms(field, inner, s)
         beyond = np.abs(dot(here.middle - there.middle, there.along)) >= END_TOLERANCE
@@ -189,7 +189,7 @@ class Slots:
 
     def _section_distance(
         self, here: Section, there: Section
-    ) -> tuple[Float[np.ndarray, "n places"], tuple[SectionPull, SectionPull]]:
+    ) -> tuple[Float[np.ndarray, "n places"], tuple[SectionGradient, SectionGradient]]:
         """Return distances between facing sections of outer and inner arms, and their derivatives by both sections."""
         way, sign, height = here.middle - there.middle, self._sign, 0.5 * self.thickness
         tilt = dot(here.across, there.across)
@@ -212,14 +212,14 @@ class Slots:
         steep = [-height * (roll / np.hypot(roll, _TILT_ROUNDING))[..., None] for roll in rolls]
         halves = -(turned * (share * here.half + (1.0 - share) * there.half))[..., None]
         middle = sign * (inner * there.across + outer * here.across)
-        here_pull = SectionPull(
+        here_pull = SectionGradient(
             middle,
             np.zeros_like(way),
             outer * (sign * way + steep[1] * there.off) + halves * there.across,
             inner * steep[0] * there.across,
             -share * level - (1.0 - share),
         )
-        there_pull = SectionPull(
+        there_pull = SectionGradient(
             -middle,
             np.zeros_like(way),
             inner * (sign * way + steep[0] * here.off) + halves * here.across,

@@ -58,7 +58,7 @@ class SpaceSlots:
         return np.flatnonzero(self.width < 0.0)
 
     @cached_property
-    def of_quads(self) -> Float[np.ndarray, " quads"]:
+    def narrowest_per_quad(self) -> Float[np.ndarray, " quads"]:
         """(F,) metres, the narrowest slot beside the arms of every spiral."""
         least = np.full(int(self.arms.max()) // 4 + 1, np.inf)
         for which in (0, 1):
@@ -73,7 +73,7 @@ class SpaceSlots:
         part : slots within and between these quads, as ``slots_in_space`` measures them
         quads : in ascending order
         """
-        inside = np.zeros(len(self.of_quads), dtype=bool)
+        inside = np.zeros(len(self.narrowest_per_quad), dtype=bool)
         inside[quads] = True
         own, count = 4 * len(inside), 4 * len(quads)
         width, kept = self.width[:own].copy(), ~inside[self.arms[own:] // 4].all(axis=1)

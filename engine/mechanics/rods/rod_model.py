@@ -16,8 +16,8 @@ import numpy as np
 from ...arrays import Float
 from ...materials import Material
 from ..assembly import Assembly, Pose
-from ..beyond import Beyond
 from ..elastic import Expansion, JointsOnly, sum_joint_vectors
+from ..out_of_range import OutOfRange
 from ..vectors import outer
 from . import rod_stiffness, strains
 from .motion import END_INCREMENTS, ROLL_SIGNS, RodState, first_order, roll_coupling, second_order
@@ -111,7 +111,7 @@ class RodModel(JointsOnly):
         change = np.einsum("mi,mi->m", state.tangent, step[second, :3] - step[first, :3])
         return replace(self._state(state.pose.moved(step), state), predicted=state.length + change)
 
-    def beyond(self) -> list[Beyond]:
+    def beyond(self) -> list[OutOfRange]:
         known = self.assembly
         return rod_stiffness.beyond(_scale(known), known.width.mean(axis=1), known.twist, known.thickness)
 

@@ -17,8 +17,8 @@ import numpy as np
 from ...arrays import Float
 from ...errors import FlexMapsError
 from ...spirals.clearance.table_range import table_limit_and_slope
-from ..arms.stiffness import lengths_and_twists, refuse_material
-from ..beyond import SLACK, Beyond
+from ..arms.stiffness import check_dimensions, check_material
+from ..out_of_range import SLACK, OutOfRange
 
 PARAMETERS = Path(__file__).resolve().parents[3] / "data" / "rod_parameters.npz"
 FORMAT = 1  # version of the file that can be read
@@ -82,8 +82,8 @@ def rod_parameters(
     thickness, youngs : of the sheet, metres, and Young's modulus, Pa
     model : "pair" or "chord"
     """
-    refuse_material(thickness, youngs)
-    near = _Nearest.from_spirals(*lengths_and_twists(scale, width, twist), thickness)
+    check_material(thickness, youngs)
+    near = _Nearest.from_spirals(*check_dimensions(scale, width, twist), thickness)
     net = load_network(model)
     ratio = near.scale / near.width
     limit, slope = table_limit_and_slope(ratio)
@@ -155,7 +155,7 @@ def beyond(
     width: Float[np.ndarray, " joints"],
     twist: Float[np.ndarray, " rad"],
     thickness: float,
-) -> list[Beyond]:
+) -> list[OutOfRange]:
     """List the quantities that lie outside the sampled region.
 
     Parameters
@@ -166,7 +166,7 @@ def beyond(
     near, every = _Nearest.from_spirals(scale, width, twist, thickness), np.arange(len(scale))
     share = twist / _largest_twist(near.scale, near.width, thickness)[0]
     return [
-        *Beyond.outside_range("scale / thickness", scale / thickness, *SCALE_OVER_THICKNESS, every),
-        *Beyond.outside_range("width / thickness", width / thickness, *FLATNESS_RANGE, every),
-        *Beyond.outside_range("twist / largest twist", share, 0.0, 1.0, every),
+        *OutOfRange.outside_range("scale / thickness", scale / thickness, *SCALE_OVER_THICKNESS, every),
+        *OutOfRange.outside_range("width / thickness", width / thickness, *FLATNESS_RANGE, every),
+        *OutOfRange.outside_range("twist / largest twist", share, 0.0, 1.0, every),
     ]

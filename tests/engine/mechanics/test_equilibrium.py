@@ -95,7 +95,7 @@ def test_straight_rest_is_found_and_kept() -> None:
     model = ArmModel.from_assembly(row(6, twist=2.0), VERO)
     found = solve(model, shaken(straight(6), 0.002, 0.2), free(6), SimulateParams())
     assert found.converged and found.energy < 1e-12
-    aligned = found.pose.aligned(straight(6).centres)
+    aligned = found.pose.aligned_to(straight(6).centres)
     assert aligned.centres == pytest.approx(straight(6).centres, abs=1e-8)
     again = solve(model, found.pose, free(6), SimulateParams())
     assert again.converged and again.iterations <= 1
@@ -147,8 +147,8 @@ def test_a_pivot_of_zero_is_no_fault() -> None:
     """Hubs that nothing links leave rows of zeros: their eigenvalues are neither counted nor a reason to stop."""
     system = NewtonSystem(np.array([[0, 1]]), np.zeros((2, 6), dtype=bool))
     values = system.values(np.diag([-1.0, 2.0, *np.zeros(10)])[None])
-    assert system.negative(values) == 1
-    assert not system.factor(values) and system.factor(system.definite(np.abs(values)))
+    assert system.count_negative(values) == 1
+    assert not system.factor(values) and system.factor(system.make_definite(np.abs(values)))
 
 
 def test_softest_motions_are_found_where_lanczos_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:

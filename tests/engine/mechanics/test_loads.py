@@ -11,7 +11,7 @@ from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.equilibrium import other_minima, solve
 from flexmaps.engine.mechanics.loads import Loads, parse_supports
 from flexmaps.engine.mechanics.newton_system import NewtonSystem
-from flexmaps.engine.mechanics.rigid import free_pieces
+from flexmaps.engine.mechanics.rigid import movable_pieces
 from flexmaps.engine.params import SimulateParams
 from flexmaps.engine.surface import shapes
 from scipy.spatial.transform import Rotation
@@ -108,7 +108,7 @@ def test_hinges_in_a_row_leave_the_turn_about_it() -> None:
     loads = Loads.for_spirals(count, supports=np.arange(count), clamped=False)
     found = solve(model, straight(count), loads, SimulateParams())
     assert found.converged and found.pose.centres == pytest.approx(straight(count).centres)
-    (left,) = free_pieces(loads.fixed, model.pairs, straight(count).centres)
+    (left,) = movable_pieces(loads.fixed, model.pairs, straight(count).centres)
     assert left.entries.tolist() == [3]
     assert np.abs(left.motions[0, 3:] / np.linalg.norm(left.motions[0, 3:])) == pytest.approx([1, 0, 0], abs=1e-9)
 

@@ -11,7 +11,7 @@ from flexmaps.engine.mechanics.arms import curving_changes
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Pose, assembly_from_design, target_pose
 from flexmaps.engine.mechanics.loads import Loads, parse_supports
-from flexmaps.engine.mechanics.stance import Stance
+from flexmaps.engine.mechanics.support_poses import SupportPoses
 from flexmaps.engine.optimisation import codesign, optimise
 from flexmaps.engine.optimisation.codesign_cost import FlatCost, FlatLimits
 from flexmaps.engine.optimisation.codesign_geometry import geometry_jacobian, joint_derivatives
@@ -93,7 +93,7 @@ def problem(
         if opening is None
         else dataclasses.replace(SlotRequirement.from_design(design), width=opening),
         flat=FlatRange.from_patches(design.flat, 0.5, LIMIT, SEAM, 1e-3, design.flat, space.free_spirals),
-        stance=Stance(loads, mesh, design.flat.corners),
+        support_poses=SupportPoses(loads, mesh, design.flat.corners),
     )
     return whole, target_pose(mesh, design.flat.corners)
 

@@ -9,7 +9,7 @@ from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms import curving_changes
 from flexmaps.engine.mechanics.assembly import assembly_from_design, target_pose
 from flexmaps.engine.mechanics.loads import Loads, Springs
-from flexmaps.engine.mechanics.stance import Stance
+from flexmaps.engine.mechanics.support_poses import SupportPoses
 from flexmaps.engine.optimisation import stability
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem, FlatRange
 from flexmaps.engine.optimisation.design_point import DesignPoint
@@ -68,7 +68,7 @@ def start(
         "space": space,
         "target": Target(assembly.pairs, mesh.centroids, supports=supports),
         "loads": loads,
-        "stance": Stance(loads, mesh, design.flat.corners),
+        "support_poses": SupportPoses(loads, mesh, design.flat.corners),
         "build_model": lambda a, _: build_model(a, VERO, "arm", quick=not curving),
         "physics": EXACT,
         "stability": stability,

@@ -14,7 +14,7 @@ def test_work_is_counted_not_timed() -> None:
     endless, short = Work.for_spirals(100, 0.0), Work.for_spirals(100, 1.0)
     for work in (endless, short):
         work.add(1e6, 100)
-    assert short.is_over and not endless.over
+    assert short.is_over and not endless.is_over
 
 
 @pytest.mark.parametrize("patience", [1.0, 2.0])

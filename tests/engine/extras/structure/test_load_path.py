@@ -218,7 +218,7 @@ def test_the_tangent_of_a_pressure_that_follows_is_exact() -> None:
     def forces(share: float) -> np.ndarray:
         return -3.0 * action.at(pose.moved(share * way))
 
-    told = one.system.full(one.follows(pose, 3.0) @ one.system.free_entries(way))
+    told = one.system.expand(one.follows(pose, 3.0) @ one.system.free_entries(way))
     wanted = np.zeros((count, 6))
     wanted[:, :3] = slope(forces)
     assert told[1:] == pytest.approx(wanted[1:], abs=1e-9 * np.abs(wanted).max())

@@ -104,7 +104,7 @@ def rimmed() -> tuple[ArmModel, Pose]:
 
 def test_arms_at_a_rim() -> None:
     model, pose = rimmed()
-    ties = model.assembly.ties
+    ties = model.assembly.tie_joints
     for found, wanted in compared(model, pose):
         assert len(found) == ties.stop > ties.start
         assert found[: ties.start] == pytest.approx(wanted[: ties.start], abs=1e-6)

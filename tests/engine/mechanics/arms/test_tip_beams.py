@@ -9,7 +9,7 @@ import pytest
 from flexmaps.engine.mechanics.arms.pieces import POISSON, piece_flexibilities
 from flexmaps.engine.mechanics.arms.tip_beams import BentBeams, PointGradient, SplitVector, TipBeams
 from flexmaps.engine.mechanics.clearance import slot_estimate
-from flexmaps.engine.mechanics.clearance.sections import Section, SectionPull
+from flexmaps.engine.mechanics.clearance.sections import Section, SectionGradient
 from flexmaps.engine.mechanics.clearance.slot_estimate import Slots
 from flexmaps.engine.spirals.curves.arm_curves import ArmCurves
 from flexmaps.engine.spirals.curves.blends import N_BLEND_PARAMETERS
@@ -80,7 +80,7 @@ def test_sections_follow_places_motions_and_numbers() -> None:
     hub = bent(numbers, motion).beams.hub
     t = np.where(ROWS % 4 == 0, hub + (1.0 - hub) * rng.uniform(0.1, 0.9, COUNT), hub * rng.uniform(0.0, 0.95, COUNT))
     vectors = rng.normal(size=(4, COUNT, 1, 3)) * np.array([1.0, 1e-2, 1e-2, 1e-2])[:, None, None, None]
-    pull = SectionPull(*vectors, rng.normal(size=(COUNT, 1)))
+    pull = SectionGradient(*vectors, rng.normal(size=(COUNT, 1)))
 
     def value(numbers: np.ndarray, motion: np.ndarray, t: np.ndarray = t) -> np.ndarray:
         at = Section.from_arms(bent(numbers, motion), ROWS, t[:, None])
@@ -89,7 +89,7 @@ def test_sections_follow_places_motions_and_numbers() -> None:
 
     here = Section.from_arms(bent(numbers, motion), ROWS, t[:, None])
     found = (value(numbers, motion, t + 1e-6) - value(numbers, motion, t - 1e-6)) / 2e-6
-    assert here.by_place(pull)[:, 0] == pytest.approx(found, abs=1e-6 * np.abs(found).max())
+    assert here.vjp_by_t(pull)[:, 0] == pytest.approx(found, abs=1e-6 * np.abs(found).max())
     by, piece = here.vjp(pull)
     assert_differences(bent(numbers, motion).vjp(t, piece, by), value, numbers, motion)
 

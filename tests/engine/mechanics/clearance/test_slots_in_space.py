@@ -133,7 +133,7 @@ def test_a_squeezed_shape_names_the_spirals_whose_slots_close(dome):
     found = replace(dome, equilibrium=squeezed)
     slots = found.slots()
     (told,) = [one for one in found.findings if one.code == "slots-close"]
-    assert told.faces == tuple(np.flatnonzero(slots.of_quads < 0.0).tolist())
+    assert told.faces == tuple(np.flatnonzero(slots.narrowest_per_quad < 0.0).tolist())
     assert f"{len(slots.closed)} slots" in told.message and "brush Twist" in told.message
     block = found.report()
     assert block["slots_closed"] == len(slots.closed) > 0 and block["slot_min_mm"] == 1e3 * slots.width.min() < 0.0

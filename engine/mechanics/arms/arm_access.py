@@ -6,6 +6,6 @@ from ..elastic import ElasticModel
 from .model import ArmModel
 
 
-def with_arms(model: ElasticModel) -> ArmModel | None:
+def as_arm_model(model: ElasticModel) -> ArmModel | None:
     """Return the model if it has the arms of every joint, with derivatives; else None."""
     return model if isinstance(model, ArmModel) else None

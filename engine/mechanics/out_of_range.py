@@ -14,7 +14,7 @@ SLACK = 2e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Beyond:
+class OutOfRange:
     """Spirals for which one quantity lies outside a model's range.
 
     quantity : its name; low, high : the range; spirals : (k,) int, ascending; worst : the value farthest outside it
@@ -29,7 +29,7 @@ class Beyond:
     @classmethod
     def outside_range(
         cls, quantity: str, value: np.ndarray, low: float, high: float, spiral: np.ndarray
-    ) -> list[Beyond]:
+    ) -> list[OutOfRange]:
         """Return a list with one entry if any value lies outside the range, else an empty list.
 
         Parameters

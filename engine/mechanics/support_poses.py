@@ -18,7 +18,7 @@ from .vectors import skew
 
 
 @dataclass(frozen=True, eq=False)
-class Stance:
+class SupportPoses:
     """Positions and rotations at which the supports hold their hubs.
 
     They depend on the flat quads, because the rotation of a clamped hub is the one that fits its flat quad to the
@@ -32,21 +32,21 @@ class Stance:
     corners: Float[np.ndarray, "quads 4 2"]
 
     @cached_property
-    def aim(self) -> Pose:
+    def fitted_pose(self) -> Pose:
         """Pose of all hubs that fits every flat quad to its quad of the target."""
         return target_pose(self.surface, self.corners)
 
-    def with_corners(self, corners: Float[np.ndarray, "quads 4 2"]) -> Stance:
+    def with_corners(self, corners: Float[np.ndarray, "quads 4 2"]) -> SupportPoses:
         """Return these supports for other flat quads."""
         return replace(self, corners=corners)
 
     def place_supports(self, pose: Pose) -> Pose:
         """Return the pose with the supported hubs moved to where the supports hold them."""
         shifts, turns = self.loads.fixed[:, :3], self.loads.fixed[:, 3:4, None]
-        centres = np.where(shifts, self.aim.centres, pose.centres)
-        return replace(pose, centres=centres, rotations=np.where(turns, self.aim.rotations, pose.rotations))
+        centres = np.where(shifts, self.fitted_pose.centres, pose.centres)
+        return replace(pose, centres=centres, rotations=np.where(turns, self.fitted_pose.rotations, pose.rotations))
 
-    def step(self, pose: Pose, step: Float[np.ndarray, "spirals 6"]) -> Float[np.ndarray, "spirals 6"]:
+    def correct_step(self, pose: Pose, step: Float[np.ndarray, "spirals 6"]) -> Float[np.ndarray, "spirals 6"]:
         """Return a step, changed so that it brings the supported hubs to where the supports hold them.
 
         Parameters
@@ -54,8 +54,8 @@ class Stance:
         pose : where the step begins
         step : (n, 6) increments, as in ``Pose.moved``
         """
-        turns = Rotation.from_matrix(self.aim.rotations @ np.swapaxes(pose.rotations, 1, 2)).as_rotvec()
-        exact = np.concatenate([self.aim.centres - pose.centres, turns], axis=1)
+        turns = Rotation.from_matrix(self.fitted_pose.rotations @ np.swapaxes(pose.rotations, 1, 2)).as_rotvec()
+        exact = np.concatenate([self.fitted_pose.centres - pose.centres, turns], axis=1)
         step = step.copy()
         step[: len(exact)] = np.where(self.loads.fixed, exact, step[: len(exact)])
         return step
@@ -81,7 +81,7 @@ class Stance:
         wanted = wanted - wanted.mean(axis=1, keepdims=True)
         flat = np.zeros_like(wanted)
         flat[..., :2] = self.corners[clamped] - self.corners[clamped].mean(axis=1, keepdims=True)
-        rotation = self.aim.rotations[clamped]
+        rotation = self.fitted_pose.rotations[clamped]
         stretch = np.einsum("fij,fkj,fkl->fil", rotation, flat, wanted)
         stiff = np.trace(stretch, axis1=1, axis2=2)[:, None, None] * np.eye(3) - 0.5 * (
             stretch + np.swapaxes(stretch, 1, 2)
