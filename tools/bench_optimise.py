@@ -18,10 +18,9 @@ from flexmaps.engine.mechanics.assembly import assembly_from_design, target_pose
 from flexmaps.engine.mechanics.clearance.slots_in_space import SpaceSlots
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.optimisation import optimise, task
-from flexmaps.engine.optimisation.design_point import DesignPoint
 from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.gauss_newton import SearchRecord, run_gauss_newton
-from flexmaps.engine.optimisation.inverse import InverseProblem
+from flexmaps.engine.optimisation.inverse import DesignPoint, InverseProblem
 from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.params import OptimiseParams, SimulateParams
 from flexmaps.engine.progress import Progress

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from flexmaps.engine.newton import CONVERGED, ITERATIONS, TIME
-from flexmaps.engine.optimisation.design_point import DesignPoint
 from flexmaps.engine.optimisation.gauss_newton import MAX_NEWTON_ITERATIONS, Accepted, SearchRecord
-from flexmaps.engine.optimisation.inverse import InverseProblem
+from flexmaps.engine.optimisation.inverse import DesignPoint, InverseProblem
 from flexmaps.engine.params import OptimiseParams
 from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.threads import one_thread

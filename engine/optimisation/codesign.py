@@ -18,9 +18,8 @@ from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from ..spirals.fabricable import make_fabricable
 from .codesign_problem import BARRIER_WEIGHT, FlatPoint, FlatProblem, FlatRange
-from .design_point import DesignPoint
 from .gauss_newton import MAX_NEWTON_ITERATIONS, Accepted, SearchRecord, run_gauss_newton
-from .inverse import InverseProblem
+from .inverse import DesignPoint, InverseProblem
 
 MAX_SHIFT = 0.5  # largest shift of a flat vertex along x or y, as a share of the shortest mean edge of its quads
 # Largest difference in length between both sides of a cut edge, as a share of its length, unless it was larger before
@@ -80,7 +79,7 @@ def interpolate(start: DesignPoint, found: FlatPoint, share: float, progress: Pr
     progress : reports progress and raises Cancelled
     """
     here = found.problem.convert_point(start, progress)
-    x = found.problem.restore_clearances(here.x + share * (found.x - here.x), here)
+    x = found.problem.restore_clearances(here.x + share * (found.x - here.x), here.x)
     return found.problem.point_at(x, start.equilibrium.pose, progress, MAX_NEWTON_ITERATIONS)
 
 

@@ -26,8 +26,7 @@ from .clearance_restoration import narrowest_per_pair
 from .codesign_cost import FlatCost, FlatLimits
 from .codesign_geometry import geometry_jacobian, joint_derivatives
 from .costs import Cost
-from .design_point import DesignPoint
-from .inverse import InverseProblem
+from .inverse import DesignPoint, InverseProblem
 from .point_copy import copy_state, with_problem
 from .polytope import LinearClearances
 from .slot_penalty import NarrowSlots, SlotRequirement
@@ -208,8 +207,8 @@ class FlatProblem(InverseProblem):
         points = self.flat.points(x[self.n_spiral_x :].reshape(-1, 2))
         return super()._clearances_at(x).with_flat(replace(self.flat.flat, points=points))
 
-    def restore_clearances(self, x: np.ndarray, feasible: DesignPoint) -> Float[np.ndarray, " coordinates"]:
-        return super().restore_clearances(self.clip_flat_shapes(x, feasible.x), feasible)
+    def restore_clearances(self, x: np.ndarray, feasible: np.ndarray) -> Float[np.ndarray, " coordinates"]:
+        return super().restore_clearances(self.clip_flat_shapes(x, feasible), feasible)
 
     def clip_flat_shapes(self, x: np.ndarray, feasible: np.ndarray) -> Float[np.ndarray, " coordinates"]:
         n = self.n_spiral_x

@@ -15,7 +15,7 @@ import numpy as np
 from ..arrays import Float
 from .bounded_step import bounded_step
 from .costs import Cost
-from .design_point import DesignPoint
+from .inverse import DesignPoint
 from .polytope import LinearClearances
 from .terms import Term, rotation_damping_gradient
 

@@ -15,8 +15,8 @@ from ..mechanics.assembly import target_pose
 from ..mechanics.loads import Springs
 from ..progress import Progress
 from ..simulation.shortfall import find_far_bodies
-from .design_point import DesignPoint
 from .gauss_newton import SearchRecord
+from .inverse import DesignPoint
 from .near_target import NEAR_PERCENT
 from .point_copy import with_problem
 from .remedies import WANTED_PERCENT

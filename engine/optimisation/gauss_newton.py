@@ -16,8 +16,7 @@ from ..threads import one_thread
 from . import inverse
 from .codesign_problem import FlatPoint
 from .composite import CompositeModel
-from .design_point import DesignPoint
-from .inverse import InverseProblem
+from .inverse import DesignPoint, InverseProblem
 from .near_target import is_near
 from .preconditioning import CurvatureEstimate
 
@@ -192,7 +191,7 @@ class _GaussNewtonProblem:
     def _proposal(self, model: CompositeModel, step: np.ndarray) -> _Proposal:
         """Return the proposal of a step, which is changed where gaps would close."""
         point = model.point
-        step = point.problem.restore_clearances(np.clip(point.x + step, 0.0, 1.0), point) - point.x
+        step = point.problem.restore_clearances(np.clip(point.x + step, 0.0, 1.0), point.x) - point.x
         if not np.abs(step).max() > NEGLIGIBLE:
             return _Proposal(step, np.zeros((point.problem.assembly.size, 6)), 0.0)
         increments = point.hub_increments(step)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..materials import OVERSTRAIN_SHARE, STRAIN_MARGIN
 from ..params import OptimiseParams
-from .design_point import DesignPoint
+from .inverse import DesignPoint
 
 # RMS distance from the target, in percent of its size, at which a search ends. Usual tolerances of sheets and cuts
 # change it by as much. Larger: shorter searches, farther from the target (docs/tuning.md)

@@ -27,9 +27,8 @@ from ..surface.mesh import QuadMesh
 from ..threads import one_thread
 from . import codesign
 from .continuation import continue_far
-from .design_point import DesignPoint
 from .gauss_newton import CANCELLED, SearchRecord
-from .inverse import InverseProblem
+from .inverse import DesignPoint, InverseProblem
 from .search import ALWAYS_ALLOWED_DISTANCE, MAX_DISTANCE_GROWTH, Search, StageResult
 from .slot_opening import SimulatedResult, open_closed_slots
 from .snapshot import OptimisationStep

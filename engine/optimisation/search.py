@@ -19,8 +19,8 @@ from ..progress import Progress
 from ..spirals.design import SpiralDesign
 from . import codesign
 from .codesign_problem import FlatPoint
-from .design_point import DesignPoint
 from .gauss_newton import Accepted, SearchRecord, run_gauss_newton
+from .inverse import DesignPoint
 from .near_target import is_near, is_overstrained
 from .point_copy import with_position_share, with_problem
 from .remedies import WANTED_PERCENT

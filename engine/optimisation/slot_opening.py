@@ -16,8 +16,8 @@ from ..spirals.clearance.slots import min_slot_width
 from ..spirals.curves.spiral import opposite_sides
 from ..spirals.design import SpiralDesign
 from ..spirals.fabricable import make_fabricable, resolve_contacts
-from .design_point import DesignPoint
 from .gauss_newton import CANCELLED
+from .inverse import DesignPoint
 from .remedies import WANTED_PERCENT
 from .search import Search, StageResult
 from .terms import NO_STRAIN_PENALTY

@@ -11,7 +11,7 @@ from ..arrays import Float
 from ..simulation.simulate import Simulation, move_vertices
 from ..spirals.design import SpiralDesign
 from ..surface.mesh import QuadMesh
-from .design_point import DesignPoint
+from .inverse import DesignPoint
 from .task import Task
 
 

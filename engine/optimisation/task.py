@@ -20,10 +20,9 @@ from ..spirals.constraints import NO_CONSTRAINTS, Constraints
 from ..spirals.design import SpiralDesign
 from ..surface.mesh import QuadMesh
 from ..tolerances import SINGLE_TOL
-from .design_point import DesignPoint
 from .design_space import DesignSpace
 from .gauss_newton import MAX_NEWTON_ITERATIONS
-from .inverse import InverseProblem
+from .inverse import DesignPoint, InverseProblem
 from .objective import Target
 from .point_copy import copy_state
 from .slot_penalty import SlotRequirement

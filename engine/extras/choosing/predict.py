@@ -158,7 +158,7 @@ def _predict_distance(design: SpiralDesign, point: FlatPoint, progress: Progress
     before = between = _distance(point, pose)
     for share in STEP_FRACTIONS:
         after = point.problem.point_at(
-            point.problem.restore_clearances(point.x + share * step, point), pose, progress.part(0.4, 0.6)
+            point.problem.restore_clearances(point.x + share * step, point.x), pose, progress.part(0.4, 0.6)
         )
         moved = _distance(after, after.equilibrium.pose)
         # the value is infinite if flat shapes violate their limits

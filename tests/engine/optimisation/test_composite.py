@@ -9,7 +9,7 @@ import pytest
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.assembly import target_pose
 from flexmaps.engine.optimisation.composite import CompositeModel
-from flexmaps.engine.optimisation.design_point import DesignPoint
+from flexmaps.engine.optimisation.inverse import DesignPoint
 from flexmaps.engine.optimisation.task import Task
 from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams

@@ -16,8 +16,7 @@ from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms import curving_changes
 from flexmaps.engine.mechanics.assembly import target_pose
 from flexmaps.engine.optimisation import goal_registry, goals
-from flexmaps.engine.optimisation.design_point import DesignPoint
-from flexmaps.engine.optimisation.inverse import InverseProblem
+from flexmaps.engine.optimisation.inverse import DesignPoint, InverseProblem
 from flexmaps.engine.optimisation.task import Task
 from flexmaps.engine.optimisation.terms import Gradient, LeastSquares, MismatchTerm
 from flexmaps.engine.optimisation.work import Work

@@ -12,10 +12,9 @@ from flexmaps.engine.mechanics.arms import curving_changes
 from flexmaps.engine.mechanics.assembly import assembly_from_design, target_pose
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.optimisation import gauss_newton, inverse, optimise
-from flexmaps.engine.optimisation.design_point import DesignPoint
 from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.gauss_newton import SearchRecord, run_gauss_newton
-from flexmaps.engine.optimisation.inverse import InverseProblem
+from flexmaps.engine.optimisation.inverse import DesignPoint, InverseProblem
 from flexmaps.engine.optimisation.match_limits import REASON_NAMES, find_limits
 from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.task import Task

@@ -12,9 +12,8 @@ from flexmaps.engine.mechanics.loads import Loads, Springs
 from flexmaps.engine.mechanics.support_poses import SupportPoses
 from flexmaps.engine.optimisation import stability
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem, FlatRange
-from flexmaps.engine.optimisation.design_point import DesignPoint
 from flexmaps.engine.optimisation.design_space import DesignSpace
-from flexmaps.engine.optimisation.inverse import InverseProblem
+from flexmaps.engine.optimisation.inverse import DesignPoint, InverseProblem
 from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.point_copy import with_problem
 from flexmaps.engine.optimisation.slot_penalty import SlotRequirement

@@ -11,7 +11,7 @@ from flexmaps.engine.extras.choosing import drawn_cuts
 from flexmaps.engine.extras.choosing.judge import CutPlan, FlatLayout, LayoutProblem, flatten_cuts
 from flexmaps.engine.extras.choosing.predict import PredictionStart, predict
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem
-from flexmaps.engine.optimisation.design_point import DesignPoint
+from flexmaps.engine.optimisation.inverse import DesignPoint
 from flexmaps.engine.params import Settings
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals.design import SpiralDesign
