@@ -84,7 +84,7 @@ class Hand:
         following = live.current_watcher()
         assert following is not None
         following.is_dirty = True
-        following._next = 0.0
+        following._next_read = 0.0
         end = time.monotonic() + PATIENCE
         while True:
             following.tick()

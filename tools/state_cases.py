@@ -128,7 +128,7 @@ def after_optimise(result: Result, settings: Settings) -> list[Comparison]:
     start = made.simulation.equilibrium.pose if other else None
     found = fresh(made, settings, made.design, start=start)
     block = made.optimisation.report()
-    told = State(found.size * block["rms_percent"] / 100.0, None, block["strain_share_max"])
+    told = State(found.diagonal * block["rms_percent"] / 100.0, None, block["strain_share_max"])
     rest = solve_without_loads(made.simulation, settings.simulate)
     at_rest = replace(made.simulation, equilibrium=rest.with_pose(made.simulation.loads.align(
         rest.pose, made.simulation.assembly.pairs, made.simulation.equilibrium.pose)))  # fmt: skip
@@ -168,7 +168,7 @@ def after_judging(result: Result, settings: Settings, share: float, thorough: bo
     judged = judge(piece, FlatLayout(result.flat, "", 1), share, thorough=thorough)
     assert judged is not None
     found = fresh(result, settings, SpiralDesign(judged.flat, settings.spiral, *judged.spirals))
-    told = State(judged.rms * found.size, None, judged.strain)
+    told = State(judged.rms * found.diagonal, None, judged.strain)
     return [_compare("choose" if thorough is None else "explore", told, found)]
 
 

@@ -86,7 +86,7 @@ class Task:
             params.smoothness,
             StrainLimit(self.material, params.strain_share) if params.strain_share > 0.0 else None,
             SlotRequirement.from_design(design) if params.open_slots else None,
-            self.work,
+            work=self.work,
             clearance_model=ClearanceModel.from_flat(design.flat, design.params),
             support_poses=SupportPoses(loads, self.target, design.flat.corners),
         )
