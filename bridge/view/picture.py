@@ -32,12 +32,10 @@ Size = tuple[int, int] | None
 ABOVE, ASIDE = (0.0, 0.0, 1.0), (0.62, -1.0, 0.80)  # directions from the piece to the camera
 CLAY = (0.80, 0.79, 0.76)  # sRGB of a target without colours
 GAP = 0.12  # gap between objects side by side, as a fraction of the widest object's width; chosen by eye
-PANELS_WIDTH = (
-    1.05  # width of the panels in front, as a fraction of the total width of the objects behind; chosen by eye
-)
-MANY_SPIRALS = (
-    1200  # number of spirals from which arms are drawn in medium detail; larger is rounder and slower; by eye
-)
+# Width of the panels in front, as a fraction of the total width of the objects behind; by eye
+PANELS_WIDTH = 1.05
+# Number of spirals from which arms are drawn in medium detail; larger is rounder and slower; by eye
+MANY_SPIRALS = 1200
 
 
 def render_layout(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:

@@ -54,7 +54,7 @@ def all_drawings(shown: MapValues, described: Mapping[str, Any], distortion: flo
     """
     found = run_plots.make_plots(shown, described, distortion)
     for stage in OF_EXTRAS:
-        found |= registry.load(stage.code).make_plots(shown, described)
+        found |= registry.load(stage.code).drawings(shown, described)
     return found
 
 

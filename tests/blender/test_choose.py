@@ -145,7 +145,7 @@ def test_the_pictures_show_each_layout_in_its_square(chosen: Any) -> None:
     count = len(report(chosen)["choose"]["proposals"])
     strip = bpy.data.images[f"{chosen.data.name} layouts"]
     assert tuple(strip.size) == (thumbnails.SIZE * count, thumbnails.SIZE) and strip.packed_file is not None
-    pixels = np.array(strip.render_drawing[:]).reshape(thumbnails.SIZE, -1, 4)
+    pixels = np.array(strip.pixels[:]).reshape(thumbnails.SIZE, -1, 4)
     for k in range(count):
         filled = pixels[:, k * thumbnails.SIZE : (k + 1) * thumbnails.SIZE, 3] > 0.5
         assert 0.2 < filled.mean() < 0.95  # a bowl fills most of its square, and not its corners

@@ -125,7 +125,7 @@ def test_after_a_failure_the_same_is_never_offered_and_no_state_comes_twice(add:
     """Every stage fails, whatever is pressed: what is offered comes to an end, and says where."""
     piece = add(shapes.build_shape("dome"))
     scene, offered = bpy.context.scene, []
-    for _ in range(api.pressing.MOST):
+    for _ in range(api.pressing.MAX_PRESSES):
         act = seen(piece).action
         if act is None or act.idname == "wm.path_open":
             break

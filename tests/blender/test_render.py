@@ -26,7 +26,7 @@ def pixels(path: Path) -> np.ndarray:
     """(height, width, 3) sRGB, from the top down."""
     image = bpy.data.images.load(str(path))
     width, height = image.size
-    found = np.array(image.render_drawing).reshape(height, width, 4)[::-1, :, :3]
+    found = np.array(image.pixels).reshape(height, width, 4)[::-1, :, :3]
     bpy.data.images.remove(image)
     return found
 

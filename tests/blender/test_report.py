@@ -350,8 +350,8 @@ def test_the_button(strip: api.Piece, tmp_path: Path, monkeypatch: pytest.Monkey
     assert bpy.ops.flexmaps.report() == {"FINISHED"}
     made = {name: bpy.data.images[f"{obj.name} {name}"] for name in DRAWN}
     for name, image in made.items():
-        pixels = np.empty(len(image.render_drawing), np.float32)
-        image.render_drawing.foreach_get(pixels)
+        pixels = np.empty(len(image.pixels), np.float32)
+        image.pixels.foreach_get(pixels)
         rows = pixels.reshape(image.size[1], image.size[0], 4)
         assert image.packed_file is not None and (rows[..., 3] == 1).all()
         assert 0.005 < (rows[..., :3].min(axis=2) < 0.9).mean() < 0.9, name

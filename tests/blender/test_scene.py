@@ -218,7 +218,7 @@ def test_pictures_show_something_and_leave_the_scene_alone(result: job.Result, t
         draw(obj, path, size=(320, 180), samples=1)
         image = bpy.data.images.load(str(path))
         assert tuple(image.size) == (320, 180)
-        pixels = np.array(image.render_drawing).reshape(180, 320, 4)[..., :3]
+        pixels = np.array(image.pixels).reshape(180, 320, 4)[..., :3]
         bpy.data.images.remove(image)
         colourful = np.ptp(pixels, axis=2) > 0.1
         assert 0.02 < colourful.mean() < 0.9
