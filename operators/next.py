@@ -14,7 +14,7 @@ from ..engine.errors import FlexMapsError
 from .stage import AnyMeshOperator, ImmediateOperator, ObjectOperator, error_message
 
 if TYPE_CHECKING:
-    from ..bridge.store.notices import Notice
+    from ..bridge.store.notice import Notice
 
 CUTTING_OPERATORS = {"flexmaps.merge", "flexmaps.flatten"}  # operators before which *Next* checks the mesh
 DEBOUNCE_SECONDS = (

@@ -12,7 +12,8 @@ import bpy
 from ..bridge.hosts import background, live
 from ..bridge.store.finding_words import INFORMATION, STOPS
 from ..bridge.store.i18n import quads
-from ..bridge.store.notices import FEW_QUADS, Notice
+from ..bridge.store.notice import Notice
+from ..bridge.store.notices import FEW_QUADS
 from ..bridge.view import colouring, head_text
 from ..bridge.view.text_layout import break_lines, line_width, text_width
 from .rows import button, menu, tr, wrapped_text

@@ -21,7 +21,7 @@ from .finding_words import BREAKS, INFORMATION, STOPS, WORSE
 from .flat_target import can_skip_simulation
 from .i18n import interface, panels, quads
 from .next_button import NextAction
-from .notices import Notice
+from .notice import Notice
 
 MAX_LETTERS = 34  # most characters of the status line, in every language; more do not fit the sidebar
 NEUTRAL, TICK, LOOK, STOPPED, REDO = "neutral", "tick", "look", "stopped", "redo"  # icons of the status line

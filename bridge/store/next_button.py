@@ -14,7 +14,9 @@ from .cures import Cure
 from .finding_words import BREAKS, INFORMATION, STOPS, WORSE
 from .flat_target import can_skip_simulation
 from .i18n import interface, translate
-from .notices import FEW_QUADS, FIXED_BY_REGULARISE, Notice
+from .notice import Notice
+from .notices import FEW_QUADS, FIXED_BY_REGULARISE
+from .shape_notices import FAR_FROM_TARGET
 from .states import DONE, TODO, StageState, is_side_result_current
 
 FIT_STAGES = ("spirals", "equilibrium", "optimise")  # stages that *Make it fit* runs
@@ -226,7 +228,7 @@ def _repair_action(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> NextA
     None where there are none, all were pressed, or the user dismissed the notices.
     """
     breaking = [notice for notice in all_notices if notice.severity == BREAKS]
-    missing = [notice for notice in all_notices if notice.severity == WORSE and notice.key in notices.FAR_FROM_TARGET]
+    missing = [notice for notice in all_notices if notice.severity == WORSE and notice.key in FAR_FROM_TARGET]
     ways = [
         (notice, cure)
         for notice in breaking

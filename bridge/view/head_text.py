@@ -13,7 +13,7 @@ from ..store.cures import Cure
 from ..store.finding_words import INFORMATION
 from ..store.guidance import LOOK, NEUTRAL, REDO, STOPPED, TICK, Guidance
 from ..store.i18n import interface
-from ..store.notices import Notice
+from ..store.notice import Notice
 from ..store.objects import CONVERTIBLE, other_users, usage_problem
 from . import collection
 

@@ -13,7 +13,17 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge.store import cures, failures, fields, guidance, mark_transfer, notices, states
+from flexmaps.bridge.store import (
+    cures,
+    failures,
+    fields,
+    guidance,
+    mark_transfer,
+    notices,
+    remesh_source,
+    shape_notices,
+    states,
+)
 from flexmaps.bridge.store.finding_words import INFORMATION, STOPS, WORSE
 from flexmaps.command.main import main
 from flexmaps.engine.errors import FlexMapsError
@@ -259,7 +269,7 @@ def test_what_brings_a_piece_nearer_is_offered_with_its_figure(add: Any) -> None
     block = {"rms_percent": 1.6, "converged": True, "findings": []}
     reach = {"advice": "", "remedies": {}, "prospects": {"border": 0.25, "cut": 0.9, "lowest": 0.4, "round": 0.7}}
     blocks = {"equilibrium": block, "reach": reach}
-    found = notices._poor_match(piece, blocks, {})
+    found = shape_notices._poor_match(piece, blocks, {})
     assert [(cure.idname, cure.properties.get("where")) for cure in found[0].cures] == [
         ("flexmaps.stand_on", "border"),
         ("flexmaps.stand_on", "lowest"),
@@ -269,13 +279,13 @@ def test_what_brings_a_piece_nearer_is_offered_with_its_figure(add: Any) -> None
     ]
     assert found[0].cures[2].properties == {"what": "round"} and found[0].cures[2].label.endswith("0.7 %")
     assert found[0].severity == WORSE and found[0].cures[0].label.endswith("0.25 %")
-    assert not notices._poor_match(piece, blocks | {"equilibrium": block | {"rms_percent": 0.9}}, {})
+    assert not shape_notices._poor_match(piece, blocks | {"equilibrium": block | {"rms_percent": 0.9}}, {})
     piece.flexmaps.choose.match = 0.8  # "Within" under Layout
-    assert notices._poor_match(piece, blocks | {"equilibrium": block | {"rms_percent": 0.9}}, {})
+    assert shape_notices._poor_match(piece, blocks | {"equilibrium": block | {"rms_percent": 0.9}}, {})
     piece.flexmaps.choose.match = 2.0
-    assert not notices._poor_match(piece, blocks, {})
+    assert not shape_notices._poor_match(piece, blocks, {})
     piece.flexmaps.choose.goal = "panels"
-    assert notices._poor_match(piece, blocks, {})
+    assert shape_notices._poor_match(piece, blocks, {})
     piece.flexmaps.choose.goal = "match"
     bpy.ops.flexmaps.stand_on(**found[0].cures[0].properties)
     (group,) = piece.vertex_groups

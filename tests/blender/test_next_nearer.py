@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from flexmaps.bridge.store import failures, next_button, notices
+from flexmaps.bridge.store import failures, next_button, notices, shape_notices
 from flexmaps.bridge.store.finding_words import BREAKS, INFORMATION, WORSE
 from flexmaps.engine.surface import shapes
 
@@ -29,7 +29,7 @@ def test_next_offers_other_cuts_where_an_optimised_piece_misses_its_match(
         piece.data.pop("flexmaps_tried", None)
         names = []
         while (
-            act := next_button._repair_action(piece.data, notices._from_equilibrium(piece, blocks | more))
+            act := next_button._repair_action(piece.data, shape_notices.from_equilibrium(piece, blocks | more))
         ) is not None:
             assert act.cure is not None
             failures.count_press(piece.data, act.cure.call)
@@ -39,7 +39,7 @@ def test_next_offers_other_cuts_where_an_optimised_piece_misses_its_match(
     assert pressed({}) == offered
     assert pressed({"choose": {}}) == [name for name in offered if name != "choose"]
     assert pressed({"equilibrium": block | {"rms_percent": 0.9, "findings": []}}) == []
-    (notice,) = (n for n in notices._from_equilibrium(piece, blocks) if n.key in notices.FAR_FROM_TARGET)
+    (notice,) = (n for n in shape_notices.from_equilibrium(piece, blocks) if n.key in shape_notices.FAR_FROM_TARGET)
     failures.dismiss(piece.data, notice.key, notice.sentence)
     assert notices._downgrade_dismissed(piece.data, notice).severity == INFORMATION
     assert next_button._repair_action(piece.data, [notices._downgrade_dismissed(piece.data, notice)]) is None
@@ -52,8 +52,8 @@ def test_next_leaves_layouts_out_where_rounded_folds_come_near_enough(
     piece = add(shapes.build_shape("dome"))
     block = {"rms_percent": 2.0, "largest_percent": 3.0, "converged": True, "findings": []}
     reach = {"advice": "", "remedies": {}, "prospects": {"round": rounded, "lowest": 0.1}}
-    seen_notices = notices._from_equilibrium(piece, {"equilibrium": block, "reach": reach, "optimise": {}})
-    (match,) = (notice for notice in seen_notices if notice.key in notices.FAR_FROM_TARGET)
+    seen_notices = shape_notices.from_equilibrium(piece, {"equilibrium": block, "reach": reach, "optimise": {}})
+    (match,) = (notice for notice in seen_notices if notice.key in shape_notices.FAR_FROM_TARGET)
     assert {"flexmaps.choose", "flexmaps.mend"} <= {cure.idname for cure in match.cures}  # a person may press both
     act = next_button._repair_action(piece.data, seen_notices)
     assert ([] if act is None else [act.idname]) == offered
@@ -68,7 +68,7 @@ def test_another_size_is_tried_before_another_search(add: Any) -> None:
     ]
     block = {"rms_percent": 0.5, "strain_share_max": 4.0, "converged": True, "findings": rows}
     reach = {"advice": "", "remedies": {"larger": 2.0}}
-    seen_notices = notices._from_equilibrium(piece, {"equilibrium": block, "reach": reach, "optimise": {}})
+    seen_notices = shape_notices.from_equilibrium(piece, {"equilibrium": block, "reach": reach, "optimise": {}})
     act = next_button._repair_action(piece.data, seen_notices)
     assert act is not None and act.idname == "flexmaps.make_larger"
     act = next_button._repair_action(piece.data, [n for n in seen_notices if n.key != "equilibrium/strained"])
@@ -83,7 +83,7 @@ def test_a_cut_is_offered_only_where_short_searches_have_gained_by_it(add: Any) 
 
     def offered(**more: Any) -> set[str]:
         (notice,) = (
-            n for n in notices._from_equilibrium(piece, {"equilibrium": block, "reach": reach | more}) if n.cures
+            n for n in shape_notices.from_equilibrium(piece, {"equilibrium": block, "reach": reach | more}) if n.cures
         )
         assert notice.severity == BREAKS
         return {cure.idname for cure in notice.cures}
@@ -93,7 +93,7 @@ def test_a_cut_is_offered_only_where_short_searches_have_gained_by_it(add: Any) 
     assert "flexmaps.cut_there" not in offered(prospects={}) and "flexmaps.stand_on" in offered(prospects={})
     (notice,) = (
         n
-        for n in notices._from_equilibrium(piece, {"equilibrium": block | {"rms_percent": 1.5}})
+        for n in shape_notices.from_equilibrium(piece, {"equilibrium": block | {"rms_percent": 1.5}})
         if n.key == "equilibrium/stays-flat"
     )
     assert notice.severity == WORSE  # a small body of a piece that is near as a whole
@@ -108,7 +108,7 @@ def test_a_piece_of_one_body_that_stays_flat_is_held(add: Any, percent: float, b
     flat = {"code": "stays-flat", "severity": "warning", "message": "It stays flat", "faces": [0], "edges": []}
     block = {"rms_percent": percent, "converged": True, "findings": [flat]}
     checks = [{"code": "several-bodies"}] if bodies > 1 else []
-    found = {n.key: n for n in notices._from_equilibrium(piece, {"equilibrium": block, "checks": checks})}
+    found = {n.key: n for n in shape_notices.from_equilibrium(piece, {"equilibrium": block, "checks": checks})}
     assert found["equilibrium/stays-flat"].severity == kind
     assert ("equilibrium/match" in found) == (percent == 1.5 and bodies == 2)
     act = next_button._repair_action(piece.data, list(found.values()))
@@ -121,7 +121,7 @@ def test_a_small_body_that_stays_flat_does_not_hide_how_far_the_piece_is(add: An
     reach = {"advice": "", "remedies": {}, "prospects": {"lowest": 0.4}}
     for percent, told in ((1.5, True), (5.0, False), (0.5, False)):
         block = {"rms_percent": percent, "converged": True, "findings": [flat]}
-        found = {n.key: n for n in notices._from_equilibrium(piece, {"equilibrium": block, "reach": reach})}
+        found = {n.key: n for n in shape_notices.from_equilibrium(piece, {"equilibrium": block, "reach": reach})}
         assert ("equilibrium/match" in found) == told
         if told:
             assert found["equilibrium/match"].cures[0].idname == "flexmaps.stand_on"

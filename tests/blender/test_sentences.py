@@ -6,8 +6,8 @@ from typing import Any
 
 import bpy
 import pytest
-from flexmaps.bridge.store import cures, equilibrium, finding_words, guidance, notices, stored_report
-from flexmaps.bridge.store.notices import Notice
+from flexmaps.bridge.store import cures, equilibrium, finding_words, guidance, notices, shape_notices, stored_report
+from flexmaps.bridge.store.notice import Notice
 from flexmaps.engine.surface import shapes
 
 
@@ -63,7 +63,7 @@ def test_closed_slots_have_no_cure_that_does_not_open_them(add: Any) -> None:
         "reach": {"advice": "", "remedies": {"larger": 1.25}},
         "optimise": {},
     }
-    (found,) = [one for one in notices._from_equilibrium(piece, blocks) if one.key == "equilibrium/slots-close"]
+    (found,) = [one for one in shape_notices.from_equilibrium(piece, blocks) if one.key == "equilibrium/slots-close"]
     assert [cure.idname for cure in found.cures] == ["flexmaps.let_go"]
 
 

@@ -11,6 +11,7 @@ import bpy
 import pytest
 from flexmaps.bridge.hosts import background
 from flexmaps.bridge.store import catalogue, finding_words, notices, stored_report
+from flexmaps.bridge.store.notice import Notice
 from flexmaps.bridge.view import text_layout
 from flexmaps.bridge.view.tab import SECTIONS
 from flexmaps.engine.params import ObjectSettings
@@ -308,7 +309,7 @@ def test_no_notice_and_no_cure_is_cut_at_the_usual_width(
         *notices._from_checks(dome, bpy.context.scene, found),
         *notices._from_findings("structure", found),
         *(
-            notices.Notice(
+            Notice(
                 "failed",
                 notices.interface(words, "24 quads"),
                 "",
