@@ -20,8 +20,8 @@ from ..engine.runs.piece import Piece
 from ..engine.surface.checking import check as checking
 from ..engine.surface.checking.check import Finding
 from ..engine.surface.checking.overlaps import overlap_findings
-from ..engine.surface.checking.sewing import border_sides, sew
-from ..engine.surface.checking.topology import sides_of
+from ..engine.surface.checking.sewing import sew
+from ..engine.surface.checking.topology import border_sides, sides_of
 from ..engine.surface.far import recentre
 from ..engine.surface.formats import meshio
 from ..engine.surface.mesh import PolygonMesh, QuadMesh

@@ -132,6 +132,8 @@ def _from_checks(obj: bpy.types.Object, scene: bpy.types.Scene, findings: list[d
         if larger := row.get("larger"):
             ways += [cures.enlarge(larger)] if larger <= remedies.MAX_FACTOR else []
             ways += [cures.remesh(n) for n in cures.coarser_counts(len(obj.data.polygons))[:1]]
+        if code == "t-junction" and remesh_source.SOURCE not in obj:  # another remesh would leave others
+            ways.append(cures.remesh(obj.flexmaps.remesh.quads))
         if code in FIXED_BY_REMESH or code in FIXED_BY_REGULARISE or code == "surface-missed":
             from ...engine.surface.remeshing.coverage import (
                 suggest_finer_count,  # imported here because it imports scipy

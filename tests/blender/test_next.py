@@ -369,6 +369,17 @@ def test_quads_that_are_too_small_are_made_larger_or_fewer(add: Any, larger: flo
         assert notice.cures[0].properties == {"times": larger}
 
 
+def test_t_junctions_are_remeshed_unless_a_remesh_made_them(add: Any) -> None:
+    piece = add(shapes.build_shape("dome"))
+    row = {"code": "t-junction", "severity": "error", "message": "1 T-junction", "faces": [0], "edges": [0]}
+    (notice,) = notices._from_checks(piece, bpy.context.scene, [row])
+    assert [cure.idname for cure in notice.cures] == ["flexmaps.quad_remesh"]
+    assert notice.cures[0].properties == {"quads": piece.flexmaps.remesh.quads}
+    piece[remesh_source.SOURCE] = piece
+    (notice,) = notices._from_checks(piece, bpy.context.scene, [row])
+    assert not notice.cures
+
+
 @pytest.mark.parametrize("quads", [True, False])
 def test_points_of_no_face_have_no_part_in_the_size(add: Any, quads: bool) -> None:
     piece = add(shapes.dome(8))

@@ -7,6 +7,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
+from flexmaps.bridge.store import guidance
 from flexmaps.engine.surface import shapes
 from support.buttons import press, report
 
@@ -187,3 +188,16 @@ def test_quads_are_made_again_from_what_the_first_ones_were_made_from_until_they
     bpy.ops.flexmaps.quad_remesh(quads=100)
     heights = [abs(vertex.co.z) for vertex in bpy.context.object.data.vertices]
     assert max(heights) < 0.6
+
+
+def test_plates_that_meet_at_an_edge_can_be_laid_out(add: Any) -> None:
+    """The remesh cuts three plates apart where they meet; none of the cuts is taken for T-junctions."""
+    ends = [(0, 0, 0), (0.2, 0, 0), (-0.2, 0, 0), (0, 0, 0.2)]
+    points = np.array([(x, y, z) for x, _, z in ends for y in (0.0, 0.2)])
+    triangles = [face for k in (2, 4, 6) for face in ((0, k, k + 1), (0, k + 1, 1))]
+    obj = add((points, triangles))
+    obj.flexmaps.remesh.quads = 350
+    press("quad_remesh")
+    made = bpy.context.object
+    assert not [row for row in report(made)["checks"] if row["severity"] == "error"]
+    assert guidance.read_guidance(made, bpy.context.scene).action is not None

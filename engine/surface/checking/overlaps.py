@@ -22,7 +22,8 @@ from ...tolerances import SINGLE_TOL
 from ..mesh import PolygonMesh
 from ..welding import WELD_SHARE, short_edge_length
 from .finding import Finding, list_faces, make_finding, with_count
-from .sewing import border_twins, coincident_faces, join_if_sound, position_labels, t_junctions
+from .sewing import border_twins, coincident_faces, join_if_sound, position_labels
+from .t_junctions import t_junctions
 from .topology import Sides, bodies, sides_of
 
 # Largest distance between the two skins of a shell, in median edges. Larger: opposite walls of a room count as skins.

@@ -5,40 +5,20 @@ A T-junction is a border vertex inside the border edge of another face: the surf
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from ...arrays import Bool, Float, Int
+from ...arrays import Bool, Int
 from ...components import components
 from ..mesh import PolygonMesh
 from ..welding import WELD_SHARE, merge_labelled, short_edge_length, weld_clusters
 from .finding import with_count
-from .topology import Sides, bodies, non_manifold_vertices, orientation_faults, repeated_faces, sides_of
+from .t_junctions import BESIDE, TJunctions, t_junctions
+from .topology import Sides, bodies, border_sides, non_manifold_vertices, orientation_faults, repeated_faces, sides_of
 
-# Largest distance of a vertex from a border edge, and smallest from its ends, as shares of the edge's length, for a
-# T-junction. Smaller: misses T-junctions on curved borders; larger: takes narrow slits for T-junctions.
-BESIDE = 0.05
-ALONG = 0.9  # smallest absolute cosine between two border edges that count as parallel
-# Largest cosine between the directions from a border into the faces on its two sides (a crease of 120 degrees).
-FOLDED = 0.5
 MORE = 0.1  # largest share of quads that the repair of T-junctions may add; beyond it the mesh needs a remesh
-
-
-@dataclass(frozen=True, eq=False)
-class TJunctions:
-    """T-junctions: the vertex, the side on which it lies, and its position along that side, 0 to 1."""
-
-    vertex: Int[np.ndarray, " junctions"]
-    side: Int[np.ndarray, " junctions"]
-    share: Float[np.ndarray, " junctions"]
-
-
-def border_sides(sides: Sides) -> Int[np.ndarray, " sides"]:
-    """Return the sides on the border, whose edge has only one face."""
-    return np.flatnonzero(np.bincount(sides.edge, minlength=len(sides.edges))[sides.edge] == 1)
 
 
 def border_twins(mesh: PolygonMesh, sides: Sides) -> Int[np.ndarray, " vertices"]:
@@ -54,72 +34,6 @@ def border_twins(mesh: PolygonMesh, sides: Sides) -> Int[np.ndarray, " vertices"
     return (
         weld_clusters(mesh, ends, WELD_SHARE * short_edge_length(mesh)) if len(ends) else np.arange(len(mesh.vertices))
     )
-
-
-def t_junctions(mesh: PolygonMesh, sides: Sides) -> TJunctions:
-    """Find all T-junctions in O(n log n)."""
-    rim = border_sides(sides)
-    a, b = mesh.corners[rim], sides.end_vertex[rim]
-    p, q = mesh.vertices[a], mesh.vertices[b]
-    length = np.linalg.norm(q - p, axis=1)
-    ends = np.unique(np.concatenate([a, b]))
-    none = np.zeros(0, np.int64)
-    if not len(rim):
-        return TJunctions(none, none, np.zeros(0))
-    near = cKDTree(mesh.vertices[ends]).query_ball_point(0.5 * (p + q), (0.5 + BESIDE) * length)
-    of_side = np.repeat(np.arange(len(rim)), [len(found) for found in near])
-    vertex = ends[np.concatenate([none, *near]).astype(np.int64)]
-    along = q[of_side] - p[of_side]
-    size = np.maximum(length[of_side], 1e-300)
-    share = np.einsum("ni,ni->n", mesh.vertices[vertex] - p[of_side], along) / size**2
-    off = np.linalg.norm(mesh.vertices[vertex] - p[of_side] - share[:, None] * along, axis=1)
-    inside = (off < BESIDE * size) & (share > BESIDE) & (share < 1.0 - BESIDE)
-    faces = np.stack([sides.face[rim[of_side]], vertex], axis=1)[inside]
-    own = np.isin(faces @ (len(mesh.vertices), 1), sides.face * len(mesh.vertices) + mesh.corners)
-    kept = np.flatnonzero(inside)[~own]
-    kept = kept[_continues_beyond(mesh, sides, rim, vertex[kept], of_side[kept])]
-    # assign every vertex to the nearest edge only
-    order = kept[np.lexsort((off[kept], vertex[kept]))]
-    order = order[np.unique(vertex[order], return_index=True)[1]]
-    return TJunctions(vertex[order], rim[of_side[order]], share[order])
-
-
-def _continues_beyond(
-    mesh: PolygonMesh,
-    sides: Sides,
-    rim: Int[np.ndarray, " rim"],
-    vertex: Int[np.ndarray, " n"],
-    side: Int[np.ndarray, " n"],
-) -> Bool[np.ndarray, " n"]:
-    """Return whether the surface continues on the other side of a border edge, at a vertex that lies on this edge.
-
-    It continues if a border edge at the vertex is parallel to the edge and has its face on the other side; otherwise
-    parts of the surface overlap or cross.
-
-    Parameters
-    ----------
-    rim : border sides
-    vertex : vertices on border edges
-    side : for every vertex, the index in ``rim`` of the side on which it lies
-    """
-    middle = mesh.centres
-    start, end = mesh.corners[rim], sides.end_vertex[rim]
-    along = _normalise(mesh.vertices[end] - mesh.vertices[start])
-    inward = middle[sides.face[rim]] - mesh.vertices[start]
-    inward = _normalise(inward - np.einsum("ni,ni->n", inward, along)[:, None] * along)
-    at, other = np.concatenate([start, end]), np.tile(np.arange(len(rim)), 2)
-    order = np.argsort(at, kind="stable")
-    first, last = (np.searchsorted(at[order], vertex, which) for which in ("left", "right"))
-    row = np.repeat(np.arange(len(vertex)), last - first)
-    beside = other[order][np.arange(len(row)) - np.repeat(np.cumsum(last - first) - last, last - first)]
-    parallel = np.abs(np.einsum("ni,ni->n", along[side[row]], along[beside])) > ALONG
-    beyond = np.einsum("ni,ni->n", inward[side[row]], inward[beside]) < FOLDED
-    return np.bincount(row, parallel & beyond, minlength=len(vertex)) > 0
-
-
-def _normalise(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """Return unit vectors."""
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)[:, None]
 
 
 def sew(mesh: PolygonMesh) -> PolygonMesh:

@@ -47,6 +47,11 @@ def sides_of(polygons: PolygonMesh) -> Sides:
     return Sides(edges, face, edge, following, corners < following, after, pairs)
 
 
+def border_sides(sides: Sides) -> Int[np.ndarray, " sides"]:
+    """Return the sides on the border, whose edge has only one face."""
+    return np.flatnonzero(np.bincount(sides.edge, minlength=len(sides.edges))[sides.edge] == 1)
+
+
 def bodies(sides: Sides, faces: int) -> Int[np.ndarray, " faces"]:
     """Return the body (component connected over edges) of every face, numbered from 0.
 

@@ -12,7 +12,8 @@ import pytest
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.check import as_quad_mesh, findings
 from flexmaps.engine.surface.checking.overlaps import overlap_findings
-from flexmaps.engine.surface.checking.sewing import sew, t_junctions
+from flexmaps.engine.surface.checking.sewing import sew
+from flexmaps.engine.surface.checking.t_junctions import t_junctions
 from flexmaps.engine.surface.checking.topology import bodies, orientation_faults, sides_of
 from flexmaps.engine.surface.far import recentre, rounding_step
 from flexmaps.engine.surface.formats import meshio
