@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ..bridge.hosts import preload
-from ..bridge.store import settings, stored_report
+from ..bridge.store import dimensions, settings, stored_report
 from ..bridge.store.i18n import translate
 from ..bridge.store.objects import find_by_uid
 from ..bridge.view import replacing
 from ..engine.errors import FlexMapsError
+from ..engine.figures import format_length
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
 from .stage import AnyMeshOperator, StageOperator, Work, redraw
@@ -73,7 +74,7 @@ class QuadRemesh(AnyMeshOperator, StageOperator["RemeshResult"], bpy.types.Opera
         states.stamp(made, context.scene)
         states.stamp_side_result(made, context.scene, "regularise")  # a remesh regularises its quads
         edge = check.median_edge(polygons)
-        lines = [translate("'{}': {} quads, edge {:.3g} mm", made.name, len(made.data.polygons), edge * 1e3)]
+        lines = [translate("'{}': {} quads, spirals of {}", made.name, len(made.data.polygons), format_length(edge))]
         lines += [finding.message for finding in result.findings]
         lines = lines if bpy.app.background else lines[:1]  # the sidebar shows the findings
         self.report({"WARNING" if result.findings else "INFO"}, ". ".join(lines))
@@ -123,7 +124,8 @@ class SetSize(StageOperator["tuple[float, float, list[Finding]]"], bpy.types.Ope
             obj.flexmaps.remesh.edge = edge * 1e3
         replacing.scale_object(context, obj, factor)
         replacing.drop_results(obj, findings)
-        return translate("Scaled by {:.4g}", factor)
+        size = max(dimensions.extents(obj)) * context.scene.unit_settings.scale_length
+        return translate("Scaled to {}, spirals of {}", format_length(size), format_length(edge))
 
 
 CLASSES = (QuadRemesh, SetSize)

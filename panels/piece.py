@@ -6,7 +6,8 @@ from typing import Any
 
 import bpy
 
-from ..bridge.store import derived_properties
+from ..bridge.store import derived_properties, dimensions
+from ..engine.figures import format_length
 from ..engine.params import MaterialParams
 from .rows import (
     add_settings,
@@ -39,8 +40,8 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     options_button(row, "quads")
     row = labelled_row(column, "")
     row.active = False
-    edge = 1e3 * derived_properties.estimate_quad_edge(obj, context.scene)
-    row.label(text=tr("spirals of {} mm", f"{edge:.3g}" if edge < 100 else f"{edge:.0f}"), translate=False)
+    edge = dimensions.estimate_quad_edge(obj, context.scene)
+    row.label(text=tr("spirals of {}", format_length(edge)) if edge else "", translate=False)
     setting_row(column, wanted.layout, "symmetric", tr("Symmetry"))
 
     row = choice_row(body, tr("Border"), obj, "flexmaps_border")

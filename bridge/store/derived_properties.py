@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import sqrt
 from typing import TYPE_CHECKING
 
 import bpy
@@ -10,7 +9,7 @@ import numpy as np
 from bpy.props import EnumProperty, FloatVectorProperty
 
 from ...engine.params import SpiralParams
-from . import objects
+from . import dimensions, vertex_positions
 from .columns import column
 from .i18n import CONTEXT
 
@@ -29,11 +28,9 @@ HOLD_HEIGHT = 0.25
 
 
 def _get_size(obj: bpy.types.Object) -> tuple[float, float, float]:
-    """Return the size in millimetres along the object's own axes, without modifiers and shape keys."""
-    unit, mesh, lengths = MILLIMETRES * bpy.context.scene.unit_settings.scale_length, obj.data, objects.extents(obj)
-    if obj.type == "MESH" and mesh.shape_keys is not None and len(mesh.vertices):
-        lengths = np.ptp(column(mesh.vertices, "co"), axis=0) * np.abs(obj.scale)
-    return tuple(unit * float(length) for length in lengths)
+    """Return the size in millimetres along the object's own axes, without a simulated shape."""
+    unit = MILLIMETRES * bpy.context.scene.unit_settings.scale_length
+    return tuple(unit * length for length in dimensions.extents(obj))  # type: ignore[return-value]
 
 
 def _set_size(obj: bpy.types.Object, wanted: Sequence[float]) -> None:
@@ -47,25 +44,9 @@ def _set_size(obj: bpy.types.Object, wanted: Sequence[float]) -> None:
         return
     obj.scale = [s * factor for s in obj.scale]
     bpy.context.view_layer.update()
-    edge = estimate_quad_edge(obj, bpy.context.scene)
+    edge = dimensions.estimate_quad_edge(obj, bpy.context.scene)
     if edge > 0:
         obj.flexmaps.remesh.edge = MILLIMETRES * edge
-
-
-def estimate_quad_edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
-    """Return the approximate quad edge in metres: of the present quads, or of the quads that Quad remesh would make.
-
-    Parameters
-    ----------
-    obj : mesh object, with quads or other polygons
-    scene : its scene
-    """
-    mesh = obj.data
-    if len(mesh.loops) == 4 * len(mesh.polygons):
-        return objects.quad_edge(obj, scene)
-    areas = column(mesh.polygons, "area")
-    stretch = abs(obj.matrix_world.determinant()) ** (2 / 3) * scene.unit_settings.scale_length**2
-    return sqrt(float(areas.sum()) * stretch / obj.flexmaps.remesh.quads)
 
 
 def has_border(mesh: bpy.types.Mesh) -> bool:
@@ -116,12 +97,14 @@ def _set_support_kind(obj: bpy.types.Object, number: int) -> None:
 
 def _extreme_vertices(obj: bpy.types.Object, *, highest: bool) -> list[int]:
     """Return the indices of the lowest or highest vertices in world space."""
-    if not len(obj.data.vertices):
+    if not len(obj.data.polygons):
         return []
-    turn = np.array(obj.matrix_world)
-    heights = (column(obj.data.vertices, "co") @ turn[2, :3]) * (-1 if highest else 1)
-    near = HOLD_HEIGHT * estimate_quad_edge(obj, bpy.context.scene) / bpy.context.scene.unit_settings.scale_length
-    return np.flatnonzero(heights <= heights.min() + near).tolist()
+    up = np.array(obj.matrix_world)[2, :3] * (-1 if highest else 1)
+    used = np.flatnonzero(dimensions.face_vertices(obj.data))
+    heights = vertex_positions.read_target(obj)[used] @ up
+    near = HOLD_HEIGHT * dimensions.estimate_quad_edge(obj, bpy.context.scene)
+    near /= bpy.context.scene.unit_settings.scale_length
+    return used[heights <= heights.min() + near].tolist()
 
 
 def border_vertices(obj: bpy.types.Object) -> list[int]:

@@ -15,8 +15,9 @@ from typing import Any
 
 import bpy
 
+from ...engine.figures import format_length
 from ...engine.materials import OVERSTRAIN_SHARE
-from . import next_button, notices, objects, states, stored_report
+from . import dimensions, next_button, notices, objects, states, stored_report
 from .finding_words import BREAKS, INFORMATION, STOPS, WORSE
 from .flat_target import can_skip_simulation
 from .i18n import interface, panels, quads
@@ -130,15 +131,15 @@ def _describe_progress(
         )
     if stage_states["layout"].kind == states.DONE:
         return panels(stored_report.read(mesh)["layout"].get("patches", 1))
-    count, size = len(mesh.polygons), 1e3 * max(objects.extents(obj)) * scene.unit_settings.scale_length
-    wide = interface("{:.3g} m wide", size / 1e3) if size >= 1e3 else interface("{:.0f} mm wide", size)
+    count, size = len(mesh.polygons), max(dimensions.extents(obj)) * scene.unit_settings.scale_length
+    wide = interface("{} wide", format_length(size))
     if objects.modifier_problem(obj):
         return interface("Apply the modifiers first")
     if len(mesh.loops) != 4 * count:
         return interface("{}, not all quads", wide)
     if notices.is_coarse(obj):
         return interface("{}, only {}", wide, quads(count))
-    return interface("{} quads, spirals of {:.3g} mm", count, 1e3 * objects.quad_edge(obj, scene))
+    return interface("{} quads, spirals of {}", count, format_length(dimensions.quad_edge(obj, scene)))
 
 
 def _describe_change(stage_states: dict[str, states.StageState], old: int) -> str:

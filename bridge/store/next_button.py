@@ -8,8 +8,8 @@ from typing import Any
 
 import bpy
 
-from . import failures, modifiers, notices, objects, stored_report
-from .columns import column
+from ...engine.figures import format_length
+from . import dimensions, failures, modifiers, notices, objects, stored_report
 from .cures import Cure
 from .finding_words import BREAKS, INFORMATION, STOPS, WORSE
 from .flat_target import can_skip_simulation
@@ -170,22 +170,20 @@ def _remesh_action(obj: bpy.types.Object, scene: bpy.types.Scene) -> NextAction:
     tooltip = translate("Makes about {} quads in the shape of this mesh, as a new object, and hides this one", count)
     if not size:
         return NextAction("flexmaps.quad_remesh", _label(interface("{} quads", count)), tooltip, "piece")
-    tooltip += ". " + translate("It becomes {:.0f} mm large, which gives spirals that can be cut", size)
-    label = _label(interface("{} quads, {:.0f} mm", count, size))
+    length = format_length(1e-3 * size)
+    tooltip += ". " + translate("It becomes {} large, which gives spirals that can be cut", length)
+    label = _label(interface("{} quads, {}", count, length))
     return NextAction("flexmaps.quad_remesh", label, tooltip, "piece", {"size": size})
 
 
 def _better_size(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
     """Return the longest side in mm at which a remesh gives about the wanted quad edge; 0 if no scaling is needed."""
-    mesh, unit = obj.data, scene.unit_settings.scale_length
     if any(obj.lock_scale):
         return 0.0
-    areas = column(mesh.polygons, "area")
-    scale = abs(obj.matrix_world.to_3x3().determinant()) ** (1 / 3) * unit
-    edge, wanted = scale * (float(areas.sum()) / obj.flexmaps.remesh.quads) ** 0.5, obj.flexmaps.remesh.edge * 1e-3
+    edge, wanted = dimensions.remeshed_edge(obj, scene), obj.flexmaps.remesh.edge * 1e-3
     if EDGE_RATIOS[0] * wanted <= edge <= EDGE_RATIOS[1] * wanted or edge <= 0:
         return 0.0
-    size = 1e3 * unit * max(objects.extents(obj)) * wanted / edge
+    size = 1e3 * scene.unit_settings.scale_length * max(dimensions.extents(obj)) * wanted / edge
     return float(f"{size:.2g}")
 
 
@@ -193,11 +191,11 @@ def _preparing_action(
     obj: bpy.types.Object, scene: bpy.types.Scene, stage_states: dict[str, StageState], all_notices: Sequence[Notice]
 ) -> NextAction | None:
     """Return the next preparation of a quad mesh (scale, repair, make squarer); None if it is ready for a layout."""
-    edge, wanted = objects.quad_edge(obj, scene), obj.flexmaps.remesh.edge * 1e-3
+    edge, wanted = dimensions.quad_edge(obj, scene), obj.flexmaps.remesh.edge * 1e-3
     if not EDGE_RATIOS[0] * wanted <= edge <= EDGE_RATIOS[1] * wanted and edge > 0 and not any(obj.lock_scale):
-        size = max(objects.extents(obj)) * scene.unit_settings.scale_length * wanted / edge * 1e3
-        tooltip = translate("Scales the object to {:.0f} mm, which gives spirals of {:.3g} mm", size, wanted * 1e3)
-        return NextAction("flexmaps.set_size", _label(interface("Scale to {:.0f} mm", size)), tooltip, "piece")
+        size = format_length(max(dimensions.extents(obj)) * scene.unit_settings.scale_length * wanted / edge)
+        tooltip = translate("Scales the object to {}, which gives spirals of {}", size, format_length(wanted))
+        return NextAction("flexmaps.set_size", _label(interface("Scale to {}", size)), tooltip, "piece")
     wrong = [notice for notice in all_notices if notice.severity == STOPS and notice.key.startswith("checks/")]
     ways = ((notice, cure) for notice in wrong for cure in _unpressed_cures(obj.data, notice))
     mending = next((_cure_action(notice, cure, "piece") for notice, cure in ways), None)

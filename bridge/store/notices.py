@@ -11,11 +11,13 @@ from typing import Any
 
 import bpy
 
+from ...engine.figures import format_length
 from ...engine.materials import OVERSTRAIN_SHARE
 from ...engine.optimisation import remedies
 from . import cures, failures, flat_target, modifiers, objects, remesh_source, states, stored_report
 from .columns import column
 from .cures import Cure
+from .dimensions import quad_edge
 from .finding_words import BREAKS, FAILURE_LABELS, INFORMATION, LABELS, SEVERITIES, STOPS, WARNING_LABELS, WORSE
 from .i18n import interface, quads, translate
 from .notice import Notice
@@ -126,7 +128,7 @@ def _from_checks(obj: bpy.types.Object, scene: bpy.types.Scene, findings: list[d
         cure = cures.repair(code, len(edges) if code == "zero-edge" else len(faces))
         ways = [] if cure is None else [cure]
         if code == cures.FOLDS_CODE:
-            ways.append(cures.round_folds(edge=objects.quad_edge(obj, scene)))
+            ways.append(cures.round_folds(edge=quad_edge(obj, scene)))
         if code in FIXED_BY_REGULARISE and not helpless:
             ways.append(cures.regularise())
         if larger := row.get("larger"):
@@ -228,9 +230,9 @@ def _too_small(obj: bpy.types.Object, scene: bpy.types.Scene, blocks: dict[str, 
     if not states.is_side_result_current(obj, scene, "forecast"):
         return []
     sentence = translate(
-        "Quads of {:.3g} mm are too small for the bends of this surface: even with the softest spirals everywhere, arms would be strained to "
+        "Quads of {} are too small for the bends of this surface: even with the softest spirals everywhere, arms would be strained to "
         "{:.0f} % of the material's limit ({:.0f} % is allowed). Make the piece larger, or take a thinner sheet and press Merge again",
-        objects.quad_edge(obj, scene) * 1e3,
+        format_length(quad_edge(obj, scene)),
         100.0 * strain,
         100.0 * OVERSTRAIN_SHARE,
     )

@@ -10,11 +10,6 @@ from ...engine.errors import FlexMapsError
 from . import modifiers
 from .i18n import translate
 
-SAMPLE_SIZE = (
-    64  # edges sampled to estimate the quad size; more is more exact (a factor of 2 suffices) and slows redraws
-)
-# Blender's id of a mesh -> its numbers of vertices, edges and corners, and whether it has loose vertices
-_LOOSE_CACHE: dict[int, tuple[tuple[int, ...], bool]] = {}
 CONVERTIBLE = {"CURVE", "SURFACE", "FONT", "META"}  # object types that Blender can convert to meshes
 
 
@@ -67,38 +62,3 @@ def find_by_uid(uid: int) -> bpy.types.Object:
         if obj.session_uid == uid and obj.users:
             return obj
     raise FlexMapsError("The object was deleted meanwhile; nothing was changed")
-
-
-def extents(obj: bpy.types.Object) -> tuple[float, ...]:
-    """Return ``Object.dimensions`` (Blender units, object's own axes), but without vertices that belong to no face."""
-    mesh = obj.data
-    whole = tuple(obj.dimensions)
-    if obj.type != "MESH" or not len(mesh.polygons) or modifiers.list_changing(obj) or not _has_loose(mesh):
-        return whole
-    from .columns import column
-
-    points = column(mesh.vertices, "co")[column(mesh.loops, "vertex_index")]
-    lengths = points.max(axis=0) - points.min(axis=0)
-    return tuple(float(x * abs(s)) for x, s in zip(lengths, obj.matrix_world.to_scale(), strict=True))
-
-
-def _has_loose(mesh: bpy.types.Mesh) -> bool:
-    """Return whether vertices belong to no face; cached until the number of vertices, edges or corners changes."""
-    parts = len(mesh.vertices), len(mesh.edges), len(mesh.loops)
-    if _LOOSE_CACHE.get(mesh.session_uid, (None, False))[0] != parts:
-        from .columns import column
-
-        used = set(column(mesh.loops, "vertex_index").tolist())
-        _LOOSE_CACHE[mesh.session_uid] = parts, len(used) < len(mesh.vertices)
-    return _LOOSE_CACHE[mesh.session_uid][1]
-
-
-def quad_edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
-    """Return the approximate median edge length in metres, from a sample of edges."""
-    mesh, matrix = obj.data, obj.matrix_world.to_3x3()
-    lengths = []
-    for k in range(0, len(mesh.edges), max(1, len(mesh.edges) // SAMPLE_SIZE)):
-        a, b = mesh.edges[k].vertices
-        lengths.append((matrix @ (mesh.vertices[a].co - mesh.vertices[b].co)).length)
-    lengths.sort()
-    return lengths[len(lengths) // 2] * scene.unit_settings.scale_length if lengths else 0.0

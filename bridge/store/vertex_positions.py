@@ -60,6 +60,20 @@ def _mix_keys(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
     return mixed
 
 
+def read_target(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
+    """Return the vertices moved by the user's shape keys, in the object's frame; fast enough for every redraw.
+
+    In edit mode they are those before it, and absolute shape keys count only in an object that is visible.
+    """
+    mesh = obj.data
+    if not shape_keys.has_user_keys(mesh):
+        return column(mesh.vertices, "co")
+    if mesh.shape_keys.use_relative:
+        return _mix_keys(obj)
+    there = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    return column((there if len(there.vertices) == len(mesh.vertices) else mesh).vertices, "co")
+
+
 def read_displayed(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
     """Return the vertices as the 3D view shows them, moved by all shape keys, in the object's frame."""
     mesh = obj.data

@@ -45,6 +45,8 @@ def visible_surface(
 
 def target_vertices(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
     """Return the target's vertices in the scene's units and world axes."""
+    if not obj.data.is_editmode:
+        return _to_world(obj, vertex_positions.read_target(obj))
     with attributes.readable_mesh(obj) as mesh:
         return _to_world(obj, column(mesh.vertices, "co"))
 

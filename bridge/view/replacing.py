@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ...engine.params import ObjectSettings
-from ..store import derived_properties, failures, settings, stored_report
+from ..store import derived_properties, dimensions, failures, settings, stored_report
 from . import collection, framing
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def resize(context: bpy.types.Context, obj: bpy.types.Object, millimetres: float
     millimetres : wanted length of its longest dimension
     """
     context.view_layer.update()
-    factor = millimetres * 1e-3 / (max(obj.dimensions) * context.scene.unit_settings.scale_length)
+    factor = millimetres * 1e-3 / (max(dimensions.extents(obj)) * context.scene.unit_settings.scale_length)
     scale_object(context, obj, factor)
 
 

@@ -42,7 +42,7 @@ def test_the_template_has_all_messages(messages: ModuleType) -> None:
         "Smallest width",
         "Width of the thinnest arm: thinner arms bend into tighter curves and break more easily",
         "Distortion, largest",
-        "Scaled by {:.4g}",
+        "Scaled to {}, spirals of {}",
         "Select a mesh object",
     } <= found
 
