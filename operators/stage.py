@@ -7,6 +7,7 @@ cancels. From a script, or in Blender without a window, the engine runs at once 
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -66,7 +67,7 @@ class AnyMeshOperator(ObjectOperator):
 
 
 def error_message(error: RuntimeError) -> str:
-    """Return the message that an operator called through ``bpy.ops`` reported as an error.
+    """Return the message that an operator called through ``bpy.ops`` reported as an error, or why it cannot run now.
 
     Raise the error again if it contains a traceback, which is a fault of the program.
 
@@ -77,7 +78,7 @@ def error_message(error: RuntimeError) -> str:
     text = str(error).strip()
     if "Traceback" in text:
         raise error
-    return text.removeprefix("Error: ")
+    return re.sub(r"^Operator bpy\.ops\.[\w.]+\.poll\(\) ", "", text.removeprefix("Error: "))
 
 
 class ImmediateOperator:

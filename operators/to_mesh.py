@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
 import bpy
 
 from ..bridge.store import modifiers, objects
@@ -10,10 +13,10 @@ from .stage import AddObjectOperator, ImmediateOperator
 
 
 class ToMesh(ImmediateOperator, AddObjectOperator, bpy.types.Operator):
-    """Turn a text, curve, surface or metaball into a mesh, or apply the modifiers of a mesh to a copy and hide the original. Solidify is left out: panels have the thickness of the sheet"""
+    """Make a mesh of a text, curve, surface or metaball, or of a mesh with its modifiers applied; Next keeps the original, hidden. Solidify is left out: panels have the thickness of the sheet"""
 
     bl_idname = "flexmaps.to_mesh"
-    bl_label = "Apply modifiers"
+    bl_label = "Convert to a mesh"
 
     keep: bpy.props.BoolProperty(  # type: ignore[valid-type]
         name="Keep original", description="Hide the original instead of removing it", options={"SKIP_SAVE"}
@@ -30,17 +33,46 @@ class ToMesh(ImmediateOperator, AddObjectOperator, bpy.types.Operator):
         source = context.object
         if source.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")
-        without = modifiers.describe_ignored(source)
-        with modifiers.surface_only(source):
+        without, place = modifiers.describe_ignored(source), source.matrix_world.copy()
+        with modifiers.surface_only(source), _selected_alone(source, context):
+            if not source.visible_get() or not source.select_get():
+                raise FlexMapsError(f"'{source.name}' cannot be seen: show it and its collection in the outliner first")
             if not _has_faces(source, context):
                 raise FlexMapsError(
                     f"'{source.name}' has no faces: give a curve a bevel or extrude it (Object Data, Geometry), or add faces to a mesh"
                 )
             bpy.ops.object.convert(target="MESH", keep_original=self.keep)
+        made = context.object
+        if objects.bending_parent(made) is not None:  # it would bend the mesh once more
+            made.parent, made.matrix_world = None, place
+            made.update_tag(refresh={"DATA"})  # Blender evaluates a mesh that loses its parent anew only if told so
         if self.keep:  # otherwise Blender may have removed the source, as it does with metaballs
             source.hide_set(True)
-        modifiers.write_note(context.object.data, without)
+        modifiers.write_note(made.data, without)
         return without
+
+
+@contextmanager
+def _selected_alone(source: bpy.types.Object, context: bpy.types.Context) -> Iterator[None]:
+    """Context manager: select and show one object alone, as Blender converts what is selected; then select the rest again."""
+    others = [obj for obj in context.selected_objects if obj != source]
+    hidden, locked, selected = source.hide_get(), source.hide_select, source.select_get()
+    try:
+        for obj in others:
+            obj.select_set(False)
+        source.hide_select = False
+        source.hide_set(False)
+        source.select_set(True)
+        yield
+    except (FlexMapsError, RuntimeError):
+        source.select_set(selected)
+        source.hide_set(hidden)
+        raise
+    finally:
+        with suppress(ReferenceError):  # Blender removes a metaball that is not kept
+            source.hide_select = locked
+        for obj in others:
+            obj.select_set(True)
 
 
 def _has_faces(obj: bpy.types.Object, context: bpy.types.Context) -> bool:

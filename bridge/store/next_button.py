@@ -75,7 +75,7 @@ def next_action(
         return _cure_action(gone, gone.cures[0], "piece")
     if len(mesh.loops) != 4 * len(mesh.polygons):
         return _unless_failed(mesh, _remesh_action(obj, scene), all_notices)
-    if modifiers.list_changing(obj):
+    if objects.modifier_problem(obj):
         return _modifiers_action(obj)
     if notices.is_coarse(obj) and not failures.is_dismissed(mesh, FEW_QUADS, _sentence(all_notices, FEW_QUADS)):
         if stage_states["layout"].kind == TODO:
@@ -143,8 +143,9 @@ def _enlarge_action(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> Next
 
 
 def _modifiers_action(obj: bpy.types.Object) -> NextAction:
-    """Return the action that applies the modifiers, or leaves them out, in a copy of the object."""
-    changing, without = modifiers.list_changing(obj), modifiers.list_ignored(obj)
+    """Return the action that applies what changes the mesh (modifiers, a parent), or leaves it out, in a copy."""
+    without, parent = modifiers.list_ignored(obj), objects.bending_parent(obj)
+    changing = [*modifiers.list_changing(obj), *filter(None, [parent])]
     tooltip = translate("Applies the modifiers to a copy, and hides this object: the layout lives in the mesh itself")
     if without:
         tooltip += f". {modifiers.describe_ignored(obj)}"

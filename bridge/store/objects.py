@@ -35,11 +35,17 @@ def modifier_problem(obj: bpy.types.Object) -> str | None:
     """Return which modifier or parent changes the mesh, as a sentence; None if nothing does."""
     for modifier in modifiers.list_changing(obj):
         return translate("Apply or remove the modifier '{}' first: the layout lives in the mesh itself", modifier.name)
-    if obj.parent is not None and obj.parent_type in {"ARMATURE", "LATTICE"}:
+    parent = bending_parent(obj)
+    if parent is not None:
         return translate(
-            "'{}' bends the mesh as its parent: clear the parent first, or make it a modifier", obj.parent.name
+            "'{}' bends the mesh as its parent: clear the parent first, or make it a modifier", parent.name
         )
     return None
+
+
+def bending_parent(obj: bpy.types.Object) -> bpy.types.Object | None:
+    """Return the armature or lattice that bends the object as its parent; None without one."""
+    return obj.parent if obj.parent is not None and obj.parent_type in {"ARMATURE", "LATTICE"} else None
 
 
 def other_users(obj: bpy.types.Object) -> str:

@@ -127,7 +127,9 @@ def _unusable_head(context: bpy.types.Context, problem: str) -> HeadContent:
     sentence = interface(problem)
     if obj.type in CONVERTIBLE:
         label = interface("Next: {}", interface("Convert to a mesh"))
-        return HeadContent(label, "flexmaps.to_mesh", "INFO", interface("Not a mesh yet"), sentence)
+        return HeadContent(
+            label, "flexmaps.to_mesh", "INFO", interface("Not a mesh yet"), sentence, properties=(("keep", True),)
+        )
     if obj.type == "MESH" and obj.library is None and obj.data.library is None:
         label = interface("Next: {}", interface("Object Mode"))
         return HeadContent(
