@@ -26,7 +26,7 @@ def expect(holds, sentence):
 
 
 def following():
-    return hands.module("bridge.hosts.live").current()
+    return hands.module("bridge.hosts.live").current_watcher()
 
 
 def picture(name):
@@ -199,7 +199,7 @@ def wished():
 
 def optimised():
     """Wait until Optimise has left its block, and give it."""
-    job, ends = hands.module("bridge.hosts.background").current, time.perf_counter() + PATIENCE
+    job, ends = hands.module("bridge.hosts.background").current_job, time.perf_counter() + PATIENCE
     told = {}
     while ("optimise" not in told or job() is not None) and time.perf_counter() < ends:
         yield 0.2

@@ -51,7 +51,7 @@ def picture(name):
 
 
 def current():
-    return hands.module("bridge.hosts.background").current()
+    return hands.module("bridge.hosts.background").current_job()
 
 
 def last_operator():
