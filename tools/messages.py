@@ -162,9 +162,6 @@ def _of_lines() -> Found:
             for node in ast.walk(tree)
             if isinstance(node, ast.Call) and _name(node.func) in {"translate", "interface"}
         ]
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Call) and _name(node.func) == "_sentences":
-                yield from (("", text, "what there is to look at") for text in _texts(node.args[1]))
         named = {_name(node.args[0]) for node in calls}
         for text in (t for node in calls for t in _texts(node.args[0])):
             yield "", text, "report"
