@@ -268,6 +268,7 @@ def _from_warnings(source: str, blocks: dict[str, Any]) -> list[Notice]:
         ways = [cures.apply_remedy(name, advised[name]) for name in REMEDIES["strained"] if name in advised]
         if not ways and block.get("load_max", 0.0) > 1.0:
             ways = [cures.enlarge(remedies.size_factor(block["load_max"], soft=False))]
-    count = block.get("hard", len(lines))  # number of seams; a seam may have several warnings
+    # number of seams, of which each may have several warnings, or of panels, of which only some are described
+    count = block.get("hard", len(block.get("forced", lines)))
     words = interface(one) if count == 1 else interface(more, count)
     return [*plain, Notice(key, words, "\n".join(lines), WORSE, cures=(*ways, cures.dismiss(key)))]

@@ -103,6 +103,7 @@ def test_folds_are_counted_and_rounded_in_one_press(add: Any) -> None:
     (found,) = [notice for notice in seen(piece).notices if notice.key == "checks/sharp-folds"]
     assert found.severity == INFORMATION and len(found.edges) == 5 and "5" in found.label
     assert [cure.label for cure in found.cures] == ["Round to 26 mm"]
+    assert "Press Round to ... mm" in found.sentence
     told = api.press(piece, cure="mend-round")
     assert told is not None and not told["error"]
     assert not [notice for notice in seen(piece).notices if notice.key == "checks/sharp-folds"]

@@ -8,6 +8,7 @@ import bpy
 import pytest
 from flexmaps.bridge.store import cures, equilibrium, finding_words, guidance, notices, shape_notices, stored_report
 from flexmaps.bridge.store.notice import Notice
+from flexmaps.engine.patches.flattening import flattening_report
 from flexmaps.engine.surface import shapes
 
 
@@ -132,3 +133,10 @@ def test_one_face_and_one_spiral_stand_in_the_singular() -> None:
             equilibrium.describe_finding({"code": "strained", "faces": [*range(n)]}, block) for n in (1, 2)
         )
         assert "1 spiral " in first and "2 spirals " in second
+
+
+def test_panels_at_a_limit_are_counted_though_only_some_are_described() -> None:
+    forced = [f"Panel {number} has only 1 quad" for number in range(1, 41)]
+    block = {"forced": forced, **flattening_report.remarks({"forced": forced})}
+    (one,) = notices._from_warnings("layout", {"layout": block})
+    assert one.label == "Panels at a limit: 40" and "37 more panels" in one.sentence

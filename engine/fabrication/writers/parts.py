@@ -34,7 +34,8 @@ COLUMNS = (
 def write_parts_list(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material, path: Path) -> Path:
     """Write the parts list as CSV (RFC 4180), with sums in its last row, and return its path.
 
-    Width and height describe the bounding box of a part as it lies on its sheet; holes do not count as area.
+    Width and height describe the bounding box of a part as it lies on its sheet; holes do not count as area. A part's row
+    counts its side of every joint, and the last row counts every joint once.
 
     Parameters
     ----------
@@ -47,6 +48,9 @@ def write_parts_list(sheets: CutSheets, designs: Sequence[SpiralDesign], materia
     numbers = range(COLUMNS.index("spirals"), COLUMNS.index("note"))
     boxes = {COLUMNS.index("width_mm"), COLUMNS.index("height_mm")}
     sums = ["" if i in boxes else _format(sum(row[i] for row in rows)) for i in numbers]
+    sums[COLUMNS.index("joints") - numbers.start] = _format(
+        sum(int(design.flat.layout.cut.sum()) for design in designs)
+    )
     with open(path, "w", encoding="utf-8", newline="") as stream:
         table = csv.writer(stream)
         table.writerow(COLUMNS)

@@ -255,7 +255,9 @@ def _sharp_fold_findings(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
     if not len(sharp) or (polygons.sizes != 4).any():
         return []
     faces = np.unique(sides.face[np.isin(sides.edge, sharp)])
-    text = f"{with_count(len(sharp), 'edge turns', 'edges turn')} by more than {np.degrees(SHARP):.0f} degrees, up to {np.degrees(turned[sharp].max()):.0f}: spirals bend, but do not fold. Press Round the folds, or Propose layouts, which also cuts along them"
+    limit, most = (f"{np.degrees(angle):.0f}" for angle in (SHARP, turned[sharp].max()))
+    angles = f"more than {limit} degrees, up to {most}" if most != limit else f"a little more than {limit} degrees"
+    text = f"{with_count(len(sharp), 'edge turns', 'edges turn')} by {angles}: spirals bend, but do not fold. Press Round to ... mm, or Propose layouts, which also cuts along them"
     return [make_finding("sharp-folds", text, faces, sharp, severity="warning")]
 
 

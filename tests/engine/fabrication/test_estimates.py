@@ -76,6 +76,7 @@ def test_the_parts_list_names_every_part_and_sums(flat_grid, tmp_path):
     found = estimates.estimate(cut, made, MATERIALS["birch"])
     assert float(total["mass_g"]) == pytest.approx(1e3 * found.mass, abs=0.02)
     assert float(total["cut_length_mm"]) == pytest.approx(1e3 * cut.cut_length, abs=0.05)
+    assert int(total["joints"]) == found.joints == 3  # every joint once
     assert total["part"] == "5 parts" and total["note"] == MARK
 
 

@@ -30,6 +30,11 @@ def test_edges_that_turn_by_more_than_45_degrees_are_found(degrees: float, count
         assert np.allclose(ridge[..., 0], 0.0)
 
 
+def test_folds_of_about_45_degrees_are_told_in_a_sentence_that_makes_sense() -> None:
+    (found,) = (one for one in check.findings(roof(45.2)) if one.code == "sharp-folds")
+    assert found.message.startswith("5 edges turn by a little more than 45 degrees: ")
+
+
 def test_layouts_are_proposed_that_are_cut_along_folds() -> None:
     polygons = roof(90.0)
     mesh = check.as_quad_mesh(polygons)
