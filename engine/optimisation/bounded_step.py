@@ -1,4 +1,4 @@
-"""Steps that minimise a convex quadratic model within a box and linearised clearances."""
+"""Steps of the design variables that minimise a convex quadratic model, within [0, 1] and linearised clearances."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from .polytope import LinearClearances, NearestPoint, Polytope, Projection, scal
 Product = Callable[[np.ndarray], np.ndarray]
 # These values bring 86 % of the exact decrease in the median, with a mean of 72 products per step (docs/tuning.md)
 MAX_ROUNDS = 10  # largest number of rounds in a step
-# Share of the decrease so far that a round must bring for another to follow. Smaller: larger decrease, more products
+# Share of the model's decrease so far that a round must add for another to follow. Smaller: larger decrease, more
+# products
 MIN_GAIN = 0.1
 # Iterations of conjugate gradients: in a short solve, which finds the bounds that a direction would cross, and in the
 # full solve within these bounds. More and fewer of either bring less (docs/tuning.md)
@@ -24,8 +25,9 @@ CG_TOL = 0.1
 # Largest factor by which the projected gradient step grows or shrinks between two rounds. Smaller: smaller decrease
 MAX_LENGTH_CHANGE = 10.0
 MAX_HALVINGS = 6  # largest number of halvings of a direction until its projection lowers the model
-# Distance of a coordinate from its bound, as a share of its range, and clearance of a gap, in scaled coordinates, below
-# which the bound counts as reached and the gap as closed. Larger: slightly smaller decrease (docs/tuning.md)
+# AT_BOUND: distance of a design variable from its bound, as a share of its range, below which it is at the bound.
+# CLOSED_BELOW: linearised clearance below which a gap between arms is closed. Larger: slightly smaller decrease
+# (docs/tuning.md)
 AT_BOUND, CLOSED_BELOW = 1e-9, 1e-6
 
 
@@ -36,22 +38,22 @@ def bounded_step(
     linear_clearances: LinearClearances,
     units: Float[np.ndarray, " coordinates"] | None = None,
 ) -> Float[np.ndarray, " coordinates"]:
-    """Return the step that nearly minimises a convex quadratic model within the box and the clearances.
+    """Return the step that nearly minimises a convex quadratic model, with x in [0, 1] and no negative clearance.
 
-    Every round takes a projected gradient step, which finds the active bounds, and a projected step by conjugate
-    gradients along these bounds (Moré and Toraldo 1991). The model decreases in every round.
+    Every round takes a projected gradient step, which finds the active bounds and clearances, and then a step by
+    conjugate gradients along them (Moré and Toraldo 1991). The model decreases in every round.
 
     Parameters
     ----------
-    x : present coordinates, in [0, 1]
+    x : present design variables, in [0, 1]
     gradient : of the model at ``x``
-    product : of the model's matrix with a vector (coordinates,)
+    product : function that multiplies the model's matrix by a vector (coordinates,)
     linear_clearances : linearised clearances at ``x``
-    units : of the coordinates, which precondition the search and define the norm of projections; ones if None
+    units : scales of the design variables; they precondition the search and define the norm of projections; None: ones
 
     Returns
     -------
-    The step; ``x`` plus the step lies in the box.
+    The step; ``x`` plus the step lies in [0, 1].
     """
     unit = np.ones_like(x) if units is None else units
     bounds = Polytope(-x / unit, (1.0 - x) / unit, linear_clearances.scaled(unit))
@@ -82,7 +84,10 @@ class _Model:
     decrease: float = 0.0
 
     def descend(self, change: np.ndarray) -> float:
-        """Minimise along a change, at most by the whole change; return the unbounded minimiser as a multiple of it."""
+        """Add to ``step`` the multiple of ``change``, at most 1, that minimises the model.
+
+        Return the multiple without the limit 1; 1 if the model does not fall along ``change``.
+        """
         project = -float(change @ self.slope)
         if project <= 0.0:
             return 1.0
@@ -96,7 +101,10 @@ class _Model:
 
 
 def _search_direction(model: _Model, bounds: Polytope, ahead: NearestPoint) -> Float[np.ndarray, " coordinates"]:
-    """Return the direction to the model's minimum on the polytope's face that the projected gradient step leads to."""
+    """Return the direction to the model's minimum on the face of the polytope that the projected gradient step reaches.
+
+    ahead : end of that step
+    """
     step, span = model.step, bounds.high - bounds.low
     low, high = step <= bounds.low + AT_BOUND * span, step >= bounds.high - AT_BOUND * span
     fixed = (low & (ahead.point <= bounds.low)) | (high & (ahead.point >= bounds.high))
@@ -114,9 +122,10 @@ def _minimise_on_face(
     held: Bool[np.ndarray, " rows"],
     most: int,
 ) -> Float[np.ndarray, " coordinates"]:
-    """Return the change that minimises the model with some coordinates and gaps unchanged, by conjugate gradients.
+    """Return the step that minimises the model on a face of the polytope, by conjugate gradients.
 
-    fixed, held : masks of the unchanged coordinates and of the unchanged gaps; most : largest number of iterations
+    fixed : mask of the design variables that do not change; held : mask of the linearised clearances that do not change
+    most : largest number of iterations
     """
     onto = Projection(scale_columns(bounds.slope[held], ~fixed)) if held.any() else None
 

@@ -1,4 +1,4 @@
-"""Inverse problem: objective of a design at its equilibrium, adjoint gradient, Gauss-Newton products (eq. 7 to 10)."""
+"""Inverse problem in the design variables x (see ``design_space``): objective, adjoint gradient (eq. 7 to 10)."""
 
 from __future__ import annotations
 
@@ -59,10 +59,10 @@ from .work import (
 class InverseProblem(DesignClearances):
     """An inverse problem: find spirals in ``space`` whose equilibrium under ``loads`` matches ``target``.
 
-    build_model : makes the elastic model of an assembly; physics : settings of equilibria
+    build_model : makes the elastic model of an assembly; physics : settings of the search for equilibria
     smoothness : weight of differences between joined spirals; strain_limit : of the arms' strains, None for none
     slot_requirement : required width of slots in space; None lets slots close; factor_caches, joint_assemblers : caches
-    work : counter for all points; clearance_model : of a design; None does not check that designs can be cut
+    work : counts the work for all points; clearance_model : clearances of a design; None does not check them
     stability : required stability of equilibria; None requires ``MIN_STABILITY`` only
     support_poses : poses of the supports; None keeps the supports where the search starts
     """
@@ -80,7 +80,7 @@ class InverseProblem(DesignClearances):
     support_poses: SupportPoses | None = None
 
     def factor_cache(self, start: Pose) -> FactorCache:
-        """Return the cache of factors of all points with these supports; they share the increments held at 0 too."""
+        """Return the factor cache of all points with these supports; ``start`` decides which increments stay 0."""
         fixed, pairs = self.loads.fixed, self.assembly.whole.pairs
         for known in self.factor_caches:
             if np.array_equal(known.fixed, fixed):
@@ -92,17 +92,17 @@ class InverseProblem(DesignClearances):
 
     @property
     def joint_assembler(self) -> JointAssembler:
-        """Sparsity pattern of the derivatives of the hubs' forces with respect to the spirals' coordinates."""
+        """Sparsity pattern of the derivatives of the hubs' forces with respect to the spirals' design variables."""
         if not self.joint_assemblers:
             self.joint_assemblers.append(JointAssembler(self.assembly.whole, self.space.coordinates_per_spiral))
         return self.joint_assemblers[0]
 
     def costs(self, x: np.ndarray) -> tuple[Cost, ...]:
-        """Return the costs at coordinates x that do not depend on the equilibrium."""
+        """Return the costs at design variables x that do not depend on the equilibrium."""
         return (Roughness.from_space(self.assembly, self.space, self.smoothness, x),) if self.smoothness else ()
 
     def clip_flat_shapes(self, x: np.ndarray, feasible: np.ndarray) -> Float[np.ndarray, " coordinates"]:
-        """Return coordinates as near x as the limits of flat shapes allow; ``feasible`` keeps these limits."""
+        """Return x moved towards ``feasible`` until it keeps the limits of flat shapes: here x, as these are fixed."""
         return x
 
     def point_at(
@@ -113,7 +113,7 @@ class InverseProblem(DesignClearances):
         iterations: int | None = None,
         step: Float[np.ndarray, "spirals 6"] | None = None,
     ) -> DesignPoint:
-        """Return the point at x; seek its equilibrium from ``start`` plus ``step`` in ``iterations`` steps."""
+        """Return the design x with its equilibrium, sought from ``start`` moved by ``step`` as in ``solve``."""
         model = self.build_model(self.assembly.with_spirals(*self.space.width_and_twist(x)), progress)
         found, factor_cache = self.find_equilibrium(model, self.support_poses, start, progress, iterations, step)
         return DesignPoint(self, x, model, found, self.target.compare(found.pose.centres), factor_cache)
@@ -127,7 +127,7 @@ class InverseProblem(DesignClearances):
         iterations: int | None,
         step: np.ndarray | None,
     ) -> tuple[Equilibrium, FactorCache]:
-        """Return the equilibrium of a model on its supports, and the cache with its factor, see ``point_at``."""
+        """Return the equilibrium of a model, and the cache with its factor; supports are moved to ``support_poses``."""
         if support_poses is not None:
             start, step = (
                 (support_poses.place_supports(start), None)
@@ -189,9 +189,10 @@ class DesignPoint:
         return sum(term.value for term in self.terms) + sum(cost.value for cost in self.costs)
 
     def merit(self, strain_penalty: float, found: Mismatch | None = None, strain: float | None = None) -> float:
-        """Return the objective for ranking designs of different problems, see ``StrainLimit.merit``; smaller is better.
+        """Return the objective with a penalty on strain, to rank designs of different problems; smaller is better.
 
-        found, strain : mismatch and largest strain of the design in a simulation; the point's own by default
+        strain_penalty : see ``StrainLimit.merit``
+        found, strain : mismatch and largest strain of the design in a simulation; by default those at this point
         """
         # leave out the barriers of flat shapes, which only guide the search
         value = (found or self.mismatch).value + sum(c.value for c in InverseProblem.costs(self.problem, self.x))
@@ -205,7 +206,7 @@ class DesignPoint:
         return self.problem.strain_limit.merit(value, largest, strain_penalty)
 
     def with_strain_weight(self, mismatch: float) -> DesignPoint:
-        """Return this point with the weight of excess strain for a search that starts with this mismatch.
+        """Return this point with the weight of excess strain for a search that starts with the given mismatch.
 
         The stability barrier has no weight until ``with_stability_weight``, so that it does not decide between starts.
         """
@@ -218,7 +219,7 @@ class DesignPoint:
         return with_problem(self, replace(self.problem, stability=stability))
 
     def with_updated_multipliers(self) -> Self:
-        """Return this point with the multipliers of the strain limits updated, see ``StrainLimit.with_updated_multipliers``."""
+        """Return this point with the multipliers of the strain limits updated from its strains, see ``StrainLimit``."""
         strains, strain_limit = self.strains, self.problem.strain_limit
         pressed = (
             None if strains is None or strain_limit is None else strain_limit.with_updated_multipliers(strains.values)
@@ -265,7 +266,7 @@ class DesignPoint:
 
     @cached_property
     def _soft_modes(self) -> SoftModes | None:
-        """Softest modes with eigenvalues below the required one; None if there are none."""
+        """Softest modes with eigenvalues below the required one; None if there are none, or none are computed."""
         asked, found = self.problem.stability, self.equilibrium
         if asked is None or not found.converged or found.spare >= asked.enough or self.arm_model is None:
             return None
@@ -284,7 +285,7 @@ class DesignPoint:
         )
 
     def _eigenvalue_derivatives(self) -> tuple[Float[np.ndarray, "k spirals 6"], Float[np.ndarray, "k coordinates"]]:
-        """Return the derivatives of the softest eigenvalues with respect to hubs, and to coordinates at fixed hubs."""
+        """Return derivatives of the softest eigenvalues with respect to hubs, and to design variables at fixed hubs."""
         modes, changes, pose = self._soft_modes, self._joint_derivatives, self.equilibrium.pose
         assert modes is not None and changes is not None
         self.problem.work.add(MODE_DERIVATIVES_COST * len(modes.rises), self.problem.assembly.size)
@@ -307,7 +308,7 @@ class DesignPoint:
         return None if self._narrow_slots is None else SlotPenalty(self._narrow_slots, self._slot_widths_by_x)
 
     def _slot_widths_by_x(self, closing: NarrowSlots) -> csr_array:
-        """Return the derivatives (K, coordinates) of the slots' widths with respect to coordinates at fixed hubs."""
+        """Return the derivatives (K, coordinates) of the slots' widths by the design variables, at fixed hubs."""
         return csr_array(closing.widths_by_design @ self.problem.space.jacobian(self.x))
 
     @cached_property
@@ -316,11 +317,11 @@ class DesignPoint:
 
     @cached_property
     def _forces_by_x(self) -> csr_array:
-        """Derivatives (6 n, coordinates) of the hubs' forces with respect to the coordinates."""
+        """Derivatives (6 n, coordinates) of the hubs' forces and moments with respect to the design variables."""
         return self._forces_by_spiral_x()
 
     def _forces_by_spiral_x(self) -> csr_array:
-        """Return the derivatives (6 n, K n) of the hubs' forces with respect to the K coordinates of each spiral."""
+        """Return the derivatives of the hubs' forces and moments by the K design variables of each spiral."""
         known = self._joint_derivatives
         self.problem.work.add(SECOND_ORDER_COST, 0 if known is None else len(known.curving.joints))
         by_design = self.model.gradient_by_design(self._state) if known is None else known.complete.gradient_by_design
@@ -334,16 +335,16 @@ class DesignPoint:
 
     @cached_property
     def _design_by_x(self) -> Float[np.ndarray, "joints 2 5 _"]:
-        """Derivatives (m, 2, 5, K) of widths and twist of a joint's spirals with respect to their K coordinates."""
+        """Derivatives (m, 2, 5, K) of widths and twist of a joint's two spirals by their K design variables."""
         return self.problem.space.spiral_jacobians(self.x)[self.problem.assembly.whole.hub_pairs]
 
     def hub_increments(self, change: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
-        """Return the linearised increments (n, 6) of hubs and rim nodes for a change of coordinates (jvp, eq. 8)."""
+        """Return the linearised increments (n, 6) of hubs and rim nodes for a ``change`` of x (jvp, eq. 8)."""
         increments = -self.newton_system.solve((self._forces_by_x @ change).reshape(-1, 6))
         return increments if self._supports_by_x is None else increments + (self._supports_by_x @ change).reshape(-1, 6)
 
     def adjoint(self, hub_gradient: np.ndarray) -> Float[np.ndarray, " coordinates"]:
-        """Convert a derivative ``hub_gradient`` (n, 6) with respect to hubs to one with respect to coordinates (vjp, eq. 8)."""
+        """Convert derivatives (n, 6) of a scalar by the hubs' increments to derivatives by x (vjp, eq. 8)."""
         found = -(self._forces_transposed @ self.newton_system.solve(hub_gradient).ravel())
         return (
             found
@@ -353,15 +354,15 @@ class DesignPoint:
 
     @property
     def _supports_by_x(self) -> csr_array | None:
-        """Derivatives (6 n, coordinates) of the supports' poses with respect to the coordinates; None if all are 0."""
+        """Derivatives (6 n, coordinates) of the supports' poses by the design variables; None if all are 0."""
         return None
 
     def _strain_jacobian(self, arms: Int[np.ndarray, " k"]) -> Jacobian:
-        """Return the Jacobian of strains by hubs and coordinates; ``arms`` : indices of arms, 2 * joint + side."""
+        """Return the Jacobian of the largest strains of these arms, 2 * joint + (0 or 1), by hub increments and x."""
         return self._strain_slopes_and_jacobian(arms)[1]
 
     def _strain_slopes_and_jacobian(self, arms: Int[np.ndarray, " k"]) -> tuple[StrainSlopes, Jacobian]:
-        """Return the derivatives of arms' strains, with respect to joint parameters, and to hubs and coordinates."""
+        """Return the derivatives of these arms' strains by pose, widths and twists, and ``_strain_jacobian``."""
         assert self.strains is not None and self._joint_derivatives is not None
         found, e = replace(self.strains, changes=self._joint_derivatives.complete).slopes(arms), arms // 2
         problem, whole = self.problem, self.problem.assembly.whole
@@ -373,17 +374,17 @@ class DesignPoint:
 
     @cached_property
     def gradient(self) -> Float[np.ndarray, " coordinates"]:
-        """Gradient of the objective with respect to the coordinates, by one adjoint solve (eq. 10)."""
+        """Gradient of the objective with respect to the design variables, by one adjoint solve (eq. 10)."""
         return sum((cost.gradient for cost in self.costs), self.total_gradient([term.gradient for term in self.terms]))
 
     def gauss_newton_product(self, change: np.ndarray) -> Float[np.ndarray, " coordinates"]:
-        """Return the product of the objective's Gauss-Newton matrix with a change of the coordinates."""
+        """Return the product of the objective's Gauss-Newton matrix with a change of the design variables."""
         return self.gauss_newton_product_of(change, self.terms, self.costs)
 
     def gauss_newton_product_of(
         self, change: np.ndarray, terms: Sequence[Term], costs: Sequence[Cost], rotation_damping: float = 0.0
     ) -> Float[np.ndarray, " coordinates"]:
-        """Return the Gauss-Newton product of terms and costs; rotation_damping : weight of half the squared rotations."""
+        """Multiply the Gauss-Newton matrix of terms, costs and damping of the hubs' rotations by a change of x."""
         self.problem.work.add(PRODUCT_COST, len(self.problem.assembly.width))
         increments = self.hub_increments(change)
         parts = [
@@ -393,6 +394,6 @@ class DesignPoint:
         return sum((cost.hessian_product(change) for cost in costs), self.total_gradient(parts))
 
     def total_gradient(self, parts: list[Gradient]) -> Float[np.ndarray, " coordinates"]:
-        """Return the gradient with respect to the coordinates of a sum of parts that depend on hubs and coordinates."""
+        """Return the gradient by x of a sum of scalars, from their gradients by hub increments and x at fixed hubs."""
         hubs, by_x = sum_gradients(parts, self.problem.assembly.whole.size, len(self.x))
         return self.adjoint(hubs) + by_x

@@ -29,36 +29,41 @@ from .terms import FULL_STRAIN_PENALTY, NO_STRAIN_PENALTY
 from .work import SLOW
 
 Stage = Callable[["StageResult", Progress], "StageResult"]
-# Largest weight of position against curvature (``objective.Target.position_share``) in the first steps of a piece that is about
-# to snap far from its target: positions hold such a piece between two shapes, curvature leads it out. Larger: less so
+# Largest weight of position against curvature (``objective.Target.position_share``) in the first cycle, for a piece
+# that is about to snap far from its target. Matching positions would hold such a piece between two shapes; matching
+# curvature leads it out. Larger: more pieces stay between two shapes
 BENDING_POSITION_SHARE = 0.1
-# Largest number of steps with flat shapes in a row; the steps of the spirals alone that follow lead flat shapes away
-# from their limits. Fewer: large surfaces end farther from the target; more: small saddles do (docs/tuning.md)
+# Largest number of consecutive steps that change flat shapes and spirals. Then follow steps that change only spirals,
+# after which the barriers at the limits of flat shapes are set anew. Fewer: large surfaces end farther from the target;
+# more: small saddles end farther from it (docs/tuning.md)
 FLAT_STEPS = 9
-# Steps of one kind end after two in a row that each lower the objective by less than this share, divided by
-# ``StageResult.rate_factor``. A larger share switches sooner to the other kind
+# Steps of one kind (with flat shapes, or spirals only) end after two consecutive steps that each lower the objective by
+# less than this share, divided by ``StageResult.rate_factor``. A larger share switches sooner to the other kind
 CYCLE_STOP = 0.1
-# Cycle: steps with flat shapes, then of the spirals alone. Largest number of cycles, and share of the objective by
-# which a cycle must lower it for another to follow. Larger share: ends sooner, farther from the target
+# A cycle is a series of steps with flat shapes, then of steps that change only spirals. MAX_CYCLES: largest number of
+# cycles. CYCLE_GAIN: share by which a cycle must lower the objective for another to follow; larger ends sooner, farther
+# from the target
 MAX_CYCLES, CYCLE_GAIN = 20, 0.05
 # Shares of the change of flat shapes and spirals to try if the whole change makes a patch overlap itself, or leaves the
 # piece too far from its target
 BACKTRACK_SHARES = 0.5, 0.2
-# Rounds of steps of the spirals alone: steps in a round, largest number of rounds, and share of the objective by which
-# a round must lower it for another to follow
+# Rounds of steps that change only spirals: steps in a round, largest number of rounds, and share by which a round must
+# lower the objective for another to follow. A larger share ends sooner, farther from the target
 POLISH_STEPS, MAX_POLISHES, POLISH_GAIN = 4, 12, 0.01
 TIME_WITH_FLATS = 0.85  # share of the time limit at which the cycles must end
-# If arms are overstrained at the end: share of the work so far that further steps of the spirals alone may add (larger:
-# slower, fewer strained arms), and steps between two updates of the strain multipliers (more: slower) (docs/tuning.md)
+# If arms are overstrained at the end, further steps change only spirals. RELIEF_TIME_SHARE: their largest time as a
+# share of the time so far; larger: slower, fewer overstrained arms. RELIEF_STEPS: steps between two updates of the
+# multipliers of the strain limits; more: slower (docs/tuning.md)
 RELIEF_TIME_SHARE, RELIEF_STEPS = 0.5, 1
-# Share of the objective; a refused step of this kind is shortened only if it was predicted to bring as much. Larger:
-# gives up sooner (docs/tuning.md)
+# Share by which a step against overstrain must be predicted to lower the objective to be tried again, shorter, when it
+# was refused. Larger: gives up sooner (docs/tuning.md)
 RELIEF_STOP = 0.25
 # Smallest factor on the decreases of steps when the search decides whether to go on, for a piece that springs hold or
-# that is farther from its target than ``WANTED_PERCENT``. Larger: longer searches, more pieces within it
+# that is farther from its target than ``WANTED_PERCENT``. Larger: longer searches, more pieces within that distance
 # (docs/tuning.md)
 UNMET_FACTOR = 8.0
-# This factor for nearer pieces with overstrained arms. Larger: longer searches, less strain (docs/tuning.md)
+# Factor on the decreases of steps, as above, for overstrained pieces within ``WANTED_PERCENT`` of their target. Larger:
+# longer searches, less strain (docs/tuning.md)
 STRAINED_FACTOR = 2.0
 # RMS distances from the target that a result may always have, in distances of neighbouring hubs, and as a multiple of
 # the given design's distance: a match in curvature is useless if the piece drifts away. Larger: less often refused
@@ -92,7 +97,7 @@ class StageResult:
         return replace(self, point=self.point.with_updated_multipliers())
 
     def with_full_strain_weight(self) -> StageResult:
-        """Return this result with excess strain of a single arm weighted as in ``merit(FULL_STRAIN_PENALTY)``."""
+        """Return this result with a weight of excess strain at which one arm counts as in ``FULL_STRAIN_PENALTY``."""
         problem, strains = self.point.problem, self.point.strains
         if problem.strain_limit is None or strains is None:
             return self
@@ -160,12 +165,12 @@ class Search:
         return min(self.results, key=lambda one: one.merit(FULL_STRAIN_PENALTY))
 
     def run(self, starts: list[DesignPoint], design: SpiralDesign, progress: Progress) -> None:
-        """Run all stages from the first of ``starts``; every separate body comes from the start where it matches best.
+        """Run all stages from the first of ``starts``; take every separate body from the start where it matches best.
 
         Parameters
         ----------
         starts : points in the design's flat patches, the best first
-        design : gives the flat patches
+        design : the design to begin with, whose flat patches ``starts`` have
         progress : reports progress and raises Cancelled
         """
         params, work = self.task.params, self.task.work
@@ -215,7 +220,7 @@ class Search:
         return found if found.merit(NO_STRAIN_PENALTY) < best.merit(NO_STRAIN_PENALTY) else best
 
     def run_cycles(self, here: StageResult, progress: Progress) -> StageResult:
-        """Run cycles (``run_cycle``) while they pay; return the best result.
+        """Run cycles (``run_cycle``) while each lowers the objective by ``CYCLE_GAIN``; return the best result.
 
         If the piece is about to snap far from its target, ``_bend_cycle`` comes first.
         """
@@ -231,7 +236,7 @@ class Search:
         )
         work.begin_stage(
             work.share, ends_at_rate=work.ends_at_rate
-        )  # forget the decreases, which were those of another objective
+        )  # forget the decreases so far, which belong to another objective
         return found.with_position_share(lies)
 
     def relieve_strains(self, here: StageResult, progress: Progress) -> None:
@@ -248,9 +253,10 @@ class Search:
         return found
 
     def _repeat(self, step: Stage, here: StageResult, most: int, gain: float, progress: Progress) -> StageResult:
-        """Repeat a stage, at most ``most`` times, while it lowers the objective by the share ``gain``.
+        """Repeat a stage from the result ``here``, at most ``most`` times, while it lowers the objective by ``gain``.
 
-        While arms are overstrained any decrease is enough. Return the best result.
+        ``gain`` is a share of the objective. While arms are overstrained, any decrease is enough. Return the last
+        result that was better.
         """
         for k in range(most):
             if self.task.work.is_over:
@@ -270,11 +276,11 @@ class Search:
     def polish(
         self, here: StageResult, progress: Progress, steps: int = POLISH_STEPS, stop: float = 0.0
     ) -> StageResult:
-        """Take a few more steps of the spirals alone; ``stop`` : see ``_limited_params``."""
+        """Take at most ``steps`` further steps that change only the spirals; ``stop`` : see ``_limited_params``."""
         return self.optimise_spirals(here, self._limited_params(steps, stop), progress)
 
     def _limited_params(self, steps: int, stop: float) -> OptimiseParams:
-        """Return the settings for at most ``steps`` steps, which end after two in a row that bring less than ``stop``.
+        """Return the settings for at most ``steps`` steps, which end after two consecutive decreases below ``stop``.
 
         stop : decrease of the objective, as a share of it
         """
@@ -282,11 +288,14 @@ class Search:
         return replace(params, iterations=min(steps, params.iterations), stop=params.stop and max(params.stop, stop))
 
     def relieve_step(self, here: StageResult, progress: Progress) -> StageResult:
-        """Take ``RELIEF_STEPS`` steps of the spirals alone; ``_repeat`` updates the strain multipliers before."""
+        """Take ``RELIEF_STEPS`` steps that change only spirals, to reduce strains beyond the limit.
+
+        ``_repeat`` has updated the multipliers of the strain limits before this call.
+        """
         return self.polish(here, progress, RELIEF_STEPS, RELIEF_STOP)
 
     def optimise_spirals(self, here: StageResult, params: OptimiseParams, progress: Progress) -> StageResult:
-        """Optimise the spirals alone; append the results to ``results``."""
+        """Optimise only the spirals, with fixed flat shapes; append the results to ``results``."""
         start = bearable = here.point
 
         def accepted(point: DesignPoint) -> None:
@@ -301,7 +310,7 @@ class Search:
         return self.add_result(here.design, found)
 
     def run_cycle(self, here: StageResult, progress: Progress) -> StageResult:
-        """Run one cycle: optimise flat shapes and spirals together, then the spirals alone."""
+        """Run one cycle: optimise flat shapes and spirals together, then only the spirals."""
         found = self.optimise_flat_shapes(here, progress.part(0.0, 0.8))
         found = found if found.value < here.value else here
         if self.task.work.is_over:
@@ -327,7 +336,7 @@ class Search:
         return other or here
 
     def _add_as_design(self, here: StageResult, found: FlatPoint, progress: Progress) -> StageResult | None:
-        """Turn a point with moved flat shapes into a design; append it to ``results``. None if a patch overlaps itself."""
+        """Turn a point with moved flat shapes into a stage result; return None if a patch overlaps itself."""
         design = codesign.to_design(found, here.design)
         if design is None:
             return None

@@ -1,4 +1,4 @@
-"""Terms of the objective that depend on the equilibrium, with derivatives with respect to hubs and coordinates.
+"""Terms of the objective that depend on the equilibrium, with derivatives by hub increments and design variables.
 
 A ``DesignPoint`` sums the terms, and applies the adjoint of the equilibrium once to the sum.
 """
@@ -17,32 +17,33 @@ from ..arrays import Float, Int
 from ..materials import Material
 from .objective import Mismatch
 
-# Safety distance of the bound on strains below the limit, as a share of it, so that a small remaining excess does not
-# violate the limit. Larger: worse match (docs/tuning.md)
+# The search bounds strains at the strain limit less this share of it, so that a small remaining excess does not violate
+# the limit. Larger: worse match (docs/tuning.md)
 LIMIT_MARGIN = 0.02
 # Penalty parameter of the augmented Lagrangian, on squared relative excesses. Larger: shorter steps (docs/tuning.md)
 PENALTY_PARAMETER = 1.0
 # Weight of excess strain, as a multiple of the mismatch at the start of the search. Larger: worse match; smaller:
 # strains end beyond the limit (docs/tuning.md)
 STRAIN_WEIGHT = 100.0
-# Relative distance below the limit within which arms are part of a step's model. Smaller: steps may strain many other
-# arms beyond the limit and are refused; larger: slower (docs/tuning.md)
+# Arms whose strain is below the limit by less than this share of it are part of a step's model. Smaller: steps may
+# strain arms beyond the limit that are not in the model, and are refused; larger: slower (docs/tuning.md)
 ACTIVE_DISTANCE = 0.5
-# Factor on the weight after an update of the multipliers, if the largest excess is above this share of the excess at
-# the update before. Larger factor: strains reach the limit sooner (docs/tuning.md)
+# WEIGHT_GROWTH: factor on the weight of excess strain at an update of the multipliers, if the largest excess has not
+# fallen below SUFFICIENT_DECREASE times the largest excess at the previous update. Larger factor: strains fall to the
+# limit sooner (docs/tuning.md)
 WEIGHT_GROWTH, SUFFICIENT_DECREASE = 2.0, 0.5
 # Largest multiplier of an arm, chosen by eye. Larger: a few arms that no spirals can relieve outweigh all other terms
 MAX_MULTIPLIER = 1.0
-# Penalty on excess strain when ranking results, as the growth of log(merit) per relative excess: after a cancel;
-# against the given design, and after the time limit; within a completed search
+# Penalty on excess strain when results are ranked: growth of log(merit) per relative excess. NO: after a cancel. MILD:
+# when compared with the given design, and after the time limit. FULL: within a completed search
 NO_STRAIN_PENALTY, MILD_STRAIN_PENALTY, FULL_STRAIN_PENALTY = 0.0, 5.0, 20.0
 
 
 class Gradient(NamedTuple):
     """Derivatives of a scalar.
 
-    by_hubs : (n, 6) with respect to the hubs' increments; by_coordinates : (coordinates,) with respect to the coordinates at fixed
-        hubs
+    by_hubs : (n, 6) with respect to the hubs' increments
+    by_coordinates : (coordinates,) with respect to the design variables at fixed hubs
     A 0 stands for an array of zeros.
     """
 
@@ -60,10 +61,13 @@ class Term(Protocol):
     def gradient(self) -> Gradient: ...
 
     def gauss_newton_product(self, increments: np.ndarray, change: np.ndarray) -> Gradient:
-        """Return the product of its Gauss-Newton matrix with hub increments (n, 6) and a change of the coordinates."""
+        """Multiply the term's Gauss-Newton matrix by hub increments (n, 6) and a change of the design variables."""
 
     def after_step(self, increments: np.ndarray, change: np.ndarray) -> Term:
-        """Return the term after a step: linearise strains, gaps and distances, evaluate their penalty exactly."""
+        """Return the term after a step: its strains, slot widths or distances linearised, their penalty exact.
+
+        increments, change : of the hubs (n, 6), and of the design variables (coordinates,)
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,22 +75,22 @@ class Jacobian:
     """Jacobian of K quantities.
 
     by_hubs : (K, 6 n) with respect to the increments of the hubs
-    by_coordinates : (K, coordinates) with respect to the coordinates at fixed hubs
+    by_coordinates : (K, coordinates) with respect to the design variables at fixed hubs
     """
 
     by_hubs: csr_array
     by_coordinates: csr_array
 
     def jvp(self, increments: np.ndarray, change: np.ndarray) -> Float[np.ndarray, " k"]:
-        """Return the product with increments (n, 6) of the hubs and a change of the coordinates (jvp)."""
+        """Return the product with increments (n, 6) of the hubs and a change of the design variables (jvp)."""
         return self.by_hubs @ increments.ravel() + self.by_coordinates @ change
 
     def vjp(self, weight: Float[np.ndarray, " k"]) -> Gradient:
-        """Return the transposed product (vjp)."""
+        """Return the gradient of the sum of the K quantities, each times its ``weight`` (vjp)."""
         return Gradient((self._transposed[0] @ weight).reshape(-1, 6), self._transposed[1] @ weight)
 
     def drop_zero_curvature(self, curvature: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " some"], Jacobian]:
-        """Return the second derivatives that are not 0, and the Jacobian of only the quantities that these belong to.
+        """Return the second derivatives that are not 0, and the Jacobian of only the quantities that they belong to.
 
         curvature : second derivatives of a scalar with respect to the K quantities
         """
@@ -118,7 +122,7 @@ class LeastSquares(Term):
         raise NotImplementedError
 
     def jvp(self, increments: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """Return the change of the residual for hub increments (n, 6) and a change of the coordinates."""
+        """Return the change of the residual for hub increments (n, 6) and a change of the design variables."""
         raise NotImplementedError
 
     def vjp(self, weight: np.ndarray) -> Gradient:
@@ -199,13 +203,13 @@ class StrainLimit:
         return self.share * self.material.safe_strain
 
     def excess(self, strains: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, "joints 2"]:
-        """Return the relative excess (m, 2) of strains over the limit less ``LIMIT_MARGIN``; negative below it."""
+        """Return strains (m, 2) over (1 - ``LIMIT_MARGIN``) times the limit, minus 1; negative below that bound."""
         return strains / ((1.0 - LIMIT_MARGIN) * self.limit) - 1.0
 
     def with_updated_multipliers(self, strains: Float[np.ndarray, "joints 2"]) -> StrainLimit:
         """Return a copy with multipliers updated from these strains.
 
-        The weight grows if the excess is not below ``SUFFICIENT_DECREASE`` of the excess at the last update.
+        The weight grows if the largest excess is above ``SUFFICIENT_DECREASE`` times that at the last update.
         """
         known, excess = 0.0 if self.multipliers is None else self.multipliers, self.excess(strains)
         worst = max(float(excess.max(initial=0.0)), 0.0)
@@ -226,7 +230,7 @@ class StrainLimit:
         Parameters
         ----------
         value : of the objective
-        largest : largest strain of the piece
+        max_strain : largest strain of the piece
         strain_penalty : ``NO_STRAIN_PENALTY``, ``MILD_STRAIN_PENALTY`` or ``FULL_STRAIN_PENALTY``
         """
         return value * float(np.exp(strain_penalty * np.clip(max_strain / self.limit - 1.0, 0.0, 1.0)))
@@ -234,13 +238,13 @@ class StrainLimit:
 
 @dataclass(frozen=True, eq=False)
 class StrainTerm(Term):
-    """Augmented Lagrangian of the strain limits: half the squared positive multiplier estimates, as a mean over all arms.
+    """Augmented Lagrangian of the strain limits: mean over all arms of half the squared positive multiplier estimates.
 
     The multiplier estimate of an arm is its multiplier plus ``PENALTY_PARAMETER`` times its relative excess; beyond
     ``MAX_MULTIPLIER`` the term is linear (Huber's loss).
 
     strains : (m, 2) of both arms of every joint
-    changes : function from numbers of arms (2 * joint + side) to the Jacobian of their strains
+    jacobian_of : function from indices of arms, 2 * joint + (0 or 1), to the Jacobian of their largest strains
     """
 
     strain_limit: StrainLimit
@@ -249,18 +253,18 @@ class StrainTerm(Term):
 
     @cached_property
     def _active_estimates(self) -> Float[np.ndarray, " k"]:
-        """Estimates of the active arms, not clipped to ``MAX_MULTIPLIER``."""
+        """Multiplier estimates of the active arms, not clipped to ``MAX_MULTIPLIER``."""
         return self._estimates[self._active]
 
     @cached_property
     def _estimates(self) -> Float[np.ndarray, " arms"]:
-        """Estimates of all arms: multiplier plus ``PENALTY_PARAMETER`` times the relative excess."""
+        """Multiplier estimates of all arms: multiplier plus ``PENALTY_PARAMETER`` times the relative excess."""
         known = 0.0 if self.strain_limit.multipliers is None else self.strain_limit.multipliers
         return (known + PENALTY_PARAMETER * self.strain_limit.excess(self.strains)).ravel()
 
     @cached_property
     def _active(self) -> Int[np.ndarray, " k"]:
-        """Numbers of the arms in the model of a step: those whose estimate exceeds -``ACTIVE_DISTANCE``."""
+        """Indices of the active arms, which are in a step's model: their estimate exceeds -``ACTIVE_DISTANCE``."""
         return np.flatnonzero(self._estimates > -ACTIVE_DISTANCE)
 
     @cached_property
@@ -279,11 +283,11 @@ class StrainTerm(Term):
         return 1.0 / ((1.0 - LIMIT_MARGIN) * self.strain_limit.limit)
 
     def value_at(self, estimate: Float[np.ndarray, " k"]) -> float:
-        """Return the value at these estimates of the active arms."""
+        """Return the value of the term at these multiplier estimates (k,) of the active arms."""
         return self._weight_per_arm / PENALTY_PARAMETER * _huber_loss(estimate)
 
     def gradient_at(self, estimate: Float[np.ndarray, " k"]) -> Gradient:
-        """Return the gradient at these estimates of the active arms."""
+        """Return the gradient of the term at these multiplier estimates (k,) of the active arms."""
         return self._jacobian.vjp(
             self._weight_per_arm * self._excess_per_strain * np.clip(estimate, 0.0, MAX_MULTIPLIER)
         )
@@ -291,11 +295,12 @@ class StrainTerm(Term):
     def curvature_at(
         self, estimate: Float[np.ndarray, " k"], negative_factor: Float[np.ndarray, " k"] | float
     ) -> np.ndarray:
-        """Return the second derivatives (k,) with respect to the strains.
+        """Return the second derivatives (k,) of the term with respect to the active arms' strains.
 
-        In the linear part of Huber's loss they are replaced by those of a parabola of equal slope.
+        Where Huber's loss is linear, a parabola of equal slope replaces it.
 
-        estimate : (k,) estimates of the active arms; negative_factor : on the second derivative for arms with a negative estimate
+        estimate : (k,) multiplier estimates of the active arms
+        negative_factor : factor on the second derivatives of arms with a negative estimate
         """
         share = np.where(
             estimate > 0.0, np.minimum(1.0, MAX_MULTIPLIER / np.maximum(estimate, MAX_MULTIPLIER)), negative_factor
@@ -326,7 +331,7 @@ class StrainTerm(Term):
 
 @dataclass(frozen=True, eq=False)
 class StrainTermAtStep(Term):
-    """``StrainTerm`` after a step; change : (k,) linearised changes of the active arms' estimates."""
+    """``StrainTerm`` after a step; change : (k,) linearised changes of the active arms' multiplier estimates."""
 
     start: StrainTerm
     change: Float[np.ndarray, " k"]
@@ -356,21 +361,21 @@ class StrainTermAtStep(Term):
 
 
 def _huber_loss(estimate: Float[np.ndarray, " k"]) -> float:
-    """Return the sum of Huber's loss of the positive estimates: half the square, linear beyond ``MAX_MULTIPLIER``."""
+    """Return the sum of Huber's losses of the positive estimates: half the square, linear beyond ``MAX_MULTIPLIER``."""
     estimate = np.maximum(estimate, 0.0)
     near = np.minimum(estimate, MAX_MULTIPLIER)
     return float((near * (estimate - 0.5 * near)).sum())
 
 
 def rotation_damping_gradient(weight: float, increments: np.ndarray) -> Gradient:
-    """Return the gradient of the rotation damping: of ``weight`` / 2 times the squared rotations (radians) of hubs."""
+    """Return the gradient of ``weight`` / 2 times the sum of the squared rotations in the hubs' ``increments``."""
     if not weight:
         return Gradient(0.0, 0.0)
     return Gradient(np.concatenate([np.zeros_like(increments[:, :3]), weight * increments[:, 3:]], axis=1), 0.0)
 
 
 def sum_gradients(parts: list[Gradient], size: int, coordinates: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sum derivatives of several scalars; return the sums for hubs and rim nodes (size, 6), and for coordinates."""
+    """Sum gradients of several scalars; return the sums by hubs and rim nodes (size, 6), and by design variables."""
     hubs, own = np.zeros((size, 6)), np.zeros(coordinates)
     for part in parts:
         if isinstance(part.by_hubs, np.ndarray):

@@ -1,4 +1,4 @@
-"""Compliances of the arms as they are cut: those of the stiffness table plus a correction (see ``cut``)."""
+"""Compliances of the arms as they are cut: compliances of the stiffness table plus a correction (see ``cut``)."""
 
 from __future__ import annotations
 
@@ -38,17 +38,17 @@ class ArmCompliances(Columns):
     def to_first_order(
         self, change: Float[np.ndarray, "n k"], by_shapes: Float[np.ndarray, "n k 6 6"]
     ) -> ArmCompliances:
-        """Update to first order for a change of the arms' shapes.
+        """Return a copy for slightly different arm shapes, to first order; ``by`` stays as it is.
 
         Parameters
         ----------
-        change : (n, k) change of the ``rest_shapes`` of ``cut``
-        by_shapes : (n, k, 6, 6) derivatives of the cut's correction
+        change : (n, k) change of the arms' ``rest_shapes`` (see ``cut``), for n = 2 m arms
+        by_shapes : (n, k, 6, 6) derivatives of the correction in ``values`` by the ``rest_shapes``
         """
         shape = self.table.shape
         table = self.table + 2.0 * change[:, 0].reshape(shape[:2])[..., None, None] * self.table_by_scale
         if change.shape[1] > 3:
-            # a grain turned by half a turn is unchanged
+            # a grain direction is the same after half a turn
             turned = (change[:, 3] + 0.5 * np.pi) % np.pi - 0.5 * np.pi
             change = np.concatenate([change[:, :3], turned[:, None], change[:, 4:]], axis=1)
             table = table + change[:, 3].reshape(shape[:2])[..., None, None] * self.table_by_grain
@@ -56,7 +56,7 @@ class ArmCompliances(Columns):
         return replace(self, table=table, values=self.values + (table - self.table) + added)
 
     def map_arrays(self, made: Callable[[str, np.ndarray], np.ndarray]) -> ArmCompliances:
-        """Replace every attribute that is not None by a function of its name and value."""
+        """Return a copy in which every attribute that is not None is ``made(name of the attribute, its array)``."""
         known: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self)}
         changed: dict[str, Any] = {k: None if value is None else made(k, value) for k, value in known.items()}
         return ArmCompliances(**changed)
@@ -68,7 +68,7 @@ def arm_compliances(assembly: Assembly, material: Material, slopes: bool = True)
     Parameters
     ----------
     assembly, material : m joints at rest, and the sheet
-    slopes : also compute the derivatives by the design
+    slopes : also compute the derivatives ``by`` with respect to the design; otherwise they are None
 
     Raises
     ------

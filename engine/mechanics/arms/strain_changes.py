@@ -1,7 +1,7 @@
 """Largest strains of the arms of an assembly, with derivatives by the hubs' poses, the design and the rest shapes.
 
-The rim's strips and necks count as straight bars, as wide as they are beside their holes. The design changes only the
-width of a neck: a neck is as wide as the arm that it joins.
+The strips and necks of a rim (glossary) count as straight bars; a strip is as wide as its material beside a hole for
+the cord or rivet. The design does not change strips, and changes only the width of a neck, which is that of its arm.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ from .cut import TWIST, WIDTH, CutArms, rest_shapes
 from .peak_strain import GRAIN_INDEX, NUMBERS, PeakStrain, StrainedArms
 from .sensitivity import SENSES, JointDerivatives, arm_loads, spread_over_design
 
-# sharpness of a kink (see ``kink_sharpness``) above which computed strains are less certain, and the largest ratio of
-# true to computed strain at such kinks; a lower limit or a larger factor warns about more joints
+# KINK_LIMIT: sharpness of a kink (see ``kink_sharpness``) above which computed strains are uncertain.
+# KINK_STRAIN_FACTOR: largest ratio of true to computed strain at such kinks. A lower limit or a larger factor warns
+# about more joints
 KINK_LIMIT, KINK_STRAIN_FACTOR = 0.9, 1.6
 _UNCUT = 0.3  # length of blends in t for arms cut as pure spirals; without effect, as equal arms need no blend
 
@@ -32,9 +33,9 @@ _UNCUT = 0.3  # length of blends in t for arms cut as pure spirals; without effe
 class StrainSlopes:
     """Derivatives of the largest strains of K arms.
 
-    by_pose : (K, 12) by the increments of both hubs of their joint
-    by_design : (K, 2, 5) by the four widths and the twist of the spirals on both sides of the joint
-    arms : values, and derivatives by the arms' own loads and parameters
+    by_pose : (K, 12) by the increments of the two hubs of the arm's joint
+    by_design : (K, 2, 5) by the four widths and the twist of either spiral of the arm's joint
+    arms : the strains, and their derivatives by the arms' own loads and parameters
     """
 
     by_pose: Float[np.ndarray, "k 12"]
@@ -70,7 +71,10 @@ class Strains:
         return cls(assembly, changes, arms, loads, arms.values(loads).reshape(-1, 2))
 
     def slopes(self, arms: Int[np.ndarray, " k"]) -> StrainSlopes:
-        """Return the derivatives of the strains of arms (k,); arm 2 e + side belongs to joint e."""
+        """Return the derivatives of the largest strains of some arms by the hubs' poses and the spirals' design.
+
+        arms : (k,) indices; 2 * joint + (0 or 1) is an arm of that joint
+        """
         found, known, changes = self.arms.slopes(self.loads[arms], arms), self.assembly, self.changes
         e, side, rows = arms // 2, arms % 2, np.arange(len(arms))
         axes, by_loads = known.arm_axes[e, side], SENSES[side, None] * found.by_loads
@@ -81,7 +85,7 @@ class Strains:
         by_design = (changes.wrench_by_design[e] @ by_wrench[:, None, :, None])[..., 0]
         by_design += (changes.linear_by_design[e] @ by_linear[:, None, :, None])[..., 0]
         mate, sign = (of[arms] for of in _mates(known))
-        # the width of a neck follows the arm that it joins; a strip does not depend on the design
+        # a neck is as wide as the arm that it joins, so its width counts for side 0; strips do not depend on the design
         own = np.where((e >= known.n_inner_joints) & (side == 1), 0, side)
         beyond = np.where(mate == arms, own, mate % 2)
         alive = e < known.tie_joints.stop
@@ -90,7 +94,7 @@ class Strains:
             by_design[rows, at, WIDTH] += alive * found.by_numbers[:, numbers[0]]
             by_design[rows, at, TWIST] += turns * weight * found.by_numbers[:, numbers[1]]
         out = spread_over_design(by_design, known.sides[e])
-        cut = known.pairs[e, side] < known.spirals  # necks and strips have only strips beside them
+        cut = known.pairs[e, side] < known.spirals  # beside necks and strips there are only strips, of constant width
         out[rows, side, _inner_side(known, known.sides[e, side])] += cut * found.by_numbers[:, BESIDE]
         return StrainSlopes(by_pose, out, found)
 
@@ -103,18 +107,19 @@ def strain_by_rest_shape(
     Parameters
     ----------
     assembly, arms : m joints, and (k,) arms 2 e + side of joint e
-    by : (k, NUMBERS) derivatives by the parameters
+    by : (k, NUMBERS) derivatives of any quantity by the parameters of the arms, in the columns of ``bars``
 
     Returns
     -------
     (k, 2, 3) : side of the joint; x and y of the lever (per metre) and the direction of the edge (per radian)
     """
     e, side, rows, sense = arms // 2, arms % 2, np.arange(len(arms)), -1.0 if assembly.clockwise else 1.0
-    out, ties = np.zeros((len(arms), 2, 3)), e >= assembly.n_inner_joints
-    if ties.any():
-        by = np.where((ties & (side == 1))[:, None], 0.0, by)  # necks and strips do not change
-        by[ties, OWN_LEAN] -= by[ties, MATE_LEAN]
-        by[ties, MATE_LEAN] = 0.0
+    out, at_rim = np.zeros((len(arms), 2, 3)), e >= assembly.n_inner_joints
+    if at_rim.any():
+        # side 1 of a joint at the rim is the rim's neck or strip, whose shape does not depend on the flat patches
+        by = np.where((at_rim & (side == 1))[:, None], 0.0, by)
+        by[at_rim, OWN_LEAN] -= by[at_rim, MATE_LEAN]  # the arm beyond the joint counts as a mirror image
+        by[at_rim, MATE_LEAN] = 0.0
     for at, lean, radius, grain in ((side, OWN_LEAN, RADIUS, GRAIN_INDEX), (1 - side, MATE_LEAN, None, None)):
         lever = assembly.lever[e, at, :2]
         size = np.linalg.norm(lever, axis=1)
@@ -184,10 +189,10 @@ def kink_sharpness(assembly: Assembly) -> Float[np.ndarray, " joints"]:
 
 
 def _mates(assembly: Assembly) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Return the mate of both arms of every joint, and the sign of its twist and lean.
+    """Return the mates (2 m,) of both arms of every joint, and the signs (2 m,) of the mates' twists and leans.
 
-    The mate is the arm beyond the joint. At a rim it is the mirror image of the arm, and for arms cut as pure spirals
-    an equal arm.
+    The mate is the arm beyond the joint. At a rim it is the mirror image of the arm itself, with the sign -1; for arms
+    that are cut as pure spirals it is the arm itself.
     """
     own = np.arange(2 * len(assembly.pairs))
     mate, sign = own ^ 1, np.ones(len(own))
@@ -200,5 +205,5 @@ def _mates(assembly: Assembly) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray,
 
 
 def _inner_side(assembly: Assembly, sides: Int[np.ndarray, "*n"]) -> Int[np.ndarray, "*n"]:
-    """Return the sides whose arms lie beside the inner edges of these arms, in the same spirals."""
+    """Return, for arms on these sides of their quads, the side of the arm in the same spiral at their inner edge."""
     return (sides + (1 if assembly.clockwise else -1)) % 4

@@ -1,10 +1,10 @@
 """The rod model: rigid hubs joined by straight edges from centre to centre, with stretch, two bendings and torsion.
 
 FlexMaps section 6.1, eq. 1-4 (Malomo et al. 2018); curvature binormal and torsion after Bergou et al. 2008 and 2010.
-The roll of an edge about itself affects the energy of that edge only, so the energy is minimised over all rolls, which
-leaves six unknowns per spiral. The paper measures the roll from a frame that is transported in time. Here it is
-measured from the first hub's frame, carried onto the edge by the shortest rotation. Both differ by the reference
-torsion, which eq. 4 subtracts, so both give equal energies, and a state needs to store whole turns only, not a frame.
+The roll (turn of an edge about its own axis) affects the energy of that edge only. So the energy is minimised over all
+rolls, which leaves six unknowns per spiral. The paper measures the roll from a frame that is transported in time. Here
+it is measured from the first hub's frame, carried onto the edge by the shortest rotation. The two rolls differ by the
+reference torsion, which eq. 4 subtracts, so the energies are equal. A state stores only the number of whole turns.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ class RodModel(JointsOnly):
     """The rod model of an assembly.
 
     assembly : spirals and joints at rest
-    springs : (m, 2, 3) N m: k_b0, k_b1 and k_t of either end's spiral, divided by the half length at that end
+    springs : (m, 2, 3) N m: k_b0, k_b1 and k_t of the spiral at either end of an edge, over the half length there
     stretch : (m,) J: sum over both ends of k_s times the half length
-    rest : (m, 2, 3, 3) columns: along the edge, to its left, normal, at rest, in the flat frame of the hub at either
-        end
+    rest : (m, 2, 3, 3) axes of the edge at rest in the flat frame of the hub at either end; columns: along the edge, to
+        its left, normal
     length : (m,) metres, at rest
     by_design : (n, 4, 2) derivatives of every spiral's k_s, k_b0, k_b1, k_t by the mean width of its arms (per metre)
         and by its twist (per radian)
@@ -135,7 +135,10 @@ class RodModel(JointsOnly):
         return 0.5 * self.stretch * strain**2, self.stretch * strain / self.length
 
     def _state(self, pose: Pose, before: RodState | None) -> RodState:
-        """Return the state at a pose; whole turns of torsion and rolls are those closest to the state ``before``."""
+        """Return the state at a pose, with the whole turns of torsion and roll that are closest to ``before``.
+
+        before : a state at a nearby pose; None for no whole turns
+        """
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             first, second = self.pairs.T
             edge = pose.centres[second] - pose.centres[first]
@@ -157,12 +160,13 @@ class RodModel(JointsOnly):
         return RodState(pose, length, tangent, frames, bend, torsion, roll, length)
 
     def expand(self, state: RodState, ahead: bool = False) -> Expansion:
-        """Compute energy, gradient and Hessian; the roll is eliminated by a Schur complement.
+        """Compute energy, gradient and Hessian by the hubs' increments; the roll is eliminated by a Schur complement.
 
         Parameters
         ----------
         state : about which the energy is expanded
-        ahead : use the predicted tension in the Hessian, see ``ElasticModel.expand``; other stresses are the state's
+        ahead : use in the Hessian the tension that the last step predicted (see ``ElasticModel.expand``), but bending
+            and torsion at ``state``
         """
         joules, tension = self._stretch_energy(state.length)
         ends = strains.expand(self.springs, state.bend, state.angles)
@@ -177,13 +181,13 @@ class RodModel(JointsOnly):
         pull = self._stretch_energy(state.predicted)[1] if ahead else tension
         lateral = (pull / state.length)[:, None, None] * (np.eye(3) - along)
         flip = np.outer(ROLL_SIGNS, ROLL_SIGNS)
-        curved = second_order(state, motion, slope)
+        geometric = second_order(state, motion, slope)
         blocks = gradient[:, 0] @ END_INCREMENTS[0] + gradient[:, 1] @ END_INCREMENTS[1]
         return Expansion(
             float(per_joint.sum()),
             per_joint,
             sum_joint_vectors(blocks, self.pairs, self.assembly.size),
-            _eliminate_roll(ends.hessian * flip, jacobian, steep + lateral, curved),
+            _eliminate_roll(ends.hessian * flip, jacobian, steep + lateral, geometric),
             _eliminate_roll(ends.convex * flip, jacobian, steep, None),
         )
 
@@ -191,25 +195,27 @@ class RodModel(JointsOnly):
 def _eliminate_roll(
     ends: Float[np.ndarray, "joints 2 3 3"],
     jacobian: Float[np.ndarray, "joints 2 3 6"],
-    shifts: Float[np.ndarray, "joints 3 3"],
-    curved: Float[np.ndarray, "joints 2 6 6"] | None,
+    stretch: Float[np.ndarray, "joints 3 3"],
+    geometric: Float[np.ndarray, "joints 2 6 6"] | None,
 ) -> Float[np.ndarray, "joints 12 12"]:
-    """Return second derivatives (m, 12, 12) of the energy by the hubs' increments, with the roll eliminated.
+    """Return the second derivatives (m, 12, 12) of the edges' energies by the increments of their two hubs.
 
-    d is the shift of the second hub minus the shift of the first, w the turn of the hub at an end.
+    The roll of every edge follows the hubs, as it takes the value of least energy (Schur complement). Let d be the
+    shift of the second hub minus the shift of the first, and w the turn of the hub at an end of the edge.
 
     Parameters
     ----------
-    ends : (m, 2, 3, 3) second derivatives of the energy by the curvatures x, y and the roll of both ends
+    ends : (m, 2, 3, 3) second derivatives of the energy by the curvatures x, y and the roll at either end
     jacobian : (m, 2, 3, 6) derivatives of x, y and roll by (d, w)
-    shifts, curved : (m, 3, 3) by d, and (m, 2, 6, 6) by (d, w): further second derivatives, which are added
+    stretch : (m, 3, 3) second derivatives of the stretch energy by d
+    geometric : (m, 2, 6, 6) geometric stiffness by (d, w), from second derivatives of x, y and roll; None leaves it out
     """
     row = roll_coupling(ends, jacobian)
     out = outer(row / -ends[..., 2, 2].sum(axis=1)[:, None], row)
     own = np.swapaxes(jacobian, 2, 3) @ ends @ jacobian
-    if curved is not None:
-        own += curved
-    shift = own[:, 0, :3, :3] + own[:, 1, :3, :3] + shifts
+    if geometric is not None:
+        own += geometric
+    shift = own[:, 0, :3, :3] + own[:, 1, :3, :3] + stretch
     for rows, columns, sign in ((0, 0, 1.0), (6, 6, 1.0), (0, 6, -1.0), (6, 0, -1.0)):
         out[:, rows : rows + 3, columns : columns + 3] += sign * shift
     for k, turn in ((0, slice(3, 6)), (1, slice(9, 12))):
@@ -221,7 +227,7 @@ def _eliminate_roll(
 
 
 def _scale(assembly: Assembly) -> Float[np.ndarray, " spirals"]:
-    """Return the diameters (n,) of the spirals, metres: twice the mean distance to their joints.
+    """Return the diameters (n,) of the spirals, metres: twice the mean distance from the hub's centre to the joints.
 
     The result is arbitrary for spirals without a joint.
     """
