@@ -1,4 +1,4 @@
-"""Weights of quads under a brush."""
+"""Weights of quads under a brush, from 0 to 1: how far a dab moves each spiral towards the brush's goal."""
 
 from __future__ import annotations
 
@@ -41,15 +41,15 @@ class PaintSurface:
     def dab_weights(self, place: np.ndarray, facing: np.ndarray, radius: float) -> Float[np.ndarray, " quads"]:
         """Return the weight of a dab on every quad, from 0 to 1.
 
-        The weight falls off smoothly to 0 at the radius (3 s^2 - 2 s^3, Blender's *Smooth* falloff). Distances count
-        from a quad's sides, so that a small brush paints the whole quad under it. Quads that face away, such as the far
-        side of a thin wall, have weight 0.
+        The weight falls off smoothly to 0 at the radius (3 s^2 - 2 s^3, Blender's *Smooth* falloff). The distance of a
+        quad from the dab is reduced by the quad's ``side_distance``, so that a small brush paints the whole quad under
+        it. Quads that face away from the dab, such as the far side of a thin wall, have weight 0.
 
         Parameters
         ----------
         place : (3,) centre of the dab, metres
-        facing : (3,) normal of the surface there
-        radius : metres
+        facing : (3,) unit normal of the surface at the centre of the dab
+        radius : radius of the brush, metres
         """
         away = np.maximum(np.linalg.norm(self.centres - place, axis=1) - self.side_distance, 0.0)
         share = np.clip(1.0 - away / max(radius, 1e-12), 0.0, 1.0)
@@ -57,7 +57,7 @@ class PaintSurface:
 
 
 def combine_weights(weights: list[Float[np.ndarray, " quads"]]) -> Float[np.ndarray, " quads"]:
-    """Combine the weights of consecutive dabs into one weight; exact if all dabs move spirals to the same goal."""
+    """Combine the weights of consecutive dabs into one weight per quad; exact if the dabs share their goal spirals."""
     left = np.ones_like(weights[0])
     for weight in weights:
         left *= 1.0 - weight

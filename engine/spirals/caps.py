@@ -20,8 +20,8 @@ from .curves.arcs import Curve
 from .curves.spiral import LEFT, RIGHT, Arms, edge_points
 from .roots import SlotRoots
 
-# start of the stump of a left-out arm, as a share of the arm parameter t at the roots of the slots beside it; at 0.98,
-# 0.2 mm of 10 mm remain, so that both edges of the arm exist; larger values shorten the stump
+# Start of a left-out arm's stump, as a share of the arm parameter t at which the slots beside the arm end. Larger
+# values shorten the stump: 0.98 leaves 0.2 mm of a 10 mm arm; at 1 the stump has no edges.
 STUMP_START = 0.98
 POLYGON_TOLERANCE = 2e-6  # largest deviation of a cap's polygon from its arcs, metres; larger is faster and less exact
 
@@ -33,7 +33,7 @@ class Cap:
     arm : number of the arm, 4 quad + side
     patch : index of its patch
     inner_end : arm parameter t (0 at the joint, 1 at the quad's centre) where the cap ends and the plain arm begins
-    end_curve : curve of the cap from the arm's right edge to its left edge at ``inner_end``, in the patch's frame, metres
+    end_curve : curve of the cap, from the arm's right to its left edge at ``inner_end``, in the patch's frame, metres
     """
 
     arm: int
@@ -50,7 +50,7 @@ class Cap:
 
 
 def left_out_arms(mesh: QuadMesh, params: SpiralParams) -> Bool[np.ndarray, "quads 4"]:
-    """Return a mask of the arms that are left out: the arms at an open border, if the settings say so."""
+    """Return a mask of the arms that are left out: arms at an open border, if ``params.border`` is "left_out"."""
     return mesh.border[mesh.quad_edges] & (params.border == "left_out")
 
 
@@ -62,13 +62,13 @@ def stump_starts(root: SlotRoots) -> Float[np.ndarray, "quads 4"]:
 def make_caps(
     arms: Arms, begin: Float[np.ndarray, "quads 4"], absent: Bool[np.ndarray, "quads 4"], patch_of: np.ndarray
 ) -> tuple[Cap, ...]:
-    """Put a half circle over the end of every arm that is left out.
+    """Return a cap for every arm that is left out: a half circle over the end of its stump.
 
     Parameters
     ----------
     arms : arms of all quads
     begin : (F, 4) arm parameter t where every arm begins
-    absent : mask of the arms that are left out
+    absent : (F, 4) mask of the arms that are left out
     patch_of : (F,) patch of every quad
     """
     quad, side = np.nonzero(absent)

@@ -44,7 +44,7 @@ class Tips:
     edge_offset : outward offset of the left and the right edges at the tips, metres
     taper_start, taper_end : t up to which the offset is complete, and t from which it is 0
     begin : t where the edges begin
-    end_curves : curve of each shaped end, from the right to the left edge, in the patch's frame, metres; key: arm number
+    end_curves : curve of each shaped end, from right to left edge, in the patch's frame, metres; key: arm number
     """
 
     edge_offset: Float[np.ndarray, "2 quads 4"]
@@ -129,7 +129,8 @@ def fit_edges(
     tolerance : largest distance of the arcs from the exact edges, metres
     tips : shaped ends of arms, with their own beginnings
     progress : called with the fraction done; may cancel
-    cached, refit : an earlier result, and the numbers of the arms to fit again; by default all arms are fitted
+    cached : an earlier result for the same arms; default is none, and all arms are fitted
+    refit : numbers of the arms in ``cached`` that are fitted again
 
     Raises
     ------
@@ -226,12 +227,13 @@ def _slot_curves(
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return the curve (points, bulges) around the slot at every corner of every quad.
 
-    The curve runs inwards along arm corner - 1 and outwards along arm corner, and over its end if that lies at a cut.
+    At corner j, the curve runs inwards along arm j - 1, outwards along arm j, and across the end of arm j at a cut.
     """
     t_left, t_right = root.left[..., None], np.roll(root.right, 1, axis=1)[..., None]
     p_left, d_left = (x[:, :, 0] for x in edge_points(arms, t_left, LEFT))
     _, d_right = (np.roll(x[:, :, 0], -1, axis=1) for x in edge_points(arms, t_right, RIGHT))
-    # the fillet turns from inwards on the left edge to outwards on the next arm's right edge, always to the right
+    # the fillet turns from the inward direction of a left edge to the outward direction of the next arm's right edge,
+    # always to the right
     turn = np.arctan2(d_left[..., 0] * -d_right[..., 1] + d_left[..., 1] * d_right[..., 0], -(d_left * d_right).sum(-1))
     turn = np.where(turn > 0.5 * np.pi, turn - 2.0 * np.pi, np.minimum(turn, 0.0))
     bulge = np.tan(0.25 * turn)
@@ -271,8 +273,8 @@ def _rim_links(arms: Arms, rim: Rim, fillet: float) -> dict[int, Curve]:
 def _slot_chains(mesh: QuadMesh, joined: np.ndarray, onward: Mapping[int, int]) -> list[list[int]]:
     """Return the closed chains of slots, numbered 4 quad + corner, that the outlines follow.
 
-    At a joined side the chain continues with the neighbour's slot, at a cut with the next slot of the quad, and at the
-    rim as ``onward`` maps the slots.
+    At a joined side (mask ``joined``) a chain continues with the neighbour's slot, at a cut with the next slot of the
+    quad, and at the rim with the slot in ``onward``.
     """
     quad, side = opposite_sides(mesh)
     own = 4 * np.arange(len(mesh.quads))[:, None] + (np.arange(4) + 1) % 4

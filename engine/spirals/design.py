@@ -35,7 +35,7 @@ class SpiralDesign:
     """Widths and twists of one spiral per quad.
 
     flat : flat patches that the spirals lie in
-    params : fabricable range, sheet thickness, chirality
+    params : settings of the spirals: ranges of width and twist, sheet thickness, sense of rotation
     width : width of every arm, metres; column k is the arm that ends at side k
     twist : winding angle from the tip to the centre, radians
     feet : feet in place of some arms at the border, so that the piece can stand
@@ -103,7 +103,7 @@ class SpiralDesign:
 
     @cached_property
     def caps(self) -> tuple[Cap, ...]:
-        """Ends of the ``is_absent`` arms: round ends and feet."""
+        """Caps of the arms in ``is_absent``: round ends and feet."""
         bare = self.is_absent.copy()
         bare.ravel()[[foot.arm for foot in self.feet]] = False
         return (*make_caps(self.arms, self.arm_starts, bare, self.flat.layout.patch_of), *self.feet)
@@ -199,7 +199,7 @@ class SpiralDesign:
         return np.flatnonzero(least < 0.999 * width)
 
     def _narrow_gaps(self, below: float) -> tuple[Int[np.ndarray, "k 2"], Float[np.ndarray, " k"]]:
-        """Return both quads and the width of all gaps below ``below`` metres between arms of different quads."""
+        """Return the gaps below ``below`` metres between arms of different quads: both quads (k, 2), widths (k,)."""
         arms, gap = ClearanceModel.measure_gaps(self.flat, self.params, self.width, self.twist, below)
         cut = ~self.is_absent.ravel()[arms].any(axis=1)
         return arms[cut] // 4, gap[cut]

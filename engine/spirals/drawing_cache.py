@@ -1,4 +1,4 @@
-"""Cache of a design's drawings and measurements, reused in part by designs with a few other spirals."""
+"""Cache of a design's drawings and measurements, reused in part by designs in which a few spirals differ."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class DrawingCache:
 
     by_tolerance : fitted edges and outlines without connectors; key: tolerance in metres
     min_slot_and_bridge : result of ``SpiralDesign.measure_slot_and_bridge``; None before its first call
-    similar_edges : fitted edges of a similar design, whose arms differ only in the quads ``changed_quads``; key: tolerance
-    changed_quads : quads whose arms differ from the edges in ``similar_edges``
+    similar_edges : fitted edges of a similar design; key: tolerance in metres
+    changed_quads : quads whose arms differ between this design and the edges in ``similar_edges``
     contact_free : patches whose outlines are known not to touch themselves or each other
     """
 
@@ -38,7 +38,7 @@ class DrawingCache:
         Parameters
         ----------
         other : cache of the similar design
-        quads : all quads whose arms differ
+        quads : all quads whose arms differ between the two designs
         patches : patches of these quads
         """
         self.contact_free = other.contact_free - set(patches.tolist())
@@ -67,7 +67,7 @@ class DrawingCache:
         return None, None
 
     def update_contacts(self, outlines: list[Outline], progress: Progress) -> Float[np.ndarray, "n 3"]:
-        """Return the result of ``find_contacts``, checking only patches not in ``contact_free``, and update ``contact_free``."""
+        """Find contacts in the patches not in ``contact_free``, update ``contact_free``, and return the contacts."""
         where = find_contacts(outlines, progress, self.contact_free)
         self.contact_free = set(range(len(outlines))) - set(where[:, 0].astype(int).tolist())
         return where

@@ -1,4 +1,4 @@
-"""Designs that can be cut: starts of equal spirals, from curvature, and near given spirals (FlexMaps section 7)."""
+"""Make designs that can be cut: of equal spirals, from curvature, or near given spirals (FlexMaps section 7)."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def uniform_design(
     ----------
     flat, params : flat patches, and settings of the spirals
     width : metres; default is the middle of the allowed range
-    twist : radians; default is half of the largest
+    twist : radians; default is half of the largest allowed twist
 
     Raises
     ------
@@ -58,7 +58,7 @@ def design_from_curvature(
     Parameters
     ----------
     flat, params : flat patches, and settings of the spirals
-    curvature : RMS curvature, 1/m
+    curvature : (F,) RMS curvature of the target, 1/m
     progress : called with the fraction done; may cancel
 
     Raises
@@ -84,7 +84,7 @@ def design_from_spirals(
     Parameters
     ----------
     flat, params : flat patches, and settings of the spirals
-    width, twist : metres, radians
+    width, twist : (F, 4) metres, (F,) radians
     progress : called with the fraction done; may cancel
     constraints : quads whose spirals are to be straight, or as wide as possible
 
@@ -118,13 +118,14 @@ def curvature_adjusted(
 ) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]]:
     """Return widths (metres) and twists (radians) for an RMS curvature C (1/m), without checks whether they can be cut.
 
-    Both are linear in c = C / C_max. C_max is the percentile ``params.curvature_top`` of the curvature. The publication
-    takes the maximum (100), but a single sharp crease would then leave c near 0 on the rest of the surface.
+    Widths and twists are linear in c = C / C_max. C_max is the percentile ``params.curvature_top`` of the curvature.
+    The publication takes the maximum (100), but a single sharp crease would then leave c near 0 on the rest of the
+    surface.
 
     Parameters
     ----------
     params : ranges of widths and twists
-    curvature : 1/m
+    curvature : (F,) 1/m
     """
     curvature = np.asarray(curvature, dtype=float)
     top = float(np.percentile(curvature, params.curvature_top))
@@ -148,9 +149,9 @@ def make_fabricable(
     Parameters
     ----------
     flat, params : flat patches, and settings of the spirals
-    width, twist : metres, radians
-    check_outlines : draw the finished outlines and repair the few places that still touch
-    free : spirals that may change; default is all
+    width, twist : (F, 4) metres, (F,) radians
+    check_outlines : draw the finished outlines and repair the few places where they still touch
+    free : mask of the spirals that may change; default is all
     progress : called with the fraction done; may cancel
 
     Raises
@@ -180,7 +181,7 @@ def make_fabricable(
 
 
 def unfabricable_quads(design: SpiralDesign, quads: Bool[np.ndarray, " quads"] | None = None) -> Int[np.ndarray, " n"]:
-    """Return the quads whose spiral cannot be cut: not finite, too thin, too wide, or with too much twist.
+    """Return the quads whose spiral cannot be cut: not finite, too thin, too wide, too much twist, or a closed gap.
 
     Parameters
     ----------
@@ -212,8 +213,8 @@ def resolve_contacts(
     ----------
     design : spirals without closed gaps, as returned by ``open_gaps``
     progress : called with the fraction done; may cancel
-    rounds : largest number of repetitions
-    free : spirals that may change; default is all
+    rounds : largest number of times that outlines are drawn and spirals unwound
+    free : mask of the spirals that may change; default is all
 
     Raises
     ------
@@ -228,7 +229,8 @@ def resolve_contacts(
         culprits, where = _quads_in_contact(design, part)
         if not len(culprits):
             return design
-        # first unwind spirals and their neighbours, which also determine the direction of joints; then thin the arms
+        # first unwind the spirals in contact and their neighbours, whose twists also determine the directions of
+        # joints; then thin the arms
         beside = np.union1d(culprits, mate[culprits])
         still = (design.twist == 0.0) | ~free
         straight = culprits[

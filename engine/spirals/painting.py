@@ -23,7 +23,9 @@ from .design import SpiralDesign
 # number of times the move of a spiral is halved where slots would close; then the spiral stays. A larger number loses
 # less of the move (6: at most 2 %) and takes longer
 HALVINGS = 6
-ROUNDS = 40  # largest number of rounds; each halves the moves of all spirals at closed slots; more takes longer
+# largest number of rounds; each halves (from round ``HALVINGS`` on, cancels) the moves of all spirals at closed slots;
+# more takes longer
+ROUNDS = 40
 
 Spirals = tuple[np.ndarray, np.ndarray]  # widths (F, 4) in metres and twists (F,) in radians
 
@@ -97,12 +99,12 @@ Brush = Callable[[SpiralDesign, Canvas, Stroke], Spirals]
 
 
 def _stiffest(design: SpiralDesign, canvas: Canvas) -> Spirals:
-    """Return the largest widths and the smallest twist."""
+    """Return the stiffest spirals: largest widths and smallest twist."""
     return np.repeat(canvas.high[:, None], 4, axis=1), np.full(len(canvas.low), design.params.twist_min)
 
 
 def _softest(design: SpiralDesign, canvas: Canvas) -> Spirals:
-    """Return the smallest widths, and the largest twists that these widths allow."""
+    """Return the softest spirals: smallest widths, and the largest twists that these widths allow."""
     width = np.repeat(canvas.low[:, None], 4, axis=1)
     return width, _largest_twist(design, canvas, width)
 
@@ -239,7 +241,7 @@ def paint_spirals(
 
 
 def _move_towards(room: ClearanceModel, start: Spirals, goal: Spirals, touched: Bool[np.ndarray, " quads"]) -> Spirals:
-    """Move spirals towards their goals as far as slots stay open, by halving the moves of spirals at closed slots.
+    """Move spirals towards their goals as far as slots stay open: halve the moves of spirals at closed slots.
 
     touched : mask of the spirals that may move
     """

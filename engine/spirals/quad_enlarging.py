@@ -9,10 +9,10 @@ from ..patches.flattening.flatten import FlatPatches, with_energies
 from ..progress import SILENT, Progress
 from ..surface.remeshing.regularise import best_squares
 
-RINGS = 2  # rings of neighbours around a small quad whose corners move too; more rings spread the change wider
+RINGS = 2  # number of rings of quads around a small quad whose corners move too; more spread the change wider
 ITERATIONS = 60  # number of smoothing iterations; more come closer to convergence and take longer
 SMALL_SIDE_SHARE = (
-    0.7  # target side of small quads, as a share of the median side; larger values leave less room to neighbours
+    0.7  # least target side of a quad, as a share of the median side; larger values leave less room to neighbours
 )
 
 

@@ -36,12 +36,12 @@ class Rim:
     """Strips of all patches, as arrays over their B nodes (one per arm at the border), ordered by quad and side.
 
     quad, side, patch : arm and patch of every node
-    next_node, previous_node : neighbours along the border, counter-clockwise around the patch; -1 at a strip's end
+    next_node, previous_node : nodes after and before, counter-clockwise around the patch; -1 at a strip's end
     middle, along : middle of the border's side, where the arm ends, and the side's unit direction
-    depth, width : distance from the border to the strip, which is the length of the necks; width of the strip
+    depth, width : distance from the border to the strip (length of the necks), and width of the strip
     straight : (B, 2) length of the straight parts of the strip after and before the node
-    turn, radius : angle of the arc to the following node, in radians to the left, and its radius; 0 if there is none
-    hole_diameter, hole_spacing : diameter and desired distance of the holes
+    turn, radius : angle (radians to the left) and radius of the strip's arc to the next node; 0 if there is none
+    hole_diameter, hole_spacing : diameter of the drilled holes and desired distance between two holes
     hole_count : (B,) number of holes up to the next node
     """
 
@@ -116,7 +116,7 @@ class Rim:
         return np.where(ends, self.straight, 0.0)
 
     def _with_turns(self, half: Float[np.ndarray, " nodes"], params: SpiralParams) -> Rim:
-        """Return the rim with arcs, of the largest radii for which they fit the sides and stay off the border."""
+        """Return the rim with the largest arcs that fit its sides (half lengths ``half``) and stay off the border."""
         i = np.flatnonzero(self.next_node >= 0)
         j = self.next_node[i]
         turn = np.angle(self.along[j] / self.along[i])
@@ -145,12 +145,12 @@ class Rim:
         return replace(self, straight=straight, turn=turns, radius=radii)
 
     def _with_ends(self, half: np.ndarray, seams: Complex[np.ndarray, "nodes 2"], params: SpiralParams) -> Rim:
-        """Return the rim with free ends half a gap before the seams, whose inward directions are ``seams``."""
+        """Return the rim with free ends half a gap before the seams, whose unit directions inwards are ``seams``."""
         straight, gap = self.straight.copy(), max(params.slot_seam, min_slot_width(params))
         for k, ends in enumerate((self.next_node < 0, self.previous_node < 0)):
             way = (1.0 if k == 0 else -1.0) * self.along
-            inwards = -seams[:, k]
-            slope = (inwards * np.conj(way)).real / np.maximum((inwards * np.conj(self.outwards)).real, 1e-9)
+            seam = -seams[:, k]
+            slope = (seam * np.conj(way)).real / np.maximum((seam * np.conj(self.outwards)).real, 1e-9)
             slope = np.clip(slope, -_MAX_SLOPE, _MAX_SLOPE)
             lean = np.minimum(slope * self.depth, slope * (self.depth + self.width))
             least = _min_straight(params)
@@ -158,7 +158,7 @@ class Rim:
         return replace(self, straight=straight)
 
     def _with_holes(self) -> Rim:
-        """Return the rim with holes: between two nodes, the number whose spacing is nearest to the setting."""
+        """Return the rim with holes: between two nodes, as many as bring their spacing nearest to the setting."""
         if self.hole_diameter == 0.0:
             return self
         length = self.length
@@ -166,11 +166,11 @@ class Rim:
         return replace(self, hole_count=np.where(self.next_node >= 0, count, 0.0).astype(int))
 
     def points_at(self, node: Int[np.ndarray, " n"], offset: Float[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
-        """Return points and directions on the strip's centre line, some distance after ``node``.
+        """Return points on the strip's centre line, some distance after nodes, and the line's directions there.
 
         Parameters
         ----------
-        node : border nodes
+        node : indices of nodes
         offset : distance after each node along the strip's centre line, metres
 
         Returns
@@ -188,7 +188,7 @@ class Rim:
 
     @property
     def reach(self) -> Float[np.ndarray, "nodes 2"]:
-        """Length of every node's part of the strip, after and before it: half-way to the next node, or to the end."""
+        """Length of each node's part of the strip, after and before it: half the way to the next, or to the end."""
         half = 0.5 * self.radius * np.abs(self.turn)
         before = np.where(self.previous_node >= 0, half[self.previous_node], 0.0)
         return self.straight + np.stack([half, before], axis=1)
@@ -215,16 +215,16 @@ class Rim:
 
     @property
     def hole_distances(self) -> tuple[Int[np.ndarray, " holes"], Float[np.ndarray, " holes"]]:
-        """For every hole between two nodes: the node before it, and its distance from that node along the strip."""
+        """Every drilled hole's previous node, and the distance of its centre from there along the strip, metres."""
         node = np.repeat(np.arange(len(self.quad)), self.hole_count)
         rank = np.arange(len(node)) - np.repeat(np.cumsum(self.hole_count) - self.hole_count, self.hole_count)
         return node, (rank + 0.5) / np.maximum(self.hole_count[node], 1) * self.length[node]
 
     @property
     def end_hole_distances(self) -> Float[np.ndarray, "nodes 2"]:
-        """Distance from every node to the hole in the strip's free end after and before it; 0 if there is no hole.
+        """Distances from every node to the centres of the holes in the free ends after and before it; 0 if none.
 
-        A hole is as far from the end as from the edges; ends too short for a hole beside the neck have none.
+        A hole is as far from the end as from the strip's edges; ends too short for a hole beside the neck have none.
         """
         room = self.overhang > max(0.5 * self.width, self.hole_diameter) + 0.5 * self.width
         return np.where(room & (self.hole_diameter > 0.0), self.overhang - 0.5 * self.width, 0.0)
@@ -314,7 +314,7 @@ class Rim:
             path.add_segment(foot)
 
     def _add_arc(self, path: ArcPath, node: int, aside: float, way: float) -> None:
-        """Add the arc from a node to the next (backwards if ``way`` is -1), ``aside`` metres off the centre line."""
+        """Add the arc from a node to the next (or back if ``way`` is -1), ``aside`` metres outside the centre line."""
         turn, there = float(self.turn[node]), int(self.next_node[node])
         if turn == 0.0:
             return
@@ -325,7 +325,7 @@ class Rim:
         path.add_segment(last, way * np.tan(0.25 * turn))
 
     def _add_end(self, path: ArcPath, node: int, k: int, half: np.ndarray, fillet: float) -> None:
-        """Add a strip's free end: its start from the inner to the outer edge (``k`` 1), or its end back inwards (0)."""
+        """Add a strip's free start, from its inner to outer edge (``k`` 1), or end, from outer to inner edge (0)."""
         way = self.along[node] if k == 0 else -self.along[node]
         long, out, quarter = float(self.straight[node, k]), self.outwards[node], np.tan(np.pi / 8.0)
         round_ = max(min(0.5 * self.width, long - float(half[node]) - fillet), 0.0)
@@ -371,7 +371,7 @@ def _min_straight(params: SpiralParams) -> float:
 def _follow_border(
     flat: FlatPatches, quad: np.ndarray, side: np.ndarray
 ) -> tuple[np.ndarray, Complex[np.ndarray, "nodes 2"]]:
-    """Return the next node along the border (-1 at a cut), and directions of the cuts after and before (else 0)."""
+    """Return each node's next node (-1 at a cut), and the inward directions of cuts after and before it (else 0)."""
     layout = flat.layout
     mate, beyond = opposite_sides(layout.mesh)
     border = layout.mesh.border[layout.mesh.quad_edges]

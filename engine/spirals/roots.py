@@ -13,10 +13,12 @@ from .curves.spiral import LEFT, RIGHT, Arms, centre_line, edge_points
 # Largest arm parameter t (0 at the joint, 1 at the quad's centre) at which a slot may end. The edges of a wide arm
 # between thin arms can end beyond the centre, at up to 1.12; a smaller bound would miss such roots.
 _LARGEST_T = 1.2
-# Start values of t for retries at wrong roots, first with the requested fillet, then with larger fillets; rarely needed
+# largest start values of t for new searches where a root is wrong, first with the requested fillet, then with larger
+# fillets; rarely needed
 _RETRY_T = (0.95, 0.85, 0.75)
-_RETRY_FILLETS = (1.5, 2.2, 3.3, 5.0)  # factors on the requested fillet for retries; larger fillets shorten the slot
-# the factors apply to at least this share of the smallest arm width, so that retries work if the requested fillet is 0
+_RETRY_FILLETS = (1.5, 2.2, 3.3, 5.0)  # factors on the requested fillet in these searches; larger ones shorten the slot
+# least fillet to which the factors apply, as a share of the smallest arm width, so that they also help fillets of 0;
+# larger values shorten such slots
 _SMALLEST_RETRY = 0.1
 
 
@@ -112,7 +114,7 @@ def _is_wrong(arms: Arms, left: np.ndarray, right: np.ndarray, miss: np.ndarray)
 
 
 def _slot_minimum(arms: Arms, left: np.ndarray, right: np.ndarray, share: np.ndarray) -> Float[np.ndarray, "quads 4"]:
-    """Return the least width of every slot at the shares (N,) of its length where its edges are almost parallel."""
+    """Return every slot's least width at shares (N,) of its length, where its edges are nearly parallel."""
     apart, lean = slot_widths(arms, left, right, share)[:2]
     return np.where(lean > PARALLEL_COSINE, apart, np.inf).min(axis=-1)
 

@@ -20,12 +20,13 @@ from .clearance.slots import MIN_WIDTH_SHARE, SOLID_WIDTH_SHARE, width_range
 from .curves.spiral import LEFT, RIGHT, Arms, centre_line, edge_points, make_arms, same_width
 from .roots import SlotRoots, find_roots
 
-# arm width, as a share of the smallest width, below which a quad has a solid hub; it must lie between
+# arm width, as a share of the smallest width of the settings, below which a quad has a solid hub; it must lie between
 # ``SOLID_WIDTH_SHARE`` and ``MIN_WIDTH_SHARE``
 SOLID_WIDTH_LIMIT = 0.49
-# largest share of quads without a spiral; more are refused, because the piece would hardly take the target's shape
+# largest share of quads with a solid hub; designs with more are refused, because the piece would hardly take the
+# target's shape
 MAX_SOLID_SHARE = 0.01
-MAX_SOLID_HUBS = 20  # largest number of quads without a spiral; more are refused
+MAX_SOLID_HUBS = 20  # largest number of quads with a solid hub; designs with more are refused
 MAX_ROOT_T = 0.4  # largest arm parameter t at the root of a slot beside a solid hub; larger values weaken the bars
 # safety factor on the distance between both edges of a slot at equal t, which crosses the slot obliquely and so exceeds
 # its width; larger is safer and makes slots shorter
@@ -38,7 +39,13 @@ FEWER_QUADS_SHARE = 0.6
 
 
 def mark_solid_hubs(width: Float[np.ndarray, "quads 4"], params: SpiralParams) -> Bool[np.ndarray, " quads"]:
-    """Return a mask of the quads with a solid hub, from the widths of their arms in metres."""
+    """Return a mask of the quads with a solid hub instead of a spiral, which very small arm widths mark.
+
+    Parameters
+    ----------
+    width : (F, 4) arm widths, metres; all four below ``SOLID_WIDTH_LIMIT`` of the smallest width mean a solid hub
+    params : settings with the smallest width
+    """
     return (width < SOLID_WIDTH_LIMIT * params.width_min).all(axis=1)
 
 
@@ -67,7 +74,14 @@ def suggest_quad_count(count: int) -> int:
 
 
 def refuse_many_solid_hubs(quads: Int[np.ndarray, " n"], count: int, why: str) -> None:
-    """Raise ``FlexMapsError`` (message ``why``) if too many of ``count`` quads are without a spiral."""
+    """Raise ``FlexMapsError`` if too many quads have no room for a spiral.
+
+    Parameters
+    ----------
+    quads : quads without room
+    count : number of all quads
+    why : message of the error
+    """
     if len(quads) > min(MAX_SOLID_HUBS, int(MAX_SOLID_SHARE * count)):
         raise FlexMapsError(why, faces=quads, quads=suggest_quad_count(count))
 

@@ -1,4 +1,4 @@
-"""Broad phase for gaps: pairs of arms that can come near each other in any design. Arm 4 f + k is arm k of quad f."""
+"""Broad phase for gaps: pairs of arms that come near each other in some design. Arm 4 f + k is arm k of quad f."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from ..curves.blends import lean_angles
 from ..curves.spiral import mate_signs, opposite_sides, spokes
 
 # Kinds of pairs: two consecutive arms of a quad; an arm and the two arms beside its mate (the arm across the joint);
-# all other arms of quads that share an edge or a vertex
+# all other pairs of arms from two quads that share an edge or a vertex
 SAME_QUAD, ACROSS, ROUND = range(3)
-# Largest arm parameter t (0 at the joint, 1 at the centre) of the first and of the second arm at which gaps count, for
-# each kind. The slot beside an arm must be open over the outer third (``slots.OPEN_SHARE``). Larger values miss fewer
-# narrow gaps and take longer; with 0.4 across joints, slots of 0.17 mm were taken for 0.3 mm.
+# Largest arm parameter t (0 at the joint, 1 at the centre) of the first and of the second arm at which gaps are
+# measured; one row per kind of pair. In SAME_QUAD, 1/3 is the part that must be open (``slots.OPEN_SHARE``). Larger
+# values miss fewer narrow gaps and take longer; with 0.4 across joints, slots of 0.17 mm were measured as 0.3 mm.
 DEPTHS = np.array([[1.0 / 3.0, 1.0], [0.7, 0.9], [0.8, 0.8]])
 # Twists of an arm and of its mate, as shares of the largest twist, at which the reach of arms is sampled. Apart from
 # blends, arms with less twist lie within the region that arms with the largest twist surround.
@@ -37,10 +37,10 @@ _MARGIN = 0.1
 class ArmPairs(Columns):
     """Pairs of arms that can come near each other.
 
-    one, two : numbers of both arms
+    one, two : numbers of the first and of the second arm
     kind : SAME_QUAD, ACROSS or ROUND
     turn, shift : map from the second arm's frame to the first arm's frame: point q (complex, metres) to turn q + shift
-    is_across_cut : whether the quads are placed side by side across a cut, so that turn and shift depend on the flat corners
+    is_across_cut : True if the second quad is moved to the first quad at a cut; if False, turn is 1 and shift is 0
     """
 
     one: Int[np.ndarray, " n"]
@@ -60,7 +60,14 @@ class ArmPairs(Columns):
 
 
 def find_arm_pairs(flat: FlatPatches, params: SpiralParams, near: float) -> ArmPairs:
-    """Return all pairs of arms that may come nearer than ``near`` metres in some design on these flat patches."""
+    """Return all pairs of arms that may come nearer than ``near`` metres to each other in some design.
+
+    Parameters
+    ----------
+    flat : flat patches
+    params : settings of the spirals: largest width and twist, sense of rotation, blends
+    near : largest gap, metres; a larger value keeps more pairs
+    """
     layout = flat.layout
     mate, side = opposite_sides(layout.mesh)
     count = len(mate)
@@ -75,7 +82,7 @@ def find_arm_pairs(flat: FlatPatches, params: SpiralParams, near: float) -> ArmP
     cut = np.repeat(layout.outline_sides[inner], 2)
     turn, shift = _align_sides(flat, own, there)
     turn, shift = np.where(cut, turn, 1.0), np.where(cut, shift, 0.0)
-    # across cuts inside a patch, measure gaps also where the quads really lie
+    # across cuts inside a patch, measure gaps also with both quads at their own places
     inside = cut & (layout.patch_of[own // 4] == layout.patch_of[other // 4])
     first, second = _arms_around(flat)
     identity = np.ones(4 * count, dtype=complex), np.zeros(4 * count, dtype=complex), np.zeros(4 * count, dtype=bool)
@@ -95,7 +102,10 @@ def find_arm_pairs(flat: FlatPatches, params: SpiralParams, near: float) -> ArmP
 
 
 def _align_sides(flat: FlatPatches, own: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return turn and shift, as in ``ArmPairs``, that place the sides ``there`` on the sides ``own``, reversed."""
+    """Return turn and shift (see ``ArmPairs``) that move each side ``there`` onto the side ``own``, end to start.
+
+    Sides are numbered 4 quad + side.
+    """
     z = flat.corners @ [1.0, 1j]
     ends = [(z[a // 4, a % 4], z[a // 4, (a + 1) % 4]) for a in (own, there)]
     (a, b), (c, d) = ends
@@ -105,7 +115,7 @@ def _align_sides(flat: FlatPatches, own: np.ndarray, there: np.ndarray) -> tuple
 
 
 def _arms_around(flat: FlatPatches) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Return the pairs of kind ROUND, each once: arms of quads that share an edge or a vertex, with no cut between."""
+    """Return the pairs of kind ROUND, each once: arms of two quads at an edge or a vertex, with no cut between them."""
     layout = flat.layout
     mate, side = opposite_sides(layout.mesh)
     joined, count = ~layout.outline_sides, len(mate)
@@ -129,7 +139,7 @@ def _arms_around(flat: FlatPatches) -> tuple[Int[np.ndarray, " n"], Int[np.ndarr
 
 
 def _can_meet(flat: FlatPatches, params: SpiralParams, pairs: ArmPairs, near: float) -> Bool[np.ndarray, " n"]:
-    """Return whether arms can come within ``near`` metres of each other: no line separates their regions."""
+    """Return a mask of the pairs whose arms can come within ``near`` metres: no tried line separates their regions."""
     centre, radius, _ = spokes(flat.corners)
     extents, c = _extents(flat, params), np.repeat(centre @ np.array([1.0, 1j]), 4)
     between = pairs.turn * c[pairs.two] + pairs.shift - c[pairs.one]

@@ -3,8 +3,8 @@
 A design has gaps between neighbouring arms of a quad over their outer part, between an arm and the arms beside its mate
 (the arm across the joint), and between arms of quads that share an edge or a vertex. The inner edge of every blend must
 not fold, and the twist of every arm must stay within the range of the stiffness table. Each condition has a clearance
-(also called room): 0 at the limit, negative beyond it (closed). A gap has clearance 1 at about twice its least width;
-the clearance of a twist is its distance from the limit in radians.
+(also called room): 0 at the limit, negative beyond it (closed). A gap has clearance 1 at about twice its required
+width; the clearance of a twist is its distance from the limit in radians.
 
     model = ClearanceModel.from_flat(flat, params)                # once; ``with_flat`` when the flat points move
     terms = model.clearances(width, twist)                        # clearances below SUPPORT with their Jacobian
@@ -31,20 +31,23 @@ from .gaps import find_narrow_gaps, find_sharp_edges, gap_slopes, sharp_edge_slo
 from .slots import min_slot_width, width_range
 from .table_range import twist_margin
 
-# clearance below which clearances are computed by default; larger values let steps foresee limits earlier and take longer
+# clearance below which clearances are computed by default; larger values let steps foresee limits earlier and take
+# longer
 SUPPORT = 0.5
 # safety factor on the smallest slot, because gaps are measured at some points of the arms only; larger is safer and
 # leaves less room for twist
 _SAFETY = 1.015
-# relaxed requirement where even the thinnest straight arms are too close, as a share of their gap; larger is stricter
+# Required gap where even the thinnest straight arms are too close, as a share of the gap between these arms; larger is
+# stricter and leaves less room for twist
 _RELAXED_SHARE = 0.95
-# Largest radius of a short arm, as a multiple of the slot at seams; only beside short arms at seams is that wider slot
-# required. Larger values leave more room for connectors and less twist.
+# Largest radius (from the quad's centre to the joint) of a short arm, as a multiple of the slot at seams. That wider
+# slot is required only beside short arms at seams. Larger values leave more room for connectors and less for twist.
 _SHORT_ARM_RATIO = 6.0
 # largest slot at seams, as a share of the gap between the thinnest straight arms; smaller values leave small quads more
 # twist and less room for connectors
 _SEAM_SLOT_SHARE = 0.5
-# least radius of curvature of a blend's inner edge, as a share of the centre line's radius; larger keeps edges rounder
+# least radius of curvature of a blend's inner edge, as a share of the centre line's radius of curvature; larger values
+# keep edges rounder and leave less room for twist
 _MIN_RADIUS_RATIO = 0.25
 
 
@@ -54,8 +57,8 @@ class Clearances:
 
     value : (K,) clearances
     by_design : (K, 5 F) derivatives by the widths (metres, four per quad) and then by the twists (radians)
-    by_flat : (K, 2 V) derivatives by the flat points (metres, x and y in turn), if requested
-    arms : (K, 4) arms whose widths and twists determine the clearance: both arms, each followed by its mate
+    by_flat : (K, 2 V) derivatives by the flat points (metres, x and y in turn); None if not requested
+    arms : (K, 4) arms on whose widths and twists the clearance depends: first arm, its mate, second arm, its mate
     """
 
     value: Float[np.ndarray, " k"]
@@ -69,10 +72,10 @@ class ClearanceModel:
     """Clearance model: the required gaps, common to all designs on given flat patches with given settings.
 
     params : settings of the spirals
-    pairs : pairs of arms that some design brings near each other
+    pairs : pairs of arms that come near each other in some design
     geometry : geometry of the flat quads
     required_gaps : required gap of each pair, metres
-    min_radius_ratio : required radius of curvature of each arm's inner edge in the blend, as a share of the centre line's
+    min_radius_ratio : required radius of curvature of each blend's inner edge, as a share of the centre line's radius
     has_joint : mask of the arms whose twist must stay within the range of the stiffness table
     """
 
@@ -151,10 +154,10 @@ class ClearanceModel:
 
         Parameters
         ----------
-        width, twist : metres, radians
-        below : threshold on the clearance
+        width, twist : (F, 4) metres, (F,) radians
+        below : threshold on the clearance, as in ``Clearances.value``
         with_flat : whether to compute derivatives by the flat points too
-        quads : mask of quads; compute only clearances that depend on them; default is all
+        quads : mask of quads; compute only clearances that depend on their spirals; default is all
         narrowest_only : compute only the narrowest place between every two arms, as in ``gaps.find_narrow_gaps``
         """
         lines = self._arm_curves(width, twist)
@@ -192,12 +195,12 @@ class ClearanceModel:
         twist: Float[np.ndarray, " quads"],
         quads: Bool[np.ndarray, " quads"] | None = None,
     ) -> Bool[np.ndarray, " quads"]:
-        """Return a mask of the quads on whose spirals any closed clearance depends.
+        """Return a mask of the quads on whose spirals any closed (negative) clearance depends.
 
         Parameters
         ----------
-        width, twist : metres, radians
-        quads : mask of quads; check only clearances that depend on them; default is all
+        width, twist : (F, 4) metres, (F,) radians
+        quads : mask of quads; check only clearances that depend on their spirals; default is all
         """
         lines, mate = self._arm_curves(width, twist), self.geometry.mate
         pairs, need, arms = self._restricted_to(quads)
@@ -224,12 +227,12 @@ class ClearanceModel:
         ----------
         flat : flat patches
         params : slots and sense of the spirals
-        width, twist : metres and radians
+        width, twist : (F, 4) metres, (F,) radians
         below : largest gap that is returned, metres
 
         Returns
         -------
-        arms : (k, 2) both arms of every gap
+        arms : (k, 2) both arms of every gap, 4 quad + side
         width : (k,) width of every gap, metres; negative where arms overlap
         """
         pairs, shapes = find_arm_pairs(flat, params, below), ArmGeometry.from_flat(flat, params)
@@ -242,7 +245,10 @@ class ClearanceModel:
     def _twist_clearances(
         self, width: np.ndarray, twist: np.ndarray, arms: Int[np.ndarray, " n"], below: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the arms whose twist is within ``below`` of its limit, the margin (radians), and its derivatives."""
+        """Return the arms whose twist is within ``below`` radians of its limit, with their margins and derivatives.
+
+        Margins are radians; their derivatives by the arms' parameters have the columns of ``arm_curves``.
+        """
         arms = arms[self.has_joint[arms]]
         spare, by_radius, by_width = twist_margin(self.geometry.radius[arms], width.ravel()[arms], twist[arms // 4])
         some = spare < below
@@ -252,7 +258,7 @@ class ClearanceModel:
         return arms[some], spare[some], by
 
     def _restricted_to(self, quads: np.ndarray | None) -> tuple[ArmPairs, np.ndarray, np.ndarray]:
-        """Return pairs, required gaps and arms that depend on the spirals of a mask of quads; all of them for None."""
+        """Return the pairs, their required gaps and the arms that depend on spirals in the mask; None means all."""
         arms = np.arange(len(self.geometry.mate))
         if quads is None:
             return self.pairs, self.required_gaps, arms
@@ -268,7 +274,11 @@ class ClearanceModel:
         return ArmCurves.from_arms(s.centre, s.radius, s.angle, (widths, winds, leans), self.params.blend)
 
     def _by_design(self, four: np.ndarray, one: np.ndarray, two: np.ndarray) -> csr_array:
-        """Turn derivatives by both arms' parameters into derivatives by the design; ``four`` as ``Clearances.arms``."""
+        """Turn derivatives by the parameters of both arms into derivatives by all widths and twists of the design.
+
+        one, two : derivatives by the parameters of the first and of the second arm
+        four : as ``Clearances.arms``
+        """
         sign, arms = -1.0 if self.params.clockwise else 1.0, len(self.geometry.mate)
         columns = np.concatenate([four, arms + four // 4], axis=1)
         widths = [by[:, k] for by in (one, two) for k in (OWN_WIDTH, MATE_WIDTH)]

@@ -9,14 +9,15 @@ from ...arrays import Bool
 from ...progress import SILENT, Progress
 from .clearance_model import ClearanceModel
 
-# largest number of rounds that change spirals by the derivatives of closed gaps (mostly under 10 are needed), and of
-# all rounds; the remaining rounds change all spirals at closed gaps by a fixed share
+# Largest number of rounds that change spirals according to the derivatives of clearances (mostly under 10 suffice), and
+# largest number of all rounds. The later rounds change all spirals at closed gaps by a fixed share.
 SLOPE_ROUNDS, ROUNDS = 25, 90
 TARGET_CLEARANCE = 0.02  # target clearance, as in ``Clearances.value``; larger values need fewer rounds but unwind more
-# least derivative of a clearance (``Clearances.value``) by the twists, 1/radian, for which spirals are unwound; for smaller
-# derivatives arms become thinner instead
+# least derivative of a clearance (``Clearances.value``) by the twists, 1/radian, for which spirals are unwound; for
+# smaller derivatives arms become thinner instead
 MIN_TWIST_SLOPE = 0.02
-# largest change in one round: twist in radians, width as a share; larger values need fewer rounds but overshoot
+# largest decrease in one round: of a twist in radians, and of a width as its share; larger values need fewer rounds but
+# overshoot
 MAX_UNWIND, MAX_THIN = 0.4, 0.1
 
 
@@ -37,7 +38,7 @@ def open_gaps(
     Parameters
     ----------
     model : clearance model of the flat patches
-    low : (F,) smallest widths, metres
+    low : (F,) smallest widths, metres; thinner arms in the input keep their width
     width, twist : (F, 4) metres and (F,) radians, the design to start from
     free : mask of the spirals that may change
     progress : called with the fraction done; may cancel
@@ -73,14 +74,15 @@ def open_gaps(
 
 
 def _opening_slopes(slopes: csr_array, free: np.ndarray) -> csr_array:
-    """Keep only the derivatives of gaps that widen when a free parameter is reduced; set the others to 0."""
+    """Return the derivatives (gaps, parameters) by which a reduced free parameter widens the gap; all others are 0."""
     return csr_array(slopes.minimum(0.0).multiply(free))
 
 
 def _largest_request(slopes: csr_array, short: np.ndarray) -> np.ndarray:
     """Return, for every parameter, the largest reduction that any gap requests, as a negative number.
 
-    A gap requests the least-norm change that increases its clearance by ``short``, to first order.
+    A gap requests the least-norm change that increases its clearance by ``short``, to first order; ``slopes`` are the
+    derivatives of the clearances (gaps, parameters).
     """
     size = slopes.power(2).sum(axis=1)
     return csr_array(slopes.multiply((short / np.maximum(size, 1e-12))[:, None])).min(axis=0).toarray().ravel()

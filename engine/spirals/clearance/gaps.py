@@ -1,9 +1,9 @@
 """Narrow gaps between arms, and sharp inner edges of blends, with derivatives with respect to the arms' parameters.
 
-A gap is the distance from a point on one arm's centre line to the nearest point on another arm's centre line, less half
-of both widths. The points lie at fixed arm parameters t (0 at the joint, 1 at the quad's centre) of the first arm;
-Newton's method finds the nearest point, at s, on the second arm. Because the distance is least there, its derivative
-needs no derivative of the nearest point (envelope theorem).
+A gap is the distance from a point on one arm's centre line to the nearest point on another arm's centre line, less
+half the width of each arm. The points lie at fixed arm parameters t (0 at the joint, 1 at the quad's centre) of the
+first arm; Newton's method finds the nearest point, at s, on the second arm. Because the distance is least there, its
+derivative needs no derivative of the nearest point (envelope theorem).
 """
 
 from __future__ import annotations
@@ -19,17 +19,18 @@ from ..curves.blends import ANGLE, OWN_WIND, RADIUS
 from ..curves.spiral import arm_widths
 from .arm_pairs import DEPTHS, ROUND, SAME_QUAD, ArmPairs
 
-_PLACES = 13  # number of t on the first arm where gaps are measured; more find narrower gaps and take longer
-_COARSE = 25  # number of points of the second arm, of which the nearest starts the search; more take longer
+_PLACES = 13  # number of places t on the first arm where gaps are measured; more find narrower gaps and take longer
+_COARSE = 25  # number of points on the second arm; Newton's method starts at the nearest; more are nearer and slower
 # largest number of Newton steps to the nearest point: for a first estimate, and until convergence (mostly 4)
 _FIRST, _LAST = 2, 40
-# margin for gaps that are narrowest between two places, as a share of both widths' sum; larger is safer and slower
+# margin on the limit, for gaps narrowest between two places, as a share of both widths' sum; larger is safer and slower
 _BETWEEN = 0.05
 # largest number of Newton steps for t and s together (mostly 5 suffice); then a slower, safe search takes over
 _JOINT_STEPS = 12
 _CLOSE = 1e-10  # convergence tolerance on a step in t; larger is faster and less exact
 _FARTHEST = 0.15  # longest Newton step, in t; longer steps may overshoot
-# places u = t / (length of the blend) where the inner edge is measured: around its sharpest turn, and near both ends
+# places u = t / (length of the blend) where the curvature of the inner edge is measured: around its sharpest turn, and
+# near both ends
 _BLEND_PLACES = np.array([0.0, 0.1, 0.17, 0.24, 0.31, 0.4, 0.8])
 
 
@@ -37,7 +38,7 @@ _BLEND_PLACES = np.array([0.0, 0.1, 0.17, 0.24, 0.31, 0.4, 0.8])
 class NarrowGaps(Columns):
     """Narrow gaps between pairs of arms.
 
-    pair : index of the pair
+    pair : index of the gap's pair in ``ArmPairs``
     t, s : arm parameters of the nearest points on the first and on the second arm
     sign : -1 where the arms have passed through each other, so that they lie in the wrong order, else 1
     gap : width of the gap, metres; negative where arms overlap
@@ -57,7 +58,7 @@ class NarrowGaps(Columns):
 def find_narrow_gaps(
     lines: ArmCurves, pairs: ArmPairs, below: Float[np.ndarray, " n"], clockwise: bool, *, narrowest_only: bool = False
 ) -> NarrowGaps:
-    """Return the gaps that are narrower than ``below`` (n,), a limit in metres for every pair.
+    """Return the gaps between pairs of arms that are narrower than ``below`` (n,), a limit for every pair, metres.
 
     narrowest_only : return only the narrowest place of every pair (faster); if any arms cross, return all places
     """
@@ -93,7 +94,7 @@ def find_narrow_gaps(
 
 
 def _narrowest_gaps(lines: ArmCurves, pairs: ArmPairs, which: np.ndarray, t: np.ndarray, s: np.ndarray) -> NarrowGaps:
-    """Return the narrowest gap of every pair in ``which``, searching from the narrowest of the places t."""
+    """Return the narrowest gap of every pair in ``which``; the search starts at the pair's place t of least gap."""
     s, gap, _ = _nearest(lines, pairs, which, t, s, _LAST)
     lowest = _narrowest_rows(which, gap)
     which = which[lowest]
@@ -108,12 +109,12 @@ def _narrowest_rows(which: Int[np.ndarray, " n"], gap: Float[np.ndarray, " n"]) 
 
 
 def _angle_between_tips(lines: ArmCurves, one: np.ndarray, two: np.ndarray, clockwise: bool) -> np.ndarray:
-    """Return the angle from the second arm's tip to the first arm's tip, as arms wind inwards, radians."""
+    """Return the angle from the second arm's tip to the first arm's tip, in the sense of inward winding, radians."""
     return ((-1.0 if clockwise else 1.0) * (lines.angle[one] - lines.angle[two])) % (2.0 * np.pi)
 
 
 def _facing_places(lines: ArmCurves, pairs: ArmPairs, which: np.ndarray, t: np.ndarray, clockwise: bool) -> np.ndarray:
-    """Estimate s of the nearest point on the facing arm of the same quad: the point at the same polar angle."""
+    """Estimate s of the nearest point to t on the facing arm of the same quad: the point at the same polar angle."""
     one, two = pairs.one[which], pairs.two[which]
     opening = _angle_between_tips(lines, one, two, clockwise)
     level = t + opening / np.maximum(np.abs(lines.wind[one]), 1e-9)
@@ -123,7 +124,7 @@ def _facing_places(lines: ArmCurves, pairs: ArmPairs, which: np.ndarray, t: np.n
 
 
 def _passes_outside(lines: ArmCurves, pairs: ArmPairs, which: np.ndarray, t: np.ndarray, clockwise: bool) -> np.ndarray:
-    """Return a mask of places where the facing arm of the same quad lies outside the first arm: both have crossed."""
+    """Return a mask of the places where the quad's facing arm lies outside the first arm, so that both have crossed."""
     one, two = pairs.one[which], pairs.two[which]
     level = t + _angle_between_tips(lines, one, two, clockwise) / np.maximum(np.abs(lines.wind[one]), 1e-9)
     beyond = lines.radius[two] * (1.0 - level) > lines.radius[one] * (1.0 - t)
@@ -174,7 +175,7 @@ def _squared_distances(p: Complex[np.ndarray, "i n"], q: Complex[np.ndarray, "j 
 
 
 def _separation(p: np.ndarray, q: np.ndarray, one: np.ndarray, two: np.ndarray) -> Float[np.ndarray, " n"]:
-    """Return the width of a strip that separates points p of arms ``one`` from q of arms ``two``; negative if none."""
+    """Return the width of a strip between points p of arms ``one`` and q of arms ``two``; negative if none is found."""
     far = np.full(len(one), -np.inf)
     for normal in _NORMALS:
         first, second = ((x * np.conj(normal)).real for x in (p, q))
@@ -202,7 +203,7 @@ def _sample(lines: ArmCurves, arms: np.ndarray, t: Float[np.ndarray, " m"]) -> C
 def _nearest(
     lines: ArmCurves, pairs: ArmPairs, which: np.ndarray, t: np.ndarray, s: np.ndarray, steps: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Find the s on the second arm nearest to t on the first arm by Newton's method, starting at ``s``.
+    """Find the s on the second arm nearest to t on the first arm, in at most ``steps`` Newton steps from ``s``.
 
     Return s, the gap in metres, and an estimate of the gap's decrease in one more step, metres.
     """
@@ -237,7 +238,7 @@ def _narrowest(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Find the narrowest gap between the sampled places before and after t on the first arm.
 
-    It uses Newton's method, safeguarded by a bracket, and returns t, s and the gap in metres.
+    The search is Newton's method, safeguarded by a bracket. Return t, s and the gap in metres.
     """
     depth = DEPTHS[pairs.kind[which], 0]
     step = depth / (_PLACES - 1)
@@ -264,7 +265,7 @@ def _narrowest_jointly(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the results of ``_narrowest`` faster, by Newton's method for t and s together.
 
-    bounds : gaps at t, metres: upper bounds of the result
+    bounds : gaps at the start values t, metres, which the result must not exceed
     """
     kind = pairs.kind[which]
     last, step = DEPTHS[kind, 1], DEPTHS[kind, 0] / (_PLACES - 1)
@@ -304,7 +305,7 @@ def _derivatives_along_arm(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the first and second derivatives of gaps by t, while s stays at the nearest point on the second arm."""
     _, (by_t, _), (own, cross, other) = _gap_derivatives(lines, pairs, which, t, s)
-    # a nearest point at an end of the second arm does not move
+    # a nearest point at an end of the second arm stays there when t changes
     free = (s > 0.0) & (s < DEPTHS[pairs.kind[which], 1])
     return by_t, own - np.where(free, cross**2 / np.maximum(other, 1e-12), 0.0)
 
@@ -333,10 +334,10 @@ def _gap_derivatives(
 def gap_slopes(
     lines: ArmCurves, pairs: ArmPairs, gaps: NarrowGaps
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return derivatives of K gaps by both arms' parameters and by the nearest points, and these points.
+    """Return the derivatives of K gaps by both arms' parameters and by the nearest points, and these points.
 
-    Derivatives by an arm's parameters have the shape (K, lines.N_ARM_PARAMETERS); the first arm comes first. The
-    nearest points lie on the second arms; they are complex, in the first arm's frame, metres.
+    The first two results, (K, N_ARM_PARAMETERS), belong to the first and to the second arms' parameters. The nearest
+    points lie on the second arms; they and the derivatives by them are complex, (K,), in the first arm's frame, metres.
     """
     (one, t), (two, s) = gaps.arms_and_places(pairs)
     turn = pairs.turn[gaps.pair]
@@ -368,7 +369,7 @@ def find_sharp_edges(
 def sharp_edge_slopes(
     lines: ArmCurves, i: Int[np.ndarray, " k"], u: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, "k numbers"]:
-    """Return the derivatives of the ratios from ``find_sharp_edges`` by the parameters of the arms' blends."""
+    """Return the derivatives of ``find_sharp_edges``'s ratios at arms i and places u by the blends' parameters."""
     end = lines.blends
     share, slope, wind = end.share[i], end.slope[i], lines.wind[i]
     t = share * u

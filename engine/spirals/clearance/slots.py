@@ -1,9 +1,9 @@
 """Slots between the arms: their width, and the largest twist that leaves them open for the cutter.
 
-Width, twist and size of a spiral are coupled (FlexMaps section 5): at the radius r, the centre lines of consecutive
-arms of a regular spiral of diameter s have the perpendicular distance (pi / 4) s / sqrt(twist^2 + (s / 2r)^2). The gap
-must be at least the smallest slot over the outer third of every arm, so that a slot exists and has room for its root,
-the fillet at its inner end.
+Width, twist and size of a spiral are coupled (FlexMaps section 5): at the distance r from the centre of a regular
+spiral of diameter s, the centre lines of consecutive arms are (pi / 4) s / sqrt(twist^2 + (s / 2r)^2) apart, at right
+angles to them. The gap must be at least the smallest slot over the outer third of every arm, so that a slot exists and
+has room for its root, the fillet at its inner end.
 """
 
 from __future__ import annotations
@@ -109,8 +109,9 @@ def too_small_message(flat: FlatPatches, params: SpiralParams, quads: Int[np.nda
 
 
 def _facing_gap(outer: Arms, inner: Arms, step: int) -> Float[np.ndarray, "quads k"]:
-    """Return the narrowest gap between the outer parts of arms and the facing arms, metres.
+    """Return, for every arm of ``outer``, the narrowest gap between its outer part and its facing arm, metres.
 
+    inner : the facing arms, in the order of ``outer``
     step : 1 if the facing arm comes before the outer arm in counter-clockwise order, -1 if it comes after
     """
     opening = (step * (outer.angle - inner.angle))[..., None] % (2.0 * math.pi)
@@ -213,14 +214,14 @@ def min_slot_and_bridge(
     fillet: float,
     absent: Bool[np.ndarray, "quads 4"] | None = None,
 ) -> tuple[float, float]:
-    """Return the widths of the narrowest slot and of the narrowest piece of material between edges of arms, metres.
+    """Return the widths of the narrowest slot and of the narrowest place of an arm between its own edges, metres.
 
     Parameters
     ----------
     arms : arms of all quads
     left, right : arm parameters t where the left edge of arm k and the right edge of arm k + 1 end, at slot k's root
     fillet : radius at the roots, metres; at its root a slot is as wide as the fillet's diameter
-    absent : mask of the arms that are not cut
+    absent : (F, 4) mask of the arms that are not cut
     """
     absent = np.zeros(left.shape, dtype=bool) if absent is None else absent
     # width of the arms, from their left to their right edge, up to the hub
@@ -273,10 +274,11 @@ def slot_widths(
 def _distance_to_edge(
     one: Arms, side: float, t: np.ndarray, two: Arms, other: float, s: np.ndarray, end: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Find the points of another edge, near s and up to ``end``, that are nearest to the points of an edge at t.
+    """Find the points on an edge of arms ``two`` that are nearest to the points at t on an edge of arms ``one``.
 
-    Return the distance (metres), the cosine of the angle between the inward directions of both edges, and the parameter
-    of the nearest points.
+    ``side`` and ``other``, LEFT or RIGHT, choose the edges of ``one`` and of ``two``. The search starts at ``s`` and
+    does not go beyond ``end``. Return the distances (metres), the cosines of the angles between the inward directions
+    of both edges, and the parameters of the nearest points.
     """
     p, dp = edge_points(one, t, side)
     for _ in range(6):

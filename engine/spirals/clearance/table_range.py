@@ -1,4 +1,4 @@
-"""Range of the stiffness table, which limits the twist of every design, as open slots do."""
+"""Range of the stiffness table: the largest twist that it covers, which is a limit for every design."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ...arrays import Float
 SCALE_RANGE = (5.0, 50.0)  # range of s/w (spiral diameter over arm width) in the table
 SLOT_SHARE = 0.14  # slot width over arm width at the largest twist in the table
 TWIST_CAP = math.radians(600.0)  # largest twist in the table at any s/w, radians
-CAP_POWER = 8  # sharpness of the transition from the slot's limit to ``TWIST_CAP``; larger is sharper; chosen by eye
+CAP_POWER = 8  # sharpness of the transition from the slot's limit to ``TWIST_CAP``, by eye; larger is less smooth
 
 
 def table_twist_limit(ratio: np.ndarray | float) -> np.ndarray:
@@ -24,7 +24,7 @@ def table_twist_limit(ratio: np.ndarray | float) -> np.ndarray:
 
 
 def table_limit_and_slope(ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``table_twist_limit`` and its derivative with respect to ln(ratio)."""
+    """Return ``table_twist_limit`` (radians) and its derivative by ln(ratio); ``ratio`` is s/w."""
     spread = (0.25 * math.pi / (1.0 + SLOT_SHARE) * ratio) ** 2
     cut = np.sqrt(spread - 1.0)
     limit = (cut**-CAP_POWER + TWIST_CAP**-CAP_POWER) ** (-1.0 / CAP_POWER)
@@ -38,12 +38,14 @@ def twist_margin(
 
     Parameters
     ----------
-    radius, width : (A,) of the arms, metres
+    radius : (A,) distance from the quad's centre to the joint, metres
+    width : (A,) width of the arm, metres
     twist : (A,) radians
 
     Returns
     -------
-    (A,) radians, negative beyond the limit; and two derivatives (A,), radians per metre
+    margin : (A,) radians, negative beyond the limit
+    by_radius, by_width : (A,) its derivatives, radians per metre
     """
     ratio = 2.0 * radius / width
     limit, slope = table_limit_and_slope(np.clip(ratio, *SCALE_RANGE))

@@ -132,7 +132,8 @@ def arc_points(
 def interpolate_biarcs(points: np.ndarray, tangents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Interpolate points and tangents of C curves by two arcs between successive points; arcs meet with equal tangents.
 
-    The two arcs of such a span meet where both tangent lengths are equal (Bolton 1975).
+    Between points p0 and p1 with unit tangents t0 and t1, the two arcs meet halfway between p0 + d t0 and p1 - d t1,
+    the corners of their tangents (Bolton 1975).
 
     Parameters
     ----------
@@ -141,7 +142,7 @@ def interpolate_biarcs(points: np.ndarray, tangents: np.ndarray) -> tuple[np.nda
 
     Returns
     -------
-    nodes : (C, 2K, 2) starts of all arcs; the last point of every curve is left out
+    nodes : (C, 2K, 2) start points of all arcs; the last point of every curve is left out
     bulges : (C, 2K) bulges of the arcs, as in ``Curve``
     """
     tangents = tangents / np.sqrt(dot(tangents, tangents))[..., None]
@@ -198,7 +199,7 @@ class FittedArcs:
 
 
 Evaluate = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-SPAN_COUNTS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 48, 64)  # numbers of biarcs that are tried for a curve
+SPAN_COUNTS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 48, 64)  # numbers of biarcs that are tried for a curve, in turn
 
 
 BATCH = 1500  # number of curves fitted at once (0.25 s, 40 MB); larger batches need more memory and delay a cancel
@@ -207,13 +208,15 @@ BATCH = 1500  # number of curves fitted at once (0.25 s, 40 MB); larger batches 
 def fit_biarcs(
     evaluate: Evaluate, ends: Float[np.ndarray, "curves 2"], tolerance: float, progress: Progress = SILENT
 ) -> FittedArcs:
-    """Fit C curves by as few biarcs as possible, each over a span of the curve; all spans deviate about equally.
+    """Fit C curves by as few biarcs as possible, each over one span of a curve.
+
+    The spans of a curve are chosen so that their biarcs deviate about equally.
 
     Parameters
     ----------
     evaluate : function of curve indices (C',) and parameters (C', M); returns points and derivatives, each (C', M, 2)
     ends : (C, 2) parameters of the first and last point of every curve
-    tolerance : largest distance of the arcs from the curves, metres; exceeded where the most ``SPAN_COUNTS`` do not suffice
+    tolerance : largest distance of the arcs from the curves, metres; exceeded where 64 biarcs do not suffice
     progress : called with the fraction done; may cancel
     """
     parts = []
@@ -232,7 +235,7 @@ def fit_biarcs(
 
 
 def _fit_batch(evaluate: Evaluate, ends: np.ndarray, tolerance: float) -> FittedArcs:
-    """Fit curves by increasing numbers of biarcs, until all are within the tolerance or ``SPAN_COUNTS`` are exhausted."""
+    """Fit curves by increasing numbers of biarcs, until all meet the tolerance or ``SPAN_COUNTS`` ends."""
     count = len(ends)
     even = np.linspace(0.0, 1.0, 49)
     sizes = np.zeros(count, dtype=np.int64)
@@ -246,7 +249,7 @@ def _fit_batch(evaluate: Evaluate, ends: np.ndarray, tolerance: float) -> Fitted
         now = open_ if spans == SPAN_COUNTS[-1] else open_[need[open_] <= spans]
         if not len(now):
             continue
-        # spans meet at every sixth point; at the five points between, the arcs are compared with the curve
+        # spans meet at every sixth point of ``marks``; at the five points between, the arcs are compared with the curve
         marks = _inverse_interpolate(weight[now], np.linspace(0.0, 1.0, 6 * spans + 1))
         p, d = evaluate(now, ends[now, :1] + marks * (ends[now, 1:] - ends[now, :1]))
         d = d[:, ::6] * np.sign(ends[now, 1] - ends[now, 0])[:, None, None]
@@ -255,7 +258,8 @@ def _fit_batch(evaluate: Evaluate, ends: np.ndarray, tolerance: float) -> Fitted
         good = (deviation <= tolerance) | (spans == SPAN_COUNTS[-1])
         fits.append((now[good], nodes[good], bulge[good]))
         sizes[now[good]] = 2 * spans
-        # deviations fall with the cube of the number of spans: skip numbers that would leave ten times the tolerance
+        # deviations fall with the cube of the number of spans: skip numbers that would leave ten times the tolerance or
+        # more
         need[now[~good]] = spans * np.cbrt(deviation[~good] / (10.0 * tolerance))
         open_ = np.setdiff1d(open_, now[good], assume_unique=True)
     start = np.concatenate([[0], np.cumsum(sizes)])
@@ -304,7 +308,10 @@ def _inverse_interpolate(
 def _largest_deviation(
     nodes: np.ndarray, last: np.ndarray, bulge: np.ndarray, true: np.ndarray, spans: int
 ) -> Float[np.ndarray, " curves"]:
-    """Return the largest distance (C,) of the curves' points ``true`` (C, 6 spans + 1, 2) from the arcs, metres."""
+    """Return the largest distance (C,) of the curves' points ``true`` (C, 6 spans + 1, 2) from the arcs, metres.
+
+    The arcs begin at ``nodes`` with bulges ``bulge``; the last arc of every curve ends at ``last``.
+    """
     ends = np.concatenate([nodes, last[:, None]], axis=1)
     shape = (len(nodes), spans, 2, 1)
     # points of a span are compared with both of its arcs; the nearer arc counts

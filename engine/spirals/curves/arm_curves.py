@@ -49,7 +49,7 @@ class ArmCurves:
         ----------
         centre, radius, angle : as the attributes
         both : widths, winds and leans of the arms and of their mates, as in ``blends.blend_joints``
-        shortest : length of the blend of an arm that hardly turns, in t
+        shortest : length of the shortest blend, in t, for an arm that hardly turns in it
         """
         width, wind, lean = both
         return cls(
@@ -100,7 +100,7 @@ class ArmCurves:
         ----------
         i : indices of M arms
         t : a place along each of these arms, 0 at the tip
-        cotangent : vector with which each point's derivative is multiplied (scalar product)
+        cotangent : vector with which the derivative of each point is multiplied (scalar product)
 
         Returns
         -------
@@ -142,10 +142,12 @@ class ArmCurves:
     ) -> tuple[Float[np.ndarray, "n numbers"], Float[np.ndarray, "n m"]]:
         """Apply the chain rule (vector-Jacobian product) to a function of points, velocities and half widths at t.
 
+        Velocities are the derivatives of the points by t.
+
         Parameters
         ----------
         t : (N, M) places on the N arms
-        point, velocity, half : derivatives of the function by the points, by their derivatives by t, by the half widths
+        point, velocity, half : derivatives of the function by the points, by the velocities and by the half widths
 
         Returns
         -------
@@ -164,7 +166,7 @@ class ArmCurves:
         out[:, RADIUS], out[:, ANGLE] = radial.sum(1), across.sum(1)
         out[:, OWN_WIND] = (t * across + radius * aside1 * rest).sum(1)
         out[:, OWN_WIDTH] = 0.5 * half.sum(1)
-        # blends affect only the places within them: go on with these
+        # blends affect only the places within them: use only these from here on
         some = np.flatnonzero((t < end.share[:, None]).any(axis=0))
         share, slope = end.share[:, None], end.slope[:, None]
         point, velocity, half = point[:, some], velocity[:, some], half[:, some]

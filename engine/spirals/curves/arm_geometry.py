@@ -76,7 +76,8 @@ class ArmGeometry:
         -------
         (K, 2 V) derivatives, x and y of every flat point in turn
         """
-        # g, h: complex gradients by corners; moving a corner by dz changes the quantity by the real part of conj(g) dz
+        # g, h: complex gradients by the corners of the arm's quad and of its mate's quad; moving a corner by dz changes
+        # the quantity by the real part of conj(g) dz
         spoke = np.exp(1j * self.angle[arm])
         weights = np.array([0.25, 0.25, -0.25, -0.25])
         radial, across = spoke[:, None] * weights, (1j * spoke / self.radius[arm])[:, None] * weights
@@ -99,7 +100,8 @@ class ArmGeometry:
 
         Parameters
         ----------
-        row, count : (K,) row of every gap in the result, and the number of rows
+        row : (K,) row of every gap in the result
+        count : number of rows of the result
         own, there : (K,) arms on both sides of the cut; the side of ``there`` is placed on the side of ``own``
         way : (K,) derivatives of the gaps by points on the second arm, complex
         place : (K,) these points, in the first quad's frame, complex, metres
@@ -125,7 +127,7 @@ class ArmGeometry:
         return np.stack([-across, across], axis=1)
 
     def _matrix_by_points(self, row: np.ndarray, count: int, points: np.ndarray, g: np.ndarray) -> csr_array:
-        """Make a matrix (count, 2 V) from complex gradients ``g`` by the flat points ``points``."""
+        """Make a matrix (count, 2 V) whose rows ``row`` are the complex gradients ``g`` by flat points ``points``."""
         columns = np.stack([2 * points, 2 * points + 1], axis=-1)
         data = np.stack([g.real, g.imag], axis=-1)
         rows = np.broadcast_to(row[:, None, None], columns.shape)

@@ -4,8 +4,9 @@ In the complex plane an arm's centre line leaves its joint with the slope -R e^(
 A the angle of its spoke (the line from the quad's centre to the joint) and phi its signed twist (wind). In the frame of
 the shared edge, with the outward normal as the real axis, its outward tangent per unit of radius is
 z = (1 - i phi) e^(i beta), where beta, the lean, is the angle from the outward normal to the spoke. Both arms turn to
-the direction c of the sum of both z, each in the frame of its own side. So the mean of the twists counts, and a
-strongly wound arm hardly bends. To turn an arm to c, the blend adds to the slope of its centre line
+the direction c of the sum of their two z, each in the frame of its own side. So the direction of a joint depends on the
+mean of both twists, and a strongly wound arm hardly bends. To turn an arm to c, the blend adds to the slope of its
+centre line
 
     slope = R e^(iA) ((1 - i phi) - |1 - i phi| e^(-i beta) c).
 
@@ -29,13 +30,17 @@ N_BLEND_PARAMETERS = 8  # number of columns above
 _CROSSING_MIN = 0.1
 # half width, as a sine, of the smooth transition to ``_CROSSING_MIN``; larger is smoother and bends more arms
 _CROSSING_SOFT = 0.05
-# least radius of curvature of a blend's inner edge, as a share of the centre line's, from the blend alone; larger
-# values lengthen blends. With the arm's own curvature, 99 of 100 random arms have a share above 0.43.
+# Least radius of curvature of a blend's inner edge, as a share of the centre line's radius of curvature, from the turn
+# of the blend alone; larger values lengthen blends. With the arm's own curvature, 99 of 100 random arms stay above
+# 0.43.
 _INNER_RADIUS = 0.7
 _BLEND_MAX = 0.7  # longest blend, as a share of the arm; larger values leave less of the arm a pure spiral
-# half width of the smooth transition from the shortest blend to longer blends, as a share of the shortest length
+# half width of the smooth transition from the shortest blend to longer blends, as a share of the shortest length;
+# larger is smoother and lengthens more blends
 _BLEND_SOFT = 0.3
-_TOP_SOFT = 0.1  # half width of the smooth transition to the longest blend, as a share of the arm
+# half width of the smooth transition to the longest blend, as a share of the arm; larger is smoother and shortens more
+# blends
+_TOP_SOFT = 0.1
 # largest curvature of the blending quintic, times 1 - h, per square root of h, where h is the squared sine of half the
 # turning angle: 7.88 for small angles, 7.6 for a right angle
 _BEND = 7.88
@@ -94,14 +99,14 @@ def blend_joints(
     lean : radians, see ``lean_angles``, of the arm and of its mate
     radius : metres, from the quad's centre to the joint
     angle : radians, direction of the spoke
-    shortest : length of the blend of an arm that hardly turns, in t
+    shortest : length of the shortest blend, in t, for an arm that hardly turns in it
     """
     pure = 1.0 - 1j * wind
     length = np.abs(pure)
     turned = np.exp(1j * lean)
     both = pure * turned
     total, scale = both.sum(-1), length.sum(-1)
-    # derivatives by both winds and both leans, (..., 4)
+    # total_by, scale_by, mean_by, ...: derivatives by both winds and both leans, (..., 4)
     total_by = np.concatenate([-1j * turned, 1j * both], axis=-1)
     length_by = wind / length
     scale_by = np.concatenate([length_by, np.zeros_like(length_by)], axis=-1)
@@ -135,7 +140,8 @@ def _blend_shares(
     turn: np.ndarray, turn_by: np.ndarray, length: np.ndarray, length_by: np.ndarray, joint: np.ndarray,
     radius: np.ndarray, shortest: float,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return the lengths of the blends, in t, and their derivatives: long enough to keep inner edges round."""
+    """Return the lengths of the blends, in t, that keep their inner edges round, and the lengths' derivatives."""
+    # h: squared sine of half the angle by which the blend turns the arm
     h = 0.25 * np.abs(turn) ** 2 / length**2
     h_by = 0.5 * (turn_by * np.conj(turn)[..., None]).real / (length**2)[..., None]
     h_by[..., 0] -= 2.0 * h * length_by / length

@@ -113,7 +113,7 @@ def make_arms(
     Parameters
     ----------
     flat, params : flat patches, and the sense, border and blends of the spirals
-    width, twist : metres and radians
+    width, twist : (F, 4) metres, (F,) radians
     """
     centre, radius, angle = spokes(flat.corners)
     wind = np.asarray(twist, dtype=float) * (-1.0 if params.clockwise else 1.0)
@@ -136,7 +136,8 @@ def widest_arms(flat: FlatPatches, params: SpiralParams) -> Float[np.ndarray, " 
     """
     _, radius, angle = spokes(flat.corners)
     opening = np.diff(angle, axis=1)
-    # edges at distance a from straight centre lines meet at the distance a (1 + cos) / sin from the quad's centre
+    # edges at distance a from straight centre lines meet at the distance a (1 + cos) / sin from the quad's centre; cos
+    # and sin belong to the angle between the two lines
     reach = ((1.0 + np.abs(np.cos(opening))) / np.maximum(np.sin(opening), 1e-9)).max(axis=1)
     return 2.0 * (0.9 * radius.min(axis=1) / reach - params.fillet)
 
@@ -158,7 +159,10 @@ def widest_beside_slots(flat: FlatPatches, slot: float, depth: float) -> Float[n
 def spokes(
     corners: Float[np.ndarray, "quads 4 2"],
 ) -> tuple[Float[np.ndarray, "quads 2"], Float[np.ndarray, "quads 4"], Float[np.ndarray, "quads 4"]]:
-    """Return every quad's centre, and distance (metres) and direction (radians, ascending) of its sides' middles."""
+    """Return every quad's centre, and from there the distance (metres) and direction (radians) of its sides' middles.
+
+    The directions of a quad ascend.
+    """
     centre = corners.mean(axis=1)
     spokes = 0.5 * (corners + np.roll(corners, -1, axis=1)) - centre[:, None]
     angle = np.arctan2(spokes[..., 1], spokes[..., 0])
@@ -227,7 +231,7 @@ def width_at(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def arm_widths(
     width: np.ndarray, joint: np.ndarray, share: np.ndarray, t: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return widths at t and their first and second derivatives by t, metres.
+    """Return the widths of arms at t and their first and second derivatives by t, metres.
 
     Parameters
     ----------
@@ -249,9 +253,9 @@ def taper_width(extra: Floats, taper_start: Floats, taper_end: Floats, t: np.nda
 
     Parameters
     ----------
-    extra : additional width at the tip, metres; all arguments broadcast
+    extra : additional width at the tip, metres
     taper_start, taper_end : t up to which the additional width is complete, and t from which it is 0
-    t : 0 at the joint, 1 at the centre
+    t : 0 at the joint, 1 at the centre; all arguments broadcast
     """
     span = np.maximum(np.asarray(taper_end) - taper_start, 1e-9)
     u = np.clip((t - taper_start) / span, 0.0, 1.0)
@@ -272,8 +276,8 @@ def edge_points(
     ----------
     arms : of F quads
     t : (F, 4, N) 0 at the joint, 1 at the centre
-    side : LEFT, RIGHT, or an array of both that broadcasts with t; its additional leading axes remain in the result
-    offset : outward offset of the points from the edge, metres: the centres of a cutter or fillet of this radius
+    side : LEFT, RIGHT, or an array of these that broadcasts with t; additional leading axes remain in the result
+    offset : distance of the points outwards from the edge, metres, such as the radius of a cutter or fillet
     added_width : additional width of the arms (metres), and its derivative by t
     """
     p, d1, d2 = centre_line(arms, t)
