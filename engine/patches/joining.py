@@ -52,8 +52,8 @@ def assembly_steps(layout: PatchLayout) -> list[AssemblyStep]:
     first = iter(sorted(range(len(areas)), key=lambda p: (-round(float(areas[p]), 12), p)))
     depth: dict[int, int] = {}
     there: list[int] = []
-    # candidates: smallest depth of a joined neighbour, minus the number of joints to joined panels, and patch; a panel
-    # may have several entries, and its latest is its best
+    # Candidates: smallest depth (number of seams from the first panel) of a joined neighbour, minus the number of joints
+    # to joined panels, and patch. A panel may have several entries; its latest entry is its best.
     waiting: list[tuple[int, int, int]] = []
     known: dict[int, tuple[int, int]] = {}
     found: list[AssemblyStep] = []

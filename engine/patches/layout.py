@@ -145,7 +145,7 @@ class PatchLayout:
 
     @cached_property
     def loop_patch(self) -> Int[np.ndarray, " loops"]:
-        """Patch of every loop."""
+        """Patch to whose outline every loop belongs."""
         quad, side = np.nonzero(self.outline_sides)
         patch = np.empty(int(self.loop_of.max()) + 1, dtype=np.int64)
         patch[self.loop_of[quad, side]] = self.patch_of[quad]
@@ -175,7 +175,7 @@ class PatchLayout:
     def compactness(self) -> Float[np.ndarray, " patches"]:
         """Perimeter / sqrt(area) on the surface: 4 for a square, 3.54 for a disk.
 
-        The perimeter is the length of the longest loop, because the other loops are holes of the surface; see
+        The perimeter is the length of the patch's longest loop, because its other loops are holes of the surface; see
         ``compactness_lengths`` for narrow surfaces.
         """
         area = np.bincount(self.patch_of, weights=self.mesh.areas)
@@ -314,7 +314,7 @@ def sublayout(layout: PatchLayout, quads: Int[np.ndarray, " quads"]) -> tuple[Pa
     mesh = layout.mesh
     used, corners = np.unique(mesh.quads[quads], return_inverse=True)
     part = QuadMesh(mesh.vertices[used], corners.reshape(-1, 4))
-    # vertices keep their order, and so do edges
+    # the new mesh numbers its vertices and edges in the order of the whole mesh, so sorted edges correspond
     edges = np.unique(mesh.quad_edges[quads])
     return PatchLayout(part, layout.cut[edges] & ~part.border, origin=layout.origin), edges
 

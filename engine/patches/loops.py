@@ -61,7 +61,7 @@ class OutlineLoops:
     ) -> bool:
         """Return whether all loops but the outer loop go round holes of the surface, as in a flat patch.
 
-        The opening of a tube is not such a hole, nor is a loop without border, round an inner cut or another patch.
+        The opening of a tube is not such a hole, nor is a loop without border edges, round an inner cut or another patch.
 
         Parameters
         ----------

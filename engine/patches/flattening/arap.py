@@ -1,7 +1,7 @@
 """As-rigid-as-possible flattening of a patch in complex numbers (Liu et al. 2008), without any SVD.
 
 Local steps, which find the nearest rotation of every corner triangle, alternate with global steps, which solve a linear
-system for the points. ``triangles`` defines the coefficients a and b of a triangle's map to the plane.
+system for the flat points. The module ``triangles`` defines the coefficients a and b of a triangle's map to the plane.
 """
 
 from __future__ import annotations
@@ -21,20 +21,21 @@ from ...surface.mesh import QuadMesh
 from ..loops import NEXT, PREVIOUS
 from .triangles import corner_triangles, quad_energy
 
-# added to the diagonal of a Laplacian that is not positive definite, as shares of its largest entry, tried in turn;
-# larger shifts are safer and less exact
+# Numbers added to the diagonal of a Laplacian that is not positive definite, as shares of its largest entry; tried in
+# turn. Larger shifts make the matrix definite more reliably, and the flat points less exact.
 DIAGONAL_SHIFTS = (1e-12, 1e-9, 1e-6)
-# Largest further decrease of the weighted mean energy that is assumed, as a factor on its decrease within a round, when
-# hopeless flattenings are given up. Larger values lose fewer patches that would succeed, and save less time.
+# A flattening is given up if its weighted mean energy, lowered further by this many times its decrease within the last
+# round, would still exceed the limit. Larger values give up fewer patches that would succeed, and save less time.
 FURTHER_DECREASE = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class FlatPatch:
-    """A flat patch.
+    """A patch laid flat.
 
-    points : flat vertices, complex, metres
-    rotation : nearest rotation of every corner triangle, unit complex numbers; merged patches start from it
+    points : positions of the flat vertices, complex, metres
+    rotation : rotation nearest to the map of every corner triangle, unit complex numbers; flattening a merged patch
+        starts from it
     energy : distortion E of every quad
     flip_count : number of corner triangles that are not positively oriented
     """
@@ -51,12 +52,12 @@ class FlatPatch:
 
 
 class PatchProblem:
-    """Linear systems for flattening one or several patches: analysed once, then solved for changing weights.
+    """Linear systems for flattening one or several patches: analysed once, then solved for changing weights of quads.
 
     mesh : the surface
-    quads : (q,) int, quads of the patch
+    quads : (q,) int, quads of the patch or patches
     corners : (q, 4) int, local flat vertex of every corner, 0..n-1
-    tick : called at every solve; may raise to stop
+    tick : called before every factorisation and every solve; may raise an exception to cancel
     sizes : number of quads of each patch, if ``quads`` lists several patches, one after another
     """
 
@@ -81,7 +82,7 @@ class PatchProblem:
         """Order the vertices for a small bandwidth, and compute where every entry of the matrix is stored."""
         n, c = self.count, self.corners
         rows, cols = np.repeat(c, 4, axis=1).ravel(), np.tile(c, (1, 4)).ravel()
-        # rows of the matrix may have duplicate entries, because the ordering only needs the adjacency
+        # rows of the graph's matrix may have duplicate entries, because the ordering only needs the adjacency
         corner_order = np.argsort(c.ravel(), kind="stable")
         indices = c[corner_order // 4].ravel()
         starts = np.concatenate([[0], np.cumsum(4 * np.bincount(c.ravel(), minlength=n))])
@@ -114,7 +115,7 @@ class PatchProblem:
 
         Returns
         -------
-        Lower band in LAPACK's storage, for ``global_step``; NaN where the matrix is not positive definite
+        Lower band in LAPACK's storage, for ``global_step``; all NaN if no diagonal shift makes the matrix definite
         """
         self.tick()
         values = (weights[:, None, None] * self.triangles.stiffness).take(self._lower)
@@ -156,14 +157,14 @@ class PatchProblem:
         rotation: Complex[np.ndarray, "quads 4"],
         springs: SideSprings | None = None,
     ) -> Complex[np.ndarray, " vertices"]:
-        """Return the points that fit the rotations best, in the weighted least-squares sense.
+        """Return the flat points whose triangles fit given rotations best, in the weighted least-squares sense.
 
         Parameters
         ----------
         factor : result of ``factor`` for these weights and springs
         weights : weights of the quads' energies
         rotation : rotations of the corner triangles, unit complex numbers
-        springs : springs with the desired side vectors
+        springs : springs that pull sides to desired vectors
         """
         self.tick()
         along, against = self._towards
@@ -188,7 +189,10 @@ class PatchProblem:
 
     @cached_property
     def _joint_rotations(self) -> Complex[np.ndarray, " joints"]:
-        """Rotation between both quads of every joint that makes their common sides parallel, unit complex numbers."""
+        """Rotation of the second quad of every joint that makes its side parallel to the first quad's common side.
+
+        Unit complex numbers, relative to the projections ``triangles.flat`` of both quads.
+        """
         fa, ka, fb, kb = self.joints
         flat = self.triangles.flat
         turn = (flat[fa, (ka + 1) % 4] - flat[fa, ka]) * (flat[fb, kb] - flat[fb, (kb + 1) % 4]).conj()
@@ -196,7 +200,7 @@ class PatchProblem:
         return np.where(size > 0, turn, 1.0) / np.where(size > 0, size, 1.0)
 
     def propagate_rotations(self) -> Complex[np.ndarray, "quads 4"]:
-        """Return initial rotations, propagated across uncut sides from the middle quad of every patch."""
+        """Return initial rotations of the corner triangles, propagated from every patch's middle quad over uncut sides."""
         q = len(self.quads)
         if q == len(self.sizes):
             return np.ones((q, 4), dtype=complex)
@@ -216,7 +220,7 @@ class PatchProblem:
         return np.repeat(np.array(values[:q])[:, None], 4, axis=1)
 
     def _middle_quads(self) -> Int[np.ndarray, " patches"]:
-        """Return the quad nearest to the centre of every patch."""
+        """Return the quad (local number) nearest to the centre of every patch."""
         centre = self.mesh.centroids[self.quads]
         first = np.cumsum(self.sizes) - self.sizes
         mean = np.add.reduceat(centre, first, axis=0) / self.sizes[:, None]
@@ -228,9 +232,10 @@ class PatchProblem:
         return np.maximum.reduceat(energy, np.cumsum(self.sizes) - self.sizes)
 
     def smoothest_rotations(self) -> Complex[np.ndarray, "quads 4"]:
-        """Return initial rotations that fit all uncut sides best; slower and better than ``propagate_rotations``.
+        """Return the initial rotations of the corner triangles that fit all uncut sides best.
 
-        They are the lowest eigenvector of the connection Laplacian (Singer & Wu 2012), found by inverse iteration.
+        They are the lowest eigenvector of the connection Laplacian (Singer & Wu 2012), found by inverse iteration;
+        slower and better than ``propagate_rotations``.
         """
         q = len(self.quads)
         fa, _, fb, _ = self.joints
@@ -248,7 +253,10 @@ class PatchProblem:
 
     @cached_property
     def joints(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Uncut sides inside the patch: quad, side, quad across it, that quad's side (local quad numbers)."""
+        """Uncut sides between two quads, each once: a quad, its side, the quad across, that quad's side.
+
+        Quads are local numbers, sides 0 to 3.
+        """
         c = self.corners
         key = np.minimum(c, c[:, NEXT]) * self.count + np.maximum(c, c[:, NEXT])
         flat_key = key.ravel()
@@ -275,7 +283,7 @@ class SideSprings:
 
     ends : flat vertices at the start and the end of each side
     vectors : desired vectors from start to end, complex, metres
-    stiffness : weights of the springs, beside the weights of the quads' energies
+    stiffness : weights of the springs' energies, on the same scale as the weights of the quads' energies
     """
 
     ends: Int[np.ndarray, "springs 2"]
@@ -295,11 +303,11 @@ def solve_local_global(
 
     Parameters
     ----------
-    problem : the patch
+    problem : linear systems of the patch
     rotation : initial rotations of the corner triangles, unit complex numbers; by default propagated over the patch
     rounds : largest number of rounds
     tolerance : stop when the largest energy changes by less than this share in a round
-    give_up_above : give up early when the largest energy will clearly stay above this value
+    give_up_above : return early when the largest energy will clearly stay above this value
     """
     if rotation is None:
         rotation = problem.propagate_rotations()
@@ -312,7 +320,7 @@ def solve_local_global(
         change = before - worst
         if abs(change) < tolerance * worst:
             break
-        # the energy falls geometrically: all further rounds together gain at most 12 times the last change
+        # the energy falls geometrically: all further rounds together lower it by at most 12 times the last change
         if turn >= 4 and worst - 12.0 * max(change, 0.0) > give_up_above:
             break
         before = worst
@@ -333,12 +341,12 @@ def minimise_max_energy(
 
     Parameters
     ----------
-    problem : the patch
+    problem : linear systems of the patch
     patch : flat patch to start from
     rounds : largest number of changes of the weights
     inner : number of solves between two changes of the weights
     target : stop when the largest energy is at most this and no triangle is flipped
-    give_up_above : give up when the largest energy is estimated to stay above this value
+    give_up_above : return early when the largest energy is estimated to stay above this value
     """
     weights = np.ones(len(problem.quads))
     best = patch
@@ -357,8 +365,8 @@ def minimise_max_energy(
             means.append(float(shares @ patch.energy))
         if (patch.flip_count, patch.max_energy) < (best.flip_count, best.max_energy):
             best = patch
-        # Stop where the limit is out of reach. The minimum of the weighted mean bounds the largest energy from below
-        # (weak duality); the mean's decrease in this round estimates how much the mean can still decrease
+        # Stop if the limit is out of reach. The minimum of the weighted mean energy bounds the largest energy from
+        # below (weak duality); the decrease of that mean in this round estimates how much it can still decrease.
         if best.max_energy > give_up_above and means[-1] - FURTHER_DECREASE * (means[0] - means[-1]) > give_up_above:
             break
     return best

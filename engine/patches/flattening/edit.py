@@ -15,7 +15,7 @@ from .flatten import FlatPatches, flatten
 def with_cuts(
     flat: FlatPatches, cut: Bool[np.ndarray, " edges"], params: LayoutParams, progress: Progress = SILENT
 ) -> FlatPatches:
-    """Flatten the mesh of flat patches with other cuts; unchanged patches are kept as they are.
+    """Flatten the mesh of some flat patches anew with other cuts; keep the patches that the new cuts do not change.
 
     Parameters
     ----------

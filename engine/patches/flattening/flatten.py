@@ -19,7 +19,7 @@ from .triangles import corner_triangles, quad_energy, square_energy
 
 @dataclass(frozen=True, eq=False)
 class FlatPatches:
-    """Flat rest shapes of all patches.
+    """Flat shapes of all patches of a layout, without stress.
 
     layout : mesh and cuts
     points : flat vertices, metres, indexed by ``layout.flat_corners``; each patch has its own frame, with the area
@@ -59,10 +59,10 @@ def flatten(
     Parameters
     ----------
     layout : mesh and cuts
-    params : limits
+    params : limits of the layout
     progress : called with the fraction done
-    previous : flat patches whose unchanged patches are kept as they are
-    start : initial rotations of the corner triangles, unit complex numbers
+    previous : earlier flat patches of the mesh; patches with the same quads and outline are taken over from it
+    start : initial rotations of the corner triangles, unit complex numbers; by default computed for every patch
     moved_quads : mask of quads whose shape changed since ``previous``; their patches are flattened again
     """
     known = _reusable_patches(previous, layout, moved_quads)
@@ -84,7 +84,7 @@ def flatten(
 
 
 def with_energies(layout: PatchLayout, points: Float[np.ndarray, "points 2"]) -> FlatPatches:
-    """Return flat patches with given flat points, and their energies.
+    """Return flat patches with given flat points; compute their distortion and irregularity.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def with_energies(layout: PatchLayout, points: Float[np.ndarray, "points 2"]) ->
 
 
 def with_corners(layout: PatchLayout, corners: Float[np.ndarray, "quads 4 2"]) -> FlatPatches:
-    """Return flat patches with given corners of the quads, and their energies.
+    """Return flat patches with given flat corners of the quads; compute their distortion and irregularity.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def with_corners(layout: PatchLayout, corners: Float[np.ndarray, "quads 4 2"]) -
 def align_to_frame(
     points: Complex[np.ndarray, " vertices"], corners: Int[np.ndarray, "quads 4"]
 ) -> Float[np.ndarray, "vertices 2"]:
-    """Move points to their patch's frame: area centroid at 0, longest extent along x.
+    """Return the points of a patch in its own frame: area centroid at 0, longest extent along x.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def _patch_key(layout: PatchLayout, quads: np.ndarray) -> bytes:
 def _reusable_patches(
     previous: FlatPatches | None, layout: PatchLayout, moved_quads: Bool[np.ndarray, " quads"] | None
 ) -> dict[bytes, int]:
-    """Return the previous patches on this mesh without moved quads, as a dictionary from their key to their number."""
+    """Return the patches of ``previous`` without moved quads: patch number by ``_patch_key``; empty on another mesh."""
     if previous is None or previous.layout.mesh is not layout.mesh:
         return {}
     kept = [
@@ -176,7 +176,7 @@ def outline_vertices(layout: PatchLayout, patch: int) -> Int[np.ndarray, " m"]:
 
 
 def seam_mismatch(flat: FlatPatches) -> Float[np.ndarray, " cuts"]:
-    """Return the difference in length of both flat sides of every cut edge, as a share of its length on the surface."""
+    """Return how much the two flat sides of every cut edge differ in length, as a share of the edge's length in space."""
     mesh, cut = flat.layout.mesh, np.flatnonzero(flat.layout.cut)
     sides = np.linalg.norm(np.roll(flat.corners, -1, axis=1) - flat.corners, axis=2)
     pair, side = mesh.edge_quads[cut], mesh.edge_sides[cut]
@@ -185,9 +185,9 @@ def seam_mismatch(flat: FlatPatches) -> Float[np.ndarray, " cuts"]:
 
 
 def overlapping_patches(flat: FlatPatches) -> list[int]:
-    """Return the patches that are not proven to be injective.
+    """Return the patches that may overlap themselves in the plane, because they are not proven injective.
 
-    They have a flipped corner triangle, a topology that cannot be laid flat, or an outline that is not simple.
+    Such a patch has a flipped corner triangle, a topology that cannot be laid flat, or an outline that is not simple.
     """
     layout = flat.layout
     points = flat.points[:, 0] + 1j * flat.points[:, 1]

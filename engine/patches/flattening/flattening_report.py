@@ -20,8 +20,8 @@ MAX_REMARKS = 3  # largest number of patches beyond a limit that are described o
 def layout_report(flat: FlatPatches) -> dict[str, Any]:
     """Return the ``layout`` block of report.json; energies have no unit, mismatches are shares of edge lengths.
 
-    ``count_flipped`` counts corner triangles, four per quad; ``overlaps`` counts patches that are not proven injective;
-    ``remarks`` are sentences for the user.
+    ``flips`` counts flipped corner triangles, four per quad; ``overlaps`` counts patches that are not proven
+    injective; ``remarks`` are sentences for the user.
     """
     layout = flat.layout
     mismatch = seam_mismatch(flat)
@@ -60,12 +60,14 @@ def remarks(notes: Mapping[str, object]) -> dict[str, object]:
 
 
 def forced_notes(flat: FlatPatches, params: LayoutParams) -> dict[str, object]:
-    """Describe the panels that exceed a limit, because every change of the layout would break another limit.
+    """Return sentences about the panels that exceed a limit, under the key ``forced``; an empty dictionary if none does.
+
+    They exceed it because every change of the layout would break another limit.
 
     Parameters
     ----------
     flat : flat patches
-    params : limits
+    params : limits of the layout
     """
     layout = flat.layout
     mesh, necks, numbers = layout.mesh, layout.isthmus_widths(own=False), panel_numbers(layout)
@@ -91,7 +93,7 @@ def forced_notes(flat: FlatPatches, params: LayoutParams) -> dict[str, object]:
 
 
 def symmetry_kept(whole_group: list[Symmetry], kept: list[Symmetry]) -> tuple[dict[str, object], str]:
-    """Return how many of the surface's symmetries a layout keeps: entries of the report, and the start of a sentence.
+    """Return how many of the surface's symmetries a layout keeps, as entries of the report and as the start of a sentence.
 
     Parameters
     ----------

@@ -7,7 +7,8 @@ import numpy as np
 from ...arrays import Bool, Complex, Int
 from ..layout import loops_of_sides
 
-# relative width (see ``isthmus_width``) of the widest isthmus; a rectangle 1.5 times as long as wide has this value
+# Largest result of ``isthmus_width``: wider isthmuses do not count. A rectangle 1.5 times as long as wide has this value.
+# It must exceed every limit with which a width is compared.
 MAX_ISTHMUS = 0.4
 ROUNDING_TOL = 8.0 * np.finfo(float).eps  # relative error bound of orientation tests (Shewchuk 1997); larger is safer
 
@@ -20,9 +21,9 @@ def has_simple_outline(
 ) -> bool:
     """Return whether the outline of a patch neither crosses nor touches itself and exactly one loop is not a hole.
 
-    Without flips, every point of the plane is covered as often as the loops wind round it. If the loops are disjoint
-    and one of them is counter-clockwise, that is 0 or 1 times. Orientations within the rounding error count as
-    touching, so that True is a proof (Shewchuk 1997, first filter).
+    Without flips, a flat patch covers every point of the plane as often as its loops wind round the point. If the loops
+    are disjoint and one of them is counter-clockwise, this number is 0 or 1. Sides that are apart by less than the
+    rounding error count as touching, so that True is a proof (Shewchuk 1997, first filter).
 
     Parameters
     ----------
@@ -78,7 +79,11 @@ def _has_one_outer_loop(a: np.ndarray, b: np.ndarray, start: np.ndarray, end: np
 def _folds_back(
     a: np.ndarray, b: np.ndarray, start: np.ndarray, end: np.ndarray, one: np.ndarray, two: np.ndarray
 ) -> bool:
-    """Return whether two sides that share a vertex fold back onto each other."""
+    """Return whether, for any i, the adjacent sides ``one[i]`` and ``two[i]`` fold back onto each other.
+
+    a, b : points at the start and the end of every side
+    start, end : flat vertices of these points
+    """
     swap = end[one] != start[two]
     first, second = np.where(swap, two, one), np.where(swap, one, two)
     turn = (b[second] - a[second]) * (b[first] - a[first]).conj()
@@ -105,7 +110,8 @@ def isthmus_width(outline: Complex[np.ndarray, " points"], rim: Bool[np.ndarray,
     Parameters
     ----------
     outline : points of the polygon, complex, counter-clockwise
-    rim : mask of points on the border of the surface; chords between two such points are due to the surface and ignored
+    rim : mask of points on the border of the surface; chords between two such points are ignored, because there the
+        surface itself is narrow
     """
     count = len(outline)
     after = np.roll(outline, -1)

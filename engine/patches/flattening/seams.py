@@ -17,23 +17,23 @@ from .arap import FlatPatch, PatchProblem, SideSprings, minimise_max_energy, sol
 from .outline import has_simple_outline
 
 LAYOUT_ROUNDS = (
-    24  # number of rounds for a whole layout, of which the best state is kept; more take longer; not measured
+    24  # number of rounds in which the seams of a whole layout are fitted; more may fit better and take longer
 )
-EDIT_ROUNDS = 10  # number of rounds for the few patches of a manual edit; more make edits slower than 0.1 s
-# Number of quads below which patches share a linear system, because a system for one small patch takes as long as for
-# many: 3,840 patches of one quad take 3 s instead of 32 s. Larger patches gain less.
+EDIT_ROUNDS = 10  # number of these rounds for the few patches of a manual edit; with more, an edit takes over 0.1 s
+# Patches with fewer quads share a linear system, because a system of one small patch takes as long as a system of many:
+# 3,840 patches of one quad take 3 s instead of 32 s. Larger values gain little.
 SMALL_PATCH = 8
-BATCH_QUADS = 64  # approximate number of quads in a shared system
-# Initial stiffness of seam sides, where quads have the weight 1; 1 and 10 match seams less well
+BATCH_QUADS = 64  # approximate number of quads in a shared system; larger: fewer and larger systems
+# Initial stiffness of the springs on seam sides, where quads have the weight 1; 1 and 10 match seams less well
 SPRING_STIFFNESS = 3.0
-# Share of the distortion limit above which quads get more weight; larger values match seams better and leave more
-# distortion
+# Quads whose energy exceeds this share of the distortion limit get more weight; larger values match seams better and
+# leave more distortion
 ENERGY_CAP = 0.65
-# Difference in length of both sides, as a share of the edge, above which a seam edge gets stiffer; smaller values match
-# seams better and leave more distortion
+# The springs of a seam edge get stiffer if its two flat sides differ in length by more than this share of the edge, and
+# softer otherwise; smaller values match seams better and leave more distortion
 MISMATCH_CAP = 0.07
-# Factor per round on the stiffness of seams where a patch exceeds the distortion limit; smaller values let seams yield
-# sooner
+# Factor per round on the stiffness of the springs at a patch that exceeds the distortion limit; smaller values soften
+# them in fewer rounds
 SOFTENING_FACTOR = 0.7
 
 
@@ -44,10 +44,10 @@ class _FlatteningState:
     problem: PatchProblem
     flat: FlatPatch
     weights: Float[np.ndarray, " quads"]
-    quad: Int[np.ndarray, " sides"]  # local quad of every side on a seam
-    side: Int[np.ndarray, " sides"]
-    edge: Int[np.ndarray, " sides"]  # mesh edge
-    outline: Bool[np.ndarray, "quads 4"]  # sides on the outline
+    quad: Int[np.ndarray, " sides"]  # local quad of every quad side on a seam
+    side: Int[np.ndarray, " sides"]  # number (0 to 3) of this side in its quad
+    edge: Int[np.ndarray, " sides"]  # edge of the mesh at this side
+    outline: Bool[np.ndarray, "quads 4"]  # mask of the quads' sides on the outline
 
 
 def match_seams(
@@ -59,14 +59,14 @@ def match_seams(
     start: Complex[np.ndarray, "quads 4"] | None = None,
     rounds: int = LAYOUT_ROUNDS,
 ) -> Complex[np.ndarray, "quads 4"]:
-    """Flatten patches with springs that pull both sides of a seam to their mean length.
+    """Flatten patches with springs that pull both sides of every seam to their mean length; return the best round.
 
     Parameters
     ----------
     layout : mesh and cuts
     patches : quads of each patch to flatten
     corners : flat corners of all quads, complex, metres; used for the patches that stay as they are
-    params : limits
+    params : limits of the layout
     progress : called with the fraction done
     start : initial rotations of the corner triangles, unit complex numbers, up to a constant rotation of every patch
     rounds : number of rounds
@@ -95,7 +95,7 @@ def match_seams(
             _fit_round(work, layout, length, moving, stiffness, params)
         apart = np.abs(length[pair[:, 0], sides[:, 0]] - length[pair[:, 1], sides[:, 1]]) / mesh.edge_lengths[cut]
         change = apart / MISMATCH_CAP
-        # distortion matters more: seams of a patch beyond the distortion limit become softer
+        # distortion matters more than fit: the springs at a patch beyond the distortion limit become softer
         worst = np.zeros(len(mesh.quads))
         for work in works:
             worst[work.problem.quads] = work.problem.max_energies(work.flat.energy)[work.problem.patch_of]
@@ -115,7 +115,10 @@ def match_seams(
 def _start_all(
     layout: PatchLayout, patches: Sequence[np.ndarray], limit: float, progress: Progress, start: np.ndarray | None
 ) -> list[_FlatteningState]:
-    """Flatten the patches without springs: small patches together if that suffices, all others one by one."""
+    """Flatten the patches without springs: small patches in batches, large patches one by one.
+
+    Small patches that overlap or exceed the distortion limit in their batch are flattened again one by one.
+    """
     tick = partial(progress, 0.1, "Flattening")
     large = [quads for quads in patches if len(quads) >= SMALL_PATCH]
     small = [quads for quads in patches if len(quads) < SMALL_PATCH]
@@ -185,7 +188,7 @@ def _make_state(layout: PatchLayout, problem: PatchProblem, flat: FlatPatch) -> 
 
 
 def _update_lengths(length: np.ndarray, work: _FlatteningState) -> None:
-    """Write the lengths of a patch's flat sides (metres) into ``length`` (F, 4)."""
+    """Write the lengths of a patch's flat sides (metres) into ``length`` (F, 4) in place."""
     u = work.flat.points[work.problem.corners]
     length[work.problem.quads] = np.abs(u[:, NEXT] - u)
 
@@ -198,7 +201,17 @@ def _fit_round(
     stiffness: np.ndarray,
     params: LayoutParams,
 ) -> None:
-    """Do a round for a patch: update the weights of its quads, set springs to the desired lengths, solve twice."""
+    """Fit a patch to its neighbours for one round: update its quads' weights, set its springs' lengths, solve twice.
+
+    Parameters
+    ----------
+    work : state of the patch; changed in place
+    layout : mesh and cuts
+    length : (F, 4) lengths of all flat sides, metres; changed in place
+    moving : (F,) mask of the quads that are being flattened; a seam to another quad takes that quad's length
+    stiffness : (E,) stiffness of the springs at every edge
+    params : limits of the layout
+    """
     mesh, problem = layout.mesh, work.problem
     cap = ENERGY_CAP * params.distortion_limit
     work.weights = np.clip(work.weights * np.clip(work.flat.energy / cap, 0.8, 2.0), 1.0, 1e3)
@@ -226,7 +239,16 @@ def _rank(
     surface: np.ndarray,
     params: LayoutParams,
 ) -> tuple[float, float]:
-    """Return the rank of a state (small is good): flips, overlaps and excess distortion first, then seam mismatch."""
+    """Return the rank of a state, smaller is better: flips, overlaps and excess distortion first, then seam mismatch.
+
+    Parameters
+    ----------
+    works : states of all patches
+    length : (F, 4) lengths of all flat sides, metres
+    pair, sides : both quads of every cut edge, and their sides on it
+    surface : length of every cut edge in space, metres
+    params : limits of the layout
+    """
     broken = float(sum(work.flat.flip_count + (not _have_simple_outlines(work)) for work in works))
     apart = np.abs(length[pair[:, 0], sides[:, 0]] - length[pair[:, 1], sides[:, 1]]) / surface
     worst = max((work.flat.max_energy for work in works), default=0.0) / params.distortion_limit

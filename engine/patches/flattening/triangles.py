@@ -1,8 +1,9 @@
 """Corner triangles of quads and the energy of laying them flat (Liu et al. 2008), in complex form.
 
 A corner triangle consists of a corner of a quad and both adjacent corners; the four corner triangles belong to both
-triangulations of the quad. The map of a triangle to the plane is u = a z + b conj(z) with complex coefficients a and b;
-its singular values are |a| + |b| and |a| - |b|, its determinant |a|^2 - |b|^2, and the nearest rotation is a / |a|.
+triangulations of the quad. A triangle is first laid into the plane without distortion; the map u = a z + b conj(z) with
+complex coefficients a and b takes its points z from there to the flat patch. The singular values of the map are
+|a| + |b| and |a| - |b|, its determinant is |a|^2 - |b|^2, and the rotation nearest to it is a / |a|.
 """
 
 from __future__ import annotations
@@ -62,7 +63,11 @@ def _triangles(
     backward: Float[np.ndarray, "quads 4 3"],
     flat: Complex[np.ndarray, "quads 4"],
 ) -> CornerTriangles:
-    """Build the triangles from the vectors to both adjacent corners (metres) and the corners projected to the plane."""
+    """Build the corner triangles of quads.
+
+    forward, backward : vectors from every corner to the next and the previous corner, metres
+    flat : corners of every quad projected to its plane, complex, metres
+    """
     length_f, _length_b = np.linalg.norm(forward, axis=2), np.linalg.norm(backward, axis=2)
     double_area = np.linalg.norm(np.cross(forward, backward), axis=2)
     inner = np.einsum("fki,fki->fk", forward, backward)
@@ -107,7 +112,7 @@ def quad_energy(
 
 
 def square_energy(corners: Complex[np.ndarray, "quads 4"]) -> Float[np.ndarray, " quads"]:
-    """Return ``quad_energy`` of the maps from squares to flat quads of equal area: 0 for a square quad."""
+    """Return the irregularity of flat quads: ``quad_energy`` of the map from a square of equal area; 0 for a square."""
     d = corners[:, NEXT] - corners
     diagonal_a, diagonal_b = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
     side = np.sqrt(np.maximum(0.5 * (diagonal_a.conj() * diagonal_b).imag, 1e-300))[:, None]

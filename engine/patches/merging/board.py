@@ -23,18 +23,18 @@ from ..layout import PatchLayout
 from ..tracing.regions import MERGING_SHARE
 from .sketch import MAX_CACHED_QUADS, FlatPiece, PatchMeasurer, PatchMeasures
 
-# Smallest relative width of an isthmus in a flat patch, times the largest bottleneck; larger values keep necks wider
-# and leave more patches
+# An isthmus of a flat patch must be at least as wide, relative to the outline (see ``isthmus_width``), as this number
+# divided by the largest allowed bottleneck; larger values keep necks wider and leave more patches
 NECK_FACTOR = 1.1
-# Number of quads above which a patch is given up sooner if its first flattening is far beyond the distortion limit;
-# larger values find more merges of large patches
+# Number of quads up to which a patch is given up only if its first flattening exceeds 5 times the distortion limit;
+# larger patches are given up earlier, the largest at 1.8 times. Larger values find more merges of large patches.
 SMALL_PIECE = 120
 # largest compactness of a patch that absorbs a too small patch, as a factor on the limit; larger allows longer patches
 LENIENT_FACTOR = 1.25
-ATTEMPT_WORK = 300.0  # work charged for testing a change, without flattening, in quads times solves; from profiling
-SOLVES_PER_FLATTENING = 10.0  # work charged for a flattening, in solves: the mean number
-# Largest ratio of the shorter outline between an isthmus's ends to its width; a rectangle four times as long as wide
-# has 5. Smaller values keep necks wider and leave more patches
+ATTEMPT_WORK = 300.0  # work charged for testing a change, besides flattening, in quads times solves; from profiling
+SOLVES_PER_FLATTENING = 10.0  # work charged for a flattening, in solves: their mean number
+# Largest allowed ratio of the shorter part of the outline between an isthmus's ends to the isthmus's width; a rectangle
+# four times as long as wide has 5. Smaller values keep necks wider and leave more patches.
 BOTTLENECK = 5.0
 NO_EDGES = np.zeros(0, dtype=np.int64)  # empty array of edges
 
@@ -86,11 +86,13 @@ class MergeBoard:
     bottleneck : largest allowed bottleneck, see ``PatchMeasures``
     distortion_share : share of the distortion limit that may be used
     is_lenient : whether changes may exceed the limits on isthmuses and compactness
-    tick : called at every attempt; may raise to cancel
+    tick : called at every attempt to change the layout; may raise an exception to cancel
     cache : cache shared with other boards of the same mesh and limits
-    tried_slides, refused_changes : slides already examined, and refused changes, under the present symmetries and limits
+    tried_slides : slides of seams that were already examined
+    refused_changes : changes that were refused under the present symmetries and limits
     accepted_patches : flat patches that were accepted; key: quads, outline, limit
-    failed_flattenings : keys of rejected flattenings with the serials of the merged pieces; from other pieces they may succeed
+    failed_flattenings : the same key for rejected flat patches, with the serials of the merged pieces: when the same patch
+        is merged from other pieces, its flattening starts differently and may succeed
     """
 
     def __init__(
@@ -121,11 +123,11 @@ class MergeBoard:
         self.failed_flattenings: set[tuple[tuple[bytes, bytes, float], tuple[int, ...]]] = set()
         self.pieces: dict[int, FlatPiece] = {}
         for quads in layout.patches:
-            sketch = self.measurer.measure(quads, self.cut)
-            problem = PatchProblem(self.mesh, quads, sketch.corners, tick)
+            measures = self.measurer.measure(quads, self.cut)
+            problem = PatchProblem(self.mesh, quads, measures.corners, tick)
             self._add_piece(
                 self._with_serial(
-                    sketch,
+                    measures,
                     minimise_max_energy(problem, solve_local_global(problem), target=0.9 * params.distortion_limit),
                 )
             )
@@ -136,7 +138,7 @@ class MergeBoard:
         return PatchLayout(self.mesh, self.cut.copy())
 
     def is_first_image(self, edges: np.ndarray | Sequence[int]) -> bool:
-        """Return whether a run of edges has the smallest edge of all its symmetric images; others can be skipped."""
+        """Return whether no symmetric image of a run of edges has a smaller edge; other runs can be skipped as images."""
         if not self.symmetries:
             return True
         lowest = min(int(s.edges[edges].min()) for s in self.symmetries)
@@ -241,17 +243,17 @@ class MergeBoard:
         cut[joins] = False
         cut[cuts] = True
         region = np.sort(np.concatenate([p.quads for p in old]))
-        sketches = []
+        measured = []
         for quads in self.measurer.components(region, cut) if len(cuts) or len(old) > 2 else [region]:
             parents = [self.pieces[n] for n in np.unique(self.piece_of[quads]).tolist()]
-            sketch = self._measure_if_allowed(quads, cut, parents)
-            if sketch is None:
+            measures = self._measure_if_allowed(quads, cut, parents)
+            if measures is None:
                 return None
-            sketches.append((sketch, parents))
+            measured.append((measures, parents))
         pieces = []
         # start with the smallest patch, where a failed flattening costs least
-        for sketch, parents in sorted(sketches, key=lambda s: len(s[0].quads)):
-            piece = self._flatten_piece(sketch, parents, joins)
+        for measures, parents in sorted(measured, key=lambda s: len(s[0].quads)):
+            piece = self._flatten_piece(measures, parents, joins)
             if piece is None:
                 return None
             pieces.append(piece)
@@ -262,69 +264,84 @@ class MergeBoard:
     def _measure_if_allowed(
         self, quads: Int[np.ndarray, " quads"], cut: Bool[np.ndarray, " edges"], parents: list[FlatPiece]
     ) -> PatchMeasures | None:
-        """Return the sketch of a patch, or None if it breaks a limit that can be checked before flattening.
+        """Return the measures of a patch, or None if it breaks a limit that can be checked before flattening.
 
-        A patch may break a limit as far as its parents, the present pieces of its quads, do.
+        A patch may break a limit only as much as the present pieces of its quads (``parents``) already do.
         """
         mesh, params = self.mesh, self.params
         if len(quads) < min(params.patch_min, *(len(p.quads) for p in parents)):
             return None
-        sketch = self.measurer.measure(quads, cut)
+        measures = self.measurer.measure(quads, cut)
         allowed = max(params.compactness_limit, min(p.measures.compactness for p in parents))
         if self.is_lenient:
             allowed = max(LENIENT_FACTOR * params.compactness_limit, *(p.measures.compactness for p in parents))
-        if sketch.compactness > allowed * (1 + 1e-9):
+        if measures.compactness > allowed * (1 + 1e-9):
             return None
         border = mesh.border[mesh.quad_edges[quads]]
-        if not sketch.is_flattenable or not sketch.loops.has_only_holes(sketch.corners, self.angles[quads], border):
+        if not measures.is_flattenable or not measures.loops.has_only_holes(
+            measures.corners, self.angles[quads], border
+        ):
             return None
         if self.is_lenient:
-            return sketch
-        if sketch.isthmuses > sum(p.measures.isthmuses for p in parents):
+            return measures
+        if measures.isthmuses > sum(p.measures.isthmuses for p in parents):
             return None
-        return None if sketch.bottleneck > max(self.bottleneck, *(p.measures.bottleneck for p in parents)) else sketch
+        return (
+            None if measures.bottleneck > max(self.bottleneck, *(p.measures.bottleneck for p in parents)) else measures
+        )
 
-    def _flatten_piece(self, sketch: PatchMeasures, parents: list[FlatPiece], opens: np.ndarray) -> FlatPiece | None:
-        """Return the flattened piece; None if it is too distorted, not injective, or has too narrow an isthmus."""
+    def _flatten_piece(self, measures: PatchMeasures, parents: list[FlatPiece], opens: np.ndarray) -> FlatPiece | None:
+        """Flatten a measured patch; return None if it is too distorted, not injective, or has too narrow an isthmus.
+
+        parents : present pieces of its quads
+        opens : edges that are joined
+        """
         limit = max(self.distortion_share * self.params.distortion_limit, *(p.flat.max_energy for p in parents))
-        key = (sketch.quads.tobytes(), np.packbits(sketch.sides).tobytes(), limit)
+        key = (measures.quads.tobytes(), np.packbits(measures.sides).tobytes(), limit)
         start = tuple(p.serial for p in parents)
         if key not in self.accepted_patches and (key, start) not in self.failed_flattenings:
-            flat = self._cached_flat(sketch, parents, opens, limit)
+            flat = self._cached_flat(measures, parents, opens, limit)
             if flat is None:
                 self.failed_flattenings.add((key, start))
             else:
                 self.accepted_patches[key] = flat
         if key not in self.accepted_patches:
             return None
-        piece = self._with_serial(sketch, self.accepted_patches[key])
+        piece = self._with_serial(measures, self.accepted_patches[key])
         if self.is_lenient:
             return piece
         # the narrowest isthmus may be as narrow as the limit, or as in one of the merged pieces
         return None if piece.isthmus < min(NECK_FACTOR / self.bottleneck, *(p.isthmus for p in parents)) else piece
 
     def _cached_flat(
-        self, sketch: PatchMeasures, parents: list[FlatPiece], opens: np.ndarray, limit: float
+        self, measures: PatchMeasures, parents: list[FlatPiece], opens: np.ndarray, limit: float
     ) -> FlatPatch | None:
-        """Return the flat patch, from the cache if possible, and subtract its work from the budget."""
-        start = self.measurer.rotations(parents, sketch.quads, opens)
+        """Return the patch laid flat, from the cache if possible, and subtract the work from the budget.
+
+        limit : largest allowed distortion E; None is returned if the patch exceeds it or is not injective
+        """
+        start = self.measurer.rotations(parents, measures.quads, opens)
         digest = blake2b(start.tobytes(), digest_size=16).digest()
-        key = (sketch.quads.tobytes(), np.packbits(sketch.sides).tobytes(), digest, limit)
+        key = (measures.quads.tobytes(), np.packbits(measures.sides).tobytes(), digest, limit)
         if key not in self.cache.flattenings:
             if self.cache.quad_count > MAX_CACHED_QUADS:
                 self.cache.flattenings, self.cache.quad_count = {}, 0
-            self.cache.flattenings[key] = self._flatten(sketch, start, limit)
-            self.cache.quad_count += len(sketch.quads)
+            self.cache.flattenings[key] = self._flatten(measures, start, limit)
+            self.cache.quad_count += len(measures.quads)
         flat, work = self.cache.flattenings[key]
         self.budget.remaining -= work  # charged for cached results too, so that layouts don't depend on the cache
         return flat
 
-    def _flatten(self, sketch: PatchMeasures, start: np.ndarray, limit: float) -> tuple[FlatPatch | None, float]:
-        """Flatten a patch; return it (None if it exceeds the limit or is not injective), and the work."""
-        problem = PatchProblem(self.mesh, sketch.quads, sketch.corners, self.tick)
-        work = SOLVES_PER_FLATTENING * len(sketch.quads)
-        # reweighting quads (minimax) halves the largest energy, and lowers it far more if only few quads cause it
-        bar = limit * (1.8 + 3.2 * min(1.0, SMALL_PIECE / len(sketch.quads)) ** 2)
+    def _flatten(self, measures: PatchMeasures, start: np.ndarray, limit: float) -> tuple[FlatPatch | None, float]:
+        """Flatten a patch; return it (None if it exceeds the limit or is not injective), and the work to charge.
+
+        start : initial rotations of the corner triangles, unit complex numbers
+        limit : largest allowed distortion E
+        """
+        problem = PatchProblem(self.mesh, measures.quads, measures.corners, self.tick)
+        work = SOLVES_PER_FLATTENING * len(measures.quads)
+        # reweighting quads (minimax) about halves the largest energy, and lowers it far more if only few quads cause it
+        bar = limit * (1.8 + 3.2 * min(1.0, SMALL_PIECE / len(measures.quads)) ** 2)
         flat = solve_local_global(problem, start, tolerance=0.01, give_up_above=bar)
         if flat.max_energy > bar:
             return None, work
@@ -334,14 +351,14 @@ class MergeBoard:
         good = (
             flat.max_energy <= limit
             and not flat.flip_count
-            and has_simple_outline(flat.points, sketch.corners, sketch.sides)
+            and has_simple_outline(flat.points, measures.corners, measures.sides)
         )
         return flat if good else None, work
 
-    def _with_serial(self, sketch: PatchMeasures, flat: FlatPatch) -> FlatPiece:
+    def _with_serial(self, measures: PatchMeasures, flat: FlatPatch) -> FlatPiece:
         """Return a flattened patch as a piece with the next serial number."""
         self.serial += 1
-        return FlatPiece(self.serial, sketch, flat)
+        return FlatPiece(self.serial, measures, flat)
 
 
 def _sorted_array(values: set[int]) -> np.ndarray:

@@ -31,7 +31,7 @@ def join_small_panels(
     Parameters
     ----------
     layout : layout whose patches can be laid flat
-    params : limits
+    params : limits of the layout
     symmetries : symmetries of the mesh; the result keeps the symmetries that the layout has
     progress : called with the fraction done
 
@@ -51,12 +51,12 @@ def join_small_panels(
 def limited_board(
     layout: PatchLayout, params: LayoutParams, symmetries: Sequence[Symmetry] = (), progress: Progress = SILENT
 ) -> MergeBoard:
-    """Return a board with a budget of work, whose panels may use the whole distortion limit.
+    """Return a board with a limited budget of work, on which patches may use the whole distortion limit.
 
     Parameters
     ----------
     layout : mesh and cuts
-    params : limits
+    params : limits of the layout
     symmetries : symmetries of the mesh; the board keeps the symmetries that the layout has
     progress : called at every attempt
     """
@@ -134,9 +134,9 @@ def _candidate_changes(board: MergeBoard, piece: FlatPiece) -> Iterator[tuple[np
 def _divide_among_neighbours(
     board: MergeBoard, piece: FlatPiece, around: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield the change that gives every quad to the neighbour with most common sides, from the outside inwards.
+    """Yield a change that divides a piece: every quad joins the piece with most common sides, from the outside inwards.
 
-    around : neighbour across every side of the piece's quads, see ``_pieces_across``
+    around : serial of the piece across every side of the piece's quads, see ``_pieces_across``
     """
     mesh = board.mesh
     owner = dict.fromkeys(piece.quads.tolist(), -1)

@@ -1,9 +1,9 @@
 """Cut a single panel in two, because a panel without a seam stays flat.
 
-A seam forces the piece out of the plane if its two sides, equally long, have different curves in the flat panels. The
-less of the surface's curvature is absorbed by distortion of the panels, the more these curves differ. On a surface that
-bends in one direction only, panels are not distorted and both sides have equal curves; there a search later makes the
-curves differ, which works along a seam that is straight in space.
+The two sides of a seam are equally long. If they have different curves in the flat panels, the closed seam forces the
+piece out of the plane. The less the panels are distorted, the more these curves differ. On a surface that bends in one
+direction only, panels are not distorted and both sides have equal curves. There the optimisation makes the curves differ
+later, which works along a seam that is straight in space.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from ..splitting.straight_runs import ends_and_unevenness, straight_runs
 from .board import MergeBoard
 from .straighten import fault_cost
 
-# number of decimals to which ratings of cuts are compared; of equally rated cuts, the straightest in space is taken
+# Number of decimals to which ratings of cuts are rounded; among equally rated cuts, the straightest in space is taken
 RATING_DECIMALS = 6
-MAX_CUTS = 12  # number of cuts that are tried; with more, panels may be less distorted, and it takes longer
+MAX_CUTS = 12  # largest number of cuts that are tried; with more, panels may be less distorted, and it takes longer
 MIN_AREA_SHARE = 0.25  # smallest share of the panel's area on either side of a cut; chosen by eye
 MIN_END_DISTANCE = (
     0.03  # smallest distance between the ends of two tried cuts, as a share of the outline; chosen by eye
@@ -45,7 +45,10 @@ def needs_no_halving(board: MergeBoard) -> bool:
 
 
 def cut_in_half(board: MergeBoard, whole_group: list[Symmetry], progress: Progress) -> MergeBoard:
-    """Cut the single panel where that leaves the least distortion, symmetrically if that is almost as good."""
+    """Return a board with the single panel cut where that leaves the least distortion; ``board`` if no cut is possible.
+
+    Cuts that keep more of the symmetries ``whole_group`` are preferred.
+    """
     layout = board.layout
     ranked: list[tuple[float, float, int, MergeBoard]] = []
     for number, cut in enumerate(_straight_cuts(layout, board.params, progress)):

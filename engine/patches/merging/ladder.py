@@ -34,7 +34,7 @@ def merge_in_steps(
     Parameters
     ----------
     layout : layout to start from
-    params : limits
+    params : limits of the layout
     shares : shares of the distortion limit to use
     symmetries : symmetries of the mesh; the results keep the symmetries that ``layout`` has
     progress : called with the fraction done
@@ -42,7 +42,7 @@ def merge_in_steps(
 
     Returns
     -------
-    a layout for every share, the smallest share first, up to the last layout before one that would stay flat
+    a layout for every share, the smallest share first; the list ends before the first layout that would stay flat
     """
     kept, effort, found = preserved_by(symmetries, layout.cut), work_budget(layout), list[PatchLayout]()
     for share in sorted(shares):

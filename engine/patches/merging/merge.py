@@ -25,15 +25,15 @@ from .ranking import LayoutRanking, halve_long_patches, layout_cost
 from .reroute import redraw_seams
 from .straighten import natural_stops, straighten, widen_necks
 
-# Product of the numbers of quads and seams above which only the first strategy is tried, with a few symmetry groups in
-# turn; larger values take longer
+# Number of quads times number of seams above which only the first strategy is tried, with a few symmetry groups in turn;
+# larger values try more on large surfaces and take longer
 MAX_SEAM_QUADS = 70_000
 # Smallest budget, and budget per quad, in quads times solves, see ``WorkBudget``; more may remove more seams, in more time
 MIN_WORK, WORK_PER_QUAD = 2e6, 2.5e3
 MAX_STOPS = 12  # largest number of places where a removed part of a seam may begin or end; more take longer
 REPEAT_ROUNDS = 3  # largest number of times a merged layout is merged again; more take longer
-# Largest number of symmetries of a surface for which first cuts that break one are completed by their images: a mirror,
-# or two mirrors with their half turn. With hundreds, on a ring, the images gave 60 panels instead of 4.
+# Largest number of symmetries of a surface with which first cuts that break a symmetry are completed by their images: 1
+# is a mirror, 3 are two mirrors and a half turn. On a ring with hundreds, the images gave 60 panels instead of 4.
 MAX_SYMMETRIES = 3
 MAX_GROUPS = 5  # largest number of symmetry groups that are tried; more take longer
 
@@ -50,7 +50,7 @@ def merge(
     Parameters
     ----------
     layout : mesh and first cuts
-    params : limits
+    params : limits of the layout
     progress : called with the fraction done
     has_supports : whether something holds the piece in its shape; if not, a curved surface never becomes a single panel without
         a cut, unless ``params.seamless``
@@ -79,7 +79,7 @@ def merge(
 
 
 def _monotonic(progress: Progress) -> Progress:
-    """Return a progress whose fraction never decreases, because the number of rounds is not known beforehand."""
+    """Return a progress whose reported fraction never decreases, although the number of rounds is not known beforehand."""
     report, highest = progress.report, 0.0
     if report is None:
         return progress
@@ -189,9 +189,11 @@ def _try_strategies(
 
 
 def _best_board(ranked: list[tuple[float, int, MergeBoard]], ranking: LayoutRanking, progress: Progress) -> MergeBoard:
-    """Return the best merged layout whose seams can be made equally long, merged further if the whole limit allows.
+    """Return the best merged layout whose seams can be made equally long, merged further if that is possible.
 
-    Merging before uses only ``MERGING_SHARE`` of the distortion limit.
+    Earlier merging used only ``MERGING_SHARE`` of the distortion limit; here patches may use the whole limit.
+
+    ranked : cost, number and board of every result
     """
     ordered = [r[2] for r in sorted(ranked, key=lambda r: r[:2])[:4]]
     board = next((b for b in ordered if ranking.can_match_seams(b, progress)), ordered[0])
@@ -202,9 +204,13 @@ def _best_board(ranked: list[tuple[float, int, MergeBoard]], ranking: LayoutRank
 
 
 def _useful_groups(groups: list[list[Symmetry]], most: int) -> list[list[Symmetry]]:
-    """Return the largest symmetry group, then single mirrors and half turns, then groups of four, at most ``most``."""
+    """Return the largest symmetry group, then single mirrors and half turns, then groups of four.
+
+    groups : symmetry groups, the largest first, without the identity
+    most : largest number of returned groups; 0: one group of each kind, ever smaller
+    """
     twos, fours = [g for g in groups[1:] if len(g) == 1], [g for g in groups[1:] if len(g) == 3]
-    if not most:  # for strategies that start from the result of the previous group: ever smaller groups
+    if not most:  # each strategy then starts from the result of the previous, larger group
         return groups[:1] + fours[:1] + twos[:1]
     rest = [g for g in groups[1:] if len(g) in (1, 3)]
     return (groups[:1] + sorted(rest, key=len))[:most]
@@ -221,10 +227,10 @@ class MergeStrategy:
     """A merging strategy.
 
     seam_weight : weight of a seam's share of the outline in the order of merges; larger removes long seams first
-    bottleneck : largest allowed bottleneck, see ``Sketch``
+    bottleneck : largest allowed bottleneck, see ``PatchMeasures``
     by_parts : remove seams only from one irregular vertex to the next, and cuts inside patches last; this saves distortion
     redraws_seams : redraw whole seams, for layouts whose seams do not follow lines of edges
-    is_repeat : for layouts merged before: stop if neither a seam nor a part of a seam can be removed
+    is_repeat : for layouts that were already merged: stop if neither a seam nor a part of a seam can be removed
     """
 
     seam_weight: float = 3.0
@@ -242,7 +248,7 @@ REPEAT_STRATEGY = MergeStrategy(is_repeat=True)  # for layouts that were merged 
 
 
 def run_strategy(board: MergeBoard, strategy: MergeStrategy, progress: Progress) -> None:
-    """Merge and straighten alternately until nothing changes."""
+    """Merge patches and straighten seams of a board alternately, in place, until nothing changes."""
     board.tick = lambda: progress(0.0, f"Merging: {with_count(len(board.pieces), 'panel', 'panels')}")
     merged = merge_seams(board, strategy, progress.part(0.0, 0.5))
     if strategy.is_repeat:
@@ -271,7 +277,7 @@ def _straighten_and_merge(board: MergeBoard, strategy: MergeStrategy, progress: 
 
 
 def open_parts(board: MergeBoard, strategy: MergeStrategy, progress: Progress) -> bool:
-    """Remove parts of seams, and whole seams after each, as long as possible; return whether anything changed."""
+    """Remove a part of a seam, then all whole seams that can go, and repeat; return whether anything changed."""
     changed = False
     while open_best_part(board, strategy, progress):
         changed = True
@@ -345,7 +351,10 @@ def merge_seams(board: MergeBoard, strategy: MergeStrategy, progress: Progress) 
 
 
 def _seam_rank(board: MergeBoard, edges: np.ndarray, worst: float, strategy: MergeStrategy) -> float:
-    """Return the rank of removing a seam, smallest first: distortion less the weighted share of outline removed."""
+    """Return the rank of removing a seam, smaller is better: distortion less the weighted share of outline removed.
+
+    worst : largest distortion E after the removal; 0 before that has been tested
+    """
     sides = [board.pieces[n] for n in set(board.pieces_at(edges[:1])[0].tolist())]
     shared = float(board.mesh.edge_lengths[edges].sum())
     worst = max(worst, *(p.flat.max_energy for p in sides))
@@ -355,7 +364,10 @@ def _seam_rank(board: MergeBoard, edges: np.ndarray, worst: float, strategy: Mer
 
 
 def open_best_part(board: MergeBoard, strategy: MergeStrategy, progress: Progress) -> bool:
-    """Remove the best part of a seam that cannot be removed as a whole; the rest stays as a cut inside the patch."""
+    """Remove the best part of a seam that cannot be removed as a whole; return whether there was such a part.
+
+    The rest of the seam stays as a cut inside the patch.
+    """
     best: tuple[float, int, SeamChange] | None = None
     for number, edges in enumerate(board.layout.seams):
         a, b = board.pieces_at(edges[:1])[0].tolist()

@@ -13,7 +13,8 @@ from ..tracing.trace import middle_line
 from .board import MergeBoard
 from .straighten import fault_cost, seam_cost
 
-# largest seam mismatch of a layout whose seams count as fitting, as a share of an edge; larger accepts more merges
+# Largest difference in length of a seam edge's two flat sides, as a share of the edge, in a layout whose seams count as
+# fitting; larger values accept more merges
 MAX_MISMATCH = 0.1
 # largest cost of an asymmetric layout that replaces a symmetric layout, as a share of that layout's cost; larger values
 # give up symmetry for fewer patches
@@ -72,14 +73,14 @@ def _can_match_seams(board: MergeBoard, progress: Progress) -> bool:
 
 
 def cost_after_halving(board: MergeBoard) -> float:
-    """Return the cost of a layout after halving long patches: patches, penalties, and length and corners of cuts."""
+    """Return the cost of a layout after halving long patches: number of patches, penalties, length and corners of cuts."""
     pieces = board.pieces.values()
     more = len(halve_long_patches(board.layout, board.params).patches) - len(pieces)
     return more + fault_cost(board, pieces) + 1e-3 * seam_cost(board)
 
 
 def layout_cost(board: MergeBoard) -> float:
-    """Return the cost of a layout: patches and penalties, reduced for symmetry, plus length and corners of the cuts.
+    """Return the cost of a layout: number of patches and penalties, less for symmetry, plus length and corners of cuts.
 
     The reduction is 20 % for a mirror symmetry and up to 40 % for larger groups.
     """

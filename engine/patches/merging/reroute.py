@@ -18,8 +18,8 @@ from ...surface.mesh import QuadMesh
 from .board import MergeBoard
 from .straighten import MIN_GAIN, gain_of, try_change
 
-# numbers of edges that are tried as the largest shift of a seam's ends along the outline of both patches; more and
-# larger numbers straighten more and take longer
+# Largest numbers of edges by which the ends of a redrawn seam may move along the outline of both patches, tried in turn;
+# more and larger numbers straighten more and take longer
 END_SLIDES = (0, 2, 5)
 
 

@@ -1,4 +1,4 @@
-"""Patches measured before flattening (sketches), and flattened patches (pieces), for ``board``."""
+"""Measures of patches before flattening, and flattened patches (pieces), for ``board``."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from ..flattening.outline import isthmus_width
 from ..layout import component_numbers, next_straight_side, smoothed_edge_lengths
 from ..loops import NEXT, OutlineLoops, loops_of, perimeter
 
-# largest number of quads in all cached sketches (or flat patches), at about 100 bytes each; larger needs more memory
+# Largest number of quads in all cached measures (or flat patches), at about 100 bytes a quad; a fuller cache is emptied.
+# Larger values need more memory and compute less twice.
 MAX_CACHED_QUADS = 1_000_000
 MAX_ISTHMUS_WIDTH = (
-    8  # length of the longest isthmus, in edges; longer straight lines are ignored; larger values take longer
+    8  # largest length of an isthmus, in edges; longer straight lines are ignored; larger values take longer
 )
 
 
@@ -64,7 +65,7 @@ class PatchMeasures:
 
 @dataclass(frozen=True, eq=False)
 class FlatPiece:
-    """A flattened patch (piece) with its sketch and a unique serial number."""
+    """A flattened patch (piece) with its measures and a unique serial number."""
 
     serial: int
     measures: PatchMeasures
@@ -87,10 +88,11 @@ class PatchMeasurer:
     """Measures patches of a mesh under changing cuts.
 
     neck_min : width of the smallest allowed neck, in quads
-    place : (F,) int, scratch: local numbers of the current quads during a call, -1 between calls
-    next_straight : (4 F,) int, the side 4 q + k that continues the line of side k of quad q, -1 where the line ends
-    cache : cached sketches; key: quads and sides on the outline
-    cached_quads : number of quads in all cached sketches
+    place : (F,) int, work array: local numbers of the current quads during a call, -1 between calls
+    next_straight : (4 F,) int, at 4 q + k the side (4 times quad plus side) that continues side k of quad q straight
+        ahead; -1 where the line ends
+    cache : measures of patches; key: quads and sides on the outline
+    cached_quads : number of quads of all patches in ``cache``
     """
 
     def __init__(self, mesh: QuadMesh, neck_min: int):
@@ -102,7 +104,7 @@ class PatchMeasurer:
         self.cached_quads = 0
 
     def measure(self, quads: Int[np.ndarray, " quads"], cut: Bool[np.ndarray, " edges"]) -> PatchMeasures:
-        """Return the sketch of the patch that consists of some quads, under given cuts (cached)."""
+        """Return the measures of the patch that consists of some quads, under given cuts (cached)."""
         sides = (cut | self.mesh.border)[self.mesh.quad_edges[quads]]
         key = quads.tobytes(), sides.tobytes()
         if key not in self.cache:
@@ -115,7 +117,7 @@ class PatchMeasurer:
     def _measure(
         self, quads: Int[np.ndarray, " quads"], sides: Bool[np.ndarray, "quads 4"], cut: Bool[np.ndarray, " edges"]
     ) -> PatchMeasures:
-        """Compute the sketch of a patch."""
+        """Compute the measures of a patch."""
         mesh = self.mesh
         qa, ka, qb, kb = self.joints(quads, cut)
         a = np.concatenate([4 * qa + ka, 4 * qa + NEXT[ka]])
@@ -135,7 +137,10 @@ class PatchMeasurer:
     ) -> tuple[
         Int[np.ndarray, " joints"], Int[np.ndarray, " joints"], Int[np.ndarray, " joints"], Int[np.ndarray, " joints"]
     ]:
-        """Return the uncut sides between some quads, each once: quad, side, quad across, its side (local numbers)."""
+        """Return the uncut sides between some quads, each once: a quad, its side, the quad across, that quad's side.
+
+        Quads are positions in ``quads``, sides 0 to 3.
+        """
         mesh, place = self.mesh, self.place
         place[quads] = np.arange(len(quads))
         other = mesh.neighbours[quads]
@@ -162,7 +167,10 @@ class PatchMeasurer:
         loops: OutlineLoops,
         rim: Bool[np.ndarray, " vertices"],
     ) -> tuple[int, float]:
-        """Return ``PatchMeasures.isthmuses`` and ``PatchMeasures.bottleneck``; lines between different loops are not bottlenecks."""
+        """Return ``PatchMeasures.isthmuses`` and ``PatchMeasures.bottleneck``.
+
+        Lines between two different loops of the outline count as isthmuses, but not as bottlenecks.
+        """
         where = loops.position
         q, k = np.nonzero(~sides & (where[corners] >= 0))
         at, begin, ahead = 4 * quads[q] + k, corners[q, k], corners[:, NEXT].ravel()
@@ -190,9 +198,16 @@ class PatchMeasurer:
     def rotations(
         self, parents: list[FlatPiece], quads: Int[np.ndarray, " quads"], opens: Int[np.ndarray, " opened"]
     ) -> Complex[np.ndarray, "quads 4"]:
-        """Return initial rotations for flattening a merged patch from the rotations of its parents.
+        """Return initial rotations of the corner triangles for flattening a merged patch.
 
-        Every parent is turned so that its flat sides fit the other parents' along the edges ``opens``.
+        They are the rotations of the merged pieces, each piece turned as a whole so that its flat sides along the
+        joined edges are parallel to those of its neighbours.
+
+        Parameters
+        ----------
+        parents : the merged pieces
+        quads : quads of the merged patch
+        opens : edges that are joined
         """
         mesh, place = self.mesh, self.place
         place[quads] = np.arange(len(quads))
@@ -220,7 +235,10 @@ class PatchMeasurer:
 
 
 def _propagate_turns(link: Complex[np.ndarray, "parents parents"]) -> Complex[np.ndarray, " parents"]:
-    """Return rotations of the parents; the first is 1, and turn[b] = turn[a] * link[a, b] / |link[a, b]|."""
+    """Return the rotation of every merged piece, so that turn[b] = turn[a] * link[a, b] / |link[a, b]|; the first is 1.
+
+    link : sum over the joined edges between two pieces of the relative rotation of their flat sides; 0 without such edges
+    """
     turn = np.zeros(len(link), dtype=complex)
     turn[0] = 1.0
     waiting = [0]

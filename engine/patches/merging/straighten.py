@@ -18,14 +18,18 @@ from ..layout import PatchLayout
 from .board import BOTTLENECK, NO_EDGES, MergeBoard
 from .sketch import FlatPiece
 
-# smallest gain (see ``gain_of``) that justifies a change, in median edge lengths; larger values change less
+# Smallest gain (see ``gain_of``) for which a seam is changed, in median edge lengths; larger values change less
 MIN_GAIN = 0.3
 MAX_ROWS = 8  # largest number of rows of quads by which a seam slides at once; more take longer
 
 
 @dataclass(frozen=True, eq=False)
 class SeamSlide:
-    """Sideways move of a seam: quads that change to another patch, and for each quad a quad (host) of that patch."""
+    """Sideways move of a seam.
+
+    quads : quads that change to another patch
+    hosts : for each of them, a quad of the patch that it joins
+    """
 
     quads: Int[np.ndarray, " quads"]
     hosts: Int[np.ndarray, " quads"]
@@ -70,7 +74,14 @@ def _slide_all(board: MergeBoard) -> bool:
 
 
 def try_change(board: MergeBoard, opens: Int[np.ndarray, " opened"], closes: Int[np.ndarray, " closed"]) -> bool:
-    """Make a change if all limits allow it; return whether it was made. Refused changes are not tested again."""
+    """Make a change if all limits allow it; return whether it was made. Refused changes are not tested again.
+
+    Parameters
+    ----------
+    board : the layout; changed in place
+    opens : cut edges to join
+    closes : uncut edges to cut
+    """
     names = np.unique(board.pieces_at(np.concatenate([opens, closes])))
     key = (opens.tobytes(), closes.tobytes(), names.tobytes())
     if key in board.refused_changes:
@@ -83,7 +94,14 @@ def try_change(board: MergeBoard, opens: Int[np.ndarray, " opened"], closes: Int
 
 
 def gain_of(board: MergeBoard, opens: Int[np.ndarray, " opened"], closes: Int[np.ndarray, " closed"]) -> float:
-    """Return the gain of a change: decrease of the cuts' length, in median edge lengths, and of their corner costs."""
+    """Return the gain of a change: decrease of the cuts' length, in median edge lengths, and of their corner costs.
+
+    Parameters
+    ----------
+    board : the layout
+    opens : cut edges to join
+    closes : uncut edges to cut
+    """
     mesh = board.mesh
     ring = edge_rings(mesh)
     vertices = set(mesh.edges[opens].ravel().tolist())
@@ -114,7 +132,10 @@ def widen_necks(board: MergeBoard) -> bool:
 
 
 def _widen_neck(board: MergeBoard, poor: set[int]) -> bool:
-    """Make the slide with the best gain that reduces the faults (``_limit_shortfall``) of its patches; return whether made."""
+    """Make the slide with the best gain among those that reduce ``_limit_shortfall``; return whether there was one.
+
+    poor : serials of the pieces with faults; only slides that change one of these are tried
+    """
     listed: list[tuple[float, int, tuple[np.ndarray, np.ndarray]]] = []
     for slide in candidate_slides(board):
         if not poor & set(board.piece_of[np.concatenate([slide.quads, slide.hosts])].tolist()):
@@ -183,7 +204,7 @@ def edges_changed_by(board: MergeBoard, slide: SeamSlide) -> tuple[np.ndarray, n
 def candidate_slides(board: MergeBoard, *, fresh: bool = False) -> Iterator[SeamSlide]:
     """Yield every slide of a straight part of a seam, to both sides, by one or more rows of quads.
 
-    fresh : skip seams that were already examined between the present patches
+    fresh : skip seams that were examined before, unless the patches beside them have changed since
     """
     mesh = board.mesh
     border = mesh.border
@@ -211,7 +232,11 @@ def candidate_slides(board: MergeBoard, *, fresh: bool = False) -> Iterator[Seam
 def _row_slides(
     board: MergeBoard, border: np.ndarray, row: np.ndarray, at: np.ndarray, hosts: np.ndarray
 ) -> Iterator[SeamSlide]:
-    """Yield slides of a row of quads, then of two rows, and so on; ``at`` are the sides of the quads on the seam."""
+    """Yield the slide of a seam by a row of quads, then by two rows, and so on.
+
+    row, at : quads along the seam that change their patch, and their sides on the seam
+    hosts : quads on the other side of the seam
+    """
     mesh, owner = board.mesh, board.piece_of
     taken = np.zeros(0, dtype=np.int64)
     givers = set(owner[row].tolist())
@@ -238,7 +263,10 @@ def _side_across(edge_quads: np.ndarray, edge_sides: np.ndarray, edges: np.ndarr
 
 
 def straight_cut_runs(layout: PatchLayout) -> list[tuple[list[int], list[int], list[int]]]:
-    """Return maximal straight runs of cut edges: vertices, edges, and positions where they end or meet another cut."""
+    """Return every longest straight run of cut edges: its vertices, its edges, and stops.
+
+    Stops are positions in the list of vertices where the run ends or meets another cut.
+    """
     mesh = layout.mesh
     cut, ring = layout.cut, edge_rings(mesh)
     degree = layout.cut_degree
@@ -304,7 +332,7 @@ def _run_ends(pairs: np.ndarray) -> tuple[int, int]:
 
 
 def natural_stops(board: MergeBoard, run: np.ndarray) -> list[int]:
-    """Return positions in a run where a person would end a cut: its ends, corners and irregular vertices."""
+    """Return the positions in a run of edges where a person would end a cut: ends, corners and irregular vertices."""
     mesh = board.mesh
     stops = [0]
     for i in range(1, len(run)):

@@ -35,7 +35,7 @@ def trace_layout(mesh: QuadMesh, params: LayoutParams, progress: Progress = SILE
     Parameters
     ----------
     mesh : quad mesh, metres
-    params : limits
+    params : limits of the layout
     progress : called with the fraction done
     """
     progress(0.0, "Tracing parametric lines")
