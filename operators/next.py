@@ -150,4 +150,17 @@ class StandOn(ImmediateOperator, ObjectOperator, bpy.types.Operator):
             derived_properties.set_supports(obj, derived_properties.border_vertices(obj))
 
 
-CLASSES = (Next, ShowNotice, LetGo, StandOn)
+class OwnMesh(ImmediateOperator, AnyMeshOperator, bpy.types.Operator):
+    """Give the object a copy of the mesh that it shares with others; theirs stays as it is, with its results"""
+
+    bl_idname = "flexmaps.own_mesh"
+    bl_label = "Own mesh"
+
+    def run(self, context: bpy.types.Context) -> None:
+        from ..bridge.view import replacing
+
+        replacing.leave_edit_mode(context)
+        context.object.data = context.object.data.copy()
+
+
+CLASSES = (Next, ShowNotice, LetGo, StandOn, OwnMesh)

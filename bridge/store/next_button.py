@@ -17,7 +17,7 @@ from .i18n import interface, translate
 from .notice import Notice
 from .notices import FEW_QUADS, FIXED_BY_REGULARISE
 from .shape_notices import FAR_FROM_TARGET
-from .states import DONE, TODO, StageState, is_side_result_current
+from .states import DONE, STALE, TODO, StageState, is_side_result_current
 
 FIT_STAGES = ("spirals", "equilibrium", "optimise")  # stages that *Make it fit* runs
 CHOOSE, ROUND = "flexmaps.choose", "flexmaps.mend"  # operators of two cures: propose layouts, round folds
@@ -77,9 +77,16 @@ def next_action(
         return _unless_failed(mesh, _remesh_action(obj, scene), all_notices)
     if objects.modifier_problem(obj):
         return _modifiers_action(obj)
+    shared = next((notice for notice in all_notices if notice.key == notices.SHARED), None)
+    if shared is not None and shared.severity == WORSE:  # another object's results would go
+        return _cure_action(shared, shared.cures[0], "piece")
     if notices.is_coarse(obj) and not failures.is_dismissed(mesh, FEW_QUADS, _sentence(all_notices, FEW_QUADS)):
         if stage_states["layout"].kind == TODO:
             return _unless_failed(mesh, _remesh_action(obj, scene), all_notices)
+    if stage_states["layout"].kind == STALE and stage_states["layout"].changed_input == "shape":
+        scaling = _scale_action(obj, scene)
+        if scaling is not None:
+            return _unless_failed(mesh, scaling, all_notices)
     if stage_states["layout"].kind == TODO:
         preparing = _preparing_action(obj, scene, stage_states, all_notices)
         if preparing is not None:
@@ -188,15 +195,23 @@ def _better_size(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
     return float(f"{size:.2g}")
 
 
-def _preparing_action(
-    obj: bpy.types.Object, scene: bpy.types.Scene, stage_states: dict[str, StageState], all_notices: Sequence[Notice]
-) -> NextAction | None:
-    """Return the next preparation of a quad mesh (scale, repair, make squarer); None if it is ready for a layout."""
+def _scale_action(obj: bpy.types.Object, scene: bpy.types.Scene) -> NextAction | None:
+    """Return the action that scales an object to the wanted quad edge; None if its quads are near it or it is locked."""
     edge, wanted = dimensions.quad_edge(obj, scene), obj.flexmaps.remesh.edge * 1e-3
     if not EDGE_RATIOS[0] * wanted <= edge <= EDGE_RATIOS[1] * wanted and edge > 0 and not any(obj.lock_scale):
         size = format_length(max(dimensions.extents(obj)) * scene.unit_settings.scale_length * wanted / edge)
         tooltip = translate("Scales the object to {}, which gives spirals of {}", size, format_length(wanted))
         return NextAction("flexmaps.set_size", _label(interface("Scale to {}", size)), tooltip, "piece")
+    return None
+
+
+def _preparing_action(
+    obj: bpy.types.Object, scene: bpy.types.Scene, stage_states: dict[str, StageState], all_notices: Sequence[Notice]
+) -> NextAction | None:
+    """Return the next preparation of a quad mesh (scale, repair, make squarer); None if it is ready for a layout."""
+    scaling = _scale_action(obj, scene)
+    if scaling is not None:
+        return scaling
     wrong = [notice for notice in all_notices if notice.severity == STOPS and notice.key.startswith("checks/")]
     ways = ((notice, cure) for notice in wrong for cure in _unpressed_cures(obj.data, notice))
     mending = next((_cure_action(notice, cure, "piece") for notice, cure in ways), None)

@@ -39,6 +39,7 @@ PREDICTIONS = (
     "layout/remarks",
 )
 TOO_SMALL = "layout/too-small"  # key of the notice: even the softest spirals would be strained too much
+SHARED = "shared"  # key of the notice about a mesh that several objects use
 FEW_QUADS = "quads-kept"  # key of the notice about few quads, which the user may keep
 
 
@@ -53,6 +54,7 @@ def list_notices(
         *_few_quads(obj),
         *_ignored_modifiers(obj),
         *_missing_groups(obj),
+        *_shared_mesh(obj, scene, stage_states),
         *_existing_seams(obj, stage_states["layout"].kind),
         *_too_small(obj, scene, blocks),
         *from_equilibrium(obj, blocks),
@@ -197,6 +199,26 @@ def _missing_groups(obj: bpy.types.Object) -> list[Notice]:
             )
             result.append(Notice(f"loads/{setting}", interface("Group is gone"), sentence, STOPS, cures=tuple(ways)))
     return result
+
+
+def _shared_mesh(
+    obj: bpy.types.Object, scene: bpy.types.Scene, stage_states: dict[str, states.StageState]
+) -> list[Notice]:
+    """Report other objects that use the mesh, and warn where a stage of this one would replace results of theirs."""
+    others = objects.other_users(obj)
+    if not others:
+        return []
+    own, label = Cure(interface("Own mesh"), "flexmaps.own_mesh"), interface("Shared mesh")
+    if not states.has_results_of_another(obj, scene, stage_states):
+        sentence = translate("The mesh is shared with {}: seams and results are common to all", others)
+        return [Notice(SHARED, label, sentence, INFORMATION, cures=(own,))]
+    sentence = translate(
+        "The mesh is shared with {}, and its results belong to that size and those settings: '{}' would replace them. Give '{}' its own mesh",
+        others,
+        obj.name,
+        obj.name,
+    )
+    return [Notice(SHARED, label, sentence, WORSE, cures=(own, cures.dismiss(SHARED)))]
 
 
 def _existing_seams(obj: bpy.types.Object, layout: str) -> list[Notice]:

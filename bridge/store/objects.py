@@ -48,11 +48,14 @@ def bending_parent(obj: bpy.types.Object) -> bpy.types.Object | None:
     return obj.parent if obj.parent is not None and obj.parent_type in {"ARMATURE", "LATTICE"} else None
 
 
+def list_other_users(obj: bpy.types.Object) -> list[bpy.types.Object]:
+    """Return the other objects that use the same mesh."""
+    return [o for o in bpy.data.objects if o.data == obj.data and o != obj] if obj.data.users > 1 else []
+
+
 def other_users(obj: bpy.types.Object) -> str:
     """Return the names of the other objects that use the same mesh, as a short text; "" where there are none."""
-    if obj.data.users < 2:
-        return ""
-    others = [f"'{o.name}'" for o in bpy.data.objects if o.data == obj.data and o != obj]
+    others = [f"'{o.name}'" for o in list_other_users(obj)]
     return ", ".join(others[:2]) + (f" (+{len(others) - 2})" if len(others) > 2 else "")
 
 

@@ -17,6 +17,7 @@ import bpy
 from ...engine.runs import stages
 from . import stored_report
 from .checksums import Checksums
+from .objects import list_other_users
 
 TODO, DONE, STALE = "TODO", "DONE", "STALE"
 
@@ -160,6 +161,19 @@ def current_blocks(obj: bpy.types.Object, stage_states: dict[str, StageState]) -
     """
     blocks = stored_report.read(obj.data)
     return {name: block for name, block in blocks.items() if name in stage_states and stage_states[name].kind == DONE}
+
+
+def has_results_of_another(obj: bpy.types.Object, scene: bpy.types.Scene, stage_states: dict[str, StageState]) -> bool:
+    """Return whether results on a shared mesh are out of date for one object, but not for another one that uses the mesh.
+
+    Parameters
+    ----------
+    obj, scene : the mesh object and its scene
+    stage_states : states of its stages from ``read_states``
+    """
+    stale = [stage for stage, state in stage_states.items() if state.kind == STALE and stage != "checks"]
+    others = list_other_users(obj) if stale else []
+    return any(read_states(other, scene)[stage].kind == DONE for other in others for stage in stale)
 
 
 def is_stale(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str) -> bool:

@@ -14,7 +14,7 @@ from ..store.finding_words import INFORMATION
 from ..store.guidance import LOOK, NEUTRAL, REDO, STOPPED, TICK, Guidance
 from ..store.i18n import interface
 from ..store.notice import Notice
-from ..store.objects import CONVERTIBLE, other_users, usage_problem
+from ..store.objects import CONVERTIBLE, usage_problem
 from . import collection
 
 if TYPE_CHECKING:
@@ -141,8 +141,7 @@ def _unusable_head(context: bpy.types.Context, problem: str) -> HeadContent:
 def general_notices(context: bpy.types.Context) -> tuple[Notice, ...]:
     """Return notices of the kind "information" that do not come from the object's stages.
 
-    They concern panels left over from deleted models, a mesh that several objects share, and results written by another
-    version of FlexMaps.
+    They concern panels left over from deleted models, and results written by another version of FlexMaps.
     """
     obj, notices = context.object, []
     left = collection.find_orphans(context.scene)
@@ -160,10 +159,7 @@ def general_notices(context: bpy.types.Context) -> tuple[Notice, ...]:
         )
     if usage_problem(obj) is not None:
         return tuple(notices)
-    others, version = other_users(obj), stored_report.read_version(obj.data)
-    if others:
-        sentence = interface("The mesh is shared with {}: seams and results are common to all", others)
-        notices.append(Notice("shared", interface("Shared mesh"), sentence, INFORMATION))
+    version = stored_report.read_version(obj.data)
     changed = versions.changes_between(version)
     if versions.version_key(version) > versions.version_key(VERSION):
         sentence = interface(
