@@ -98,8 +98,8 @@ class RimJoints:
         middle, across = rim.points_at(first, rim.reach[first, 0])
         ends = np.stack([middle - rim.centre[first], middle - rim.centre[then]], axis=1)
         return cls(
-            rim.quad, rim.side, to_space(lever), _axes(rim.outwards), np.stack([first, then], axis=1), to_space(ends), _axes(across),
-            _necks(rim), _strips(rim, first, middle), rim.width - rim.hole_diameter,
+            rim.quad, rim.side, to_space(lever), _axes(rim.outwards), np.stack([first, then], axis=1), to_space(ends),
+            _axes(across), _necks(rim), _strips(rim, first, middle), rim.width - rim.hole_diameter,
         )  # fmt: skip
 
     @property

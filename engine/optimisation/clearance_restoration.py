@@ -1,9 +1,9 @@
 """Restore the clearance between arms after a step, so that every design of a search can be cut.
 
-The clearance of a gap is a smooth function of the design (see ``spirals.clearance.clearance_model``). A step satisfies the
-linearised clearances ``clearance + slope @ step >= 0``. Gaps that close all the same, because clearance is not linear, are
-opened by moving the design along the gradients of their clearances; if that fails, single spirals take only a share of
-the step.
+The clearance of a gap is a smooth function of the design (see ``spirals.clearance.clearance_model``). A step satisfies
+the linearised clearances ``clearance + slope @ step >= 0``. Gaps that close all the same, because clearance is not
+linear, are opened by moving the design along the gradients of their clearances; if that fails, single spirals take only
+a share of the step.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ OVERSHOOT = 1.0 + RESTORE_RIDGE  # factor on the missing clearance that makes up
 MAX_RESTORATIONS = 8  # largest number of rounds that open closed gaps along the gradients of their clearances
 HALVINGS = 6  # number of times that a spiral's share of the step is halved before it becomes 0
 MAX_SHORTENINGS = 50  # largest number of rounds in which spirals with closed gaps get smaller shares of the step
-MIN_CLEARANCE = 5e-4  # clearance of a restored gap, in units of the coordinates
+# Linearised clearance, in units of the design variables, to which a closed gap is opened. Larger: fewer rounds, designs
+# move farther
+MIN_CLEARANCE = 5e-4
 
 
 def narrowest_per_pair(terms: Clearances) -> Clearances:
@@ -40,13 +42,14 @@ def narrowest_per_pair(terms: Clearances) -> Clearances:
 
 @dataclass(frozen=True, eq=False)
 class ClearanceProblem:
-    """Clearances of a problem, as ``restore_clearances`` needs them. A mask of None stands for all spirals.
+    """Clearances of a problem, as functions of the design variables x and of a mask of spirals; None stands for all.
 
-    rooms(x, mask) : closed and nearly closed gaps at the arms of the masked spirals, linearised in the first ``n_movable``
-        coordinates
-    shut(x, mask) : mask of the spirals with an arm in a closed gap; only gaps at the arms of the masked spirals count
-    repeat_per_coordinate : repeats a value of every spiral for each of its coordinates
-    spirals : number of spirals; n_movable : number of coordinates that may move to open a gap, equally many for each spiral
+    linear_clearances : closed and nearly closed gaps at the arms of these spirals, linearised in the first
+        ``n_movable`` design variables
+    spirals_with_closed_gaps : mask of the spirals with an arm in a closed gap; counts only gaps at these spirals' arms
+    repeat_per_coordinate : repeats a value of every spiral for each of its design variables
+    spirals : number of spirals
+    n_movable : number of design variables that may move to open a gap, equally many for each spiral
     """
 
     linear_clearances: Callable[[np.ndarray, np.ndarray | None], LinearClearances]
@@ -59,12 +62,12 @@ class ClearanceProblem:
 def restore_clearances(
     x: Float[np.ndarray, " coordinates"], feasible: Float[np.ndarray, " coordinates"], problem: ClearanceProblem
 ) -> Float[np.ndarray, " coordinates"]:
-    """Return the coordinates of a design near ``x`` that can be cut.
+    """Return the design variables of a design near ``x`` that can be cut.
 
     Parameters
     ----------
-    x : coordinates after a step
-    feasible : coordinates before the step, of a design that can be cut
+    x : design variables after a step
+    feasible : design variables before the step, of a design that can be cut
     problem : clearances and their closed gaps
     """
     x, n_movable, quads = x.copy(), problem.n_movable, None
@@ -88,7 +91,7 @@ def restore_clearances(
         if not quads.any():
             return found
         if turn > HALVINGS and not share[quads].any():
-            break  # the remaining closed gaps do not depend on these spirals
+            break  # these spirals take no share of the step any more, so other spirals close the remaining gaps
         share[quads] = 0.5 * share[quads] if turn < HALVINGS else 0.0
         found = feasible + problem.repeat_per_coordinate(share) * (x - feasible)
     return feasible

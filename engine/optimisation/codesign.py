@@ -22,7 +22,8 @@ from .gauss_newton import MAX_NEWTON_ITERATIONS, Accepted, SearchRecord, run_gau
 from .inverse import DesignPoint, InverseProblem
 
 MAX_SHIFT = 0.5  # largest shift of a flat vertex along x or y, as a share of the shortest mean edge of its quads
-# Largest difference in length between both sides of a cut edge, as a share of its length, unless it was larger before
+# Largest difference in length between both sides of a cut edge, as a share of its length; where the first flat patches
+# have a larger difference, that is the limit. Larger: better match, seams that fit worse
 MAX_SEAM_MISMATCH = 0.06
 FLAT_SHAPES = "Flat shapes"  # text of the progress
 
@@ -41,7 +42,7 @@ def refine_flat_shapes(
 
     Parameters
     ----------
-    problem : with the spirals as unknowns
+    problem : the inverse problem with only the spirals as unknowns
     start : point of ``design`` in ``problem``, at equilibrium
     design, params : the design to begin with, and the settings
     trace, accepted : as in ``run_gauss_newton``
@@ -84,9 +85,9 @@ def interpolate(start: DesignPoint, found: FlatPoint, share: float, progress: Pr
 
 
 def to_design(point: DesignPoint, design: SpiralDesign) -> SpiralDesign | None:
-    """Convert a point of a search to a design; return None if a patch overlaps itself.
+    """Convert a point of a search to a design that can be cut; return None if a patch overlaps itself.
 
-    Arms may be too close to each other to be cut where the flat shapes have moved; otherwise the design can be cut.
+    Widths and twists change where arms have come too close to each other in the moved flat shapes.
 
     Parameters
     ----------
@@ -99,7 +100,7 @@ def to_design(point: DesignPoint, design: SpiralDesign) -> SpiralDesign | None:
 
 
 def flat_shapes_of(point: DesignPoint, design: SpiralDesign) -> FlatPatches | None:
-    """Return the flat shapes of a point; those of ``design`` if the search does not move them.
+    """Return the flat shapes of a point: the flat shapes of ``design`` if the search does not move them.
 
     Return None if a patch overlaps itself, which no bound of the search prevents.
     """
@@ -112,7 +113,7 @@ def flat_shapes_of(point: DesignPoint, design: SpiralDesign) -> FlatPatches | No
 
 
 def centre_patches(flat: FlatPatches, points: np.ndarray) -> np.ndarray:
-    """Move the points (P, 2) of every patch so that its area centroid is at the origin."""
+    """Return the points (P, 2), shifted patch by patch so that the area centroid of every patch is at the origin."""
     layout = flat.layout
     u = points[layout.flat_corners]
     one, two = u[:, 2] - u[:, 0], u[:, 3] - u[:, 1]

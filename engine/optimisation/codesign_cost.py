@@ -160,7 +160,7 @@ class FlatCost:
 
     @cached_property
     def _slopes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Twice the derivatives of the value with respect to distortions (F,), and to squared cut differences (C,)."""
+        """Twice the derivatives of the value with respect to ``energy`` (F,), and to the squares of ``apart`` (C,)."""
         room, gap = self.left
         by_gap = 2.0 / (max(len(gap), 1) * gap * self.limits.seam**2)
         return 2.0 / (len(room) * room * self.limits.energy), by_gap
@@ -197,7 +197,7 @@ class FlatCost:
         return np.stack([along.real, along.imag], axis=2)
 
     def _sum_at_points(self, vertices: np.ndarray, pull: np.ndarray) -> np.ndarray:
-        """Sum complex numbers, one per entry of ``vertices``, at every point; return real and imaginary parts."""
+        """Add ``pull[i]`` (complex) to the point ``vertices[i]``, for all i; return x and y (P, 2) of the sums."""
         of, count = vertices.ravel(), len(self.points)
         parts = (np.bincount(of, part.ravel(), count) for part in (pull.real, pull.imag))
         return np.stack(list(parts), axis=1)

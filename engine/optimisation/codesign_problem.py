@@ -1,7 +1,7 @@
 """Inverse problem with the flat rest shape of the patches as further unknowns; extends ``inverse``.
 
-The coordinates of the spirals come first, as in ``DesignSpace``, then x and y of every flat vertex: 1/2 at its initial
-position, 0 and 1 at the ends of its range. So the bounds are a box.
+The design variables of the spirals come first, as in ``DesignSpace``. Then follow two for every flat vertex, x and y:
+1/2 at its initial position, 0 and 1 at the ends of its range.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ from .work import FLAT_MODES_COST, GEOMETRY_COST, SECOND_ORDER_COST
 BARRIER_WEIGHT = 0.12
 # Share of a limit's slack that a step must leave. Smaller: longer steps, but quads get stuck at their limits early
 SLACK_SHARE = 0.1
-# Vertices of quads and cuts that would keep less: factor on shifts, rounds with it, all rounds; later ones undo shifts
+# Vertices of quads and cut edges that would keep less slack move less. SHORTENING: factor on their shifts in each of
+# the first SHORTENINGS rounds. The following rounds undo their shifts, up to MAX_ROUNDS rounds in all
 SHORTENING, SHORTENINGS, MAX_ROUNDS = 0.6, 20, 40
 
 
@@ -91,29 +92,29 @@ class FlatRange:
         return cls(flat, span * nearest, FlatLimits.relaxed_to(first, energy, seam), weight)
 
     def points(self, x: np.ndarray) -> Float[np.ndarray, "points 2"]:
-        """Convert coordinates (P, 2) of flat vertices to points (P, 2), metres."""
+        """Convert design variables (P, 2) of flat vertices to points (P, 2), metres."""
         return self.flat.points + self.shift(x - 0.5)
 
     def shift(self, change: np.ndarray) -> Float[np.ndarray, "points 2"]:
-        """Convert a change of coordinates (P, 2) to shifts (P, 2), metres; the matrix of this map is diagonal."""
+        """Convert a change of design variables (P, 2) to shifts (P, 2), metres; the matrix of this map is diagonal."""
         return 2.0 * self.span[:, None] * change
 
     def cost(self, x: np.ndarray) -> FlatCost:
-        """Return the barriers at coordinates (P, 2) of the flat vertices."""
+        """Return the barriers at design variables (P, 2) of the flat vertices."""
         return FlatCost.from_points(self.limits, self.points(x))
 
     def clip_to_limits(self, x: np.ndarray, feasible: np.ndarray) -> Float[np.ndarray, "points 2"]:
-        """Return coordinates near x at which every quad and cut edge keeps at least ``SLACK_SHARE`` of its slack.
+        """Return variables near x at which quads and cut edges keep ``SLACK_SHARE`` of their slack at ``feasible``.
 
-        Only vertices with less slack move back towards ``feasible``, which is within the limits; all if that fails.
+        Only vertices of quads and cut edges with less slack move back towards ``feasible``; all vertices if that fails.
 
         Parameters
         ----------
-        x, feasible : (P, 2) coordinates of flat vertices
+        x, feasible : (P, 2) design variables of flat vertices; ``feasible`` is within the limits
 
         Returns
         -------
-        (P, 2) coordinates, each between ``x`` and ``feasible``
+        (P, 2) design variables, each between ``x`` and ``feasible``
         """
         share, corner, ends = np.ones(len(x)), self.flat.layout.flat_corners, np.concatenate(self.limits.ends, axis=1)
         least = [SLACK_SHARE * slack for slack in self.cost(feasible).left]
@@ -128,7 +129,7 @@ class FlatRange:
 
 @dataclass(frozen=True, eq=False)
 class FlatBarriers:
-    """Barriers of the flat shapes, as a cost; n_spiral_x : number of the spirals' coordinates, which come first."""
+    """Barriers of the flat shapes, as a cost; n_spiral_x : number of design variables of the spirals, the first."""
 
     range: FlatRange
     cost: FlatCost
@@ -147,12 +148,12 @@ class FlatBarriers:
 
     @cached_property
     def _hessian(self) -> csr_array:
-        """Weighted Hessian with respect to the coordinates of the flat vertices."""
+        """Weighted Hessian with respect to the design variables of the flat vertices."""
         scale = diags_array(np.repeat(2.0 * self.range.span, 2))
         return csr_array(self.range.weight * (scale @ self.cost.hessian @ scale))
 
     def _pad(self, by_points: np.ndarray) -> np.ndarray:
-        """Convert derivatives (P, 2) with respect to points to weighted derivatives with respect to all coordinates."""
+        """Convert derivatives (P, 2) by points to derivatives by all design variables, times the barriers' weight."""
         return np.concatenate([np.zeros(self.n_spiral_x), self.range.weight * self.range.shift(by_points).ravel()])
 
 
@@ -178,7 +179,7 @@ class FlatProblem(InverseProblem):
 
         Parameters
         ----------
-        start : point in the flat shapes of ``flat``; progress : of the new point
+        start : point in the flat shapes of ``flat``; progress : see ``FlatPoint``
         """
         found = FlatPoint(
             x=np.concatenate([start.x, np.full(2 * len(self.flat.span), 0.5)]),
@@ -232,7 +233,7 @@ class FlatProblem(InverseProblem):
         iterations: int | None = None,
         step: np.ndarray | None = None,
     ) -> FlatPoint:
-        """Return the point at coordinates x of spirals and flat vertices.
+        """Return the design x of spirals and flat vertices with its equilibrium.
 
         Parameters
         ----------
@@ -286,7 +287,7 @@ class FlatPoint(DesignPoint):
 
     @property
     def n_spiral_x(self) -> int:
-        """Number of the spirals' coordinates; the coordinates of flat vertices follow."""
+        """Number of design variables of the spirals; those of the flat vertices follow."""
         return self.problem.n_spiral_x
 
     @property
@@ -296,7 +297,7 @@ class FlatPoint(DesignPoint):
 
     @cached_property
     def _rest_changes(self) -> RestChanges:
-        """Derivatives of all joints with respect to the rest geometry of their sides."""
+        """Derivatives of all joints' forces, loads and tip motions with respect to their rest geometry."""
         assert self.arm_model is not None and self._joint_derivatives is not None
         self.progress(0.0)
         self.problem.work.add(GEOMETRY_COST, self.assembly.size)
@@ -325,12 +326,12 @@ class FlatPoint(DesignPoint):
 
     @property
     def _points_by_flat_x(self) -> dia_array:
-        """Derivatives (2 P, 2 P) of the flat vertices, metres, with respect to their coordinates."""
+        """Derivatives (2 P, 2 P) of the flat vertices, metres, with respect to their design variables."""
         return diags_array(np.repeat(2.0 * self.problem.flat.span, 2))
 
     @cached_property
     def _geometry_by_flat_x(self) -> csr_array:
-        """Derivatives (6 m, 2 P) of the rest geometry with respect to the coordinates of the flat vertices."""
+        """Derivatives (6 m, 2 P) of the rest geometry with respect to the design variables of the flat vertices."""
         return csr_array(self._geometry_by_points @ self._points_by_flat_x)
 
     @cached_property
@@ -349,7 +350,7 @@ class FlatPoint(DesignPoint):
 
     @cached_property
     def _supports_by_x(self) -> csr_array | None:
-        """Derivatives (6 n, coordinates) of clamped supports' poses with respect to coordinates; None without any."""
+        """Derivatives (6 n, coordinates) of clamped supports' poses by the design variables; None without clamps."""
         if self.support_poses is None or not self.support_poses.loads.fixed[:, 3].any():
             return None
         bodies = self.assembly.whole.size

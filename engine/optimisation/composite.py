@@ -19,19 +19,19 @@ from .inverse import DesignPoint
 from .polytope import LinearClearances
 from .terms import Term, rotation_damping_gradient
 
-MAX_PARTS = 6  # largest number of parts, and expansions, of a step
+MAX_PARTS = 6  # largest number of parts of a step, for each of which the penalties are expanded anew; more: slower
 # Share of the decrease so far that a part must bring for another to follow. Smaller: longer steps, for which the
 # linearised motion of the hubs is too inaccurate (docs/tuning.md)
 MIN_GAIN = 0.3
-# Factor on a part along which the model does not decrease, and largest number of trials
+# Factor on a part along which the damped model does not decrease, and largest number of trials, the whole part included
 SHRINK_FACTOR, HALVINGS = 0.4, 5
 
 
 @dataclass(frozen=True, eq=False)
 class ModelState:
-    """The model after a step of the coordinates.
+    """The model after a step of the design variables.
 
-    step : of the coordinates; increments : (n, 6) linearised increments of the hubs
+    step : of the design variables; increments : (n, 6) linearised increments of the hubs
     terms, costs : of the objective after the step; value : of the objective; damped : objective plus damping
     """
 
@@ -45,11 +45,11 @@ class ModelState:
 
 @dataclass(frozen=True, eq=False)
 class CompositeModel:
-    """The objective near a point, damped in the coordinates and in the rotations of the hubs.
+    """The objective near a point, damped in the design variables and in the rotations of the hubs.
 
-    damping : weight of half the squared step of the coordinates
+    damping : weight of half the squared step of the design variables
     following : weight of half the hubs' squared rotations, radians
-    units : of the coordinates, see ``bounded_step``; watch : raises Cancelled
+    units : of the design variables, see ``bounded_step``; watch : raises Cancelled
     """
 
     point: DesignPoint
@@ -75,7 +75,7 @@ class CompositeModel:
         )
 
     def minimise(self) -> ModelState:
-        """Return the model after the step that nearly minimises it within box, clearances and limits of flat shapes."""
+        """Return the model after the step that nearly minimises it, within bounds, clearances and flat limits."""
         start = here = self.start()
         for _ in range(MAX_PARTS):
             further = self._next_part(here)

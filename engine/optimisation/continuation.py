@@ -29,16 +29,18 @@ from .stability import RequirementWithoutSprings
 FAR_PERCENT = 2.0
 # Stiffnesses of the springs, the stiffest first, as shares of the mean translational stiffness of the joints
 SHARES = (1e-3, 1e-4, 1e-5, 1e-6)
-# Shares of the distance from the target before this stage. The stage is given up if a piece on springs is farther than
-# the first; it succeeds if a released piece is nearer than the second. Smaller: given up sooner, succeeds less often
+# Distances from the target, as shares of the distance before this stage. The stage is given up if a piece on springs is
+# farther than HOPEFUL. It succeeds if the piece without springs is within SUCCESS. Smaller: given up sooner, succeeds
+# less often
 HOPEFUL, SUCCESS = 0.5, 0.5
-# Share of the objective; steps of the spirals alone end after two in a row that bring less, then the flat shapes move
-# too. Larger: fewer of these steps
+# On springs, steps that change only spirals come first. They end after two consecutive steps that each lower the
+# objective by less than this share; then the flat shapes move too. Larger: fewer of these steps
 FIRST_STOP = 0.45
-# Weight of the stability barrier, in mismatches of the result before springs. Larger: more stable when released,
-# farther
+# Weight of the stability barrier, as a multiple of the mismatch before this stage. Larger: pieces are more stable
+# without springs, but farther from the target
 STABILITY_WEIGHT = 1.0
-# Work that this stage may add with springs, and after their removal, as shares of the usual time of the search
+# Work that this stage may add with springs, and after their removal, as shares of the usual time of the search. Larger:
+# slower, more pieces reach their target
 TIME_WITH_SPRINGS, TIME_AFTER_SPRINGS = 1.25, 0.75
 MESSAGE = "Held near the target by springs"  # text of the progress during this stage, which shows no shapes
 
@@ -81,7 +83,7 @@ def _allowed_percent(search: Search, here: StageResult) -> float:
 
 
 def _release_from_springs(search: Search, here: StageResult, progress: Progress) -> StageResult | None:
-    """Return a result without springs that is clearly nearer to the target than ``here``; None if none is found."""
+    """Return a result without springs within ``SUCCESS`` times the distance of ``here``; None if none is found."""
     task, design, like = search.task, here.design, here.point
     pose = target_pose(task.target, design.flat.corners)
     unit = _mean_stiffness(here.point)

@@ -1,4 +1,4 @@
-"""Summands of the objective that depend on the coordinates of a design only, not on its equilibrium."""
+"""Summands of the objective that depend on the design variables only, not on the equilibrium."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from .design_space import DesignSpace
 
 
 class Cost(Protocol):
-    """A summand of the objective, with its derivatives with respect to the coordinates."""
+    """A summand of the objective, with its derivatives with respect to the design variables."""
 
     @property
     def value(self) -> float: ...
 
     @property
     def gradient(self) -> np.ndarray:
-        """Gradient with respect to all coordinates."""
+        """Gradient with respect to all design variables."""
 
     def hessian_product(self, change: np.ndarray) -> np.ndarray:
-        """Return the product of the Hessian, or of its positive semidefinite part, with a change of the coordinates."""
+        """Multiply the Hessian, or its positive semidefinite part, by a change of the design variables."""
 
 
 def joint_differences(assembly: Assembly, space: DesignSpace, size: int) -> csr_array:
-    """Return the matrix (2 m, size) that maps coordinates to differences across the joints.
+    """Return the matrix (2 m, size) that maps design variables to differences across the joints.
 
-    The first m rows give the difference between the widths of a joint's arms, the others the difference between the
-    twists of its spirals, both as coordinates in [0, 1].
+    The first m rows give the difference between the widths of a joint's arms, the last m the difference between the
+    twists of its spirals, both as design variables in [0, 1].
 
     Parameters
     ----------
-    assembly, space : the joints, and the meaning of the coordinates
-    size : number of all coordinates
+    assembly, space : gives the joints, and the design variables of the widths and twists
+    size : number of all design variables
     """
     each = space.coordinates_per_spiral
     column = np.concatenate([assembly.sides % space.n_groups, np.full_like(assembly.sides, each - 1)])
@@ -51,8 +51,8 @@ def joint_differences(assembly: Assembly, space: DesignSpace, size: int) -> csr_
 class Roughness:
     """Penalty on differences between joined spirals: half the sum of their squares, as a mean over the joints.
 
-    apart : matrix of ``joint_differences``; weight : of the penalty in the objective; x : the coordinates
-    free : 0 for coordinates of fixed spirals, else 1
+    apart : matrix of ``joint_differences``; weight : of the penalty in the objective; x : the design variables
+    free : 0 for design variables of fixed spirals, else 1
     """
 
     apart: csr_array
@@ -62,7 +62,7 @@ class Roughness:
 
     @classmethod
     def from_space(cls, assembly: Assembly, space: DesignSpace, weight: float, x: np.ndarray) -> Roughness:
-        """Return the penalty at coordinates x; coordinates of flat vertices, at the end of x, have no effect."""
+        """Return the penalty at design variables x; those of flat vertices, at the end of x, have no effect."""
         free = np.ones(len(x))
         free[: space.coordinates_per_spiral * assembly.size] = np.repeat(
             space.free_spirals.astype(float), space.coordinates_per_spiral
@@ -85,5 +85,5 @@ class Roughness:
         return 2.0 * self.weight / self.apart.shape[0]
 
     def _gram_product(self, change: np.ndarray) -> np.ndarray:
-        """Return the product of the Hessian with a change of all coordinates, including those of fixed spirals."""
+        """Return the product of the Hessian with a change of all design variables, including those of fixed spirals."""
         return self._scale * (self.apart.T @ (self.apart @ change))

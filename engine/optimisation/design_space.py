@@ -1,10 +1,10 @@
-"""Coordinates of fabricable designs in which the coupled bounds of width and twist become a box (FlexMaps section 7).
+"""Design variables in which the coupled bounds of width and twist become a box (FlexMaps section 7).
 
-The coordinates x, all in [0, 1], list the spirals one after the other. A spiral has one coordinate for the width of
+The design variables x, all in [0, 1], list the spirals one after the other. A spiral has one variable for the width of
 each of its 1, 2 or 4 groups of arms (arm k is in group k modulo their number), from the smallest to the largest width.
-Its last coordinate is the twist, from the smallest twist to the largest that still leaves a slot at the spiral's mean
-width. It is linear in sqrt(1 + twist^2), which is about the length of an arm and determines its compliance; the
-gradient with respect to the twist itself would be 0 at straight arms.
+Its last variable gives the twist, from the smallest twist to the largest that still leaves a slot at the spiral's mean
+width. This variable is linear in sqrt(1 + twist^2), which is about the length of an arm and determines its compliance;
+the gradient with respect to the twist itself would be 0 at straight arms.
 
 Every x in the box gives spirals that can be cut if they are alone. ``fabricable.make_fabricable`` ensures that they can
 be cut beside their neighbours; ``extended_to`` then lowers the largest twists by ``twist_factor``.
@@ -35,7 +35,7 @@ LENGTH_OFFSET = 1e-2
 
 
 def _length_share(x: np.ndarray) -> np.ndarray:
-    """Convert twist coordinates in [0, 1] to shares of the range of arm lengths; 0 becomes slightly more than 0."""
+    """Convert design variables of twists to shares of the range of arm lengths; 0 becomes slightly more than 0."""
     return (x + LENGTH_OFFSET) / (1.0 + LENGTH_OFFSET)
 
 
@@ -55,12 +55,14 @@ class FixedSpirals:
 
 @dataclass(frozen=True, eq=False)
 class DesignSpace:
-    """Map between coordinates in [0, 1] and designs in the same patches; F quads.
+    """Map between design variables in [0, 1] and designs in the same patches; F quads.
 
-    min_width, max_width : (F,) metres, range of the width; max_twists : (KNOTS, F) radians, largest twist at evenly spaced widths
-    twist_factor : (F,) factor on ``max_twists``, below 1 where neighbours need the space; twist_min : radians, smallest twist
+    min_width, max_width : (F,) metres, range of the width; max_twists : (KNOTS, F) radians, largest twist at evenly
+        spaced widths
+    twist_factor : (F,) factor on ``max_twists``, below 1 where neighbours need the space; twist_min : radians, smallest
+        twist
     n_groups : number of groups of arms, 1, 2 or 4; the arms of a group have the same width
-    fixed_spirals : fixed spirals, which do not depend on their coordinates
+    fixed_spirals : fixed spirals, which do not depend on their design variables
     """
 
     min_width: Float[np.ndarray, " quads"]
@@ -84,8 +86,8 @@ class DesignSpace:
 
         Parameters
         ----------
-        width_and_twist, assembly : give patches and settings; widths and twists matter only for spirals that stay unchanged
-        n_groups : number of groups of arms, 1, 2 or 4
+        design, assembly : give patches and settings; widths and twists matter only for spirals that stay unchanged
+        groups : number of groups of arms, 1, 2 or 4
         progress : reports progress and raises Cancelled
         constraints : spirals that must stay unchanged, be straight or be as wide as possible
         """
@@ -105,19 +107,19 @@ class DesignSpace:
 
     @property
     def coordinates_per_spiral(self) -> int:
-        """Number of coordinates of one spiral."""
+        """Number of design variables of one spiral."""
         return self.n_groups + 1
 
     def by_spiral(self, x: np.ndarray) -> Float[np.ndarray, "quads _"]:
-        """Return the spirals' coordinates as (F, groups + 1), without coordinates of flat vertices at the end of x."""
+        """Return the spirals' design variables as (F, groups + 1), without the flat vertices at the end of x."""
         return x[: len(self.min_width) * self.coordinates_per_spiral].reshape(-1, self.coordinates_per_spiral)
 
     def uniform(self, width: float, twist: float) -> Float[np.ndarray, " _"]:
-        """Return coordinates x with the same width and twist coordinate for every spiral.
+        """Return design variables x that are equal for all spirals.
 
         Parameters
         ----------
-        width, twist : coordinates in [0, 1]
+        width, twist : design variables of widths and of twists, in [0, 1]
         """
         return np.tile([width] * self.n_groups + [twist], len(self.min_width))
 
@@ -136,17 +138,17 @@ class DesignSpace:
 
         Parameters
         ----------
-        width_and_twist : a design of the space
+        design : a design of the space
         where : mask of the spirals to limit
         """
         return self._limit_twist(design.width, design.twist, where)
 
     def with_fixed_spirals(self, design: SpiralDesign, quads: Int[np.ndarray, " kept"]) -> DesignSpace:
-        """Return a space in which more spirals are fixed; all fixed spirals get their values in a design.
+        """Return a space in which more spirals are fixed; all fixed spirals get their widths and twists in a design.
 
         Parameters
         ----------
-        width_and_twist : a design of the space
+        design : a design of the space
         quads : spirals to fix
         """
         kept = quads if self.fixed_spirals is None else np.union1d(self.fixed_spirals.quads, quads)
@@ -163,7 +165,7 @@ class DesignSpace:
         return replace(self, twist_factor=np.where(where, np.minimum(share, self.twist_factor), self.twist_factor))
 
     def width_and_twist(self, x: np.ndarray) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]]:
-        """Return the widths (F, 4), metres, and twists (F,), radians, at coordinates x."""
+        """Return the widths (F, 4), metres, and twists (F,), radians, at design variables x."""
         x = self.by_spiral(x)
         shares = x[:, : self.n_groups]
         least, span = self._length_range(shares.mean(axis=1))[:2]
@@ -177,7 +179,7 @@ class DesignSpace:
         return width, twist
 
     def spiral_jacobians(self, x: np.ndarray) -> Float[np.ndarray, "quads 5 _"]:
-        """Return the derivatives of every spiral's four widths and twist with respect to its coordinates (columns)."""
+        """Return the derivatives of every spiral's four widths and twist (rows) by its design variables (columns)."""
         x = self.by_spiral(x)
         least, span, least_change, change = self._length_range(x[:, : self.n_groups].mean(axis=1))
         length = least + _length_share(x[:, -1]) * span
@@ -192,7 +194,7 @@ class DesignSpace:
         return out
 
     def jacobian(self, x: np.ndarray) -> csr_array:
-        """Return the Jacobian (5 n, coordinates) of all widths (4 n rows) and all twists (n rows)."""
+        """Return the Jacobian (5 n, coordinates) of all widths (4 n rows), then of all twists (n rows), at x."""
         slopes = self.spiral_jacobians(x)
         n, _, each = slopes.shape
         column = (each * np.arange(n)[:, None] + np.arange(each)).astype(np.int32)
@@ -202,7 +204,7 @@ class DesignSpace:
 
     @property
     def free_spirals(self) -> Bool[np.ndarray, " quads"]:
-        """Mask of the spirals that depend on their coordinates."""
+        """Mask of the spirals that are not fixed."""
         free = np.ones(len(self.min_width), dtype=bool)
         if self.fixed_spirals is not None:
             free[self.fixed_spirals.quads] = False
@@ -211,7 +213,7 @@ class DesignSpace:
     def coordinates(
         self, width: Float[np.ndarray, "quads 4"], twist: Float[np.ndarray, " quads"]
     ) -> Float[np.ndarray, " _"]:
-        """Return the coordinates of widths and twists, clipped to the box.
+        """Return the design variables of widths and twists, clipped to [0, 1].
 
         Parameters
         ----------

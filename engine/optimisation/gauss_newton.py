@@ -1,4 +1,4 @@
-"""The optimiser: damped Gauss-Newton steps within a box of coordinates."""
+"""The optimiser: damped Gauss-Newton steps with all design variables in [0, 1]."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from .preconditioning import CurvatureEstimate
 # four times as much. Larger: longer steps, more lost equilibria
 MAX_ROTATION = 0.3
 CANCELLED = "stopped"  # ``SearchRecord.ended`` of a cancelled search
-# RMS length of a stage's first step along the gradient, in coordinates scaled to [0, 1], for stable pieces and for
-# pieces less stable than required. Larger: fewer steps, more lost equilibria of pieces about to snap (docs/tuning.md)
+# RMS change of the design variables in a stage's first step along the gradient, for stable pieces and for pieces that
+# are less stable than required. Larger: fewer steps, more lost equilibria of pieces about to snap (docs/tuning.md)
 FIRST_STEP, FIRST_STEP_NEAR_SNAP = 3.0, 0.3
-# After a step that leads to no equilibrium, rotations are damped so that the rotations of this step would cost this
-# multiple of its predicted decrease. Larger: shorter steps, fewer lost equilibria (docs/tuning.md)
+# After a step that leads to no equilibrium, the hubs' rotations are damped. The damping term of the rotations in that
+# step is this multiple of its predicted decrease. Larger: shorter steps, fewer lost equilibria (docs/tuning.md)
 GENTLE_COST = 1.5
 # Distance of a hub from its predicted place, in distances of neighbouring hubs, beyond which the piece may have
 # snapped. Larger: more snaps go unnoticed; smaller: good steps are refused
@@ -46,7 +46,8 @@ class SearchRecord:
     evaluations : number of trial points; rejected : number of steps refused because the objective rose
     unstable : number of steps refused because no equilibrium was found, or the piece would have snapped
     ended : reason for the end of the last stage, at last of the search, a key of ``optimise.ENDS``
-    curvature_estimates, damping : last curvature estimate and damping, by number of coordinates; later stages start from these
+    curvature_estimates, damping : last curvature estimate and damping, by number of design variables; later stages
+        start from these
     """
 
     start_time: float = field(default_factory=time.perf_counter)
@@ -63,7 +64,7 @@ class SearchRecord:
         self.rows.append((time.perf_counter() - self.start_time, point.value, point.mismatch.rmse))
 
     def curvature_estimate(self, size: int) -> CurvatureEstimate:
-        """Return the curvature estimate for this number of coordinates."""
+        """Return the curvature estimate for ``size`` design variables."""
         return self.curvature_estimates.setdefault(size, CurvatureEstimate(size))
 
 
@@ -112,8 +113,8 @@ def run_gauss_newton(
 class _Proposal:
     """A proposed step.
 
-    step : of the coordinates; increments : (n, 6) linearised increments of the hubs; gain : predicted decrease of the
-        objective
+    step : of the design variables; increments : (n, 6) linearised increments of the hubs
+    gain : predicted decrease of the objective
     """
 
     step: Float[np.ndarray, " coordinates"]
@@ -125,7 +126,8 @@ class _Proposal:
 class _GaussNewtonProblem:
     """The objective as a function of points, for ``newton.minimise`` (a ``newton.DampedProblem``).
 
-    note : called with every better point; best : the best point so far; curvature_estimates : estimate of the objective's curvature
+    note : called with every better point; best : the best point so far
+    curvature_estimates : estimate of the objective's curvature along every design variable
     step_number : number of accepted steps; before : value of ``_depending_on_shape`` before the present step
     """
 
@@ -170,7 +172,10 @@ class _GaussNewtonProblem:
         return is_near(point, self.params)
 
     def proposed(self, here: LocalModel, damping: float, following: float) -> _Proposal | None:
-        """Return a step that nearly minimises the damped model; None if the search must end."""
+        """Return a step that nearly minimises the damped model; None if the search must end.
+
+        damping, following : weights of half the squared step, and of half the hubs' squared rotations
+        """
         point: DesignPoint = here.own
         within = self.step_progress(point)
 
@@ -201,7 +206,7 @@ class _GaussNewtonProblem:
         return _take_step(here.own, proposal.step, proposal.increments, self.trace, self.step_progress(here.own))
 
     def gentle(self, proposal: _Proposal) -> float:
-        """Return the damping with which the proposed rotations cost ``GENTLE_COST`` times the predicted decrease."""
+        """Return the damping of rotations whose term is ``GENTLE_COST`` times the proposal's predicted decrease."""
         squares = float((proposal.increments[:, 3:] ** 2).sum())
         return 2.0 * GENTLE_COST * proposal.gain / max(squares, NEGLIGIBLE**2)
 

@@ -22,7 +22,7 @@ from .scaled_strain import forecast_strain
 
 # Mismatch of a spiral in Laplacian coordinates, in distances of neighbouring hubs, up to which it counts as matched
 MATCHED_BELOW = 0.01
-DISTORTED_ABOVE = 0.01  # distortion (ARAP energy) of a quad above which it counts as distorted: a tenth in length
+DISTORTED_ABOVE = 0.01  # distortion (ARAP energy) of a quad above which it counts as distorted: a stretch by a tenth
 MAJORITY = 0.5  # share of the quads above which one body counts as most of the piece
 STRETCHED_ABOVE = 0.5  # share of in-plane energy in a spiral's elastic energy above which it counts as stretched
 

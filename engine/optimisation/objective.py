@@ -26,7 +26,8 @@ from .wishes import Wishes
 class FreeBody:
     """A connected body of the piece without supports.
 
-    hubs : (k,) int, its spirals; rows : its rows of ``Target.operator``; position_rows : the subset of ``rows`` with positions
+    hubs : (k,) int, its spirals; rows : its rows of ``Target.operator``; position_rows : the subset of ``rows`` with
+        positions
     """
 
     hubs: Int[np.ndarray, " k"]
@@ -39,11 +40,11 @@ class Target:
     """Target of the spirals' centres, and the measure of a mismatch.
 
     pairs : (m, 2) int, joined spirals; points : (n, 3) metres, target position of every hub's centre
-    position_share : weight of position against curvature, 0 to 1. 0 compares only curvature, as Laplacian coordinates (eq. 9),
-        which hardly change with bends longer than about 30 spirals, so a piece with equal ones may be far from the
-        target; 1 compares only positions. Values in between compare slopes (differences of neighbours) too. This is a
-        Sobolev norm: deviations longer than (1 - position_share) / position_share spirals count by position, shorter deviations by
-        curvature
+    position_share : weight of position against curvature, 0 to 1. 0 compares only curvature, by Laplacian coordinates
+        (eq. 9). Bends longer than about 30 spirals hardly change these, so a piece with small differences may be far
+        from the target. 1 compares only positions. Values in between compare slopes (differences of neighbours) too.
+        This is a Sobolev norm: deviations longer than (1 - position_share) / position_share spirals count by position,
+        shorter deviations by curvature
     supports : (k,) int, spirals that are held; None for no supports. A connected body without supports may lie
         anywhere, so it is rotated and shifted onto the target before comparing
     wishes : target positions that the user sets for some spirals; wish_weight : of their mean square distance, in
@@ -153,7 +154,7 @@ class Target:
         return centred
 
     def align_pose(self, pose: Pose) -> Pose:
-        """Return a pose with every free body moved rigidly onto the target."""
+        """Return the pose with every free body moved rigidly to where it fits the target best."""
         for body in self.free_bodies:
             pose = pose.with_part(body.hubs, pose.part(body.hubs).aligned_to(self.points[body.hubs]))
         return pose
@@ -179,7 +180,7 @@ class Target:
         return Mismatch(self, self.rotate_free_bodies(own, turns), turns)
 
     def rotate_free_bodies(self, values: np.ndarray, turns: list[np.ndarray]) -> Float[np.ndarray, "joints 3"]:
-        """Rotate the rows of every free body in compared coordinates (rows, 3) by the body's matrix in ``rotations``."""
+        """Rotate every free body's rows of compared coordinates (rows, 3) by the body's matrix (3, 3) in ``turns``."""
         turned = values.copy()
         for body, turn in zip(self.free_bodies, turns, strict=True):
             turned[body.rows] = values[body.rows] @ turn.T
@@ -190,7 +191,8 @@ class Target:
 class Mismatch:
     """Mismatch of a pose; its value is half the sum of the squared residuals.
 
-    target : what the pose is compared with; pose_coordinates : (rows, 3) compared coordinates of the pose, rotated onto the target
+    target : what the pose is compared with; pose_coordinates : (rows, 3) compared coordinates of the pose, rotated onto
+        the target
     rotations : this rotation (3, 3) for every free body
     """
 
@@ -253,7 +255,11 @@ class Mismatch:
         )
 
     def vjp(self, change: np.ndarray, project: bool = True) -> np.ndarray:
-        """Return the vjp of the residual for a change (rows, 3); without ``project``, at fixed rotations of bodies."""
+        """Return the derivatives (n, 3) by the centres of the residual's scalar product with ``change`` (vjp).
+
+        change : (rows, 3), constant
+        project : whether the rotations of free bodies follow the centres; False keeps them fixed
+        """
         kept = self._project_out_rotations(change) if project else change
         back = self.target.rotate_free_bodies(kept, [turn.T for turn in self.rotations])
         return self.target.operator_transposed @ self.target.centre_free_bodies(back)

@@ -50,11 +50,14 @@ ENDS = {
 OPENING_SLOTS = "Opening slots"  # text of the progress
 # shares of the full loads that are applied one after the other if the full loads lead to no equilibrium
 LOAD_SHARES = (0.1, 0.3, 0.6, 1.0)
-MAX_PROOFS = 3  # largest number of designs to prove fabricable until one keeps its merit; more: slower, better results
+# Largest number of designs that are mended where outlines touch and simulated, the best first, until one keeps its
+# merit (see ``DesignPoint.merit``). More: slower, better results
+MAX_PROOFS = 3
 # Largest mismatch of the best start over the smallest mismatch of all starts; 1 ranks starts by the mismatch, infinity
 # by the objective (docs/tuning.md)
 START_RATIO = 1.5
-# Largest RMS difference of the free coordinates, in [0, 1], between starts that count as equal. Larger: fewer starts
+# Largest RMS difference of the design variables of free spirals, up to which starts count as equal. Larger: fewer
+# starts
 SAME_START = 0.1
 SAME_MERIT = 1e-6  # relative decrease of the merit that counts as better; equal designs differ by 1e-8 or less
 RESULT_TOL = 0.02  # relative difference of merits up to which two designs count as equally good
@@ -79,13 +82,13 @@ class Optimisation:
 
     @property
     def at_bound(self) -> Int[np.ndarray, "quads _"]:
-        """For each coordinate (F, groups of arms + 1): -1 at its lower bound, 1 at its upper bound, 0 in between."""
+        """(F, groups of arms + 1): -1 for design variables at their lower bound, 1 at their upper, 0 in between."""
         x = self.point.problem.space.by_spiral(self.point.x)
         return np.where(x <= 0.0, -1, np.where(x >= 1.0, 1, 0))
 
     @property
     def gradient(self) -> Float[np.ndarray, "quads _"]:
-        """Gradient (F, groups of arms + 1) of the objective; not 0 where a bound limits the match."""
+        """Gradient (F, groups of arms + 1) by the spirals' design variables; not 0 where a bound limits the match."""
         return self.point.problem.space.by_spiral(self.point.gradient)
 
     @property
@@ -379,7 +382,7 @@ def find_starts(
 def _make_fabricable(
     problem: InverseProblem, design: SpiralDesign, x: np.ndarray, progress: Progress
 ) -> tuple[InverseProblem, Float[np.ndarray, " coordinates"]]:
-    """Return coordinates of a design near x that can be cut, and the problem with a space that contains this design."""
+    """Return a design near x that can be cut: its design variables, and the problem with a space that contains it."""
     problem.work.add(FABRICABLE_COST, problem.assembly.size)
     wanted, free = problem.space.width_and_twist(x), problem.space.free_spirals
     made = make_fabricable(design.flat, design.params, *wanted, check_outlines=False, free=free, progress=progress)
@@ -388,7 +391,7 @@ def _make_fabricable(
 
 
 def _load_in_parts(problem: InverseProblem, x: np.ndarray, pose: Pose, progress: Progress) -> DesignPoint:
-    """Return the point at coordinates x; apply the loads in parts, from one equilibrium to the next."""
+    """Return the design x with its equilibrium, found by applying the loads in parts; each part starts at the last."""
     shares = LOAD_SHARES if problem.loads.force.any() else LOAD_SHARES[-1:]
     for share in shares:
         part = replace(problem, loads=replace(problem.loads, force=share * problem.loads.force))

@@ -1,4 +1,4 @@
-"""Linear bounds of a step: a box and linearised clearances, and projections onto both."""
+"""Linear bounds of a step of the design variables, a box and linearised clearances, and projection into them."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from scipy.sparse import coo_array, csr_array
 from ..arrays import Bool, Float
 from ..linalg import SparseCholesky, SparsityPattern
 
-# Tikhonov term added to the unit diagonal of the Gram matrix, which is singular where slots have equal gradients, as
-# the four of a regular quad. Larger: less accurate projections
+# Tikhonov term added to the unit diagonal of the Gram matrix of the clearances' gradients. The matrix is singular where
+# slots have equal gradients, as the four slots of a regular quad. Larger: less accurate projections
 RIDGE = 1e-6
 MAX_DENSE_ROWS = (
     250  # largest number of rows for which the Gram matrix is factored as a dense matrix, which is quicker there
 )
-# Projection: range of the spectral step length, largest number of steps, and of halvings of a step. A wider range and
-# more steps are more accurate where many gaps have nearly equal gradients, and slower (docs/tuning.md)
+# Iteration of a projection: range of the spectral step length, largest number of steps, and of halvings of a step. A
+# wider range and more steps are more accurate where many gaps have nearly equal gradients, and slower (docs/tuning.md)
 STEP_LENGTH_RANGE, MAX_STEPS, MAX_HALVINGS = (1e-3, 100.0), 1000, 20
 # Number of recent values of the dual function; a step must end below the largest of them (Grippo, Lampariello and
 # Lucidi 1986). More values allow longer steps
 NONMONOTONE_MEMORY = 10
 ARMIJO = 1e-4  # smallest share of the predicted decrease that a step must bring (Nocedal and Wright, section 3.1)
-# Largest violation of a clearance after a projection, as a share of the largest coordinate of the projected step.
+# Largest violation of a clearance after a projection, as a share of the largest component of the projected step.
 # Larger: quicker, less accurate projections (docs/tuning.md)
 CLEARANCE_TOL = 3e-4
-# Lower bound of the length that ``CLEARANCE_TOL`` refers to, as a share of the largest coordinate of the step before its
-# projection: closed gaps may reduce a step to almost 0. Larger: less accurate short steps
+# ``CLEARANCE_TOL`` refers at least to this share of the largest component of the step before its projection, because
+# closed gaps may reduce a step to almost 0. Larger: less accurate short steps
 MIN_LENGTH_SHARE = 1e-3
 
 
@@ -39,7 +39,8 @@ MIN_LENGTH_SHARE = 1e-3
 class LinearClearances:
     """Linearised clearances of gaps near a design, each divided by the norm of its gradient.
 
-    clearance : clearances, in units of the coordinates; slope : (rows, coordinates) their gradients, of unit length
+    clearance : (rows,) clearances, in units of the design variables
+    slope : (rows, coordinates) their gradients by the design variables, of unit length
     """
 
     clearance: Float[np.ndarray, " rows"]
@@ -56,11 +57,11 @@ class LinearClearances:
 
     @classmethod
     def empty(cls, size: int) -> LinearClearances:
-        """Return an empty set of clearances, for ``size`` coordinates."""
+        """Return an empty set of clearances, for ``size`` design variables."""
         return cls(np.zeros(0), csr_array((0, size)))
 
     def scaled(self, units: Float[np.ndarray, " coordinates"]) -> LinearClearances:
-        """Return the clearances as functions of the coordinates divided by ``units``, normalised anew."""
+        """Return the clearances as functions of the design variables divided by ``units``, normalised anew."""
         return self.from_clearances(self.clearance, scale_columns(self.slope, units))
 
     def subset(self, rows: np.ndarray) -> LinearClearances:
@@ -152,7 +153,8 @@ class _DualPoint(NamedTuple):
 class Polytope:
     """Set of the steps within a box whose linearised clearances are not negative; it contains the step 0.
 
-    low, high : (coordinates,) ends of the box; linear_clearances : clearances before the step; negative ones count as 0
+    low, high : (coordinates,) bounds of the step
+    linear_clearances : clearances before the step; negative clearances count as 0
     """
 
     def __init__(
@@ -170,10 +172,10 @@ class Polytope:
         return self._room + self.slope @ step
 
     def nearest(self, step: np.ndarray) -> NearestPoint:
-        """Return the nearest step of the polytope.
+        """Return the step of the polytope that is nearest to ``step``.
 
-        Its multipliers minimise a dual function (Boyd and Vandenberghe 2004, section 5.1.6) that is convex and
-        piecewise quadratic, by spectral projected gradients (Birgin, Martínez and Raydan 2000).
+        The multipliers of the clearances minimise a dual function (Boyd and Vandenberghe 2004, section 5.1.6), which is
+        convex and piecewise quadratic, by spectral projected gradients (Birgin, Martínez and Raydan 2000).
         """
         # the multipliers of the last projection are often a good start
         here, last = self._dual(step, np.zeros_like(self._multipliers)), self._multipliers

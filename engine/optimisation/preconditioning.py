@@ -1,4 +1,4 @@
-"""Diagonal preconditioning: estimate the curvature along each coordinate, and choose units that make them equal.
+"""Diagonal preconditioning: estimate the curvature along each design variable, and choose units that make them equal.
 
 The objective's curvature along widths of stiff spirals is 1e12 times smaller than along flat vertices under strained
 arms, so conjugate gradients need several times as many iterations without preconditioning (docs/tuning.md).
@@ -15,22 +15,24 @@ from ..arrays import Float
 # Refinements of the estimate at the first design, and at each later design, where the curvature has changed little
 FIRST_ROUNDS, LATER_ROUNDS = 5, 1
 PROBES = 2  # products with the matrix in a refinement; more: more accurate, slower
-# Smallest curvature, in objective values over the number of coordinates: with less, moving all coordinates across their
-# whole range would change the objective by less than its value. Not sensitive (docs/tuning.md)
+# Smallest curvature, in objective values over the number of design variables: with less curvature, moving all variables
+# across their whole range would change the objective by less than its value. Not sensitive (docs/tuning.md)
 MIN_CURVATURE = 1.0
-MIN_SQUARE = 1e-12  # lower bound of squared scaled products, which limits the change in one refinement; less is noise
-# Lower bound of an estimate, which would reach 0 after fifty refinements for coordinates without effect (fixed spirals)
+# Lower bound of the squares of scaled products, which limits the change of an estimate in one refinement. Smaller
+# squares are rounding noise
+MIN_SQUARE = 1e-12
+# Lower bound of an estimate, which would reach 0 after fifty refinements for design variables of fixed spirals
 MIN_ESTIMATE = 1e-30
-FIRST_ESTIMATE = 1e-3  # initial curvature of all coordinates, by eye; has no effect after five refinements
+FIRST_ESTIMATE = 1e-3  # initial curvature of all design variables, by eye; has no effect after five refinements
 
 
 class CurvatureEstimate:
-    """Estimate of the curvature along every coordinate, refined from design to design of a search.
+    """Estimate of the curvature along every design variable, refined from design to design of a search.
 
     Stochastic equilibration: each refinement corrects the units by the norms of the scaled matrix's rows, estimated
     from products with vectors of random signs (Bradley 2010, Algorithms for the Equilibration of Matrices and Their
     Application to Limited-Memory Quasi-Newton Methods). In the limit all rows have equal norm. This preconditions
-    nearly as well as the diagonal, which would take one product per coordinate.
+    nearly as well as the diagonal, which would take one product per design variable.
     """
 
     def __init__(self, size: int):
@@ -53,7 +55,7 @@ class CurvatureEstimate:
         self._rounds = LATER_ROUNDS
 
     def units(self, value: float, damping: float) -> Float[np.ndarray, " coordinates"]:
-        """Return units of the coordinates in which the damped model has about equal curvatures.
+        """Return units of the design variables in which the damped model has about equal curvatures.
 
         Parameters
         ----------

@@ -1,7 +1,7 @@
 """Remedies for a piece that misses its target, offered by buttons: cut, larger size, thinner sheet, finer quads.
 
-``match_limits`` decides which remedies apply; this module computes their amounts. It imports no numerics, so that the sidebar
-draws fast.
+``match_limits`` decides which remedies apply; this module computes their amounts. It imports no numerics, so that the
+sidebar draws fast.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ MIN_SOFT_FACTOR = 1.25
 MAX_FACTOR = 2.0  # largest factor on the size per press of the button; another press continues from there; by eye
 # Largest number of sizes whose strain is computed. Strain is nearly inverse to size, so the second is mostly right
 MAX_SIZES = 3
-MAX_SHEETS = 6  # largest number of thinner sheets whose strain is computed, down to a quarter of the thickness
+# Largest number of thinner sheets whose strain is computed: down to about a quarter of the thickness. More: slower
+MAX_SHEETS = 6
 FACTOR_STEP = 0.05  # factors on the size are rounded up to a multiple of it
 # Factor on the number of quads. Larger: nearer to the target where quads are distorted, more to make (docs/tuning.md)
 QUAD_FACTOR = 2
@@ -128,8 +129,8 @@ def _round_up(times: float) -> float:
 def thinner_sheet(thickness: float, times: float, *, forecast: Callable[[float], float] | None = None) -> float | None:
     """Return the thickest sheet on sale, metres, that brings the strain below its limit; None if there is none.
 
-    Without ``forecast`` the thickness is divided by ``times``, by the formula of ``size_factor``. That may not be enough:
-    strains of twisted arms that are thicker than wide fall more slowly with the thickness (docs/tuning.md).
+    Without ``forecast`` the thickness is divided by ``times``, by the formula of ``size_factor``. That may not be
+    enough: strains of twisted arms that are thicker than wide fall more slowly with the thickness (docs/tuning.md).
 
     Parameters
     ----------

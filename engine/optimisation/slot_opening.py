@@ -52,8 +52,8 @@ class SimulatedResult:
 
     point : point of the search that the design was made from
     max_distance : largest allowed RMS distance from the target, in distances of neighbouring hubs
-    known_slots : slots, measured in this shape only where they may have closed, else in an earlier shape; None to measure
-        all
+    known_slots : slots, measured in this shape only where they may have closed, else in an earlier shape; None to
+        measure all
     """
 
     simulation: Simulation
@@ -72,7 +72,7 @@ class SimulatedResult:
         return np.inf if self.slots is None else float(len(self.slots.closed))
 
     def merit(self, strain_penalty: float) -> float:
-        """Return ``DesignPoint.merit`` of the simulated shape; inf without an equilibrium, or beyond ``max_distance``."""
+        """Return ``DesignPoint.merit`` of the simulated shape; inf beyond ``max_distance`` or without equilibrium."""
         target, pose = self.point.problem.target, self.simulation.equilibrium.pose
         if not self.simulation.equilibrium.converged or target.relative_distance(pose) > self.max_distance:
             return np.inf
@@ -84,9 +84,10 @@ class SimulatedResult:
     def can_replace(self, other: SimulatedResult) -> bool:
         """Return whether this result is acceptable in place of ``other``, the result before slots were opened.
 
-        No spiral may be overstrained (see ``overstrained_spirals``), and the mismatch with its penalty on instability may grow
-        by ``MAX_GROWTH``. Within ``WANTED_PERCENT`` of the target it may grow by up to ``OPEN_GROWTH``, in proportion
-        to the share of closed slots that have opened; within ``UNSEEN_PERCENT`` growth of the mismatch does not count.
+        No spiral may be overstrained (see ``overstrained_spirals``), and the mismatch with its penalty on instability
+        may grow by ``MAX_GROWTH``. Within ``WANTED_PERCENT`` of the target it may grow by up to ``OPEN_GROWTH``, in
+        proportion to the share of closed slots that have opened; within ``UNSEEN_PERCENT`` growth of the mismatch does
+        not count.
         """
         if self.merit(NO_STRAIN_PENALTY) == np.inf or self.overstrained_spirals(other).any():
             return False
@@ -190,8 +191,8 @@ def _reduce_twists(
     """Reduce twists step by step; return the result with the fewest closed slots, ``found`` if none has fewer.
 
     before : result before slots were opened; the spirals fixed in its problem do not change
-    bearable : whether overstrained spirals and their neighbours keep their twists, and ``SimulatedResult.can_replace`` must
-        accept the result
+    bearable : whether overstrained spirals and their neighbours keep their twists, and ``SimulatedResult.can_replace``
+        must accept the result
     """
     if bearable and not found.closed:
         found = replace(found, known_slots=None)  # measure all slots, as others may have closed too

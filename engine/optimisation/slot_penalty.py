@@ -131,7 +131,7 @@ class NarrowSlots:
     overlap it continues as its tangent. So it rises smoothly before a slot closes.
 
     slot_requirement : the requirement; found : widths at the places, with derivatives; model, pose : of the piece
-    tip_joints : (K, 2) int, 2 e + side for the joint e at the tip of each arm, -1 at the border
+    tip_joints : (K, 2) int, 2 * joint + side (0 or 1) of the joint at the tip of either arm; -1 at the border
     """
 
     slot_requirement: SlotRequirement
@@ -253,7 +253,7 @@ class SlotPenalty(Term):
     """Penalty on narrow slots, as a term of the objective.
 
     narrow_slots : the narrow slots at the equilibrium
-    slopes : computes the derivatives (K, coordinates) of their widths with respect to the coordinates at fixed hubs
+    slopes : computes the derivatives (K, coordinates) of their widths by the design variables at fixed hubs
     widths : (K,) metres, widths after a step; None at the equilibrium itself
     """
 
@@ -263,7 +263,7 @@ class SlotPenalty(Term):
 
     @cached_property
     def widths_by_x(self) -> csr_array:
-        """Derivatives (K, coordinates) of the widths with respect to the coordinates at fixed hubs."""
+        """Derivatives (K, coordinates) of the widths with respect to the design variables at fixed hubs."""
         return self.slopes(self.narrow_slots)
 
     @property

@@ -2,7 +2,7 @@
 
 With the Hessian H and its convex part C, the softest modes have H v = lambda C v. The barrier is half the sum of the
 squares of log((enough - m) / (lambda - m)) over every lambda below ``enough``, with m = ``BARRIER_POLE``. The
-derivative with respect to p, an increment of a hub or a coordinate of the design, is
+derivative with respect to p, an increment of a hub or a design variable, is
 
     d lambda / d p = v . dH/dp v - lambda v . dC/dp v   with v . C v = 1.
 
@@ -216,11 +216,11 @@ class SoftModes:
     def by_spirals(
         self, changes: DesignChanges, pose: Pose, slopes: Float[np.ndarray, "joints 2 5 _"]
     ) -> Float[np.ndarray, "k coordinates"]:
-        """Return the derivatives of the eigenvalues with respect to the spirals' coordinates, at fixed hubs.
+        """Return the derivatives of the eigenvalues with respect to the spirals' design variables, at fixed hubs.
 
         changes : derivatives of the joints at ``pose``
         slopes : derivatives of the widths and twists on both sides of every joint with respect to these spirals'
-            coordinates
+            design variables
         """
         joints, each, assembly = self.by_design(changes, pose), slopes.shape[-1], changes.model.assembly
         joints = joints[:, :, :, None] @ slopes
@@ -233,8 +233,8 @@ class StabilityBarrier(Term):
     """Stability barrier at one equilibrium, as a term of the objective.
 
     asked : required stability; rises : (k,) eigenvalues below it
-    changes : computes the derivatives of ``rises`` with respect to the hubs (k, n, 6), and to the coordinates at fixed
-        hubs (k, coordinates)
+    changes : computes the derivatives of ``rises`` by the hubs' increments (k, n, 6), and by the design variables at
+        fixed hubs (k, coordinates)
     """
 
     asked: StabilityRequirement
@@ -251,7 +251,7 @@ class StabilityBarrier(Term):
 
     @cached_property
     def _slopes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of the logarithms with respect to the hubs, and to the coordinates."""
+        """Derivatives of the logarithms by the hubs' increments, and by the design variables."""
         by_hubs, by_own = self._by_eigenvalue
         slope = self._rows[1]
         return slope[:, None, None] * by_hubs, slope[:, None] * by_own
@@ -279,6 +279,6 @@ class StabilityBarrier(Term):
         return StabilityBarrier(self.asked, np.minimum(rises, self.asked.enough), lambda: (by_hubs, by_own))
 
     def _back(self, rows: Float[np.ndarray, " k"]) -> Gradient:
-        """Return the vjp of the logarithms times the barrier's weight."""
+        """Return the gradient of the logarithms' scalar product with ``rows``, times the barrier's weight (vjp)."""
         by_hubs, by_own = self._slopes
         return Gradient(self.asked.weight * np.einsum("k,kni->ni", rows, by_hubs), self.asked.weight * rows @ by_own)

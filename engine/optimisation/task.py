@@ -43,7 +43,7 @@ class Task:
 
     target, material : the surface to make, and the sheet's material
     params, physics : settings of the search, and of its equilibria
-    supports, force : as in ``physics``; work : counter shared by all problems of the search
+    supports, force : as in ``simulate``; work : counts the work of all problems of the search
     constraints : spirals that must stay unchanged, straight or wide; wishes : target positions of some spirals
     springs : pull the piece towards its target during the search; None for a search without springs
     """
@@ -68,7 +68,7 @@ class Task:
         ----------
         design : gives the flat panels and the settings of spirals
         progress : reports progress and raises Cancelled
-        space : coordinates of the spirals; the space of ``design`` by default
+        space : map between design variables and spirals; the space of ``design`` by default
         """
         assembly, physics, params = assembly_from_design(design), self.physics, self.params
         mass = design.area * assembly.thickness * self.material.density if physics.gravity else None

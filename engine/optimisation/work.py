@@ -37,7 +37,7 @@ SEARCH_SIZES, USUAL_SECONDS = (0, 1500, 6000), (12.0, 22.0, 75.0)
 # patience of 0.5, as in comparisons of layouts. Larger: the few searches that still gain take longer and come nearer
 LIMIT_OVER_USUAL = 2.0
 # A search ends when the logarithm of its objective falls by less than END_RATE per second of work over the last
-# RATED_STEPS steps. Larger rate: ends sooner, farther from the target. Fewer steps: one poor step ends it
+# RATE_STEPS steps. Larger rate: ends sooner, farther from the target. Fewer steps: a single poor step ends the search
 # (docs/tuning.md)
 END_RATE, RATE_STEPS = 0.18, 6
 SLOW = "slow"  # ``SearchRecord.ended`` of a search that ended at this rate
@@ -51,13 +51,15 @@ UNCOUNTED = 10.0  # seconds that the clock allows in addition, for imports, whic
 class Work:
     """Work counter with a time limit, which also ends a search whose steps bring too little for their work.
 
-    limit : seconds; None for no limit; rate : decrease per second at which a search ends, see ``END_RATE``
+    limit : seconds; None for no limit
+    rate : decrease of the objective's logarithm per second below which a search ends, see ``END_RATE``
     usual : seconds, ``USUAL_SECONDS`` times the patience; 0 without a limit
     share : of the limit that the present stage may reach; seconds_done : work so far, seconds
     start_time : processor time at the start, seconds; ends_at_rate : whether the present stage ends at ``rate``
-    rate_factor : on the decreases of its steps, above 1 while the piece is far from its target or overstrained
+    rate_factor : factor on the decreases of its steps, above 1 while the piece is far from its target or overstrained
     steps : of the present stage: total work after each step, and its decrease of the objective's logarithm
-    least_proposal_seconds : least work so far from a step to the proposal of the next, as an estimate for the next
+    least_proposal_seconds : least work so far between an accepted step and the proposal of the following step; estimate
+        for the next proposal
     """
 
     limit: float | None = None
@@ -130,7 +132,7 @@ class Work:
 
     @property
     def expected_seconds(self) -> float:
-        """Estimate of the total work when the next step is proposed: work after the last step plus ``least_proposal_seconds``."""
+        """Estimate of the total work when the next step is proposed: last step's plus ``least_proposal_seconds``."""
         known = self.steps and self.least_proposal_seconds < np.inf
         return max(self.seconds_done, self.steps[-1][0] + self.least_proposal_seconds) if known else self.seconds_done
 

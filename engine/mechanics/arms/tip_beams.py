@@ -176,8 +176,8 @@ class TipBeams:
         slide = stretch * SHEAR_FACTOR / shear
         change = (slope * height / (width * torsion) - 4.0) / width
         return (
-            0.5 * (twist + level), 0.5 * (twist - level), upright, 0.5 * (stretch + slide), 0.5 * (stretch - slide), slide,
-            twist * change, -level / width,
+            0.5 * (twist + level), 0.5 * (twist - level), upright, 0.5 * (stretch + slide), 0.5 * (stretch - slide),
+            slide, twist * change, -level / width,
         )  # fmt: skip
 
     def _turn_pieces(self, moment: SplitVector) -> SplitVector:
