@@ -19,13 +19,13 @@ from . import joints
 from .connectors.connect import Connections
 from .panels.labels import panel_name, seam_name
 
-# Maximum difference in length between the two sides of a seam edge, as a share of their mean; beyond it, joints 20 mm
-# apart are misaligned by the width of a thin arm
+# Maximum difference in length between the two sides of a seam edge, as a share of their mean; larger values report
+# fewer seams as hard to assemble. At 0.05, joints 20 mm apart are misaligned by 1 mm, the width of a thin arm
 MAX_STRETCH = 0.05
 MAX_HAND_FORCE = (
-    20.0  # maximum force of a joint in newtons: a third of an adult's pinch strength, sustainable for many joints
+    20.0  # maximum force at a joint, newtons: a third of an adult's pinch strength; larger reports fewer seams as hard
 )
-MAX_LOAD = 1.0  # maximum load of a joint, as a share of the strain limit
+MAX_LOAD = 1.0  # maximum load of a joint, as a share of the strain limit; larger reports fewer seams as hard
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,11 @@ class SeamCheck:
     name : letters of the seam
     panels : numbers of the panels on its two sides, equal for a cut within a panel
     joints : number of joints
-    lengths : lengths of its two flat sides, metres
+    lengths : lengths of the seam's two flat sides, metres
     stretch : largest difference in length between the two sides of an edge, as a share of their mean
-    force, moment : largest force and moment of its joints in equilibrium, N and N m
-    load : largest strain of a neck as a share of the material's limit
-    difficulties : reasons why it is hard to join: "stretch", "force", "load"
+    force, moment : largest force and largest moment at the seam's joints in equilibrium, N and N m
+    load : largest strain of a connector's neck, as a share of the material's strain limit
+    difficulties : reasons why the seam is hard to join: "stretch", "force", "load"
 
     force, moment and load are None without a reliable equilibrium.
     """
@@ -168,7 +168,7 @@ def _lengths(design: SpiralDesign) -> list[np.ndarray]:
 
 
 def _has_swapped_quads(layout: PatchLayout, edges: np.ndarray) -> np.ndarray:
-    """Return (N,) whether an edge of a seam has its two quads in the opposite order to the first edge.
+    """Return a mask (N,) of a seam's edges that list their two quads in the opposite order to the first edge.
 
     All quads on the same side of a seam traverse its edges in the same direction, which tells the sides apart.
     """
@@ -184,7 +184,7 @@ def _has_swapped_quads(layout: PatchLayout, edges: np.ndarray) -> np.ndarray:
 
 
 def _forces(design: SpiralDesign, connections: Connections | None, simulation: Simulation) -> np.ndarray | None:
-    """Return (E, 3) for every edge: force (N), moment (N m), and ratio of the neck's stress to the strength.
+    """Return (E, 3) for every edge: force (N), moment (N m), and stress of the neck over the material's strength.
 
     None if the equilibrium is not reliable or the elastic model has no forces at joints.
     """

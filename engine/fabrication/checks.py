@@ -21,7 +21,7 @@ from .panels.panel import Panel
 
 
 def check_mill(design: SpiralDesign, cut: CutParams) -> None:
-    """Raise ``FlexMapsError`` if the mill is wider than a slot."""
+    """Raise ``FlexMapsError`` if the mill is wider than the narrowest slot of a spiral."""
     if cut.mill == 0.0:
         return
     narrow = design.quads_with_narrow_slots(cut.mill)
@@ -121,7 +121,7 @@ def check_panel_sizes(
     ----------
     panels : the panels
     patches : quads of every patch, for the error
-    params : size of the sheets, margin, allowed rotations; ``check_panel_sizes`` "error" forbids larger panels
+    params : size of the sheets, margin, allowed rotations; ``oversize`` "error" forbids larger panels
     progress : called with the fraction done; may cancel
     turn : rotation in radians that lays the panels' grain along x
     """
@@ -152,7 +152,7 @@ def warn_of_ignored_grain(material: Material, params: SheetParams) -> list[str]:
 
     Parameters
     ----------
-    material : of the sheets
+    material : material of the sheets
     params : allowed rotations of panels
 
     Returns

@@ -22,11 +22,11 @@ class CutSpeed:
     source: str
 
     def at_thickness(self, thickness: float) -> float:
-        """Return the speed in m/s for a thickness in metres, at most ``MAX_CUT_SPEED``, as machines slow down in curves."""
+        """Return the speed in m/s for a thickness in metres; at most ``MAX_CUT_SPEED``, as machines slow in curves."""
         return min(self.at_3mm * 0.003 / thickness, MAX_CUT_SPEED)
 
 
-MAX_CUT_SPEED = 0.06  # maximum cutting speed, m/s
+MAX_CUT_SPEED = 0.06  # maximum cutting speed, m/s; larger estimates shorter times for thin sheets
 SECONDS_PER_CONTOUR = 0.4  # seconds per contour for travel and piercing
 ENGRAVING_SPEED = 0.1  # speed of engraving the strokes of labels, m/s
 _TABLE = "teaching material of a certified laser course, 60 W CO2: cast acrylic 3 mm 10-15 mm/s, 6 mm 5-8; birch plywood 3 mm 12-18, 6 mm 5-8; MDF 3 mm 15-20"
@@ -50,16 +50,16 @@ def format_duration(minutes: float) -> str:
 class Estimates:
     """Rough figures of making the piece, in SI units.
 
-    material : of the sheets
-    mass : kg, finished panels
-    sheet_area : m2, all sheets needed
-    cut_seconds : on a 60 W laser; None for materials that a laser does not cut
-    cut_speed : m/s, or None
+    material : material of the sheets
+    mass : mass of the finished panels, kg
+    sheet_area : area of all sheets needed, m2
+    cut_seconds : time on a 60 W laser; None for materials that a laser does not cut
+    cut_speed : cutting speed of this laser, m/s, or None
     joints : number of pairs of arms that meet across a cut
     assembly_seconds : time of assembly by a single person
     waste : share of the sheets' area that is not used by parts
     cut_length : total length of the cuts, metres
-    costs : of "sheets", "machine" and "assembly", in the currency of the prices; only items that have a price
+    costs : costs of "sheets", "machine" and "assembly", in the currency of the prices; only items that have a price
     """
 
     material: Material
@@ -81,10 +81,10 @@ def estimate(
 
     Parameters
     ----------
-    sheets : the sheets of the design
-    design : its spirals
-    material : of the sheets
-    prices : price per sheet and rates per hour; without any, no costs
+    sheets : sheets of the design
+    design : spirals
+    material : material of the sheets
+    prices : price per sheet and rates per hour; if None, no costs are estimated
     """
     contours = sum(1 + len(p.holes) for p in sheets.panels)
     strokes = sum(c.length for p in sheets.panels for c in p.labels)
@@ -124,11 +124,11 @@ def cut_seconds(
 
     Parameters
     ----------
-    material : of the sheets
-    thickness : metres
-    length : metres of all cuts
+    material : material of the sheets
+    thickness : thickness of the sheets, metres
+    length : length of all cuts, metres
     contours : number of separate contours
-    strokes : metres of engraved lines
+    strokes : length of all engraved strokes, metres
     """
     speed = cut_speed(material, thickness)
     return None if speed is None else length / speed + SECONDS_PER_CONTOUR * contours + strokes / ENGRAVING_SPEED

@@ -35,8 +35,8 @@ from .panels.toolpath import CUTTER_PATH, SheetCuts, plan_cuts
 from .standing.base import Base
 from .waste_labels import labels_beside
 
-# Penalty factor of places for holding tabs at hubs: one is preferred to a plain arm end only if it is so many times
-# farther from the other tabs
+# Penalty factor of places for holding tabs at hubs: a hub is preferred to a plain arm end only if it is this many times
+# farther from the other tabs; larger values put fewer tabs at hubs
 _HUB_PENALTY = 3.0
 CONNECTORS, CUT = ConnectorParams(), CutParams()
 
@@ -51,9 +51,9 @@ class CutSheets:
     warnings : sentences for the user
     labels_placed, labels_left_out : number of labels that are engraved, and of labels without room
     slot_min, bridge_min : narrowest slot and narrowest piece of material on the true outlines
-    thickness : of the material
+    thickness : thickness of the material
     cut : settings of the cutter
-    connections : the connectors
+    connections : connectors of all joints
     base : base that the piece stands on or hangs from, or None
     """
 
@@ -77,7 +77,7 @@ class CutSheets:
         return len(self.packing.sizes)
 
     def panels_on_sheet(self, index: int) -> list[Panel]:
-        """Return the panels of one sheet in the sheet's coordinates."""
+        """Return the panels of one sheet, in the sheet's frame."""
         where = self.packing
         return [
             self.panels[i].transform(float(where.rotation[i]), where.shift[i])
@@ -89,8 +89,8 @@ class CutSheets:
 
         Parameters
         ----------
-        index : of the sheet
-        progress : receives the share done
+        index : number of the sheet, from 0
+        progress : called with the fraction done; may cancel
         """
         return [_with_cutter_path(p, self.cut) for p in progress.each(self.panels_on_sheet(index), CUTTER_PATH)]
 
@@ -99,8 +99,8 @@ class CutSheets:
 
         Parameters
         ----------
-        index : of the sheet
-        progress : receives the share done
+        index : number of the sheet, from 0
+        progress : called with the fraction done; may cancel
         """
         if index not in self._cuts_by_sheet:
             panels = self.paths_on_sheet(index, progress.part(0.0, 0.5))
@@ -143,7 +143,7 @@ def make_sheets(
 
     Raises
     ------
-    FlexMapsError : no room for a spiral, a panel that touches itself or is too large for the sheet, or too wide a cutter
+    FlexMapsError : no room for a spiral, a panel that touches itself or exceeds the sheet, or too wide a cutter
     """
     design = design if base is None else base.design
     layout = design.flat.layout
@@ -227,7 +227,8 @@ def with_labels_beside(
 
     Parameters
     ----------
-    panels, packing : of all pieces, with their places on the sheets
+    panels : panels of all pieces
+    packing : places of these panels on the sheets
     small : labels of one piece that are too small on its panels
     params : height of letters, and spacing
     piece : index of this piece
@@ -252,14 +253,14 @@ def make_engraving(
     mark: str = "",
     progress: Progress = SILENT,
 ) -> Labels:
-    """Return the labels engraved on the panels and their feet.
+    """Return the labels to engrave on the panels and on their feet.
 
     Parameters
     ----------
     design : spirals and panels
     connections : connectors, whose places the labels avoid
     params : heights of labels, and whether there are any
-    base : its feet are labelled too, and the holes of its eyelets are avoided
+    base : base whose feet are labelled too, and whose eyelets the labels avoid; None without a base
     mark : letter of the piece, if several share sheets
     progress : called with the fraction done; may cancel
     """
@@ -365,7 +366,7 @@ def with_key_sheets(packing: Packing, keys: tuple[Outline, ...], params: SheetPa
 
     Parameters
     ----------
-    packing : of all other panels
+    packing : places of all other panels
     keys : outlines of the keys, each around the origin
     params : size of the sheets, margin and spacing, metres
     """

@@ -1,4 +1,4 @@
-"""Write labels that are too small on their panels into the waste beside them, with a tick that points to the panel."""
+"""Write labels that would be too small on their panels into the waste beside them, each with a tick to its panel."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from .panels.lettering import straight_text, text_length
 from .panels.panel import Panel
 
 BESIDE = "labels beside panels"
-_DIRECTIONS = 16  # number of directions around a labelled point in which free space is searched
+_DIRECTIONS = 16  # number of directions around a labelled point in which free space is searched; more find more places
 _REACH = 5.0  # maximum distance of letters from the labelled point, in letter heights; longer ticks cross other ticks
-_STEPS = 12  # number of distances tried up to ``_REACH``
+_STEPS = 12  # number of distances tried up to ``_REACH``; more find nearer places and take longer
 _MIN_TICK = 0.5  # minimum length of a tick in letter heights; a shorter one looks like a hyphen
-# maximum distance in metres of the labelled point from the outline, measured along the tick; connectors are so long
+# maximum distance in metres of the labelled point from the outline, measured along the tick; connectors are this long
 _MAX_DEPTH = 0.004
 _LINE_POINTS = 16  # points of an outline per line in the search tree
 _BATCH = 32  # candidate boxes tested together, nearest first; fewer or more take longer
@@ -46,7 +46,7 @@ def labels_beside(
     small : labels to write
     of_panel : index into ``panels`` for each label
     params : spacing and height of the letters
-    progress : receives the share done
+    progress : called with the fraction done; may cancel
 
     Returns
     -------
@@ -123,7 +123,7 @@ class _FreeWaste:
         return np.concatenate([centres, np.broadcast_to(half, centres.shape)], axis=1), of
 
     def _are_free(self, boxes: Float[np.ndarray, "boxes 4"]) -> np.ndarray:
-        """Return (n,) whether boxes lie inside the sheet and keep their distance from all panels."""
+        """Return a mask (n,) of the boxes that lie inside the sheet and keep their distance from all panels."""
         import shapely
 
         low, high = boxes[:, :2] - boxes[:, 2:], boxes[:, :2] + boxes[:, 2:]
@@ -159,7 +159,7 @@ class _FreeWaste:
     def _make_tick(self, box: np.ndarray, place: np.ndarray) -> np.ndarray | None:
         """Return the tick from the letters towards a labelled point; None if it is too short or the outline too far.
 
-        The tick ends before the first outline on its way, at a third of the letters' distance from panels.
+        The tick ends before the first outline on its way, at a third of the distance that letters keep from panels.
         """
         import shapely
 

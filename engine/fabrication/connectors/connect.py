@@ -20,7 +20,7 @@ from .free_space import SCALES, FreeSpace
 from .shape import connector_size, key_outline, min_radius
 from .tips import ConnectorCandidate, Tip
 
-CANDIDATES_AT_ONCE = 180  # candidates evaluated together, about 0.1 s of work between reports of progress
+CANDIDATES_AT_ONCE = 180  # candidates evaluated together (0.1 s of work); more delay a cancel
 _TIPS_AT_ONCE = 2000  # tips compared with all others at once; more take more memory
 # Candidates per joint evaluated together: in the second round, and at most in later rounds. Larger batches are faster
 # per candidate, but all candidates after the first that fits are wasted
@@ -35,7 +35,7 @@ class Connector:
     seam : index of the seam
     candidate : kind and size, the arm with the head, and the position
     faces, sides : quads and sides of both arms; the arm of the patch with the lower index comes first
-    is_shrunk, is_swapped : whether it is smaller than requested, or has its head on the other arm, for lack of room
+    is_shrunk, is_swapped : whether, for lack of room, it is smaller than requested, or has its head on the other arm
     """
 
     name: str
@@ -57,7 +57,7 @@ class Connections:
     """The outlines of all panels with connectors, and the connectors.
 
     plain_joints : (name, quad, quad) of joints without room for any connector, whose arms keep plain ends
-    clearance : gap between the finished parts, metres
+    clearance : gap between head and socket after cutting, metres
     occupied_lengths : length in metres of every arm, from its joint, that a connector occupies
     tips : ends of all arms that have a connector
     """
@@ -124,15 +124,17 @@ def connect(
     progress: Progress = SILENT,
     mill: float = 0.0,
 ) -> Connections:
-    """Draw the panels with the largest connector that has room at every joint; without room, ends stay plain and are listed.
+    """Draw the panels with the largest connector that has room at every joint.
+
+    Joints without room for any connector keep plain ends and are listed in the result.
 
     Parameters
     ----------
     design : spirals on flat patches
     params : kind, dimensions and clearance of connectors
-    tolerance : of the outlines, metres
+    tolerance : largest distance of the outlines' arcs from the exact edges, metres
     progress : called with the fraction done; may cancel
-    mill : diameter of the mill, metres; 0 for a beam
+    mill : diameter of the mill, metres; 0 for a laser or another beam
 
     Raises
     ------
@@ -233,7 +235,7 @@ class _CandidateQueues:
         return found
 
     def _test_candidates(self, tries: list[tuple[int, ConnectorCandidate]]) -> None:
-        """Evaluate candidates (joint, candidate) and store those that have room in ``fitting``."""
+        """Evaluate pairs (joint, candidate), and store the candidates that have room in ``fitting``."""
         made = self.space.fit_tips([joint for joint, _ in tries], [candidate for _, candidate in tries])
         for (joint, candidate), tips in zip(tries, made, strict=True):
             if tips is not None:

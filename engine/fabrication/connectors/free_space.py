@@ -2,8 +2,8 @@
 
 Free space is measured with polygons. A tip must keep the width of the smallest slot as distance from every other arm
 and hub, both in its own flat panel and in the panel across the joint once the two are joined. Where arms run close
-beside a joint, as in strongly wound spirals, there is more room a little farther along the arm and to one side, so the
-parting line is moved there.
+beside a joint, as in strongly wound spirals, there is more room a little farther along the arm and to one side; the
+parting line, where the two arms meet, is moved there.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ KINDS = {"dovetail": ("dovetail", "key", "tab"), "key": ("key", "tab"), "tab": (
 # sizes to try, in this order, as shares of the requested size; finer steps find larger connectors and take longer
 SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
 WIDTH_STEP = 1e-5  # metres; widths of arms are rounded down to multiples of this
-SETBACKS = (0.0, 3e-4, 6e-4, 1e-3, 1.5e-3)  # metres by which the faces of keys and tabs may be set back
-_SHIFTS = 12  # number of shifts of the parting line to try in either direction
-_STEP = 0.55  # distance between shifts, in neck widths of the smallest connector
-_SHIFTS_TRIED = 4  # number of shifts with room to try for every size, as long as the neck has to lie on its arm
-_RAY_STEP = 2e-4  # metres along the arm between measurements of the free space
-_BUNDLE = 8  # adjacent rays that share one search for nearby pieces
+SETBACKS = (0.0, 3e-4, 6e-4, 1e-3, 1.5e-3)  # metres tried from the parting line to the arm's end, at keys and tabs
+_SHIFTS = 12  # number of shifts of the parting line tried in either direction along the arms; more take longer
+_STEP = 0.55  # distance between two shifts, in neck widths of the smallest connector; larger steps miss more places
+_SHIFTS_TRIED = 4  # number of shifts with room tried per size while necks must lie on their arms; more take longer
+_RAY_STEP = 2e-4  # metres along the arm between measurements of the free space; smaller is more exact and slower
+_BUNDLE = 8  # number of adjacent rays that share one search for nearby pieces of arms; more find too many pieces
 _BUNDLES_AT_ONCE = 2500  # bundles of rays traced together; more take more memory
 _PIECES = 8  # pieces into which an arm is split; more make tighter bounding boxes and a larger search tree
 _QUADS_AT_ONCE = 500  # quads whose arms are sampled together; more take more memory
@@ -80,7 +80,7 @@ class FreeWidths:
 
     x : metres along the arms from the joint, positive on the second arm
     left, right : metres by which the edges could move outwards at each place
-    width : of the arm, metres
+    width : width of the arm at each place, metres
     """
 
     x: Float[np.ndarray, " places"]
@@ -203,7 +203,7 @@ class FreeSpace:
             found[k] = (tips[k, 0], tips[k, 1]), placed[:, k]
         return found
 
-    # -- what is near --------------------------------------------------------------------------------------------------
+    # -- obstacles near the joints -------------------------------------------------------------------------------------
 
     def _make_obstacles(self, progress: Progress) -> _Obstacles:
         """Return all hubs, and all arms in pieces, in a common plane where panels do not overlap."""
@@ -287,7 +287,7 @@ class FreeSpace:
             self._free_widths[joint] = FreeWidths(x[at], free[0, k, at], free[1, k, at], width[k, at])
 
     def _keep_clear(self, through: JoinedArms, rows: np.ndarray, shapes: np.ndarray) -> np.ndarray:
-        """Return (n,) whether shapes keep a slot's width from all hubs and arms, except the arms of their joints."""
+        """Return a mask (n,) of the shapes at least a slot's width from all hubs and arms but those of their joints."""
         own = np.stack([through.own.arm[rows], through.other.arm[rows]], axis=1)
         return ~self.obstacles.are_near(shapes, own, 0.999 * self.slot)
 

@@ -35,7 +35,7 @@ def to_points(numbers: np.ndarray) -> Float[np.ndarray, "... 2"]:
 
 
 def _interpolate_rows(x: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Interpolate rows at x (n, M) like np.interp; ``values`` (n, K) belong to ascending ``known`` (n, K)."""
+    """Interpolate each row at x (n, M) like np.interp; ``values`` (n, K) belong to the ascending ``known`` (n, K)."""
     rows = np.arange(len(known))[:, None]
     x = np.clip(x, known[:, :1], known[:, -1:])
     step = 1.01 * float(known.max(initial=0.0)) + 1e-12
@@ -48,7 +48,7 @@ def _interpolate_rows(x: np.ndarray, known: np.ndarray, values: np.ndarray) -> n
 
 @dataclass(frozen=True, eq=False)
 class Widening(Columns):
-    """Added width of arms at their tips.
+    """Added width of arms at their tips, where it makes room for a connector.
 
     left, right : metres by which each edge is moved outwards, from the tip up to tau ``taper_start``
     taper_start, taper_end : the addition falls from its full value at tau ``taper_start`` to 0 at tau ``taper_end``
@@ -92,7 +92,7 @@ class JointArms(Columns):
 
     @staticmethod
     def from_arms(design: SpiralDesign, quad: Int[np.ndarray, " arms"], side: Int[np.ndarray, " arms"]) -> JointArms:
-        """Return the arms ``side`` of ``quad`` as halves of joints."""
+        """Return the arms at sides ``side`` of quads ``quad``, one for each joint."""
         roots = design.roots
         single = design.arms.one_by_one(quad, side)
         end = np.minimum(roots.left[quad, side], roots.right[quad, side - 1])
@@ -149,7 +149,7 @@ class JoinedArms(Columns):
         return self.own.speed / self.other.speed
 
     def have_folded_edge(self, begin: np.ndarray, full: np.ndarray, wide: Widening) -> Bool[np.ndarray, " arms"]:
-        """Return whether an edge folds between tau ``begin`` and ``full`` when offset by its widening."""
+        """Return a mask of the joints where an edge, widened by ``wide``, folds between tau ``begin`` and ``full``."""
         low = np.maximum(begin, -self.other.t_max / self.parameter_scale)
         tau = low[:, None] + (np.minimum(full, self.own.t_max) - low)[:, None] * np.linspace(0.0, 1.0, SAMPLES)
         edges = self.edge_points(tau)[0]

@@ -26,11 +26,11 @@ from ...spirals.curves.arcs import Curve
 from ..panels.kerf import cut_dogbones, offset_curve
 
 FLANK_SLOPE = math.tan(math.radians(25.0))  # outward slope of the flanks of a dovetail; chosen by eye
-LENGTH_RATIO = 0.85  # length of a head in neck widths
-WALL_RATIO = 0.6  # thickness of the walls beside a socket, in neck widths
+LENGTH_RATIO = 0.85  # length of a head in neck widths; longer heads are wider at their ends and need more room
+WALL_RATIO = 0.6  # thickness of the walls beside a socket, in neck widths; thicker ones are stronger and need more room
 _SLACK = 2e-5  # metres added to the radius of inside corners beyond the mill's, so that its path can turn
 _DOGBONE = 1.9  # extent of a dogbone along either side of its corner, in mill radii
-_BITE = 0.5  # depth to which a dogbone cuts into a wall, in mill radii
+_BITE = 0.5  # depth to which a dogbone cuts into a wall, in mill radii; walls are thickened by as much
 _TAB_RATIOS = (2.0, 1.6, 1.3)  # widths of tabs to try besides those of dovetails and keys, in widths of their arms
 _TANGENT = math.tan(math.radians(0.5 * 115.0))  # tangent length of the rounded corners of a flank, in corner radii
 
@@ -40,11 +40,11 @@ class ConnectorSize:
     """Dimensions of one connector in metres.
 
     neck, head : width of the head at its narrow and at its wide end
-    length : of the head, from neck to wide end
+    length : length of the head, from neck to wide end
     wall : thickness of the material beside the socket in a straight arm
     thinnest : minimum thickness of this material in any arm
     pad_width : width of the arm's widened end
-    clearance : gap between the finished parts
+    clearance : gap between head and socket after cutting
     rounding : radius of the corners
     inside_radius : minimum radius of inside corners that the mill can cut; 0 for a beam
     """
@@ -65,10 +65,10 @@ def connector_size(width: float, params: ConnectorParams, scale: float = 1.0, mi
 
     Parameters
     ----------
-    width : of the arms, metres
+    width : width of the arms, metres
     params : relative dimensions, clearance, and the thinnest part permitted
     scale : factor on the width of the neck, which stays at least as wide as the thinnest part permitted
-    mill : diameter of the mill, metres; 0 for a beam
+    mill : diameter of the mill, metres; 0 for a laser or another beam
     """
     c, inside = params.clearance, 0.51 * mill + _SLACK if mill else 0.0
     neck, flank = max(params.neck * width * scale, params.thinnest + c, 2.0 * inside), math.cos(math.atan(FLANK_SLOPE))
@@ -88,7 +88,7 @@ def connector_size(width: float, params: ConnectorParams, scale: float = 1.0, mi
 def connector_sizes(
     width: float, params: ConnectorParams, scales: tuple[float, ...], mill: float = 0.0
 ) -> tuple[ConnectorSize, ...]:
-    """Return the dimensions of connectors for these scales, in their order, without duplicates."""
+    """Return the dimensions of connectors by ``connector_size`` for these scales, in order, without repeats."""
     return tuple(dict.fromkeys(connector_size(width, params, scale, mill) for scale in scales))
 
 
@@ -96,7 +96,7 @@ def connector_sizes(
 def tab_sizes(
     width: float, params: ConnectorParams, scales: tuple[float, ...], mill: float = 0.0
 ) -> tuple[ConnectorSize, ...]:
-    """Return tabs (flat ends for glue), widest first: as wide as connectors of these scales, or as ``_TAB_RATIOS`` says."""
+    """Return tabs (flat ends for glue), widest first: as wide as connectors of these scales, or by ``_TAB_RATIOS``."""
     whole = connector_size(width, params)
     pads = [
         *(connector_size(width, params, scale, mill).pad_width for scale in scales),
@@ -162,7 +162,7 @@ def _in_mate_frame(curve: Curve, shift: float) -> Curve:
 
 @lru_cache(maxsize=512)
 def head_curve(s: ConnectorSize) -> Curve:
-    """Return the end curve of an arm with a head, from right to left."""
+    """Return the end curve of an arm with a head, from its right to its left edge."""
     return offset_curve(_gap_middle(s), -0.5 * s.clearance)
 
 
@@ -180,7 +180,7 @@ def min_radius(s: ConnectorSize) -> float:
 
 @lru_cache(maxsize=512)
 def socket_curve(s: ConnectorSize, setback: float = 0.0) -> Curve:
-    """Return the end curve of an arm with a socket, from right to left; its face lies ``setback`` metres behind the cut.
+    """Return the end curve of an arm with a socket, from its right to its left edge.
 
     Parameters
     ----------

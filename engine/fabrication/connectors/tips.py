@@ -35,11 +35,11 @@ class ConnectorCandidate:
     """A candidate connector at a joint.
 
     kind : dovetail, key or tab
-    size : its dimensions
+    size : dimensions of the connector
     head_arm : 0 or 1, the arm with the head
     shift : metres from the joint to the parting line, towards the second arm
-    lateral_offset : metres from the arm's centre line to the connector's, to the left of the first arm
-    setback : metres by which both faces are set back from the parting line
+    lateral_offset : metres from the arm's centre line to the connector's centre line, to the left of the first arm
+    setback : metres from the parting line to the end of each arm with a socket for a key or with a tab
     """
 
     kind: str
@@ -50,7 +50,7 @@ class ConnectorCandidate:
     setback: float = 0.0
 
     def roles(self) -> tuple[str, str]:
-        """Return the roles of both arms: head, socket or face."""
+        """Return the role of each arm: "head", "socket" or "face" (flat end of a tab)."""
         if self.kind == "dovetail":
             return ("head", "socket") if self.head_arm == 0 else ("socket", "head")
         one = "socket" if self.kind == "key" else "face"
@@ -152,7 +152,7 @@ class _EndShape:
 
 @lru_cache(maxsize=4096)
 def _end_shape(role: str, s: ConnectorSize, back: float) -> _EndShape:
-    """Return the end curve for a role: "head", "socket" or "face"."""
+    """Return the end curve of size ``s`` for a role: "head", "socket" or "face"; ``back`` is the setback in metres."""
     curve = head_curve(s) if role == "head" else socket_curve(s, back) if role == "socket" else face_curve(s, back)
     nodes = to_complex(curve.points[1:-1])
     inner = Curve(curve.points[1:-1], curve.bulge[1:-1], closed=False)
@@ -236,7 +236,7 @@ def _full_width_length(
 
 
 def _runs_straight(left: np.ndarray, right: np.ndarray, left_way: np.ndarray, right_way: np.ndarray) -> np.ndarray:
-    """Return (n,) whether both edges (n, samples) of a tip run in the same direction and do not fold."""
+    """Return a mask (n,) of the tips whose two edges (n, samples) run in the same direction and do not fold."""
     steps = np.abs(np.diff(left, axis=1)), np.abs(np.diff(right, axis=1))
     same = ((left_way * right_way.conj()).real > 0.0).all(axis=1)
     return same & (np.minimum(*steps) >= MIN_STEP_RATIO * np.maximum(*steps)).all(axis=1)

@@ -65,7 +65,7 @@ class LineDrawing:
 
 
 def read_dxf(path: Path, unit: float) -> LineDrawing:
-    """Read every visible line of a DXF drawing; ``unit`` is the length in mm of a unit if the file names none."""
+    """Read every visible line of a DXF drawing; ``unit``: millimetres per drawing unit if the file names no unit."""
     import ezdxf
 
     logging.getLogger("ezdxf").setLevel(logging.ERROR)
@@ -169,7 +169,7 @@ def _visible_lines(entities: Iterable[Any], place: _DrawingContext) -> Iterator[
 
 
 def _entity_lines(entity: DXFEntity, distance: float) -> Iterator[tuple[np.ndarray, bool]]:
-    """Yield the polylines of one entity, in its own units, and whether each is closed; one without points for text."""
+    """Yield the polylines of an entity, in its own units, and whether each is closed; text yields an empty polyline."""
     from ezdxf import path
 
     if entity.dxftype() == "SPLINE":
@@ -186,7 +186,7 @@ def _entity_lines(entity: DXFEntity, distance: float) -> Iterator[tuple[np.ndarr
 
 
 def _spline(spline: Any, distance: float) -> np.ndarray:
-    """Return points on a B-spline of ezdxf whose chords are within ``distance``, over the valid range of its knots."""
+    """Return points on a B-spline of ezdxf, over its valid knots, whose chords are within ``distance`` of the curve."""
     knots, degree = np.array(spline.knots()), spline.degree
     inner = np.unique(knots[degree : len(knots) - degree])
     for steps in 8, 32, 128, 512:  # segments between knots, refined until chords are close enough
@@ -198,7 +198,7 @@ def _spline(spline: Any, distance: float) -> np.ndarray:
 
 
 def read_svg(path: Path, unit: float) -> LineDrawing:
-    """Read every visible line of an SVG drawing; ``unit`` is the length in mm of a unit if the file names none."""
+    """Read every visible line of an SVG drawing; ``unit``: millimetres per drawing unit if the file names no unit."""
     from svgelements import SVG, Close, Shape
     from svgelements import Path as Curve
 
@@ -235,7 +235,8 @@ def read_svg(path: Path, unit: float) -> LineDrawing:
 def _set_size(document: ElementTree.Element) -> bool:
     """Write width and height of an SVG document as attributes; return whether the document names no unit.
 
-    They are taken from its style or attributes; one that is missing follows from the other and the viewBox.
+    Width and height come from the document's style or attributes. If one of the two is missing, it follows from the
+    other and the viewBox.
     """
     style = dict(part.split(":", 1) for part in document.get("style", "").split(";") if ":" in part)
     box = [float(x) for x in document.get("viewBox", "").replace(",", " ").split()]

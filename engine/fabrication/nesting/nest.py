@@ -21,7 +21,8 @@ from .remnant_packing import pack_on_remnants
 from .remnants import read_remnants
 from .sheet_search import SheetSearch
 
-# maximum number of panels for the search; above it, the search gains nothing over the quick packing in the usual time
+# maximum number of panels for the search; with more panels, the search gains nothing over the quick packing in the
+# usual time limit
 MAX_PANELS = 400
 MAX_WORKERS = 8  # maximum number of worker processes; more are faster and take more memory
 
@@ -29,9 +30,9 @@ MAX_WORKERS = 8  # maximum number of worker processes; more are faster and take 
 def nest(shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: Progress = SILENT) -> Packing:
     """Lay closed outlines on as few sheets as a search of ``params.nesting_seconds`` finds.
 
-    Remnants are filled first (module ``remnant_packing``). The result is never worse than the quick packing of ``packing.pack``,
-    which is returned where spyrrow is missing or finds nothing better. With equal seeds results repeat as far as the
-    time limit allows.
+    Remnants are filled first (module ``remnant_packing``). The result is never worse than the quick packing of
+    ``packing.pack``, which is returned where spyrrow is missing or finds nothing better. With equal seeds results
+    repeat as far as the time limit allows.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ from ...progress import SILENT, Progress
 from .remnants import Remnant
 
 CELLS = 512  # raster cells along the longer side of a sheet; more cells pack tighter and take longer
-# Maximum number of raster searches (10 ms each); the panels left then are packed in rows, faster but looser
+# Maximum number of raster searches (10 ms each); panels left after that are packed in rows, faster but less tightly
 TRIES = 500
 ROUNDING_GAP = 1e-8  # metres added to the margin, so that rounding errors never rule out a panel that just fits
 
@@ -67,7 +67,9 @@ def pack(
     rotation: str = "FREE",
     cells: int = CELLS,
 ) -> Packing:
-    """Lay closed outlines on few sheets, largest box first, greedily; after ``TRIES`` searches continue in rows.
+    """Lay closed outlines on few sheets, the largest bounding box first, each at the first free place of a raster.
+
+    After ``TRIES`` searches for a free place, the remaining outlines go in rows of bounding boxes.
 
     Parameters
     ----------
@@ -75,7 +77,7 @@ def pack(
     sheet : width and height, metres; a larger shape gets a sheet of the size that it needs
     margin, spacing : metres kept free along the border of a sheet, and between shapes
     rotation : allowed rotations, see ``find_fitting_rotation``
-    cells : raster cells along the longer side of a sheet; a shape may occupy up to two more than it needs
+    cells : raster cells along the longer side of a sheet; a shape may occupy two too many in each direction
     """
     boxes = []
     for done, shape in enumerate(shapes):
@@ -129,7 +131,7 @@ def _rotation_and_box(
     cell: float,
     rotation: str,
 ) -> tuple[float, np.ndarray]:
-    """Return the rotation (radians) and box of a shape: its smallest box, or another if only that fits the sheet."""
+    """Return a shape's rotation (radians) and box: its smallest box, or another if only another fits on the sheet."""
     if box_fits(size + 4.0 * cell, sheet, margin, rotation):
         return turn, size
     slanted = find_fitting_rotation(shape, sheet, margin + 2.0 * cell, rotation)
@@ -159,7 +161,7 @@ def _pack_in_rows(
         laid.append((turn, size) if slanted is None else (slanted, _box_sides(shape, slanted)))
     count = len(boxed)
     where, shift, sizes = np.zeros(count, dtype=np.int64), np.zeros((count, 2)), []
-    rows: list[list[float]] = []  # of every row: index of the sheet, height, lower edge, used length
+    rows: list[list[float]] = []  # for every row: index of the sheet, height, lower edge, used length
     used: list[float] = []  # used height of every sheet
     for done, i in enumerate(sorted(range(count), key=lambda i: -float(laid[i][1][1]))):
         progress(0.5 + 0.5 * done / count, "packing in rows")
@@ -290,7 +292,7 @@ def _fitting_size(
 
 
 class ShapeMask:
-    """Raster masks of a shape at each quarter turn; the shape is grown by ``grow`` metres and the raster's error."""
+    """Raster masks of a shape at each quarter turn, offset outwards by ``grow`` metres and the raster's error."""
 
     def __init__(self, shape: np.ndarray, turn: float, cell: float, grow: float, quarters: tuple[int, ...]):
         from shapely import Polygon
@@ -312,7 +314,7 @@ class ShapeMask:
         self.box = cell * np.array([columns, rows])
 
     def placement_at(self, quarter: int, corner: np.ndarray) -> tuple[float, np.ndarray]:
-        """Return rotation (radians) and shift that bring the lower left corner of the turned raster to ``corner``."""
+        """Return the rotation (radians) and shift that move the turned raster's lower left corner to ``corner``."""
         # it is enough to turn the raster's box: at quarter turns both have the same lower left corner
         points = np.array([[0.0, 0.0], self.box]) + self.origin
         cos, sin = [(1, 0), (0, 1), (-1, 0), (0, -1)][quarter]

@@ -13,7 +13,7 @@ from ...progress import SILENT, Progress
 from .packing import CELLS, Packing, ShapeMask, SheetRaster, preferred_box
 from .remnants import Remnant
 
-SLANTS = 3  # rotations tried within a quarter turn, each plus 0 to 3 quarter turns; more placed no more panels
+SLANTS = 3  # rotations tried within a quarter turn, each plus 0 to 3 quarter turns; more only take longer
 
 
 class _RemnantInUse:
@@ -32,7 +32,7 @@ class _RemnantInUse:
         )
 
     def place(self, number: int, shape: np.ndarray, area: float) -> bool:
-        """Place a panel of this area (m2) if there is room, and return whether it was placed."""
+        """Place panel ``number`` with this outline and area (m2) if there is room; return whether it was placed."""
         if self.raster is None or area > self.area:
             return False
         grain = self.params.rotation == "GRAIN"

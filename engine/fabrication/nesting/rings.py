@@ -105,7 +105,7 @@ def _areas_within_open_lines(lines: list[np.ndarray]) -> list[Polygon]:
 
 
 def _without_duplicates(rings: list[Polygon]) -> list[Polygon]:
-    """Return the rings that do not coincide with an earlier one."""
+    """Return the rings that do not coincide with an earlier ring, within the snap distance."""
     import shapely
 
     kept: list[Polygon] = []

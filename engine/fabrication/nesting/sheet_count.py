@@ -11,7 +11,8 @@ from ...arrays import Float
 from ...errors import FlexMapsError
 from ...params import SheetParams
 
-# Maximum ratio of the estimated number of sheets to the number needed by area alone; on suitable sheets it is at most 2
+# Maximum ratio of the estimated number of sheets to the number needed by area alone; larger accepts more waste. On
+# suitable sheets the ratio is at most 2
 MAX_WASTE_RATIO = 3.0
 FEW_SHEETS = 10  # up to so many sheets are always accepted
 SIZE_STEP = 1.05  # factor between consecutive sheet sizes tried for the suggestion
@@ -57,12 +58,12 @@ def _sheets_by_area(area: float, size: Float[np.ndarray, " 2"]) -> int:
 
 
 def _sheets_in_rows(boxes: Float[np.ndarray, "panels 2"], size: Float[np.ndarray, " 2"], params: SheetParams) -> int:
-    """Estimate the number of sheets for boxes packed in rows, highest first, each lengthwise if possible."""
+    """Estimate the number of sheets for boxes packed in rows, highest first, each along its row if that fits."""
     width, height = size - 2 * params.margin + params.spacing
     long, short = boxes.max(axis=1), boxes.min(axis=1)
     lies = long <= width
     across, up = np.where(lies, long, short), np.where(lies, short, long)
-    shelves: list[list[float]] = []  # of every row: index of the sheet, height, remaining width
+    shelves: list[list[float]] = []  # for every row: index of the sheet, height, remaining width
     left: list[float] = []  # remaining height of every sheet
     for k in np.argsort(-up, kind="stable").tolist():
         shelf = next((one for one in shelves if one[1] >= up[k] and one[2] >= across[k]), None)

@@ -22,23 +22,24 @@ from .outlines import HULL_SHARE_DEVIATION, MEAN_HULL_SHARE, grow_outline, hull_
 from .packing import Packing, find_fitting_rotation, min_area_box, pack, preferred_box, used_length
 from .strip import PackedStrip, StripTask, pack_strip
 
-ROTATION_STEP = 5.0  # degrees between the orientations tried for a panel
+ROTATION_STEP = 5.0  # degrees between the rotations tried for a panel; smaller packs tighter and takes longer
 # Half the width in metres of concave bays that are closed before nesting, at most a quarter of the narrowest panel's
 # width. Larger: fewer points and a faster search, but small panels no longer lie in bays
 BAY_HALF_WIDTH = 0.012
 ROUNDING = 2e-5  # metres added to the spacing because spyrrow calculates in single precision
 FIRST_SECONDS = 1  # initial search time per set of panels in seconds; it is doubled when no more sets fit
-COMPACTING_SHARE = 0.25  # minimum share of the time limit reserved for compacting the emptiest sheet
+# minimum share of the time limit reserved for compacting the emptiest sheet; larger leaves less time to save sheets
+COMPACTING_SHARE = 0.25
 # Random starts per core when the emptiest sheet is compacted; more starts leave less time for each, but several short
 # searches beat a long one
 STARTS = 4
-MIN_SHORTENING = 0.999  # end the restarts once a strip is longer than this share of the shortest so far
+MIN_SHORTENING = 0.999  # stop restarting once a strip is longer than this share of the shortest strip so far
 RANDOM_SETS = 400  # random sets generated per sheet (10 ms), of which a few are tried
-# Maximum hull area of the next set to try, as a share of the previous set's; nearer to 1 the sets tried differ less
+# Maximum hull area of the next set to try, as a share of the previous set's; closer to 1, the sets differ less
 HULL_STEP = 0.985
-TRIES = 8  # maximum number of sets tried for one sheet
-# Rounds without improvement before the time per set is doubled; the search ends when the time limit would allow fewer
-# than FEWEST sets
+TRIES = 8  # maximum number of sets tried for one sheet; more fill a sheet better and leave fewer rounds
+# Rounds without improvement before the time per set is doubled, and smallest number of sets: the search ends when the
+# time limit would allow fewer. Larger values: more but shorter searches
 PATIENCE, MIN_SETS = 4, 12
 
 Places = dict[int, tuple[float, np.ndarray]]  # rotation (radians) and shift (2,) in metres, by index of the panel
@@ -47,9 +48,9 @@ Places = dict[int, tuple[float, np.ndarray]]  # rotation (radians) and shift (2,
 class SheetSearch:
     """Search state: the sets of panels tried so far, and the time limit.
 
-    outlines : simplified shapes grown by half of the required separation, so that they may touch
-    rotations : rotations in degrees at which each shape fits on a sheet, in order of its width; empty if it is too large
-    results : by set of panels, their positions on a sheet, or None if the set did not fit
+    outlines : simplified shapes, offset outwards by half of the required separation, so that they may touch
+    rotations : rotations in degrees at which each shape fits on a sheet, least width first; empty if it is too large
+    results : for every set of panels, their positions on a sheet, or None if the set did not fit
     """
 
     def __init__(
@@ -108,7 +109,10 @@ class SheetSearch:
         return len(packing.sizes), float(np.bincount(packing.sheet, self.hull_areas, len(packing.sizes)).min())
 
     def _fitting_rotations(self, shape: np.ndarray) -> list[float]:
-        """Return the rotations in degrees at which a grown shape fits on a sheet, in order of its width."""
+        """Return the rotations in degrees at which an outline fits on a sheet; first those that make it least wide.
+
+        shape : outline, offset outwards by half of the separation
+        """
         room = self.usable_size + self.separation
         base = np.degrees(preferred_box(shape, self.params.rotation)[0])
         step = {"FREE": ROTATION_STEP, "QUARTER": 90.0, "GRAIN": 180.0}[self.params.rotation]
@@ -193,7 +197,7 @@ class SheetSearch:
         return next(places for places in _places_by_sheet(self._pack_quickly(rest), rest) if rest[0] in places)
 
     def _total_area(self, members: frozenset[int]) -> float:
-        """Return the total area of panels in m2."""
+        """Return the total area of the outlines of panels in m2."""
         return float(self.areas[list(members)].sum())
 
     def _random_sets(self, rest: list[int], least: float, rng: np.random.Generator) -> list[frozenset[int]]:
@@ -300,7 +304,7 @@ class SheetSearch:
         return [strip and self._in_metres(strip) for strip in found]
 
     def _in_metres(self, strip: PackedStrip) -> PackedStrip:
-        """Convert a strip of grown shapes in millimetres to a strip of the shapes themselves in metres."""
+        """Convert a strip of ``outlines`` in millimetres to a strip of the true shapes in metres."""
         half = 0.5 * self.separation
         places = {i: (turn, (1e-3 * x - half, 1e-3 * y - half)) for i, (turn, (x, y)) in strip.places.items()}
         return PackedStrip(1e-3 * strip.length - self.separation, places)

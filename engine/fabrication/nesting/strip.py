@@ -19,10 +19,10 @@ class StripTask(NamedTuple):
     """Input of ``pack_strip``; all lengths in the same unit.
 
     items : key of every shape, its points counter-clockwise, and the allowed rotations in degrees
-    height : of the strip
+    height : height of the strip
     seconds : time limit
-    seed : of the search
-    target_length : length at which the search stops early
+    seed : seed of the random search
+    target_length : the search stops early once the strip is no longer than this
     """
 
     items: list[tuple[int, list[tuple[float, float]], list[float]]]
@@ -33,7 +33,7 @@ class StripTask(NamedTuple):
 
 
 class PackedStrip(NamedTuple):
-    """A packed strip: its length, and by key of every shape its rotation in degrees and the shift after it."""
+    """A packed strip: its length, and by key of every shape its rotation in degrees and then its shift."""
 
     length: float
     places: dict[int, tuple[float, tuple[float, float]]]

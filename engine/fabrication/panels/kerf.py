@@ -191,7 +191,7 @@ def cut_dogbones(curve: Curve, radius: float) -> Curve:
     Parameters
     ----------
     curve : open curve with material on its left, metres; inside corners are arcs between straight lines
-    radius : of the mill, metres
+    radius : radius of the mill, metres
 
     Raises
     ------
@@ -245,12 +245,12 @@ def _dogbone(start: np.ndarray, end: np.ndarray, bulge: float, radius: float) ->
 
 
 def cut_paths(outline: Outline, outer: float, holes: float) -> Outline:
-    """Return the paths of the cutter around a panel and in its holes, offset by half of the kerf.
+    """Return the paths of the cutter around a panel and in its holes: its curves offset by half of the kerf.
 
     Parameters
     ----------
     outline : outer curve and holes of a panel as drawn, metres
-    outer, holes : whole widths of the kerf, metres
+    outer, holes : width of the kerf (not half of it) along the outer curve and in holes, metres
     """
     return Outline(
         offset_curve(without_empty_segments(outline.outer), 0.5 * outer),

@@ -20,8 +20,8 @@ from .lettering import FILL_SHARE, curved_text, straight_text, text_length
 
 _SAMPLES = 97  # samples along an arm, joined by straight lines along which labels run; more follow curves more exactly
 LEGIBLE_HEIGHT = 0.002  # minimum height in metres of letters that can be read without a lens
-_TICK = 8  # length of a tick along its arm from the hub, in samples
-_PLACES = 8  # maximum number of arm ends to which the tick of a panel's number may point
+_TICK = 8  # length of a tick along its arm from the hub, in samples of the arm (``_SAMPLES``); by eye
+_PLACES = 8  # maximum number of arm ends to which the tick of a panel's number may point; more take longer
 _TOGETHER = 1000  # quads whose arms are sampled together; more take more memory
 _SEAM_LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ"  # without I and O, which look like digits
 _UPSIDE_DOWN = str.maketrans("69", "96")
@@ -48,8 +48,8 @@ class Labels:
 
     strokes : a tuple of open curves per patch
     engraved_count, left_out_count : number of labels that are engraved, and of labels without room
-    hub_strokes : legible labels on hubs, contained in ``strokes``
-    small : labels that may also be written beside their panels
+    hub_strokes : those of ``strokes`` on hubs whose letters are large enough to read
+    small : labels too small to read or without room; they may also be written beside their panels
     """
 
     strokes: tuple[tuple[Curve, ...], ...]
@@ -74,7 +74,7 @@ def with_mark(name: str, mark: str) -> str:
 
     Parameters
     ----------
-    name : of a panel or joint
+    name : name of a panel or joint
     mark : letter of the piece; empty if the sheets hold a single piece
     """
     return f"{mark}-{name}" if mark else name
@@ -85,7 +85,7 @@ def panel_name(number: int, mark: str = "") -> str:
 
     Parameters
     ----------
-    number : of the panel
+    number : number of the panel
     mark : letter of its piece if several share sheets; it makes the dot unnecessary
     """
     name = str(number)
@@ -114,7 +114,7 @@ def make_labels(
     mark: str = "",
     quads_with_holes: Sequence[int] = (),
 ) -> Labels:
-    """Make all labels: the number of every panel on its hub or arm with most room, and the name of every joint.
+    """Make all labels: the number of every panel, on the hub or arm with most room, and the name of every joint.
 
     Names of joints are written on both arms of the joint. Where an arm is too narrow for legible letters and its hub
     has room for larger ones, the name is on the hub, with a tick on the arm. Labels that are still too small are listed
@@ -181,7 +181,7 @@ def key_label(name: str, neck: float, long: float, params: SheetParams) -> tuple
 
     Parameters
     ----------
-    name : of the joint
+    name : name of the joint
     neck, long : width of the key's neck and length of the key, metres
     params : heights of labels, and whether there are any
     """

@@ -6,9 +6,9 @@ import numpy as np
 
 from ...arrays import Float
 
-FILL_SHARE = 0.62  # height of letters along an arm or on a foot, as a share of its width
-ADVANCE = 0.85  # distance from letter to letter as a share of their height
-_SQUEEZE = 0.6  # width of a letter as a share of its height
+FILL_SHARE = 0.62  # height of letters along an arm or on a foot, as a share of the arm's or foot's width
+ADVANCE = 0.85  # distance from the start of a letter to the next, as a share of their height; by eye
+_SQUEEZE = 0.6  # width of a letter as a share of its height; by eye
 
 # strokes of each letter as points on a 5 x 7 grid: column a to e from the left, row 0 to 6 from the baseline up
 _STROKES = {
@@ -25,7 +25,7 @@ _STROKES = {
 
 
 def text_strokes(text: str) -> list[Float[np.ndarray, "_ 2"]]:
-    """Return the strokes of a text of height 1 from x = 0 on the baseline y = 0; its length is ``length(text)``.
+    """Return the strokes of a text of height 1; it begins at x = 0 on the baseline y = 0.
 
     Letters missing in the font are left blank.
     """
@@ -38,7 +38,7 @@ def text_strokes(text: str) -> list[Float[np.ndarray, "_ 2"]]:
 
 
 def text_length(text: str) -> float:
-    """Return the length of a text of height 1."""
+    """Return the length of a text with letters of height 1."""
     return ADVANCE * (len(text) - 1) + _SQUEEZE if text else 0.0
 
 
@@ -50,9 +50,9 @@ def straight_text(
     Parameters
     ----------
     text : one line
-    height : of the letters, metres
-    centre : (2,) metres
-    direction : (2,) of reading, of any length
+    height : height of the letters, metres
+    centre : (2,) centre of the text, metres
+    direction : (2,) direction of reading, of any length
 
     Returns
     -------
@@ -69,7 +69,7 @@ def curved_text(text: str, height: float, line: Float[np.ndarray, "points 2"], m
     Parameters
     ----------
     text : one line
-    height : of the letters, metres
+    height : height of the letters, metres
     line : points of the polyline, metres
     middle : position of the text's middle, metres along the line
 

@@ -12,14 +12,16 @@ from ...progress import SILENT, Progress
 from ...spirals.curves.arcs import Curve
 
 ORDERING = "the order of the cuts"
-_NEIGHBOURS = 32  # nearest nodes queried at the end of a cut; four times as many if all of them belong to finished cuts
+# number of nearest nodes queried at the end of a cut, then four times as many while all belong to finished cuts; a
+# larger number needs fewer, slower queries
+_NEIGHBOURS = 32
 
 
 @dataclass(frozen=True, eq=False)
 class CutGroup:
     """Curves that are cut one after the other, such as the parts of an outline between holding tabs.
 
-    group : number of the group; all cuts of a group are consecutive
+    group : number, such as that of a panel; objects with equal numbers are cut one after the other
     is_reversible : whether a single open curve may also be cut from its other end
     """
 
@@ -122,7 +124,7 @@ def order_cuts(
 
     Parameters
     ----------
-    cuts : the cuts
+    cuts : cuts to order
     begin : point at which the cutter starts
     progress : called with the fraction done; may cancel
     """

@@ -17,12 +17,12 @@ class Panel:
     number : engraved number, from 1 in the order of assembly; 0 for plates and keys
     patch : index in the layout; -1 for plates and keys
     outline, holes : closed curves, the outline counter-clockwise and the holes clockwise
-    labels : open strokes to engrave
-    area : of the material, m2
+    labels : open strokes to engrave on the material
+    area : area of the material, m2
     kind : "panel", "key" (loose key of a joint) or "base" (plate that the piece stands on)
     tab_places : places for holding tabs: x and y in metres, and a penalty factor of at least 1
-    hub_labels : strokes of the legible labels on hubs
-    waste_labels : strokes of labels in the waste beside the panel
+    hub_labels : those of ``labels`` on hubs whose letters are large enough to read
+    waste_labels : strokes of labels to engrave in the waste beside the panel; not part of ``labels``
     piece, mark : index and letter of the piece, if several pieces share sheets
     """
 

@@ -22,7 +22,8 @@ _START_COUNT, _LENGTH_SHARES = (
     24,
     (1.0, 0.5),
 )  # number of start points tried for a lead-in, and shares of its full length tried
-# Maximum length of either half of a tab along the outline, as a multiple of the gap in the cut
+# Maximum length of either half of a tab along the outline, as a multiple of the gap in the cut; larger values permit
+# more places and longer tabs
 MAX_HALF_TAB_AT_TIPS = 0.95  # where the outline turns back within the gap, as around narrow tips
 MAX_HALF_TAB = 2.5  # elsewhere, as in bays that open outwards; tabs are more than twice this length apart
 _NARROW_PENALTY = 1e6  # penalty factor of places where the tab would be narrower than requested, so they come last
@@ -105,7 +106,7 @@ def with_lead_in(curve: Curve, length: float, free: Any) -> Curve | None:
     Parameters
     ----------
     curve : path of the cutter; a closed path may begin at any of its nodes
-    length : of the lead-in, metres; half of it where the whole has no room
+    length : length of the lead-in, metres; half of it where the whole length has no room
     free : function from shapely linestrings to whether each lies in the waste
     """
     import shapely
@@ -208,9 +209,9 @@ def _chord_across(outline: Curve, middle: np.ndarray, half: float) -> np.ndarray
 
 
 def _half_gap(outline: Curve, middle: float, gap: float, widest: float) -> float:
-    """Return the length in metres, along the outline from a place to each side, at which a gap is ``gap`` wide.
+    """Return half of the length in metres of a gap along the outline, such that its ends are ``gap`` metres apart.
 
-    The width of the gap is the straight distance between its ends. The length is at most ``widest`` gaps.
+    The distance between the ends is measured along a straight line. The half is at most ``widest`` times ``gap``.
     """
     low, high = 0.5 * gap, widest * gap
     for _ in range(_HALVINGS):

@@ -21,7 +21,7 @@ from .eyelets import Eyelet, eyelets_report
 from .feet import Foot, make_feet
 from .frame import make_planks
 
-NUMBER_GAP = 0.001  # metres between a slot and its number
+NUMBER_GAP = 0.001  # metres between a slot and its foot's number; larger leaves numbers out more often
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class Plate:
     """One plate in its place on the ground, seen from above, metres.
 
     feet : feet whose tongues enter its slots
-    slots : corners of the slots, counter-clockwise, in the order of ``feet``
+    slots : four corners of every slot, counter-clockwise, in the order of ``feet``
     labels : strokes to engrave
     """
 
@@ -50,7 +50,7 @@ class Base:
 
     design : the design, with feet instead of the arms that they replace
     ground_height : height of the upper side of the plates, metres
-    thickness : of the plates and of the sheet, metres
+    thickness : thickness of the plates, as of all sheets, metres
     eyelets : holes to hang the piece by, instead of feet
     is_frame : whether the plates are the planks of a frame
     """
@@ -147,8 +147,8 @@ def make_base(
 
     Parameters
     ----------
-    design : the spirals
-    pose : simulated positions of the hubs
+    design : spirals of the piece
+    pose : simulated positions and rotations of the hubs
     supports : supported quads
     params : kind of base, its height, margins, and width of the feet
     sheet : size of the sheets, and settings of labels
@@ -192,7 +192,7 @@ def refuse_rim(params: SpiralParams) -> None:
 def _plate_with_slots(
     feet: Sequence[Foot], slots: np.ndarray, rows: np.ndarray, outline: Curve, sheet: SheetParams
 ) -> Plate:
-    """Return a plate with this outline and the slots of the feet ``rows``."""
+    """Return a plate with this outline and the slots of the feet with indices ``rows``."""
     some = tuple(feet[k] for k in rows.tolist())
     return Plate(outline, some, slots[rows], _number_strokes(some, slots[rows], outline, sheet))
 
@@ -236,7 +236,7 @@ def _feet_per_plate(design: SpiralDesign, feet: Sequence[Foot], slots: np.ndarra
 def _make_plates(
     feet: Sequence[Foot], slots: np.ndarray, rows: np.ndarray, margin: float, sheet: SheetParams, thickness: float
 ) -> list[Plate]:
-    """Return a plate around the slots ``rows``, or several plates if a single one would be larger than the sheet."""
+    """Return a plate around the slots ``rows``, or several if a single plate would be larger than the sheet."""
     import shapely
 
     outline = hull_outline(slots[rows].reshape(-1, 2), margin)

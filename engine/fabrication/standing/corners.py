@@ -21,7 +21,7 @@ def round_corners(
     Parameters
     ----------
     points : metres
-    radius : of the arcs, metres, for all corners or for each; 0 keeps a corner sharp
+    radius : radius of the arcs, metres, for all corners or for each; 0 keeps a corner sharp
     closed : whether the last point is joined to the first; the ends of an open line stay
     """
     points, radius = np.asarray(points, dtype=float), np.broadcast_to(radius, len(points))

@@ -1,8 +1,8 @@
 """Eyelets: a hole in the hub of every supported spiral, by which the piece hangs.
 
-The hole is at the centre of the hub, where the simulation holds a hinged hub, so a cord or hook holds the piece exactly
-where the simulation does. Between the hole and the edge of the hub there is at least one diameter of material, as usual
-for pins in sheets.
+The hole is at the centre of the hub, where the simulation supports a hinged hub, so a cord or hook holds the piece at
+the same point as in the simulation. Between the hole and the edge of the hub there is at least one diameter of
+material, as usual for pins in sheets.
 """
 
 from __future__ import annotations
@@ -22,20 +22,22 @@ from ...spirals.design import SpiralDesign
 from ...surface.checking.finding import with_count
 from ..panels.labels import free_hub_radii
 
-EDGE_RATIO = 1.0  # minimum material around a hole, in diameters; handbooks require so much between a pin and an edge
-RADIUS_TOLERANCE = 1e-3  # relative tolerance on the radius required in a hub, because hubs are sized iteratively
+# minimum material around a hole, in diameters of the hole; handbooks require 1 between a pin and an edge; larger is
+# stronger and needs larger hubs
+EDGE_RATIO = 1.0
+RADIUS_TOLERANCE = 1e-3  # relative tolerance on the free radius that a hub needs, because hubs are sized iteratively
 
 
 @dataclass(frozen=True, eq=False)
 class Eyelet:
-    """One hole.
+    """A hole in a hub, by which the piece hangs.
 
     number : from 1, as on the assembly sheet
     quad, patch : indices of the quad and the patch in which it lies
-    centre : in the patch's frame, metres
+    centre : centre of the hole in the patch's frame, metres
     diameter, edge_width : diameter of the hole, and minimum width of the material around it, metres
-    place : centre in the simulated shape, metres
-    support_force : force vector in N that holds the piece there; None if unknown
+    place : centre of the hole in the simulated shape, metres
+    support_force : force vector in N that holds the piece at the hole; None if unknown
     """
 
     number: int
@@ -85,7 +87,7 @@ def make_eyelets(
     design : the spirals
     pose : simulated positions of the hubs
     supports : supported quads
-    diameter : of the holes, metres
+    diameter : diameter of the holes, metres
     cut : kerf and mill, which bound the diameter from below
     support_forces : force in N that holds every hub
 
@@ -144,8 +146,8 @@ def warn_of_overload(eyelets: tuple[Eyelet, ...], thickness: float, material: Ma
     Parameters
     ----------
     eyelets : the eyelets; those without a force are ignored
-    thickness : of the sheet, metres
-    material : of the sheet
+    thickness : thickness of the sheet, metres
+    material : material of the sheet
     """
     found = [(one.stress(thickness) or 0.0) / material.strength for one in eyelets]
     worst = int(np.argmax(found)) if found else 0

@@ -24,31 +24,31 @@ from ...surface.checking.finding import with_count
 from ...surface.mesh import QuadMesh
 from .corners import CORNER_RADIUS, round_corners
 
-# Minimum slope in radians of a sheet at a foot. Flatter sheets would lie on the base rather than stand, with slots
-# wider than three thicknesses
+# Minimum slope in radians of a hub at a foot; larger refuses more supports. Flatter feet would lie on the base rather
+# than stand, and need slots wider than three thicknesses
 MIN_SLOPE = np.radians(25.0)
-# Maximum angle in radians between a foot and the direction from the hub to the middle of the side by which it leaves;
-# at a corner of the border it is 45 degrees for both sides
+# Maximum angle in radians between a foot and the direction from the hub to the middle of the side through which the
+# foot leaves its quad. Larger accepts more supports; at a corner of the border the angle is 45 degrees for both sides
 MAX_SIDEWAYS_ANGLE = np.radians(60.0)
 MAX_STRAIGHT_TWIST = 0.02  # maximum twist in radians of a spiral that counts as straight
-TONGUE_SHARE = 0.6  # width of the tongue as a share of the foot's; the rest are two equal shoulders; by eye
+TONGUE_SHARE = 0.6  # width of the tongue as a share of the foot's width; the rest are two equal shoulders; by eye
 FLARE_RATIO = 0.8  # length over which a foot widens from its hub, as a share of the widening on one side; by eye
 TONGUE_OVERHANG = 1.0  # length by which the tongue extends below the slot, in thicknesses of the sheet
 
 
 @dataclass(frozen=True, eq=False)
 class Foot:
-    """One foot.
+    """A foot: the strip that replaces one arm at the border and stands in a slot of the base.
 
     number : engraved number, from 1
-    quad, side : the arm that it replaces
-    cap : its outline in the patch's frame
-    shoulder_distance, tongue_offset : distance from the hub's centre to the shoulders along the foot, and offset of the tongue's middle
-        to the left, metres
+    quad, side : the arm that the foot replaces
+    cap : outline of the foot in the patch's frame
+    shoulder_distance : distance from the hub's centre to the shoulders along the foot, metres
+    tongue_offset : distance of the tongue's middle from the hub's centre, to the left of the foot, metres
     width, tongue_width : widths of the foot and of its tongue, metres
     direction : unit vector along the foot in the patch's frame
     down, across : unit vectors in space along the foot and along its level shoulders
-    place : intersection of its centre line with the ground, metres
+    place : intersection of the foot's centre line with the ground, metres
     lean : angle between the sheet and the ground, radians
     """
 
@@ -70,11 +70,11 @@ class Foot:
         """Return the corners of the foot's slot, counter-clockwise, metres.
 
         The slot has vertical walls and contains the leaning tongue over the whole thickness of the base, which equals
-        the sheet's.
+        the sheet's thickness.
 
         Parameters
         ----------
-        thickness : of the sheet and the base, metres
+        thickness : thickness of the sheet and the base, metres
         clearance : gap around the tongue, metres
         """
         ahead = np.array([self.across[1], -self.across[0]])
@@ -106,8 +106,8 @@ def make_feet(
 
     Parameters
     ----------
-    design : the spirals
-    pose : simulated positions of the hubs
+    design : spirals of the piece
+    pose : simulated positions and rotations of the hubs
     supports : supported quads
     lowest : height of the piece's lowest point, metres
     params : height of the base, and width of the feet
@@ -145,7 +145,7 @@ def make_feet(
 def _sides_and_directions(
     design: SpiralDesign, pose: Pose, supports: Int[np.ndarray, " held"]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the side (n,) by which every foot leaves its quad, and its direction (n, 2) in the patch's frame."""
+    """Return the side (n,) through which each foot leaves its quad, and its direction (n, 2) in the patch's frame."""
     mesh, rotations = design.flat.layout.mesh, pose.rotations[supports]
     refuse_inside(np.setdiff1d(supports, quads_for_feet(mesh, supports)))
     way = -rotations[:, 2, :2]  # project -z onto the plane of the hub
@@ -197,10 +197,10 @@ def _foot_cap(
     The offset is the distance in metres by which the tongue lies to the left of the hub: a foot leaves its quad through
     the middle of the side and bends there into the direction of steepest descent.
 
-    way : direction of steepest descent in the patch's frame
+    way : unit direction of steepest descent in the patch's frame
     shoulder : distance from the hub's centre to the shoulders, metres
     slope : sine of the angle between the sheet and the ground
-    width : of the foot, metres
+    width : width of the foot, metres
     """
     begin = stump_starts(design.roots)[quad, side]
     arm = design.arms.one_by_one(np.array([quad]), np.array([side]))

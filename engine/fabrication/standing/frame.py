@@ -1,8 +1,8 @@
 """The frame: a closed ring of planks under the feet instead of a whole plate, joined by dovetails.
 
 The ring visits the slots along a short closed path that does not cross itself. It is the union of the convex hulls of
-consecutive slots, with a margin, and is cut between slots where it has turned far enough or a plank would be larger
-than the sheet.
+consecutive slots, with a margin. It is cut between slots where it has turned far enough, or where a plank would be
+larger than the sheet.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from .corners import CORNER_RADIUS, round_corners
 
 MAX_PLANK_TURN = np.radians(
     75.0
-)  # maximum change of direction along a plank in radians, so that it stays slender; by eye
+)  # maximum change of direction along a plank, radians; larger: fewer, wider planks; by eye
 # width of a dovetail at its neck and at its head, and its depth, as shares of the plank's width; by eye
 NECK_SHARE, HEAD_SHARE, DEPTH_SHARE = 0.3, 0.42, 0.25
 # maximum width of the ring at a cut, as a multiple of its width in straight parts; a wider place is a corner, where a
 # cut would run along the ring
 MAX_CUT_WIDTH_RATIO = 1.4
 MIN_DOVETAIL_SHARE = (
-    0.4  # minimum size of a dovetail as a share of the full size, where feet are close together; by eye
+    0.4  # minimum size of a dovetail as a share of its full size; larger permits fewer cuts between close feet; by eye
 )
 # chords per quarter circle in the buffer around slots, whose corners are rounded with arcs later, and tolerance of its
 # simplification in metres
@@ -83,7 +83,7 @@ def make_planks(
 def shortest_closed_path(points: Float[np.ndarray, "n 2"]) -> np.ndarray:
     """Return the order of points on a short closed path, counter-clockwise, that does not cross itself.
 
-    Found by 2-opt (Croes 1958), starting from the order of their directions from the mean.
+    The path is found by 2-opt (Croes 1958), which starts with the order of the points' directions from their mean.
     """
     seen = points - points.mean(axis=0)
     order = np.argsort(np.arctan2(seen[:, 1], seen[:, 0]))
@@ -108,8 +108,8 @@ class _RingCut:
     """A place where the ring may be cut.
 
     after : index of the slot after which the cut lies
-    middle, direction : centre of the cut, and direction of the ring there
-    width : of the ring midway between the two slots, metres
+    middle, direction : centre of the cut (metres), and unit direction of the ring there
+    width : width of the ring midway between the slots on both sides of the cut, metres
     dovetail_scale : width that scales the dovetail, metres: at most ``width``, smaller where the slots are close
     """
 
@@ -236,7 +236,7 @@ def _cut_into_planks(
 
 
 def _gap_at_cut(cut: _RingCut, ring: Any, clearance: float) -> Any:
-    """Return the gap between two planks: a strip across the ring, as wide as the clearance."""
+    """Return the gap between two planks as a polygon: a strip across the ring, as wide as the clearance."""
     import shapely
 
     reach = 4.0 * cut.width * cut.left_normal
@@ -246,7 +246,7 @@ def _gap_at_cut(cut: _RingCut, ring: Any, clearance: float) -> Any:
 
 
 def _corner_radii(corners: np.ndarray, sharp: np.ndarray, margin: float) -> np.ndarray:
-    """Return the radius of every corner in metres: ``CORNER_RADIUS`` where planks meet, else up to the margin if it fits."""
+    """Return the radius (metres) of every corner: ``CORNER_RADIUS`` where ``sharp``, or the margin; less on short sides."""
     ahead = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     sides, turn = np.minimum(ahead, np.roll(ahead, 1)), np.roll(corners, -1, axis=0) - corners
     angle = np.arctan2(turn[:, 1], turn[:, 0])

@@ -16,8 +16,8 @@ from ...progress import SILENT, Progress
 from ...spirals.curves.arcs import Curve
 from .operations import FRAME, OPERATIONS, DrawableSheets, Operation, curves_by_operation, frame_curves
 
-# Minimum bulge of an arc; flatter arcs become straight lines, because FreeCAD loses polylines with them. The error is
-# 1 um on a chord of 20 mm
+# Minimum bulge of an arc; flatter arcs become straight lines, because FreeCAD loses polylines that contain them. Larger
+# is less exact; at 1e-4 the error is 1 um on a chord of 20 mm
 MIN_BULGE = 1e-4
 
 
@@ -27,9 +27,9 @@ def write_dxf(sheets: DrawableSheets, index: int, path: Path, progress: Progress
     Parameters
     ----------
     sheets : the sheets
-    index : of the sheet
-    path : to write to
-    progress : receives the share done
+    index : number of the sheet, from 0
+    path : file to write
+    progress : called with the fraction done; may cancel
     """
     document = _new_document(sheets, index, "R2010")
     owner, handles = document.modelspace().layout_key, document.entitydb.handles
@@ -46,7 +46,7 @@ def write_dxf(sheets: DrawableSheets, index: int, path: Path, progress: Progress
 
 
 def write_dxf_r12(sheets: DrawableSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
-    """Write one sheet as DXF R12, which the programs of all cutters read; every vertex is stored as an entity of its own.
+    """Write one sheet as DXF R12, which the programs of all cutters read; every vertex is an entity of its own.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def _without_warnings() -> Iterator[None]:
 
 
 def _entities(sheets: DrawableSheets, index: int, progress: Progress) -> Iterator[tuple[str, Curve]]:
-    """Yield the layer name and curve of every cut and of the frame."""
+    """Yield the name of the layer and the curve, for every cut and for every line of the frame."""
     for operation, curves in curves_by_operation(sheets, index, progress):
         for curve in curves:
             yield _layer_name(operation), curve

@@ -1,8 +1,8 @@
 """Outlines of letters that the standard fonts of PDF readers lack.
 
 Helvetica need not be embedded and has the letters of western Europe. Other letters are drawn from outlines that are
-registered in ``outlines_by_run`` beforehand (``bridge/hosts/letters.py`` takes them from Blender's font); letters without
-outlines become question marks.
+registered in ``outlines_by_run`` beforehand (``bridge/hosts/letters.py`` takes them from Blender's font); letters
+without outlines become question marks.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ class GlyphOutlines:
     """The outlines of a run of letters at font size 1, which begins at x = 0 on the baseline y = 0.
 
     width : length of the run
-    splines : closed cubic Bezier splines, for every node the handle before, the node and the handle after; to be filled
-        by the non-zero rule
+    splines : closed cubic Bezier splines, to be filled by the non-zero rule; a row holds the handle before a node, the
+        node, and the handle after it
     """
 
     width: float
@@ -57,7 +57,7 @@ def split_runs(text: str) -> Iterator[str]:
 
 
 def glyph_operators(run: GlyphOutlines, x: float, y: float, size: float) -> str:
-    """Return the PDF operators of the outlines as a path at (x, y) and of this font size, in units of the page."""
+    """Return the PDF operators that draw the outlines at (x, y), with font size ``size``, all in units of the page."""
     parts = []
     for spline in run.splines:
         nodes = spline * size + [x, y]

@@ -29,7 +29,11 @@ class DrawableSheets(Protocol):
 
 
 class Operation(NamedTuple):
-    """Name, colour "#rrggbb" by which laser cutters' programs identify it, and AutoCAD's colour index (ACI)."""
+    """An operation of the cutter.
+
+    colour : "#rrggbb", by which the programs of laser cutters identify the operation
+    aci : AutoCAD's colour index
+    """
 
     name: str
     colour: str
@@ -48,7 +52,7 @@ FRAME = Operation("sheet", "#f36926", 30)
 ORIGIN_MARK_SIZE = (
     0.005  # extent in x and y of the mark at the origin of a sheet, metres; twice the usual height of letters
 )
-WRITING = "writing the sheets"  # text of the progress
+WRITING = "writing the sheets"  # text shown with the progress
 
 
 def frame_curves(sheets: DrawableSheets, index: int) -> list[Curve]:

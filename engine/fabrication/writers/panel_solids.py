@@ -22,7 +22,7 @@ from ..sheets import CutSheets
 from .operations import WRITING
 
 ROWS_AT_ONCE = (
-    10_000  # vertices or triangles formatted between reports of progress, some hundredths of a second of work
+    10_000  # vertices or triangles formatted between two reports of progress (some 0.01 s); more delay a cancel
 )
 # maximum distance in metres between arcs and edges of the solid; printers resolve nothing finer, and smaller values
 # make files larger and slicing slower
@@ -93,7 +93,7 @@ def extrude_panel(panel: Panel, thickness: float, tolerance: float = TOLERANCE, 
 
 
 def _grooves(panel: Panel, polygon: Any, width: float) -> list[Any]:
-    """Return the strokes of letters on hubs as shapely polygons of this stroke width, except any near an edge."""
+    """Return the strokes of letters on hubs as shapely polygons of this width, without those near an edge."""
     import shapely
 
     lines = [shapely.LineString(c.points).buffer(0.5 * width, quad_segs=2) for c in panel.hub_labels]
@@ -126,12 +126,12 @@ def _wall_triangles(counts: list[int], low: int, high: int) -> Int[np.ndarray, "
 
 
 def write_stl(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
-    """Write one sheet as binary STL, with the panels in their places."""
+    """Write sheet ``index`` (from 0) as binary STL, with the panels in their places."""
     write_solids_stl(_sheet_solids(sheets, index, progress), path, progress)
 
 
 def write_3mf(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
-    """Write one sheet as 3MF, with each panel as a numbered object."""
+    """Write sheet ``index`` (from 0) as 3MF, with each panel as a numbered object."""
     write_solids_3mf(_sheet_solids(sheets, index, progress), path, progress)
 
 

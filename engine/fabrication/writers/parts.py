@@ -34,14 +34,14 @@ COLUMNS = (
 def write_parts_list(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material, path: Path) -> Path:
     """Write the parts list as CSV (RFC 4180), with sums in its last row, and return its path.
 
-    Width and height describe the bounding box of a part as it lies on its sheet; holes do not count as area. A part's row
-    counts its side of every joint, and the last row counts every joint once.
+    Width and height describe the bounding box of a part as it lies on its sheet; holes do not count as area. A part's
+    row counts its side of every joint, and the last row counts every joint once.
 
     Parameters
     ----------
     sheets : the sheets
     designs : designs of the pieces on the sheets, indexed by ``Panel.piece``
-    material : of the sheets
+    material : material of the sheets
     path : file to write
     """
     rows = _part_rows(sheets, designs, material)

@@ -1,7 +1,7 @@
 """PDF at true size: a small writer for pages with lines, areas and text, and the sheets as pages.
 
-It covers only the part of ISO 32000-1 that is needed here: cubic curves for arcs, a standard font, outlines of letters
-that the font lacks, and optional content groups as layers.
+The writer covers only the part of ISO 32000-1 that is needed here: cubic curves for arcs, a standard font, outlines of
+letters that the font lacks, and optional content groups as layers.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Page:
         ----------
         curve : lines and arcs, metres
         colour : "#rrggbb"
-        width : of the line, metres
+        width : width of the line, metres
         """
         self.commands.append(
             f"{_colour_operands(colour)} RG {width / self.metres_per_unit:.5g} w [] 0 d {curve_operators(curve, self.metres_per_unit)} "
@@ -98,7 +98,7 @@ class Page:
         ----------
         text : one line, in any script
         position : x and y of the start of its baseline, metres
-        size : of the font, metres
+        size : size of the font, metres
         colour : "#rrggbb"
         is_centred : whether ``position`` is the middle of the baseline and not its start
         """
@@ -124,7 +124,7 @@ def text_width(text: str, size: float) -> float:
     Parameters
     ----------
     text : one line
-    size : of the font, metres
+    size : size of the font, metres
     """
     drawn = [run for run in glyphs.split_runs(text) if run in glyphs.outlines_by_run]
     known = (ord(c) - 32 for run in glyphs.split_runs(text) if run not in glyphs.outlines_by_run for c in run)
@@ -180,8 +180,8 @@ def pdf_bytes(pages: list[Page], title: str, progress: Progress = SILENT) -> byt
 
     Parameters
     ----------
-    pages : in order; layers of the same name are one layer of the file
-    title : of the file, in any script
+    pages : pages in order; layers with equal names become one layer of the file
+    title : title of the file, in any script
     progress : called with the fraction done; may cancel
     """
     names = list(dict.fromkeys(name for page in pages for name in page.layers))

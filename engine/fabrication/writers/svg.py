@@ -23,15 +23,15 @@ def write_svg(sheets: DrawableSheets, index: int, path: Path, progress: Progress
     Parameters
     ----------
     sheets : the sheets
-    index : of the sheet
-    path : to write to
-    progress : receives the share done
+    index : number of the sheet, from 0
+    path : file to write
+    progress : called with the fraction done; may cancel
     """
     path.write_text(svg_document(sheets, index, progress), encoding="utf-8")
 
 
 def svg_document(sheets: DrawableSheets, index: int, progress: Progress = SILENT) -> str:
-    """Return the SVG document of one sheet."""
+    """Return the SVG document of one sheet; ``index`` is its number, from 0."""
     size = sheets.packing.sizes[index]
     unit = UNITS[sheets.cut.svg_unit]
     width, height = (float(x) / unit for x in size)
@@ -63,7 +63,7 @@ def path_data(curve: Curve, height: float, unit: float = UNITS["mm"]) -> str:
     Parameters
     ----------
     curve : lines and arcs, metres, y upwards
-    height : of the sheet, in units of ``unit``
+    height : height of the sheet, in units of ``unit``
     unit : metres per unit of the drawing
     """
     digits = DIGITS[unit]
