@@ -8,11 +8,13 @@ from functools import cache
 import numpy as np
 import pytest
 from flexmaps.engine.extras.choosing import drawn_cuts
+from flexmaps.engine.extras.choosing import predict as predict_module
 from flexmaps.engine.extras.choosing.judge import CutPlan, FlatLayout, LayoutProblem, flatten_cuts
 from flexmaps.engine.extras.choosing.predict import PredictionStart, predict
-from flexmaps.engine.optimisation.codesign_problem import FlatProblem
+from flexmaps.engine.optimisation.codesign_problem import FlatPoint, FlatProblem
 from flexmaps.engine.optimisation.inverse import DesignPoint
 from flexmaps.engine.params import Settings
+from flexmaps.engine.progress import Progress
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface.mesh import QuadMesh
@@ -85,6 +87,25 @@ def test_every_further_step_shrinks_the_distance_by_the_same_share() -> None:
         assert 0.0 < four <= three <= two and three / two == pytest.approx(four / three)
         shares.append(three / two)
     assert min(shares) < 1.0, "more steps bring one of these layouts nearer"
+
+
+def test_further_steps_bring_nothing_once_a_fourth_of_the_design_is_at_its_bounds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    piece, layouts = dome()
+    laid = list(layouts.values())[-1]
+    start, usual = PredictionStart.from_layout(piece, laid.flat), predict_module._gauss_newton_step
+    reached = [predict(piece, laid.flat, start, further=steps) for steps in (0, 2)]
+    assert reached[1] < reached[0]
+
+    def to_bounds(point: FlatPoint, progress: Progress) -> np.ndarray:
+        step = usual(point, progress)
+        step[: len(step) // 3] = -point.x[: len(step) // 3]
+        return step
+
+    monkeypatch.setattr(predict_module, "_gauss_newton_step", to_bounds)
+    blocked = [predict(piece, laid.flat, start, further=steps) for steps in (0, 2)]
+    assert blocked[1] == blocked[0]
 
 
 def test_it_hardly_matters_which_layout_gives_the_start() -> None:
