@@ -11,16 +11,17 @@ import numpy as np
 from .curvature import corner_angles
 from .mesh import QuadMesh
 
-# Cost of a reflex corner, in edges of additional cut: a seam takes a detour of up to three edges to avoid one. Larger:
-# longer seams with smoother outlines.
+# Cost of a reflex corner, in edges of additional cut: a seam takes a detour of up to three edges to avoid such a corner.
+# Larger: longer seams with smoother outlines.
 REFLEX_COST = 3.0
 CONVEX_COST = 0.25  # cost of a convex corner, in edges of cut; larger: straighter outlines, longer seams
 ACUTE_COST = 2.0  # cost of a corner too pointed for an arm, in edges of cut; larger: fewer such corners, longer seams
 DEAD_END_COST = 0.5  # cost of a cut that ends inside the surface, in edges of cut; larger: fewer such cuts
-# Angles of patch corners, radians, between which an outline counts as straight: wide enough for 2 and 3 of 5 quads
-# round a vertex. A wider range permits more crooked outlines.
+# Largest and smallest angle of a patch at a vertex, radians, at which its outline counts as straight there: wide enough
+# for 2 and for 3 of 5 quads round a vertex. A wider range permits more crooked outlines.
 MAX_STRAIGHT, MIN_STRAIGHT = np.radians(222.0), np.radians(138.0)
-# Angle of a patch corner, radians, below which it is too pointed: below the 60 degrees of six quads round a vertex.
+# Angle of a patch corner, radians, below which it is too pointed for an arm; less than the 60 degrees of a quad where six
+# quads meet. Larger: such quads count as too pointed.
 MIN_CORNER = np.radians(50.0)
 
 
@@ -29,9 +30,9 @@ class EdgeRing:
     """Edges round a vertex, counter-clockwise, and the angle from each edge to the next, radians.
 
     edges : indices of the edges; at a border vertex the first and the last lie on the border
-    angles : as many as edges, or one less at a border vertex
-    is_closed : False at a border vertex
-    cost_cache : cache of costs by the pattern of cut edges
+    angles : as many as edges; at a border vertex one less
+    is_closed : False at a border vertex, else True
+    cost_cache : costs already computed by ``corner_cost``; key: bit pattern of the cut edges
     """
 
     edges: tuple[int, ...]
@@ -42,7 +43,7 @@ class EdgeRing:
 
 @lru_cache(maxsize=4)
 def edge_rings(mesh: QuadMesh) -> list[EdgeRing]:
-    """Return the ring of edges of every vertex."""
+    """Return the ring of edges round every vertex."""
     follow: list[dict[int, tuple[int, float]]] = [{} for _ in range(len(mesh.vertices))]
     before = np.roll(mesh.quad_edges, 1, axis=1)
     for v, out, back, a in zip(

@@ -8,14 +8,14 @@ from scipy.sparse import coo_array
 from ..arrays import Float
 from .mesh import QuadMesh
 
-# Tikhonov regularisation of the quadric fit: makes coefficients zero that the vertices do not determine. Any small
-# number will do.
+# Tikhonov regularisation of the quadric fit, for lengths in quad sizes: makes coefficients zero that the vertices do not
+# determine. Any small number will do; larger numbers underestimate curvatures.
 REGULARISATION = 1e-4
 # Largest thickness of a flat body, as a share of its smaller width: rounding to single precision leaves 1e-7, a visible
 # bend 1e-2. Larger: slightly curved bodies count as flat.
 MAX_FLAT_THICKNESS = 1e-4
-# Smallest relief of a surface that counts as curved, as a share of its size (see ``relief``). Below it a flat panel is
-# as near to the target as a search would get. Larger: more surfaces are made flat.
+# Smallest relief (see ``relief``) of a surface that counts as curved, as a share of its bounding box's diagonal. With
+# less, a flat panel is as near to the target as an optimised one. Larger: more surfaces are made of a flat panel.
 LOW_RELIEF = 1e-3
 
 
@@ -106,7 +106,7 @@ def _fit_quadrics(mesh: QuadMesh) -> tuple[Float[np.ndarray, " quads"], ...]:
 def _graph_curvatures(
     b: np.ndarray, c: np.ndarray, d: np.ndarray, e: np.ndarray, f: np.ndarray
 ) -> Float[np.ndarray, "points 2"]:
-    """Return the principal curvatures of z = b x + c y + d x^2/2 + e x y + f y^2/2 at the origin (do Carmo 3.3)."""
+    """Return the principal curvatures of the graph z = b x + c y + d x^2/2 + e x y + f y^2/2 at x = y = 0 (do Carmo 3.3)."""
     first = 1 + b**2 + c**2
     gauss = (d * f - e**2) / first**2
     mean = ((1 + c**2) * d - 2 * b * c * e + (1 + b**2) * f) / (2 * first**1.5)
@@ -115,7 +115,7 @@ def _graph_curvatures(
 
 
 def _neighbourhoods(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
-    """Return pairs (quad, vertex), sorted by quad: the vertices of every quad and of all quads that touch it."""
+    """Return all pairs of a quad and a vertex of it or of a quad that touches it, sorted by quad: quads, vertices."""
     count = len(mesh.quads)
     owner = np.repeat(np.arange(count), 4)
     touch = coo_array((np.ones(4 * count), (owner, mesh.quads.ravel())), shape=(count, len(mesh.vertices))).tocsr()

@@ -9,10 +9,11 @@ import numpy as np
 from ..arrays import Float
 from .mesh import PolygonMesh, QuadMesh
 
-# Largest distance of a mesh's middle from the origin, in extents of the mesh, without moving it: there Blender's single
-# precision rounds to 1e-6 of the extent. Larger: coarser coordinates; smaller: meshes are moved without need.
+# Distance of a mesh's middle from the origin, in extents of the mesh, beyond which the mesh is moved to the origin: there
+# Blender's single precision rounds to 1e-6 of the extent. Larger: coarser coordinates; smaller: needless moves.
 MAX_DISTANCE = 20.0
-# Largest rounding step of coordinates without a report, as a share of the extent (0.02 mm for a piece of 200 mm).
+# Largest rounding step of coordinates that is not reported, as a share of the extent (0.02 mm for a piece of 200 mm).
+# Larger: visible rounding passes.
 MAX_ROUNDING = 1e-4
 
 
@@ -35,9 +36,9 @@ def recentre_quads(mesh: QuadMesh) -> QuadMesh:
 
 
 def rounding_step(positions: Float[np.ndarray, "vertices 3"]) -> float:
-    """Return the rounding step of single precision at positions, in their unit; 0 if it is fine enough.
+    """Return the rounding step of single precision at positions, in the positions' unit; 0 if it is fine enough.
 
-    It is fine enough up to ``MAX_ROUNDING`` times the extent of the positions.
+    A step is fine enough up to ``MAX_ROUNDING`` times the extent of the positions.
     """
     finite = positions[np.isfinite(positions).all(axis=1)]
     if not len(finite):

@@ -31,7 +31,7 @@ class PolygonMesh:
     corners : (C,) int, vertex index of every face corner, face after face
     sizes : (F,) int, number of corners of every face
     left_out : messages about data of the file that were not read; ``check`` reports them
-    cured : codes and messages of faults that were repaired on reading; ``check`` reports them
+    repairs : codes and messages of faults that were repaired on reading; ``check`` reports them
     """
 
     vertices: np.ndarray
@@ -70,7 +70,7 @@ class PolygonMesh:
         return replace(self, corners=self.corners[np.repeat(faces, self.sizes)], sizes=self.sizes[faces])
 
     def with_canonical_order(self) -> PolygonMesh:
-        """Renumber vertices and faces by position, so that equal shapes always have equal numbering.
+        """Return this mesh with vertices and faces numbered by position, so that equal shapes have equal numbering.
 
         Blender numbers its own primitives differently every time it makes them.
         """
@@ -189,7 +189,7 @@ class QuadMesh:
 
     @property
     def irregular(self) -> Bool[np.ndarray, " vertices"]:
-        """Mask of irregular vertices: inner ones with other than 4 edges, border ones with more than 3."""
+        """Mask of irregular vertices: inner vertices without exactly 4 edges, border vertices with more than 3 edges."""
         inner = ~self.on_border & (self.valence != 4) & (self.valence > 0)
         return inner | (self.on_border & (self.valence > 3))
 
@@ -222,7 +222,7 @@ class QuadMesh:
 
     @cached_property
     def diagonal(self) -> float:
-        """Diagonal of the bounding box of all vertices, metres; deviations in per cent refer to it."""
+        """Diagonal of the bounding box of all vertices, metres; deviations in per cent are shares of it."""
         return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
 
     @cached_property

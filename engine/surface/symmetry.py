@@ -120,10 +120,13 @@ def _search_symmetries(mesh: QuadMesh, tolerance: float, max_count: int, progres
 
 
 def _rigid_invariants(mesh: QuadMesh, points: np.ndarray, progress: Progress) -> Float[np.ndarray, "quads 9"]:
-    """Return nine marks of every quad, metres, that no rigid motion about the centre changes.
+    """Return nine numbers (marks) of every quad, metres, that no symmetry of the mesh changes.
 
-    These are the sorted distances of its corners from the centre, the distance of its centroid from the centre, and the
-    sorted numbers of edges from its corners to the nearest irregular or border vertex, times the median edge.
+    They are the sorted distances of the quad's corners from the centre of the mesh, the distance of its centroid from
+    the centre, and the sorted numbers of edges from its corners to the nearest irregular or border vertex, times the
+    median edge.
+
+    points : vertex positions relative to the centre, metres
     """
     away = np.sort(np.linalg.norm(points[mesh.quads], axis=2), axis=1)
     middle = np.linalg.norm(points[mesh.quads].mean(axis=1), axis=1)
@@ -145,6 +148,7 @@ def _symmetry_between_quads(
 ) -> Symmetry | None:
     """Return the symmetry that maps quad ``first`` to ``quad``; None if there is none.
 
+    points, tree : vertex positions relative to the centre, metres, and a search tree of them
     order : corner of ``quad`` to which each corner of ``first`` is mapped
     slack : largest distance of a vertex's image from a vertex, metres
     """
@@ -169,6 +173,8 @@ def _refine_motion(
 ) -> Symmetry | None:
     """Fit a motion to all vertices, and return it as a symmetry; None if it is not a symmetry.
 
+    points, tree : vertex positions relative to the centre, metres, and a search tree of them
+    matrix : approximate orthogonal matrix of the motion about the centre
     slack : largest distance of a vertex's image from a vertex, metres
     """
     few = points[:: max(1, len(points) // 40)]
@@ -220,7 +226,7 @@ def preserved_by(group: Sequence[Symmetry], cut: np.ndarray) -> list[Symmetry]:
 
 
 def symmetric_closure(cut: Bool[np.ndarray, " edges"], symmetries: Sequence[Symmetry]) -> Bool[np.ndarray, " edges"]:
-    """Extend cuts to the smallest set that every symmetry maps onto itself.
+    """Return the smallest set of cuts that contains given cuts and that every symmetry maps onto itself.
 
     Parameters
     ----------
@@ -243,7 +249,7 @@ def symmetric_closure(cut: Bool[np.ndarray, " edges"], symmetries: Sequence[Symm
 def subgroups(whole_group: list[Symmetry], max_count: int = 12) -> list[list[Symmetry]]:
     """Return groups of symmetries that one or two symmetries generate, the largest first, without the identity.
 
-    Of several groups with equal types of motions and equal numbers of fixed vertices, only one is returned.
+    If several groups have equal types of motions and equal numbers of fixed vertices, only one of them is returned.
 
     Parameters
     ----------
@@ -268,7 +274,7 @@ def subgroups(whole_group: list[Symmetry], max_count: int = 12) -> list[list[Sym
             members = more
 
     cyclic = {closure({i}): i for i in range(count)}
-    # two elements and any generators of their two cyclic groups generate equal groups, so one generator each is enough
+    # two symmetries generate the same group as any generators of their cyclic groups: one generator per cyclic group will do
     generators = sorted(cyclic.values())
     known = {*cyclic, *(closure({i, j}) for i in generators for j in generators if j < i)}
     known.add(frozenset(range(count)))

@@ -11,11 +11,11 @@ from ..arrays import Float, Int
 from ..components import components
 from .mesh import PolygonMesh
 
-# Welding distance, as a share of the 5th percentile of edge lengths. Larger: thin slits close; smaller: noise keeps
-# faces apart.
+# Distance below which vertices are welded, as a share of the length of a short edge (``short_edge_length``). Larger: thin
+# slits close; smaller: noise keeps faces apart.
 WELD_SHARE = 0.01
-# Factors on NEAR that are tried in order, as some programs leave more noise: the first is taken after which the next
-# welds no further vertices.
+# Factors on this distance that are tried in order, as some programs leave more noise; the first factor is used after
+# which the next factor welds no further vertices.
 WELD_FACTORS = (1.0, 2.0, 4.0, 8.0)
 # Percentile of the edge lengths that counts as the length of a short edge. Larger: thin slits close; near 0 a few
 # slivers make the tolerance too small.
@@ -31,14 +31,15 @@ def short_edge_length(mesh: PolygonMesh) -> float:
 
 
 def weld(mesh: PolygonMesh) -> PolygonMesh:
-    """Move vertices that are closer than noise to their mean and merge them, but never two corners of one face."""
+    """Return a mesh in which vertices that only noise separates are merged at their mean, never two corners of a face."""
     used = np.unique(mesh.corners)
     if not np.isfinite(mesh.vertices[used]).all():
         return mesh
     near = WELD_SHARE * short_edge_length(mesh)
     tried = [weld_clusters(mesh, used, factor * near) for factor in WELD_FACTORS]
     left = [len(np.unique(label[used])) for label in tried]
-    # take the smallest distance beyond which no more vertices merge; if there is none, noise cannot be told from shape
+    # use the smallest distance beyond which no more vertices merge; without such a distance, noise and shape cannot be
+    # distinguished, and the smallest distance of all is used
     best = next((k for k in range(len(WELD_FACTORS) - 1) if left[k] == left[k + 1]), 0)
     return merge_labelled(mesh, tried[best])
 
@@ -100,7 +101,11 @@ def _degenerate_clusters(mesh: PolygonMesh, group: Int[np.ndarray, " vertices"])
 
 
 def _split_clusters(mesh: PolygonMesh, group: np.ndarray, pairs: Int[np.ndarray, "pairs 2"]) -> np.ndarray:
-    """Split a cluster so that no part has two corners of one face; join its pairs again, the nearest first."""
+    """Split a cluster so that no part has two corners of one face, by joining its pairs anew, the nearest pair first.
+
+    group : cluster of every vertex
+    pairs : pairs of near vertices in the cluster to split
+    """
     vertices = np.unique(pairs)
     face = mesh.face_of
     faces: dict[int, set[int]] = {v: set() for v in vertices.tolist()}

@@ -1,7 +1,7 @@
 """Cut patches larger than the sheet of material along straight runs of edges until every piece fits.
 
-This happens in the layout, between merging and the spirals, because a cut changes the seams. A run goes from outline to
-outline, as straight as the quads allow. The best run leads to few and compact pieces, and is short and straight.
+This belongs to the layout, after merging and before the spirals, because a cut changes the seams. A run of edges goes
+from outline to outline, as straight as the quads allow. The best run is short and straight and leaves few, compact pieces.
 """
 
 from __future__ import annotations
@@ -26,14 +26,19 @@ from ..layout import PatchLayout, sublayout
 from .straight_runs import StraightRuns, ends_and_unevenness, straight_runs
 
 ANGLES = 60  # number of directions per half turn in which a piece is tried on the sheet; more fit more tightly
-CHECKED = 40  # number of runs examined closely for each number of sheets; more may save panels, and take longer
-NEEDED = 2.0  # cost of every sheet that the pieces need (a cut across the patch costs 0.5); more prefers fewer sheets
-UNEVEN = 0.5  # cost of the most uneven cut (a cut across the patch costs 0.5); more prefers pieces of equal area
-CHANGE = 0.01  # share by which a piece may grow when it is flattened again; larger is safer; chosen with a margin
-ROUNDING = 1e-4  # share by which a patch may grow by being stored and read again; larger lets larger patches pass
+# Number of runs whose cost is computed, for each number of sheets; more may give fewer panels, and take longer
+CHECKED = 40
+# Cost of every sheet that the pieces need; a cut as long as the root of the patch's area costs 0.5. Larger: fewer sheets.
+NEEDED = 2.0
+# Cost of a cut that leaves all area on one side, on the same scale. Larger: pieces of more equal area.
+UNEVEN = 0.5
+# Share of its size by which a piece may grow when it is flattened again after the cut; chosen with a margin. Larger:
+# fewer pieces turn out too large, and pieces are cut smaller.
+CHANGE = 0.01
+ROUNDING = 1e-4  # share by which a patch may exceed the sheet because stored positions are rounded; larger: less strict
 SLACK = 0.005  # share of the sheet's longer side reserved for connectors and packing; larger makes panels smaller
 
-# keys of a layout's notes that a further cut makes wrong: missed limits, and the advice how to avoid the seam
+# keys of a layout's notes that a further cut makes wrong: the list of missed limits, and the advice to avoid the seam
 OUTDATED = {"forced", "halved"}
 
 
@@ -42,7 +47,7 @@ def split_to_sheet(
 ) -> FlatPatches:
     """Cut every patch that does not fit the sheet, and flatten the pieces.
 
-    Nothing is cut unless ``sheet.oversize`` is "split". Patches that no run can divide are halved across their longest
+    Nothing is cut unless ``sheet.oversize`` is "split". A patch that no run can divide is halved across its longest
     extent. The notes of the layout say how many cuts were made.
 
     Parameters
@@ -69,7 +74,7 @@ def split_to_sheet(
             break
         if found is None:
             found = symmetries(flat.layout.mesh, progress=part.part(0.0, 0.0))
-        # again in every round: a patch that is its own mirror image is cut once, which can break a symmetry
+        # determined anew in every round: a patch that is its own mirror image is cut once, which can break a symmetry
         mirrored = preserved_by(found, cut)
         done: set[int] = set()
         for number, patch in enumerate(large):
@@ -100,7 +105,7 @@ def split_to_sheet(
 
 
 def check_fits_sheet(flat: FlatPatches, sheet: SheetParams) -> None:
-    """Check that all panels fit the sheet, as the layout may have been made by hand or for a larger sheet.
+    """Raise an error unless all panels fit the sheet: the layout may have been made by hand or for a larger sheet.
 
     Parameters
     ----------
@@ -143,7 +148,7 @@ def _middle_cut_edges(flat: FlatPatches, patch: int) -> Int[np.ndarray, " run"]:
 
 
 def _refuse_large_quads(flat: FlatPatches, box: np.ndarray, sheet: SheetParams) -> None:
-    """Raise FlexMapsError if a single quad is larger than the sheet."""
+    """Raise FlexMapsError if a single quad is larger than ``box``, the usable width and height of the sheet in metres."""
     size = f"The sheet of {sheet.sheet_width * 1e3:g} x {sheet.sheet_height * 1e3:g} mm"
     widths = np.ptp(np.einsum("fcx,xa->fca", flat.corners, _directions()), axis=1).T
     large = np.flatnonzero(_size_ratios(widths, box, sheet.rotation).max(axis=1).min(axis=0) > 1.0)
@@ -162,7 +167,7 @@ def usable_size(sheet: SheetParams) -> Float[np.ndarray, " 2"]:
 
 
 def size_over_box(points: Float[np.ndarray, "samples 2"], box: Float[np.ndarray, " 2"], sheet: SheetParams) -> float:
-    """Return the size of a set of points over the size of a box, in the best allowed direction; at most 1 fits.
+    """Return how large a set of points is relative to a box, in the best allowed direction; it fits up to 1.
 
     Parameters
     ----------
@@ -190,9 +195,12 @@ def _widths(points: Float[np.ndarray, "samples 2"]) -> np.ndarray:
 
 
 def _size_ratios(width: np.ndarray, box: np.ndarray, rotation: str) -> Float[np.ndarray, "directions 2 patches"]:
-    """Return the extents of N shapes over the width and the height of a box, in all allowed directions.
+    """Return the extents of N shapes divided by the width and the height of a box, in all allowed directions.
 
     width : extents of the shapes in all directions, (ANGLES, N), metres
+    box : width and height, metres
+    rotation : allowed rotations on the sheet: "FREE" for any, "GRAIN" for the panel's length along the sheet's width;
+        otherwise the panel's length along the sheet's width or height
     """
     height = np.roll(width, -ANGLES // 2, axis=0)
     both = np.stack([width / box[0], height / box[1]], axis=1)
@@ -209,7 +217,7 @@ def _size_ratios(width: np.ndarray, box: np.ndarray, rotation: str) -> Float[np.
 
 
 def _sheets_needed(width: np.ndarray, box: np.ndarray, rotation: str) -> Int[np.ndarray, " patches"]:
-    """Return the number of sheets, laid in a grid, that cover shapes of given extents (ANGLES, N)."""
+    """Return the smallest number of sheets, laid in a grid, that cover each of N shapes; see ``_size_ratios``."""
     return np.ceil(_size_ratios(width, box, rotation) - 1e-9).prod(axis=1).min(axis=0).astype(np.int64)
 
 
@@ -221,7 +229,10 @@ def _best_run(
     sheet: SheetParams,
     tick: Callable[[], None] = lambda: None,
 ) -> np.ndarray | None:
-    """Return the mesh edges of the best run through a patch; None if there is none."""
+    """Return the mesh edges of the best run through a patch; None if no run is allowed.
+
+    box : largest width and height of the pieces, metres
+    """
     runs = straight_runs(flat, patch, tick)
     if runs is None:
         return None
@@ -247,9 +258,12 @@ def _best_run(
 
 
 def _candidates(score: np.ndarray, needed: np.ndarray) -> list[tuple[int, int]]:
-    """Return starts and ends of the best runs for each of the three smallest numbers of sheets.
+    """Return the runs to examine, as positions of their start and end: for each of the three smallest numbers of sheets.
 
-    Runs that need the fewest sheets may break another limit.
+    Not only the smallest number is used, because runs that need the fewest sheets may break another limit.
+
+    score : (starts, ends) lower bound of every run's cost; infinite if the run is impossible
+    needed : (starts, ends) number of sheets
     """
     found = []
     for pieces in np.unique(needed[np.isfinite(score)])[:3]:
@@ -270,7 +284,7 @@ def _sheets_of_sides(
 ) -> Int[np.ndarray, "starts ends"]:
     """Return the number of sheets that both sides of every run need together, estimated from their outlines.
 
-    tails, heads : positions of the starts and ends of runs on the outline
+    tails, heads : positions on the outline at which runs start and end
     """
     count = len(runs.loop)
     spread = flat.points[runs.loop] @ _directions()
@@ -317,7 +331,7 @@ class SinglePatch:
 def _cost_of_cut(
     piece: SinglePatch, run: np.ndarray, params: LayoutParams, box: np.ndarray, sheet: SheetParams
 ) -> float | None:
-    """Return the cost of the pieces that a cut makes, without the cut's length; None if the cut is not allowed.
+    """Return the cost of the two pieces that a cut makes, without the cut's length; None if the cut is not allowed.
 
     run : edges of the cut, in the whole mesh
     """
@@ -339,7 +353,10 @@ def _cost_of_cut(
 
 
 def _cut_once(layout: PatchLayout, run: np.ndarray, cut: Bool[np.ndarray, " edges"], done: set[int]) -> set[int]:
-    """Mark a run in ``cut`` unless it leaves its patch or that patch is in ``done``; return the set of patches cut."""
+    """Mark a run of edges in ``cut``, in place; return the set of the patch that it cuts.
+
+    Nothing is marked, and the set is empty, if the run leaves its patch or the patch is already in ``done``.
+    """
     quads = layout.mesh.edge_quads[run]  # runs may follow the border of a hole, where there is no second quad
     patches = set(np.unique(layout.patch_of[quads[quads >= 0]]).tolist())
     if len(patches) != 1 or patches <= done:

@@ -13,25 +13,25 @@ from ...arrays import Float, Int
 from ...surface.corner_costs import REFLEX_COST
 from ..flattening.flatten import FlatPatches
 
-# largest product of the numbers of starts and directed edges, which bounds memory to about 200 MB; with more, only some
-# starts are used
+# Largest number of starts times number of directed edges, which bounds memory to about 200 MB. With more, only some
+# starts are used; larger values need more memory and find straighter runs in large patches.
 MAX_ENTRIES = 10_000_000
 CHUNK = 500_000  # starts times directed edges between two progress reports; larger values delay a cancel
 
 
 @dataclass(frozen=True, eq=False)
 class StraightRuns:
-    """Straightest runs of edges through a patch, from places all round its outline to all other places of the outline.
+    """The straightest run of edges through a patch between any two places on its outline.
 
-    A run may follow the border of a hole, where nothing has to be cut. Directed edge i < m is inner edge i, directed
-    edge m + i is the same edge in the opposite direction.
+    A run may follow the border of a hole, where nothing has to be cut. Directed edge i < m is inner edge i; directed
+    edge m + i is inner edge i in the opposite direction.
 
     loop : flat vertices of the outline, in order
     inner : mesh edges inside the patch and round its holes
     tail, head : (2 m,) flat vertices at the start and the end of every directed edge
     starts, ends : directed edges that begin, or end, on the outline
     cost : cost of every run, metres: its length plus costs of bends
-    predecessor : (starts, 2 m) predecessor of every directed edge on the run from each start
+    predecessor : (starts, 2 m) for every start and every directed edge, the directed edge before it on the run
     """
 
     loop: Int[np.ndarray, " points"]
@@ -44,7 +44,7 @@ class StraightRuns:
     predecessor: np.ndarray
 
     def edges(self, start: int, end: int) -> np.ndarray:
-        """Return the mesh edges of the run from ``starts[start]`` to ``ends[end]``, last edge first."""
+        """Return the mesh edges of the run from directed edge ``starts[start]`` to ``ends[end]``, last edge first."""
         walk = [int(self.ends[end])]
         while walk[-1] != self.starts[start]:
             walk.append(int(self.predecessor[start, walk[-1]]))
@@ -98,7 +98,11 @@ def straight_runs(flat: FlatPatches, patch: int, tick: Callable[[], None] = lamb
 
 
 def _successor_pairs(tail: np.ndarray, head: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return pairs of directed edges: the second edge continues the first at an inner vertex, and does not go back."""
+    """Return all pairs of directed edges of which the second continues the first at an inner vertex, not backwards.
+
+    tail, head : flat vertices at the start and the end of every directed edge
+    inside : mask of the flat vertices that are not on the outline
+    """
     order = np.argsort(tail, kind="stable")
     count = np.bincount(tail, minlength=len(inside))
     first = np.concatenate([[0], np.cumsum(count)])
@@ -113,8 +117,8 @@ def _successor_pairs(tail: np.ndarray, head: np.ndarray, inside: np.ndarray) -> 
 def ends_and_unevenness(flat: FlatPatches, runs: StraightRuns) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return where runs start (s,) and end (e,) on the outline, and how unevenly they divide the patch (s, e).
 
-    Unevenness is the difference of both sides' areas over the whole area, from 0 to 1. Runs are almost straight, so the
-    area beside a run is approximated by the area beside the chord from its start to its end.
+    Unevenness is the difference between the areas on both sides of a run over the patch's whole area, from 0 to 1. Runs
+    are almost straight, so the area beside a run is approximated by that beside the chord from its start to its end.
 
     Parameters
     ----------
@@ -130,7 +134,10 @@ def ends_and_unevenness(flat: FlatPatches, runs: StraightRuns) -> tuple[np.ndarr
 
 
 def chord_areas(points: np.ndarray) -> Float[np.ndarray, "points points"]:
-    """Return the signed area between the outline from point i to point j and the chord from j to i, square metres."""
+    """Return the signed area [i, j] between a closed outline from point i to point j and the chord back from j to i.
+
+    points : (points, 2) the outline in order, metres; areas are in square metres
+    """
     after = np.roll(points, -1, axis=0)
     parts = 0.5 * (points[:, 0] * after[:, 1] - points[:, 1] * after[:, 0])
     sums = np.concatenate([[0.0], np.cumsum(parts)])[:-1]

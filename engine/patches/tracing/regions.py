@@ -25,12 +25,13 @@ from ..layout import PatchLayout, component_numbers, smoothed_edge_lengths
 from ..loops import loops_of, perimeter
 
 # Share of the distortion limit that merging may use; the rest is needed to make both sides of seams equally long.
-# Larger values leave more seam mismatch
+# Larger values merge more patches and leave more seam mismatch.
 MERGING_SHARE = 0.85
-# Width of the band that contains the cut, as a share of the distance between the two quads; larger values give shorter
-# cuts and more unequal halves
+# Width of the band in which a region is cut, as a share of the distance between the two quads that the cut separates;
+# larger values give shorter cuts and more unequal halves
 BAND_SHARE = 0.35
-# largest reduction of the price of an edge at vertices with curvature, as a share; larger draws cuts to such vertices
+# Largest reduction of the cost of cutting an edge whose vertices have curvature, as a share of the edge's length; larger
+# values draw cuts to such vertices
 CURVATURE_DISCOUNT = 0.6
 # Integral curvature of a region, radians, above which flattening is not tried (a hemisphere has 6.3); larger values try
 # more regions in vain
@@ -41,11 +42,12 @@ MAX_VERTEX_CURVATURE = 1.5
 
 
 class RegionHalver:
-    """Divides regions of a mesh.
+    """Divides a mesh into regions that can be laid flat.
 
     dual : (D, 2) int, quads on both sides of every inner edge
-    centre_distance : (D,) distance between the centres of both quads, metres
+    centre_distance : (D,) distance between the centres of these two quads, metres
     cut_cost : (D,) cost of cutting the edge, metres: its length, reduced near vertices with curvature
+    place : (F,) int, work array: local numbers of the current quads during a call, -1 between calls
     """
 
     def __init__(self, mesh: QuadMesh, params: LayoutParams):
@@ -61,7 +63,7 @@ class RegionHalver:
     def region_layout(self, quads: Int[np.ndarray, " n"], progress: Progress = SILENT) -> PatchLayout:
         """Divide bodies into regions that can be laid flat, and cut between them.
 
-        A quad whose own energy exceeds the distortion limit becomes a region by itself.
+        A single quad that exceeds the distortion limit remains a region by itself.
 
         Parameters
         ----------
@@ -89,13 +91,13 @@ class RegionHalver:
         return PatchLayout(mesh, cut)
 
     def is_flattenable(self, quads: np.ndarray, share: float = 1.0, tick: Callable[[], None] = lambda: None) -> bool:
-        """Return whether a region can be laid flat in one piece, without overlap and within the limits.
+        """Return whether a region can be laid flat in one piece without overlap, within all limits of the layout.
 
         Parameters
         ----------
         quads : a connected region
         share : share of the distortion limit that may be used
-        tick : called before every factorisation and solve; may raise to cancel
+        tick : called before every factorisation and solve; may raise an exception to cancel
         """
         mesh, limit = self.mesh, share * self.params.distortion_limit
         own = np.zeros(len(mesh.quads), dtype=bool)
@@ -129,7 +131,10 @@ class RegionHalver:
         return flat.max_energy <= limit and flat.flip_count == 0 and has_simple_outline(flat.points, corners, sides)
 
     def halves(self, quads: np.ndarray) -> list[np.ndarray]:
-        """Divide a region in two; return its connected parts, more than two if the cut leaves islands."""
+        """Divide a region in two; return the quads of its connected parts, more than two if the cut leaves islands.
+
+        quads : quads of the region
+        """
         place = self.place
         place[quads] = np.arange(len(quads))
         rows = np.flatnonzero((place[self.dual] >= 0).all(axis=1))
@@ -153,7 +158,7 @@ class RegionHalver:
     ) -> Bool[np.ndarray, " n"]:
         """Return a mask of the quads on the first side of the cheapest cut (minimum cut) in the middle of a region.
 
-        pair, price : quads on both sides of every inner edge, and its cost
+        pair, price : quads on both sides of every inner edge, and the cost of cutting it, metres
         from_one, from_two : distances of all quads from the two quads that the cut must separate, metres
         """
         n = len(from_one)

@@ -96,7 +96,7 @@ def _worst_energy(layout: PatchLayout, quads: np.ndarray, tick: Callable[[], Non
 
 
 def motorcycles(mesh: QuadMesh) -> Bool[np.ndarray, " edges"]:
-    """Return a mask of the edges that motorcycles pass, starting at every irregular vertex, one edge per step.
+    """Return a mask of the edges that motorcycles pass; they start at every irregular vertex and pass an edge per step.
 
     Two motorcycles that meet head-on stop; two that reach a crossing in the same step both continue, to keep symmetry.
     """
@@ -147,7 +147,15 @@ def make_disks(layout: PatchLayout, where: Bool[np.ndarray, " bodies"] | None = 
 
 
 def opening_line(layout: PatchLayout, patch: int) -> np.ndarray:
-    """Return the edges of the shortest parametric line whose cut brings a patch nearer to a disk."""
+    """Return the edges of the shortest parametric line of a patch along which a cut brings it nearer to a disk.
+
+    If there is no such line, the shortest of all lines is returned.
+
+    Parameters
+    ----------
+    layout : mesh and cuts
+    patch : number of the patch
+    """
     lines = parametric_lines(layout, patch)
     length = layout.mesh.edge_lengths
     keys = [(round(float(length[line].sum()), 12), i) for i, line in enumerate(lines)]
@@ -160,7 +168,7 @@ def opening_line(layout: PatchLayout, patch: int) -> np.ndarray:
 
 
 def _brings_nearer_to_disk(layout: PatchLayout, patch: int, line: np.ndarray) -> bool:
-    """Return whether a patch stays connected after a cut, which then removes a handle or joins two outlines."""
+    """Return whether a patch stays connected after a cut along a line; if so, the cut removes a handle or joins outlines."""
     cut = layout.cut.copy()
     cut[line] = True
     after = PatchLayout(layout.mesh, cut)
@@ -195,9 +203,14 @@ def middle_line(layout: PatchLayout, patch: int) -> np.ndarray:
 
 
 def parametric_lines(layout: PatchLayout, patch: int) -> list[np.ndarray]:
-    """Return all parametric lines of a patch: maximal straight lines of uncut edges inside it, as arrays of edges.
+    """Return all parametric lines of a patch: the longest straight lines of uncut edges inside it, as arrays of edges.
 
     A line ends at a cut, a border or an irregular vertex, or closes on itself.
+
+    Parameters
+    ----------
+    layout : mesh and cuts
+    patch : number of the patch
     """
     mesh = layout.mesh
     inside = np.zeros(len(mesh.edges), dtype=bool)

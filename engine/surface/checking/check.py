@@ -73,11 +73,11 @@ def median_edge(polygons: PolygonMesh) -> float:
 
 
 def scale_to_metres(polygons: PolygonMesh, *, edge: float | None = None, height: float | None = None) -> PolygonMesh:
-    """Scale a mesh about the origin to a wanted size in metres; without edge and height, return it unchanged.
+    """Return a mesh scaled about the origin to a wanted size in metres; unchanged without ``edge`` and ``height``.
 
     Parameters
     ----------
-    polygons : unchecked mesh; returned unchanged if it has no size (no faces, NaN), for ``findings`` to report
+    polygons : unchecked mesh; returned unchanged if its size is undefined (no faces, NaN), which ``findings`` reports
     edge : wanted median edge length, metres
     height : wanted extent along z, metres
 
@@ -108,7 +108,7 @@ def scale_to_metres(polygons: PolygonMesh, *, edge: float | None = None, height:
 
 
 def as_quad_mesh(polygons: PolygonMesh, findings: list[Finding] | None = None) -> QuadMesh:
-    """Convert a mesh without errors to a quad mesh; faces and their order stay, unused vertices are dropped.
+    """Convert a mesh without errors to a quad mesh with the same faces in the same order; drop unused vertices.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def as_quad_mesh(polygons: PolygonMesh, findings: list[Finding] | None = None) -
 
     Raises
     ------
-    FlexMapsError : the mesh has errors; gives message and faces of the first error, and the codes of the others
+    FlexMapsError : the mesh has errors; gives message and faces of the first error, and the codes of all further errors
     """
     if findings is None:
         findings = _collect_findings(polygons, None)
@@ -143,7 +143,7 @@ def findings(polygons: PolygonMesh, edge: float | None = None) -> list[Finding]:
 
 
 def all_findings(polygons: PolygonMesh) -> list[Finding]:
-    """Return all findings of a mesh, those of ``overlap_findings`` included, errors first."""
+    """Return all findings of a mesh in metres, errors first: those of ``findings`` and of ``overlap_findings``."""
     return sorted([*findings(polygons), *overlap_findings(polygons)], key=lambda f: not f.is_error)
 
 
@@ -153,7 +153,7 @@ def count_non_quads(polygons: PolygonMesh) -> int:
 
 
 def remeshing_warning(faces: int) -> Finding:
-    """Return the warning that the mesh was remeshed because ``faces`` faces were not quads."""
+    """Return the warning that the mesh was remeshed; ``faces`` is the number of its faces that were not quads."""
     return make_finding(
         "remeshed",
         f"{with_count(faces, 'face was not a quad', 'faces were not quads')}, so the whole mesh was remeshed",
@@ -162,7 +162,7 @@ def remeshing_warning(faces: int) -> Finding:
 
 
 def _collect_findings(polygons: PolygonMesh, edge: float | None) -> list[Finding]:
-    """Return all findings in the order of the module's table; ``edge`` as in ``findings``."""
+    """Return all findings in the order of the module's table, those of ``overlaps`` excepted; ``edge``: see ``findings``."""
     if not len(polygons.sizes):
         return [make_finding("no-faces", "The mesh has no faces; choose an object with a surface")]
     face_of = np.repeat(np.arange(len(polygons.sizes)), np.maximum(polygons.sizes, 0))

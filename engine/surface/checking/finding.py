@@ -19,7 +19,7 @@ class Finding:
     severity : "error" or "warning"
     faces : indices of the faces with the fault, in the mesh as it was read
     edges : indices of the edges with the fault, in ``topology.Sides.edges`` of that mesh
-    larger : factor by which the model must grow to mend the fault; None if its size is not the cause
+    growth_factor : factor by which the model must grow to mend the fault; None if the fault does not depend on its size
     """
 
     code: str
@@ -54,7 +54,7 @@ def make_finding(code: str, message: str, faces: Any = (), edges: Any = (), seve
 
 
 def merge_alike(findings: Iterable[Finding]) -> list[Finding]:
-    """Merge findings with equal code and message; the merged finding lists the faces and edges of all."""
+    """Merge findings with equal code and message into one finding that lists all their faces and edges."""
     by_words: dict[tuple[str, str], list[Finding]] = {}
     for one in findings:
         by_words.setdefault((one.code, one.message), []).append(one)

@@ -9,14 +9,16 @@ from ..mesh import PolygonMesh
 from .geometry import area_vectors_of
 from .topology import Sides, sides_of
 
-# Smallest angle between the normals of two quads at a fold, radians. Larger: fewer folds are reported and rounded, but
-# pieces end farther from their targets, as spirals bend but do not fold.
+# Angle between the normals of two neighbouring quads, radians, above which their edge counts as a fold. Larger: fewer
+# folds are reported and rounded, but pieces end farther from their targets, as spirals bend but do not fold.
 SHARP = np.radians(45.0)
-# Number of rings of vertices round a fold that are smoothed too, each half as much as the ring inside. Larger: rounder,
-# farther from the shape.
+# Number of rings of vertices round a fold that are smoothed too, each ring half as much as the ring inside it. Larger:
+# the surface gets rounder, and departs farther from the given shape.
 RINGS = 2
-PACE = 0.5  # share of the way to its neighbours' mean that a vertex moves in a round; above 1 it does not converge
-ROUNDS = 200  # largest number of rounds; a right angle takes 5
+# Share of the way to the mean of its neighbours that a vertex on a fold moves in a round. Larger: fewer rounds; above 1
+# the rounds do not converge.
+PACE = 0.5
+ROUNDS = 200  # largest number of rounds of smoothing; a right angle takes 5. Smaller: sharp folds may be left.
 
 
 def fold_angles(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " edges"]:
@@ -39,14 +41,15 @@ def fold_angles(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " edge
 
 
 def min_bend_radius(edge: float) -> float:
-    """Return the smallest radius, metres, round which chords of length ``edge`` bend without making folds."""
+    """Return the smallest radius, metres, of an arc that edges of length ``edge`` (metres) can follow without folds."""
     return edge / (2.0 * float(np.sin(0.5 * SHARP)))
 
 
 def smooth_folds(polygons: PolygonMesh) -> Float[np.ndarray, "vertices 3"]:
-    """Move vertices at and near folds towards the mean of their neighbours until no fold is left; return all vertices.
+    """Return vertex positions of a mesh with its folds rounded.
 
-    Border vertices follow only their neighbours on the border.
+    Vertices at and near folds move towards the mean of their neighbours, round by round, until no fold is left. Border
+    vertices follow only their neighbours on the border.
     """
     sides = sides_of(polygons)
     uses = np.bincount(sides.edge, minlength=len(sides.edges))

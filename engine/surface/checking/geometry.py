@@ -13,25 +13,30 @@ from .finding import REMESH, Finding, list_faces, make_finding, with_count
 from .topology import Sides, sides_of
 
 # Ratio of the 99th to the 1st percentile of the faces' mean edge lengths, above which there is an error or a warning.
+# Larger: meshes with more uneven quads are accepted.
 RATIO_ERROR, RATIO_WARNING = 10.0, 3.0
-SIZES = 1e-6, 1e6  # smallest and largest median edge that can be meant, metres; others come from wrong units
-FAR = 1e6  # largest distance of a vertex from the median position, as a multiple of the median of these distances
-FOLDED = -1.0 + 1e-8  # cosine between the normals of neighbours below which they lie on each other (within 0.008 deg)
-SMALL = 0.01  # side of the smallest quad that suits a spiral, metres; smaller: stiffer pieces without a warning
-STEP = 0.05  # step to which the suggested factor of growth is rounded up
-# Largest angle between the normals at two neighbouring corners of a quad without a warning, radians.
+SIZES = 1e-6, 1e6  # smallest and largest plausible median edge, metres; beyond these the unit must be wrong
+# Largest distance of a vertex from the median position, as a multiple of the median of these distances. Larger: fewer
+# vertices are reported as stray.
+FAR = 1e6
+# Cosine between the normals of neighbouring faces, below which they count as lying on each other (within 0.008 degrees).
+FOLDED = -1.0 + 1e-8
+SMALL = 0.01  # smallest side of a quad without a warning, metres; smaller: spirals too stiff to bend pass unnoticed
+STEP = 0.05  # the suggested factor by which a model must grow is rounded up to a multiple of this
+# Largest angle between the normals at two neighbouring corners of a quad without a warning, radians. Larger: quads that
+# are farther from flat pass.
 WARP = np.radians(60.0)
-# Smallest breadth of a quad without a warning, in median edges: with edges of 20 mm it leaves arms 1.5 mm wide.
-# Smaller: arms too thin to cut.
+# Smallest breadth of a quad (see ``breadth``) without a warning, in median edges: with edges of 20 mm it leaves arms
+# 1.5 mm wide. Smaller: quads pass whose arms are too thin to cut.
 THIN = 0.1
 
 
 def scale_to_unit(polygons: PolygonMesh) -> tuple[PolygonMesh, int]:
-    """Scale coordinates to about 1, so that their squares and cubes do not overflow.
+    """Return a mesh whose coordinates are scaled to about 1, so that their squares and cubes do not overflow.
 
     Returns
     -------
-    the mesh, scaled by 2^-k, which causes no rounding; k
+    the mesh, scaled by a power of two, 2^-k, which causes no rounding; k
     """
     vertices = np.asarray(polygons.vertices, float)
     largest = float(np.abs(vertices[polygons.corners]).max(initial=0.0))
@@ -41,13 +46,19 @@ def scale_to_unit(polygons: PolygonMesh) -> tuple[PolygonMesh, int]:
 
 
 def edge_lengths(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " edges"]:
-    """Return the length of every edge, in the mesh's unit; ``sides`` belongs to the mesh."""
+    """Return the length of every edge, in the mesh's unit; ``sides`` are the sides of the mesh."""
     a, b = polygons.vertices[sides.edges.T]
     return np.linalg.norm(np.asarray(b, float) - a, axis=1)
 
 
 def position_findings(polygons: PolygonMesh, face_of: np.ndarray) -> list[Finding]:
-    """Report vertices far from all others, or a mesh too far from the origin; ``face_of`` gives each corner's face."""
+    """Report vertices far from all others, or a mesh too far from the origin.
+
+    Parameters
+    ----------
+    polygons : mesh scaled by ``scale_to_unit``
+    face_of : face of every corner
+    """
     used = np.unique(polygons.corners)
     p = polygons.vertices[used]
     away = np.abs(p - np.median(p, axis=0)).max(axis=1)
@@ -65,7 +76,13 @@ def position_findings(polygons: PolygonMesh, face_of: np.ndarray) -> list[Findin
 
 
 def degeneracy_findings(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
-    """Report edges without length, faces without area, and crossed, folded, concave, thin and warped quads."""
+    """Report edges without length, faces without area, and crossed, folded, concave, thin and warped quads.
+
+    Parameters
+    ----------
+    polygons : mesh scaled by ``scale_to_unit``
+    sides : sides of that mesh
+    """
     found = []
     lengths = edge_lengths(polygons, sides)
     middle = float(np.median(lengths))
@@ -112,7 +129,7 @@ def size_findings(
     ----------
     polygons : mesh divided by 2^``power``, see ``scale_to_unit``
     sides, body : sides of that mesh, and body of each of its faces
-    edge : median edge length to which the mesh will be scaled, metres; None to check its own size
+    edge : median edge length to which the mesh will be scaled, metres; None to check its present size
     power : exponent k of ``scale_to_unit``
     """
     found = []
@@ -150,7 +167,7 @@ def area_vectors_of(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, "f
 
 
 def breadth(corners: Float[np.ndarray, "faces 4 3"]) -> Float[np.ndarray, " faces"]:
-    """Return the breadth of quads: the width of the widest arms that fit in; for a square, its side.
+    """Return the breadth of quads: the width of the widest arms that fit into them; for a square, its side.
 
     Straight strips of width w along the two midlines, which cross at the acute angle t, overlap up to
     w / (2 tan(t / 2)) from the quad's middle. At the breadth this overlap reaches the ends of the shorter midline.
@@ -169,7 +186,8 @@ def _quad_findings(
     """Report crossed, concave, thin and warped quads.
 
     quads : indices of the quads to check
-    bows : quads known to be crossed
+    area_vectors : area times normal of every face
+    bows : quads already known to be crossed, because their two halves cancel each other
     middle : median edge length
     """
     p = np.asarray(polygons.vertices, float)[polygons.corners[polygons.starts[quads][:, None] + np.arange(4)]]

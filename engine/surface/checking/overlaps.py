@@ -26,11 +26,16 @@ from .sewing import border_twins, coincident_faces, join_if_sound, position_labe
 from .t_junctions import t_junctions
 from .topology import Sides, bodies, sides_of
 
-# Largest distance between the two skins of a shell, in median edges. Larger: opposite walls of a room count as skins.
+# Largest distance between the inner and the outer skin of a thin shell, in median edges. Larger: opposite walls of a
+# hollow body count as skins.
 SKIN = 0.75
 OPPOSITE = -0.7  # largest cosine between the normals of two skins; larger: less parallel faces count as skins
-SKINS = 0.6  # smallest share of a closed body's faces with another skin behind them, for it to count as a shell
-ON_EACH_OTHER = 0.01  # smallest overlap of two coplanar triangles that counts, as a share of the smaller one's area
+# A closed body is a thin shell if more than this share of its faces have another skin behind them. Larger: shells with
+# thick parts are not recognised.
+SKINS = 0.6
+# Smallest overlap of two coplanar triangles that is reported, as a share of the smaller triangle's area. Smaller:
+# triangles that only touch are reported.
+ON_EACH_OTHER = 0.01
 
 
 def overlap_findings(mesh: PolygonMesh) -> list[Finding]:
@@ -46,7 +51,7 @@ def overlap_findings(mesh: PolygonMesh) -> list[Finding]:
 
 
 def _format_position(point: Float[np.ndarray, " 3"]) -> str:
-    """Return a position as text in mm."""
+    """Return a position (metres) as text in mm."""
     return "({:.4g}, {:.4g}, {:.4g}) mm".format(*(1e3 * point))
 
 
@@ -79,7 +84,7 @@ def _open_seam_findings(mesh: PolygonMesh, sides: Sides) -> list[Finding]:
     """Report doubled border vertices and T-junctions."""
     found = []
     label = border_twins(mesh, sides)
-    # where joining would add faults, parts of the surface only touch, which is no fault
+    # if joining would add faults, the parts of the surface only touch, and that is allowed
     if join_if_sound(mesh, label) is not None:
         on = np.flatnonzero(np.bincount(label, minlength=len(label))[label] > 1)
         faces = np.unique(sides.face[np.isin(mesh.corners, on)])
@@ -95,7 +100,7 @@ def _open_seam_findings(mesh: PolygonMesh, sides: Sides) -> list[Finding]:
 
 
 def _double_skin_findings(mesh: PolygonMesh, sides: Sides, body: Int[np.ndarray, " faces"]) -> list[Finding]:
-    """Report closed bodies most of whose faces have another skin close behind them."""
+    """Report thin closed shells: closed bodies in which most faces have an opposite face close behind them."""
     uses = np.bincount(sides.edge, minlength=len(sides.edges))
     closed = np.ones(int(body.max()) + 1, bool)
     closed[body[sides.face[uses[sides.edge] == 1]]] = False
@@ -175,7 +180,7 @@ def _crossing_along_edges(mesh: PolygonMesh) -> Int[np.ndarray, "pairs 2"]:
     place = sides_of(replace(mesh, corners=position_labels(mesh)[mesh.corners])).edge
     inner = np.flatnonzero(np.bincount(sides.edge)[sides.edge] == 2)
     order = inner[np.lexsort([sides.edge[inner], place[inner]])]
-    following = np.roll(order, -2)  # each of these edges has two sides, which follow each other in the order
+    following = np.roll(order, -2)  # the two sides of an edge stand next to each other in ``order``
     beside = (place[order] == place[following]) & (sides.edge[order] != sides.edge[following])
     found: Int[np.ndarray, "pairs 2"] = np.stack([sides.face[order[beside]], sides.face[following[beside]]], axis=1)
     return found
@@ -190,7 +195,7 @@ def _neighbours(mesh: PolygonMesh) -> Int[np.ndarray, " pairs"]:
 
 
 def fan_triangulate(mesh: PolygonMesh) -> tuple[Int[np.ndarray, " triangles"], Int[np.ndarray, "triangles 3"]]:
-    """Split every face into triangles about its first corner; return the face of each triangle, and its corners."""
+    """Split every face into triangles about its first corner; return the face of each triangle, and its vertices."""
     face = np.repeat(np.arange(len(mesh.sizes)), mesh.sizes - 2)
     within = np.arange(len(face)) - np.repeat(np.cumsum(mesh.sizes - 2) - (mesh.sizes - 2), mesh.sizes - 2)
     first = mesh.starts[face]
@@ -223,7 +228,10 @@ def _coplanar_overlap(
 def _intersect_segments(
     start: Float[np.ndarray, "pairs 3"], end: Float[np.ndarray, "pairs 3"], triangle: Float[np.ndarray, "pairs 3 3"]
 ) -> tuple[Bool[np.ndarray, " pairs"], Float[np.ndarray, "pairs 3"]]:
-    """Return whether segments go through triangles, and where (Moeller and Trumbore 1997)."""
+    """Return for pairs of a segment and a triangle whether the segment goes through the triangle, and where.
+
+    Method of Moeller and Trumbore (1997). The second result is meaningless where the first is False.
+    """
     way, one, two = end - start, triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0]
     across = np.cross(way, two)
     size = np.einsum("ni,ni->n", one, across)
@@ -236,8 +244,8 @@ def _intersect_segments(
     turn = np.cross(off, one)
     v = np.einsum("ni,ni->n", way, turn) * inverse
     t = np.einsum("ni,ni->n", two, turn) * inverse
-    # inside the segment, and in the triangle or on its border: symmetric parts cross exactly at edges, while parts that
-    # only touch end there
+    # The intersection must lie inside the segment, and in the triangle or on its border. The border counts, because
+    # symmetric parts cross exactly at edges; the segment's ends do not, because there parts only touch.
     inside = (
         ~level
         & (u > -SINGLE_TOL)

@@ -18,7 +18,9 @@ from .finding import with_count
 from .t_junctions import BESIDE, TJunctions, t_junctions
 from .topology import Sides, bodies, border_sides, non_manifold_vertices, orientation_faults, repeated_faces, sides_of
 
-MORE = 0.1  # largest share of quads that the repair of T-junctions may add; beyond it the mesh needs a remesh
+# Largest number of quads that the repair of T-junctions may add, as a share of the present quads; with more, the mesh
+# needs a remesh instead. Larger: more meshes are repaired, some with many narrow quads.
+MORE = 0.1
 
 
 def border_twins(mesh: PolygonMesh, sides: Sides) -> Int[np.ndarray, " vertices"]:
@@ -37,7 +39,7 @@ def border_twins(mesh: PolygonMesh, sides: Sides) -> Int[np.ndarray, " vertices"
 
 
 def sew(mesh: PolygonMesh) -> PolygonMesh:
-    """Join doubled border vertices and repair T-junctions; the returned mesh lists the repairs in ``cured``."""
+    """Return a mesh with doubled border vertices joined and T-junctions repaired; its ``repairs`` list what was done."""
     if not len(mesh.sizes) or not np.isfinite(mesh.vertices[mesh.corners]).all():
         return mesh
     mesh = _join_doubled(_without_duplicates(mesh))
@@ -66,7 +68,7 @@ def _without_duplicates(mesh: PolygonMesh) -> PolygonMesh:
     if not gone.any() or gone.all():
         return mesh
     text = f"{2 * int(gone.sum())} faces lie on each other, as of a shell that is there twice: the second of each two is left out"
-    # vertices without a face stay, as another finding reports them
+    # vertices without a face stay, because the finding "loose-vertices" reports them
     loose = np.setdiff1d(np.arange(len(mesh.vertices)), mesh.corners)
     left = mesh.subset(~gone)
     used = np.union1d(np.unique(left.corners), loose)
@@ -78,7 +80,7 @@ def _without_duplicates(mesh: PolygonMesh) -> PolygonMesh:
 def _duplicate_shells(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> Bool[np.ndarray, " faces"]:
     """Return a mask of the faces of bodies that have the vertices and the area of an earlier body.
 
-    Such bodies coincide although their faces differ, as where a shell is there in quads and in triangles.
+    Such bodies coincide although their faces differ, as when a file holds a shell in quads and again in triangles.
     """
     middle = mesh.centres
     sides = sides_of(mesh)
@@ -95,7 +97,7 @@ def _duplicate_shells(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> Boo
 
 
 def _join_doubled(mesh: PolygonMesh) -> PolygonMesh:
-    """Join doubled border vertices, and reverse faces whose orientation then differs from their neighbours'."""
+    """Return a mesh with doubled border vertices joined, with consistent orientation; unchanged if that adds faults."""
     label = border_twins(mesh, sides_of(mesh))
     count = int((label != np.arange(len(label))).sum())
     one = join_if_sound(mesh, label)
@@ -106,7 +108,13 @@ def _join_doubled(mesh: PolygonMesh) -> PolygonMesh:
 
 
 def join_if_sound(mesh: PolygonMesh, label: Int[np.ndarray, " vertices"]) -> PolygonMesh | None:
-    """Join vertices of equal label and make the orientation consistent; None if nothing is joined or faults arise."""
+    """Join vertices of equal label and make the orientation consistent; None if nothing is joined or faults arise.
+
+    Parameters
+    ----------
+    mesh : unchecked mesh
+    label : for every vertex the index of the vertex with which it is joined, or its own index
+    """
     if (label == np.arange(len(label))).all():
         return None
     one = merge_labelled(mesh, label)
@@ -149,7 +157,7 @@ def position_labels(mesh: PolygonMesh) -> Int[np.ndarray, " vertices"]:
 
 
 def _insert_vertices(mesh: PolygonMesh, found: TJunctions) -> PolygonMesh:
-    """Insert the vertices of T-junctions as corners into the faces on whose edges they lie."""
+    """Return a mesh with the vertices of T-junctions inserted as corners into the faces on whose edges they lie."""
     order = np.lexsort((found.share, found.side))
     after = found.side[order] + 1
     sizes = mesh.sizes + np.bincount(mesh.face_of[found.side], minlength=len(mesh.sizes))
@@ -159,7 +167,7 @@ def _insert_vertices(mesh: PolygonMesh, found: TJunctions) -> PolygonMesh:
 def _split_strips(mesh: PolygonMesh, sides: Sides, found: TJunctions) -> PolygonMesh | None:
     """Split strips of quads lengthwise, from the T-junctions to the border; None if impossible or too many quads arise.
 
-    A split must go on to the border: where it ended, a face would have an odd number of sides, which quads cannot fill.
+    A split must go on to the border: a face at which it ended would have five sides, which quads cannot replace.
     """
     if not (mesh.sizes == 4).all() or np.bincount(sides.edge).max() > 2:
         return None
@@ -192,8 +200,8 @@ def _strips(sides: Sides) -> tuple[np.ndarray, np.ndarray] | None:
 
     Returns
     -------
-    strip that every edge crosses; whether the edge runs against the first edge of its strip; None if a strip is a
-    Moebius strip
+    number of the strip that every edge crosses, and a mask of the edges directed against the first edge of their strip;
+    None if a strip is a Moebius strip
     """
     n, edge = len(sides.edges), sides.edge.reshape(-1, 4)
     forward = sides.forward.reshape(-1, 4)
@@ -223,7 +231,7 @@ def _split_quads(
     ----------
     strip, turned : result of ``_strips``
     cuts : positions of the cuts by strip, 0 to 1 in the direction of the strip's edges
-    at : existing vertices by edge and number of the cut; new ones are added
+    at : vertices of the cuts by edge and number of the cut; new vertices are added in place
     """
     points = [np.asarray(mesh.vertices, float)]
     count, rows = len(mesh.vertices), []
@@ -236,7 +244,7 @@ def _split_quads(
         return count - 1
 
     def side_vertices(side: int, back: bool) -> list[int]:
-        """Return the vertices on a side from its start to its end, or reversed."""
+        """Return the vertices on a side from its start to its end, or in reverse if ``back``."""
         edge = int(sides.edge[side])
         shares = cuts.get(int(strip[edge]), [])
         low, high = mesh.vertices[sides.edges[edge]]

@@ -11,11 +11,15 @@ from ...arrays import Bool, Float, Int
 from ..mesh import PolygonMesh
 from .topology import Sides, border_sides
 
-# Largest distance of a vertex from a border edge, and smallest from its ends, as shares of the edge's length, for a
-# T-junction. Smaller: misses T-junctions on curved borders; larger: takes narrow slits for T-junctions.
+# A vertex on a border edge makes a T-junction if its distance from the edge is at most this share of the edge's length,
+# and its distance from the edge's ends at least as much. Smaller: T-junctions on curved borders are missed; larger: narrow
+# slits are taken for T-junctions.
 BESIDE = 0.05
-ALONG = 0.9  # smallest absolute cosine between two border edges that count as parallel
-# Largest cosine between the directions from a border into the faces on its two sides (a crease of 120 degrees).
+# Smallest absolute cosine between two border edges that count as parallel. Larger: T-junctions on curved borders are
+# missed.
+ALONG = 0.9
+# Largest cosine between the directions from a border into the faces on its two sides, for the surface to continue there
+# (a crease of 120 degrees). Larger: sharper folds count as a continued surface.
 FOLDED = 0.5
 
 
@@ -29,7 +33,7 @@ class TJunctions:
 
 
 def t_junctions(mesh: PolygonMesh, sides: Sides) -> TJunctions:
-    """Find all T-junctions in O(n log n)."""
+    """Find all T-junctions of a mesh in O(n log n); ``sides`` are the sides of the mesh."""
     rim = border_sides(sides)
     a, b = mesh.corners[rim], sides.end_vertex[rim]
     p, q = mesh.vertices[a], mesh.vertices[b]
@@ -58,11 +62,13 @@ def _points_beside(
     end: Float[np.ndarray, "sides 3"],
     near: Float[np.ndarray, " sides"] | float,
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Return the points near the lines of sides from ``start`` to ``end``, each with its side, position and distance.
+    """Return all pairs of a side and a point near the side's line.
 
     Parameters
     ----------
-    near : largest distance from the side's line
+    points : points to test
+    start, end : ends of every side
+    near : largest distance of a point from the side's line
 
     Returns
     -------

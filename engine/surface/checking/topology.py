@@ -16,9 +16,9 @@ class Sides:
     """The sides of all faces; side c runs from corner c of the mesh to the next corner of its face.
 
     edges : pairs of vertices, the smaller index first, in ascending order
-    face, edge, following : face and edge of every side, and the vertex at its end
+    face, edge, end_vertex : face and edge of every side, and the vertex at its end
     forward : whether the side runs from the smaller to the larger vertex index
-    after : next side of the same face
+    next_side : next side of the same face
     pairs : the two sides of every edge that has exactly two sides
     """
 
@@ -94,7 +94,7 @@ def orientation_faults(sides: Sides, body: np.ndarray) -> tuple[np.ndarray, np.n
     """Find faces with inconsistent orientation, and bodies that cannot be oriented.
 
     The orientable double cover contains every face twice, once reversed; a body is not orientable if its two copies are
-    connected. Of the two sets of faces whose reversal makes a body consistent, the smaller is returned.
+    connected. A body can be made consistent by reversing either of two sets of faces; the smaller set is returned.
 
     Parameters
     ----------

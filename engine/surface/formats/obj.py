@@ -9,7 +9,7 @@ from .text import RawMesh, parse_floats, parse_integers, place_by_line, refuse_b
 
 
 def parse_obj(data: bytes, name: str) -> RawMesh:
-    """Parse Wavefront OBJ: vertices and faces of any size; everything else is ignored.
+    """Parse the bytes of an OBJ file called ``name``: vertices and faces of any size; everything else is ignored.
 
     Understands ``v/vt/vn`` corners, negative (relative) indices, vertex colours, comments and continued lines.
     """

@@ -53,7 +53,7 @@ def parse_off(data: bytes, name: str) -> RawMesh:
 
 
 def _parse_header(rows: list[Row], name: str) -> tuple[_OffHeader, list[Row]]:
-    """Parse the header; return it and the rows after it."""
+    """Parse the header of an OFF file; return the header and the rows after it."""
     line, words = rows[0]
     kind = KEYWORD.fullmatch(words[0])
     letters, word_after = b"", words[1:]
@@ -117,7 +117,7 @@ def _build_mesh(
 
 
 def _describe_trailing_lines(head: _OffHeader, rest: list[Row], name: str) -> tuple[str, ...]:
-    """Describe lines after the last face; raise FlexMapsError if they look like further faces."""
+    """Return a message about lines after the last face, if any; raise FlexMapsError if they look like further faces."""
     if not rest:
         return ()
     line, words = rest[0]

@@ -54,7 +54,7 @@ class _Element:
 
 
 def parse_ply(data: bytes, name: str) -> RawMesh:
-    """Parse PLY 1.0, as text or binary in either byte order, with any elements and properties."""
+    """Parse the bytes of a PLY 1.0 file called ``name``: text or binary in either byte order, any elements and properties."""
     data = data.removeprefix(BYTE_ORDER_MARK)
     order, elements, start, head_lines = _parse_header(data, name)
     for wanted in (b"vertex", b"face"):
@@ -227,6 +227,9 @@ def _read_binary_lists(
     data: bytes, at: int, order: str, element: _Element, wanted: int, name: str
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Read the list property number ``wanted`` of all elements of one kind; -1 to skip the elements.
+
+    data, at, order : content of the file, offset of the first element in it, and byte order
+
 
     Runs of elements with lists of equal length are read at once, with the layout of the run's first element.
 

@@ -14,7 +14,10 @@ HEADER_BYTES = 84  # length of the header, bytes: 80 of any text, 4 for the numb
 
 
 def parse_stl(data: bytes, name: str) -> RawMesh:
-    """Parse STL, text or binary; merge corners at exactly equal positions (``weld`` merges nearly equal ones)."""
+    """Parse the bytes of an STL file called ``name``, text or binary; merge corners at exactly equal positions.
+
+    Corners at nearly equal positions are left to ``weld``.
+    """
     count = int.from_bytes(data[HEADER_BYTES - 4 : HEADER_BYTES], "little")
     end = HEADER_BYTES + RECORD.itemsize * count
     text = data.removeprefix(BYTE_ORDER_MARK).lstrip()

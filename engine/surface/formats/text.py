@@ -38,12 +38,15 @@ class RawMesh:
 
 
 def place_by_line(lines: Sequence[int]) -> Callable[[int], str]:
-    """Return a function from an element's index to its place in the file, given all line numbers; see ``RawMesh``."""
+    """Return a function that maps an element's index to its place in the file, such as "line 12"; see ``RawMesh``.
+
+    lines : line number of every element
+    """
     return lambda i: f"line {lines[i]}"
 
 
 def refuse_binary(data: bytes, name: str, format: str) -> None:
-    """Raise FlexMapsError if ``data`` is not text, as ``format`` requires."""
+    """Raise FlexMapsError if ``data``, the content of file ``name``, is not text, as ``format`` (e.g. "OBJ") requires."""
     if data.startswith(UTF16_MARKS):
         raise FlexMapsError(f"{name} is text in UTF-16, which no {format} file is; save it as UTF-8")
     if b"\0" in data[:4096]:
@@ -51,7 +54,7 @@ def refuse_binary(data: bytes, name: str, format: str) -> None:
 
 
 def split_rows(data: bytes, *, join_continued: bool = False) -> list[Row]:
-    """Return the lines that are not empty, as numbers and words without # comments.
+    """Return the lines of a file that are not empty: line number, and words without # comments.
 
     join_continued : whether a backslash at the end of a line continues it
     """

@@ -8,16 +8,20 @@ from scipy.sparse import csr_array, diags_array
 from ...arrays import Bool, Int
 from .field import Triangles
 
-# Largest distance by which smoothing may move a point of a line (border or fold), in mean side lengths; points that
-# would move farther are corners and stay (right angle 1.8, zigzag 0.5). Larger: corners are rounded off.
+# Largest distance by which smoothing may move a point of a line (border or fold), in mean side lengths of the line;
+# points that would move farther are corners and stay. A right angle would move by 1.8, a zigzag by 0.5. Larger: corners
+# are rounded off.
 MAX_SMOOTHING_MOVE = 1.2
-MAX_GROWTH = 1.3  # largest ratio of triangles to those needed; meshes with more are simplified first
+# Largest number of triangles, as a multiple of the number needed for the wanted side length; meshes with more are
+# simplified first. Larger: slower, closer to the given surface.
+MAX_GROWTH = 1.3
 
 
 def equalise_triangles(mesh: Triangles, longest: float, fold: float) -> Triangles:
-    """Simplify a dense mesh, then subdivide it until no side is too long.
+    """Return a mesh with triangles of about one size: simplify a dense mesh, then subdivide it until no side is too long.
 
-    No side of the result joins two points on borders or folds (``Triangles.feature_sides``) without being part of one.
+    If a side of the result joins two points on borders or folds, it is itself part of a border or fold
+    (``Triangles.feature_sides``), unless four rounds of subdivision don't reach that.
 
     Parameters
     ----------
@@ -73,6 +77,8 @@ def _chords_between_lines(mesh: Triangles, lines: np.ndarray) -> np.ndarray:
     """Return a mask of sides that join two points on lines but are not part of a line.
 
     A triangle with such a side could have all its corners on one grid line, and so no area in the map.
+
+    lines : mask of the sides on borders and folds
     """
     start = mesh.corners.ravel()
     end = np.roll(mesh.corners, -1, axis=1).ravel()
@@ -119,7 +125,7 @@ def smooth_surface(mesh: Triangles, lines: Bool[np.ndarray, " sides"], strength:
     """Smooth a surface, so that a cross field follows its shape and not noise smaller than a triangle.
 
     Points move towards the mean of their neighbours, points on lines towards the mean of their neighbours on the line;
-    points where lines meet, end or turn stay.
+    points where lines meet, end or turn do not move.
 
     Parameters
     ----------
@@ -150,7 +156,7 @@ def smooth_surface(mesh: Triangles, lines: Bool[np.ndarray, " sides"], strength:
 
 
 def _smooth_points(points: np.ndarray, near: csr_array, moving: np.ndarray, strength: float) -> np.ndarray:
-    """Move points towards the mean of their neighbours, in one implicit (backward Euler) step.
+    """Return points moved towards the mean of their neighbours, in one implicit (backward Euler) step.
 
     points : positions, (V, 3)
     near : adjacency matrix, (V, V)

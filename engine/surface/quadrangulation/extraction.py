@@ -1,9 +1,9 @@
 """Extract the quads of the integer grid from a seamless map, robustly as Ebke et al. 2013.
 
 A cell is a unit square of the grid; a piece is the part of a cell in one triangle. Pieces that meet across a side of
-two triangles belong to one quad; pieces that meet across a grid line belong to neighbouring quads. Coordinates are
-rounded to integers first, so that every comparison and every transition of the map is exact. Ebke et al. trace grid
-lines instead.
+two triangles belong to one quad; pieces that meet across a grid line belong to neighbouring quads. The map's coordinates
+are rounded to multiples of 1/65536 first and stored as integers, so that every comparison and every transition from
+triangle to triangle is exact. Ebke et al. trace grid lines instead.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from ...errors import FlexMapsError
 from ..mesh import PolygonMesh
 from .field import Triangles
 
-FAR = 8000.0  # largest coordinate, in quads; products of larger ones could overflow 64-bit integers
+FAR = 8000.0  # largest coordinate of the map, in quads; products of larger coordinates could overflow 64-bit integers
 UNIT = 1 << 16  # integer steps per quad to which coordinates are rounded; larger: finer, but FAR must become smaller
-# Limit on the number of cells that triangles or sides may touch: MOST for each, plus LEAST. Larger than any useful map
-# needs, and small enough for memory.
+# Largest number of cells that n triangles (or sides) may touch together: MOST n + LEAST. More than any useful map needs;
+# larger values need more memory.
 MOST, LEAST = 100, 1_000_000
 CORNER = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])  # corners of a cell; side k runs from corner k to corner k + 1
 STEP = np.array([[0, -1], [1, 0], [0, 1], [-1, 0]])  # offset to the cell across side k
-# TURNED[q] is the matrix of a rotation by -q quarter turns
+# matrix of the rotation by -q quarter turns, for q = 0 to 3
 TURNED = np.array([[[1, 0], [0, 1]], [[0, 1], [-1, 0]], [[-1, 0], [0, -1]], [[0, -1], [1, 0]]])
 
 
@@ -35,7 +35,7 @@ class _CellPieces:
 
     face : triangle of every piece
     cell : lower left corner of every piece's cell, in quads
-    low, span : smallest coordinates of all cells, and number of cells along the longer axis
+    low, span : smallest coordinates of all cells, and number of cells along the longer side of their bounding box
     """
 
     face: Int[np.ndarray, " pieces"]
@@ -45,7 +45,10 @@ class _CellPieces:
 
     @staticmethod
     def sort_keys(face: np.ndarray, cell: np.ndarray, low: np.ndarray, span: int) -> np.ndarray:
-        """Return a sortable number for each pair of a triangle and a cell; -1 for cells outside the range."""
+        """Return a sortable number for each pair of a triangle and a cell; -1 for cells outside the bounding box.
+
+        low, span : bounding box of the cells, as in the fields
+        """
         at = cell - low
         inside = ((at >= 0) & (at < span)).all(axis=1)
         return np.where(inside, (face * span + at[:, 0]) * span + at[:, 1], -1)
@@ -66,9 +69,9 @@ def extract_quads(
     Parameters
     ----------
     mesh : triangles
-    jump : for every side, quarter turns from the direction of u here to that in the neighbouring triangle
-    uv : coordinates of every triangle's corners, in quads. At a common side, -jump quarter turns and an integer shift
-        give the neighbour's coordinates, with errors far below 1/65536
+    jump : for every side, quarter turns from the direction of u in its triangle to that in the neighbouring triangle
+    uv : coordinates of every triangle's corners in the map, in quads. At a common side, a rotation by -jump quarter turns
+        and an integer shift turn them into the neighbour's coordinates, with errors far below 1/65536
 
     Raises
     ------
@@ -92,7 +95,7 @@ def extract_quads(
 
 
 def _has_same_topology(mesh: Triangles, rows: np.ndarray) -> bool:
-    """Return whether the quads are an oriented manifold with the triangles' Euler characteristic."""
+    """Return whether quads (rows of four vertices) are an oriented manifold with the triangles' Euler characteristic."""
     import igl
 
     triangles = np.concatenate([rows[:, [0, 1, 2]], rows[:, [0, 2, 3]]])
@@ -110,7 +113,10 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _bounding_cells(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return all cells that touch the bounding boxes of n polygons (n, k, 2): index of the polygon, and cell."""
+    """Return all cells that touch the bounding boxes of polygons: index of the polygon, and cell, for every such pair.
+
+    p : corners of the polygons in integer steps, (n, k, 2)
+    """
     low = np.floor_divide(p.min(axis=1), UNIT) - 1
     size = np.floor_divide(p.max(axis=1), UNIT) - low + 1
     number = size.prod(axis=1)
@@ -145,7 +151,7 @@ def _intersects_boxes(points: np.ndarray, low: np.ndarray, high: np.ndarray, out
 def _cut_into_cells(p: np.ndarray, area: np.ndarray) -> _CellPieces:
     """Cut the triangles into pieces along the grid.
 
-    p : integer coordinates of the corners, (triangles, 3, 2)
+    p : coordinates of the triangles' corners in the map, in integer steps, (triangles, 3, 2)
     area : twice the signed area of every triangle in the map
     """
     solid = np.flatnonzero(area != 0)
@@ -164,16 +170,16 @@ def _cut_into_cells(p: np.ndarray, area: np.ndarray) -> _CellPieces:
 def _adjacent_pieces(
     mesh: Triangles, jump: np.ndarray, p: np.ndarray, area: np.ndarray, pieces: _CellPieces
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Find adjacent pieces, see ``extract_quads`` and ``_cut_into_cells`` for the arguments.
+    """Find adjacent pieces; see ``extract_quads`` and ``_cut_into_cells`` for the arguments.
 
     Returns
     -------
-    pairs of pieces of one cell that meet across a side of two triangles; quarter turns between the corner numbers of
-    each pair; rows (piece, side, piece, side) of pieces that meet across a grid line
+    pairs of pieces of one cell that meet across a side of two triangles; quarter turns from the corner numbers of the
+    first piece to those of the second; rows (piece, side, piece, side) of pieces that meet across a grid line
     """
     other = mesh.opposite
     glued = []
-    for k in (1, 2):  # across the right and the upper side, within a triangle
+    for k in (1, 2):  # pieces of one triangle that meet across the right or the upper side of a cell
         there = pieces.index_of(pieces.face, pieces.cell + STEP[k])
         have = np.flatnonzero(there >= 0)
         low = (pieces.cell[have] + CORNER[[0, 1, 3][k]]) * UNIT
@@ -229,13 +235,17 @@ def _rotate(points: np.ndarray, quarters: np.ndarray) -> np.ndarray:
 def _rotate_cells(cell: np.ndarray, quarters: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """Return cells in the coordinates of a neighbouring triangle: rotate by ``-quarters`` quarter turns, then shift.
 
-    shift : in integer steps, multiples of UNIT, (n, 2)
+    shift : shift of the coordinates, in integer steps, multiples of UNIT, (n, 2)
     """
     return (_rotate(2 * cell + 1, quarters) - 1) // 2 + shift // UNIT
 
 
 def _merge_pieces(count: int, merged: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the quad of every piece, and the quarter turns from the piece's corner numbers to the quad's."""
+    """Return the quad of every piece, and the quarter turns from the piece's corner numbers to those of its quad.
+
+    count : number of pieces
+    merged, turns : pairs of pieces of one quad, and quarter turns between them, see ``_adjacent_pieces``
+    """
     quad = components(count, *merged.T)
     turn, known = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
     known[np.unique(quad, return_index=True)[1]] = True
@@ -251,16 +261,20 @@ def _merge_pieces(count: int, merged: np.ndarray, turns: np.ndarray) -> tuple[np
 
 
 def _matching_sides(quad: np.ndarray, turn: np.ndarray, glued: np.ndarray) -> np.ndarray:
-    """Return every pair of quad sides that coincide, once; side k of quad q has the number 4 q + k."""
+    """Return every pair of quad sides that coincide, once; side k of quad q has the number 4 q + k.
+
+    quad, turn : quad of every piece, and quarter turns of its corner numbers, see ``_merge_pieces``
+    glued : rows (piece, side, piece, side) of pieces that meet across a grid line
+    """
     one = 4 * quad[glued[:, 0]] + (glued[:, 1] + turn[glued[:, 0]]) % 4
     two = 4 * quad[glued[:, 2]] + (glued[:, 3] + turn[glued[:, 2]]) % 4
     return np.unique(np.sort(np.stack([one, two], axis=1), axis=1), axis=0)
 
 
 def _covered_quads(quad: np.ndarray, pieces: _CellPieces, p: np.ndarray, area: np.ndarray) -> np.ndarray:
-    """Return a mask of quads to keep: those that cover over half a cell, flipped triangles counting negative.
+    """Return a mask of quads to keep, those that cover more than half a cell.
 
-    Where the map folds over itself, the pieces of a cell cancel each other.
+    Pieces of flipped triangles count negative, so that where the map folds over itself the pieces of a cell cancel out.
     """
     import shapely
 
@@ -287,8 +301,9 @@ def _build_mesh(
     sides: np.ndarray,
     keep: np.ndarray,
 ) -> PolygonMesh:
-    """Build the quads: merge coincident corners and place them on the surface.
+    """Build the quad mesh: merge coincident corners of quads and place them on the surface.
 
+    mesh, p, area, pieces : see ``_cut_into_cells``
     quad, turn : quad of every piece, and quarter turns of its corner numbers, see ``_merge_pieces``
     sides : pairs of coincident quad sides
     keep : mask of quads to keep

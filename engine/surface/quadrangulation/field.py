@@ -12,13 +12,13 @@ from ...arrays import Bool, Float, Int
 from ...components import components
 from ...errors import FlexMapsError
 
-# Weight of the alignment with curvature against smoothness, without a unit. Larger: quads follow the principal
-# curvatures more closely, with more irregular vertices.
+# Weight of the alignment with curvature relative to smoothness, without a unit. Larger: quads follow the principal
+# directions more closely, with more irregular vertices.
 ALIGNMENT = 4.0
-# Relative residual of the conjugate gradients. Larger: faster; at 1e-5 crosses turn by up to 1e-3 rad.
+# Relative residual at which the conjugate gradients stop. Larger: faster, less exact: at 1e-5 crosses are off by 1e-3 rad.
 TOLERANCE = 1e-6
-# Smoothing rounds, with steps that shrink over three decades. More: slower, irregular points get nearer to their best
-# places.
+# Number of rounds in which the cross field is smoothed, with steps that shrink over three decades. More: slower, but
+# irregular points get nearer to their best places.
 ROUNDS = 20
 
 
@@ -34,7 +34,7 @@ class Triangles:
 
     @cached_property
     def opposite(self) -> Int[np.ndarray, " sides"]:
-        """Side of the neighbouring triangle on the same edge, -1 at the border.
+        """For every side, the number of the neighbouring triangle's side on the same edge; -1 at the border.
 
         Raises
         ------
@@ -92,9 +92,10 @@ class Triangles:
         return (self.opposite < 0) | (cosine < np.cos(fold))
 
     def long_feature_sides(self, fold: float, shortest: float) -> Bool[np.ndarray, " sides"]:
-        """Return a mask of border sides and folds without short folds.
+        """Return ``feature_sides`` without short folds.
 
-        Folds are removed if they and the border sides connected with them are shorter than ``shortest`` metres in all.
+        A fold is left out if the connected lines of which it is part, folds and border, are shorter than ``shortest``
+        metres together.
         """
 
         lines = self.feature_sides(fold)
@@ -127,7 +128,7 @@ class CrossField:
         """
         mesh, other = self.mesh, self.mesh.opposite
         lean = (self.angles[:, None] - np.angle(mesh.side_vectors)).ravel()  # angle from the side to the cross
-        # use the same rounding for both triangles, so that their errors cancel where the turn is exactly pi/4
+        # use the first triangle's result for both, so that they agree even where the rotation is exactly pi/4
         first = np.arange(len(other)) < other
         turn = np.where(other >= 0, lean[other], 0.0) - lean
         turn -= np.round(turn / (np.pi / 2)) * (np.pi / 2)
@@ -135,9 +136,9 @@ class CrossField:
 
     @cached_property
     def indices(self) -> Int[np.ndarray, " vertices"]:
-        """Index of the cross field at every vertex, in quarter turns: 1 for three quads instead of four, -1 for five.
+        """Index of the cross field at every vertex, in quarter turns: 1 where three quads meet instead of four, -1 for five.
 
-        At the border 1 stands for one quad instead of two. The sum is four times the Euler characteristic
+        At the border, 1 is for one quad instead of two. The sum over all vertices is four times the Euler characteristic
         (Poincare-Hopf theorem; Ray et al. 2008, section 3).
         """
         mesh, count = self.mesh, len(self.mesh.vertices)
@@ -186,7 +187,7 @@ def cross_field(
     pulled = (pull * wanted)[free] - rows[:, np.flatnonzero(fixed)] @ value[fixed]
     pull, areas, solver = pull[free], mesh.areas[free], None
     solved = cross[free]
-    # large steps first: they shape the field's large features whatever the start; then ever smaller ones
+    # start with large steps, which shape the large features of the field whatever the start, and end with small steps
     for step in np.geomspace(1.0, 1e-3, ROUNDS) * mesh.areas.sum():
         matrix = inner + diags_array(pull + areas / step)
         solver = solver or _DiagonalUpdateSolver(matrix)
@@ -199,7 +200,7 @@ def cross_field(
 class _DiagonalUpdateSolver:
     """Conjugate gradients for Hermitian matrices that differ only in their diagonals.
 
-    The factors of the first matrix precondition all; to factor every matrix would take two to eight times as long.
+    The factors of the first matrix precondition all solves, because factoring every matrix takes two to eight times as long.
     """
 
     def __init__(self, first: csr_array):
@@ -209,7 +210,7 @@ class _DiagonalUpdateSolver:
         self._near = LinearOperator(first.shape, factors.solve, dtype=complex)
 
     def solve(self, matrix: csr_array, right: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """Solve to the relative residual ``TOLERANCE``, or until the iteration limit."""
+        """Return the solution x of ``matrix`` x = ``right``, iterated from ``start`` to the residual ``TOLERANCE``."""
         from scipy.sparse.linalg import cg
 
         return cg(matrix, right, x0=start, rtol=TOLERANCE, M=self._near)[0]
@@ -232,11 +233,11 @@ def _smoothness(mesh: Triangles) -> coo_array:
 
 
 def _anisotropy(mesh: Triangles) -> np.ndarray:
-    """Return the anisotropy of the curvature, (triangles,) complex, 1/m.
+    """Return the anisotropy of the curvature in every triangle, (triangles,) complex, 1/m.
 
-    Its absolute value is half the difference of the principal curvatures, its argument twice the angle of the larger
-    one's direction. The shape operator is fitted to the change of the vertex normals along the triangle's sides
-    (Rusinkiewicz 2004).
+    Its absolute value is half the difference of the principal curvatures; its argument is twice the angle from side 0
+    to the direction of the larger curvature. The shape operator is fitted to the change of the vertex normals along the
+    triangle's sides (Rusinkiewicz 2004).
     """
     normal = np.zeros_like(mesh.vertices)
     for k in range(3):
@@ -254,7 +255,10 @@ def _anisotropy(mesh: Triangles) -> np.ndarray:
 
 
 def _feature_crosses(mesh: Triangles, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a mask of the triangles at lines, and crosses (triangles,) that follow these lines."""
+    """Return a mask of the triangles at lines, and crosses (fourth powers, complex) that follow these lines.
+
+    lines : mask of the sides on lines
+    """
     side = np.flatnonzero(lines)
     fixed, value = np.zeros(len(mesh.corners), dtype=bool), np.ones(len(mesh.corners), dtype=complex)
     fixed[side // 3] = True

@@ -16,22 +16,26 @@ from .rounding import round_unknowns
 from .seamless import SeamlessMaps, cut_to_disk, parametrise_maps
 from .separation import NO_CONSTRAINTS, TOO_MANY_FOLDS, separation_constraints
 
-FINE = 0.55  # longest edge of the map's triangles, in quad edges; smaller: slower, with hardly other quads
-# Quad sizes, as shares of the wanted size, that are tried until the map does not fold.
+FINE = 0.55  # longest edge of the mapped triangles, in quad edges; smaller: slower, with almost the same quads
+# Quad sizes, as shares of the wanted size, that are tried in turn until the map does not fold.
 SCALES = (1.0, 0.94)
-# Largest number of attempts: each size with and then without separation of nearby points. Larger: slower, fewer
-# failures.
+# Largest number of attempts. Each size is tried first with constraints that keep nearby points apart, then without.
+# Larger: slower, fewer failures.
 ATTEMPTS = 2
 MAPPING = "Mapping the surface onto a grid"
 # Strength of the smoothing before the cross field is computed, see ``smooth_surface``. Larger: fewer irregular
 # vertices, less alignment with small features.
 SMOOTHING = 10.0
 STIFFER = 12  # largest number of rounds in which folded triangles are made stiffer; larger: fewer folds, slower
-IDLE = 3  # number of these rounds without progress after which they end
-SHORTEST = 3.0  # length of a fold, in quad edges, below which it is ignored as noise
-# Largest number of integer unknowns of a map; the time for rounding grows with its cube (1,000 take 2 s).
+IDLE = 3  # the rounds end after this number of rounds without fewer folds; larger: fewer folds, slower
+# Length of a fold of the surface, in quad edges, below which quads ignore it as noise. Larger: fewer sharp edges are
+# followed.
+SHORTEST = 3.0
+# Largest number of integer unknowns of the map; surfaces that need more are refused. Larger: surfaces with more folds and
+# irregular points pass, but the time for rounding grows with the cube of the number (1,000 take 2 s).
 WHOLE = 1000
 # Number of rings of triangles round a folded triangle that are stiffened too, and factor on the stiffening per ring.
+# Larger: fewer rounds, but the map is distorted farther from the fold.
 SPREAD, FADING = 4, 0.7
 
 
@@ -69,7 +73,7 @@ def quadrangulate(
 def _quads_by_map(
     triangles: Triangles, edge: float, fold: float, alignment: float, smoothing: float, progress: Progress
 ) -> PolygonMesh:
-    """Return quads of the first size for which the quads can be extracted from the map."""
+    """Return quads of the first size in ``SCALES`` for which quads can be extracted from the map."""
     lines = triangles.long_feature_sides(fold, SHORTEST * edge)
     progress(0.1, "Looking for the directions of quads")
     smooth = smooth_surface(triangles, lines, smoothing)
@@ -94,7 +98,7 @@ def _quads_by_map(
 
 
 def folded_triangles(uv: Float[np.ndarray, "triangles 3 2"]) -> np.ndarray:
-    """Return a mask of the triangles that the map flips or collapses."""
+    """Return a mask of the triangles that a map with coordinates ``uv`` flips or collapses."""
     a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] <= 0
 
@@ -108,8 +112,10 @@ def _map_with_few_folds(
 
     Parameters
     ----------
-    maps, edge : maps of the chart; quad edge, metres
-    whole : integers of the map
+    maps : all seamless maps of the surface
+    edge : quad edge, metres
+    whole : values of the map's integer unknowns
+    progress : called with the fraction done
 
     Returns
     -------

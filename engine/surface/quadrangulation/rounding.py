@@ -7,14 +7,18 @@ import numpy as np
 from ...arrays import Float, Int
 from .separation import MapConstraints
 
-SURE = 0.02  # largest distance from an integer at which values are rounded together; larger: faster, less exact
-FAR = 3.0  # largest change of an integer to separate a pair; larger: more pairs can be separated, slower
-# Largest number of branch-and-bound nodes of the solver. A limit on nodes, not seconds, makes results repeatable.
-# Larger: slower, more pairs separated.
+# Unknowns at most this far from integers are rounded together, before the others are solved again. Larger: faster, with
+# a larger energy.
+SURE = 0.02
+FAR = 3.0  # largest change of an integer that separates a pair of points; larger: more pairs can be separated, slower
+# Largest number of branch-and-bound nodes of the integer solver. A limit on nodes, not seconds, makes results repeatable.
+# Larger: slower, more pairs of points separated.
 NODES = 10
-LONGEST = 10.0  # time limit of the solver on a busy machine, seconds; results beyond it are not repeatable
-GAP = 0.1  # relative gap to the optimum at which the solver ends; it may be large, as steps of single integers follow
-STEPS = 200  # largest number of steps of single integers; never reached
+LONGEST = 10.0  # time limit of the solver on a busy machine, seconds; results that reach it are not repeatable
+# Relative gap between solution and bound at which the solver ends. Larger: faster, with a larger energy, which the steps
+# of single integers lower afterwards.
+GAP = 0.1
+STEPS = 200  # largest number of final steps, which change one integer by 1 each; never reached
 
 
 def round_unknowns(
@@ -22,9 +26,9 @@ def round_unknowns(
 ) -> Int[np.ndarray, " whole"]:
     """Round the unknowns of a quadratic energy to integers.
 
-    The unknowns nearest to integers are rounded first, and the others solved again (Bommes et al. 2009, section 3);
-    then pairs of points that violate ``constraints`` are separated; then single integers change by 1 where that lowers the
-    energy.
+    First the unknowns nearest to integers are rounded and the remaining unknowns solved again, repeatedly (Bommes et al.
+    2009, section 3). Then pairs of points that violate ``constraints`` are separated. Last, single integers change by 1
+    where that lowers the energy.
 
     Parameters
     ----------
@@ -50,7 +54,10 @@ def round_unknowns(
 
 
 def _round_greedily(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Round one unknown after another, the nearest to an integer first, and solve for the others again."""
+    """Round one unknown after another, the nearest to an integer first; solve for the remaining unknowns each time.
+
+    matrix, right : M and r of the energy 1/2 x^T M x - r^T x
+    """
     result, left = np.zeros(len(right)), np.arange(len(right))
     while len(left):
         held = np.setdiff1d(np.arange(len(right)), left)
@@ -63,9 +70,9 @@ def _round_greedily(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def _round_with_constraints(matrix: np.ndarray, constraints: MapConstraints, result: np.ndarray) -> np.ndarray:
-    """Return the integers nearest to ``result`` that keep all pairs apart; ``result`` itself if the solver finds none.
+    """Return the integers nearest to ``result`` that satisfy ``constraints``; ``result`` itself if the solver finds none.
 
-    Changes are weighted by the square root of the energy's second derivatives.
+    Changes of the integers are weighted by the root of the diagonal of ``matrix``, the energy's second derivatives.
     """
     from scipy.optimize import Bounds, LinearConstraint, milp
 
@@ -73,7 +80,7 @@ def _round_with_constraints(matrix: np.ndarray, constraints: MapConstraints, res
         return result
     size = len(result)
     eye = np.eye(size)
-    # variables: the integers, then their distances from the result: far >= number - result, far >= result - number
+    # variables: integers x, then their distances d from ``result``, with d >= x - result and d >= result - x
     beside = np.block([[eye, -eye], [eye, eye]])
     found = milp(
         np.concatenate([np.zeros(size), np.sqrt(np.diag(matrix))]),

@@ -21,12 +21,13 @@ from ...errors import FlexMapsError
 from ...linalg import SparseCholesky, SparsityPattern
 from .field import CrossField
 
-# After a rotation by -q quarter turns, coordinate c of (u, v) is SIGN[q][c] times the old coordinate TAKEN[q][c].
+# After a rotation by -q quarter turns, coordinate c of (u, v) is ROTATED_SIGN[q][c] times the former coordinate
+# ROTATED_AXIS[q][c].
 ROTATED_AXIS = ((0, 1), (1, 0), (0, 1), (1, 0))
-ROTATED_SIGN = ((1, 1), (1, -1), (-1, -1), (-1, 1))  # see TAKEN
-DIAGONAL_SHIFT = (
-    1e-9  # share of the diagonal that is added to the matrix, which is singular where the whole map may shift
-)
+ROTATED_SIGN = ((1, 1), (1, -1), (-1, -1), (-1, 1))
+# Share of the diagonal that is added to the energy's matrix, which is singular if the whole map may shift. Larger: less
+# exact maps; smaller: the matrix may not be positive definite.
+DIAGONAL_SHIFT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +35,8 @@ class Chart:
     """The mesh cut open to a disk, with consistent directions of u and v.
 
     quarter_turns : quarter turns from the cross of every triangle to the direction of u
-    period_jumps : for every side, quarter turns from the direction of u to that in the neighbouring triangle; 0 at the border
+    period_jumps : for every side, quarter turns from the direction of u in its triangle to that in the neighbouring
+        triangle; 0 at the border
     cut : mask of the sides on the cut, across which the map may jump
     wedge : vertex of the cut mesh, for every corner of every triangle
     """
@@ -59,7 +61,7 @@ def cut_to_disk(field: CrossField) -> Chart:
     other, count = mesh.opposite, len(mesh.corners)
     lean = (field.angles[:, None] - np.angle(mesh.side_vectors)).ravel()
     inner = other >= 0
-    quarters = np.zeros(len(other), dtype=np.int64)  # quarter turns that make the neighbour's cross match
+    quarters = np.zeros(len(other), dtype=np.int64)  # quarter turns that make the neighbour's cross match, by side
     quarters[inner] = -np.round((lean[other] - lean - field.side_rotations)[inner] / (0.5 * np.pi)).astype(np.int64) - 2
     sides = np.flatnonzero(inner)
     dual = csr_array((np.ones(len(sides)), (sides // 3, other[sides] // 3)), shape=(count, count))
@@ -90,7 +92,7 @@ def _next_side(sides: np.ndarray) -> np.ndarray:
 
 
 def _prune_dead_ends(field: CrossField, cut: np.ndarray) -> np.ndarray:
-    """Return the cut without its dead ends, except those at irregular points or at the border."""
+    """Return the cut (a mask of sides) without its dead ends, except dead ends at irregular points or at the border."""
     mesh, irregular = field.mesh, field.indices != 0
     start, other = mesh.corners.ravel(), mesh.opposite
     rim = np.zeros(len(mesh.vertices), dtype=bool)
@@ -118,8 +120,8 @@ def _prune_dead_ends(field: CrossField, cut: np.ndarray) -> np.ndarray:
 class MapParametrisation:
     """All seamless maps of a chart, parametrised by real unknowns and integer unknowns.
 
-    Row 2 w + c of ``real_factors`` and ``integer_factors`` gives coordinate c (u or v) of wedge w: ``real_factors`` times the real unknowns plus
-    ``integer_factors`` times the integers.
+    The coordinates of the map are ``real_factors`` times the real unknowns plus ``integer_factors`` times the integer
+    unknowns. Row 2 w + c belongs to coordinate c (0 for u, 1 for v) of vertex w of the cut mesh.
     """
 
     real_factors: csr_array
@@ -132,7 +134,7 @@ def parametrise_maps(chart: Chart, lines: np.ndarray) -> MapParametrisation:
     Parameters
     ----------
     chart : mesh, cut open
-    lines : (sides,) mask of borders and sharp folds, along which one coordinate is a constant integer
+    lines : (sides,) mask of borders and sharp folds; along each of these lines one of u and v is a constant integer
     """
     field, mesh = chart.field, chart.field.mesh
     other, wedges = mesh.opposite, chart.wedge.max() + 1
@@ -163,7 +165,7 @@ def parametrise_maps(chart: Chart, lines: np.ndarray) -> MapParametrisation:
 
 
 def _chains(chart: Chart) -> np.ndarray:
-    """Number the chains of the cut: its parts between ends, branch points and irregular points.
+    """Number the chains of the cut: a chain is a part between ends, branch points and irregular points.
 
     Returns
     -------
@@ -197,12 +199,14 @@ def _chains(chart: Chart) -> np.ndarray:
 class _CoordinateClasses:
     """Classes of coordinates that determine each other.
 
-    Each coordinate is its factor times the coordinate ``root`` of its class, plus its offset, a sum of shifts. A shift
-    is an unknown integer by which the map jumps across a chain of the cut.
+    Coordinate 2 w + c is u (c = 0) or v (c = 1) of vertex w of the cut mesh. It is its factor times the coordinate
+    ``root`` of its class, plus its offset, a sum of shifts. A shift is an unknown integer by which the map jumps across
+    a chain of the cut.
 
-    root, factor, offset : of each coordinate; an offset maps numbers of shifts to factors
+    root, factor, offset : of each coordinate; its offset is a dictionary from shifts to their factors
     is_integer : mask of coordinates whose class lies on integers
-    rows : sums of shifts and roots that must be zero; root x has the number of shifts plus x as its number
+    rows : equations: sums that must be zero, as dictionaries from unknowns to their factors; unknown k is shift k, or
+        root k - n where n is the number of shifts
     """
 
     root: Int[np.ndarray, " coordinates"]
@@ -220,8 +224,8 @@ def _classify_coordinates(
     Parameters
     ----------
     size : number of coordinates
-    relations : (a, b, sign, t) for x_a = sign x_b + shift t; t = -1 for no shift
-    wholes : coordinates that are integers
+    relations : (a, b, sign, t) for the equation x_a = sign x_b + (shift t) between coordinates; t = -1 for no shift
+    wholes : coordinates that must be integers
     shifts : number of shifts
     """
     near: dict[int, list[tuple[int, int, int, int]]] = {}
@@ -259,7 +263,7 @@ def _classify_coordinates(
 
 
 def _eliminate_dependent(size: int, shifts: int, classes: _CoordinateClasses) -> MapParametrisation:
-    """Express the coordinates by real unknowns and independent integers, after elimination of the dependent ones.
+    """Express the coordinates by real unknowns and independent integers, after elimination of dependent integers.
 
     Parameters
     ----------
@@ -290,7 +294,7 @@ def _eliminate_dependent(size: int, shifts: int, classes: _CoordinateClasses) ->
 def _integer_kernel(rows: list[dict[int, int]], size: int) -> np.ndarray:
     """Return a basis (size, k) of all integer solutions of the equations ``rows``, by Euclid's algorithm on columns."""
     basis = np.eye(size, dtype=np.int64, order="F")
-    # mask of columns in use; the others are zeroed and removed together at the end, as each removal copies the matrix
+    # mask of columns in use; unused columns are removed together at the end, because each removal copies the matrix
     left = np.ones(size, dtype=bool)
     unique = {tuple(sorted(row.items())) for row in rows}
     for row in sorted(unique, key=len):
@@ -313,8 +317,8 @@ def _integer_kernel(rows: list[dict[int, int]], size: int) -> np.ndarray:
 class SeamlessMaps:
     """Least-squares maps of a chart for any quad size; the expensive parts are computed once.
 
-    The energy is the area integral of |grad u - d|^2 + |grad v - i d|^2, with d the unit direction of u from the cross
-    field divided by the quad's edge.
+    The energy is the area integral of |grad u - d|^2 + |grad v - i d|^2; d is the cross field's direction of u, a complex
+    number of length 1 / (quad edge).
     """
 
     def __init__(self, chart: Chart, found: MapParametrisation):
@@ -359,7 +363,7 @@ class SeamlessMaps:
 
     @cached_property
     def _schur(self) -> tuple[np.ndarray, np.ndarray]:
-        """Matrix and right side of the energy as a function of the integers, for a quad edge of 1 m.
+        """Matrix M and right side r of the energy 1/2 x^T M x - r^T x of the integers x, for a quad edge of 1 m.
 
         The real unknowns take their optimal values (Schur complement).
         """
@@ -372,12 +376,12 @@ class SeamlessMaps:
         return (self._integer_gradients.T @ weighted).toarray() - cross.T @ solved, right
 
     def real_optimum(self, edge: float) -> Float[np.ndarray, " whole"]:
-        """Return the integers' optimal values if they need not be integers; ``edge`` in metres."""
+        """Return the values of the integer unknowns that minimise the energy if they may be real; ``edge`` in metres."""
         matrix, right = self.energy(edge)
         return np.linalg.solve(matrix, right)
 
     def energy(self, edge: float) -> tuple[Float[np.ndarray, "whole whole"], Float[np.ndarray, " whole"]]:
-        """Return M and r of the energy 1/2 x^T M x - r^T x of the integers x, the real unknowns at their optimum.
+        """Return M and r of the energy 1/2 x^T M x - r^T x of the integers x, with the real unknowns at their optimum.
 
         edge : quad edge, metres
         """
@@ -386,7 +390,7 @@ class SeamlessMaps:
         return matrix + np.eye(count) * (1e-9 * max(float(np.trace(matrix)) / max(count, 1), 1e-300)), right / edge
 
     def uv_coordinates(self, edge: float, whole: np.ndarray) -> Float[np.ndarray, "triangles 3 2"]:
-        """Return u and v at every corner, in quads, for the integers ``whole`` and a quad edge in metres."""
+        """Return u and v at every triangle's corners, in quads, for the integers ``whole`` and a quad edge in metres."""
         right = self._weight * (self._target_gradients / edge - self._integer_gradients @ whole)
         both = (
             self.parametrisation.real_factors @ self._factor.solve(self._real_gradients.T @ right)

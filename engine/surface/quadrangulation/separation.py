@@ -1,8 +1,8 @@
 """Constraints that keep points apart when a seamless map is rounded to integers (Campen et al. 2015, section 4).
 
-The map folds where rounding puts two irregular points on one grid point or swaps them, and likewise a point and a
-border or sharp fold, or the two borders of a strip. Pairs that are near each other on the surface are found once; each
-gives one constraint: a sum of the map's integers must stay positive.
+The map folds where rounding puts two irregular points on one grid point, or swaps them. It also folds where rounding does
+so with a point and a border or sharp fold, or with the two borders of a strip. All pairs that are near each other on the
+surface are found once; each pair gives one constraint: a weighted sum of the map's integers must stay positive.
 """
 
 from __future__ import annotations
@@ -21,15 +21,19 @@ from ...tolerances import SINGLE_TOL
 from .seamless import ROTATED_AXIS, ROTATED_SIGN, SeamlessMaps
 
 TOO_MANY_FOLDS = "The surface has too many sharp folds for a map"
-MAX_POINT_DISTANCE = 2.0  # largest distance of two irregular points that need a constraint, in quads; larger: slower
-MAX_LINE_DISTANCE = (
-    1.2  # largest distance of a point from a border or fold that needs a constraint, in quads; larger: slower
+# Largest distance of two irregular points that get a constraint, in quads. Larger: slower, fewer folds.
+MAX_POINT_DISTANCE = 2.0
+# Largest distance of a point from a border or fold with which it gets a constraint, in quads. Larger: slower, fewer folds.
+MAX_LINE_DISTANCE = 1.2
+# A point lies beside a vertex of a border or fold if their offset along this line is below this number of quads. Larger:
+# more constraints, slower.
+MAX_LINE_OFFSET = 0.6
+MAX_PAIRS = (
+    5000  # largest number of constraints; noise or many pleats give far more, which take too much time and memory
 )
-MAX_LINE_OFFSET = 0.6  # largest offset of a point, along a border or fold, from a vertex beside which it lies, in quads
-MAX_PAIRS = 5000  # largest number of pairs; noise or many pleats give far more, which take too much time and memory
 ROW_DECIMALS = 9  # decimals to which the factors of two constraints must agree for the constraints to be equal
-# Smallest offset between two irregular points after rounding, in quads, along the direction of their offset before it:
-# above zero, so that they do not coincide or swap. Larger: fewer roundings are possible.
+# Smallest offset between two irregular points after rounding, in quads, along the direction of their offset before
+# rounding: above zero, so that they do not coincide or swap. Larger: fewer roundings are possible.
 MIN_SEPARATION = 0.05
 
 
@@ -41,7 +45,7 @@ class MapConstraints:
     lower_bounds: Float[np.ndarray, " pairs"]
 
     def are_satisfied(self, whole: Num[np.ndarray, " whole"]) -> bool:
-        """Return whether these integers satisfy all constraints."""
+        """Return whether the values ``whole`` of the integers satisfy all constraints."""
         return not len(self.lower_bounds) or bool((self.rows @ whole >= self.lower_bounds).all())
 
 
@@ -53,7 +57,7 @@ def separation_constraints(maps: SeamlessMaps, edge: float, progress: Progress =
 
     Parameters
     ----------
-    maps : maps of the chart
+    maps : all seamless maps of the surface
     edge : quad edge, metres
     progress : called with the fraction done
 
@@ -79,8 +83,9 @@ def separation_constraints(maps: SeamlessMaps, edge: float, progress: Progress =
 class _NeighbourWalk:
     """Walks over the triangles round points with integer coordinates, to find points near them.
 
-    A frame is the transformation (rotation and integer shift) from the coordinates of the current triangle to those of
+    A frame is the transformation (rotation and integer shift) from map coordinates in the current triangle to those in
     the triangle where the walk began. Walks meet the same frames repeatedly, so each is computed once and numbered.
+    ``constraints`` maps the rounded factors of a constraint to its factors and its lower bound.
     """
 
     def __init__(self, maps: SeamlessMaps, edge: float):
@@ -99,7 +104,7 @@ class _NeighbourWalk:
         )
         self._held, self._any_held = held.tolist(), held.any(axis=1).tolist()
         self._uv = maps.uv_coordinates(edge, self.real_optimum).reshape(-1, 2).tolist()
-        # at the border opposite is -1, which selects the last triangle: harmless, as no walk crosses the border
+        # at the border ``opposite`` is -1, which selects the last triangle: harmless, as no walk crosses the border
         other = self.mesh.opposite.reshape(-1, 3)
         self._way = np.linalg.norm(middles[other // 3] - middles[:, None], axis=2).ravel().tolist()
         self.constraints: dict[bytes, tuple[np.ndarray, float]] = {}
@@ -112,7 +117,7 @@ class _NeighbourWalk:
         self._plain: dict[int, tuple[list[list[int]], list[float]]] = {}  # frame -> rotation and shift as lists
 
     def corners_on_integers(self, number: int) -> Int[np.ndarray, " corners"]:
-        """Return one corner of every vertex of the cut mesh of which ``number`` coordinates must be integers."""
+        """Return one corner of every vertex of the cut mesh at which ``number`` of u and v (1 or 2) must be integers."""
         at = np.flatnonzero(self._counts == number)
         return at[np.unique(self.chart.wedge[at], return_index=True)[1]]
 
@@ -137,7 +142,7 @@ class _NeighbourWalk:
                     heapq.heappush(todo, (far + way[h], g, self._frame_across(frame, h) if cut[h] else frame))
 
     def _add_pair(self, corner: int, h: int, frame: int) -> None:
-        """Record the constraint between the corner where the walk began and corner ``h``, if they need one.
+        """Record the constraint between the corner where the walk began and corner ``h``, if they need a constraint.
 
         If both coordinates of both points are integers, the points must keep their order; otherwise each coordinate
         that is an integer at both points (a border or fold) must differ by at least 1.
@@ -164,14 +169,14 @@ class _NeighbourWalk:
         return turn @ self._coordinate_rows(h) + shift - self._coordinate_rows(corner)
 
     def _plain_frame(self, frame: int) -> tuple[list[list[int]], list[float]]:
-        """Return the rotation of a frame and its shift, for the unrounded integers, as lists."""
+        """Return the rotation of a frame and its shift in quads, computed with unrounded integers, as lists."""
         if frame not in self._plain:
             turn, shift = self._frames[frame]
             self._plain[frame] = turn.tolist(), (shift @ self.real_optimum).tolist()
         return self._plain[frame]
 
     def _record(self, row: np.ndarray, least: float) -> None:
-        """Record a constraint once, although the walk meets a pair from both ends and along several ways."""
+        """Record the constraint ``row`` @ x >= ``least``, once: walks meet a pair from both ends and along several ways."""
         self.constraints.setdefault((np.round(row, ROW_DECIMALS) + 0.0).tobytes(), (row, least))
 
     def _coordinate_rows(self, h: int) -> np.ndarray:
@@ -182,7 +187,7 @@ class _NeighbourWalk:
         return self._rows[wedge]
 
     def _frame_across(self, frame: int, s: int) -> int:
-        """Return the number of the frame in the neighbouring triangle across side ``s`` of the cut."""
+        """Return the number of the frame after a step across side ``s`` of the cut, from the frame number ``frame``."""
         move = self._transition_across(s)
         if (frame, move) not in self._next:
             (turn, shift), (of_step, by) = self._frames[frame], self._moves[move]

@@ -17,13 +17,13 @@ from ..mesh import PolygonMesh
 from .mend import TargetSurface, mesh_from_rows
 from .tool import RemeshTool
 
-# Largest ratio of the quads that small bodies need at least to the quads wanted. Larger: more small bodies are kept,
-# but a mesh of loose faces, whose vertices should be merged instead, is remeshed too.
+# Small bodies are kept if all kept bodies together need at most this multiple of the wanted number of quads. Larger: more
+# small bodies are kept, but a mesh of loose faces, whose vertices should be merged instead, is remeshed too.
 BEYOND = 2
 
 
 def to_triangles(mesh: PolygonMesh, tolerance: float, tool: RemeshTool, progress: Progress) -> PolygonMesh:
-    """Return a mesh as triangles, with corners nearer than the tolerance merged.
+    """Return a mesh as triangles, with corners nearer to each other than the tolerance merged.
 
     Parameters
     ----------
@@ -45,7 +45,18 @@ def to_triangles(mesh: PolygonMesh, tolerance: float, tool: RemeshTool, progress
 def find_bodies(
     triangles: PolygonMesh, tool: RemeshTool, progress: Progress
 ) -> tuple[list[PolygonMesh], list[Finding]]:
-    """Return the bodies to remesh one by one, and warnings about bodies that were joined or cut apart."""
+    """Return the bodies to remesh one by one, and warnings about bodies that were joined or cut apart.
+
+    Parameters
+    ----------
+    triangles : the whole mesh, as triangles
+    tool : remesher, which finds intersecting bodies
+    progress : may cancel
+
+    Raises
+    ------
+    FlexMapsError : a body has only one side, like a Moebius strip
+    """
     whole, found = split_components(triangles), []
     if len(whole) > 1:
         closed = np.array([is_closed(part) for part in whole])
@@ -87,7 +98,7 @@ def find_bodies(
 def choose_bodies(
     areas: Float[np.ndarray, " bodies"], count: int, fewest: Int[np.ndarray, " bodies"], crumbs: float
 ) -> tuple[Bool[np.ndarray, " bodies"], list[Finding]]:
-    """Decide which bodies get quads, and report the others, which are left out.
+    """Decide which bodies get quads and which are left out; report the bodies that are left out.
 
     Quads are shared out by area. The largest body is kept, and every body whose share reaches its minimum; further
     bodies are kept, the largest first, until at most ``crumbs`` of the area is left out.
@@ -105,7 +116,8 @@ def choose_bodies(
 
     Raises
     ------
-    FlexMapsError : to leave out only ``crumbs`` of the area, more than ``BEYOND`` times ``count`` quads are needed
+    FlexMapsError : more than ``crumbs`` of the area would be left out, because the bodies would need more than ``BEYOND``
+        times ``count`` quads
     """
     share = areas / areas.sum()
     large = share * count >= np.minimum(fewest, share.max() * count)
@@ -150,7 +162,7 @@ def split_components(mesh: PolygonMesh) -> list[PolygonMesh]:
 
 
 def split_non_manifold(mesh: PolygonMesh) -> PolygonMesh:
-    """Duplicate vertices so that every fan of faces has its own; this separates edges of three or more faces."""
+    """Return a mesh in which every fan of faces has a vertex of its own, which separates edges of three or more faces."""
     fan = corner_fans(sides_of(mesh))
     _, first = np.unique(fan, return_index=True)
     return PolygonMesh(mesh.vertices[mesh.corners[first]], fan.astype(np.int64), mesh.sizes)
@@ -178,7 +190,7 @@ def is_clean(mesh: PolygonMesh) -> bool:
 
 
 def concatenate_meshes(parts: list[PolygonMesh]) -> PolygonMesh:
-    """Concatenate meshes without merging vertices."""
+    """Concatenate meshes to one mesh without merging vertices."""
     first = np.cumsum([0, *(len(part.vertices) for part in parts)])
     return PolygonMesh(
         np.concatenate([part.vertices for part in parts]),

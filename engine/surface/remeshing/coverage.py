@@ -8,18 +8,18 @@ from ..checking.finding import Finding, make_finding, with_count
 from ..mesh import PolygonMesh
 from .mend import TargetSurface
 
-# Range of the quads' area without a warning, as a share of the surface's area. Wider: lost parts go unnoticed;
-# narrower: warnings where small features are merely rounded off.
+# Smallest and largest area of the quads without a warning, as shares of the surface's area. A wider range: lost parts go
+# unnoticed; narrower: warnings where small features are merely rounded off.
 AREA = (0.75, 1.25)
-# Largest distance from points of the surface to the quads without a warning, in quad edges: for 95 % of the points,
-# and for all of them. Larger: fewer warnings, more lost parts go unnoticed.
+# Largest distance from points of the surface to the quads without a warning, in quad edges: USUAL for 95 % of the points,
+# WORST for all points. Larger: fewer warnings, more lost parts go unnoticed.
 USUAL, WORST = 0.5, 1.5
 # Largest number of surface vertices whose distance is measured (0.1 s); more: slower, less risk to miss a tip.
 MOST_TIPS = 20000
 
 
 def suggest_finer_count(count: int) -> int:
-    """Return the number of quads to suggest where ``count`` quads miss details: twice as many, rounded to tens."""
+    """Return the number of quads to suggest if ``count`` quads miss details: twice as many, rounded to tens."""
     return round(2.0 * count / 10.0) * 10
 
 
@@ -41,7 +41,8 @@ def warn_of_gaps(
     one warning, or none
     """
     edge = (made.area / len(quads.sizes)) ** 0.5
-    tips = whole.vertices[:: 1 + len(whole.vertices) // MOST_TIPS]  # samples spread evenly by area miss sharp tips
+    # vertices are measured too, because samples spread evenly by area miss sharp tips
+    tips = whole.vertices[:: 1 + len(whole.vertices) // MOST_TIPS]
     points = np.concatenate([whole.sample_points, tips])
     away = made.distances(points) / edge
     usual = np.percentile(away[: len(whole.sample_points)], 95)

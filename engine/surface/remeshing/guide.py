@@ -11,15 +11,15 @@ from ...components import components
 from ..mesh import QuadMesh
 from ..triangle_tree import TriangleTree
 
-# Largest move of a vertex per round, as a share of its shortest edge (now or originally, whichever is shorter). Larger:
-# fewer rounds; from 0.5 the ends of an edge could pass each other.
+# Largest move of a vertex per round, as a share of the shortest edge at the vertex (present or original length, whichever
+# is shorter). Larger: fewer rounds; from 0.5 the ends of an edge could pass each other.
 STEP = 0.3
-# Angle by which a line (border or crease) turns at its corners, radians. Larger: fewer fixed corners, more vertices
-# slide along the line.
+# Angle, radians, by which a line (border or crease) must turn at a vertex for a fixed corner. Larger: fewer fixed
+# corners, more vertices slide along the line.
 TURN = np.radians(50.0)
 # Smallest angle between the normals of two faces at a crease, radians. Larger: fewer creases are preserved.
 CREASE = np.radians(80.0)
-CREASE_EDGES = 6  # smallest number of connected sharp edges that make a crease; fewer are treated as noise
+CREASE_EDGES = 6  # smallest number of connected sharp edges that make a crease; larger: more sharp edges count as noise
 
 
 def triangulate_at_centroids(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
@@ -35,7 +35,7 @@ def triangulate_at_centroids(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _vertex_normals(mesh: QuadMesh, points: np.ndarray) -> Float[np.ndarray, "vertices 3"]:
-    """Return unit vertex normals, the area-weighted means of the quads' normals."""
+    """Return unit vertex normals, area-weighted means of the quads' normals, for vertices at ``points``."""
     p = points[mesh.quads]
     vectors = np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
     total = np.zeros_like(points)
@@ -44,7 +44,7 @@ def _vertex_normals(mesh: QuadMesh, points: np.ndarray) -> Float[np.ndarray, "ve
 
 
 def _shortest_edges(mesh: QuadMesh, points: np.ndarray) -> Float[np.ndarray, " vertices"]:
-    """Return the length of the shortest edge at every vertex, metres."""
+    """Return the length of the shortest edge at every vertex, metres, for vertices at ``points``."""
     shortest = np.full(len(points), np.inf)
     np.minimum.at(shortest, mesh.edges, np.linalg.norm(np.diff(points[mesh.edges], axis=1), axis=2))
     return shortest
@@ -54,6 +54,8 @@ def _shortest_edges(mesh: QuadMesh, points: np.ndarray) -> Float[np.ndarray, " v
 class VertexConstraints:
     """Surface, lines (border and creases) and corners of the original mesh, on which vertices must stay.
 
+    mesh : the original mesh
+    surface : the original surface as triangles, with a search tree
     shortest : original length of the shortest edge at every vertex, metres
     is_fixed : mask of vertices that do not move
     sliding : vertices that may move along a line
@@ -96,7 +98,7 @@ class VertexConstraints:
         longest = STEP * np.minimum(self.shortest, _shortest_edges(self.mesh, start))
         step *= np.minimum(1.0, longest / np.maximum(length, 1e-300))[:, None]
         _, face, found = self.surface.closest(start + step)
-        # on a thin part the nearest point may lie on the far side
+        # on a thin part the nearest point may lie on its other side: such vertices do not move
         beyond = np.einsum("vi,vi->v", self.surface.normals[face], normal) < 0
         found[beyond] = start[beyond]
         if len(self.sliding):

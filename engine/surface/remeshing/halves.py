@@ -16,7 +16,8 @@ from .bodies import concatenate_meshes, target_surface
 from .mend import mesh_from_rows
 
 # Symmetry tolerance: largest distance of a mirrored vertex from the surface, as a share of the mesh's extent; also the
-# largest cosine between normals of perpendicular planes. Larger: slightly asymmetric meshes are made symmetric.
+# largest cosine between the normals of planes that count as perpendicular. Larger: slightly asymmetric meshes are made
+# symmetric.
 ALIKE = 1e-3
 # Border vertices of a half within this distance of the plane, in quad edges, are merged with their mirror images.
 # Larger: fewer slits between the halves, but vertices of other borders may be merged.
@@ -59,7 +60,10 @@ class MirrorPlane:
 
 
 def mirror_planes(mesh: PolygonMesh) -> list[MirrorPlane]:
-    """Return mutually perpendicular mirror planes of a mesh, normal to the coordinate axes or to the principal axes."""
+    """Return the mirror planes of a mesh that are normal to coordinate axes or principal axes.
+
+    Planes that are not perpendicular to an earlier plane are left out.
+    """
     points, extent = mesh.vertices, float(np.ptp(mesh.vertices, axis=0).max())
     _, directions = np.linalg.eigh(np.cov(points.T))
     found: list[MirrorPlane] = []
@@ -75,7 +79,7 @@ def mirror_planes(mesh: PolygonMesh) -> list[MirrorPlane]:
 
 
 def _fit_plane(mesh: PolygonMesh, plane: MirrorPlane) -> MirrorPlane:
-    """Fit a plane to the midpoints between vertices and their mirror images, projected onto the surface."""
+    """Return a better mirror plane: fitted to the midpoints between vertices and their images projected onto the mesh."""
     target = target_surface(mesh)
     for _ in range(FITS):
         images, _ = target.nearest(np.ascontiguousarray(plane.mirror(mesh).vertices))
@@ -121,7 +125,7 @@ def cut_at_plane(mesh: PolygonMesh, plane: MirrorPlane) -> PolygonMesh | None:
 def mirror_and_join(
     quads: PolygonMesh, plane: MirrorPlane, edge: float, ends: Float[np.ndarray, "ends 3"] | None = None
 ) -> PolygonMesh:
-    """Join the quads of one half with their mirror images along the plane.
+    """Return a mesh of the quads of one half and their mirror images, joined along the plane.
 
     Parameters
     ----------
@@ -156,5 +160,12 @@ def euler_characteristic(mesh: PolygonMesh) -> int:
 
 
 def planes_preserving(mesh: PolygonMesh, planes: Sequence[MirrorPlane], extent: float) -> list[MirrorPlane]:
-    """Return those of the planes that map a body onto itself; ``extent`` is the size of the whole mesh, metres."""
+    """Return the planes that map a body onto itself.
+
+    Parameters
+    ----------
+    mesh : the body
+    planes : planes to test
+    extent : size of the whole mesh, metres, to which the tolerance ``ALIKE`` refers
+    """
     return [plane for plane in planes if plane.maps_onto(mesh, mesh, extent)]

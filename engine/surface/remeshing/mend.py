@@ -1,6 +1,6 @@
-"""Repair folded, degenerate, thin or warped quads of a remesher.
+"""Repair folded, degenerate, thin or warped quads that a remesher made.
 
-Their corners are moved along the target surface; quads that stay folded or thin are collapsed.
+The corners of such quads are moved along the target surface; quads that stay folded or thin are collapsed.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from ..mesh import PolygonMesh
 from ..triangle_tree import TriangleTree
 from .regularise import best_squares
 
-# codes of findings (see checking) about quads, from the worst to the least bad
+# Sets of codes of findings about quads (see the table in ``check``), from the worst to the least bad
 FOLDED = {"zero-edge", "zero-area", "crossed", "repeated-vertex", "duplicate-faces"}
 USELESS = FOLDED | {"thin"}  # quads without room for a spiral
 POOR = USELESS | {"concave", "warped"}
-ROUNDS = 6  # largest number of rounds of moving and collapsing; more: slower, rarely better
-# Quads smaller than this share of the median quad (half diagonal) are enlarged to it. Larger: more room in small quads,
+ROUNDS = 6  # largest number of rounds of moving corners and collapsing quads; more: slower, rarely better
+# Quads with a half diagonal below this share of the median are enlarged to this share. Larger: more room in small quads,
 # less in their neighbours.
 MIN_SIZE = 0.7
 # Smallest angle between the normals of two triangles at a sharp edge, degrees: above the 30 of round surfaces with few
 # triangles, below the 90 of boxes and rims. Larger: fewer edges are preserved.
 SHARP_ANGLE = 50.0
-MOVES = 12  # moves of every corner per round; more: slower, rarely better
+MOVES = 12  # number of times that every corner moves per round; more: slower, rarely better
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class TargetSurface(TriangleTree):
     def sample_points(self) -> Float[np.ndarray, "points 3"]:
         """4000 points, evenly distributed by area (R2 sequence, Roberts 2018).
 
-        The point of a triangle that has only one is its centroid.
+        If only one point falls into a triangle, it is moved to the triangle's centroid.
         """
         a, b, c = self.vertices[self.triangles.T]
         area = np.cumsum(np.linalg.norm(np.cross(b - a, c - a), axis=1))
@@ -125,7 +125,7 @@ class TargetSurface(TriangleTree):
 
 
 def mend_quads(quads: PolygonMesh, target: TargetSurface) -> PolygonMesh:
-    """Repair poor quads as far as possible; ``check.findings`` reports the rest.
+    """Return a mesh with poor quads repaired as far as possible; ``check.findings`` reports quads that stay poor.
 
     Parameters
     ----------
@@ -168,7 +168,10 @@ Move = Callable[[np.ndarray], np.ndarray]  # maps vertex positions (V, 3) to tar
 def neighbour_mean_move(quads: PolygonMesh, links: Int[np.ndarray, "links 2"]) -> Move:
     """Return a function that moves every vertex to the mean of its neighbours.
 
-    links : pairs of a vertex and one of its neighbours
+    Parameters
+    ----------
+    quads : quad mesh
+    links : pairs of a vertex and one of its neighbours; a pair moves only its first vertex
     """
     count = len(quads.vertices)
     degree = np.maximum(np.bincount(links[:, 0], minlength=count), 1)[:, None]
@@ -182,7 +185,12 @@ def neighbour_mean_move(quads: PolygonMesh, links: Int[np.ndarray, "links 2"]) -
 def square_fit_move(quads: PolygonMesh, links: np.ndarray) -> Move:
     """Return a function that moves every vertex to its mean position in the squares that best fit its quads.
 
-    Small squares are enlarged, see ``MIN_SIZE``. ``links`` is not used; it makes the signature that of ``neighbour_mean_move``.
+    Small squares are enlarged, see ``MIN_SIZE``.
+
+    Parameters
+    ----------
+    quads : quad mesh
+    links : not used; only makes this function interchangeable with ``neighbour_mean_move``
     """
     corners, count = quads.corners.reshape(-1, 4), len(quads.vertices)
     degree = np.maximum(np.bincount(corners.ravel(), minlength=count), 1)[:, None]
@@ -202,16 +210,16 @@ def square_fit_move(quads: PolygonMesh, links: np.ndarray) -> Move:
 def _sum_by_index(
     at: Int[np.ndarray, " points"], values: Float[np.ndarray, "points 3"], count: int
 ) -> Float[np.ndarray, "vertices 3"]:
-    """Return, for each of ``count`` vertices, the sum of the values whose index ``at`` names it."""
+    """Return for every vertex v of ``count`` vertices the sum of all rows ``values[i]`` with ``at[i]`` = v."""
     return np.stack([np.bincount(at, values[:, k], minlength=count) for k in range(3)], axis=1)
 
 
 def move_corners(
     quads: PolygonMesh, poor: np.ndarray, target: TargetSurface, make_move: Callable[[PolygonMesh, np.ndarray], Move]
 ) -> PolygonMesh:
-    """Move the corners of poor quads, and of two rings of quads round them, along the surface.
+    """Return a mesh with the corners of poor quads, and of two rings of quads round them, moved along the surface.
 
-    Border corners move along the border. Corners stay where the border turns sharply and on sharp edges of the surface.
+    Border corners move along the border. Corners do not move on sharp edges and where the border turns sharply.
 
     Parameters
     ----------
@@ -240,7 +248,7 @@ def move_corners(
     for _ in range(MOVES):
         wanted = wish(points)
         found, there = target.nearest(wanted[inner])
-        # on a thin part the far side may be nearer: skip such moves
+        # on a thin part the nearest point may lie on its other side: skip such moves
         same_side = np.einsum("ni,ni->n", there, normals[inner]) > -0.5
         points[inner[same_side]], normals[inner[same_side]] = found[same_side], there[same_side]
         if len(outer):
@@ -270,7 +278,7 @@ def line_corners(points: np.ndarray, border: np.ndarray) -> Bool[np.ndarray, " v
 
 
 def _without_doublets(quads: PolygonMesh) -> PolygonMesh:
-    """Merge pairs of quads that share two adjacent sides, removing the vertex between these sides."""
+    """Return a mesh in which two quads that share two adjacent sides are merged, without the vertex between these sides."""
     for _ in range(100):
         sides, corners = sides_of(quads), quads.corners.reshape(-1, 4)
         ends = sides.edges[np.bincount(sides.edge, minlength=len(sides.edges)) == 2]
@@ -298,7 +306,11 @@ def _without_doublets(quads: PolygonMesh) -> PolygonMesh:
 
 
 def _collapse_quads(quads: PolygonMesh, folded: np.ndarray, target: TargetSurface) -> PolygonMesh | None:
-    """Collapse quads by merging two opposite corners, where the mesh stays sound; None if none could be collapsed."""
+    """Collapse quads by merging two opposite corners, where the mesh stays sound; return None if no quad could collapse.
+
+    folded : indices of the quads to collapse
+    target : surface onto which the merged corner is projected
+    """
     points, corners = np.array(quads.vertices, float), quads.corners.reshape(-1, 4).copy()
     sides = sides_of(quads)
     on_border = np.zeros(len(points), bool)

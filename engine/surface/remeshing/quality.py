@@ -11,13 +11,14 @@ from ..curvature import misalignment
 from ..mesh import PolygonMesh
 from .mend import TargetSurface
 
-# A point of a sharp edge counts as preserved within this distance of a quad's side, in quad edges; 0.1 is not visible.
-# Larger: sharp edges count as preserved although the quads round them off.
+# A point on a sharp edge of the surface counts as preserved if a quad's side is within this distance, in quad edges; 0.1
+# is not visible. Larger: sharp edges count as preserved although the quads round them off.
 PRESERVED_DISTANCE = 0.1
 # Weight of one degree of misalignment in the cost, in irregular vertices. Larger: quads follow the curvature more
 # closely, with more irregular vertices.
 MISALIGNMENT_WEIGHT = 2.5
-# Constant added to irregular vertices and misalignment in the cost. Larger: unevenness and lost edges matter more.
+# Constant added to the number of irregular vertices and the weighted misalignment in the cost. Larger: unevenness and
+# lost sharp edges matter more.
 BASE_COST = 20.0
 
 
@@ -70,7 +71,10 @@ def quality(quads: PolygonMesh, target: TargetSurface) -> Quality:
 
 
 def _lost_edge_share(quads: PolygonMesh, edges: np.ndarray, target: TargetSurface) -> float:
-    """Return the share of the length of the target's sharp edges that is farther than ``PRESERVED_DISTANCE`` from all quad edges."""
+    """Return the share of the target's sharp edges, by length, that is farther than ``PRESERVED_DISTANCE`` from all edges.
+
+    edges : edges of the quads, as pairs of vertices
+    """
     if not len(target.sharp_edges):
         return 0.0
     import igl

@@ -12,7 +12,7 @@ from ..checking.topology import sides_of
 from ..mesh import PolygonMesh
 from .mend import TargetSurface, line_corners, mesh_from_rows, move_corners, neighbour_mean_move, square_fit_move
 
-# Corners within this distance of a sharp edge are moved onto it, in quad edges. Larger: sharp edges are followed more
+# Quad corners nearer to a sharp edge than this are moved onto it, in quad edges. Larger: sharp edges are followed more
 # completely; from 0.5 both ends of a quad's side would be moved.
 SNAP_DISTANCE = 0.3
 # Largest distance, in quad edges, over which a quad corner is moved to a point where sharp edges or the border meet or
@@ -34,7 +34,14 @@ def split_into_quads(polygons: PolygonMesh) -> PolygonMesh:
 def refine_quads(quads: PolygonMesh, target: TargetSurface, times: int) -> PolygonMesh:
     """Split every quad into four, ``times`` times; project the corners onto the surface and make the quads square.
 
-    Corners near sharp edges of the surface go onto them and stay there; border corners go to the surface's border.
+    Corners near sharp edges of the surface are moved onto these edges and stay there; border corners are moved onto the
+    surface's border.
+
+    Parameters
+    ----------
+    quads : quad mesh
+    target : surface on which the corners must lie
+    times : number of subdivisions
     """
     quads = _snap_to_surface(quads, target)
     for _ in range(times):
@@ -45,7 +52,10 @@ def refine_quads(quads: PolygonMesh, target: TargetSurface, times: int) -> Polyg
 
 
 def _snap_to_surface(quads: PolygonMesh, target: TargetSurface) -> PolygonMesh:
-    """Project corners onto the surface, nearby sharp edges, the border, and points where these lines meet or turn."""
+    """Return a mesh with its corners projected onto the surface, nearby sharp edges and the border.
+
+    Where these lines meet or turn, the nearest corner is moved to that point.
+    """
     sides = sides_of(quads)
     once = np.bincount(sides.edge, minlength=len(sides.edges)) == 1
     rim = np.unique(sides.edges[once])
@@ -72,7 +82,7 @@ def _line_corner_mask(target: TargetSurface, lines: np.ndarray) -> np.ndarray:
 def _snap_to_corners(
     points: Float[np.ndarray, "points 3"], among: np.ndarray, corners: np.ndarray, size: float
 ) -> None:
-    """Move a point onto every corner, in place: the nearest of ``points[among]`` if it is near enough.
+    """For every corner, move the nearest of the points ``points[among]`` onto it, in place, if it is near enough.
 
     corners : positions, (corners, 3)
     size : mean edge length of the quads, to which ``CORNER_SNAP_DISTANCE`` refers

@@ -1,4 +1,4 @@
-"""Make quads squarer without leaving the surface, before they are flattened.
+"""Make the quads of a mesh squarer without leaving the surface, before the layout.
 
 Every quad pulls its corners towards its best-fitting square; every vertex goes to the mean of these positions and is
 projected back onto the surface (after Pietroni et al. 2015, Bouaziz et al. 2012). Vertices of the border and of sharp
@@ -21,30 +21,38 @@ from ..mesh import QuadMesh
 from ..symmetry import symmetries
 from .guide import VertexConstraints, distances, sample_points
 
-MOMENTUM = 0.5  # share of a vertex's last move that is added to its next; larger: faster, then overshooting
-EVERY = 8  # rounds between checks for spoilt quads, as a check takes longer than a round; larger: faster, later repair
-MENDING = (
-    36  # largest number of repair rounds at the end, in three stages of a third each, see ``_repair_spoilt_quads``
-)
-# Square energy up to which a quad is accepted whatever its energy was. Larger: fewer moves are undone, less square.
+MOMENTUM = 0.5  # share of a vertex's last move that is added to its next move; larger: faster, up to overshooting
+# Number of rounds between checks for spoilt quads (see ``_spoilt_quads``), as a check takes longer than a round. Larger:
+# faster, later repair.
+EVERY = 8
+# Largest number of repair rounds at the end, in three stages of a third each, see ``_repair_spoilt_quads``. Larger: fewer
+# vertices return to their original positions, slower.
+MENDING = 36
+# ``square_energy`` up to which a quad is accepted whatever its original energy. Larger: fewer moves are undone, and some
+# quads get less square.
 GOOD = 0.06
-# Largest factor by which the square energy of a quad above GOOD may grow. Larger: others improve more.
+# Largest factor by which the ``square_energy`` of a quad above GOOD may grow. Larger: single quads get worse, and all
+# quads squarer on average.
 WORSE = 1.4
 # Largest distance of original vertices and centroids from the regularised surface, in sizes of the quads there (root of
 # the area). Larger: squarer quads, more detail of the surface is lost.
 DEVIATION = 0.25
-# Largest distance of corners from their quad's plane, in lengths of its shortest side; quads warped more cannot be
-# flattened. Smaller: more quads leave the surface.
+# Largest distance of corners from their quad's plane, in lengths of the quad's shortest side; quads warped more cannot
+# be laid flat. Smaller: more quads leave the surface.
 WARP = 0.15
-# Bend of a quad from which it is flattened, radians; see ``bend_angles``. Quads of smooth surfaces bend by less than 27
-# degrees. Smaller: more quads leave the surface.
+# Quads that bend by more than this angle (see ``bend_angles``) are flattened, radians. Quads of smooth surfaces bend by
+# less than 27 degrees. Smaller: more quads leave the surface.
 BEND = np.radians(30.0)
-SHORT = 0.3  # smallest edge length, in median edges; larger: more moves are undone
-# Breadth of quads, in median edges, from which it may shrink. Larger: more room for spirals, less square quads.
+SHORT = 0.3  # smallest edge length, in median edges, below which a quad's moves are undone; larger: more are undone
+# Breadth of quads, in median edges, down to which quads may always become narrower. Larger: more room for spirals, less
+# square quads.
 PLENTY = 0.4
-# Safety factor on measured breadths and lengths: the symmetrisation that follows changes them by less than 1 %.
+# Safety factor on measured breadths and lengths: the symmetrisation that follows changes them by less than 1 %. Smaller:
+# more moves are undone.
 SPARE = 0.99
-ROUNDS = 40  # rounds in which moves round narrow or distorted quads are shortened, before all moves are dropped
+# Largest number of rounds in which moves round narrow or distorted quads are shortened; after these, all moves are
+# dropped. Larger: slower, more moves are kept.
+ROUNDS = 40
 SHORTER = 0.7  # factor on such a move per round; larger: more of the move is kept, in more rounds
 SHORTEST = 0.01  # moves shortened to less than this share are dropped: traces of moves would keep quads bent
 SYMMETRY = 0.01  # symmetry tolerance, in median edges; larger: slightly asymmetric meshes become symmetric
@@ -102,8 +110,13 @@ def _square_up(
 ) -> tuple[Float[np.ndarray, "vertices 3"], bool]:
     """Iterate towards squarer quads, then undo moves that spoil quads.
 
-    With ``with_room``, quads that become too narrow are held back from the start, so that quads around them adapt; this
-    ends squarer on some meshes and less square on others.
+    Parameters
+    ----------
+    guide : the mesh, with the lines on which vertices must stay
+    rounds : number of iterations
+    progress : called with the fraction done
+    with_room : hold back quads that become too narrow from the start, so that quads around them adapt; the result is
+        squarer on some meshes and less square on others
 
     Returns
     -------
@@ -135,7 +148,7 @@ def _mean_energy(mesh: QuadMesh, points: np.ndarray) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _MoveWeights:
-    """Weights of the moves in a round; they grow where quads get worse.
+    """Weights with which squares and original positions attract vertices in a round; they grow where quads get worse.
 
     weight : weight of every quad at its corners; larger for quads that became less square
     anchor : weight of every vertex's original position, where its quads together weigh 1; larger where parts of the
@@ -164,9 +177,9 @@ class _MoveWeights:
     ) -> _MoveWeights:
         """Return the weights for the next rounds.
 
-        worse : quads that became much less square; their weights grow
-        away : quads that are too narrow or too far from the surface; the anchors of their corners grow
-        keep : factor on the excess weights everywhere else
+        worse : mask of quads that became much less square; their weights double
+        away : mask of quads that are too narrow or too far from the surface; the anchors of their corners grow
+        keep : factor for all other quads and vertices, on the anchor and on the part of the weight above 1
         """
         weight = np.where(worse, np.minimum(2 * self.weight, 100.0), 1 + keep * (self.weight - 1))
         near = _corners_of(self.mesh, away)
@@ -229,30 +242,30 @@ def _repair_spoilt_quads(
 
 
 def _flatten_warped_quads(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
-    """Flatten warped quads until no corner is farther from its quad's plane than WARP times the shortest side.
+    """Return positions with warped quads flattened: no corner is farther from its quad's plane than the limit ``WARP``.
 
-    Vertices may leave the surface; border vertices stay.
+    Vertices may leave the surface; border vertices do not move.
     """
 
     def max_offset(corners: np.ndarray, off: np.ndarray) -> np.ndarray:
-        """Return the largest allowed distance of corners from their quad's plane, metres."""
+        """Return the largest allowed distance of every quad's corners from its plane, metres."""
         return WARP * _side_lengths(corners).min(axis=1)
 
     return _flatten_quads(mesh, points, max_offset)
 
 
 def flatten_bent_quads(mesh: QuadMesh) -> QuadMesh:
-    """Flatten quads that bend by more than BEND; return the mesh itself if there are none.
+    """Return a mesh with quads that bend by more than ``BEND`` flattened; the mesh itself if there are none.
 
     Such a quad spans a feature of the surface smaller than itself, so its vertices leave the surface by a share of an
-    edge. Quads of smooth surfaces bend less and stay. If a quad would become too narrow or distorted, the moves round
-    it are shortened, and it keeps a part of its bend. Border vertices stay.
+    edge. Quads of smooth surfaces bend less and are not changed. If a quad would become too narrow or distorted, the
+    moves round the quad are shortened, and it keeps a part of its bend. Border vertices do not move.
     """
     if bend_angles(mesh.vertices[mesh.quads]).max() <= BEND:
         return mesh
 
     def max_offset(corners: np.ndarray, off: np.ndarray) -> np.ndarray:
-        """Return the largest allowed distance of corners from their quad's plane, metres."""
+        """Return the largest allowed distance of every quad's corners from its plane, metres."""
         return np.abs(off) * BEND / np.maximum(bend_angles(corners), 1e-300)
 
     return mesh.with_vertices(_shorten_moves(mesh, _flatten_quads(mesh, mesh.vertices, max_offset)))
@@ -268,10 +281,10 @@ def bend_angles(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, " 
 def _flatten_quads(
     mesh: QuadMesh, points: np.ndarray, max_offset: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> np.ndarray:
-    """Flatten quads until no corner is farther from its quad's plane than allowed; border vertices stay.
+    """Return positions at which no corner is farther from its quad's plane than allowed; border vertices do not move.
 
-    max_offset : function of the corners (quads, 4, 3) and of their signed distance from the plane (quads,), metres, that
-        returns the largest distance allowed (quads,)
+    max_offset : function of the corners (quads, 4, 3) and of the signed distance of every quad's first corner from its
+        plane (quads,), metres; returns the largest allowed distance for every quad (quads,)
     """
     signs = np.array([1.0, -1.0, 1.0, -1.0])
     for _ in range(100):
@@ -292,7 +305,12 @@ def _flatten_quads(
 
 
 def _shorten_moves(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
-    """Shorten vertices' moves at quads that become too narrow or distorted; drop all moves if that does not help."""
+    """Return positions with shorter moves of vertices at quads that became too narrow or distorted.
+
+    If that does not help, all vertices return to their original positions.
+
+    points : moved vertex positions, metres
+    """
     share = np.ones(len(points))
     for _ in range(ROUNDS):
         moved = mesh.vertices + share[:, None] * (points - mesh.vertices)
@@ -307,7 +325,8 @@ def _shorten_moves(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
 def _tight_quads(mesh: QuadMesh, points: np.ndarray, limit: float) -> Bool[np.ndarray, " quads"]:
     """Return a mask of quads that became narrower than the narrowest original quad, or got a short side.
 
-    limit : factor on the measured breadths and lengths
+    points : new vertex positions, metres
+    limit : factor on the new breadths and lengths before they are compared
     """
     before, after = mesh.vertices[mesh.quads], points[mesh.quads]
     edges, sides = _side_lengths(before), _side_lengths(after)
@@ -320,7 +339,7 @@ def _tight_quads(mesh: QuadMesh, points: np.ndarray, limit: float) -> Bool[np.nd
 
 
 def _much_worse_quads(mesh: QuadMesh, points: np.ndarray) -> Bool[np.ndarray, " quads"]:
-    """Return a mask of quads whose square energy exceeds both GOOD and WORSE times its original value."""
+    """Return a mask of quads whose ``square_energy`` exceeds both ``GOOD`` and ``WORSE`` times its original value."""
     before, after = square_energy(mesh.vertices[mesh.quads]), square_energy(points[mesh.quads])
     return after > np.maximum(GOOD, WORSE * before)
 
@@ -331,7 +350,10 @@ def _side_lengths(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, 
 
 
 def _symmetrise(mesh: QuadMesh, points: np.ndarray, progress: Progress) -> np.ndarray:
-    """Average the moves over the symmetries of ``mesh``, which ties between nearest points break slightly."""
+    """Return positions with the moves averaged over the mesh's symmetries, which rounding has slightly broken.
+
+    points : moved vertex positions, metres
+    """
     moves = points - mesh.vertices
     group = symmetries(mesh, tolerance=SYMMETRY, progress=progress)
     total = moves + sum(moves[s.vertices] @ s.matrix for s in group)
@@ -341,10 +363,13 @@ def _symmetrise(mesh: QuadMesh, points: np.ndarray, progress: Progress) -> np.nd
 def _spoilt_quads(
     mesh: QuadMesh, points: np.ndarray, limit: float = 1.0
 ) -> tuple[Bool[np.ndarray, " quads"], Bool[np.ndarray, " quads"]]:
-    """Return masks of quads that became much less square, and of quads whose original places are far from the surface.
+    """Return masks of spoilt quads: quads that became much less square, and quads from which the surface moved away.
+
+    A quad is in the second mask if one of its original corners or its original centroid is farther from the new surface
+    than the limit ``DEVIATION``.
 
     points : new vertex positions, metres
-    limit : factor on the tolerances
+    limit : factor on the tolerances; smaller is stricter
     """
     before, after = square_energy(mesh.vertices[mesh.quads]), square_energy(points[mesh.quads])
     worse = after > np.maximum(GOOD * limit, (1 + (WORSE - 1) * limit) * before)

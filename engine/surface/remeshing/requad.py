@@ -4,8 +4,8 @@ The tool is Blender's (``bridge.hosts.second_blender``): QuadriFlow, and a voxel
 (manifold, consistently oriented). This module ranks and repairs its results. QuadriFlow works in single precision and
 fails on very small or large surfaces, so every body is first scaled to one size.
 
-Closed bodies that intersect become one; bodies that are not clean are rebuilt from voxels; open parts are cut apart at
-edges of three faces; bodies too small for the number of quads are left out.
+Closed bodies that intersect become one body. Bodies that are not clean are rebuilt from voxels. Open parts are cut apart
+at edges of three faces. Bodies too small for the number of quads are left out.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ from .refine import split_into_quads
 from .soundness import SoundQuads, rate_quads, regularise_if_better, repair_and_rate
 from .tool import RemeshTool
 
-EXTENT = 2.0  # largest dimension to which bodies are scaled for the tool; at smaller sizes QuadriFlow fails
-# Default: largest share of the area that may be left out, in bodies with too few quads.
+EXTENT = 2.0  # largest dimension to which bodies are scaled for the tool, no unit; at smaller sizes QuadriFlow fails
+# Default of the largest share of the area that may be left out because it lies in bodies with too few quads.
 MAX_LEFT_OUT = RemeshParams.crumbs
-FIRST, REST = (0.05, 0.3), (0.3, 1.0)  # ranges of the progress: first quads of every body; better quads
+FIRST, REST = (0.05, 0.3), (0.3, 1.0)  # fractions of the progress: for first quads of every body; for better quads
 # Smallest number of quads of an open and of a closed body; bodies that would get fewer are left out. Larger: the pieces
 # match the shape better, but small bodies are lost.
 MIN_QUADS, MIN_QUADS_CLOSED = 6, 12
@@ -49,22 +49,22 @@ QUADRIFLOW_ATTEMPTS = (
 # Smallest number of attempts before the best sound result is accepted although some of its quads are poor (see
 # ``mend.POOR``). Larger: fewer irregular vertices, slower.
 MIN_ATTEMPTS = 4
-NO_FOLDS = 180.0  # degrees; an angle that no fold exceeds
+NO_FOLDS = 180.0  # angle that no fold exceeds, degrees
 # Attempts along the curvature: smallest angle of folds that quads follow, degrees; weight of the alignment; strength of
-# the smoothing. Rows are tried until one gives useful quads; a row ends at its first failure.
+# the smoothing. Rows are tried until a row gives useful quads; a row ends at its first failure.
 CURVATURE_ATTEMPTS: tuple[tuple[tuple[float, float, float], ...], ...] = (
     ((SHARP_ANGLE, 4.0, 10.0), (SHARP_ANGLE, 16.0, 10.0)),
     ((NO_FOLDS, 4.0, 10.0), (NO_FOLDS, 16.0, 10.0)),
     ((NO_FOLDS, 0.5, 30.0),),
 )
-MAX_MAPS = 3  # largest number of these attempts per body, all its voxel surfaces together; larger: better, slower
-MAX_MAPPED_QUADS = 3000  # largest number of quads in all these attempts of a body together; larger: slower
+MAX_MAPS = 3  # largest number of attempts along the curvature per body; larger: better, slower
+MAX_MAPPED_QUADS = 3000  # about the largest number of quads in these attempts together; larger: more attempts, slower
 TRIANGLES_PER_QUAD = 20.0  # triangles per quad to which denser bodies are simplified; larger: more detail, slower
 MAX_VOXEL_ATTEMPTS = 3  # largest number of attempts with QuadriFlow on each voxel surface
-VOXEL_SIZES = (0.35, 0.5, 0.72, 1.0)  # voxel sizes in quad edges: fine voxels preserve detail, coarse ones close gaps
-# Smallest share of a voxel surface's area in its largest outer skin. Smaller: larger parts may be dropped.
+VOXEL_SIZES = (0.35, 0.5, 0.72, 1.0)  # voxel sizes in quad edges: small voxels preserve detail, large voxels close gaps
+# Smallest share of all outer skins' area in the largest skin of a voxel surface. Smaller: larger parts may be dropped.
 MIN_SKIN_SHARE = 0.95
-MIN_RESULTS = 3  # smallest number of sound results before the best is accepted with poor quads; larger: better, slower
+MIN_RESULTS = 3  # smallest number of results before the best is accepted with poor quads; larger: better, slower
 # Polygon sizes, in quad edges, tried if QuadriFlow finds no quads; each polygon is then split into one quad per corner.
 CELL_SIZES = (2.0, 2.4, 1.6)
 # Largest ratio of quads from CELL_SIZES to the wanted number; bodies that consist of small faces give more.
@@ -72,7 +72,7 @@ MAX_CELL_RATIO = 3
 # Symmetric quads are accepted at once if their number differs from the wanted number by less than this factor. Larger:
 # faster, but meshes that had to be subdivided, with many irregular vertices, are accepted.
 MAX_COUNT_RATIO = 1.5
-# Smallest share of the surface's area that quads should have; others rank behind. Larger: fewer thin parts are lost.
+# Smallest area of quads as a share of the surface's; quads with less rank lower. Larger: fewer thin parts are lost.
 MIN_AREA_SHARE = 0.8
 
 
@@ -149,7 +149,7 @@ def requad(
 
 
 class _BodySearch:
-    """Search for ``count`` quads of one body, which messages call ``name``.
+    """Search for ``count`` quads of one body; messages append ``name`` to say which body.
 
     planes : mirror planes of the body; results : sound results so far
     """
@@ -216,7 +216,7 @@ class _BodySearch:
         return self._progress.quiet()
 
     def _attempts(self) -> Iterator[SoundQuads | str]:
-        """Yield the results of all attempts (reasons, where they fail), the quickest attempts first."""
+        """Yield the result of every attempt, or the reason if it fails; the quickest attempts come first."""
         yield from self._quads_by_halves()
         useful = _any_useful(self.results)
         if useful and 1.0 / MAX_COUNT_RATIO < len(self.results[0].quads.sizes) / self._count < MAX_COUNT_RATIO:
@@ -250,7 +250,7 @@ class _BodySearch:
             yield from _quads_by_cells(self._small, self._whole, self._count, self._tool, self._report_attempt("Cells"))
 
     def _quads_by_halves(self) -> Iterator[SoundQuads]:
-        """Yield sound symmetric quads, one half and its mirror image; failures are silent, as other attempts follow."""
+        """Yield sound symmetric quads, a half and its mirror image; yield nothing on failure, as other attempts follow."""
         if not self._planes or not self._clean or self._count < 2 * MIN_QUADS:
             return
         first, *others = self._planes
@@ -274,7 +274,7 @@ class _BodySearch:
                 return
 
     def _is_good_enough(self) -> bool:
-        """Return whether a result has no faults, or there were enough attempts and sound results."""
+        """Return whether a result has no faults, or there were enough attempts and results, one without useless quads."""
         sound = [one for one in self.results if not one.faults[0]]
         if _any_useful(self.results) and not min(one.faults[2] for one in sound):
             return True
@@ -293,7 +293,7 @@ class _BodySearch:
 
 @dataclass(frozen=True, eq=False)
 class _MirroredSearch:
-    """Body that is the mirror image of another: reflects the other's quads; has the methods of ``_BodySearch``."""
+    """Body that is the mirror image of another body, whose quads it reflects; has the methods of ``_BodySearch``."""
 
     source: _BodySearch | _MirroredSearch
     plane: MirrorPlane
@@ -374,7 +374,7 @@ def _simplify(body: PolygonMesh, count: int) -> PolygonMesh:
 
 
 def _outer_skin(skin: PolygonMesh) -> PolygonMesh | None:
-    """Return the largest outer skin of a voxel surface; None if it has less than ONE_SKIN of all outer skins' area."""
+    """Return the largest outer skin of a voxel surface; None if its share of all skins' area is below the minimum."""
     if not (skin.sizes == 4).all():
         return None
     rows, body = skin.corners.reshape(-1, 4), bodies(sides_of(skin), len(skin.sizes))

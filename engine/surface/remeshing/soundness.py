@@ -17,19 +17,21 @@ from .quality import quality
 from .refine import refine_quads
 from .regularise import flatten_bent_quads, regularise
 
-# Weight of the share of poor quads in the cost: a tenth of poor quads doubles it. Larger: fewer poor quads, but less
-# regular meshes.
+# Weight of the share of poor quads in the cost: a tenth of poor quads doubles the cost. Larger: fewer poor quads, but
+# less regular meshes.
 POOR_WEIGHT = 10.0
 # Distance between quads and surface (95th percentile), in whole quad edges, from which quads are rejected: thin parts,
 # such as a rabbit's ears, are lost. Larger: worse results are accepted.
 MAX_MISSED = 3
-# Largest area of the quads, as a share of the surface's area; more means a second skin, as of an open surface that was
-# closed. Results with their border have 0.92 to 0.97.
+# Largest area of the quads, as a share of the surface's area. More means a second skin, as when the remesher closes an
+# open surface; sound results of open surfaces have 0.92 to 0.97. Larger: closed surfaces may pass.
 MAX_AREA_RATIO = 1.2
 # A quad fills a hole if all its corners are within this distance of the surface's border, in quad edges, and its middle
-# is off the surface or it faces the other way. Larger: quads at narrow parts are removed too.
+# is off the surface or the quad faces the other way. Larger: quads at narrow parts are removed too.
 BORDER_DISTANCE = 0.6
-FILL_DISTANCE = 0.1  # distance of a quad's middle from the surface, in quad edges, from which it is off the surface
+# Distance of a quad's middle from the surface, in quad edges, above which the middle is off the surface. Larger: more
+# holes stay filled.
+FILL_DISTANCE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,9 +75,14 @@ def repair_and_rate(
 
 
 def snap_to_border_corners(quads: PolygonMesh, target: TargetSurface) -> PolygonMesh:
-    """Move the nearest border vertex of the quads onto every corner of the surface's border.
+    """Return quads whose nearest border vertex is moved onto each corner of the surface's border.
 
     Remeshers cut these corners off.
+
+    Parameters
+    ----------
+    quads : quad mesh
+    target : the surface that the quads cover
     """
     corners = target.vertices[target.border_corners]
     sides = sides_of(quads)
@@ -92,8 +99,12 @@ def snap_to_border_corners(quads: PolygonMesh, target: TargetSurface) -> Polygon
 
 
 def rate_quads(quads: PolygonMesh, target: TargetSurface, count: int) -> SoundQuads | str:
-    """Rate quads against the surface ``target`` without a repair; return the reason if they are unusable.
+    """Rate quads that should cover a surface, without repairing them; return the reason if they are unusable.
 
+    Parameters
+    ----------
+    quads : quad mesh
+    target : surface that the quads should cover
     count : wanted number of quads
     """
     found = findings(quads)
@@ -124,7 +135,13 @@ def rate_quads(quads: PolygonMesh, target: TargetSurface, count: int) -> SoundQu
 
 
 def reopen_holes(raw: PolygonMesh, target: TargetSurface) -> PolygonMesh:
-    """Remove quads that fill holes of the surface: QuadriFlow fills holes with at most 25 of its edges round them."""
+    """Return quads without those that fill holes of the surface; QuadriFlow fills holes surrounded by up to 25 edges.
+
+    Parameters
+    ----------
+    raw : quads of the remesher
+    target : surface that the quads should cover
+    """
     rows = raw.corners.reshape(-1, 4)
     size = (target_surface(raw).area / len(rows)) ** 0.5
     at_border = target.distances_to_border(raw.vertices) < BORDER_DISTANCE * size
@@ -132,7 +149,7 @@ def reopen_holes(raw: PolygonMesh, target: TargetSurface) -> PolygonMesh:
     middles = corners.mean(axis=1)
     there, normals = target.nearest(middles)
     across = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    back = np.einsum("fi,fi->f", across, normals) < 0  # filling over a flat part faces the other way
+    back = np.einsum("fi,fi->f", across, normals) < 0  # quads that fill a hole over a flat part face the other way
     filling = at_border[rows].all(axis=1) & (back | (np.linalg.norm(there - middles, axis=1) > FILL_DISTANCE * size))
     if not filling.any() or filling.all():
         return raw

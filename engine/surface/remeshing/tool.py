@@ -12,7 +12,7 @@ class RemeshTool(Protocol):
     """External remesher; every call may take seconds, checks ``progress`` for a cancel, and may return None."""
 
     def triangles(self, mesh: PolygonMesh, near: float, progress: Progress) -> PolygonMesh | None:
-        """Triangulate a mesh, merge corners nearer than ``near``, and drop faces without area."""
+        """Return a mesh as triangles, with corners nearer to each other than ``near`` merged, without faces of no area."""
         ...
 
     def quads(self, body: PolygonMesh, count: int, seed: int, sharp: bool, progress: Progress) -> PolygonMesh | None:
@@ -28,7 +28,7 @@ class RemeshTool(Protocol):
         ...
 
     def cells(self, body: PolygonMesh, size: float, progress: Progress) -> PolygonMesh | None:
-        """Divide a body with large flat faces into polygons of about ``size``."""
+        """Return a body with large flat faces divided into polygons; ``size`` is about their diameter."""
         ...
 
     def intersecting_pairs(self, parts: list[PolygonMesh], progress: Progress) -> list[tuple[int, int]]:
