@@ -11,9 +11,11 @@ from typing import Any
 
 import bpy
 import numpy as np
+from mathutils import Matrix
 
 from ...engine import colours
 from ...engine.arrays import Float, Int, Shaped
+from ...engine.display.depth_offset import pull_forward
 from ..store import attributes, vertex_positions
 from ..store.columns import column
 from . import colouring, legend
@@ -171,7 +173,7 @@ def _make_batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | N
     lifted = on_both_sides(corners, up[quads.corners])
     light = 0.78 + 0.22 * np.concatenate([normal, -normal]) @ colours.LIGHT  # weak shading that shows the shape
     srgb = np.tile(np.clip(rgb, 0.0, 1.0) ** (1 / 2.2), (2, 1)) * light[:, None]
-    points = lifted[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3).astype(np.float32)
+    points = outward_triangles(lifted).reshape(-1, 3).astype(np.float32)
     alpha = np.full(len(srgb), EDIT_ALPHA if obj.data.is_editmode else 1.0)
     rgba = np.repeat(np.c_[srgb, alpha], 6, axis=0).astype(np.float32)
     faces = batch_for_shader(gpu.shader.from_builtin("FLAT_COLOR"), "TRIS", {"pos": points, "color": rgba})
@@ -202,6 +204,12 @@ def on_both_sides(
     """
     lift = LIFT * float(np.median(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1))) * up
     return np.concatenate([corners + lift, corners - lift])
+
+
+def outward_triangles(lifted: Float[np.ndarray, "sides 4 3"]) -> Float[np.ndarray, "sides 6 3"]:
+    """Return two triangles per quad, counter-clockwise seen from the side to which ``on_both_sides`` moved the quad."""
+    upper, lower = np.split(lifted, 2)
+    return np.concatenate([upper[:, [0, 1, 2, 0, 2, 3]], lower[:, [0, 2, 1, 0, 3, 2]]])
 
 
 def width_bars(
@@ -322,10 +330,16 @@ def _draw_colours() -> None:
     gpu.state.depth_test_set("LESS_EQUAL")
     gpu.state.blend_set("ALPHA")
     gpu.state.depth_mask_set(True)
-    with gpu.matrix.push_pop():
+    # of the two sides only the one that faces the eye: they lie too close for a depth buffer to tell which is in front
+    gpu.state.face_culling_set("FRONT" if obj.matrix_world.is_negative else "BACK")
+    projection = gpu.matrix.get_projection_matrix()
+    with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
         gpu.matrix.multiply_matrix(obj.matrix_world)
+        gpu.matrix.load_projection_matrix(Matrix(pull_forward(projection)))
         faces.draw(gpu.shader.from_builtin("FLAT_COLOR"))
+        gpu.state.face_culling_set("NONE")
         if lines is not None:
+            gpu.matrix.load_projection_matrix(Matrix(pull_forward(projection, 2.0)))
             pen = gpu.shader.from_builtin("POLYLINE_FLAT_COLOR")
             pen.bind()
             pen.uniform_float("viewportSize", gpu.state.viewport_get()[2:])

@@ -153,3 +153,14 @@ def test_colours_lie_on_both_sides_of_a_surface() -> None:
     assert made.shape == (2, 4, 3)
     assert (made[0, :, 2] > 0).all() and (made[1, :, 2] < 0).all()
     assert made[:, :, :2] == pytest.approx(np.tile(square[:, :, :2], (2, 1, 1)))
+
+
+def test_each_side_is_drawn_only_from_its_side() -> None:
+    """Both lie so close to each other that a view of a large piece would show a mixture of them."""
+    corners = np.array([[[0, 0, 0], [2, 0, 0.1], [2, 2, 0], [0, 2, 0.2]]], float)
+    lifted = overlay.on_both_sides(corners, np.tile([0.0, 0.0, 1.0], (1, 4, 1)))
+    drawn = overlay.outward_triangles(lifted).reshape(2, 2, 3, 3)
+    normals = np.cross(drawn[:, :, 1] - drawn[:, :, 0], drawn[:, :, 2] - drawn[:, :, 0])
+    assert (normals[0, :, 2] > 0).all() and (normals[1, :, 2] < 0).all()
+    assert np.array_equal(np.unique(drawn[0].reshape(-1, 3), axis=0), np.unique(lifted[0], axis=0))
+    assert np.array_equal(np.unique(drawn[1].reshape(-1, 3), axis=0), np.unique(lifted[1], axis=0))
