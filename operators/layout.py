@@ -54,7 +54,7 @@ class LayoutStage(ContinuedStage):
         own = collection.find(obj)
         if own is not None and framing.FRAMED_KEY not in obj:
             obj[framing.FRAMED_KEY] = True
-            framing.frame_views(context, *own.objects)
+            framing.frame_objects(context, obj, *own.objects)
         return iter(())
 
 

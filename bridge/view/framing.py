@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any
 
 import bpy
+import numpy as np
 
 from ...engine.errors import FlexMapsError
 
@@ -52,12 +53,37 @@ def frame_views(context: bpy.types.Context, *others: bpy.types.Object) -> None:
     for other in beside:
         other.select_set(True)
     for window, area in _view_areas(context):
-        region = next(region for region in area.regions if region.type == "WINDOW")
+        region = _main_region(area)
         with context.temp_override(window=window, area=area, region=region):
             bpy.ops.view3d.view_selected()
             free_part.frame_selection(context, area, region)
     for other in beside:
         other.select_set(False)
+
+
+def frame_objects(context: bpy.types.Context, *objects: bpy.types.Object) -> None:
+    """Frame whole objects in all 3D views: beside the selection in object mode, by themselves in edit mode.
+
+    In edit mode, Blender's *Frame Selected* sees selected vertices only.
+
+    Parameters
+    ----------
+    context : Blender's context
+    objects : the objects to show
+    """
+    from . import free_part
+
+    if context.mode == "OBJECT":
+        frame_views(context, *objects)
+        return
+    points = np.concatenate(
+        [np.empty((0, 3)), *(free_part.points_of(context, obj) for obj in objects if obj.visible_get())]
+    )
+    for _, area in _view_areas(context):
+        view = area.spaces.active.region_3d
+        if view.view_perspective == "CAMERA":
+            view.view_perspective = "PERSP"
+        free_part.frame_points(area, _main_region(area), points)
 
 
 def select_only(context: bpy.types.Context, obj: bpy.types.Object, layer: bpy.types.ViewLayer) -> None:
@@ -82,6 +108,10 @@ def _view_areas(context: bpy.types.Context) -> Iterator[tuple[Any, Any]]:
         yield from ((window, area) for area in window.screen.areas if area.type == "VIEW_3D")
 
 
+def _main_region(area: bpy.types.Area) -> bpy.types.Region:
+    return next(region for region in area.regions if region.type == "WINDOW")
+
+
 def select_places(
     context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, faces: list[int], edges: list[int]
 ) -> None:
@@ -96,8 +126,6 @@ def select_places(
     obj, surface : the object and its surface
     faces, edges : indices in the engine's order
     """
-    import numpy as np
-
     from ..store import attributes
 
     if not bpy.app.background and context.view_layer.objects.active == obj:

@@ -19,9 +19,19 @@ def frame_selection(context: bpy.types.Context, area: bpy.types.Area, region: bp
     context : Blender's context
     area, region : the 3D view and its main region
     """
+    frame_points(area, region, _selected_points(context))
+
+
+def frame_points(area: bpy.types.Area, region: bpy.types.Region, points: Float[np.ndarray, "points 3"]) -> None:
+    """Pan and zoom a view so that points fill its free part; leave camera views and quad views unchanged.
+
+    Parameters
+    ----------
+    area, region : the 3D view and its main region
+    points : the points, in world axes and the scene's unit
+    """
     space = area.spaces.active
     orientation = space.region_3d
-    points = _selected_points(context)
     if not len(points) or space.region_quadviews or orientation.view_perspective == "CAMERA":
         return
 
@@ -37,26 +47,37 @@ def frame_selection(context: bpy.types.Context, area: bpy.types.Area, region: bp
         orientation.view_location, orientation.view_distance = location.tolist(), distance
 
 
-def _selected_points(context: bpy.types.Context) -> Float[np.ndarray, "points 3"]:
-    """Return points that the selection consists of, in world axes and the scene's unit.
+def points_of(
+    context: bpy.types.Context, obj: bpy.types.Object, selected: bool = False
+) -> Float[np.ndarray, "points 3"]:
+    """Return points that an object consists of, in world axes and the scene's unit.
 
-    In object mode, these are the vertices of selected meshes and curves, with modifiers, and the corners of other
-    objects' bounding boxes. In edit mode of meshes, these are the selected vertices. In other modes there are none.
+    These are the vertices of meshes and curves, with modifiers unless in edit mode, and the corners of other objects'
+    bounding boxes.
+
+    Parameters
+    ----------
+    context : Blender's context
+    obj : the object
+    selected : whether to return only the selected vertices of a mesh in edit mode
     """
-    parts = [np.empty((0, 3))]
+    if obj.type == "MESH" and obj.mode == "EDIT":
+        vertices = bmesh.from_edit_mesh(obj.data).verts
+        points = np.array([v.co for v in vertices if v.select or not selected], dtype=float).reshape(-1, 3)
+    elif obj.type in {"MESH", "CURVE"}:
+        evaluated = obj.evaluated_get(context.evaluated_depsgraph_get())
+        points = column(evaluated.to_mesh().vertices, "co")
+        evaluated.to_mesh_clear()
+    else:
+        points = np.array(obj.bound_box)
+    to_world = np.array(obj.matrix_world)
+    return np.asarray(points @ to_world[:3, :3].T + to_world[:3, 3])
+
+
+def _selected_points(context: bpy.types.Context) -> Float[np.ndarray, "points 3"]:
+    """Return points that the selection consists of: selected objects, or in edit mode of meshes selected vertices.
+
+    In other modes there are none.
+    """
     objects = {"EDIT_MESH": context.objects_in_mode, "OBJECT": context.selected_objects}.get(context.mode, [])
-    graph = context.evaluated_depsgraph_get()
-    for obj in objects:
-        if context.mode == "EDIT_MESH":
-            points = np.array([v.co for v in bmesh.from_edit_mesh(obj.data).verts if v.select], dtype=float).reshape(
-                -1, 3
-            )
-        elif obj.type in {"MESH", "CURVE"}:
-            evaluated = obj.evaluated_get(graph)
-            points = column(evaluated.to_mesh().vertices, "co")
-            evaluated.to_mesh_clear()
-        else:
-            points = np.array(obj.bound_box)
-        to_world = np.array(obj.matrix_world)
-        parts.append(points @ to_world[:3, :3].T + to_world[:3, 3])
-    return np.concatenate(parts)
+    return np.concatenate([np.empty((0, 3)), *(points_of(context, obj, selected=True) for obj in objects)])

@@ -8,9 +8,10 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge.store import attributes
-from flexmaps.bridge.view import framing
+from flexmaps.bridge.view import collection, framing
 from flexmaps.engine.surface import shapes
 from mathutils import Matrix, Vector
+from support.buttons import press
 
 
 @pytest.fixture
@@ -75,3 +76,17 @@ def test_nothing_selected_moves_no_view(add: Any, area: Any) -> None:
     before = (*view.view_location, view.view_distance)
     framing.frame_views(bpy.context)
     assert (*view.view_location, view.view_distance) == before
+
+
+@pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
+def test_the_first_layout_shows_all_panels(add: Any, area: Any, mode: str) -> None:
+    dome = add(shapes.build_shape("dome"), "dome")
+    attributes.select(dome, np.array([3]), np.array([], dtype=int))
+    bpy.ops.object.mode_set(mode=mode)
+    press("merge")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    panels = collection.objects_of_kinds(dome, "panels")
+    left, size = free_size(area)
+    seen = (at(area, np.concatenate([world(dome), *map(world, panels)])) - [left, 0]) / size
+    assert panels and seen.min() > 0.05 and seen.max() < 0.95
+    assert np.ptp(seen, axis=0).max() > 0.6
