@@ -11,7 +11,7 @@ from ..bridge.hosts import preload
 from ..bridge.store import dimensions, settings, stored_report
 from ..bridge.store.i18n import translate
 from ..bridge.store.objects import find_by_uid
-from ..bridge.view import replacing
+from ..bridge.view import followed_views, replacing
 from ..engine.errors import FlexMapsError
 from ..engine.figures import format_length
 from ..engine.params import ObjectSettings
@@ -126,6 +126,14 @@ class SetSize(StageOperator["tuple[float, float, list[Finding]]"], bpy.types.Ope
         replacing.drop_results(obj, findings)
         size = max(dimensions.extents(obj)) * context.scene.unit_settings.scale_length
         return translate("Scaled to {}, spirals of {}", format_length(size), format_length(edge))
+
+
+def register() -> None:
+    followed_views.register()
+
+
+def unregister() -> None:
+    followed_views.unregister()
 
 
 CLASSES = (QuadRemesh, SetSize)

@@ -12,6 +12,8 @@ import numpy as np
 from ...engine.errors import FlexMapsError
 
 if TYPE_CHECKING:
+    from mathutils import Vector
+
     from ..store.surface import ObjectSurface
 
 
@@ -29,12 +31,20 @@ def scale_views(context: bpy.types.Context, obj: bpy.types.Object, factor: float
     obj : the object
     factor : scale factor of the object
     """
-    origin = obj.matrix_world.translation
+    from . import followed_views
+
     for _, area in _view_areas(context):
-        region = area.spaces.active.region_3d
-        if region is not None and region.view_perspective != "CAMERA":
-            region.view_location = origin + (region.view_location - origin) * factor
-            region.view_distance *= factor
+        view = area.spaces.active.region_3d
+        if view is None or view.view_perspective == "CAMERA":
+            continue
+        scale_view(view, obj.matrix_world.translation, factor)
+        followed_views.note(area, {obj.name})
+
+
+def scale_view(view: bpy.types.RegionView3D, origin: Vector, factor: float) -> None:
+    """Move a view so that something scaled about ``origin`` by ``factor`` looks as large as before."""
+    view.view_location = origin + (view.view_location - origin) * factor
+    view.view_distance *= factor
 
 
 def frame_views(context: bpy.types.Context, *others: bpy.types.Object) -> None:
@@ -47,16 +57,18 @@ def frame_views(context: bpy.types.Context, *others: bpy.types.Object) -> None:
     context : Blender's context
     others : further objects to show
     """
-    from . import free_part
+    from . import followed_views, free_part
 
     beside = [other for other in others if not other.select_get() and other.visible_get()]
     for other in beside:
         other.select_set(True)
+    names = {obj.name for obj in context.selected_objects}
     for window, area in _view_areas(context):
         region = _main_region(area)
         with context.temp_override(window=window, area=area, region=region):
             bpy.ops.view3d.view_selected()
             free_part.frame_selection(context, area, region)
+        followed_views.note(area, names)
     for other in beside:
         other.select_set(False)
 
@@ -71,7 +83,7 @@ def frame_objects(context: bpy.types.Context, *objects: bpy.types.Object) -> Non
     context : Blender's context
     objects : the objects to show
     """
-    from . import free_part
+    from . import followed_views, free_part
 
     if context.mode == "OBJECT":
         frame_views(context, *objects)
@@ -84,6 +96,7 @@ def frame_objects(context: bpy.types.Context, *objects: bpy.types.Object) -> Non
         if view.view_perspective == "CAMERA":
             view.view_perspective = "PERSP"
         free_part.frame_points(area, _main_region(area), points)
+        followed_views.note(area, {obj.name for obj in objects})
 
 
 def select_only(context: bpy.types.Context, obj: bpy.types.Object, layer: bpy.types.ViewLayer) -> None:

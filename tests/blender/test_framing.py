@@ -90,3 +90,42 @@ def test_the_first_layout_shows_all_panels(add: Any, area: Any, mode: str) -> No
     seen = (at(area, np.concatenate([world(dome), *map(world, panels)])) - [left, 0]) / size
     assert panels and seen.min() > 0.05 and seen.max() < 0.95
     assert np.ptp(seen, axis=0).max() > 0.6
+
+
+def pixels(area: Any, obj: Any) -> float:
+    """Return how large an object looks."""
+    return float(np.ptp(at(area, world(obj)), axis=0).max())
+
+
+def test_undo_and_redo_of_a_scaling_take_the_view_with_them(add: Any, area: Any) -> None:
+    dome = add(shapes.build_shape("dome"), "dome")
+    dome.scale = (10.0,) * 3
+    framing.select_only(bpy.context, dome, bpy.context.view_layer)
+    view = area.spaces.active.region_3d
+    bpy.ops.ed.undo_push(message="before")
+    first, before = view.view_distance, pixels(area, dome)
+    press("set_size")
+    bpy.ops.ed.undo_push(message="scale")
+    second = view.view_distance
+    assert second < 0.2 * first
+    bpy.ops.ed.undo()
+    assert view.view_distance == pytest.approx(first, rel=1e-3)
+    assert pixels(area, bpy.context.object) == pytest.approx(before, rel=1e-3)
+    bpy.ops.ed.redo()
+    assert view.view_distance == pytest.approx(second, rel=1e-3)
+    view.view_distance *= 1.1  # as the user does with the wheel
+    moved = view.view_distance
+    bpy.ops.ed.undo()
+    assert view.view_distance == moved
+
+
+def test_undo_moves_no_view_of_another_object(add: Any, area: Any) -> None:
+    dome = add(shapes.build_shape("dome"), "dome")
+    framing.select_only(bpy.context, dome, bpy.context.view_layer)
+    distance = area.spaces.active.region_3d.view_distance
+    other = add(shapes.build_shape("dome"), "other")
+    bpy.ops.ed.undo_push(message="before")
+    other.scale = (5.0,) * 3
+    bpy.ops.ed.undo_push(message="by hand")
+    bpy.ops.ed.undo()
+    assert area.spaces.active.region_3d.view_distance == distance
