@@ -18,12 +18,16 @@ if TYPE_CHECKING:
 
 
 FRAMED_KEY = "flexmaps_framed"  # custom property of a model: the views were already framed on its panels
+# Smallest diameter of a scaled piece, in distances of the eye (a piece of 1.4 fills a view): a smaller one is a dot and is framed.
+# Larger moves more views in which somebody wanted to see the piece small; by eye
+SMALLEST = 0.05
 
 
 def scale_views(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> None:
     """Move every 3D view so that an object, scaled about its origin, looks as large as before; camera views stay.
 
-    Otherwise a sphere of 2 m that is scaled to 0.2 m would become a dot.
+    Otherwise a sphere of 2 m that is scaled to 0.2 m would become a dot. A mesh that was a dot before, as no view comes
+    near enough to a hundredth of a millimetre, is framed.
 
     Parameters
     ----------
@@ -31,13 +35,17 @@ def scale_views(context: bpy.types.Context, obj: bpy.types.Object, factor: float
     obj : the object
     factor : scale factor of the object
     """
-    from . import followed_views
+    from . import followed_views, free_part
 
+    context.view_layer.update()
+    diameter = max(obj.dimensions)
     for _, area in _view_areas(context):
         view = area.spaces.active.region_3d
         if view is None or view.view_perspective == "CAMERA":
             continue
         scale_view(view, obj.matrix_world.translation, factor)
+        if diameter < SMALLEST * view.view_distance:
+            free_part.frame_points(area, _main_region(area), free_part.points_of(context, obj))
         followed_views.note(area, {obj.name})
 
 

@@ -97,6 +97,18 @@ def pixels(area: Any, obj: Any) -> float:
     return float(np.ptp(at(area, world(obj)), axis=0).max())
 
 
+def test_a_mesh_that_was_a_dot_is_seen_once_it_is_scaled(add: Any, area: Any) -> None:
+    dome = add(shapes.build_shape("dome"), "dome")
+    dome.scale = (1e-4,) * 3
+    framing.select_only(bpy.context, dome, bpy.context.view_layer)
+    area.spaces.active.region_3d.view_distance = 0.2  # about as near as Blender comes
+    press("set_size")
+    left, size = free_size(area)
+    seen = (at(area, world(dome)) - [left, 0]) / size
+    assert seen.min() > 0.0 and seen.max() < 1.0
+    assert np.ptp(seen, axis=0).max() > 0.5
+
+
 def test_undo_and_redo_of_a_scaling_take_the_view_with_them(add: Any, area: Any) -> None:
     dome = add(shapes.build_shape("dome"), "dome")
     dome.scale = (10.0,) * 3
