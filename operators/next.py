@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ..bridge.store import derived_properties, failures, guidance
+from ..bridge.store import derived_properties, failures, guidance, objects
 from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
-from .stage import AnyMeshOperator, ImmediateOperator, ObjectOperator, error_message
+from .stage import AnyMeshOperator, ImmediateOperator, ObjectOperator, PolledOperator, error_message
 
 if TYPE_CHECKING:
     from ..bridge.store.notice import Notice
@@ -150,6 +150,31 @@ class StandOn(ImmediateOperator, ObjectOperator, bpy.types.Operator):
             derived_properties.set_supports(obj, derived_properties.border_vertices(obj))
 
 
+class SelectModel(ImmediateOperator, PolledOperator, bpy.types.Operator):
+    """Select the model to which these panels, outlines or assembled spirals belong"""
+
+    bl_idname = "flexmaps.select_model"
+    bl_label = "Select the model"
+
+    @classmethod
+    def problem(cls, context: bpy.types.Context) -> str | None:
+        if context.object is None or objects.drawn_model(context.object) is None:
+            return "Select something that FlexMaps drew beside a model"
+        return None
+
+    def run(self, context: bpy.types.Context) -> None:
+        model = objects.drawn_model(context.object)
+        if model is None or model.name not in context.view_layer.objects:
+            raise FlexMapsError(f"'{context.object.name}' has its model in a collection that is hidden; show it first")
+        if context.mode != "OBJECT":
+            bpy.ops.object.mode_set(mode="OBJECT")
+        for obj in context.selected_objects:
+            obj.select_set(False)
+        model.hide_set(False)
+        model.select_set(True)
+        context.view_layer.objects.active = model
+
+
 class OwnMesh(ImmediateOperator, AnyMeshOperator, bpy.types.Operator):
     """Give the object a copy of the mesh that it shares with others; theirs stays as it is, with its results"""
 
@@ -163,4 +188,4 @@ class OwnMesh(ImmediateOperator, AnyMeshOperator, bpy.types.Operator):
         context.object.data = context.object.data.copy()
 
 
-CLASSES = (Next, ShowNotice, LetGo, StandOn, OwnMesh)
+CLASSES = (Next, ShowNotice, LetGo, StandOn, SelectModel, OwnMesh)

@@ -27,6 +27,8 @@ class ToMesh(ImmediateOperator, AddObjectOperator, bpy.types.Operator):
         obj = context.object
         if obj is None or (obj.type != "MESH" and obj.type not in objects.CONVERTIBLE):
             return "Select a mesh, text, curve, surface or metaball"
+        if objects.drawn_model(obj) is not None:
+            return objects.usage_problem(obj)
         return super().problem(context)
 
     def run(self, context: bpy.types.Context) -> str:

@@ -17,6 +17,11 @@ def usage_problem(obj: bpy.types.Object | None) -> str | None:
     """Return why FlexMaps cannot work on this object, as a sentence; None if it can."""
     if obj is None:
         return "Select a mesh object"
+    model = drawn_model(obj)
+    if model is not None:
+        return translate(
+            "'{}' only shows '{}', and FlexMaps draws it anew: select '{}'", obj.name, model.name, model.name
+        )
     if obj.type != "MESH":
         return translate("'{}' is not a mesh; select one, or convert it to a mesh", obj.name)
     if is_linked(obj):
@@ -24,6 +29,16 @@ def usage_problem(obj: bpy.types.Object | None) -> str | None:
     if obj.mode not in {"OBJECT", "EDIT"}:
         return "Go to Object Mode or Edit Mode"
     return None
+
+
+def drawn_model(obj: bpy.types.Object) -> bpy.types.Object | None:
+    """Return the model beside which FlexMaps drew this object, such as its flat panels; None for any other object."""
+    if "flexmaps_kind" not in obj:
+        return None
+    owned = [own for own in obj.users_collection if "flexmaps_owner" in own]
+    models = [o for o in bpy.data.objects if o != obj and o.get("flexmaps_collection") in owned]
+    names = [own["flexmaps_owner"] for own in owned]  # a duplicate of a model refers to the same collection
+    return next((model for model in models if model.name in names), next(iter(models), None))
 
 
 def is_linked(obj: bpy.types.Object) -> bool:

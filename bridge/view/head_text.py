@@ -13,8 +13,9 @@ from ..store.cures import Cure
 from ..store.finding_words import INFORMATION
 from ..store.guidance import LOOK, NEUTRAL, REDO, STOPPED, TICK, Guidance
 from ..store.i18n import interface
+from ..store.next_button import MAX_LETTERS
 from ..store.notice import Notice
-from ..store.objects import CONVERTIBLE, usage_problem
+from ..store.objects import CONVERTIBLE, drawn_model, usage_problem
 from . import collection
 
 if TYPE_CHECKING:
@@ -125,6 +126,12 @@ def _unusable_head(context: bpy.types.Context, problem: str) -> HeadContent:
             label, "flexmaps.example", "INFO", interface(WELCOME), interface(ABOUT), general_notices(context)
         )
     sentence = interface(problem)
+    model = drawn_model(obj)
+    if model is not None:
+        label = interface("Next: {}", interface("Select '{}'", model.name))
+        if len(label) > MAX_LETTERS:
+            label = interface("Next: {}", interface("Select the model"))
+        return HeadContent(label, "flexmaps.select_model", "INFO", interface("Drawn by FlexMaps"), sentence)
     if obj.type in CONVERTIBLE:
         label = interface("Next: {}", interface("Convert to a mesh"))
         return HeadContent(
