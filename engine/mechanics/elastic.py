@@ -170,10 +170,10 @@ def sum_joint_vectors(
 
 
 class JointAssembler:
-    """Assembler of a sparse matrix from blocks (m, 12, 2 K) of the joints; its sparsity pattern is computed once.
+    """Assembler of sparse matrices from blocks (m, 12, 2 K) of the joints; their sparsity pattern is computed once.
 
-    The matrix (6 n, K s) holds the derivatives of six quantities per body (s spirals, then the rim's nodes) by K
-    quantities per spiral.
+    A matrix (6 n, K s) holds the derivatives of six quantities per body by K quantities per spiral. The n bodies are
+    the s spirals, then the rim's nodes.
     """
 
     def __init__(self, assembly: Assembly, each: int):

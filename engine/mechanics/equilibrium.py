@@ -40,8 +40,9 @@ from .newton_system import NewtonSystem
 # radians, largest turn of a hub in one step; larger needs fewer steps, but the expansion is less exact; chosen by eye
 TURN_CAP = 0.5
 NUDGE = 0.05  # radians, largest turn of a hub in the step that leaves a saddle; chosen by eye
-# The residual is relative to the forces in the joints, or to the forces at this strain if those are smaller (an
-# unstressed piece). Larger accepts larger forces there; far below any relevant strain.
+# The residual is relative to the forces in the joints. In a nearly unstressed piece it is relative to the forces that
+# the joints would have at this strain. Larger accepts larger residual forces in such pieces; strains that matter are
+# far larger.
 REFERENCE_STRAIN = 1e-5
 STATUS = {
     CONVERGED: "Converged in {}.",
@@ -63,7 +64,7 @@ class Equilibrium:
     negative_eigenvalues : of the Hessian at the end; 0 at a minimum
     torsion_max : radians, largest turn of two neighbours about the line across their joint
     status : one sentence for the user
-    spare : largest of the tested stability margins that it keeps, 0 if none (``margins`` of ``solve``)
+    spare : largest of the tested stability margins that the equilibrium keeps, 0 if none (``margins`` of ``solve``)
     """
 
     pose: Pose
@@ -78,7 +79,7 @@ class Equilibrium:
     spare: float = 0.0
 
     def with_pose(self, pose: Pose) -> Equilibrium:
-        """Replace the pose by a pose that was moved rigidly as a whole."""
+        """Return a copy with another pose: the equilibrium's pose, moved rigidly."""
         return replace(self, pose=pose)
 
 
@@ -219,11 +220,11 @@ def force_scale(model: ElasticModel, here: Expansion, pose: Pose) -> tuple[Float
 
     Parameters
     ----------
-    model, here, pose : a state's expansion and pose
+    model : the elastic model; here, pose : its expansion at a state, and the pose of this state
 
     Returns
     -------
-    (6,) weights, 1 for forces and 1/m for moments; and newtons
+    (6,) weights, 1 for forces and 1 over a length in metres for moments; and the typical force, newtons
     """
     pose = pose.whole
     a, b = model.pairs.T
@@ -234,7 +235,7 @@ def force_scale(model: ElasticModel, here: Expansion, pose: Pose) -> tuple[Float
 
 
 def _make_result(problem: _Balance, run: Run) -> Equilibrium:
-    """Collect the result of a run, with the sentence for users."""
+    """Build the equilibrium from a run of Newton's method, with the sentence for users."""
     model, state, history = problem.model, run.state, run.history
     torsion = float(np.abs(model.torsion(state)).max(initial=0.0))
     steps, converged, negative = len(history) - 1, run.ended in (CONVERGED, AT_ROUNDING), 0

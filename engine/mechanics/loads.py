@@ -20,7 +20,8 @@ LOWEST = "lowest"
 # Largest work of the forces along a rigid motion that counts as zero, as a share of the largest possible work: for
 # shifts and for turns of a piece. Larger values accept loads that carry a piece away; smaller ones trip over rounding.
 CARRY_TOLERANCE, TURN_TOLERANCE = 1e-9, 1e-6
-# height above the lowest quad, in median edges, up to which quads count as lowest; larger adds more supports
+# Height above the lowest quad, in median edge lengths, up to which quads count as lowest and become supports. Larger:
+# more supports
 GROUND_HEIGHT = 0.25
 
 

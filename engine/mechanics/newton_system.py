@@ -60,7 +60,7 @@ class NewtonSystem:
         return values
 
     def factor(self, values: np.ndarray) -> bool:
-        """Factor the matrix; return False if it is not positive definite."""
+        """Factor the matrix with these entries (nnz,); return False if it is not positive definite."""
         return self.cholesky.attempt(values)
 
     def free_entries(self, field: np.ndarray) -> Float[np.ndarray, " free"]:
@@ -80,7 +80,7 @@ class NewtonSystem:
         return self.expand(self.cholesky.solve(self.free_entries(field)))
 
     def make_definite(self, values: np.ndarray, share: float = SHIFT) -> np.ndarray:
-        """Make a positive semi-definite matrix positive definite by a small addition to its diagonal.
+        """Return the entries of a positive semi-definite matrix, made positive definite by an addition to its diagonal.
 
         Parameters
         ----------
@@ -92,7 +92,7 @@ class NewtonSystem:
         return values
 
     def count_negative(self, values: np.ndarray) -> int:
-        """Count the negative eigenvalues of the matrix with these values."""
+        """Count the negative eigenvalues of the matrix with these entries (nnz,)."""
         try:
             return negative_eigenvalues(self.pattern, values)
         except NotPositiveDefinite:  # a pivot is exactly zero

@@ -43,7 +43,7 @@ class RigidFreedom:
         return len(self.motions) == 6
 
     def work(self, centres: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the work (d,) of forces (n, 3) newtons along the motions, and its upper bound (d,) for their sizes."""
+        """Return the work (d,) of forces (n, 3), newtons, along the motions, and its largest value for any directions."""
         lever = centres[self.members] - centres[self.hub]
         moves = self.motions[:, None, :3] + np.cross(self.motions[:, None, 3:], lever)
         pull = force[self.members]

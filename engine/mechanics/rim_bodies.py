@@ -67,7 +67,8 @@ class RimJoints:
     hub, side : (B,) int, quad and side of the arm at every node
     lever, axes : (B, 2, 3) metres and (B, 2, 3, 3), of the ties, as in ``Assembly``: first the hub, then the node
     pairs : (S, 2) int, the nodes of every strip; strip_lever, strip_axes : (S, 2, 3) and (S, 2, 3, 3), of the strips
-    necks : B arms, with a width of 1 to be scaled; strips : 2 S arms, both halves of every strip in turn
+    necks : B arms of width 1 metre, which are scaled to the widths of the arms that they join
+    strips : 2 S arms, both halves of every strip in turn
     width : metres, of the strip beside a hole
     """
 

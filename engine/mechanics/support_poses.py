@@ -47,7 +47,7 @@ class SupportPoses:
         return replace(pose, centres=centres, rotations=np.where(turns, self.fitted_pose.rotations, pose.rotations))
 
     def correct_step(self, pose: Pose, step: Float[np.ndarray, "spirals 6"]) -> Float[np.ndarray, "spirals 6"]:
-        """Return a step, changed so that it brings the supported hubs to where the supports hold them.
+        """Return the step, changed so that it brings the supported hubs to where the supports hold them.
 
         Parameters
         ----------

@@ -28,8 +28,8 @@ from .tip_beams import SplitVector, sum_beyond
 # arm; turn of the joint's other hub relative to the arm's hub, radians. The loads of a joint's two arms are opposite.
 WRENCH, FIRST_ORDER, TURN = slice(0, 6), slice(6, 12), slice(12, 15)
 LOADS = 15  # number of these columns
-# length between the last piece and the hub, in arm widths, that bends under the moments of the last piece: the distance
-# to the roots of ``cut``; larger turns the sections farther; without much effect from 0.6 to 1.3
+# Length between an arm's last piece and its hub, in arm widths, that bends under the moments of the last piece: about
+# the distance to the roots of ``cut``. Larger turns the sections farther; without much effect from 0.6 to 1.3
 BEYOND = 1.0
 
 
@@ -37,13 +37,15 @@ BEYOND = 1.0
 class BarLoads:
     """Loads in the sections at the middles of the pieces of n bent bars.
 
-    bars, loads : n arms, and their loads in the columns above
-    compliance : turn of the pieces per N m and metre, about the arm, about the direction across it, about the normal
+    bars, loads : n arms, and their loads (see ``WRENCH``, ``FIRST_ORDER`` and ``TURN``)
+    compliance : turn of the pieces per N m and metre: about the arm, about the direction across it, about the normal
     flat : torque and bending moments of the first-order wrench on the flat arm
-    bends : turns of the pieces, radians; beyond : turn between the last piece and the hub over that of the last piece
+    bends : turns of the pieces, radians
+    beyond : turn between the last piece and the hub over the turn of the last piece
     half_turns : half of the rotation vectors of the sections; tangent : tangents of the bent arm
     lever, moment : vectors from the sections to the tip, and moments about the sections, in the half-way frame
-    normal, torque, lift, turn : normal force, torque, bending moment out of the sheet and in it, N and N m
+    normal, torque : normal force and torque, N and N m
+    lift, turn : bending moments out of the sheet and in the sheet, N m
     """
 
     bars: Bars
@@ -65,7 +67,7 @@ class BarLoads:
     def from_bars(
         cls, bars: Bars, loads: Float[np.ndarray, "n 15"], compliance: Float[np.ndarray, "3 n pieces"]
     ) -> BarLoads:
-        """Bend the bars and compute the loads in their sections; arguments as the attributes."""
+        """Bend the bars and compute the loads in their sections; arguments as the attributes of these names."""
         flat = _FlatLoads.from_wrench(bars, loads[:, FIRST_ORDER])
         twist, lift, turn = compliance * bars.length * flat.moments
         bends, hub = SplitVector((twist + 1j * lift) * bars.tangent, turn), _split(loads[:, TURN])
@@ -91,11 +93,11 @@ class BarLoads:
     def vjp(
         self, normal: np.ndarray, torque: np.ndarray, lift: np.ndarray, turn: np.ndarray
     ) -> tuple[Float[np.ndarray, "n 15"], BarGradient, Float[np.ndarray, "3 n pieces"]]:
-        """Return the vector-Jacobian product by the loads, by the bars, and by the compliances of their pieces.
+        """Convert derivatives by the loads in the sections to derivatives by ``loads``, ``bars`` and ``compliance``.
 
         Parameters
         ----------
-        normal, torque, lift, turn : (n, pieces) derivatives of one scalar per arm by the loads in the sections
+        normal, torque, lift, turn : (n, pieces) derivatives of one scalar per arm by the attributes of these names
         """
         bars, along = self.bars, SplitVector(self.bars.tangent, np.zeros_like(self.normal))
         force = _split(self.loads[:, 0:3])
@@ -153,7 +155,8 @@ class BarLoads:
 class _FlatLoads:
     """Loads in the sections of flat bars under wrenches at their tips.
 
-    moment : part of the moment in the plane, complex; moments : torque, bending moments out of the sheet and in it
+    force : at the tips; moment : part of the sections' moments in the plane of the flat arm, complex
+    moments : torque, bending moment out of the sheet, bending moment in the sheet
     """
 
     bars: Bars
@@ -180,7 +183,7 @@ class _FlatLoads:
 
 
 def _split(vectors: Float[np.ndarray, "n 3"]) -> SplitVector:
-    """Split vectors of n arms, in the shape (n, 1), to combine them with arrays (n, pieces)."""
+    """Split one vector per arm, into arrays (n, 1) that combine with arrays (n, pieces)."""
     return SplitVector.from_vectors(vectors[:, None])
 
 
@@ -212,14 +215,14 @@ def _cayley_factor(half: SplitVector) -> np.ndarray:
 
 
 def _rotation_change(half: SplitVector, vector: SplitVector) -> SplitVector:
-    """Return the change of vectors when Cayley transforms rotate them."""
+    """Return rotated minus original vectors, for Cayley transforms by the rotation vectors 2 * ``half``."""
     once, size = _cross(half, vector), _cayley_factor(half)
     twice = _cross(half, once)
     return SplitVector(size * (once.flat + twice.flat), size * (once.off + twice.off))
 
 
 def _rotation_change_vjp(half: SplitVector, vector: SplitVector, by: SplitVector) -> tuple[SplitVector, SplitVector]:
-    """Return the vector-Jacobian product of ``_rotation_change`` by the vectors and by ``half_turns``."""
+    """Convert derivatives ``by`` the result of ``_rotation_change`` to derivatives by ``vector`` and by ``half``."""
     once, size = _cross(half, vector), _cayley_factor(half)
     both = _sum(once, _cross(half, once))
     scaled = SplitVector(size * by.flat, size * by.off)

@@ -16,16 +16,16 @@ import numpy as np
 
 from ...arrays import Float
 
-# limit of the product of curvature and width, which saturates, because the material beside a short kink supports it;
-# larger raises the strains inside kinks, from 2 on without bound
+# Limit of the product of a section's curvature and width; larger products saturate at it, because the material beside a
+# short kink supports the kink. Larger raises the strains inside kinks, from 2 on without bound
 SATURATION = 1.8
 _SERIES_BELOW = 0.1  # curvature times width below which a series replaces logarithms that cancel
 _SERIES_TERMS = 6  # number of terms of this series; more are slower and more exact (error 1e-15)
 _TERMS = 60  # number of terms of the series for the torsion of a rectangle; more are more exact (error 1e-9)
 # width over height at the ends of the spline through these series, and number of its nodes; more are more exact
 _THINNEST, _WIDEST, _NODES = 0.01, 100.0, 600
-# share of the squared height over which warping fades out where sections become wider than high, because solids show
-# no warping there; larger is smoother
+# Where sections become wider than high, warping fades out, because finite elements of solids show none there. This is
+# the warping, as a share of the squared height, over which it fades; larger is smoother
 _WARP_SOFT = 1e-2
 
 

@@ -23,7 +23,8 @@ from ...spirals.curves.blends import (
 from ...spirals.curves.blends import N_BLEND_PARAMETERS as BLEND_NUMBERS
 from .tip_beams import HUB_SHARE, hub_ends
 
-# index of the parameter after the parameters of ``blends``: width (metres) of the arm across the slot at the inner edge
+# Index of the last parameter of a bar, after the parameters of ``blends``: width (metres) of the arm beyond the slot at
+# the bar's inner edge
 BESIDE = BLEND_NUMBERS
 NUMBERS = BLEND_NUMBERS + 1  # number of parameters of a bar
 # pieces from the tip to the end of the bar; more are slower, fewer miss the kinks of short blends
@@ -42,6 +43,7 @@ LEAST_END, END_SOFT = 0.3, 0.1
 class Bars:
     """n arms in pieces, from their tips inwards. Even stations are the ends of pieces, odd stations their middles.
 
+    lines : centre lines and widths of the arms
     end : (n,) t at the end of the last piece; end_by : its derivatives by the parameters
     t, point, velocity : t, position (metres) and its derivative by t at all stations
     width : at the middles of the pieces, metres
@@ -151,7 +153,7 @@ def _bar_ends(
     radius, wind, width = lines.radius, lines.wind, lines.width
     root, root_by = _first_fillets(lines, beside, fillet)
     left = 1.0 - root
-    # speed of the spiral there, in radii per t
+    # speed of the arm's centre line at the fillet, in radii per t
     pace = np.sqrt(1.0 + (wind * left) ** 2)
     back = BEFORE_FILLET * width / (radius * pace)
     back_by = (back / pace**2 * wind**2 * left)[:, None] * root_by
@@ -165,11 +167,11 @@ def _bar_ends(
 def _first_fillets(
     lines: ArmCurves, beside: Float[np.ndarray, " n"], fillet: float
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n numbers"]]:
-    """Return t beside the fillets at the inner edges of arms, and its derivatives by the parameters.
+    """Return t on arms beside the fillets at their inner edges, and its derivatives by the parameters.
 
-    The point half way between the two arms beside a fillet has the t of ``hub_ends``. The arms cross the radius there
-    at an angle a, so one of them is farther out than this point and the other farther in, each by half the arms'
-    distance times sin a.
+    The point half way between the two arms beside a fillet has the t of ``hub_ends``. Both arms cross the radius there
+    at an angle a. So one arm is farther out than this point and the other farther in, by half the distance of the arms
+    times sin a.
     """
     radius, wind, away = lines.radius, lines.wind, 0.25 * (lines.width + beside) + fillet
     hub, slopes = hub_ends(radius, wind, away)

@@ -28,7 +28,8 @@ class Blocks:
     """The two symmetric 3 x 3 blocks of tip compliances of n arms, with derivatives.
 
     values : (2, 6, n) block 0 for (Fx, Fy, Mz), block 1 for (Fz, Mx, My); entries 00, 10, 11, 20, 21, 22
-    slopes : (3, 2, 6, n) derivatives by ln(s/w), ln(w/h) and twist; a grain adds a fourth row, by its direction
+    slopes : (3, 2, 6, n) derivatives by ln(s/w), ln(w/h) and twist; (4, 2, 6, n) for a sheet with a grain: also by the
+        grain's direction. s is the spiral's scale, w the arm's width, h the sheet's thickness
     """
 
     values: Float[np.ndarray, "2 6 spirals"]

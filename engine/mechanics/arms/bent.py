@@ -24,7 +24,9 @@ from .bent_rim import RimPieces, rim_pieces
 from .pieces import POISSON, STATIONS, Grain, piece_flexibilities
 from .stacked import BATCH
 
-ROUNDS = 12  # largest number of Newton iterations; more are slower; the remaining gap is spread along the arms
+# Largest number of Newton iterations that bring the tips of a joint together; the gap that remains is spread along the
+# arms. More are slower and more exact
+ROUNDS = 12
 # Gap between two tips, relative to the size of a spiral, below which the next Newton step is the last. The gap that
 # then remains is spread along the arms. Larger is faster and less exact (error 0.3 nanometres).
 TIP_TOLERANCE = 1e-4
@@ -89,7 +91,7 @@ class BentArms(Columns):
 
 @dataclass(frozen=True, eq=False)
 class _ArmPieces:
-    """The flat arms divided into pieces: ``hub`` and ``flat`` as in ``BentArms``.
+    """The flat arms divided into S pieces each: ``hub`` and ``flat`` as in ``BentArms``.
 
     answer : (A, S, 6, 6) bend and stretch of every piece per wrench at the tip; the wrench is in the joint's axes
     """
@@ -233,7 +235,7 @@ class Bender:
 def _close_joints(
     pieces: _ArmPieces, pose: Pose, axes: np.ndarray, load: np.ndarray, joint: np.ndarray, close: float
 ) -> None:
-    """Update the wrenches (A, 6) so that the tips of joints (m, 2), pairs of arms, meet within ``close`` metres."""
+    """Change the tip wrenches ``load`` (A, 6) in place, so that tips of joints (m, 2) meet within ``close`` metres."""
     for _ in range(ROUNDS):
         some = joint.ravel()
         tip, turn, yielding = _tip_states(pieces, some, pose, load[some])
@@ -251,7 +253,7 @@ def _divide(
     material: Material | None,
     only: Bool[np.ndarray, " quads"] | None = None,
 ) -> _ArmPieces:
-    """Divide arms into pieces of equal length in t; arms that the quads ``only`` do not need stay zero.
+    """Divide arms into pieces of equal length in t; leave zeros for arms that do not meet arms of the quads ``only``.
 
     axes : (A, 3, 3) as in ``Bender``
     """
@@ -349,7 +351,7 @@ def _newton_step(tip: np.ndarray, frame: np.ndarray, yielding: np.ndarray) -> tu
 
 
 def _bend(pieces: _ArmPieces, pose: Pose, load: np.ndarray, some: Int[np.ndarray, " arms"]) -> BentArms:
-    """Bend the arms ``some`` (n,) under loads (A, 6); the result is zero for other arms."""
+    """Bend the arms ``some`` (n,) under the tip wrenches ``load`` (A, 6); the result is zero for other arms."""
     strain = (pieces.answer[some] @ load[some, None, :, None])[..., 0]
     bend, stretch = np.ascontiguousarray(strain[..., :3]), np.ascontiguousarray(strain[..., 3:])
     place, turn, _ = _integrate(pieces.flat[some], pose.rotations[some // 4], pose.centres[some // 4], bend, stretch)

@@ -19,10 +19,12 @@ from .pieces import POISSON, STATIONS, Grain, piece_flexibilities
 
 @dataclass(frozen=True, eq=False)
 class RimPieces:
-    """The rim's joints, and the arms of its B nodes in pieces as in ``bent``: four per node, the last unused.
+    """The rim's joints, and the arms of its B nodes in pieces as in ``bent``.
+
+    Every node has four arms: half strip forwards, neck, half strip backwards, and one that is not used.
 
     hub : (B,) int, hub of every node; arm : (k, 2) int, both arms of every joint
-    axes : of the joints, in the flat frame; flat, answer : as in ``bent``
+    axes : (k, 2, 3, 3) of the joints, in the flat frame; flat, answer : as in ``bent._ArmPieces``
     """
 
     design: SpiralDesign
@@ -45,7 +47,7 @@ class RimPieces:
         ).set_rim_compliances
 
     def with_nodes(self, pose: Pose) -> Pose:
-        """Add the nodes to a pose, in equilibrium between the hubs; a pose with nodes is returned unchanged."""
+        """Return the pose with the rim's nodes in equilibrium between the hubs; unchanged if it has nodes."""
         return pose if pose.nodes is not None else self._model.start(pose).pose
 
 

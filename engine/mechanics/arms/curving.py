@@ -60,7 +60,8 @@ class CurvedArms(Columns):
     compliance : (6, 6) of the tip, in the joint's axes; radial : (3, 3) columns: along the radius outwards, to its
         left, normal; in the joint's axes
     centre : (3,) metres, from the midpoint of both hubs to the hub's centre, in the joint's axes
-    to_joint : (m, 6, 6) matrices from strains at the midpoint of both hubs to strains at the joint, in the joint's axes
+    to_joint : (m, 6, 6) matrices that convert the strains of joints from the midpoint of both hubs to the joint, in the
+        joint's axes
     grain : radians from the radius to the grain, as in ``CutArms``
     thickness : metres; side : 1, or -1 for clockwise arms
     """
@@ -102,9 +103,9 @@ class CurvedArms(Columns):
 class Stations:
     """S = POINTS + 1 stations along both arms of m joints, from the edge of the hub outwards.
 
-    fields : (m, 2, 2, S, 3, 9) axes: arm; rotation vector of the section in half-way axes, or its change over the
-        station; station; component; derivative by the wrench about the midpoint of the hubs (6) and the joint's turn
-        (3)
+    fields : (m, 2, 2, S, 3, 9) derivatives of the sections' rotation vectors in half-way axes. Axes of the array:
+        joint; arm; 0 for the rotation vector and 1 for its change over the station; station; component; variable: the
+        wrench about the midpoint of the hubs (6), then the joint's turn (3)
     step : (m, 2, S, 3) metres, along the arm over the station
     arm : (m, 2, S, 3) metres, from the station to the midpoint of the hubs
     Steps and changes are directed from the first hub to the second.
@@ -144,7 +145,7 @@ class Stations:
         vector ``arm``; a' and k' belong to the second strain. D is the sum over the stations of half of the symmetric
         part of -(a (d.a') - d (a.a') + k (l.a') - a (l.k')) for the shift, and of -(a x k') for the turn.
 
-        both : (m, 9, 6) derivatives of wrench and turn by the strains
+        both : (m, 9, 6) derivatives by the strains of the variables in ``fields``: wrench, then turn
         """
         m = len(both)
         # arrays (m, stations of both arms, 3, 6)
@@ -172,11 +173,12 @@ def second_order_strains(
     lever: Float[np.ndarray, "joints 2 3"],
     progress: Progress = SILENT,
 ) -> Float[np.ndarray, "joints 6 6 6"]:
-    """Return D (m, 6, 6, 6), symmetric in its last two indices, for the motions at the joints: e' = e + e.D.e.
+    """Return D (m, 6, 6, 6), symmetric in its last two indices, for the joints' motions e: e' = e + e.D.e.
 
     Parameters
     ----------
-    arms, at_joint : both arms of m joints, and stiffness (m, 6, 6) of these at the joint
+    arms : both arms of m joints
+    at_joint : (m, 6, 6) stiffness of the joints against these motions, as in ``ArmModel``
     lever : (m, 2, 3) metres, from the hubs to the points between which the shift is measured, in the joint's axes
     progress : is updated and can cancel
     """

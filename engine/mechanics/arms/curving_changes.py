@@ -28,9 +28,10 @@ STEP = 1e-7  # step of forward differences: share of a width or a radius, or rad
 
 @dataclass(frozen=True, eq=False)
 class CurvingChanges:
-    """Derivatives of the second-order term D (see ``curving``) of k joints by three parameters on either side.
+    """Derivatives of the second-order term D (see ``curving``) of k joints by three parameters of either side.
 
-    model : of all joints, with D; joints : (k,) indices of the joints; by : (k, 2, 3, 6, 6, 6) derivatives
+    model : elastic model of all joints, with D; joints : (k,) indices of the k joints
+    by : (k, 2, 3, 6, 6, 6) derivatives: joint, side, parameter, D; the methods return only effects of changes of D
     """
 
     model: ArmModel
@@ -83,24 +84,24 @@ class CurvingChanges:
         return cls(model, joints, (change / steps.sum(axis=0)[:, None, None, None]).reshape(shape))
 
     def wrenches(self, state: ArmState) -> Float[np.ndarray, "k 2 3 6"]:
-        """Return the derivatives of the joints' wrenches at a fixed pose, in the half-way axes."""
+        """Return the derivatives of the joints' wrenches, in half-way axes, by the parameters at a fixed pose."""
         motion, half, inner, slope = self._at(state)
         across = np.swapaxes(slope, 1, 2) @ self.model.at_joint[self.joints]
         second = (half @ motion[:, None, None, :, None])[..., 0]
         return second @ np.swapaxes(across, 1, 2)[:, None] + 2.0 * (inner[:, None, None, None] @ half)[..., 0, :]
 
     def energies(self, state: ArmState) -> Float[np.ndarray, "k 2 3"]:
-        """Return the derivatives of the joints' energies at a fixed pose."""
+        """Return the derivatives of the joints' energies by the parameters at a fixed pose."""
         motion, half, inner, _ = self._at(state)
         return (inner[:, None, None, None] @ half @ motion[:, None, None, :, None])[..., 0, 0]
 
     def convex(self, state: ArmState, rates: Float[np.ndarray, "joints 6"]) -> Float[np.ndarray, "k 2 3"]:
-        """Return the derivatives of the joints' convex energies (see ``sensitivity.convex_by_design``).
+        """Return the derivatives of the joints' convex energies, see ``sensitivity.convex_by_design``.
 
         Parameters
         ----------
         state : at which the energies are expanded
-        rates : (m, 6) rates of all joints' motions
+        rates : (m, 6) rates of the motions of all joints of the model
         """
         _, half, _, slope = self._at(state)
         rate = rates[self.joints]
@@ -125,17 +126,17 @@ class DesignChanges:
 
     @cached_property
     def constant_curving(self) -> JointDerivatives:
-        """Derivatives with a constant D."""
+        """Derivatives of all joints with a constant D."""
         return self.model.changes(self.state)
 
     @cached_property
     def curving(self) -> CurvingChanges:
-        """Derivatives of D; empty if the model has none."""
+        """Derivatives of D by the design; without joints if the model has no D."""
         return CurvingChanges.by_design(self.model, self.state)
 
     @cached_property
     def complete(self) -> JointDerivatives:
-        """Derivatives that include the derivatives of D."""
+        """Derivatives of all joints that include the effect of changes of D."""
         if not len(self.curving.joints):
             return self.constant_curving
         wrenches = self.constant_curving.wrench_by_design.copy()
@@ -144,7 +145,7 @@ class DesignChanges:
 
 
 def with_design_change(assembly: Assembly, side: int, number: int, step: np.ndarray) -> Assembly:
-    """Change one of the ``PARAMETERS`` on one side of all joints.
+    """Return a copy in which one of the ``PARAMETERS`` is changed on one side of all joints.
 
     Parameters
     ----------
@@ -163,7 +164,7 @@ def with_design_change(assembly: Assembly, side: int, number: int, step: np.ndar
 
 
 def with_rest_change(assembly: Assembly, side: int, number: int, step: np.ndarray) -> Assembly:
-    """Change one parameter of the rest geometry on one side of all joints.
+    """Return a copy in which one parameter of the rest geometry is changed on one side of all joints.
 
     Parameters
     ----------
@@ -206,9 +207,11 @@ def _joints_that_matter(model: ArmModel, state: ArmState) -> Int[np.ndarray, " k
 def _curving_nearby(
     model: ArmModel, joints: np.ndarray, alone: Assembly, there: Assembly
 ) -> Float[np.ndarray, "k 6 6 6"]:
-    """Return D of joints whose assembly changes slightly from ``alone`` to ``there``.
+    """Return D (k, 6, 6, 6) of the joints ``joints`` (k,) when their assembly changes slightly.
 
-    Their compliances are updated to first order.
+    The arms' compliances are updated to first order.
+
+    alone, there : assemblies of these joints only, as in ``model`` and after the change
     """
     compliance, values = model.compliance.subset(joints), 0.0
     if there.lever is alone.lever and there.axes is alone.axes:

@@ -218,14 +218,16 @@ def added_compliance(
 
 
 def _any_blend(arms: CutArms) -> bool:
-    """Return whether the blended end of any arm differs from a pure spiral."""
+    """Return whether the end of any arm is blended with an arm beyond its joint, and so differs from a pure spiral."""
     return bool(arms.slope.any() or (arms.joint != arms.width).any())
 
 
 def _sum_lines(
     arms: CutArms, lines: list[tuple[float, list[int], _Line]], count: int, thickness: float, material: Material
 ) -> Float[np.ndarray, "12 count n"]:
-    """Add up the compliances of lines, each with its sign and the rows of its derivatives.
+    """Add up the tip compliances of lines on N arms.
+
+    lines : sign, rows of the result in which value and derivatives belong, and the line itself; count : number of rows
 
     Returns an array (12, count, N): entries in the order of ``_NONZERO``, value and derivatives, arms.
     """
@@ -278,7 +280,7 @@ def _dual(value: np.ndarray, by: Mapping[int, np.ndarray | float], count: int) -
 
 
 def _blend_lines(arms: CutArms, by: slice = _BY_DESIGN) -> tuple[_Line, _Line]:
-    """Return lines over the blended ends, blended and as pure spirals, differentiated by design or by rest shape."""
+    """Return lines over the ends of arms, blended and as pure spirals; ``by`` : ``_BY_DESIGN`` or ``_BY_SHAPE``."""
     x, w = gauss(POINTS)
     of_design, n = by == _BY_DESIGN, len(arms.radius)
     behind = np.zeros((0 if of_design else 1, n))  # the shape of a blended end does not depend on the grain
@@ -317,7 +319,7 @@ def _root_line(arms: CutArms, of_design: bool = True) -> _Line:
 
 
 def _pure_spirals(arms: CutArms, t: np.ndarray, of_design: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return positions on spirals without blends, their derivatives by t, and widths, each differentiated like t."""
+    """Return positions on spirals without blends, their derivatives by t, and widths, differentiated like ``t``."""
     place, pace = spiral_stations(
         arms.radius, arms.twist, t, **({"by_twist": 1 + TWIST} if of_design else {"by_radius": 1})
     )
@@ -325,7 +327,10 @@ def _pure_spirals(arms: CutArms, t: np.ndarray, of_design: bool) -> tuple[np.nda
 
 
 def _fade_factor(arms: CutArms) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return a factor (N,), 1 within the table's range and 0 for stubs, and its derivatives by width and radius."""
+    """Return a factor (N,) on the cut's correction, with derivatives by width and radius.
+
+    It is 1 within the table's range of scale over width, and falls to 0 at ``SHORTEST``.
+    """
     ratio, span = 2.0 * arms.radius / arms.width, SCALE_RANGE[0] - SHORTEST
     s = np.clip((ratio - SHORTEST) / span, 0.0, 1.0)
     slope = 6.0 * s * (1.0 - s) / span * ratio

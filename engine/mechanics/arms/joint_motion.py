@@ -1,4 +1,4 @@
-"""Relative motion of two joined hubs, and its derivatives by their poses to second order.
+"""Motion of two joined hubs relative to each other, and its first and second derivatives by the hubs' poses.
 
 The relative turn is a rotation vector. The relative shift is the vector from a point fixed to the first hub to a point
 fixed to the second, in the frame half way between both hubs (corotational).

@@ -34,7 +34,7 @@ from .strain_changes import arm_strains
 
 @dataclass(frozen=True, eq=False)
 class ArmState:
-    """A pose, the joints' motion at it, and the strains (m, 6) that the last step predicted to first order."""
+    """A pose, the joints' motion at this pose, and the strains (m, 6) that the last step predicted to first order."""
 
     pose: Pose
     motion: JointMotion
@@ -118,7 +118,7 @@ class ArmModel:
     def compliance_by(self) -> Float[np.ndarray, "joints 2 numbers 6 6"]:
         """(m, 2, 5, 6, 6) derivatives of both arms' compliances, as in ``ArmCompliances``.
 
-        Derivatives that are stored in the compliances are returned, even if ``with_rest_geometry`` left them unchanged.
+        They are computed if the compliances do not store them. ``with_rest_geometry`` does not update stored ones.
         """
         known = self.compliance if self.compliance.by is not None else arm_compliances(self.assembly, self.material)
         assert known.by is not None
@@ -130,11 +130,11 @@ class ArmModel:
         return None if self.curving_at_joint is None else transfer_second_order(self.curving_at_joint, -self.offset)
 
     def with_own_curving(self) -> ArmModel:
-        """Return the model with its second-order term, computed anew."""
+        """Return a copy whose second-order term is computed anew from its assembly and compliances."""
         return self.assemble(self.assembly, self.compliance, self.assembly.bend_points[0], self.material, True)
 
     def with_curving(self, at_joint: np.ndarray | None) -> ArmModel:
-        """Return the model with this second-order term (m, 6, 6, 6) of the motions at the joints."""
+        """Return a copy with this second-order term (m, 6, 6, 6) of the joints' motions; None leaves the term out."""
         return replace(self, curving_at_joint=at_joint)
 
     @classmethod
@@ -348,7 +348,7 @@ def _add_second_order(strains: np.ndarray, curving: np.ndarray | None) -> tuple[
 def _expand_joints(
     motion: JointMotion, stiffness: np.ndarray, curving: np.ndarray | None, predicted: Float[np.ndarray, "joints 6"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return energy (m,), gradient (m, 12), Hessian (m, 12, 12) and its convex part of joints, in the axes of space.
+    """Return energies (m,), gradients (m, 12), Hessians (m, 12, 12) and their convex parts of joints, in space's axes.
 
     predicted : (m, 6) strains whose stresses weight the second derivatives of the strains
     """

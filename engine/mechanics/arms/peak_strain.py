@@ -48,7 +48,7 @@ _SIDES = np.array([-1.0, 1.0])[:, None, None]  # right and left edge of a sectio
 class PeakStrain:
     """Largest strains of n arms, with derivatives.
 
-    by_loads : (n, LOADS) by the loads; by_numbers : (n, NUMBERS) at constant loads
+    by_loads : (n, LOADS) derivatives by the loads; by_numbers : (n, NUMBERS) by the arms' parameters at constant loads
     """
 
     values: Float[np.ndarray, " arms"]

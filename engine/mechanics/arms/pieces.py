@@ -21,7 +21,7 @@ class Grain:
     """The grain of a sheet.
 
     known : moduli, Pa; angle : radians from the x axes of the flat frames to the grain
-    unit : Pa; flexibilities are for moduli divided by it
+    unit : Pa; flexibilities are for the moduli divided by ``unit``
     """
 
     known: Orthotropy

@@ -24,13 +24,13 @@ from .joint_motion import SpatialMotion, second_order, tan_quarter
 from .model import ArmModel, ArmState
 from .sensitivity import SENSES, JointDerivatives, arm_loads
 
-# signs of the gap's derivatives by the bend points of both sides, in a shape for parameters and components
+# signs (2, 1, 1) of the derivatives of the gap between bend points by the bend points of both sides
 _GAP = -SENSES[:, None, None]
 
 
 @dataclass(frozen=True, eq=False)
 class RestChanges:
-    """Derivatives of m joints by three parameters on either side: x and y of the lever, direction of the edge.
+    """Derivatives of m joints by their rest geometry: on either side x and y of the lever, and direction of the edge.
 
     Derivatives are per metre and per radian. Arrays (m, 6, ...) hold the parameters of the first side, then of the
     second.
@@ -75,7 +75,10 @@ class RestChanges:
 
     @cached_property
     def _shapes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Derivatives (m, 2, 3) of the radius, its angle to the edge and its angle in the patch; side, parameter."""
+        """Derivatives of each arm's radius, the radius's angle to the edge and its angle in the patch.
+
+        Each array is (m, 2, 3): joint, side, parameter.
+        """
         lever = self._assembly.lever[..., :2]
         radius = self._assembly.radius[..., None]
         by_radius, angle = np.zeros((*radius.shape[:2], 3)), np.zeros((*radius.shape[:2], 3))

@@ -27,7 +27,8 @@ def set_rim_compliances(
     Parameters
     ----------
     assembly, material : joints with the rim's joints at the end, and the sheet
-    table, added, by : table compliances, the cut's corrections, and derivatives of their sums or None
+    table, added : (n, 6, 6) compliances in the stiffness table, and corrections of the cut, of all arms
+    by : (n, 5, 6, 6) derivatives of their sums by the design parameters of ``cut``; None if not needed
     """
     rim, ties = assembly.rim, assembly.tie_joints
     assert rim is not None

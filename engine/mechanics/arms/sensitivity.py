@@ -41,11 +41,11 @@ class JointDerivatives:
     sides : (m, 2) int, which arms of both spirals meet
     wrench : (m, 6) N, N m, at the joint
     by_pose : (m, 6, 12) derivatives of the joint's motion y by the increments of both hubs
-    wrench_by_design : (m, 2, 3, 6) derivatives of the wrench at a fixed pose, by side of the joint and parameter
+    wrench_by_design : (m, 2, 3, 6) derivatives of the wrench by the ``PARAMETERS`` of either side, at a fixed pose
     wrench_by_pose : (m, 6, 12) derivatives of the wrench by the increments of both hubs
     at_joint : (m, 6, 6) stiffness, as in ``ArmModel``
-    linear, linear_by_design : first-order wrench K y, and its derivatives; without the second-order term, equal to
-        the wrench
+    linear, linear_by_design : first-order wrench K y, and its derivatives by the ``PARAMETERS``; without the
+        second-order term, equal to ``wrench`` and ``wrench_by_design``
     turn : (m, 3) radians, of the second hub relative to the first
     turned : (m, 2, 3) part of the mixed second derivative of the energy by twist and turn that comes from the moving
         bend points, by side
@@ -114,7 +114,7 @@ class JointDerivatives:
         return cls(*known, at_joint, linear, first, turn, turned, inner, across, tangent)
 
     def force_by_design(self, way: Float[np.ndarray, "joints 12"]) -> Float[np.ndarray, "joints 2 5"]:
-        """Multiply ``gradient_by_design`` by increments ``way`` (m, 12) of both hubs; returns (m, 2, 5)."""
+        """Return the product (m, 2, 5) of ``gradient_by_design`` with increments ``way`` (m, 12) of both hubs."""
         along = matvec(self.by_pose, way)
         out = matvec(self.wrench_by_design, along[:, None])
         out[:, :, TWIST] += matvec(self.turned, along[:, 3:])
@@ -228,7 +228,7 @@ def arm_loads(
 
 
 def _way_by_twist(assembly: Assembly, side: int) -> Float[np.ndarray, "joints 3"]:
-    """Return the derivative (m, 3) by the twist of the vector from bend point to joint, in the joint's axes."""
+    """Return the derivatives (m, 3) by the twist of the vectors from bend points to joints, in the joints' axes."""
     change = assembly.bend_points[1][:, side]
     way = change[:, :1] * assembly.lever[:, side] + change[:, 1:] * assembly.lever_normals[:, side]
     return -np.einsum("eji,ej->ei", assembly.axes[:, side], way)
@@ -237,7 +237,10 @@ def _way_by_twist(assembly: Assembly, side: int) -> Float[np.ndarray, "joints 3"
 def _bend_shift(
     turn: Float[np.ndarray, "joints 3"], angle: np.ndarray, way: np.ndarray, force: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return A(turn) way, and the gradient of force.A(turn) way by the turn, both (m, 3); angle is turn's length."""
+    """Return A(turn) way, and the derivatives of force . A(turn) way by the turn, both (m, 3).
+
+    A is defined at the top of this module; angle : length of ``turn``
+    """
     small = angle < 1e-2
     safe = np.where(small, 1.0, angle)
     near = angle**2

@@ -103,9 +103,10 @@ CHANNELS = 12  # number of interpolated functions: six entries of each of the tw
 
 @dataclass(frozen=True, eq=False)
 class _TablePoint:
-    """Positions of n arms in the table: coordinates in [-1, 1] and their derivatives by ln(s/w), ln(w/h) and twist.
+    """Positions of n arms in the table, with derivatives by ln(s/w), ln(w/h) and twist.
 
-    share : factor on the corrections to the beam: 1 up to the largest s/w of the nodes, then falling
+    x, y, z : ln(s/w), ln(w/h) and twist / limit(s/w), scaled from the table's range to [-1, 1]
+    share : factor on the corrections to the beam: 1 up to the largest s/w in the table, beyond that inverse to s/w
     """
 
     x: np.ndarray
@@ -119,7 +120,7 @@ class _TablePoint:
 
 
 def locate(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray) -> _TablePoint:
-    """Return the nearest positions in the table; coordinates that are clipped to its range have zero derivatives.
+    """Return the nearest positions in the table; positions that are clipped to its range have zero derivatives.
 
     Parameters
     ----------

@@ -25,9 +25,9 @@ from ...spirals.curves.blends import N_BLEND_PARAMETERS, OWN_WIDTH, OWN_WIND, RA
 from .beams import SHEAR_FACTOR, torsion_constant
 from .pieces import POISSON
 
-HUB_SHARE = 0.985  # t at which an arm leaves its hub over t at its first fillet; larger makes arms softer
-# largest hub radius, as a share of the arm's radius; larger stiffens tightly wound arms; spirals with slots open over
-# their outer third have smaller hubs
+HUB_SHARE = 0.985  # t where an arm leaves its hub, over t at its first fillet; larger makes arms longer and softer
+# Largest hub radius, as a share of the arm's radius. Larger stiffens tightly wound arms. Spirals whose slots are open
+# over the outer third of the radius have smaller hubs, so the limit does not affect them
 _MAX_HUB_SHARE = 0.6
 
 
@@ -383,7 +383,7 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _solve(both: tuple[np.ndarray, np.ndarray], x: np.ndarray) -> np.ndarray:
-    """Solve p y + r conj(y) = x for y; ``both`` is (p, r)."""
+    """Return y with p y + r conj(y) = x; ``both`` : the real p and the complex r."""
     p, r = both
     return (p * x - r * np.conj(x)) / (p * p - np.abs(r) ** 2)
 

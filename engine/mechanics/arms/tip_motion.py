@@ -2,8 +2,8 @@
 
 The motion y of a joint is the motion of the joint as fixed to the second hub relative to the joint as fixed to the
 first, in the axes half way between both hubs. Both arms, of compliances C_a and C_b, carry the wrench K y, with
-K = (C_a + C_b)^-1. So in these axes the tip of the first arm moves by C_a K y, the tip of the second by -C_b K y, and
-they coincide. The axes of either hub differ from these by half of the joint's turn, by which the shift is rotated.
+K = (C_a + C_b)^-1. So in these axes the tip of the first arm moves by C_a K y and the tip of the second by -C_b K y,
+to one point. The axes of a hub differ from the half-way axes by half of the joint's turn, so shifts are rotated by it.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ class SectionGradient:
 
     @classmethod
     def zeros(cls, like: Float[np.ndarray, "n places 3"]) -> SectionGradient:
-        """Return zero derivatives, in the shape of the middles ``like``."""
+        """Return derivatives that are all 0, for sections whose ``middle`` has the shape of ``like``."""
         zero = np.zeros_like(like)
         return cls(zero, zero, zero, zero, zero[..., 0])
 
@@ -68,7 +68,7 @@ class Section:
 
     @classmethod
     def from_arms(cls, field: BentBeams, arm: Int[np.ndarray, " n"], t: Float[np.ndarray, "n places"]) -> Section:
-        """Compute the sections of the bent arms ``arm`` at t."""
+        """Compute the sections at t of the arms with indices ``arm`` among the bent arms ``field``."""
         beams, every = field.beams, arm[:, None]
         pieces, hub = beams.velocity.shape[1], beams.hub[arm, None]
         point, velocity, change, half, widening = beams.lines.evaluate(every, t)[:5]
@@ -99,7 +99,7 @@ class Section:
         return self.rate[..., None] * np.cross(self.bend, self.along) - self.curving[..., None] * self.across
 
     def vjp_by_t(self, gradient: SectionGradient) -> Float[np.ndarray, "n places"]:
-        """Return derivatives with respect to t of scalars whose derivatives by the sections are ``gradient``."""
+        """Return the derivatives with respect to t of scalars, one per section, from their derivatives ``gradient``."""
         turn, aside = self._vjp_of_turns(gradient)
         return (
             dot(gradient.middle, self.velocity)
@@ -109,7 +109,10 @@ class Section:
         )
 
     def vjp(self, gradient: SectionGradient) -> tuple[PointGradient, Int[np.ndarray, " n"]]:
-        """Return the vector-Jacobian product by the bent arms, one section per arm, and the pieces of the sections."""
+        """Convert derivatives by the sections, one per arm, to derivatives by the bent arms, see ``BentBeams.vjp``.
+
+        Also return the piece of every arm that contains its section.
+        """
         turn, aside = self._vjp_of_turns(gradient)
         share, halfway = self.share[..., None], np.cross(self.chord, gradient.middle)
         within = (self.rate < 0.0)[..., None]

@@ -42,8 +42,8 @@ ROUNDS = 3
 _TILT_ROUNDING = 0.02
 _AXIS_ROUNDING = 5e-5  # metres over which the maximum of two distances is rounded off; larger is smoother, less exact
 END_TOLERANCE = 1e-4  # metres; a point this far beyond the end of the inner arm still faces it
-# Rough search for slots that may be too narrow: pieces of an arm, number of stations at its outer end that are looked
-# at, and assumed error in metres. Larger is slower; smaller misses narrow slots.
+# Rough search for slots that may be too narrow: pieces of an arm, number of stations at its tip that are measured, and
+# assumed error of the width in metres. Larger is slower; smaller misses narrow slots.
 ROUGH_PIECES, ROUGH_STATIONS, ROUGH_MARGIN = 8, 4, 4e-4
 
 
@@ -51,7 +51,8 @@ ROUGH_PIECES, ROUGH_STATIONS, ROUGH_MARGIN = 8, 4, 4e-4
 class SlotWidths:
     """Widths of slots at K points.
 
-    slots : of the design; arms : (K, 2) int, the outer and the inner arm; values : (K,) widths, metres
+    slots : settings that are common to all slots
+    arms : (K, 2) int, the outer and the inner arm; values : (K,) widths, metres
     t, s : (K,) positions of the point on the outer arm, and of the facing point on the inner arm
     field, rows : bent arms, and (K, 2) int, the rows of the outer and the inner arm among them
     """
@@ -167,9 +168,9 @@ class Slots:
         pair: Int[np.ndarray, "n 2"],
         t: Float[np.ndarray, "n places"],
     ) -> tuple[Float[np.ndarray, "n places"], Float[np.ndarray, "n places"]]:
-        """Return the widths (metres) of slots at t on their outer arms, and the facing positions s on their inner arms.
+        """Return the widths of slots at t on their outer arms, metres, and the facing positions s on the inner arms.
 
-        The width is infinite where no section of the inner arm faces the point.
+        The width is infinite where no section of the inner arm faces the point. ``pair`` : outer and inner arms.
         """
         outer, inner = pair.T
         here = Section.from_arms(field, outer, t)
@@ -190,7 +191,7 @@ class Slots:
     def _section_distance(
         self, here: Section, there: Section
     ) -> tuple[Float[np.ndarray, "n places"], tuple[SectionGradient, SectionGradient]]:
-        """Return distances between facing sections of outer and inner arms, and their derivatives by both sections."""
+        """Return distances between facing sections, ``here`` of outer and ``there`` of inner arms, with derivatives."""
         way, sign, height = here.middle - there.middle, self._sign, 0.5 * self.thickness
         tilt = dot(here.across, there.across)
         level, turned = np.abs(tilt), np.sign(tilt)

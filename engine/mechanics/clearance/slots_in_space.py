@@ -33,7 +33,7 @@ CLOSER_STATIONS = 7  # stations of the second look, see STATIONS
 DEEPEST = 0.9
 # Newton iterations for the section of the other arm that faces a section; more are slower, more exact (error 2e-4 mm)
 ROUNDS = 2
-REACH = 0.5  # arm widths; slots between arms of different spirals are measured below this width; larger is slower
+REACH = 0.5  # arm widths; wider slots between arms of different spirals are not measured; larger is slower
 # stations on an arm around the point nearest to another spiral's arm; more are slower and more exact (error 0.02 mm)
 PAIR_STATIONS = 9
 BATCH = 4000  # slots between two updates of the progress
@@ -66,7 +66,7 @@ class SpaceSlots:
         return least
 
     def with_quads_of(self, part: SpaceSlots, quads: Int[np.ndarray, " some"]) -> SpaceSlots:
-        """Replace the slots of some quads by newly measured slots.
+        """Return a copy in which the slots of some quads are replaced by newly measured slots.
 
         Parameters
         ----------

@@ -39,8 +39,8 @@ class RodState:
         return np.stack([self.roll, self.roll - self.torsion], axis=1)
 
 
-# signs that convert derivatives by x, y and the edge's roll relative to a hub to derivatives by x, y and the hub's roll
-# relative to the edge
+# signs that convert derivatives by the curvatures x, y and the edge's roll relative to a hub to derivatives by x, y and
+# the hub's roll relative to the edge
 ROLL_SIGNS = np.array([1.0, 1.0, -1.0])
 
 # (2, 6, 12) matrices that map the increments of both hubs (shift and turn of the first, then of the second) to the
@@ -53,13 +53,13 @@ END_INCREMENTS[:, :3, 6:9] = END_INCREMENTS[0, 3:, 3:6] = END_INCREMENTS[1, 3:, 
 
 @dataclass(frozen=True, eq=False)
 class EndMotion:
-    """First derivatives of curvatures and rolls at both ends of m edges.
+    """First derivatives of curvatures x, y and rolls at both ends of m edges; (d, w) as in ``first_order``.
 
     jacobian : (m, 2, 3, 6) derivatives of x, y and the roll of the hub's frame about the edge, by (d, w)
     by_tangent : (m, 2, 4, 3) derivatives of x, y, roll and the tangent's component along the edge's rest direction, by
         the tangent
-    pulled : (m, 2, 4, 6) derivatives of these four by (d, w), without the direct effect w.t of the hub's turn on the
-        roll
+    pulled : (m, 2, 4, 6) derivatives of the four quantities of ``by_tangent`` by (d, w), without the direct effect w.t
+        of the hub's turn on the roll
     """
 
     jacobian: Float[np.ndarray, "joints 2 3 6"]
@@ -93,7 +93,7 @@ def first_order(state: RodState) -> EndMotion:
 def second_order(
     state: RodState, motion: EndMotion, slope: Float[np.ndarray, "joints 2 3"]
 ) -> Float[np.ndarray, "joints 2 6 6"]:
-    """Return second derivatives (m, 2, 6, 6) by (d, w) of x, y and roll, summed with weights.
+    """Return the second derivatives (m, 2, 6, 6) of x, y and roll by (d, w) (see ``first_order``), summed with weights.
 
     Parameters
     ----------

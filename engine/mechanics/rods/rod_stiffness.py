@@ -122,7 +122,7 @@ class _Nearest:
     @classmethod
     def from_spirals(cls, scale: np.ndarray, width: np.ndarray, twist: np.ndarray, thickness: float) -> _Nearest:
         """Clip spirals to the sampled region."""
-        # a narrow strip beyond the edge counts as inside, because rounding may put spirals there
+        # spirals just outside the region count as inside, because rounding may put them there
         low, high = 1.0 - SLACK, 1.0 + SLACK
         near = np.clip(scale, low * thickness * SCALE_OVER_THICKNESS[0], high * thickness * SCALE_OVER_THICKNESS[1])
         thin = np.clip(width, low * thickness * FLATNESS_RANGE[0], high * thickness * FLATNESS_RANGE[1])
