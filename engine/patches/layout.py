@@ -107,7 +107,8 @@ class PatchLayout:
     def flat_corners(self) -> Int[np.ndarray, "quads 4"]:
         """Flat vertex of every quad corner, numbered 0..P-1.
 
-        Corners of two quads share a flat vertex if they meet at an uncut edge of both quads.
+        Flat vertices are the vertices of the mesh after it has been cut open: corners of two quads share a flat vertex
+        if they meet at an uncut edge of both quads.
         """
         mesh = self.mesh
         (qa, qb), (ka, kb) = mesh.edge_quads[self.uncut_edges].T, mesh.edge_sides[self.uncut_edges].T
@@ -203,7 +204,7 @@ class PatchLayout:
         Parameters
         ----------
         widest : upper bound of the result
-        own : count also lines from border to border of the surface, where the surface itself is narrow
+        own : whether to count also lines from border to border of the surface, where the surface itself is narrow
         """
         mesh, corners, outline = self.mesh, self.flat_corners, self.on_outline
         result = np.full(len(self.patches), widest, dtype=np.int64)
@@ -346,7 +347,10 @@ def next_straight_side(
 
 
 def order_run(mesh: QuadMesh, edges: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """Return the edges of a run in order, from the end with the smaller edge number (if closed, from the smallest)."""
+    """Return the edges of a run in order along it, from the end edge with the smaller number.
+
+    A closed run begins at its smallest edge.
+    """
     if len(edges) < 3:
         return np.sort(edges)
     at: dict[int, list[int]] = {}

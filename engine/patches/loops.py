@@ -8,11 +8,11 @@ import numpy as np
 
 from ..arrays import Bool, Float, Int, Num
 
-NEXT = np.array([1, 2, 3, 0])  # next corner of a quad
-PREVIOUS = np.array([3, 0, 1, 2])  # previous corner of a quad
+NEXT = np.array([1, 2, 3, 0])  # number of the corner after corner k of a quad
+PREVIOUS = np.array([3, 0, 1, 2])  # number of the corner before corner k of a quad
 SQUARE = 4.0  # perimeter / sqrt(area) of a square
-# largest integral curvature of the surface that a hole may replace, radians; with more, the patch round the hole must
-# be cut open; larger values cut less and distort more
+# Largest integral curvature, radians, that a surface filling a hole would have, for a patch to be flattened with this
+# hole; with more, the patch is cut open there. Larger values cut less and distort more.
 OPEN = 1.0
 
 

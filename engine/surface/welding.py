@@ -14,8 +14,8 @@ from .mesh import PolygonMesh
 # Distance below which vertices are welded, as a share of the length of a short edge (``short_edge_length``). Larger: thin
 # slits close; smaller: noise keeps faces apart.
 WELD_SHARE = 0.01
-# Factors on this distance that are tried in order, as some programs leave more noise; the first factor is used after
-# which the next factor welds no further vertices.
+# Factors on the welding distance that are tried in order, as some programs leave more noise. The first factor is used
+# after which the next factor welds no further vertices. Larger factors: more noise is welded, and thin slits close.
 WELD_FACTORS = (1.0, 2.0, 4.0, 8.0)
 # Percentile of the edge lengths that counts as the length of a short edge. Larger: thin slits close; near 0 a few
 # slivers make the tolerance too small.

@@ -56,7 +56,7 @@ class PatchProblem:
 
     mesh : the surface
     quads : (q,) int, quads of the patch or patches
-    corners : (q, 4) int, local flat vertex of every corner, 0..n-1
+    corners : (q, 4) int, flat vertex of every corner, numbered 0..n-1 among these quads
     tick : called before every factorisation and every solve; may raise an exception to cancel
     sizes : number of quads of each patch, if ``quads`` lists several patches, one after another
     """
@@ -189,9 +189,9 @@ class PatchProblem:
 
     @cached_property
     def _joint_rotations(self) -> Complex[np.ndarray, " joints"]:
-        """Rotation of the second quad of every joint that makes its side parallel to the first quad's common side.
+        """For every joint, the rotation of its second quad that makes the common side parallel in both quads.
 
-        Unit complex numbers, relative to the projections ``triangles.flat`` of both quads.
+        Unit complex numbers, for the quads as they lie in ``triangles.flat``.
         """
         fa, ka, fb, kb = self.joints
         flat = self.triangles.flat

@@ -133,7 +133,10 @@ def align_to_frame(
 
 
 def _longest_direction(points: np.ndarray) -> complex:
-    """Return the rotation (unit complex number) that turns the long side of the smallest bounding box to the x axis."""
+    """Return the rotation that turns the long side of the points' smallest bounding box to the x axis.
+
+    The points and the rotation are complex numbers; the rotation has length 1.
+    """
     angles = np.linspace(0.0, np.pi, 180, endpoint=False)
     spun = points[None, :] * np.exp(-1j * angles)[:, None]
     width, height = np.ptp(spun.real, axis=1), np.ptp(spun.imag, axis=1)
@@ -149,7 +152,10 @@ def _patch_key(layout: PatchLayout, quads: np.ndarray) -> bytes:
 def _reusable_patches(
     previous: FlatPatches | None, layout: PatchLayout, moved_quads: Bool[np.ndarray, " quads"] | None
 ) -> dict[bytes, int]:
-    """Return the patches of ``previous`` without moved quads: patch number by ``_patch_key``; empty on another mesh."""
+    """Return the patches of ``previous`` that contain no moved quad, as a dictionary from ``_patch_key`` to patch number.
+
+    It is empty if ``previous`` is None or has another mesh.
+    """
     if previous is None or previous.layout.mesh is not layout.mesh:
         return {}
     kept = [

@@ -14,7 +14,8 @@ from ...surface.symmetry import Symmetry
 from ..joining import panel_numbers
 from .flatten import FlatPatches, count_flipped, overlapping_patches, seam_mismatch
 
-MAX_REMARKS = 3  # largest number of patches beyond a limit that are described one by one; chosen by eye
+# Largest number of patches beyond a limit that are described one by one; chosen by eye. Larger: longer messages.
+MAX_REMARKS = 3
 
 
 def layout_report(flat: FlatPatches) -> dict[str, Any]:

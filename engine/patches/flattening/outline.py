@@ -10,7 +10,9 @@ from ..layout import loops_of_sides
 # Largest result of ``isthmus_width``: wider isthmuses do not count. A rectangle 1.5 times as long as wide has this value.
 # It must exceed every limit with which a width is compared.
 MAX_ISTHMUS = 0.4
-ROUNDING_TOL = 8.0 * np.finfo(float).eps  # relative error bound of orientation tests (Shewchuk 1997); larger is safer
+# Relative error bound of orientation tests (Shewchuk 1997). Larger: sides count as touching at a larger distance; smaller
+# values would not cover the rounding error.
+ROUNDING_TOL = 8.0 * np.finfo(float).eps
 
 
 def has_simple_outline(

@@ -19,7 +19,7 @@ from .outline import has_simple_outline
 LAYOUT_ROUNDS = (
     24  # number of rounds in which the seams of a whole layout are fitted; more may fit better and take longer
 )
-EDIT_ROUNDS = 10  # number of these rounds for the few patches of a manual edit; with more, an edit takes over 0.1 s
+EDIT_ROUNDS = 10  # number of rounds in which seams are fitted after a manual edit; more make an edit slower than 0.1 s
 # Patches with fewer quads share a linear system, because a system of one small patch takes as long as a system of many:
 # 3,840 patches of one quad take 3 s instead of 32 s. Larger values gain little.
 SMALL_PATCH = 8
@@ -115,7 +115,7 @@ def match_seams(
 def _start_all(
     layout: PatchLayout, patches: Sequence[np.ndarray], limit: float, progress: Progress, start: np.ndarray | None
 ) -> list[_FlatteningState]:
-    """Flatten the patches without springs: small patches in batches, large patches one by one.
+    """Flatten the patches without springs, small patches in batches, large patches one by one; return their states.
 
     Small patches that overlap or exceed the distortion limit in their batch are flattened again one by one.
     """

@@ -29,7 +29,7 @@ NECK_FACTOR = 1.1
 # Number of quads up to which a patch is given up only if its first flattening exceeds 5 times the distortion limit;
 # larger patches are given up earlier, the largest at 1.8 times. Larger values find more merges of large patches.
 SMALL_PIECE = 120
-# largest compactness of a patch that absorbs a too small patch, as a factor on the limit; larger allows longer patches
+# Factor on the limit of compactness for a patch that absorbs a too small patch; larger allows longer patches
 LENIENT_FACTOR = 1.25
 ATTEMPT_WORK = 300.0  # work charged for testing a change, besides flattening, in quads times solves; from profiling
 SOLVES_PER_FLATTENING = 10.0  # work charged for a flattening, in solves: their mean number
@@ -51,7 +51,7 @@ class SeamChange:
 class WorkBudget:
     """Budget of work for flattening, counted independently of the machine's speed, so that results are reproducible.
 
-    remaining : remaining budget, quads times solves
+    remaining : work that is left, in quads times solves
     """
 
     def __init__(self, left: float = np.inf):
@@ -167,9 +167,10 @@ class MergeBoard:
     def attempt(
         self, joins: Int[np.ndarray, " opened"], cuts: Int[np.ndarray, " closed"] = NO_EDGES
     ) -> SeamChange | None:
-        """Return the change that opens and closes edges and their symmetric images; None if it would break a limit.
+        """Return the change that joins cut edges (``joins``) and cuts edges (``cuts``); None if it would break a limit.
 
-        Only images that touch the same pieces are included; ``apply`` adds the others.
+        The change includes the edges' symmetric images as far as they touch the same pieces; ``apply`` adds all other
+        images.
         """
         self.tick()
         if self.budget.is_spent:
@@ -236,7 +237,7 @@ class MergeBoard:
     def _attempt_exactly(
         self, joins: Int[np.ndarray, " opened"], cuts: Int[np.ndarray, " closed"]
     ) -> SeamChange | None:
-        """Return the change of exactly these edges, without symmetric images; None if it would break a limit."""
+        """Return the change that joins and cuts exactly these edges, without images; None if it would break a limit."""
         names = np.unique(self.pieces_at(np.concatenate([joins, cuts]))).tolist()
         old = [self.pieces[n] for n in names]
         cut = self.cut.copy()

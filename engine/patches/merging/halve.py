@@ -27,10 +27,11 @@ from .straighten import fault_cost
 # Number of decimals to which ratings of cuts are rounded; among equally rated cuts, the straightest in space is taken
 RATING_DECIMALS = 6
 MAX_CUTS = 12  # largest number of cuts that are tried; with more, panels may be less distorted, and it takes longer
-MIN_AREA_SHARE = 0.25  # smallest share of the panel's area on either side of a cut; chosen by eye
-MIN_END_DISTANCE = (
-    0.03  # smallest distance between the ends of two tried cuts, as a share of the outline; chosen by eye
-)
+# Smallest share of the panel's area on either side of a cut; chosen by eye. Larger: more even halves, fewer cuts tried.
+MIN_AREA_SHARE = 0.25
+# Smallest distance between the ends of two tried cuts, as a share of the outline; chosen by eye. Larger: the tried cuts
+# differ more.
+MIN_END_DISTANCE = 0.03
 
 
 def needs_no_halving(board: MergeBoard) -> bool:
@@ -69,7 +70,7 @@ def cut_in_half(board: MergeBoard, whole_group: list[Symmetry], progress: Progre
 
 
 def _total_turn(mesh: QuadMesh, cut: Bool[np.ndarray, " edges"]) -> float:
-    """Return the sum of the angles in space between successive edges of a cut, radians, rounded."""
+    """Return the sum of the angles in space between successive edges of a cut, radians, rounded to 6 decimals."""
     edges = mesh.edges[cut]
     ways = mesh.vertices[edges[:, 1]] - mesh.vertices[edges[:, 0]]
     ways /= np.linalg.norm(ways, axis=1)[:, None]

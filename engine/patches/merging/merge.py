@@ -30,12 +30,12 @@ from .straighten import natural_stops, straighten, widen_necks
 MAX_SEAM_QUADS = 70_000
 # Smallest budget, and budget per quad, in quads times solves, see ``WorkBudget``; more may remove more seams, in more time
 MIN_WORK, WORK_PER_QUAD = 2e6, 2.5e3
-MAX_STOPS = 12  # largest number of places where a removed part of a seam may begin or end; more take longer
-REPEAT_ROUNDS = 3  # largest number of times a merged layout is merged again; more take longer
+MAX_STOPS = 12  # largest number of places where a removed part of a seam may begin or end; more fit better, slower
+REPEAT_ROUNDS = 3  # largest number of times a merged layout is merged again; more may remove more seams, slower
 # Largest number of symmetries of a surface with which first cuts that break a symmetry are completed by their images: 1
 # is a mirror, 3 are two mirrors and a half turn. On a ring with hundreds, the images gave 60 panels instead of 4.
 MAX_SYMMETRIES = 3
-MAX_GROUPS = 5  # largest number of symmetry groups that are tried; more take longer
+MAX_GROUPS = 5  # largest number of symmetry groups that are tried; more may give fewer panels, slower
 
 
 @one_thread
@@ -103,7 +103,7 @@ def _flatten_merged(layout: PatchLayout, params: LayoutParams, progress: Progres
 def _merge_body(
     layout: PatchLayout, params: LayoutParams, progress: Progress, bodies: int, seamless: bool
 ) -> tuple[MergeBoard, dict[str, object]]:
-    """Merge one body; return the board and notes about its symmetry."""
+    """Merge one of ``bodies`` bodies; return the board and notes on symmetry. ``seamless``: one uncut panel may result."""
     whole_group = symmetries(layout.mesh, progress=progress.part(0.0, 0.02)) if params.symmetric else []
     effort = work_budget(layout)
     tick = partial(progress, 0.0, "Flattening the first panels")
@@ -384,7 +384,7 @@ def open_best_part(board: MergeBoard, strategy: MergeStrategy, progress: Progres
 
 
 def longest_part(board: MergeBoard, edges: np.ndarray) -> SeamChange | None:
-    """Return the change that removes the longest possible part of a seam between natural stops; None if impossible."""
+    """Return the change that removes the longest possible part of a seam between ``natural_stops``; None if impossible."""
     few = min(len(board.pieces[n].quads) for n in board.pieces_at(edges[:1])[0]) < 2 * board.params.patch_min
     stops = list(range(len(edges) + 1)) if few and len(edges) <= 10 else natural_stops(board, edges)
     # limit the number of stops, because a seam without straight parts has one at every vertex

@@ -16,8 +16,8 @@ from .straighten import fault_cost, seam_cost
 # Largest difference in length of a seam edge's two flat sides, as a share of the edge, in a layout whose seams count as
 # fitting; larger values accept more merges
 MAX_MISMATCH = 0.1
-# largest cost of an asymmetric layout that replaces a symmetric layout, as a share of that layout's cost; larger values
-# give up symmetry for fewer patches
+# A layout with fewer symmetries replaces a more symmetric layout if it costs less than this share of that layout's cost;
+# larger values give up symmetry for fewer patches
 SYMMETRY_FACTOR = 0.5
 
 
@@ -34,7 +34,9 @@ class LayoutRanking:
     def is_better(self, one: MergeBoard, two: MergeBoard, progress: Progress) -> bool:
         """Return whether layout ``one`` is clearly better than layout ``two``.
 
-        A layout with fewer symmetries is better only if its cost, mainly its number of patches, is less than half.
+        A layout whose seams can be made to match is better than a layout whose seams cannot. Otherwise the cheaper layout
+        is better; the cost is mainly the number of patches. If ``one`` has fewer symmetries, it must cost less than half
+        of ``two``.
         """
         if (one.cut == two.cut).all():
             return False
@@ -89,7 +91,10 @@ def layout_cost(board: MergeBoard) -> float:
 
 
 def halve_long_patches(layout: PatchLayout, params: LayoutParams) -> PatchLayout:
-    """Halve patches that are less compact than allowed (long strips), as long as their parts are more compact."""
+    """Return a layout in which patches less compact than allowed (long strips) are halved, repeatedly.
+
+    A patch is not halved if its parts would be no more compact, or smaller than the smallest size.
+    """
     for _ in range(20):
         cut = layout.cut.copy()
         for patch in np.flatnonzero(layout.compactness > params.compactness_limit * (1 + 1e-9)).tolist():

@@ -25,10 +25,10 @@ END_SLIDES = (0, 2, 5)
 
 @lru_cache(maxsize=4)
 def bend_costs(mesh: QuadMesh) -> csr_array:
-    """Return the (2 E, 2 E) costs of continuing from a directed edge to the next: its length plus a cost of the bend.
+    """Return the costs of continuing from a directed edge to a next directed edge, (2 E, 2 E), in median edge lengths.
 
-    Costs are in median edge lengths. Directed edge e runs from the smaller to the larger vertex of edge e, directed
-    edge E + e in the opposite direction.
+    A cost is the length of the next edge plus a cost of the bend between the two. Directed edge e runs from the smaller
+    to the larger vertex of edge e, directed edge E + e in the opposite direction.
     """
     count = len(mesh.edges)
     first = mesh.edges[:, 0].tolist()

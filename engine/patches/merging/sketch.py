@@ -30,14 +30,15 @@ class PatchMeasures:
     the surface do not count, because there the surface itself is narrow.
 
     quads : quads of the patch
-    corners : local flat vertices of the quads
+    corners : flat vertices of the quads, numbered from 0 within the patch
     sides : mask of the quads' sides on the outline
     loops : loops of the outline
     rim : mask of flat vertices on the border of the surface
     perimeter : metres on the surface, see ``loops.perimeter``
     area : square metres on the surface
     isthmuses : number of isthmuses narrower than the smallest allowed neck
-    bottleneck : largest ratio of the shorter outline between an isthmus's ends to its length, both in edges
+    bottleneck : largest ratio, over all isthmuses, of the shorter part of the outline between the isthmus's ends to the
+        length of the isthmus, both in edges
     """
 
     quads: Int[np.ndarray, " quads"]

@@ -257,7 +257,7 @@ def _row_slides(
 
 
 def _side_across(edge_quads: np.ndarray, edge_sides: np.ndarray, edges: np.ndarray, quads: np.ndarray) -> np.ndarray:
-    """Return the side of the other quad on each edge."""
+    """Return for every edge the side number, in the quad across it, of this edge; ``quads`` are on the near side."""
     column = (edge_quads[edges, 0] == quads).astype(np.int64)
     return edge_sides[edges, column]
 
@@ -303,7 +303,10 @@ def straight_cut_runs(layout: PatchLayout) -> list[tuple[list[int], list[int], l
 
 
 def _join_dead_ends(board: MergeBoard) -> bool:
-    """Join cuts inside patches from their free ends back to a natural stop, where all limits allow it."""
+    """Join cuts inside patches from their free ends back to one of their ``natural_stops``, where all limits allow it.
+
+    Return whether anything changed.
+    """
     changed = False
     mesh = board.mesh
     layout = board.layout

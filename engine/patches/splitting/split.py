@@ -171,7 +171,7 @@ def size_over_box(points: Float[np.ndarray, "samples 2"], box: Float[np.ndarray,
 
     Parameters
     ----------
-    points : metres
+    points : positions, metres
     box : width and height, metres
     sheet : settings, with the allowed rotations
     """

@@ -16,7 +16,7 @@ from ..flattening.flatten import FlatPatches
 # Largest number of starts times number of directed edges, which bounds memory to about 200 MB. With more, only some
 # starts are used; larger values need more memory and find straighter runs in large patches.
 MAX_ENTRIES = 10_000_000
-CHUNK = 500_000  # starts times directed edges between two progress reports; larger values delay a cancel
+CHUNK = 500_000  # number of starts times directed edges between two checks for a cancel; larger values delay a cancel
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ def straight_runs(flat: FlatPatches, patch: int, tick: Callable[[], None] = lamb
     ----------
     flat : flat patches
     patch : number of the patch
-    tick : called at intervals; may raise to cancel
+    tick : called at intervals; may raise an exception to cancel
 
     Returns
     -------

@@ -87,7 +87,7 @@ def _halve_to_limit(layout: PatchLayout, params: LayoutParams, progress: Progres
 
 
 def _worst_energy(layout: PatchLayout, quads: np.ndarray, tick: Callable[[], None]) -> float:
-    """Return the largest energy of a patch after minimax flattening; infinite if the flat patch overlaps itself."""
+    """Return the largest distortion E in a patch after minimax flattening; infinite if the flat patch overlaps itself."""
     corners = np.unique(layout.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
     problem = PatchProblem(layout.mesh, quads, corners, tick)
     flat = solve_local_global(problem, tolerance=0.01)
@@ -98,7 +98,8 @@ def _worst_energy(layout: PatchLayout, quads: np.ndarray, tick: Callable[[], Non
 def motorcycles(mesh: QuadMesh) -> Bool[np.ndarray, " edges"]:
     """Return a mask of the edges that motorcycles pass; they start at every irregular vertex and pass an edge per step.
 
-    Two motorcycles that meet head-on stop; two that reach a crossing in the same step both continue, to keep symmetry.
+    Two motorcycles that meet head-on stop. Two motorcycles that reach a crossing in the same step both continue, to keep
+    symmetry.
     """
     cut = np.zeros(len(mesh.edges), dtype=bool)
     edges = np.flatnonzero(~mesh.border)

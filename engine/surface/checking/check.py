@@ -137,7 +137,8 @@ def findings(polygons: PolygonMesh, edge: float | None = None) -> list[Finding]:
     Parameters
     ----------
     polygons : unchecked mesh, metres
-    edge : median edge length to which the mesh will be scaled, metres: sizes are checked at that scale
+    edge : median edge length to which the mesh will be scaled, metres: sizes are checked at that scale; None: at the
+        present scale
     """
     return sorted(_collect_findings(polygons, edge), key=lambda f: not f.is_error)
 

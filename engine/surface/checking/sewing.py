@@ -59,7 +59,7 @@ def sew(mesh: PolygonMesh) -> PolygonMesh:
 
 
 def _without_duplicates(mesh: PolygonMesh) -> PolygonMesh:
-    """Remove bodies that coincide with earlier bodies, even if the faces of the two bodies differ."""
+    """Return a mesh without bodies that coincide with earlier bodies, even if the faces of the two bodies differ."""
     one = replace(mesh, corners=position_labels(mesh)[mesh.corners])
     again = np.zeros(len(mesh.sizes), bool)
     again[repeated_faces(one)] = True
@@ -176,7 +176,7 @@ def _split_strips(mesh: PolygonMesh, sides: Sides, found: TJunctions) -> Polygon
         return None
     strip, turned = strips
     cuts: dict[int, list[float]] = {}  # positions of the cuts by strip, 0 to 1 in the direction of its edges
-    at: dict[tuple[int, int], int] = {}  # vertices by edge and cut number
+    at: dict[tuple[int, int], int] = {}  # vertex of every cut on an edge, by edge and number of the cut
     for side in np.unique(found.side).tolist():
         own = np.flatnonzero(found.side == side)
         back = bool(turned[sides.edge[side]]) != bool(not sides.forward[side])
@@ -206,7 +206,7 @@ def _strips(sides: Sides) -> tuple[np.ndarray, np.ndarray] | None:
     n, edge = len(sides.edges), sides.edge.reshape(-1, 4)
     forward = sides.forward.reshape(-1, 4)
     first, second = edge[:, :2].ravel(), edge[:, 2:].ravel()
-    # opposite sides of a quad have opposite directions, so edges that are both forward there are reversed
+    # the opposite sides of a quad run in opposite directions, so if both run forward, their edges have opposite directions
     against = (forward[:, :2] == forward[:, 2:]).ravel()
     a = np.concatenate([first, first + n])
     b = np.concatenate([np.where(against, second + n, second), np.where(against, second, second + n)])

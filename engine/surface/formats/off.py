@@ -41,7 +41,7 @@ class _OffHeader:
 
 
 def parse_off(data: bytes, name: str) -> RawMesh:
-    """Parse OFF; colours, normals and texture coordinates are ignored."""
+    """Parse the bytes of an OFF file called ``name``; colours, normals and texture coordinates are ignored."""
     refuse_binary(data, name, "OFF")
     rows = split_rows(data)
     if not rows:
@@ -97,7 +97,7 @@ _Parts = tuple[list[list[bytes]], list[int], list[list[bytes]], list[int], list[
 def _build_mesh(
     head: _OffHeader, rows: list[Row], name: str, read: Callable[[_OffHeader, list[Row], str], _Parts]
 ) -> RawMesh:
-    """Read the mesh with ``read``, which is ``_read_by_line`` or ``_read_by_word``."""
+    """Build the mesh from the rows after the header; ``read`` is ``_read_by_line`` or ``_read_by_word``."""
     points, point_lines, faces, face_lines, rest = read(head, rows, name)
     vertices = parse_floats(points, point_lines, 3, name, "a vertex").reshape(-1, 3)
     sizes = np.array([len(face) for face in faces], dtype=np.int64)

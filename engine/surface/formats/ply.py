@@ -228,8 +228,7 @@ def _read_binary_lists(
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Read the list property number ``wanted`` of all elements of one kind; -1 to skip the elements.
 
-    data, at, order : content of the file, offset of the first element in it, and byte order
-
+    data, at, order : body of the file, offset of the first element in it, and byte order
 
     Runs of elements with lists of equal length are read at once, with the layout of the run's first element.
 

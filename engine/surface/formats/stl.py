@@ -56,7 +56,8 @@ def parse_stl(data: bytes, name: str) -> RawMesh:
 def _text_points(data: bytes, lines_before: int, name: str) -> tuple[np.ndarray, tuple[str, ...]]:
     """Return the corner positions of a text STL, (3 n, 3), and a message if the file has no end.
 
-    Lines do not matter, except that the name of a solid ends with its line.
+    Lines do not matter, except that the name of a solid ends with its line. ``lines_before`` is the number of lines of
+    the file before ``data``, for messages.
     """
     words: list[bytes] = []
     line_of: list[int] = []

@@ -68,7 +68,7 @@ def simplify_triangles(vertices: np.ndarray, corners: np.ndarray, count: int) ->
 
 
 def _mark_both_sides(mesh: Triangles, sides: np.ndarray) -> np.ndarray:
-    """Extend a mask of sides by the neighbouring triangles' sides on the same edges."""
+    """Return a mask of sides that contains, for every masked side, also the neighbouring triangle's side on its edge."""
     other = mesh.opposite
     return sides | ((other >= 0) & sides[other])
 
@@ -88,7 +88,10 @@ def _chords_between_lines(mesh: Triangles, lines: np.ndarray) -> np.ndarray:
 
 
 def _halve_edges(mesh: Triangles, sides: np.ndarray) -> tuple[np.ndarray, Int[np.ndarray, "triangles 3"]]:
-    """Halve the marked edges, and split their triangles into two, three or four; return vertices and triangles."""
+    """Halve the edges of masked sides, and split their triangles into two to four; return vertices and triangles.
+
+    sides : mask of sides; it must contain both sides of an edge
+    """
     other, count = mesh.opposite, len(mesh.vertices)
     first = sides & ((other < 0) | (np.arange(len(other)) < other))
     number = np.full(len(other), -1)
@@ -114,7 +117,7 @@ def _halve_edges(mesh: Triangles, sides: np.ndarray) -> tuple[np.ndarray, Int[np
         bc, ca = m[two, (k + 1) % 3], m[two, (k + 2) % 3]
         made.append(np.stack([bc, c, ca], axis=1))
         one_way, other_way = vertices[a] - vertices[bc], vertices[b] - vertices[ca]
-        # split the rest, a quad, along its shorter diagonal
+        # split the remaining quad along its shorter diagonal
         shorter = (np.linalg.norm(one_way, axis=1) < np.linalg.norm(other_way, axis=1))[:, None]
         made.append(np.where(shorter, np.stack([a, b, bc], 1), np.stack([a, b, ca], 1)))
         made.append(np.where(shorter, np.stack([a, bc, ca], 1), np.stack([b, bc, ca], 1)))

@@ -83,7 +83,7 @@ class VertexConstraints:
         )
 
     def move_towards(self, start: np.ndarray, wanted: np.ndarray) -> Float[np.ndarray, "vertices 3"]:
-        """Move vertices from ``start`` towards ``wanted``, within the surface and the lines.
+        """Return positions moved from ``start`` towards ``wanted``, on the surface and on the lines.
 
         Moves are shortened so that no edge is reversed. All positions are in metres.
         """

@@ -41,7 +41,7 @@ class MirrorPlane:
         return (points - self.point) @ self.normal
 
     def mirror(self, mesh: PolygonMesh) -> PolygonMesh:
-        """Reflect a mesh and reverse its faces, so that they still face outwards; faces keep their first corners."""
+        """Return the mirror image of a mesh, with faces reversed to face outwards; faces keep their first corners."""
         points = mesh.vertices - 2.0 * self.signed_distances(mesh.vertices)[:, None] * self.normal
         corners = mesh.corners.reshape(len(mesh.sizes), -1)
         return PolygonMesh(points, np.roll(corners[:, ::-1], 1, axis=1).ravel(), mesh.sizes)

@@ -53,7 +53,7 @@ SPARE = 0.99
 # Largest number of rounds in which moves round narrow or distorted quads are shortened; after these, all moves are
 # dropped. Larger: slower, more moves are kept.
 ROUNDS = 40
-SHORTER = 0.7  # factor on such a move per round; larger: more of the move is kept, in more rounds
+SHORTER = 0.7  # factor by which a move is shortened in a round; larger: more of the move is kept, in more rounds
 SHORTEST = 0.01  # moves shortened to less than this share are dropped: traces of moves would keep quads bent
 SYMMETRY = 0.01  # symmetry tolerance, in median edges; larger: slightly asymmetric meshes become symmetric
 
@@ -350,7 +350,9 @@ def _side_lengths(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, 
 
 
 def _symmetrise(mesh: QuadMesh, points: np.ndarray, progress: Progress) -> np.ndarray:
-    """Return positions with the moves averaged over the mesh's symmetries, which rounding has slightly broken.
+    """Return positions with the moves averaged over the mesh's symmetries.
+
+    The moves break symmetries slightly where two points of the surface are equally near to a vertex.
 
     points : moved vertex positions, metres
     """

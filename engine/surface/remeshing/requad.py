@@ -195,16 +195,14 @@ class _BodySearch:
         return self.best_first[0]
 
     def _with_area_fault(self, judged: SoundQuads) -> SoundQuads:
-        """Add a fault to a result with too little area: thin parts, such as ears or fingers, are lost."""
+        """Return a result with one fault more if it has too little area: thin parts, such as ears, are lost."""
         if not self._clean or target_surface(judged.quads).area >= MIN_AREA_SHARE * self._whole.area:
             return judged
         useless, missed, poor = judged.faults
         return replace(judged, faults=(useless, missed + 1, poor))
 
     def gap_warnings(self, count: int, first: int) -> list[Finding]:
-        """Warn if the best quads miss parts of the surface; ``count`` is the number of quads of all bodies, ``first``
-        the index of this body's first quad.
-        """
+        """Return a warning if the best quads miss parts of the surface; arguments: see ``warn_of_gaps``."""
         if not self._clean:
             return []
         best = replace(self.best_quads, vertices=(self.best_quads.vertices - self._middle) * self._scale)
@@ -320,7 +318,7 @@ def _mirrored_searches(
     k: int,
     planes: Sequence[MirrorPlane],
 ) -> Iterator[_MirroredSearch]:
-    """Yield every way in which body ``k`` is the mirror image of one of the bodies ``before`` it."""
+    """Yield every way in which body ``k`` is the mirror image of one of the bodies ``before``, with these ``searches``."""
     for other, search in zip(before, searches, strict=True):
         for plane in planes:
             if plane.maps_onto(parts[other], parts[k], EXTENT):
@@ -363,7 +361,7 @@ def _surfaces_for_tool(
 
 
 def _simplify(body: PolygonMesh, count: int) -> PolygonMesh:
-    """Simplify a clean body to ``TRIANGLES_PER_QUAD`` triangles per quad, if it has more."""
+    """Return a clean body, simplified to ``TRIANGLES_PER_QUAD`` triangles per quad if it has more."""
     triangles = target_surface(body)
     if len(triangles.triangles) <= TRIANGLES_PER_QUAD * count:
         return body
