@@ -16,9 +16,10 @@ from .errors import FlexMapsError
 from .workers import WorkerDied
 
 ROOT = Path(__file__).resolve().parents[1]
-# Seconds to wait for answers of scheduler and workers, as in the folder ``database``; less gives up on slow networks
+# Seconds to wait for answers of scheduler and workers, as in the folder ``database``; smaller: slow networks fail
 CONNECTION_SECONDS = 20
-# Number of times that a task is repeated on another worker after its worker was lost, as in the folder ``database``
+# Number of times that a task is repeated on another worker after its worker was lost, as in the folder ``database``;
+# larger: survives more failures, ends later if every worker fails
 RETRIES = 3
 
 
@@ -85,7 +86,7 @@ class Cluster(Executor):
 
     Parameters
     ----------
-    address : of the Dask scheduler
+    address : address of the Dask scheduler
     root : folder of this program on the workers
 
     Raises
@@ -136,7 +137,7 @@ class Cluster(Executor):
         """
         if kwargs:
             raise TypeError("workers take no keywords; use functools.partial")
-        if self._pickled[0] is not function:  # pickle it only once: it can hold a whole mesh
+        if self._pickled[0] is not function:  # pickle a function only once: it can hold a whole mesh
             self._pickled = function, pickle.dumps(function)
         wanted: Future[Any] = Future()
         wanted.set_running_or_notify_cancel()

@@ -50,7 +50,7 @@ MAX_NAME_LENGTH = 150
 # Attempts to move a file, and seconds between them: virus scanners keep new files open for about a second
 TRIES, PAUSE = 10, 0.1
 
-_FULL = {errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO}  # errors of write(), which name no file
+_FULL = {errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO}  # codes of errors in write(); these name no file
 
 
 def describe_error(error: OSError | ValueError) -> str:
@@ -89,8 +89,9 @@ def write_all_atomically(
 ) -> Iterator[NewFile]:
     """Write several files atomically: either all new files appear, or all old files stay; no temporary files remain.
 
-    Yield a function that maps a target to a temporary path to write to, beside it and with the same suffix. If writing
-    fails, a folder is locked by another run, or the guard refuses, raise ``FlexMapsError``; other errors pass unchanged.
+    Yield a function that maps a target to a temporary path to write to, beside it and with the same suffix. Raise
+    ``FlexMapsError`` if writing fails, if another run has locked the folder, or if the guard refuses; other errors pass
+    unchanged.
 
     Parameters
     ----------
@@ -145,7 +146,11 @@ def write_all_atomically(
 
 
 def _add_checksum_records(wanted: dict[Path, Path], gone: list[Path], root: Path | None) -> None:
-    """Add the files that list checksums to the files to write."""
+    """Add to ``wanted`` the files that list checksums.
+
+    wanted : temporary path of every file to write, by its target
+    gone : files to remove; root : folder for the checksums of all files, or None for the folder of each file
+    """
     for folder in {target.parent if root is None else root for target in (*wanted, *gone)}:
         own = {target: now for target, now in wanted.items() if root is not None or target.parent == folder}
         text = own_files.format_checksums(folder, own, gone)
@@ -155,7 +160,10 @@ def _add_checksum_records(wanted: dict[Path, Path], gone: list[Path], root: Path
 
 @contextmanager
 def _convert_write_errors(wanted: dict[Path, Path]) -> Iterator[None]:
-    """Convert errors to ``FlexMapsError``, for steps that only write; file names with a zero byte raise ValueError."""
+    """Convert write errors to ``FlexMapsError``: OSError, and ValueError for file names with a zero byte.
+
+    wanted : temporary path of every file to write, by its target
+    """
     try:
         yield
     except (OSError, ValueError) as error:

@@ -75,7 +75,7 @@ class SparseCholesky:
 
     Parameters
     ----------
-    pattern : of the matrices
+    pattern : sparsity pattern of the matrices
     backend : "cvxopt" or "superlu"; None for cvxopt if it is installed, else SuperLU
     """
 
@@ -161,8 +161,8 @@ def negative_eigenvalues(pattern: SparsityPattern, values: np.ndarray) -> int:
 
     Parameters
     ----------
-    pattern : of the matrix
-    values : (nnz,) its lower triangle
+    pattern : sparsity pattern of the matrix
+    values : (nnz,) entries of its lower triangle
 
     Raises
     ------
@@ -172,7 +172,7 @@ def negative_eigenvalues(pattern: SparsityPattern, values: np.ndarray) -> int:
 
 
 def _symmetric_lu(pattern: SparsityPattern, values: np.ndarray) -> Any:
-    """Return LU factors without pivoting; as many diagonal entries of U as eigenvalues of the matrix are negative."""
+    """Return LU factors without pivoting; U has as many negative diagonal entries as the matrix has eigenvalues < 0."""
     return _lu_without_pivoting(pattern.matrix(values))
 
 

@@ -10,16 +10,16 @@ from dataclasses import dataclass, replace
 
 from .errors import FlexMapsError
 
-# Strain limit over largest allowed strain, a safety factor: computed strains are accurate to about 15 % (see
-# ``peak_strain``). Larger: safer pieces, fewer surfaces can be made
+# Ratio of the strain limit to the largest allowed strain, a safety factor: computed strains are accurate to about 15 %
+# (see ``peak_strain``). Larger: safer pieces, fewer surfaces can be made
 STRAIN_MARGIN = 1.1
-# Share of the strain limit above which arms are reported as overstrained: the allowed strain and 0.5 %. Optimised
-# pieces are at their limit and change by less when outlines are mended; messages show whole percents
+# Share of the strain limit above which arms are reported as overstrained: 0.5 % above the allowed strain. Optimised
+# pieces reach the allowed strain, and repairs of their outlines change strains by less than 0.5 %
 OVERSTRAIN_SHARE = 1.005 / STRAIN_MARGIN
-# Share of the force that a neck bears above which a connector is reported as overloaded; the excess allows for rounding
+# Utilisation of a neck above which its connector is reported as overloaded: 1, and a little more for rounding errors
 OVERLOADED = 1.0005
-# Strain concentration: strain at the fillets of arm roots over the largest strain of the arm beside them. It matters
-# for materials that break before they yield. Larger: safer pieces, fewer can be made (docs/tuning.md)
+# Strain concentration: ratio of the strain at the fillet of an arm's root to the largest strain of the arm beside it.
+# Matters for materials that break before they yield. Larger: safer pieces, fewer can be made (docs/tuning.md)
 FILLET_STRAIN = 1.65
 
 

@@ -20,8 +20,8 @@ CONVERGED, REACHED, ITERATIONS, TIME = "converged", "reached", "iterations", "ti
 SADDLE, INDEFINITE, NO_DESCENT = "saddle", "indefinite", "no descent"
 AT_ROUNDING, DIVERGED = "rounded", "diverged"
 
-# Share of the convex part in the Hessian: factor on it after each step, and share below which it counts as 0; by eye.
-# Larger: safer, more steps
+# DECAY: factor on the share of the convex part in the Hessian after each step; LEAST_CONVEX: a smaller share counts as
+# 0; by eye. Larger: safer, more steps
 DECAY, LEAST_CONVEX = 0.3, 0.01
 SHIFTS = (1e-9, 1e-6, 1e-3)  # relative shifts of the convex part's diagonal, tried if rounding makes it indefinite
 ARMIJO = 1e-4  # smallest share of the predicted decrease that a step must achieve (Nocedal and Wright, section 3.1)
@@ -35,7 +35,7 @@ NEGLIGIBLE_STEP = 1e-13  # radians and metres; smaller steps are rounding errors
 # (docs/tuning.md)
 CREEPING, STEPS = 1e-5, 8
 LITTLE = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)  # shares of the convex part to try in turn on stagnation; by eye
-TRIALS = 12  # attempts at a damped step; each multiplies the damping by up to 8, so 12 leave no step at all
+TRIALS = 12  # attempts at a damped step; each may multiply the damping by 8, so that after 12 hardly a step is left
 # Actual over predicted decrease: above GOOD damping shrinks, below POOR it grows, below TAKEN the step is rejected
 GOOD, POOR, TAKEN = 0.7, 0.25, 1e-3
 # Factor on the damping after a good step; DEEP_CUT as long as no step has failed and the decrease was predicted to
@@ -68,9 +68,9 @@ class LocalModel:
 class Iteration:
     """Record of one iteration.
 
-    modified : share of the convex part that was blended into the Hessian, or the damping
+    modified : share of the convex part in the Hessian (``LineSearch``), or damping (``LevenbergMarquardt``)
     step : share of the full step that was taken
-    decrement : decrease of the energy that its slope predicts for the full step
+    decrement : predicted decrease of the energy
     """
 
     energy: float
@@ -138,7 +138,7 @@ class DampedProblem(Problem, Protocol):
 
     @property
     def over(self) -> bool:
-        """Whether the search must end, because its time is over or its steps bring too little."""
+        """Whether the search must end, because its time has elapsed or its steps bring too little."""
 
     def reached(self, state: Any) -> bool:
         """Return whether a state is so good that the search ends."""
@@ -154,7 +154,7 @@ class DampedProblem(Problem, Protocol):
         """Return the state after a proposed step; None if the dependent quantities cannot follow it."""
 
     def shortened(self, here: LocalModel, proposal: Any, share: float) -> Any:
-        """Return a proposal with the given share of another proposal's step, and the decrease predicted for it."""
+        """Return a proposal with a share of another proposal's step, and with the decrease predicted for that."""
 
     def gentle(self, proposal: Any) -> float:
         """Return the smallest damping of the dependent quantities to try after ``tried`` returned None."""
@@ -280,7 +280,7 @@ class LineSearch:
     def _searched(
         self, problem: FactoredProblem, state: Any, here: LocalModel, step: np.ndarray, history: list[Iteration]
     ) -> Any | None:
-        """Halve the step until the energy is sufficiently below the recent maximum; None if no halving is enough."""
+        """Halve the step until the energy is low enough; return the new state, or None if no halving is enough."""
         row, slope = history[-1], problem.slope(here, step)
         row.decrement = -slope
         base, share = max(one.energy for one in history[-RECENT:]), 1.0
@@ -305,7 +305,7 @@ class LevenbergMarquardt:
         it
     first : RMS length of the first step along the gradient, in variables scaled to a box of size 1; sets the first
         damping
-    damping : of the variables; may be the last value of an earlier search, which ``first`` limits
+    damping : damping of the variables; may be the last value of an earlier search, unless ``first`` sets a smaller one
     following : damping of the dependent quantities
     small : number of steps in a row with a decrease below ``stop``
     too_far : whether a step has failed or achieved much less than predicted
@@ -329,7 +329,7 @@ class LevenbergMarquardt:
         if found is None:
             return state, TIME if problem.over else CONVERGED
         energy = problem.energy(found)
-        # a step much worse than predicted is no sign of convergence: count at least POOR of the predicted decrease
+        # a step much worse than predicted does not indicate convergence: count at least POOR of the predicted decrease
         fall = max(here.energy - energy, POOR * gain) / here.energy
         problem.accepted(found)
         self.small = self.small + 1 if fall < self.stop else 0
@@ -393,7 +393,8 @@ class LevenbergMarquardt:
 
 
 def _least_share(here: LocalModel, step: np.ndarray, energy: float) -> float:
-    """Return the share of a step, in ``SHARES``, that minimises the parabola through slope here and both energies."""
+    """Return the share of a step, within ``SHARES``, at which the parabola that has the slope at its beginning and the
+    energies at both ends is least; ``energy``: energy after the whole step."""
     along = float(here.gradient @ step)
     bend = energy - here.energy - along
     return float(np.clip(-0.5 * along / bend, *SHARES)) if bend > 0.0 else SHARES[1]

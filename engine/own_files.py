@@ -24,8 +24,8 @@ class Guard:
 
     Parameters
     ----------
-    read : input files, which are never overwritten
-    overwrite : whether to overwrite other files that this program did not write
+    read : input files of the run, which are never overwritten
+    overwrite : whether to overwrite files of the user that are not input files
     """
 
     def __init__(self, read: Iterable[str | os.PathLike[str]] = (), overwrite: bool = False):

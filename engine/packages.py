@@ -15,7 +15,7 @@ from pathlib import Path
 from . import MANIFEST
 from .errors import FlexMapsError
 
-# by package name: name of the module, where it differs
+# module name by package name, for packages whose module has another name
 MODULES = {"libigl": "igl", "fonttools": "fontTools"}
 
 
@@ -34,12 +34,16 @@ def replaced_packages(manifest: Path = MANIFEST) -> dict[str, tuple[str, str]]:
 
 
 def blame_extension(error: BaseException, manifest: Path = MANIFEST) -> FlexMapsError | None:
-    """Return an error that blames another extension if its packages are involved in an unexpected error, else None.
+    """Return an error that blames another extension if packages that it replaced are involved in an unexpected error.
 
     Parameters
     ----------
     error : the unexpected error, with its traceback
-    manifest : lists the versions that this extension installs
+    manifest : file that lists the versions which this extension installs
+
+    Returns
+    -------
+    None if no replaced package is involved
     """
     files = {Path(frame.filename).as_posix() for frame in traceback.extract_tb(error.__traceback__)}
     suspects = [

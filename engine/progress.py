@@ -59,7 +59,7 @@ class Progress:
         Parameters
         ----------
         things : items to work on
-        text : of the reports
+        text : text of the reports
         """
         for number, thing in enumerate(things):
             self(number / len(things), text)
@@ -72,7 +72,7 @@ class Progress:
         ----------
         count : number of things in all
         size : number of things per batch
-        text : of the reports
+        text : text of the reports
 
         Returns
         -------
@@ -87,8 +87,8 @@ class Progress:
 
         Parameters
         ----------
-        fraction : of this stage that is done before the step
-        text : of the reports
+        fraction : share of this stage that is done before the step
+        text : text of the reports
         """
         self(fraction, text)
         return Progress(lambda *_: self(fraction, text)) if self.report is not None else self.quiet()
@@ -98,7 +98,7 @@ class Progress:
 
         Parameters
         ----------
-        text : of the reports
+        text : text of the reports
         """
         report = self.report
         return replace(self, report=report and (lambda fraction, _: report(fraction, text)), shown=None)
@@ -108,7 +108,7 @@ class Progress:
 
         Parameters
         ----------
-        share : of the remaining fraction, 0 to 1
+        share : share of the remaining fraction that each step covers, 0 to 1
         """
         left = 1.0
         while True:
@@ -133,7 +133,7 @@ class Progress:
         return replace(self, report=report_largest)
 
     def showing(self, made: Callable[[Any], Any]) -> Progress:
-        """Return a progress for work whose intermediate results ``made`` must convert before they are shown."""
+        """Return a progress that shows ``made(value)`` instead of every intermediate result ``value``."""
         if self.shown is None:
             return self
         shown = self.shown

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-# Seconds and share of the work before the first estimate; by eye. Larger: later and better first estimate
-# (docs/tuning.md)
+# Elapsed seconds and done share of the work at which the first estimate is made; by eye. Larger: later and better first
+# estimate (docs/tuning.md)
 FIRST_SECONDS, FIRST_SHARE = 3.0, 0.2
-# Share of the elapsed time over which the present pace is measured. Larger: smoother, reacts more slowly
+# Length of the latest period over which the recent pace is measured, as a share of the elapsed time. Larger: smoother,
+# reacts more slowly
 MEMORY = 0.5
-KEPT = 400  # largest number of stored reports; beyond it every other report is dropped
+# Largest number of stored progress reports; when there are more, every second one is dropped. Larger: more memory
+KEPT = 400
 
 
 @dataclass
@@ -26,8 +28,8 @@ class RemainingTime:
 
         Parameters
         ----------
-        seconds : elapsed
-        fraction : done
+        seconds : elapsed seconds since the beginning
+        fraction : share of the work that is done, 0 to 1
         """
         if not self.seen or fraction > self.seen[-1][1]:
             if len(self.seen) >= KEPT:
@@ -35,9 +37,10 @@ class RemainingTime:
             self.seen.append((seconds, fraction))
 
     def seconds(self, now: float) -> float | None:
-        """Return the remaining seconds, ``now`` seconds after the beginning; None while it is too early to estimate.
+        """Estimate the remaining seconds, ``now`` seconds after the beginning; None while it is too early to estimate.
 
-        Stages don't progress evenly, so the pace is the geometric mean of the average pace and the recent one.
+        The pace is the geometric mean of the pace since the beginning and the recent pace, as stages do not progress
+        evenly.
         """
         seen = self.seen
         if not seen or now < FIRST_SECONDS or seen[-1][1] < FIRST_SHARE:

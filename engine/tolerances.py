@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-# Relative to the size, for numbers in single precision, as Blender stores them; shorter edges count as degenerate, and
-# smaller turns (radians) as straight
+# Tolerance of lengths in single precision, as Blender stores them, as a share of the size of the object: shorter edges
+# count as degenerate. Also of angles in radians: a smaller turn counts as straight
 SINGLE_TOL = 1e-6
-# Relative to the size, or metres, for numbers computed in double precision
+# Tolerance of lengths computed in double precision, as a share of the size of the object, or in metres
 DOUBLE_TOL = 1e-9

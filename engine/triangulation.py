@@ -14,8 +14,8 @@ def triangulate(polygons: list[Any], known: Float[np.ndarray, "known 2"]) -> Int
 
     Parameters
     ----------
-    polygons : shapely polygons
-    known : (n, 2) all corners of the polygons, in any order
+    polygons : shapely polygons, which may have holes
+    known : points (n, 2), among them all corners of the polygons, in any order
     """
     import shapely
 

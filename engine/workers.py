@@ -80,8 +80,8 @@ class Workers(Executor):
         ----------
         function : takes one item
         items : arguments of the calls
-        progress : reports; a cancel kills the processes
-        text : of the reports
+        progress : called with the fraction done; a cancel kills the processes
+        text : text of the progress reports
 
         Raises
         ------
@@ -188,8 +188,8 @@ def as_completed(
     executor : ``Workers``, a ``Cluster``, or another executor
     function : takes one item
     items : arguments of the calls
-    progress : reports and cancels
-    text : of the reports
+    progress : called with the fraction done; may cancel
+    text : text of the progress reports
     """
     numbers = {executor.submit(function, item): number for number, item in enumerate(items)}
     left = set(numbers)
@@ -233,7 +233,7 @@ class _Process:
 
         Raise ``WorkerDied`` if the process dies.
         """
-        sent = b"" if function == self._previous else function  # send it only once: it can hold a whole mesh
+        sent = b"" if function == self._previous else function  # send a function only once: it can hold a whole mesh
         self._previous = function
         return self._answer(pickle.dumps((sent, arguments)))
 

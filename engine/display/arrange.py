@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 # fewer, longer rows.
 TABLE_WIDTH_RATIO = 1.3
 ASPECT = 1.6  # width over height of the page that patches should fill, as of a screen
-# Widths of rows that are tried, as factors on the width of a page with the boxes' total area. More: slower, denser.
+# Widths of rows to try, as factors on the width of a page whose area is that of all boxes. More: slower, denser.
 ROW_WIDTHS = (0.8, 0.9, 1.0, 1.1, 1.2, 1.35, 1.5, 1.8, 2.2)
-GAP_PIXELS = 8  # gap between two patches, in pixels of xatlas; larger: patches are packed at a finer resolution
+GAP_PIXELS = 8  # gap between two patches, in pixels of xatlas; larger: patches are packed at a finer resolution, slower
 # Largest number of patches that xatlas packs (23 take 0.14 s); it cannot be cancelled, and rows suit many patches too.
 MAX_PACKED = 100
 

@@ -154,7 +154,7 @@ def make_panel_mesh(
     count = len(design.width)
     turn = np.degrees(design.twist) / detail.degrees_per_piece
     pieces = np.repeat(detail.min_pieces + np.ceil(turn).astype(int), 4)
-    # the slots on the two sides of an arm end at different places; the arm's root between these places needs rows too
+    # the slots on the two sides of an arm end at different places; the root between these places needs sections too
     behind = np.abs(design.roots.left - np.roll(design.roots.right, 1, axis=1))
     rows = pieces + 2 + (turn[:, None] * behind).astype(int).ravel()
     first = np.cumsum(rows) - rows
@@ -260,7 +260,8 @@ def _faces(
 ) -> tuple[list[np.ndarray], np.ndarray]:
     """Return arrays of faces (n, corners), and the quad of every face.
 
-    first, last : (F, 4) section at the tip and at the root of every arm
+    arm : (R,) arm of every section
+    first, last : (F, 4) index of the section at the tip and at the root of every arm
     fillet : number of points per fillet
     headed : (A,) mask of the arms that end in a connector or cap
     """
@@ -299,11 +300,11 @@ def _faces(
 class ArmEnds:
     """Connectors and caps at arms' ends: their points, without the two that they share with the arm, and triangles.
 
-    arm, t : arm of every point, and parameter of the arm's nearest section
+    arm, t : arm of every point, as 4 quad + side, and parameter of the arm's nearest section
     line, side : vectors in the flat panel from the hub's centre to the section's middle, and from there to the point, m
-    ends : arms with a connector or cap; starts : (ends + 1,) first point of each, and number of points
-    triangles : counter-clockwise; numbers of points, or -1 and -2 for the arm's right and left edge
-    end_of : position in ``ends`` of every triangle's arm
+    ends : arms with a connector or cap; starts : index of the first point of each, then the number of points
+    triangles : counter-clockwise; indices of points, or -1 and -2 for the end of the arm's right and left edge
+    end_of : index into ``ends`` for every triangle
     """
 
     arm: Int[np.ndarray, " points"]
@@ -370,7 +371,7 @@ class ArmEnds:
 def _arm_coordinates(
     design: SpiralDesign, arm: np.ndarray, points: np.ndarray, tips: Sequence[Tip | Cap], count: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the coordinates of connector points (H, 2) along their arms: ``t``, ``line`` and ``side`` of ``ArmEnds``.
+    """Return ``t``, ``line`` and ``side`` of ``ArmEnds`` for points (H, 2) of ``arm`` (H,), ``count`` for each tip.
 
     Points beyond an arm's tip get the parameter of the tip and so move rigidly with it.
     """
@@ -385,7 +386,7 @@ def _arm_coordinates(
 
 
 def _shared_vertices(design: SpiralDesign, first: np.ndarray, points: int) -> np.ndarray:
-    """Return the vertex that replaces each of all vertices: two arms of a patch share the section at their joint."""
+    """Return the vertex that replaces each of ``points`` vertices: two arms of a patch share the section at a joint."""
     layout, same = design.flat.layout, np.arange(points)
     quad, side = opposite_sides(layout.mesh)
     blunt = layout.cut[layout.mesh.quad_edges] | layout.mesh.border[layout.mesh.quad_edges]

@@ -1,7 +1,8 @@
 """The rim as a bendable mesh: one plate per node, with its neck and holes, reaching half way to the adjacent nodes.
 
-Plates are triangulated in coordinates of the straightened strip: s along its centre line from the node, y outwards. In
-the elastic model a node has arms like a hub, and the points of its plate follow these (``mechanics.arms.bent``).
+Plates are triangulated in coordinates of the straightened strip: s along the strip's centre line from the node, y
+outwards. In the elastic model a node has arms like a hub: one forwards and one backwards along the strip, and the neck.
+The points of its plate follow these arms (``mechanics.arms.bent``).
 """
 
 from __future__ import annotations
@@ -19,16 +20,17 @@ from ..spirals.rim import Rim
 from ..triangulation import triangulate
 
 MAX_EDGE = 0.002  # largest distance between points along an edge, metres; smaller: smoother, slower; chosen by eye
-POINTS_PER_QUARTER = 6  # points on a quarter of a hole's circle; larger: smoother, slower; chosen by eye
+POINTS_PER_QUARTER = 6  # number of points on a quarter of a hole's circle; larger: smoother, slower; chosen by eye
 
 
 @dataclass(frozen=True, eq=False)
 class RimMesh:
     """Points of all plates on the mid-surface, and triangles between them; lengths in metres.
 
-    rim : the rim; necks : half width of each node's neck, never 0
-    node : node of every point; plane : s and y of every point
-    arm : arm of the bent piece that every point follows, 4 body + arm; t : parameter along that arm
+    rim : the rim; half_necks : half width of each node's neck, never 0
+    node : node of every point; strip_points : s and y of every point
+    arm : arm of the bent piece that every point follows, as 4 body + arm, bodies being the hubs and then the nodes
+    t : parameter along that arm
     line, side : vectors in the flat panel from the node's centre to the arm's centre line, and from there to the point
     centre : position of every point's node in the flat panel
     quad : quad of every point
@@ -68,7 +70,7 @@ class RimMesh:
         return cls(rim, necks, of, plane, arm, t, line, side, centre, quad, triangles, walls)
 
     def with_necks_of(self, design: SpiralDesign) -> RimMesh:
-        """Return the plates with necks as wide as the arms of another design with this rim; the faces stay.
+        """Return a copy with necks as wide as the arms of another design that has this rim, and the same faces.
 
         Points on the strip's inner edge beside a neck move in proportion to make room.
         """
@@ -117,7 +119,7 @@ def _triangulate_plate(rim: Rim, node: int, half: float) -> tuple[np.ndarray, np
     ahead, behind = rim.reach[node].tolist()
     wide = 0.5 * rim.width
     shape = shapely.box(-behind, -wide, ahead, wide).union(shapely.box(-half, -wide - rim.depth, half, -wide))
-    # free ends are round
+    # the ends of an open strip are round
     for k, (long, sign) in enumerate(((ahead, 1.0), (behind, -1.0))):
         if rim.overhang[node, k]:
             radius = max(min(wide, long - half), 0.0)
@@ -147,7 +149,7 @@ def _triangulate_plate(rim: Rim, node: int, half: float) -> tuple[np.ndarray, np
 
 
 def _hole_positions(rim: Rim, node: int) -> Float[np.ndarray, " holes"]:
-    """Return s of the centres of all holes that may reach into a node's plate, including centres beyond its ends."""
+    """Return the coordinate s of the centre of every hole that may reach into a node's plate, also beyond its ends."""
     found = []
     for sign, other in ((1.0, node), (-1.0, int(rim.previous_node[node]))):
         if other >= 0 and rim.hole_count[other]:

@@ -31,8 +31,9 @@ class MapValues:
     """Values of all quads for maps; None if the stage that computes them has not run.
 
     mesh : target
-    corners, sides, patch : corners of the flat patches side by side, metres; mask of outline sides; patch of each quad
-    distortion : ARAP energy
+    corners, sides, patch : corners of the flat patches side by side, metres; mask of the quads' sides that lie on the
+        outline of a patch; patch of each quad
+    distortion : distortion E of every quad, see the glossary
     width, anisotropy, twist : mean width of the arms, mm; per cent, see ``spiral.anisotropy``; degrees
     shape, distance : vertices of the simulated shape, metres; distance of each spiral to the target, mm
     strain : strain of the arms, as a share of the strain limit

@@ -21,8 +21,8 @@ from ..spirals.design import SpiralDesign
 from .panel_mesh import Detail, make_panel_mesh
 from .rim_mesh import RimMesh
 
-# Resolution of the arms for up to MANY spirals, and the coarser resolution for more, which appear small (some 40
-# pixels). Finer: smoother arms, larger pages.
+# Resolution of the arms for up to MAX_FINE_SPIRALS spirals, and the coarser resolution for more spirals, which appear
+# small (some 40 pixels). Finer: smoother arms, larger pages.
 FINE_DETAIL, COARSE_DETAIL, MAX_FINE_SPIRALS = Detail(4, 45.0, 0), Detail(3, 60.0, 0), 600
 
 
@@ -66,11 +66,11 @@ class RimStrip:
 class Skin:
     """Skinned panels; lengths in metres, flat positions from the hub's centre in the patch's frame.
 
-    arm : arm of every section, 4 quad + side; the sections of an arm run from tip to root
-    share : weight of the tip's frame at every section
+    arm : arm of every section, as 4 quad + side; the sections of an arm run from tip to root
+    share : weight of the tip's frame at every section, 1 at the tip and 0 at the hub
     left, right : flat positions of the edges of every section
     tip, axis : flat position of every arm's end, and direction of the quad's side there, radians
-    partner : arm that meets the arm in its joint, -1 at the border
+    partner : arm (4 quad + side) that meets each arm in its joint, -1 at the border
     way, turn : corrections of the sections in the final pose, in the hub's frame: displacements and rotation vectors
     final_motion : (A, 6) motion of the tip relative to the hub in the final pose, see ``tip_motions``
     rim_strip : plates of the rim; None without a rim
@@ -187,9 +187,11 @@ class Skin:
         return np.stack([left + up, right + up, left - up, right - up], axis=1)
 
     def bend_shares(self, motion: Float[np.ndarray, "arms 6"]) -> Float[np.ndarray, " arms"]:
-        """Return the share of its final bend that every arm has, 0 to 1.
+        """Return for every arm the ratio of its bend to its bend in the final pose, 0 to 1.
 
-        Arms without a joint get the mean of the other arms of their spiral.
+        Arms without a joint get the mean of the arms of their spiral that have one.
+
+        motion : result of ``tip_motions``
         """
         measure = self.joint_bend_shares(motion)
         return np.where(self.partner >= 0, measure, np.repeat(self._mean_over_joints(measure), 4))
@@ -200,7 +202,7 @@ class Skin:
         return (measure.reshape(-1, 4) * met).sum(axis=1) / np.maximum(met.sum(axis=1), 1)
 
     def joint_bend_shares(self, motion: Float[np.ndarray, "arms 6"]) -> Float[np.ndarray, " arms"]:
-        """Return the share of their final bend that arms with a joint have, 0 to 1.
+        """Return ``bend_shares``, but 0 for arms without a joint.
 
         motion : result of ``tip_motions``
         """

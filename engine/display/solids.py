@@ -186,7 +186,11 @@ def rim_vertices(
 ) -> Float[np.ndarray, "points 3"]:
     """Return the vertices of a rim's plates in the flat panels, metres.
 
-    Vertices above and below alternate; with ``flat`` there are only those above.
+    Parameters
+    ----------
+    strip, design : the rim's plates, and the spirals
+    centres : (N, 2) positions of the patches' origins, metres
+    flat : whether to return only the upper vertices; otherwise upper and lower vertices alternate
     """
     moved = centres[design.flat.layout.patch_of[strip.quad]]
     above = strip.flat_points + np.c_[moved, np.full(len(moved), design.params.thickness)]
@@ -286,7 +290,11 @@ def arm_edges(arms: Arms, root: SlotRoots, begin: Float[np.ndarray, "quads 4"], 
 
 
 def _shared_vertices(index: np.ndarray, blunt: np.ndarray, design: SpiralDesign) -> np.ndarray:
-    """Return the vertex that replaces each lower vertex: two arms share the end points of their edges at a joint."""
+    """Return for every lower vertex the vertex that replaces it: two arms share the end points of edges at a joint.
+
+    index : numbers of the arms' vertices, ordered as in ``_flat_edges``
+    blunt : (F, 4) mask of the arms without such a joint
+    """
     same = np.arange(index.size)
     quad, side = opposite_sides(design.flat.layout.mesh)
     own = np.arange(len(index))[:, None]

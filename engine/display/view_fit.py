@@ -13,9 +13,10 @@ from ..arrays import Float
 # middle, at distance 1.
 SENSOR = 36.0
 MARGIN = 0.06  # gap on each side of the points, as a share of the free part; larger: smaller objects; by eye
-# Smallest share of a view's width and height that is used; with less, objects would be dots and the whole view is used.
+# Smallest free share of a view's width and height that is used; if less is free, objects would be dots, so the whole
+# view is used
 LEAST_FREE = 0.3
-BISECTIONS = 20  # bisections for equal gaps on both sides; 10 are exact to a pixel
+BISECTIONS = 20  # number of bisections for equal gaps on both sides; 10 are exact to a pixel; more: slower
 
 
 class Rectangle(NamedTuple):
@@ -63,10 +64,10 @@ def place_view(
 ) -> tuple[Float[np.ndarray, " 3"], float]:
     """Return the centre of rotation and the distance of a view in which points just fill its free part.
 
-    In perspective, each side of the free part is a plane through the eye, and the points must lie between all four. For
-    an eye at (x, z) the plane on the right, of slope a, demands ``x + a z >= max(p_x + a p_z)``, the plane on the left,
-    of slope b, ``x + b z <= min(p_x + b p_z)``; together they give the smallest z. Bisection then finds the x with
-    equal gaps on both sides.
+    In perspective, each side of the free part is a plane through the eye, and the points p must lie between all four.
+    Let x run to the right and z towards the eye. For an eye at (x, z) the plane on the right, of slope a, demands ``x +
+    a z >= max(p_x + a p_z)``, the plane on the left, of slope b, ``x + b z <= min(p_x + b p_z)``; together they give
+    the smallest z. Bisection then finds the x with equal gaps on both sides.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 from ..errors import FlexMapsError
 from ..tolerances import SINGLE_TOL
 
-# by SI unit: factor from the SI value to the shown value, and symbol of the shown unit
+# for each SI unit: factor from the SI value to the shown value, and symbol of the shown unit
 SHOWN: dict[str, tuple[float, str]] = {
     "m": (1e3, "mm"),
     "rad": (180.0 / math.pi, "\N{DEGREE SIGN}"),
@@ -73,7 +73,7 @@ class Params:
 
     # pairs of settings of this section; the first must not be larger than the second
     ORDERED: ClassVar[tuple[tuple[str, str], ...]] = ()
-    # by name of a switch of earlier versions, on by default: values of the settings that replace it where it is off
+    # on/off settings of earlier versions, on by default: by name, the values that the present settings get for "off"
     WERE: ClassVar[dict[str, dict[str, Any]]] = {}
     GONE: ClassVar[tuple[str, ...]] = ()  # settings of earlier versions, whose values are accepted and ignored
 

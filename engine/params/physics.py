@@ -156,7 +156,7 @@ class OptimiseParams(Params):
             ("each", "Each its own", "Four widths a spiral: nearest to the target"),
         ),
     )
-    # smaller: farther from the target; larger: worse match of curvature (docs/tuning.md)
+    # smaller: worse match of position; larger: worse match of curvature (docs/tuning.md)
     lies: float = setting(
         0.35,
         "Match curvature / position",
@@ -164,7 +164,7 @@ class OptimiseParams(Params):
         low=0.0,
         high=1.0,
     )
-    # larger: dragged spirals come nearer to their drag targets, the others less near to the surface (docs/tuning.md)
+    # larger: dragged spirals come nearer to their drag targets, other spirals less near to the surface (docs/tuning.md)
     urge: float = setting(
         1.0,
         "Weight of drag targets",

@@ -51,8 +51,8 @@ class Settings:
         return next(block for f in fields(self) if isinstance(block := getattr(self, f.name), kind))
 
 
-# settings of different sections that must be in order: the smaller one, the larger one, and what the error message
-# advises
+# pairs of settings of different sections: the first must not be larger than the second; and the advice in the error
+# message if it is
 ORDERED_ACROSS_SECTIONS = (
     ("cut.kerf_outline", "sheet.spacing", "the panels lie too close together for the cutter; make the spacing larger"),
     ("cut.mill", "sheet.spacing", "the panels lie too close together for the mill; make the spacing larger"),

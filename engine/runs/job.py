@@ -41,7 +41,7 @@ STAGE_NAMES = (CHECK, *(stage.name for stage in TABLE if not stage.quick))
 
 
 class _StageTimer:
-    """Timer and progress splitter: gives every stage its part of the progress bar and records its wall time."""
+    """Give every stage its part of the progress bar, and record its wall time in ``seconds``."""
 
     def __init__(self, wanted: list[str], progress: Progress):
         self.seconds: dict[str, float] = {}
@@ -80,14 +80,14 @@ def run(
 
     Parameters
     ----------
-    polygons : the target surface; in metres if neither ``edge`` nor ``height`` is given
-    settings : of all stages
+    polygons : the target surface; in metres, or in any unit if ``edge`` or ``height`` is given
+    settings : settings of all stages
     edge : wanted median quad edge, metres
     height : wanted extent along z, metres
     stop_after : the last stage, one of ``STAGE_NAMES``
     optimised, chosen, structured : whether to run the stages "optimise", "choose" and "structure"
     supports : quads that are held in place, see ``loads.parse_supports``
-    progress : reports and cancels
+    progress : called with the fraction done; may cancel
 
     Returns
     -------
@@ -158,9 +158,9 @@ def run_stages(
     Parameters
     ----------
     result : outputs of the earlier stages
-    settings : of all stages
+    settings : settings of all stages
     wanted : names of the stages to run, in this order
-    progress : reports and cancels
+    progress : called with the fraction done; may cancel
     lenient : record the failure of an optional stage in ``Result.undone`` instead of raising, unless it is the last
         stage
 
@@ -186,10 +186,10 @@ def run_until(
     Parameters
     ----------
     result : outputs of the earlier stages
-    settings : of all stages
-    name : of the output, see ``StageOutput``
+    settings : settings of all stages
+    name : name of the output, see ``StageOutput``
     after : names of stages to run afterwards
-    progress : reports and cancels
+    progress : called with the fraction done; may cancel
     fresh : whether to regularise the mesh first, if it is not cut into panels yet
 
     Raises
@@ -211,11 +211,11 @@ def scale_piece(
 
     Parameters
     ----------
-    result : with flat patches and spirals
+    result : results with flat patches and spirals
     factor : new size over old size
     about : (3,) metres, the fixed point of the scaling
-    settings : of all stages
-    progress : reports and cancels
+    settings : settings of all stages
+    progress : called with the fraction done; may cancel
 
     Raises
     ------
@@ -238,16 +238,17 @@ def scale_piece(
 
 @one_thread
 def simulate_from_pose(result: Result, pose: Pose, settings: Settings, progress: Progress = SILENT) -> Result:
-    """Simulate again from a known pose at equilibrium, for stages that need the forces there.
+    """Simulate again from a known pose at equilibrium, for stages that need the forces in this pose.
 
-    The analyses of tolerances, of the match and of other equilibria are skipped: they were reported with that pose.
+    The analyses of tolerances, of the match and of other equilibria are skipped: they were reported when the pose was
+    first computed.
 
     Parameters
     ----------
-    result : with spirals
-    pose : hubs of all spirals at equilibrium
-    settings : of all stages
-    progress : reports and cancels
+    result : results with spirals
+    pose : pose of all hubs at equilibrium
+    settings : settings of all stages
+    progress : called with the fraction done; may cancel
 
     Raises
     ------
@@ -265,8 +266,8 @@ def run_quick_stages(result: Result, settings: Settings, progress: Progress = SI
     Parameters
     ----------
     result : outputs so far
-    settings : of all stages
-    progress : reports and cancels
+    settings : settings of all stages
+    progress : called with the fraction done; may cancel
     """
     if result.get(FinalLayout) is None:
         result = _with_final_layout(result, settings, progress)
@@ -277,7 +278,7 @@ def run_quick_stages(result: Result, settings: Settings, progress: Progress = SI
 
 
 def _with_final_layout(result: Result, settings: Settings, progress: Progress) -> Result:
-    """Add a final layout from the merged patches, or else from the traced patches, flattened."""
+    """Add a final layout: the merged patches, or else the traced patches after flattening; unchanged without either."""
     traced, merged = result.get(TracedLayout), result.get(MergedLayout)
     if merged is not None:
         flat, origin = merged.merged, merged.origin
@@ -294,7 +295,7 @@ def _can_run(stage: Stage, result: Result) -> bool:
     return all(result.value(name) is not None for name in stage.needs) and not result.outputs.keys() >= {*stage.makes}
 
 
-# stages before which to check whether the piece can stand on its base: two take long, and "sheets" makes the base
+# stages before which to check whether the piece can stand on its base: the first two take long, "sheets" makes the base
 STAGES_NEEDING_HOLD = {"choose", "optimise", "sheets"}
 
 

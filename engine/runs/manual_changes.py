@@ -28,8 +28,8 @@ def trace_with_seams(result: Result, seams: np.ndarray, settings: Settings, prog
     ----------
     result : holds the mesh; outputs made from the former layout are dropped
     seams : (E,) bool, edges that the user marked to be cut
-    settings : of all stages
-    progress : reports and cancels
+    settings : settings of all stages
+    progress : called with the fraction done; may cancel
     """
     made = STEPS["trace"](result, STAGES["trace"].readable(settings), progress)
     if not seams.any():
@@ -53,8 +53,8 @@ def flatten_by_hand(
     ----------
     result : holds the mesh; outputs made from the former layout are dropped
     cut : (E,) bool, edges of the mesh to cut
-    settings : of all stages
-    progress : reports and cancels
+    settings : settings of all stages
+    progress : called with the fraction done; may cancel
     previous : earlier flat patches; patches that have not changed keep their flat shapes
     """
     layout = trace.make_disks(PatchLayout(result.mesh, cut))
@@ -74,9 +74,9 @@ def with_design(result: Result, design: SpiralDesign, origin: str, settings: Set
 
     Parameters
     ----------
-    result : with a final layout
+    result : results with a final layout
     design : the new spirals
     origin : as in ``DesignVersion``
-    settings : of all stages
+    settings : settings of all stages
     """
     return result.with_outputs(DesignVersion(design, origin, **provenance("spirals", settings, result.inputs("flat"))))

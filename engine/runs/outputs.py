@@ -51,13 +51,13 @@ class Surface:
 
 @dataclass(frozen=True)
 class UserInput:
-    """Data that the user sets on single quads or loads from files; None where there are none.
+    """Data that the user sets on single quads or loads from files; None if not set.
 
-    supports : quads that are held at their positions in the target
-    force : newtons, on each quad
+    supports : indices of quads that are held at their positions in the target
+    force : force on each quad, newtons
     wishes : target positions that the user sets for some spirals
-    groups : quads by the group's name, for loads that act on a part of the piece
-    protected : quads whose spirals the optimiser must not change
+    groups : indices of quads by the name of their vertex group, for loads that act on a part of the piece
+    protected : indices of quads whose spirals the optimiser must not change
     scanned : scan of the built piece, a ``Scan`` of the extra ``scanning``
     rest : pose at equilibrium to compare with the scan, if the simulation itself is not stored
     """
@@ -81,9 +81,9 @@ NO_USER_INPUT = UserInput()
 class StageOutput:
     """Base class of the outputs.
 
-    name : of the output's main value, as in ``Stage.needs`` and ``Stage.makes``
+    name : name of the output's main value, as in ``Stage.needs`` and ``Stage.makes``
     inputs : values that the output was made from, by name
-    settings : values of the settings that it was made with, by entry of ``Stage.settings``
+    settings : values of the settings that the output was made with, by entry of ``Stage.settings``
     """
 
     name: ClassVar[str] = ""

@@ -33,11 +33,11 @@ from ..surface.far import recentre_quads
 from .result import Result
 
 MM = 1e3  # millimetres in a metre
-# Quantisation steps: two of lengths, millimetres, of angles, radians, and of components of quaternions. Larger: smaller
-# pages, less accurate; with these, corners of arms are within 0.05 mm in pieces up to the size of a room
+# Quantisation steps of shapes and of the target, millimetres, of angles, radians, and of components of quaternions.
+# Larger: smaller pages, less accurate; with these, corners of arms are within 0.05 mm in pieces up to a room's size
 FINE, PLACE, TURN, QUATERNION = 0.01, 0.01, 1e-3, 1 / 32767
 SHARE = 1 / 120  # quantisation step of shares from 0 to 1, so that one fits into a signed byte
-SHADES = 500  # distinct values on a colour scale, more than a screen shows
+SHADES = 500  # number of distinct values on a colour scale, more than a screen shows; larger: larger pages
 
 
 @dataclass(eq=False)
@@ -45,7 +45,7 @@ class ArrayPacker:
     """Builder of the packed block of arrays.
 
     parts : packed arrays; size : their total number of bytes
-    listed : offset, bytes per number, rows, columns and step of each array in the inflated block, by name
+    listed : by name of an array, its offset in the uncompressed block, bytes per number, rows, columns and step
     """
 
     parts: list[bytes] = field(default_factory=list)
@@ -53,7 +53,7 @@ class ArrayPacker:
     size: int = 0
 
     def add(self, name: str, values: np.ndarray, step: float = 1.0) -> None:
-        """Append an array (n, ...), rounded to multiples of ``step``, under a name."""
+        """Append an array (n, ...), rounded to multiples of ``step``, under ``name``."""
         whole = np.rint(np.asarray(values, dtype=float) / step).astype(np.int64)
         rows = whole.reshape(len(whole), -1) if len(whole) else whole.reshape(0, 1)
         steps = np.diff(rows, axis=0, prepend=0)
@@ -92,7 +92,7 @@ class ViewContent:
         return cls(result.design, measured, None if simulation is None else simulation.equilibrium.pose)
 
     def near(self) -> ViewContent:
-        """Move the content to the origin if it is so far away that packed numbers would overflow."""
+        """Return the content moved to the origin if it is so far away that packed numbers would overflow."""
         layout = self.design.flat.layout
         moved = recentre_quads(layout.mesh)
         if moved is layout.mesh:
@@ -110,9 +110,9 @@ def to_json(shown: ViewContent, settings: ObjectSettings, title: str, progress: 
     Parameters
     ----------
     shown : content of the view
-    settings : of the piece; material, simulation and page are used
+    settings : settings of the piece; material, simulation and page are used
     title : name of the piece, any text
-    progress : reports and cancels
+    progress : called with the fraction done; may cancel
 
     Raises
     ------

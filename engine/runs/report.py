@@ -45,9 +45,9 @@ def build_report(
     ----------
     result : outputs of the stages
     source : name of the input file
-    files : files of the sheets that were written
+    files : files that were written for the sheets
     settings : settings of the run, to list in the report; None to leave them out
-    progress : reports and cancels
+    progress : called with the fraction done; may cancel
     """
     within = progress.at(0.0, "collecting the figures")
     report: dict[str, Any] = {
@@ -87,7 +87,7 @@ def report_blocks(
     ----------
     result : outputs of the stages
     wanted : names of blocks, from ``stages.BLOCKS``
-    progress : reports and cancels
+    progress : called with the fraction done; may cancel
     """
     told = {}
     for name in BLOCKS:

@@ -83,8 +83,9 @@ def write_page(
     out : folder to write to
     new : function from a target file to the temporary path to write to, see ``files.write_all_atomically``
     pictures : captions and PNG files
-    progress : reports and cancels
-    piece : from ``page_data.to_json``; if given, the page shows the piece in 3D, and ``share.html`` is written too
+    progress : called with the fraction done; may cancel
+    piece : data of the 3D view, from ``page_data.to_json``; with it the page shows the piece in 3D, and ``share.html``
+        is written too; None for neither
 
     Returns
     -------
@@ -123,7 +124,7 @@ def render_page(
     pictures : captions and contents of PNG files for the top of the page; if there are more than three, the first is
         large
     made : date and time of the report, as text
-    piece : from ``page_data.to_json``; if given, the page shows the piece in 3D
+    piece : data of the 3D view, from ``page_data.to_json``; with it the page shows the piece in 3D
     """
     environment = share_page.environment()
     environment.filters["sheet_size"] = _sheet_size

@@ -51,13 +51,13 @@ class Result:
 
     surface, user : inputs of the stages, with the properties ``mesh``, ``findings``, ``supports``, ``force``,
         ``wishes`` and ``protected``
-    outputs : by ``StageOutput.name``; all are up to date
-    lost : why a former output can no longer be used, by name; used as the error message if the output is needed
-    undone : why a requested stage failed, by stage; removed when the stage succeeds later
+    outputs : outputs of the stages by ``StageOutput.name``; all are up to date
+    lost : error by the name of an output that existed and can no longer be used; raised if that output is needed
+    undone : reason why a requested stage failed, by stage; removed when the stage succeeds later
     seconds : wall time of every stage that has run
     layout : the traced patches
-    flat : the flat patches of the spirals, whose shapes the optimiser may have changed; without spirals, of the layout
-    choice : the proposed layouts, and the number of the present layout
+    flat : flat patches of the spirals, whose shapes the optimiser may have changed; without spirals those of the layout
+    choice : the proposed layouts, and the index of the chosen one
     design : the spirals, optimised if that stage has run
     optimisation : history and outcome of the optimisation
     simulation : shape of the assembled piece at equilibrium
@@ -158,7 +158,7 @@ class Result:
         return self
 
     def __getattr__(self, name: str) -> Any:
-        """Return the value of an output without a property below; None if its stage has not run."""
+        """Return the value of an output that has no property of its own; None if its stage has not run."""
         if name in _MADE:
             return self.value(name)
         raise AttributeError(f"A result has no '{name}'")

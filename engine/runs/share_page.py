@@ -1,7 +1,7 @@
 """Write ``share.html``, a page with the piece in 3D to send to others, and the parts that the report's page has too.
 
 Both pages are self-contained: they hold the piece as JSON (``page_data``), three.js and the scripts in the folder
-``render_share_page``. Their content security policy forbids the browser to fetch anything or to run other scripts.
+``page``. Their content security policy forbids the browser to fetch anything or to run other scripts.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from ..surface.checking.finding import with_count
 
 SHARE = "share.html"
 FOLDER = Path(__file__).with_name("page")
-# three.js, made by tools/page_library.py, then the page's own scripts, each after those it needs; the last starts the
-# view
+# three.js, made by tools/page_library.py, then the page's own scripts, each after the scripts that it needs; the last
+# one starts the view
 SCRIPTS = ("three.min.js", "packed.js", "turns.js", "skin.js", "scene.js", "view.js")
 # names of the plots to show in browsers without 3D, in order of preference
 REPLACED_PLOTS = ("shape", "surface", "patches")
 
 
 def environment() -> Any:
-    """Return the Jinja environment for the templates in the folder ``render_share_page`` and in the folders of the extras."""
+    """Return the Jinja environment for the templates in the folder ``page`` and in the folders of the extras."""
     import jinja2
 
     loader = jinja2.FileSystemLoader([FOLDER, Path(registry.__file__).parent])
@@ -41,14 +41,14 @@ def environment() -> Any:
 
 
 def scripts() -> list[str]:
-    """Return the texts of the scripts."""
+    """Return the texts of the scripts in ``SCRIPTS``, in this order."""
     found = [(FOLDER / name).read_text(encoding="utf-8") for name in SCRIPTS]
     assert not any("</script" in text or "<!--" in text for text in found)
     return found
 
 
 def policy(texts: Sequence[str] = ()) -> str:
-    """Return a page's Content-Security-Policy, which forbids requests and all scripts except these texts."""
+    """Return a page's Content-Security-Policy; it forbids requests, and all scripts but those with these texts."""
     hashes = "".join(f" 'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'" for text in texts)
     return (
         f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; script-src{hashes or ' ' + repr('none')}"
@@ -66,7 +66,7 @@ def render_share_page(
 
     Parameters
     ----------
-    piece : from ``page_data.to_json``
+    piece : data of the 3D view, from ``page_data.to_json``
     title : name of the piece
     described : the report, whose key figures the page shows
     drawn : plots by name

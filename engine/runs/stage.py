@@ -16,23 +16,23 @@ SEARCH = ("choose", "optimise")  # sections with the goal and the effort of a se
 
 @dataclass(frozen=True)
 class Stage:
-    """One step of the main job. Inputs and outputs are named as the properties of ``Result``.
+    """One step of the main job. Inputs and outputs are named like the properties of ``Result``.
 
     name : name in progress reports, on the command line and in ``Result.seconds``
     share : fraction of the progress bar; 0 for quick stages
     needs : required inputs; may_use : optional inputs
     makes : outputs that only this stage makes
     replaces : outputs of earlier stages that this stage may replace by better ones for the later stages
-    settings : sections of the settings whose change makes its outputs out of date; "spiral!thickness!grain" stands for
-        the section "spiral" except for the settings ``thickness`` and ``grain``
-    reads : further sections that it reads; its outputs stay valid when these change
-    blocks : blocks that it writes in report.json and in the notes of a .blend file
-    asked : whether it runs only on request
-    optional : whether sheets can be cut without it, so that a job goes on if it fails
-    quick : whether it is so fast that it runs without a request, as soon as its inputs exist
+    settings : sections of the settings whose change makes the stage's outputs out of date; "spiral!thickness!grain"
+        stands for the section "spiral" except for the settings ``thickness`` and ``grain``
+    reads : further sections that the stage reads; its outputs stay valid when these change
+    blocks : blocks that the stage writes in report.json and in the notes of a .blend file
+    asked : whether the stage runs only on request
+    optional : whether sheets can be cut without the stage, so that a job goes on if it fails
+    quick : whether the stage is so fast that it runs without a request, as soon as its inputs exist
     done : participle for the message when an optional stage fails, such as "optimised" for "Not optimised: ..."
-    code : name for ``registry.load`` of the module of an extra with its ``run``, output, plots and report notes; "" if
-        the stage is not from an extra
+    code : for a stage of an extra, the name (for ``registry.load``) of the module with the stage's ``run``, output,
+        plots and report notes; "" for other stages
     """
 
     name: str

@@ -51,7 +51,7 @@ TABLE = (
 )  # fmt: skip
 STAGES = {stage.name: stage for stage in TABLE}
 OF_EXTRAS = tuple(stage for stage in TABLE if stage.code)
-# by missing input of a stage: error message
+# error message for each input that a stage needs and that is missing
 MISSING = {
     "layout": "There are no panels yet; press Trace first",
     "merged": "There are no flat panels yet; press Merge or Flatten first",
@@ -107,7 +107,7 @@ def stale_blocks(block: str) -> set[str]:
 
 
 def dependencies(members: Iterable[str]) -> set[str]:
-    """Return the names of some outputs together with everything that they are made from."""
+    """Return the names of some outputs and of all inputs and outputs that they are made from."""
     found = set(members)
     for stage in reversed(TABLE):
         if found.intersection(stage.makes):

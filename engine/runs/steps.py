@@ -165,8 +165,8 @@ def simulate_design(
     result : holds mesh, supports and forces
     design : the spirals
     settings : material and simulation are used
-    start : pose to start from; None for the default start
-    progress : reports and cancels
+    start : pose to start from; None to start from the target's pose
+    progress : called with the fraction done; may cancel
     """
     return simulate.simulate(
         design,
@@ -222,8 +222,8 @@ def make_base_or_eyelets(
     Parameters
     ----------
     design : the spirals
-    pose : of their hubs at equilibrium
-    supports : numbers of the quads that are held
+    pose : pose of the hubs at equilibrium
+    supports : indices of the supported quads
     settings : kind and sizes of the base
     pull : (F, 3) newtons, forces of the supports on the quads; None if unknown
 
@@ -250,7 +250,8 @@ def _estimate(result: Result, plan: SheetPlan, settings: Settings, progress: Pro
     return result.with_outputs(MakingEstimate(figures, joins, **provenance("estimate", settings, inputs)))
 
 
-# by stage; arguments: the result, the outputs that the stage needs, the settings that its row lists, the progress
+# function of each stage; its arguments: the result, the outputs that the stage needs, the settings that its row lists,
+# the progress
 STEPS: dict[str, Callable[..., Result]] = {
     "regularise": _regularise,
     "trace": _trace,

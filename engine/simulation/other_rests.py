@@ -29,8 +29,8 @@ def find_other_rests(simulation: Simulation, params: SimulateParams, progress: P
 
     Returns
     -------
-    The simulation with ``others`` in order of energy, and with ``rest_from_target`` if the search from the target's pose ends
-    in another shape.
+    the simulation with ``others`` in order of energy, and with ``rest_from_target`` if the search from the target's
+    pose ends in another shape
     """
     equilibrium, loads, model = simulation.equilibrium, simulation.loads, simulation.model
     if not equilibrium.converged:

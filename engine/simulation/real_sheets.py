@@ -20,11 +20,11 @@ from .simulate import Simulation
 
 # tolerance of a sheet's thickness, plus or minus, as a share of the nominal thickness: plywood, all other materials
 PLYWOOD_THICKNESS_TOLERANCE, THICKNESS_TOLERANCE = 0.10, 0.05
-WIDTH_TOLERANCE = 5e-5  # tolerance of the arms' width, plus or minus, metres: as much as the kerf varies
+WIDTH_TOLERANCE = 5e-5  # tolerance of the arms' width, plus or minus, metres: the variation of the kerf
 STIFFNESS_TOLERANCE = (
     0.03  # relative uncertainty of the elastic model's ratio of bending to in-plane stiffness, plus or minus
 )
-MAX_SPIRALS = 3000  # largest number of spirals for which the band is computed by default; larger makes users wait
+MAX_SPIRALS = 3000  # largest number of spirals for which this is computed by default; larger: users wait longer
 
 
 def tolerance_band(simulation: Simulation, params: SimulateParams, progress: Progress = SILENT) -> ToleranceBand:

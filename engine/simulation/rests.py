@@ -23,10 +23,10 @@ Strain = Callable[[Equilibrium], np.ndarray | None]
 SNAP_STIFFNESS = 0.02
 # least motion of a spiral in a finding, as a share of the largest motion; larger values name fewer spirals; by eye
 MIN_MOTION_SHARE = 0.5
-# another stable shape counts as equally near to the target if its RMS distance is at most this factor times the
-# simulated shape's RMS distance; larger calls more shapes equal; by eye
+# another stable shape counts as equally near to the target if its RMS distance is at most this multiple of the
+# simulated shape's RMS distance; larger: more shapes count as equally near; by eye
 MAX_DISTANCE_RATIO = 1.25
-# codes of the findings about another stable shape: with a worse match or breaking arms; with an equally good match
+# codes of the findings about another stable shape: for a worse match or breaking arms; for an equally good match
 OTHER_REST_CODES = ("other-rest", "rest-as-near")
 # energy difference, as a share of the elastic energy, from which another stable shape counts as lower; rounding errors
 # are far smaller
@@ -127,7 +127,8 @@ def snapping_spirals(equilibrium: Equilibrium, softest: Softest) -> tuple[Int[np
     Returns
     -------
     spirals : (k,) indices
-    share : stiffness of the softest motion, as a share of the convex part; may be a lower bound if there are no spirals
+    share : stiffness of the softest motion, as a share of the convex part; if no spirals are returned, it may be only a
+        lower bound of that
     """
     none = np.zeros(0, dtype=int)
     if equilibrium.spare >= SNAP_STIFFNESS:

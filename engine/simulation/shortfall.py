@@ -21,11 +21,11 @@ from .visible import VISIBLE_RMS_SHARE
 
 # RMS distance from the target, as a share of the target's relief, above which a body is far from it; larger warns less
 FAR_BY_RELIEF = 0.5
-# relief as a share of the target's relief below which a body has stayed flat: such bodies keep at most 0.12, all others
-# at least 0.45
+# relief, as a share of the target's relief, below which a body counts as having stayed flat: flat bodies have at most
+# 0.12, all others at least 0.45
 FLAT_RELIEF_SHARE = 0.25
-# total Gaussian curvature of a patch, radians, above which a cut through it is proposed for a body with seams; for a
-# flat body without seams a cut is always proposed; larger proposes fewer cuts
+# absolute Gaussian curvature of a patch, radians, above which a cut through it is proposed; larger: fewer cuts. For a
+# flat body without seams a cut is always proposed
 MIN_PATCH_CURVATURE = 0.6
 
 
@@ -35,11 +35,11 @@ class FarBody:
 
     quads : (k,) indices of its quads
     rms : RMS distance from the target, as a share of the body's diagonal
-    is_flat : whether it has stayed flat; has_seam : whether a seam runs through it
-    is_supported : whether supports hold it
-    has_border : whether it has a border
-    is_whole_piece : whether it is the whole piece
-    cut_edges : (c,) indices of the edges of a cut that would let it curve; empty if no cut would
+    is_flat : whether the body has stayed flat; has_seam : whether a seam runs through it
+    is_supported : whether supports hold the body
+    has_border : whether the body has a border
+    is_whole_piece : whether the body is the whole piece
+    cut_edges : (c,) indices of the edges of a cut that would let the body curve; empty if no cut would help
     """
 
     quads: Int[np.ndarray, " some"]
@@ -120,7 +120,10 @@ def find_far_bodies(
 
 
 def _middle_cut(layout: PatchLayout, quads: np.ndarray, *, any_curvature: bool) -> Int[np.ndarray, " c"]:
-    """Return the edges (c,) that halve the most curved patch of a body; empty if no patch is curved enough."""
+    """Return the edges (c,) that halve the most curved patch of a body; empty if no patch is curved enough.
+
+    quads : quads of the body; any_curvature : whether to halve the patch no matter how little it is curved
+    """
     curved = quad_curvatures(layout)[quads]
     patch = layout.patch_of[quads]
     total = np.bincount(patch, weights=curved)

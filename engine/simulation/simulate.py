@@ -34,8 +34,8 @@ from .band import ToleranceBand
 from .rests import SNAP_STIFFNESS, rest_findings
 from .shortfall import FarBody, find_far_bodies
 
-# difference between a joint's torsion and its torsion in the target, radians, above which the shape is probably a false
-# minimum, which the real piece would not take; larger values warn about fewer shapes; by eye
+# difference between a joint's torsion in the simulated shape and in the target, radians, above which the shape is
+# probably a false minimum, which the real piece would not take; larger: fewer warnings; by eye
 FALSE_MINIMUM_TORSION = 1.0
 
 
@@ -45,7 +45,7 @@ class Simulation:
 
     equilibrium : the simulated shape; its pose is aligned with the target as far as supports allow
     others : other equilibria, if they were searched for
-    rest_from_target : member of ``others`` that a search from the target's pose reaches; None if ``equilibrium`` started there
+    rest_from_target : member of ``others`` that a search from the target's pose reaches; None if there is none
     band : effect of the tolerances of real sheets, if requested
     slots_cache, softest_cache : caches of the results of ``slots`` and ``softest``; empty before their first call
     """
@@ -210,11 +210,11 @@ class Simulation:
         return findings + rest_findings(*rests, self.target, self.diagonal)
 
     def _strain_at(self, rest: Equilibrium) -> Float[np.ndarray, " quads"] | None:
-        """Return ``strain`` in this equilibrium or in another equilibrium of the piece."""
+        """Return the property ``strain`` for this or another equilibrium of the piece."""
         return self.strain if rest is self.equilibrium else replace(self, equilibrium=rest).strain
 
     def _kink_findings(self) -> list[Finding]:
-        """Return a finding about joints at kinks where the true strain may exceed the limit, not the computed one."""
+        """Return a finding about joints at kinks where the computed strain is allowed but the true one may not be."""
         if self.joint_strain is None:
             return []
         assembly = self.model.assembly
@@ -384,7 +384,7 @@ def move_vertices(design: SpiralDesign, pose: Pose, mesh: QuadMesh) -> Float[np.
     Parameters
     ----------
     design : gives every quad's flat shape, which moves rigidly with its hub
-    pose : of the hubs
+    pose : pose of the hubs
     mesh : quads and vertices; vertices without a quad stay
 
     Returns

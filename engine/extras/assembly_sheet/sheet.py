@@ -40,9 +40,10 @@ from .support_page import draw_support_page
 ROWS = 3  # number of steps with pictures on a page
 BAY = 0.006  # small pictures close gaps between arms that are narrower than twice this, metres; larger: fewer details
 SMALL = 0.005  # width of a panel on paper, metres, below which it is drawn as its convex hull without a number
-# largest number of quads in all pictures of steps (15 microseconds and 30 bytes each); further steps are only described
+# largest number of quads in all pictures of steps (15 microseconds and 30 bytes each); steps beyond it are described in
+# words only. Larger: larger file, more time
 SHOWN = 250_000
-LINES = 58  # number of steps without pictures in a column; a page has two columns
+LINES = 58  # number of steps in a column of a page without pictures; a page has two columns
 
 
 def write_assembly_sheet(
@@ -63,7 +64,7 @@ def write_assembly_sheet(
     target : path of the file
     title : name of the object
     new : file function of ``files.write_all_atomically``, if the sheet must appear together with other files
-    checked : how hard every seam is to join
+    checked : check of how hard every seam is to join, or None
     progress : called with the fraction done; may cancel
 
     Raises

@@ -83,7 +83,7 @@ def draw_surface(
     page, box : where to draw
     flat : mesh and layout
     there : patches joined so far
-    strong : patches in full colour; the others are lighter
+    strong : patches among ``there`` in full colour; the others in it are lighter
     joins : seams to highlight
     look : colours
     view : axes of the camera, see ``camera_axes``
@@ -184,7 +184,8 @@ def are_visible(
 
 
 def best_view(flat: FlatPatches, step: AssemblyStep) -> Float[np.ndarray, "3 3"]:
-    """Return the camera's axes for the view that shows most of a step's panel; from its front if that is as good."""
+    """Return the camera's axes for the view that shows most of a step's panel; of nearly equal views, the one most from
+    the panel's front."""
     layout, mesh = flat.layout, flat.layout.mesh
     quads = layout.patches[step.panel]
     some = quads[np.linspace(0, len(quads) - 1, min(len(quads), MAX_TESTED_QUADS)).astype(int)]

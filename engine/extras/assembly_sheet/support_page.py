@@ -12,8 +12,8 @@ from ...patches.joining import panel_numbers
 from .step_pictures import GREY, HEIGHT, INK, MARGIN, PALE, WIDTH
 
 # Lengths on paper, metres
-DOT = 0.0013  # half the width of an eyelet's mark
-LINE = 0.0045  # distance between the table's lines
+DOT = 0.0013  # half the width of the mark of an eyelet
+LINE = 0.0045  # distance between the lines of the table of eyelets
 PICTURE = 0.12  # height of the picture above the table
 COLUMNS = (0.0, 0.012, 0.03, 0.05, 0.068, 0.086, 0.104)  # positions of the table's columns
 

@@ -5,8 +5,8 @@ deflections (elastica; Bisshopp and Drucker 1945 without own weight, integrated 
 
     E I theta'' = -(F + q (L - s)) cos theta,   theta(0) = 0,   theta'(L) = 0,   sag = integral of sin theta.
 
-Near the clamp the strip cannot bend across its width, so it acts as if it were shorter by 0.37 nu^2 times its width
-(``database/coupons.py``).
+Near the clamp the strip cannot bend across its width, so it acts as if it were shorter by 0.37 nu^2 times its width, nu
+being Poisson's ratio (``database/coupons.py``).
 
 The measured value is the change of height when the weight is added, so that the sag under own weight and an initial
 curvature cancel. The linear limit F L^3 / (3 E I) is 1.1 % too large at a sag of a tenth of the length.
@@ -30,7 +30,8 @@ from ...mechanics.arms.stiffness import table_tip_compliance
 from .coupons import GRAVITY, Coupons, SpiralCoupon
 
 MIN_YOUNGS, MAX_YOUNGS = 1e6, 1e12  # bounds of Young's modulus, Pa; beyond them a reading is refused
-# modulus, GPa, whose small sag gives the first guess, and largest number of iterations, of which 4 to 25 are needed
+# Young's modulus, GPa, at which the sag is so small that it is proportional to 1 / modulus, for the first guess; and
+# largest number of iterations (4 to 25 are needed)
 FIRST_GUESS, ROUNDS = 100.0, 60
 NORMAL = 2  # index of translation and force along the sheet's normal in motions and wrenches
 CLAMP_SHORTENING = 0.37  # apparent shortening of the strip by the clamp, in widths times Poisson's ratio squared
@@ -42,7 +43,7 @@ def strip_sag(made: Coupons, youngs: float, load: float, *, width: float | None 
 
     Parameters
     ----------
-    made : sizes of the strip
+    made : sizes of the calibration pieces, Poisson's ratio and density
     youngs : Young's modulus, Pa
     load : weight, kg
     width : true width of the strip, metres; default is the drawn width
@@ -99,7 +100,7 @@ def strip_youngs(made: Coupons, sag: float, load: float, *, width: float | None 
 
 
 def strip_load(made: Coupons, sag: float) -> float:
-    """Return the weight, kg, for a strip's sag of about ``sag`` metres (linear theory), rounded, see ``_round_to_weight``."""
+    """Return the weight, kg, for a strip's sag of about ``sag`` metres (linear theory), as weights are sold."""
     stiffness = 3.0 * made.youngs * made.strip_width * made.thickness**3 / 12.0 / made.strip_length**3
     return _round_to_weight(stiffness * sag / GRAVITY)
 
@@ -138,16 +139,16 @@ def spiral_youngs(made: Coupons, spiral: SpiralCoupon, sag: float, load: float, 
     Parameters
     ----------
     made, spiral : sizes of the pieces and of the spiral
-    sag : measured sag, metres
+    sag : measured sag of the hub, metres
     load : weight, kg
-    wider : true minus drawn width of its arms, metres
+    wider : true minus drawn width of the spiral's arms, metres
     """
     unit = spiral_stiffness(made, spiral.scale, spiral.width + wider, spiral.twist, 1.0)
     return _check_bounds(load * GRAVITY / (sag * unit), f"spiral {spiral.name}", load)
 
 
 def spiral_load(made: Coupons, scale: float, width: float, twist: float, sag: float) -> float:
-    """Return the weight, kg, for a spiral's sag of about ``sag`` metres, rounded, see ``_round_to_weight``.
+    """Return the weight, kg, for a spiral's sag of about ``sag`` metres, as weights are sold.
 
     Parameters
     ----------

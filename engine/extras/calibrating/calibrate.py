@@ -6,7 +6,7 @@ Pushed to one side, the squares leave a gap of n + 1 kerfs.
 Clearance: the rung (joint of the ladder) that fits best was drawn with a clearance c for a kerf k0; with the true kerf
 k its gap is c + k - k0. This gap is the clearance to use, once outlines are drawn for the kerf k.
 
-Stiffness: see ``bending``. All pieces count with their true width, k0 - k more than drawn. Strip and spirals are two
+Stiffness: see ``bending``. The true width of a piece, k0 - k more than drawn, is used. Strip and spirals are two
 measurements of Young's modulus. If they agree within their errors, their mean is used, weighted by inverse variance.
 Otherwise the spirals' value is used: they bend and twist in all directions of the sheet as the piece does, while the
 strip bends in one direction only, and wood is stiffer along its grain.
@@ -27,14 +27,13 @@ from ...params import Settings, with_values
 from .bending import spiral_youngs, strip_youngs
 from .coupons import KINDS, STRIP_CLAMP, STRIP_END, Coupons
 
-# Smallest standard error of a sag reading, as a share of its value; larger: fewer contradictions
-MIN_READING_ERROR = 0.02
+MIN_READING_ERROR = 0.02  # smallest standard error of a sag, share of its value; larger: fewer contradictions
 CALIPER_ERROR = 2e-5  # standard error of a caliper reading, metres
-# Error of the formulas as a share of the modulus; larger: strip and spirals contradict each other less often
+# Relative error that the formulas for strip and spirals cause in a modulus; larger: fewer reports of contradictions
 FORMULA_ERROR = 0.02
-# Number of combined standard errors beyond which two values contradict each other; larger: less often
+# Largest difference, in combined standard errors, of two moduli that agree; larger: fewer reports of contradictions
 MAX_DEVIATION = 3.0
-DIGITS = 3  # one less than the number of significant digits of results
+DIGITS = 3  # number of significant digits of results, minus one
 
 
 @dataclass(frozen=True)
@@ -205,7 +204,7 @@ def calibrate(made: Coupons, readings: Readings) -> Calibration:
 
 
 def _refuse_impossible_readings(made: Coupons, readings: Readings) -> None:
-    """Raise ``FlexMapsError`` for impossible readings."""
+    """Raise ``FlexMapsError`` if a reading cannot come from pieces of these sizes."""
     values = {
         "kerf comb's gap": readings.kerf_gaps, "thickness": readings.thickness, "strip's sag": readings.strip_sags,
         "spirals' sag": [x for pair in readings.spiral_sags for x in pair], "weights": readings.spiral_loads or (),
@@ -231,9 +230,9 @@ def _refuse_impossible_readings(made: Coupons, readings: Readings) -> None:
 
 
 def _mean_with_error(values: Sequence[float], ruler: float = 0.0) -> MeasuredValue:
-    """Return mean and standard error of readings, from their scatter or from the error of one reading if larger.
+    """Return the mean and standard error of readings, from their scatter or the error of one reading if that is larger.
 
-    ruler : error of one reading, metres; if 0, the share ``MIN_READING_ERROR`` of the mean
+    ruler : standard error of one reading, in the unit of the readings; if 0, ``MIN_READING_ERROR`` times the mean
     """
     some = np.asarray(values, dtype=float)
     middle, count = float(some.mean()), len(some)
@@ -260,10 +259,11 @@ def _evaluate_kerf(made: Coupons, readings: Readings) -> tuple[MeasuredValue | N
 def _evaluate_clearance(
     readings: Readings, kerf: MeasuredValue | None, wider: float, strays: float, warnings: list[str]
 ) -> MeasuredValue | None:
-    """Return the clearance to use; add a warning if it is smaller than its error."""
+    """Return the clearance to use; append a warning if it is smaller than its error. ``wider``: true minus drawn width
+    of a piece, metres; ``strays``: standard error of a joint's gap, metres."""
     if readings.clearance is None:
         return None
-    # ``wider`` is 0 without a measured kerf: the kerf for which the sheet was drawn is used
+    # without a measured kerf ``wider`` is 0: the kerf for which the sheet was drawn counts as true
     gap = readings.clearance - wider
     error = math.hypot(strays, CALIPER_ERROR if kerf is None else 0.0)
     if kerf is not None and gap < -MAX_DEVIATION * error - 1e-6:
@@ -299,7 +299,7 @@ def _evaluate_strip(made: Coupons, readings: Readings, wider: float) -> tuple[Me
 
 
 def _evaluate_spirals(made: Coupons, readings: Readings, wider: float, warnings: list[str]) -> MeasuredValue | None:
-    """Return Young's modulus, Pa, from all readings of both spirals; add a warning if these contradict each other."""
+    """Return Young's modulus, Pa, from the readings of both spirals; append a warning if A and B contradict."""
     if not readings.spiral_sags:
         return None
     loads = readings.spiral_loads or tuple(one.load for one in made.spirals)
@@ -356,7 +356,7 @@ def _choose_modulus(
 
 
 def _measured_settings(made: Coupons, found: Calibration, readings: Readings) -> dict[str, Any]:
-    """Return the measured settings by "section.name"; a custom material gets all of its values."""
+    """Return the measured settings by "section.name"; all values of a custom material if one of them was measured."""
     values: dict[str, Any] = {}
     if found.thickness is not None or found.youngs is not None:
         values["spiral.thickness"] = _rounded(1e3 * (found.thickness.value if found.thickness else made.thickness))

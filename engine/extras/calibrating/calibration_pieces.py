@@ -31,14 +31,15 @@ from .coupons import STRIP_CLAMP, STRIP_END, Coupons, SpiralCoupon
 LETTER_HEIGHT = 0.0025  # height of engraved letters, metres
 RIM_WIDTH = 0.008  # width of the material around holes, metres; larger: stiffer frames, larger sheet
 ARC_PAIRS = 14  # pairs of arcs per edge of a spiral; more: closer to the spiral, but arcs shorter than a mill's radius
-# width of the base of the tooth that holds an arm's end, as a ratio to its height; larger: stiffer against the arm
+# ratio of base width to height of the tooth that joins an arm's end to the frame; larger: the arm's end yields less
 TOOTH_RATIO = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class DrawnPiece:
-    """Drawing of a piece, or of several that belong together; material lies on the left of outlines and holes.
+    """Drawing of a piece, or of several that belong together, with finished sizes, metres.
 
+    outlines, holes : outer and inner borders; the material lies on the left of these curves
     shared : lines that the cutter follows without an offset, such as those between the squares of the comb
     engraved : lines of the labels
     """
@@ -83,9 +84,9 @@ def engrave_text(text: str, x: float, y: float, middle: bool = False, room: floa
     Parameters
     ----------
     text : letters
-    x, y : where the base line begins, metres
-    middle : centre the text at x instead
-    room : largest width, metres; letters become smaller if they need more
+    x, y : begin of the base line, metres
+    middle : whether the text is centred at x instead
+    room : largest width, metres; letters become smaller if the text would be wider
     """
     high = min(LETTER_HEIGHT, room / max(text_length(text), 1.0))
     begin = np.array([x - (0.5 * high * text_length(text) if middle else 0.0), y])
@@ -128,7 +129,7 @@ def draw_comb(made: Coupons, text: str) -> DrawnPiece:
 def draw_ladder(made: Coupons, params: ConnectorParams, kind: str) -> DrawnPiece:
     """Return a ladder: a rail with a socket for every clearance (rung), and the counterparts to insert.
 
-    Both bear the value of the clearance, mm.
+    Each socket and each counterpart is labelled with its clearance, mm.
 
     Parameters
     ----------
@@ -166,7 +167,7 @@ def draw_ladder(made: Coupons, params: ConnectorParams, kind: str) -> DrawnPiece
 
 
 def _socket_outline(rung: ConnectorSize, kind: str) -> Curve:
-    """Return the outline of a socket in the rail, from right to left as seen from outside, like ``socket``."""
+    """Return the outline of a socket in the rail, from right to left as seen from outside, as ``socket_curve`` does."""
     if kind != "tab":
         return socket_curve(rung)
     wide, deep = 0.5 * (rung.head + rung.clearance), rung.length + 0.5 * rung.clearance
@@ -213,12 +214,12 @@ def _draw_counterpart(rung: ConnectorSize, kind: str, value: str, x: float, y: f
 
 
 def _point_up(curve: Curve, x: float, y: float) -> Curve:
-    """Turn the outline of an arm's end so that it points up, with the middle of its face at (x, y)."""
+    """Return the outline of an arm's end turned so that it points up, with the middle of its face at (x, y)."""
     return curve.transform(0.5 * math.pi, np.array([x, y]))
 
 
 def _point_down(curve: Curve) -> Curve:
-    """Turn the outline of an arm's end so that it points down and runs from left to right."""
+    """Return the outline of an arm's end turned so that it points down and runs from left to right."""
     return curve.transform(-0.5 * math.pi, np.zeros(2))
 
 
@@ -247,7 +248,7 @@ def _circle(x: float, y: float, radius: float) -> Curve:
 
 
 def draw_spiral(made: Coupons, one: SpiralCoupon) -> DrawnPiece:
-    """Return a spiral in its frame: a rectangle with a hole between any two consecutive arms."""
+    """Return a spiral in its frame: a rectangle with four holes, each between two consecutive arms."""
     arms = _make_arms(one)
     rim = (
         0.5 * one.scale
@@ -274,8 +275,8 @@ def _make_arms(one: SpiralCoupon) -> Arms:
 def _slot_outlines(sizes: Coupons, one: SpiralCoupon, arms: Arms) -> list[Curve]:
     """Return the four holes between consecutive arms, clockwise.
 
-    The outline of a hole runs along arm k to the hub, along arm k + 1 to its end, and back along the frame, whose teeth
-    hold the ends of the arms and stand perpendicular to them.
+    The outline of a hole runs along arm k to the hub, along arm k + 1 to its end, and back along the frame. Teeth of
+    the frame, perpendicular to the arms, hold the arms' ends.
     """
     roots = find_roots(arms, fillet_radius(sizes, one.width))
     if roots.is_missing.any():

@@ -1,7 +1,7 @@
 """Sizes of the calibration pieces (coupons), stored in a file beside the sheet.
 
-The pieces grow with the sheet's thickness, so that sags and weights stay practical: their stiffness is proportional to
-Young's modulus times thickness.
+The sizes are proportional to the sheet's thickness, so that sags and weights stay practical: the stiffness of the
+pieces is then proportional to Young's modulus times thickness.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from ...errors import FlexMapsError
 CALIBRATION_FILE = "calibration.json"
 GRAVITY = 9.80665  # m/s^2, standard
 KINDS = ("dovetail", "key", "tab")
-# Dimensions of the strip in thicknesses, and its intended sag as a share of its length. Longer: less shear, larger
-# sheet; wider: the strip bends like a plate, not like a beam
+# Length, width, clamped part and part beyond the weight of the strip, in thicknesses; intended sag as a share of the
+# length. Longer: less shear, larger sheet; wider: the strip bends like a plate, not like a beam
 STRIP_LENGTH, STRIP_WIDTH, STRIP_CLAMP, STRIP_END, STRIP_SAG = 50.0, 7.0, 15.0, 3.0, 0.1
 
 

@@ -12,10 +12,11 @@ from .coupons import STRIP_LENGTH, STRIP_SAG, STRIP_WIDTH, Coupons, SpiralCoupon
 
 # number of squares of the kerf comb, and their side, metres; more squares: the kerf is resolved more finely
 CELLS, CELL = 10, 0.01
-# clearances of the ladders' rungs, mm, around those usual for lasers and printers; more rungs: finer, larger sheet
+# clearances of the ladders' rungs, mm, around the values usual for lasers and printers; more rungs: the clearance is
+# found more finely, the sheet is larger
 CLEARANCE_STEPS = (0.0, 0.025, 0.05, 0.075, 0.1, 0.15, 0.2)
 # Spirals: diameter, and widths of the arms of A and B, in thicknesses; twist, radians; intended sag, in thicknesses.
-# The arms bend and twist as in real pieces, and are within the range of the stiffness table
+# Chosen so that arms bend and twist as in real pieces and lie within the range of the stiffness table
 SPIRAL_SCALE, SPIRAL_WIDTHS, SPIRAL_TWIST, SPIRAL_SAG = 25.0, (0.8, 1.2), math.pi, 0.5
 MAX_MILL_RATIO = (
     1.5  # largest diameter of a mill, in thicknesses; wider mills do not fit around the ends of spiral B's arms

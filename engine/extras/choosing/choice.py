@@ -17,7 +17,8 @@ from .judge import JudgedLayout
 # share of a sheet's area that panels fill, to estimate the number of sheets; larger: fewer sheets are announced
 SHEET_FILL = 0.5
 MAX_PROPOSALS, MIN_PROPOSALS = 6, 3  # largest and smallest number of proposals to show: more are hard to compare
-# largest ratio of panel counts of consecutive proposals, if there are layouts between them; larger: fewer proposals
+# largest ratio of panel counts of consecutive proposals, if layouts with counts between them exist; larger: fewer
+# proposals
 MAX_PANEL_STEP = 1.6
 INITIAL_ORIGIN = "as it was"  # ``origin`` of the layout that the piece had before layouts were compared
 
@@ -28,7 +29,7 @@ class Proposal:
 
     judged : match and strains; predicted unless ``proved``
     sheets : estimated number of sheets
-    cut : laser time, seconds; None if no laser cuts the material, or the length of the cuts is not known
+    cut : cutting time of the laser, seconds; None if no laser cuts the material, or the length of cuts is not known
     join : time to snap all joints together, seconds
     """
 
@@ -47,12 +48,13 @@ class Proposal:
 
     @property
     def rms(self) -> float:
-        """RMS distance from the target, as a share of the target's size."""
+        """RMS distance from the target that is expected with strains within the limit, share of the target's size."""
         return self.judged.eased
 
     @property
     def proved(self) -> bool:
-        """Whether the match comes from a long search with strains within the limit; otherwise it is an estimate."""
+        """Whether the match was reached by a full search, or by a long one with strains within the limit; otherwise it
+        is an estimate."""
         return self.judged.proved
 
     @property
@@ -109,7 +111,7 @@ class Choice:
     """The proposals, fewest panels first, and which of them is chosen.
 
     taken : index of the chosen proposal
-    goal : as in ``ChooseParams.goal``; reached : whether the chosen proposal meets it
+    goal : goal of the search (``ChooseParams.goal``); reached : whether the chosen proposal meets the goal
     note : sentence that explains the choice, or why the goal was missed
     finished : False if the user stopped the search; judged : number of layouts judged
     """
@@ -151,13 +153,14 @@ def pareto_front(judged: list[JudgedLayout]) -> list[JudgedLayout]:
 def select_proposals(made: list[Proposal], best: Proposal) -> list[Proposal]:
     """Return the proposals worth showing, fewest panels first.
 
-    These are the chosen and the initial layout, the nearest symmetric one, and steps along the Pareto front of panel
-    count and distance; others only to fill up to ``MIN_PROPOSALS``. Proposals that look the same to users appear once.
+    These are the chosen and the initial layout, the symmetric layout nearest to the target, and steps along the Pareto
+    front of panel count and distance from the target. Further proposals are added only up to ``MIN_PROPOSALS``.
+    Proposals whose displayed figures are equal appear once; the initial layout always appears.
 
     Parameters
     ----------
     made : all proposals, best first
-    best : the chosen one
+    best : the chosen proposal
     """
     given = [one for one in made if one.judged.laid.origin == INITIAL_ORIGIN]
     symmetric = sorted((one for one in made if one.symmetric), key=lambda one: one.rms)[:1]
@@ -178,5 +181,5 @@ def select_proposals(made: list[Proposal], best: Proposal) -> list[Proposal]:
 
 
 def _visible_figures(one: Proposal) -> tuple[float | str, ...]:
-    """Return the figures, as users see them, by which proposals differ: panels, joints, rounded distance, sheets."""
+    """Return the displayed figures of a proposal: panels, joints, rounded distance from the target, sheets."""
     return one.panels, one.judged.laid.joints, f"{100.0 * one.rms:.1g}", one.sheets

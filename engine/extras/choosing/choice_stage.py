@@ -36,12 +36,12 @@ class LayoutChoice(StageOutput):
 
 
 def run(result: Result, layout: FinalLayout, settings: Settings, progress: Progress) -> Result:
-    """Compare many layouts by the shape that their panels take, and take the best.
+    """Compare many layouts by the shape that their panels take, and change to the best.
 
     Parameters
     ----------
     result : results of the piece so far
-    layout : its present layout
+    layout : present layout of the piece
     settings : settings of all stages
     progress : called with the fraction done; may cancel
 
@@ -62,7 +62,7 @@ def run(result: Result, layout: FinalLayout, settings: Settings, progress: Progr
 
 
 def _optimised_simulation(result: Result) -> Simulation | None:
-    """Return the simulation of the present layout if its spirals are optimised and it converged; else None."""
+    """Return the simulation of the present layout if its spirals are optimised and it converged; else return None."""
     version, shape = result.get(DesignVersion), result.get(SimulatedShape)
     if version is None or shape is None or version.origin != OPTIMISED:
         return None
@@ -70,14 +70,14 @@ def _optimised_simulation(result: Result) -> Simulation | None:
 
 
 def apply_choice(result: Result, choice: Choice, settings: Settings, present: FlatPatches | None = None) -> Result:
-    """Return the results with a choice stored, and with its chosen layout unless that is already present.
+    """Return the results with a choice stored, and with the chosen layout in place of the present one.
 
     Parameters
     ----------
     result : results of the piece so far
-    choice : the proposals and the chosen one
+    choice : the proposals, and which of them is chosen
     settings : settings with which they were compared
-    present : flat patches of the present layout
+    present : flat patches of the present layout, which stays if it is the chosen one; default: replace it always
     """
     layout, best = result.need(FinalLayout), choice.best
     if best.flat is not present:
@@ -98,7 +98,7 @@ def take_proposal(result: Result, number: int, settings: Settings) -> Result:
 
     Raises
     ------
-    FlexMapsError : there are no proposals, or none with this number
+    FlexMapsError : there are no proposals, or none has this number
     """
     choice = result.need(LayoutChoice).choice
     if not 0 <= number < len(choice.proposals):
@@ -107,12 +107,12 @@ def take_proposal(result: Result, number: int, settings: Settings) -> Result:
 
 
 def drawings(shown: MapValues, described: Mapping[str, Any]) -> dict[str, Drawing]:
-    """Return the plot of the compared layouts by name: joints against RMS distance; empty if none were compared.
+    """Return the plot of the compared layouts, number of joints against RMS distance; empty if none were compared.
 
     Parameters
     ----------
-    shown : values per quad, unused
-    described : the whole report
+    shown : values per quad, unused here
+    described : the whole content of report.json
     """
     block = described.get("choose")
     if not block:

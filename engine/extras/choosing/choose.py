@@ -3,9 +3,9 @@ panels take, and change the best where that shape misses the target.
 
 The paper leaves open which cuts are the best ("we believe that ... automatic cutting is an interesting avenue",
 FlexMaps section 10). Geometry alone does not decide: a layout with less distortion may snap into another shape, and one
-with more may come nearer because its spirals can be softer. So the match of each compared layout is predicted from its
-equilibrium, and the most promising layouts are optimised. The work is limited by counts, not by the clock, so that the
-result is the same on every machine and with any number of processes.
+with more distortion may come nearer to the target because its spirals can be softer. So the match of each layout is
+predicted from its equilibrium, and the most promising layouts are optimised. Counts limit the work, not the clock, so
+that the result is the same on every machine and with any number of processes.
 """
 
 from __future__ import annotations
@@ -53,33 +53,33 @@ from .layout_variants import make_variants
 from .predict import PredictionStart
 from .prospects import WORTHWHILE_RATIO
 
-# Distortion limits, as shares of the limit in the settings, for merging the surface again; smaller: more panels
+# Distortion limits for merging the surface again, as shares of the limit in the settings; smaller: more panels
 MERGE_SHARES = (0.4, 0.15, 0.06, 0.03)
 Sketch = tuple[str, np.ndarray]  # a name, and its cut edges, (E,) bool
 # Variants of merging if the goal is a number of panels: shares of the distortion limit, factors on the compactness
-# limit, and a factor on the smallest neck. More variants: more layouts, 0.2 to 4 s each
+# limit, and a factor on the smallest neck. More variants: more layouts to flatten, 0.2 to 4 s each
 PANEL_GOAL_SHARES, COMPACTNESS_FACTORS, NECK_FACTOR = (0.8, 0.6, 0.4), (0.9, 1.4), 2
 MAX_PARTS = 8  # largest number of equal strips, rings or petals; larger: more layouts, more time
-# Largest ratio of panel counts to the initial layout's, unless the goal limits them; larger: more time
+# Largest number of panels, in multiples of the initial layout's, unless the goal limits it; larger: more time
 MAX_PANEL_RATIO = 3
-# Largest curvature within a panel, in multiples of the initial layout's, with which flattening is tried; larger: slower
+# Largest Gaussian curvature in a panel for which flattening is tried, multiples of the initial layout's; larger: slower
 MAX_CURVATURE_RATIO = 2.0
-FIRST_SHARE = 0.6  # share of the layouts to judge before any is changed; the others are left for changes
-ROUNDS = 3  # number of rounds in which the best layouts are changed
-CHANGED_PER_ROUND = 2  # number of layouts that are changed in a round
+FIRST_SHARE = 0.6  # share of the layouts to judge before any is changed; larger: fewer changed layouts are judged
+ROUNDS = 3  # largest number of rounds in which the best layouts are changed; larger: fewer changes in a round
+CHANGED_PER_ROUND = 2  # number of layouts that are changed in a round; larger: more variety, more time
 LONG_SEARCHES = 2  # number of layouts beside the initial one that get a long search; larger: more certain, more time
-# Ratio of the real to the counted seconds of a long search; changes only the displayed time left
+# Clock time of a long search, in multiples of its work limit (nominal seconds); changes only the displayed time left
 TIME_RATIO = 4.0
 # A layout gets a second long search if the first ends within this factor of the required distance; larger: more time
 SECOND_SEARCH_RATIO = 1.3
 # Largest number of quads with which several long searches run at once; larger pieces get one at a time, about a minute
 MAX_PARALLEL_QUADS = 500
 INITIAL_PROGRESS = 0.05  # share of the progress for the initial layout
-# Fractions of the remaining progress at which flattening, judging, changing, and filling of gaps between proposals end;
-# long searches take the rest. Fitted so that the displayed time left hardly rises
+# Fractions of the progress at which flattening, judging, changing layouts, and filling gaps between proposals end; long
+# searches follow. Fitted so that the displayed time left hardly rises
 PROGRESS_ENDS = 0.22, 0.3, 0.38, 0.42
-# The fractions if the initial layout was optimised before, so that no long search runs while layouts are flattened.
-# Smaller: a longer time left is displayed, which rises less
+# These fractions if the initial layout was optimised before, so that no long search runs while layouts are flattened.
+# Smaller: the displayed time left is longer, and rises less
 PROGRESS_ENDS_IF_OPTIMISED = 0.1, 0.4, 0.55, 0.58
 MAX_GAP_LAYOUTS = 2  # largest number of layouts to make in gaps between proposals
 
@@ -100,13 +100,13 @@ def choose(
     given : the initial layout, which is one of the proposals
     params : the goal
     progress : called with the fraction done; may cancel
-    together : maps a function over arguments in order, perhaps in several processes; default is in this one
-    reached : equilibrium of the initial layout, if its spirals are optimised; this layout stays unless another one
-        comes clearly nearer to the target, or alone meets the goal
+    together : maps a function over arguments in order, perhaps in several processes; default: in this process
+    reached : simulation of the initial layout, if its spirals are optimised; this layout then stays unless another one
+        comes clearly nearer to the target, or is the only one of the two that meets the goal
 
     Returns
     -------
-    the proposals and the chosen one; the best so far if the user cancels
+    the proposals and the chosen one; if the user cancels, those of the layouts judged so far
 
     Raises
     ------
@@ -149,7 +149,7 @@ def _cut_worst_places(search: LayoutSearch, progress: Progress) -> None:
 
 
 def _search_layouts(search: LayoutSearch, first: FlatLayout, progress: Progress) -> None:
-    """Collect and judge layouts, change the best, fill gaps between proposals, and give the best a long search."""
+    """Collect and judge layouts, change the best, fill gaps in panel count, and give the best a long search."""
     collected, settled, changed, filled = PROGRESS_ENDS_IF_OPTIMISED if search.proved else PROGRESS_ENDS
     _flatten_candidates(search, first, progress.part(0.0, collected))
     search.judge(search.next(FIRST_SHARE), progress.part(collected, settled))
@@ -166,10 +166,7 @@ def _search_layouts(search: LayoutSearch, first: FlatLayout, progress: Progress)
 
 
 def _judge_initial(search: LayoutSearch, first: FlatLayout, progress: Progress) -> None:
-    """Judge the initial layout in the way in which all layouts are judged: by its prediction or by a short search.
-
-    If it was optimised before, its simulated shape also calibrates the predictions.
-    """
+    """Judge the initial layout by a prediction or a short search; calibrate predictions if it was optimised before."""
     piece, reached = search.piece, search.proved.get(layout_key(first))
     if reached is not None:
         progress(0.0, search.progress_text)
@@ -191,10 +188,10 @@ def _judge_initial(search: LayoutSearch, first: FlatLayout, progress: Progress) 
 
 
 def _flatten_candidates(search: LayoutSearch, first: FlatLayout, progress: Progress) -> None:
-    """Flatten the layouts that geometry suggests; meanwhile search the initial layout, unless it was optimised before.
+    """Flatten the layouts that geometry suggests, and give the initial layout a long search unless it was optimised.
 
-    The ratio of the initial layout's distance to its prediction calibrates the predictions of other layouts, and their
-    long searches start from its spirals.
+    The ratio of the initial layout's distance to its prediction calibrates the predictions of other layouts. The long
+    searches of other layouts start from the spirals of the initial one.
     """
     piece, mesh, quick = search.piece, search.piece.mesh, search.known[layout_key(first)]
     kept = piece.symmetries
@@ -221,7 +218,7 @@ def _flatten_candidates(search: LayoutSearch, first: FlatLayout, progress: Progr
 
 
 def _select_sketches(search: LayoutSearch, sketches: list[Sketch]) -> list[Sketch]:
-    """Return the most promising sketches, as many as may be judged, by Pareto rank in cut edges and panel curvature."""
+    """Return the sets of cuts that fewest others surpass in both cut edges and curvature, as many as may be judged."""
     mesh = search.piece.mesh
     worth = [(int(cut.sum()), panel_curvature(PatchLayout(mesh, cut & ~mesh.border))) for _, cut in sketches]
     ranked = sorted(range(len(sketches)), key=lambda k: (sum(_dominates(o, worth[k]) for o in worth), worth[k], k))
@@ -249,9 +246,8 @@ def _is_within_limits(laid: FlatLayout, panels: int, limit: float) -> bool:
 
 
 def _rank_by_geometry(search: LayoutSearch, found: list[FlatLayout]) -> list[FlatLayout]:
-    """Sort layouts by Pareto front (joints, distortion, lost symmetries), each front spread from few to many joints.
-
-    If the goal is a number of panels, sort by distortion.
+    """Sort layouts by Pareto front (joints, distortion, lost symmetries); if the goal is a number of panels, by
+    distortion. Within a front, ``_spread`` mixes layouts with few and many joints.
     """
     if search.params.goal == "panels":
         return sorted(found, key=lambda one: _geometric_costs(one)[1:])
@@ -264,7 +260,7 @@ def _rank_by_geometry(search: LayoutSearch, found: list[FlatLayout]) -> list[Fla
 
 
 def _spread(ordered: list[FlatLayout]) -> list[FlatLayout]:
-    """Reorder a list so that its first items span it: both ends, then the middle of the largest gap, and so on."""
+    """Reorder a list: both ends first, then repeatedly the item in the middle of the largest gap."""
     taken = sorted({0, len(ordered) - 1})
     while len(taken) < len(ordered):
         left, right = max(pairwise(sorted(taken)), key=lambda gap: gap[1] - gap[0])
@@ -288,8 +284,8 @@ def _run_task(
     """Run one job in a worker process, by its type.
 
     FlatLayout : judge it by a long search
-    Idea : flatten it; nothing if a panel's curvature exceeds ``most``, radians
-    LayoutParams : merge the surface under these limits, and under tighter ones, and flatten the layouts
+    CutPlan : flatten it; no layout if a panel has more Gaussian curvature than ``most``, radians
+    LayoutParams : merge the surface under these limits and under tighter ones, and flatten the layouts
     """
     if isinstance(job, FlatLayout):
         return judge(piece, job, LONG_SHARE)
@@ -309,7 +305,7 @@ def _run_task(
 
 
 def _improve_best(search: LayoutSearch, first: FlatLayout, progress: Progress) -> bool:
-    """Change and judge the best layouts for one round; return whether another round is worthwhile."""
+    """Change the best layouts and judge the results; return whether another round is worthwhile."""
     before = search.key(search.ranking[0])
     ideas: list[CutPlan] = []
     share = 2 * max(1, round(search.left / (2 * ROUNDS)))  # an even number keeps two cores busy
@@ -318,7 +314,7 @@ def _improve_best(search: LayoutSearch, first: FlatLayout, progress: Progress) -
         holds = search.holds(base)
         more = base.laid.panels < search.params.panels if counted else not holds
         changes = islice(propose_changes(search.piece, base, fewer=holds != counted, more=more), share)
-        if holds == counted:  # look for nearer layouts with the same number of panels
+        if holds == counted:  # also try layouts with no more panels
             ideas += [
                 one
                 for both in zip_longest(make_variants(search.piece, base), changes)
@@ -328,7 +324,7 @@ def _improve_best(search: LayoutSearch, first: FlatLayout, progress: Progress) -
         else:
             ideas += changes
     ideas = ideas if counted else ideas[: CHANGED_PER_ROUND * share]
-    batch = max(len(ideas), 1) if counted else share  # with a number of panels as goal, flatten all, then rank them
+    batch = max(len(ideas), 1) if counted else share  # if the goal is a number of panels, flatten all and rank them
     sound: list[FlatLayout] = []
     for k in range(0, len(ideas), batch):
         if len(sound) < share:
@@ -349,8 +345,8 @@ def _improve_best(search: LayoutSearch, first: FlatLayout, progress: Progress) -
 def _run_long_searches(search: LayoutSearch, progress: Progress) -> None:
     """Give the best layouts a long search; if none meets the required match, search those that may still meet it.
 
-    With up to ``MAX_PARALLEL_QUADS`` quads several layouts are searched at once, whatever the number of cores, so that the result
-    does not depend on it; with more quads, one after another, as long as the next is expected to meet the goal better.
+    With up to ``MAX_PARALLEL_QUADS`` quads ``LONG_SEARCHES`` layouts are searched at once, on any number of cores, so
+    that the result is the same. With more quads one after another, as long as the next promises to be better.
     """
     together = LONG_SEARCHES if len(search.piece.mesh.quads) <= MAX_PARALLEL_QUADS else 1
     searched: list[FlatLayout] = []
@@ -378,7 +374,7 @@ def _long_search_candidates(search: LayoutSearch, most: int) -> list[FlatLayout]
 
 
 def _second_search_candidates(search: LayoutSearch) -> list[FlatLayout]:
-    """Return the nearest layout that had a long search if a second one may decide its choice; else an empty list."""
+    """Return the layout that came nearest in a long search, if a second one may make it the choice; else no layout."""
     nearest = min((o for o in search.proved.values() if o.share < FULL_SHARE), key=lambda o: o.eased, default=None)
     if nearest is None:
         return []
@@ -394,7 +390,7 @@ def _fill_gaps(search: LayoutSearch, progress: Progress) -> None:
 
 
 def _layouts_in_gaps(search: LayoutSearch) -> Iterator[FlatLayout]:
-    """Yield new layouts between two proposals in panel count, made from the larger one by joining panels."""
+    """Yield new layouts with panel counts between two on the Pareto front, by joining panels of the one with more."""
     for few, many in pairwise(pareto_front(search.ranking)):
         most = max(int(MAX_PANEL_STEP * few.laid.panels), few.laid.panels + 1)
         made = merge_across_seams(search.piece, many, most) if many.laid.panels > most else None

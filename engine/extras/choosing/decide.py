@@ -10,8 +10,8 @@ from .judge import FULL_SHARE, LONG_SHARE, FlatLayout, JudgedLayout
 from .layout_search import LONG_TO_SHORT_RATIO, SEARCH_SCATTER, LayoutSearch, describe_layout, layout_key
 from .prospects import WORTHWHILE_RATIO
 
-# Ratio of distances from the target up to which the layout with fewer joints is preferred; larger: fewer joints, larger
-# distances. Above 1.03, because two searches of a layout differ by up to 3 %
+# A layout with fewer joints is preferred if its distance from the target is at most this multiple of the best layout's.
+# Larger: fewer joints, larger distances. Above 1.03, because two searches of a layout differ by up to 3 %
 NEAR_TIE_RATIO = 1.05
 
 
@@ -28,7 +28,7 @@ def decide(search: LayoutSearch, first: FlatLayout, finished: bool) -> Choice:
     judged = [one if one.share else replace(one, rms=search.distance(one)) for one in search.ranking]
     search.expected = 1.0
     drawn_one = next((one for one in judged if one.cut_length is not None), None)
-    if drawn_one is not None:  # seams hardly change the length of cuts, so predicted layouts take it from a drawn one
+    if drawn_one is not None:  # seams hardly change the length of cuts: use that of a layout whose outlines are known
         judged = [
             one if one.share else replace(one, cut_length=drawn_one.cut_length, contours=drawn_one.contours)
             for one in judged
@@ -52,17 +52,17 @@ def decide(search: LayoutSearch, first: FlatLayout, finished: bool) -> Choice:
 def pick_best(search: LayoutSearch, judged: list[JudgedLayout], first: FlatLayout) -> JudgedLayout:
     """Return the best layout.
 
-    If no layout meets the goal, one with fewer joints is preferred to a slightly nearer one. If the goal is a number of
-    panels, only the initial layout is preferred in this way. An initial layout that was optimised stays unless another
-    one is clearly nearer, or alone meets the goal.
+    If no layout meets the goal, one with fewer joints is preferred to one that is slightly nearer to the target. If the
+    goal is a number of panels, only the initial layout is preferred in this way. An initial layout that was optimised
+    stays unless another one is clearly nearer to the target, or meets the goal while the initial one does not.
 
     Parameters
     ----------
-    search : state of the search; gives the goal
+    search : state of the search, with the goal and the expected distances
     judged : all judged layouts, best first
     first : the initial layout
     """
-    # a prediction may be too good, so layouts with a search come first
+    # a prediction may be too good, so layouts that were searched come first
     best = next((one for one in judged if one.share), judged[0])
     if search.params.goal != "panels" and search.holds(best):
         return best
@@ -82,9 +82,9 @@ def pick_best(search: LayoutSearch, judged: list[JudgedLayout], first: FlatLayou
 
 
 def may_replace_initial(search: LayoutSearch, one: JudgedLayout) -> bool:
-    """Return whether a layout would replace the initial one if a search confirmed its prediction.
+    """Return whether a layout would replace the initial one if a search reached its expected distance.
 
-    True if the initial layout was not optimised.
+    Also true if the initial layout was not optimised before.
     """
     given = next((other for other in search.proved.values() if other.share >= FULL_SHARE), None)
     if given is None:

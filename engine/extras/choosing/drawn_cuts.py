@@ -1,7 +1,7 @@
 """Cuts as a person would draw them: along folds, into equal strips, rings and petals, in mirror planes, symmetric.
 
-A line is a chain of edges that runs straight on through regular vertices; lines that the same strip of quads crosses
-are called a family of parallel lines.
+A line is a chain of edges that runs straight on through regular vertices. A family of parallel lines consists of the
+lines that one strip of quads crosses.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from ...surface.checking.topology import sides_of
 from ...surface.mesh import PolygonMesh, QuadMesh
 from ...surface.symmetry import Symmetry, preserved_by, symmetric_closure
 
-MAX_FAMILIES = 4  # number of families to use, those with most edges first; larger: more layouts, more time
+MAX_FAMILIES = 4  # largest number of families, those with most edges first; larger: more layouts, more time
 # largest share of its lines that a family may have in common with an earlier one; larger: more layouts that are alike
 MAX_COMMON_SHARE = 0.7
 MAX_SYMMETRIC = (
-    2  # number of symmetric layouts to yield of each kind, fewest cuts first; larger: more layouts, more time
+    2  # largest number of symmetric layouts of each kind, fewest cuts first; larger: more layouts, more time
 )
 MAX_OPENING_ROUNDS = 3  # largest number of rounds of opening patches and adding symmetric images; mostly one suffices
 MIN_LINES = 4  # smallest number of lines of a family: fewer are parallel by coincidence
@@ -33,7 +33,7 @@ MIN_LINES = 4  # smallest number of lines of a family: fewer are parallel by coi
 class LineFamily:
     """Parallel lines of edges: those that one strip of quads crosses.
 
-    lines : index of each line, in the order in which the strip crosses them
+    lines : indices of the lines, see ``lines_of_edges``, in the order in which the strip crosses them
     at : position of each crossing, metres along the strip
     length : length of the strip, metres; closed : whether the strip ends where it begins
     """
@@ -49,7 +49,7 @@ class LineFamily:
         Parameters
         ----------
         parts : number of parts
-        first : crossing at which a closed strip is divided first; unused if the strip is open
+        first : index of the crossing at which a closed strip is divided first; unused if the strip is open
         """
         if self.closed:
             places = (self.at[first] + self.length * np.arange(parts) / parts) % self.length
@@ -61,7 +61,7 @@ class LineFamily:
 
 
 def lines_of_edges(mesh: QuadMesh) -> Int[np.ndarray, " edges"]:
-    """Return the index of each edge's straight line; lines end at irregular vertices and at the border."""
+    """Return (E,) the index of each edge's line; lines end at irregular vertices and at the border."""
     inner = np.flatnonzero(~mesh.border)
     one, two = [], []
     for way in range(2):
@@ -128,8 +128,8 @@ def equal_part_cuts(
 ) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
     """Yield divisions into equal strips, rings and petals: name and cut edges, (E,) bool.
 
-    Closed strips are divided first at a line in a mirror plane, if there is one, to keep the symmetry. On a closed
-    surface, where parts would be tubes, they are also opened along a line of a second family.
+    Closed strips are divided first at a line in a mirror plane, if there is one, to keep the symmetry. On a surface
+    without border, where the parts would be tubes, the parts are also opened along a line of a second family.
 
     Parameters
     ----------
@@ -191,7 +191,13 @@ def cuts_in_planes(mesh: QuadMesh, symmetries: Sequence[Symmetry]) -> Iterator[t
 def drop_symmetric_images(
     sketches: Iterable[tuple[str, Bool[np.ndarray, " edges"]]], symmetries: Sequence[Symmetry]
 ) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
-    """Yield the sketches (name, cut edges) that are not symmetric images of earlier ones."""
+    """Yield the sets of cuts that are neither equal to an earlier one nor its image under a symmetry.
+
+    Parameters
+    ----------
+    sketches : name and cut edges, (E,) bool, of every set
+    symmetries : symmetries of the mesh
+    """
     seen = set[bytes]()
     for name, cut in sketches:
         if cut.tobytes() not in seen:
@@ -215,7 +221,7 @@ def symmetric_variants(
         images[found.tobytes()] = found
         if symmetry.is_mirror:
             middle = mesh.vertices[mesh.edges].mean(axis=1)
-            # the vector from an edge's image to the edge, across the plane, gives the side on which it lies
+            # the vector from an edge's mirror image to the edge tells on which side of the plane the edge lies
             side = (middle - middle[symmetry.edges]) @ symmetry.normal
             for way in (1.0, -1.0):
                 found = _open_with_images(np.where(way * side >= 0.0, cut, cut[symmetry.edges]), mesh, symmetry)
@@ -228,9 +234,18 @@ def symmetric_variants(
 def open_symmetrically(
     cut: Bool[np.ndarray, " edges"], mesh: QuadMesh, symmetries: Sequence[Symmetry]
 ) -> Bool[np.ndarray, " edges"] | None:
-    """Return symmetric cuts with patches that are not disks (tubes, rings) opened by the fewest symmetric cuts.
+    """Add the fewest symmetric cuts that open all patches which are not disks (tubes, rings).
 
-    None if the usual opening keeps a symmetry, if the cuts are not symmetric, or if no symmetric opening exists.
+    Parameters
+    ----------
+    cut : (E,) whether an edge is cut
+    mesh : quad mesh
+    symmetries : symmetries of the mesh
+
+    Returns
+    -------
+    (E,) all cuts; None if the cuts are not symmetric, if ``make_disks`` keeps a symmetry anyway, or if no symmetric
+    cuts are found
     """
     kept = preserved_by(symmetries, cut)
     if not kept or preserved_by(kept, make_disks(PatchLayout(mesh, cut)).cut):
@@ -240,7 +255,10 @@ def open_symmetrically(
 
 
 def _open_with_images(cut: np.ndarray, mesh: QuadMesh, symmetry: Symmetry) -> np.ndarray:
-    """Add the images of the cuts under a symmetry, and open patches that are not disks by cuts and their images."""
+    """Add images of the cuts under a symmetry, and cuts that open patches which are not disks, until both hold.
+
+    After ``MAX_OPENING_ROUNDS`` rounds the present cuts are returned, which may lack images.
+    """
     for _ in range(MAX_OPENING_ROUNDS):
         cut = symmetric_closure(cut, [symmetry])
         opened = make_disks(PatchLayout(mesh, cut)).cut & ~mesh.border

@@ -26,15 +26,16 @@ from ...surface.mesh import QuadMesh
 from ...surface.symmetry import Symmetry, preserved_by
 from .drawn_cuts import open_symmetrically
 
-# Durations of a short and a long search, as shares of the optimiser's patience (its time budget). Larger: layouts are
-# compared more reliably, and more slowly; short and long searches rank layouts alike
+# Durations of a short and a long search, as shares of the optimiser's patience (its time budget). Larger: more reliable
+# comparison, more time. Short and long searches mostly rank layouts in the same order
 SHORT_SHARE, LONG_SHARE = 0.15, 0.35
 FULL_SHARE = 1.0  # share recorded for a layout that the user had optimised with the full patience
-# A long search that ends at s > 1 times the strain limit is expected to end s^EASED times as far from the target once
-# its strain is reduced to the limit; larger: overstrained layouts rank lower
+# A layout whose strain is s > 1 times the limit after a long search is expected to be s^STRAIN_EXPONENT times as far
+# from the target once its strain is reduced to the limit; larger: overstrained layouts rank lower
 STRAIN_EXPONENT = 2
-# A short search has its full duration from QUADS quads on, and in proportion less with fewer, down to the share LEAST.
-# Larger QUADS or smaller LEAST: faster on small pieces, but less reliable
+# A short search has its full duration from FULL_SEARCH_QUADS quads on. With fewer quads its duration is proportional to
+# their number, but at least the share MIN_SHARE. Larger FULL_SEARCH_QUADS or smaller MIN_SHARE: faster on small pieces,
+# less reliable
 FULL_SEARCH_QUADS, MIN_SHARE = 1000, 0.25
 
 
@@ -42,7 +43,7 @@ FULL_SEARCH_QUADS, MIN_SHARE = 1000, 0.25
 class LayoutProblem:
     """Data common to all layouts of a surface.
 
-    mesh : the target
+    mesh : the target; settings : settings of all stages
     supports : (k,) indices of supported quads, or None
     force : (F, 3) force on every quad, newtons, or None
     symmetries : symmetries of the mesh; empty if layouts need not be symmetric
@@ -58,7 +59,7 @@ class LayoutProblem:
 
     @property
     def is_loaded(self) -> bool:
-        """Whether supports or forces deform the piece, so that one panel without cuts need not stay flat."""
+        """Whether the piece is supported. Supports and forces can bend even a single panel without cuts."""
         return self.supports is not None and len(self.supports) > 0
 
     def restrict_to(self, mesh: QuadMesh, quads: Int[np.ndarray, " some"]) -> LayoutProblem:
@@ -83,8 +84,8 @@ class LayoutProblem:
 class CutPlan:
     """A set of cuts that is not flattened yet.
 
-    cut : (E,) bool; origin : how the cuts were made, in a few words
-    even : whether patches that are not disks are opened by symmetric cuts
+    cut : (E,) whether an edge is cut; origin : how the cuts were made, in a few words
+    even : whether patches that are not disks (tubes, rings) are opened by symmetric cuts
     """
 
     cut: Bool[np.ndarray, " edges"]
@@ -96,7 +97,9 @@ class CutPlan:
 class FlatLayout:
     """A flattened layout whose panels fit the sheet.
 
-    origin : how the cuts were made, in a few words; symmetric : 1 + number of the surface's symmetries that it keeps
+    flat : its flat panels
+    origin : how the cuts were made, in a few words
+    symmetric : 1 + number of the surface's symmetries that the layout keeps
     """
 
     flat: FlatPatches
@@ -134,9 +137,9 @@ class JudgedLayout:
     kind : (F,) reason for the mismatch, index into ``match_limits.REASON_NAMES``
     advice : sentence on what limits the match
     share : duration of the search, as a share of the optimiser's patience; 0 if the match is predicted
-    cut_length : length of all cuts without connectors, metres; None if the outlines were not computed
+    cut_length : length of all outlines without connectors, metres; None if the outlines were not computed
     contours : number of closed curves to cut; None if the outlines were not computed
-    spirals : widths and twists, as in ``LayoutProblem``
+    spirals : widths (F, 4) metres and twists (F,) radians after the search
     flat : the panels after the search, which may have changed their flat shapes
     """
 
@@ -161,7 +164,7 @@ class JudgedLayout:
 
     @property
     def eased(self) -> float:
-        """RMS distance, a share of the size, expected with strains within the limit.
+        """RMS distance from the target, a share of its size, that is expected once strains are within the limit.
 
         It equals ``rms`` unless a long search ended with strains beyond the limit.
         """
@@ -181,19 +184,21 @@ def starting_spirals(piece: LayoutProblem) -> tuple[Float[np.ndarray, "quads 4"]
 def flatten_cuts(
     piece: LayoutProblem, idea: CutPlan, most: float = np.inf, progress: Progress = SILENT
 ) -> FlatLayout | None:
-    """Flatten an idea: open patches that are not disks, join patches that are too small, cut those larger than a sheet.
+    """Flatten a plan of cuts, after opening patches that are not disks and joining patches that are too small.
+
+    Panels larger than a sheet are cut again.
 
     Parameters
     ----------
     piece : the surface, its symmetries and settings
-    idea : the cuts
-    most : largest Gaussian curvature within a panel, radians
+    idea : the plan
+    most : largest absolute Gaussian curvature within a panel, radians
     progress : called with the fraction done; may cancel
 
     Returns
     -------
     the layout; None if flattening fails, if panels overlap themselves, if a panel has more curvature than ``most``, or
-    if an ``even`` idea would give the same cuts without ``even``
+    if the plan is ``even`` and ``open_symmetrically`` finds no cuts
     """
     layout, sheet = piece.settings.layout, piece.settings.sheet
     try:
@@ -214,7 +219,7 @@ def flatten_cuts(
 
 
 def panel_curvature(layout: PatchLayout) -> float:
-    """Return the absolute Gaussian curvature inside the most curved panel, radians."""
+    """Return the integral of the absolute Gaussian curvature over the most curved panel, radians."""
     return float(np.bincount(layout.patch_of, quad_curvatures(layout)).max())
 
 
@@ -225,7 +230,7 @@ def judge(
     progress: Progress = SILENT,
     thorough: bool | None = None,
 ) -> JudgedLayout | None:
-    """Judge a layout by a search of limited duration, from ``starting_spirals``; None if it has no equilibrium.
+    """Judge a layout by a search of limited duration from ``starting_spirals``.
 
     Parameters
     ----------
@@ -233,8 +238,12 @@ def judge(
     laid : one of its layouts
     share : duration, as a share of the optimiser's patience
     progress : called with the fraction done; may cancel
-    thorough : open and count closed slots, and try several starts if ``piece.spirals`` is None; default is True only
-        if ``share`` is above ``SHORT_SHARE``
+    thorough : whether to open and count closed slots, and to try several starts if ``piece.spirals`` is None; default
+        is True only if ``share`` is above ``SHORT_SHARE``
+
+    Returns
+    -------
+    None if the layout has no equilibrium, or its spirals cannot be cut
     """
     settings, quick = piece.settings, share <= SHORT_SHARE
     thorough = not quick if thorough is None else thorough
@@ -282,7 +291,7 @@ def judge_optimised(laid: FlatLayout, found: Simulation) -> JudgedLayout:
 
 
 def _with_cut_lengths(known: JudgedLayout, found: Simulation) -> JudgedLayout:
-    """Return a judged layout with the length of cuts and the number of contours filled in from the outlines."""
+    """Return a copy with the length of cuts and the number of contours, taken from the outlines."""
     curves = [curve for panel in found.design.outlines() for curve in (panel.outer, *panel.holes)]
     return replace(known, cut_length=sum(curve.length for curve in curves), contours=len(curves))
 
@@ -290,14 +299,14 @@ def _with_cut_lengths(known: JudgedLayout, found: Simulation) -> JudgedLayout:
 def judge_shape(
     laid: FlatLayout, found: Simulation, limits: MatchLimits, share: float, *, thorough: bool
 ) -> JudgedLayout:
-    """Judge a layout by its simulated shape, without the length of cuts and the number of contours.
+    """Judge a layout by its simulated shape; the length of cuts and the number of contours stay None.
 
     Parameters
     ----------
     laid : the layout
-    found : its simulation
-    limits : reasons why it misses the target
-    share : duration of the search, as a share of the optimiser's patience
+    found : simulation of the layout
+    limits : reasons why the simulated shape misses the target
+    share : duration of the search that led to this shape, as a share of the optimiser's patience
     thorough : whether to count closed slots
     """
     bends = laplacian_difference(found.assembly.pairs, found.equilibrium.pose.centres, found.target.centroids)

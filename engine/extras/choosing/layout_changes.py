@@ -1,4 +1,5 @@
-"""Changes of a layout, with symmetric images: cuts and darts where its shape misses the target, and joined seams."""
+"""Changes of a layout, with their symmetric images: cuts and darts where the shape of the assembled panels misses the
+target, and seams that are joined. A dart is a cut that ends inside a panel."""
 
 from __future__ import annotations
 
@@ -15,12 +16,13 @@ from ...simulation.shortfall import quad_curvatures
 from ...surface.symmetry import Symmetry, preserved_by
 from .judge import CutPlan, FlatLayout, JudgedLayout, LayoutProblem, flatten_cuts
 
-# number of vertices at which cuts and darts begin, and number of seams to join; larger: more ideas, more time
+# number of vertices at which cuts and darts begin, and number of seams to join; larger: more layouts to try, more time
 MAX_PLACES = 3
-PLANS_PER_STEP = 2  # number of cuts to try at a time while a user waits; larger: more ideas, more time
+PLANS_PER_STEP = 2  # number of cuts to try at a time while a user waits; larger: more layouts to try, more time
 # reasons why a spiral misses the target (see ``match_limits``) that another cut can remove
 FIXABLE_REASONS = tuple(REASON_NAMES.index(name) for name in ("unstable", "distorted", "stretched"))
-# weight of mismatch for other reasons (1 for ``MENDED``); above 0 so that cuts are also tried where these prevail
+# weight of the mismatch of quads with other reasons (``FIXABLE_REASONS`` have weight 1); above 0 so that cuts are also
+# tried where other reasons prevail
 UNFIXABLE_WEIGHT = 0.25
 
 
@@ -31,8 +33,8 @@ def propose_changes(piece: LayoutProblem, judged: JudgedLayout, *, fewer: bool, 
     ----------
     piece : the surface, its symmetries and settings
     judged : the layout to change
-    fewer : yield layouts with one of the least important seams joined
-    more : yield layouts with a cut or a dart added where the shape misses the target
+    fewer : whether to yield layouts with one of the least important seams joined
+    more : whether to yield layouts with a cut or a dart added where the shape misses the target
     """
     layout = judged.laid.flat.layout
     kept = preserved_by(piece.symmetries, layout.cut)
@@ -58,7 +60,7 @@ def with_images(edges: Int[np.ndarray, " some"], symmetries: Sequence[Symmetry])
 
 
 def fixable_mismatch(judged: JudgedLayout) -> Float[np.ndarray, " quads"]:
-    """Return each quad's mismatch, (F,) square metres, weighted less if another cut cannot remove its reason."""
+    """Return each quad's mismatch, (F,) square metres, weighted as in ``weight_by_fixability``."""
     return weight_by_fixability(judged.blame, judged.kind)
 
 
@@ -69,14 +71,14 @@ def weight_by_fixability(
 
     Parameters
     ----------
-    blame : (F,) squared difference of bending from the target's, square metres
-    kind : (F,) reason, index into ``match_limits.REASON_NAMES``
+    blame : (F,) mismatch of every quad: squared difference of its bending from the target's, square metres
+    kind : (F,) reason for the mismatch, index into ``match_limits.REASON_NAMES``
     """
     return blame * np.where(np.isin(kind, FIXABLE_REASONS), 1.0, UNFIXABLE_WEIGHT)
 
 
 def plans_with_cuts(layout: PatchLayout, blame: Float[np.ndarray, " quads"]) -> Iterator[CutPlan]:
-    """Yield copies of a layout with one more cut each, see ``propose_cuts``."""
+    """Yield plans with one more cut than a layout each; parameters as in ``propose_cuts``."""
     for edges, origin in propose_cuts(layout, blame):
         cut = layout.cut.copy()
         cut[edges] = True
@@ -84,13 +86,15 @@ def plans_with_cuts(layout: PatchLayout, blame: Float[np.ndarray, " quads"]) -> 
 
 
 def propose_cuts(layout: PatchLayout, blame: np.ndarray) -> Iterator[tuple[np.ndarray, str]]:
-    """Yield edges to cut, with a name: the middle line of the patch with the largest mismatch, then straight lines from
-    the worst vertices to the outline, in one direction (a dart) or two (a cut).
+    """Yield sets of edges to cut, each with a description of the cut.
+
+    First the middle line of the patch with the largest mismatch, then straight lines from the vertices with most
+    mismatch to the outline of their patch, in one direction (a dart) or two (a cut).
 
     Parameters
     ----------
     layout : mesh and cuts
-    blame : (F,) weighted mismatch
+    blame : (F,) mismatch of every quad, weighted as in ``weight_by_fixability``
     """
     worst = int(np.bincount(layout.patch_of, blame).argmax())
     middle = middle_line(layout, worst)
@@ -145,7 +149,7 @@ def _rays(layout: PatchLayout, vertex: int) -> Iterator[Int[np.ndarray, " some"]
 
 
 def merge_across_seams(piece: LayoutProblem, judged: JudgedLayout, most: int) -> FlatLayout | None:
-    """Join panels until at most ``most`` are left; None if the limits on panels forbid it, or flattening fails.
+    """Join panels until at most ``most`` are left, and flatten; None if the limits on panels forbid it or this fails.
 
     The least important seams are joined first, with their images under the symmetries that the layout keeps.
 
@@ -170,7 +174,13 @@ def merge_across_seams(piece: LayoutProblem, judged: JudgedLayout, most: int) ->
 def seams_by_importance(layout: PatchLayout, blame: np.ndarray) -> list[Int[np.ndarray, " _"]]:
     """Return the edges of every seam, least important first.
 
-    The importance is the mismatch and the Gaussian curvature of the quads beside a seam, per edge of the seam.
+    The importance of a seam is the mismatch plus the Gaussian curvature of the quads beside it, each as a share of the
+    whole surface's, divided by the number of edges of the seam.
+
+    Parameters
+    ----------
+    layout : mesh and cuts
+    blame : (F,) mismatch of every quad, weighted as in ``weight_by_fixability``
     """
     mesh, opened = layout.mesh, PatchLayout(layout.mesh, np.zeros(len(layout.cut), dtype=bool))
     curved = quad_curvatures(opened)

@@ -20,14 +20,15 @@ from .predict import PredictionStart, judge_by_prediction
 
 ParallelMap = Callable[[Callable[[Any], Any], Sequence[Any], Progress, str], list[Any]]
 
-# Processor seconds: of all predictions (larger: more layouts), of one prediction, and in addition of each of its quads
+# Processor seconds for all predictions together (larger: more layouts are judged, more time); estimated seconds of one
+# prediction, and in addition for each quad
 PREDICTION_BUDGET, PREDICTION_SECONDS, SECONDS_PER_QUAD = 16.0, 0.4, 2.2e-3
-ON_TIME_SHARE = 0.6  # share of the expected time after which the progress bar slows down
-# Ratio of the clock time to judge a layout to that of the initial layout; changes the progress bar only
+ON_TIME_SHARE = 0.6  # share of the expected time after which the progress bar slows down; changes only the display
+# Clock time to judge a layout, in multiples of the initial layout's; changes only the progress bar
 CLOCK_RATIO = 2.0
-MIN_LAYOUTS, MAX_LAYOUTS = 6, 32  # smallest and largest number of layouts to judge
+MIN_LAYOUTS, MAX_LAYOUTS = 6, 32  # smallest and largest number of layouts to judge; larger: more certain, more time
 SEARCH_SCATTER = (
-    0.03  # relative difference of distances that counts as none: two searches of one layout differ by at most this
+    0.03  # largest relative difference of the distances of two searches of one layout; smaller gains are ignored
 )
 # Expected ratio of the distance after a long search to that after a short one (0.36 to 0.67); larger: more pessimistic
 LONG_TO_SHORT_RATIO = 0.67
@@ -41,14 +42,14 @@ class LayoutSearch:
     params: ChooseParams
     together: ParallelMap  # maps a function over arguments, perhaps in several processes
     start: PredictionStart | None = None  # start of predictions; None if layouts are judged by short searches
-    reference: float = np.inf  # distance of the initial layout after a long search
-    # ratio of the distance after a long search to the predicted one, or to that after a short search
+    reference: float = np.inf  # distance of the initial layout after a long or full search
+    # expected distance after a long search, as a share of the predicted one or of the one after a short search
     expected: float = LONG_TO_SHORT_RATIO
     pace: float = 0.0  # expected or last clock time of a long search, seconds
     first: float = 0.0  # clock time to judge the initial layout, seconds
-    # first judgement of every layout, by ``key(layout)``; None if it has no equilibrium
+    # first judgement of every layout, by ``layout_key``; None if the layout has no equilibrium
     known: dict[bytes, JudgedLayout | None] = field(default_factory=dict)
-    proved: dict[bytes, JudgedLayout] = field(default_factory=dict)  # best long search of a layout, by key
+    proved: dict[bytes, JudgedLayout] = field(default_factory=dict)  # best long or full search, by ``layout_key``
     waiting: list[FlatLayout] = field(default_factory=list)  # flattened but not judged yet, most promising first
 
     @property
@@ -72,12 +73,15 @@ class LayoutSearch:
         return sorted((one for one in latest.values() if one is not None), key=self.key)
 
     def distance(self, one: JudgedLayout) -> float:
-        """Return the RMS distance after a long search, reached or expected, with strains within the limit."""
+        """Return the RMS distance that a layout reached in a long search, or is expected to reach in one.
+
+        Strains beyond the limit increase it, see ``JudgedLayout.eased``.
+        """
         return one.eased if one.share >= LONG_SHARE else self.expected * one.rms
 
     @property
     def progress_text(self) -> str:
-        """Progress text while layouts are judged, with the best layout so far."""
+        """Progress text for users while layouts are judged: names the best layout so far."""
         best = next(iter(self.ranking), None)
         return "Judging layouts" + ("" if best is None else f", the best: {describe_layout(best.laid, best.rms)}")
 
@@ -96,9 +100,9 @@ class LayoutSearch:
         return self.key(one)[0] == 0.0
 
     def next(self, share: float) -> list[FlatLayout]:
-        """Return the most promising waiting layouts, including a symmetric one if there is any.
+        """Return the most promising waiting layouts; if a symmetric one is waiting, at least one is symmetric.
 
-        share : number of layouts, as a share of those that may still be judged
+        share : number of layouts to return, as a share of those that may still be judged
         """
         taken = self.waiting[: int(share * self.left)]
         symmetric = next((one for one in self.waiting if one.symmetric > 1), None)
@@ -124,7 +128,7 @@ class LayoutSearch:
         self.known.update(zip(map(layout_key, fresh), found, strict=True))
 
     def expect(self, searched: Iterable[JudgedLayout]) -> None:
-        """Update ``expected`` to the largest ratio of searched to predicted distance among these layouts."""
+        """Set ``expected`` to the largest ratio, among searched layouts, of the reached to the predicted distance."""
         shares = [
             one.eased / before.rms
             for one in searched
@@ -134,7 +138,8 @@ class LayoutSearch:
             self.expected = max(shares)
 
     def learn(self, given: JudgedLayout) -> None:
-        """Use the searched initial layout as reference, and its spirals as start of later searches."""
+        """Use the searched initial layout as reference, its spirals as the start of later searches, and its distance to
+        calibrate predictions."""
         self.reference = given.rms
         self.expect([given])
         self.piece = replace(self.piece, spirals=given.spirals)

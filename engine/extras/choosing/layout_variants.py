@@ -14,13 +14,13 @@ from ...surface.symmetry import Symmetry, preserved_by
 from .judge import CutPlan, JudgedLayout, LayoutProblem
 from .layout_changes import fixable_mismatch, propose_cuts, seams_by_importance, with_images
 
-SHIFT_ROWS = (1, 2, 4)  # distances by which a seam is shifted, in rows of quads; more values: more ideas, more time
-SEAMS_PER_CUT = 6  # number of seams tried in exchange for each new cut; larger: more ideas, more time
-MAX_VARIANTS = 24  # largest number of ideas to flatten; larger: more time (24 with 1,000 quads take some 10 s)
+SHIFT_ROWS = (1, 2, 4)  # distances by which a seam is shifted, in rows of quads; more values: more variants, more time
+SEAMS_PER_CUT = 6  # number of seams tried in exchange for each new cut; larger: more variants, more time
+MAX_VARIANTS = 24  # largest number of variants to flatten; larger: more time (24 with 1,000 quads take some 10 s)
 
 
 def make_variants(piece: LayoutProblem, judged: JudgedLayout) -> list[CutPlan]:
-    """Return variants of a judged layout with no more panels, those with the least curvature within panels first.
+    """Return variants of a judged layout, those with the least Gaussian curvature within panels first.
 
     Each change is tried alone, and together with its images under the symmetries that the layout keeps.
 
@@ -42,12 +42,14 @@ def make_variants(piece: LayoutProblem, judged: JudgedLayout) -> list[CutPlan]:
 
 
 def _estimate_distortion(layout: PatchLayout) -> float:
-    """Estimate a layout's distortion: sum over panels of the squared Gaussian curvature inside, radians squared."""
+    """Estimate a layout's distortion: for each panel the integral of the absolute Gaussian curvature, squared; summed
+    over all panels, radians squared."""
     return round(float((np.bincount(layout.patch_of, quad_curvatures(layout)) ** 2).sum()), 9)
 
 
 def _shift_seams(layout: PatchLayout, symmetries: Sequence[Symmetry]) -> Iterator[CutPlan]:
-    """Yield layouts with one seam shifted to either side, by each number of rows of quads in ``SHIFT_ROWS``."""
+    """Yield plans with one seam, and its images under symmetries, shifted to either side by ``SHIFT_ROWS`` rows of
+    quads."""
     for seam in layout.seams:
         for quads, sides in _quads_beside(layout.mesh, seam):
             for rows in SHIFT_ROWS:
@@ -61,9 +63,9 @@ def _shift_seams(layout: PatchLayout, symmetries: Sequence[Symmetry]) -> Iterato
 
 
 def _quads_beside(mesh: QuadMesh, seam: Int[np.ndarray, " edges"]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield, for either side of a seam, the quads beside it and which of their sides lie on it.
+    """Yield, for the left and the right of a seam, the quads there and which of their sides (0 to 3) lie on the seam.
 
-    seam : its edges in order along the seam
+    seam : edges of the seam in order
     """
     ends = mesh.edges[seam]
     start = ends[:, 0].copy()
@@ -73,7 +75,7 @@ def _quads_beside(mesh: QuadMesh, seam: Int[np.ndarray, " edges"]) -> Iterator[t
         for k in range(1, len(seam)):
             start[k] = ends[k - 1].sum() - start[k - 1]
     quads, sides = mesh.edge_quads[seam], mesh.edge_sides[seam]
-    # whether a quad's side runs in the direction of the seam: for each edge, this tells the quads on both sides apart
+    # whether a quad's side runs in the direction of the seam: true for one of the two quads at each edge
     along = mesh.quads[quads, sides] == start[:, None]
     for way in (along, ~along):
         which = way.argmax(axis=1)[:, None]
@@ -85,7 +87,7 @@ def _quads_in_rows(
 ) -> Int[np.ndarray, " some"] | None:
     """Return the quads in the first ``rows`` rows beside a seam; None if another seam or the border lies in between.
 
-    quads, sides : the quads of the first row, and their sides on the seam
+    quads : quads of the first row; sides : which of their sides (0 to 3) lie on the seam
     """
     mesh, closed, taken = layout.mesh, layout.cut | layout.mesh.border, []
     for _ in range(rows):
@@ -108,9 +110,9 @@ def _outline(mesh: QuadMesh, quads: Int[np.ndarray, " some"]) -> Int[np.ndarray,
 def _exchange_seams(
     layout: PatchLayout, symmetries: Sequence[Symmetry], blame: Float[np.ndarray, " quads"]
 ) -> Iterator[CutPlan]:
-    """Yield layouts with a new cut where the shape misses the target, and one of the least important seams joined.
+    """Yield plans with a new cut where the shape misses the target, and one of the least important seams joined.
 
-    blame : (F,) weighted mismatch, see ``fixable_mismatch``
+    blame : (F,) mismatch of every quad, weighted as in ``fixable_mismatch``
     """
     mesh, panels = layout.mesh, len(layout.patches)
     for edges, name in propose_cuts(layout, blame):

@@ -1,13 +1,14 @@
 """Prediction of how near a layout can come to its target, without a search.
 
 The prediction starts at the equilibrium of spirals adjusted to the curvature, or of an optimised layout's spirals. A
-Gauss-Newton step of spirals and flat shapes, within their bounds, leads to a second equilibrium. The prediction is the
-distance after a second step from there, if hubs moved linearly with the design. A search takes more steps; each further
-step is assumed to reduce the distance by the same factor as the second, or by less, the more coordinates of the design
-have reached their bounds by then. Strain limits are ignored.
+Gauss-Newton step changes spirals and flat shapes within their bounds and leads to a second equilibrium. There a second
+step is computed; the prediction is the distance after it if hubs moved linearly with the design. A search takes more
+steps; each further step is assumed to reduce the distance by the same factor as the second, or by less, the more
+coordinates of the design have reached their bounds by then. Strain limits are ignored.
 
-Over 82 layouts of 21 surfaces, with one further step as *Merge* shows it, the rank correlation with the results of
-searches is 0.96, and 78 % of predictions are within a factor of 1.5. ``bench layout --match`` measures this.
+For 82 layouts of 21 surfaces, the rank correlation with the results of searches is 0.96, and 78 % of the predictions
+are within a factor of 1.5 of these results (one further step assumed, as in *Merge*). ``bench layout --match`` measures
+both.
 """
 
 from __future__ import annotations
@@ -33,16 +34,18 @@ from ...spirals.design import SpiralDesign
 from ...spirals.fabricable import make_fabricable
 from .judge import FlatLayout, JudgedLayout, LayoutProblem, judge_shape, starting_spirals
 
-# Fractions of the first step, tried in turn until the distance decreases; more fractions: slower, hardly better
+# Fractions of the first step, tried in turn until the distance from the target decreases; more: slower, hardly better
 STEP_FRACTIONS = 1.0, 0.3
-# Share of the remaining progress for each Gauss-Newton matrix product (some 100 a step); changes the display only
+# Share of the remaining progress for each Gauss-Newton matrix product (some 100 a step); changes only the display
 PRODUCT_SHARE = 0.02
-# Penalty on a step over the whole range of one coordinate, as a share of the objective; larger: shorter, safer steps
+# Levenberg-Marquardt damping of coordinates that run from 0 to 1, as a share of the objective divided by their number;
+# larger: shorter, safer steps
 DAMPING = 1e-4
-# Share of the coordinates at their bounds, times this, by which a further step brings less than the second; above 1 it
-# brings nothing. Larger: worse predictions where coordinates are at their bounds (docs/tuning.md)
+# The share of the design's coordinates that are at their bounds, times BOUND_EFFECT, is the share by which a further
+# step brings less than the second; from 1 on it brings nothing. Larger: larger predicted distances if many coordinates
+# are at their bounds (docs/tuning.md)
 BOUND_EFFECT = 4.0
-# Distance from a bound, as a share of the range, at which a coordinate has reached it; any small value gives the same
+# Largest distance of a coordinate from its bound, as a share of its range, that counts as 0; any small value will do
 AT_BOUND = 1e-6
 
 
@@ -59,7 +62,7 @@ class PredictionStart:
 
     @classmethod
     def from_layout(cls, piece: LayoutProblem, flat: FlatPatches, progress: Progress = SILENT) -> PredictionStart:
-        """Return the start with ``starting_spirals``, changed where they cannot be cut in a layout.
+        """Return the start made of ``starting_spirals``, changed where they cannot be cut in a layout.
 
         Parameters
         ----------
@@ -77,7 +80,7 @@ class PredictionStart:
 
         Parameters
         ----------
-        width, twist : positions in each spiral's range, from 0 (narrowest, least twist) to 1
+        width, twist : positions in each spiral's range, from 0 (narrowest, least twist) to 1 (widest, most twist)
         """
         return replace(self, spirals=self.space.width_and_twist(self.space.uniform(width, twist)))
 
@@ -96,7 +99,7 @@ def predict(
     ----------
     piece : the surface, its supports and forces, and the settings
     flat : one of its layouts
-    start : start from any layout of the piece; saves half of the time. Default is made from this layout
+    start : start made from any layout of the piece; saves half of the time. By default it is made from ``flat``
     progress : called with the fraction done; may cancel
     further : steps after the second, each assumed to reduce the distance by the same factor as the second, or by less
         where coordinates are at their bounds
@@ -121,7 +124,7 @@ def judge_by_prediction(
     Parameters
     ----------
     piece : the surface, its supports and forces, and the settings
-    start : start from any layout of the piece
+    start : start made from any layout of the piece
     laid : the layout
     progress : called with the fraction done; may cancel
     """
@@ -148,7 +151,7 @@ def _solve_start(
     free, movable = problem.space.free_spirals, design.rim is None
     shapes = FlatRange.from_patches(
         flat, MAX_SHIFT, *limits, 0.0, flat, free, border=movable
-    )  # weight 0: ``update_stiffness`` decides it later
+    )  # the penalty weight is 0 here: ``with_updated_weights`` sets it later
     whole = FlatProblem.from_problem(problem, shapes)
     x = np.concatenate([problem.space.coordinates(design.width, design.twist), np.full(2 * len(shapes.span), 0.5)])
     return design, whole.point_at(x, target_pose(piece.mesh, flat.corners), progress).with_updated_weights()
@@ -169,7 +172,7 @@ def _predict_distance(design: SpiralDesign, point: FlatPoint, progress: Progress
             point.problem.restore_clearances(point.x + share * step, point.x), pose, progress.part(0.4, 0.6)
         )
         moved = _distance(after, after.equilibrium.pose)
-        # the value is infinite if flat shapes violate their limits
+        # the objective is infinite if flat shapes violate their limits
         if after.equilibrium.converged and np.isfinite(after.value) and moved < before:
             point, between = after.with_updated_weights(), moved
             step = _gauss_newton_step(point, progress.part(0.6, 1.0))
@@ -186,7 +189,7 @@ def _share_at_bounds(x: Float[np.ndarray, " coordinates"]) -> float:
 
 
 def _linearised_distance(point: FlatPoint, step: Float[np.ndarray, " coordinates"]) -> float:
-    """Return the RMS distance from the target, metres, after a step of the design if hubs move linearly with it."""
+    """Return the RMS distance from the target, metres, after a step of the design, if hubs moved linearly with it."""
     pose = point.equilibrium.pose
     return _distance(point, replace(pose, centres=pose.centres + point.hub_increments(step)[: len(pose.centres), :3]))
 
@@ -197,7 +200,7 @@ def _gauss_newton_step(point: FlatPoint, progress: Progress) -> Float[np.ndarray
     products = progress.shares(PRODUCT_SHARE)
 
     def product(way: np.ndarray) -> np.ndarray:
-        next(products)(0.0)  # reports, and is the only place where a step can be cancelled
+        next(products)(0.0)  # reports progress; the only place where the user can cancel a step
         return point.gauss_newton_product(way)
 
     point.precompute(progress)

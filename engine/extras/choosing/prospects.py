@@ -1,8 +1,8 @@
 """Ways to bring an optimised piece nearer to its target, each with the match that a short search reaches.
 
-A short search takes seconds, a prediction half of that, so only ways that are predicted to help get a search. When the
-user presses the button, the full search begins at the same start and has more time, so it comes at least as near, apart
-from small losses when the final outlines are checked.
+A short search takes seconds, a prediction half as long, so only ways that are predicted to help get a search. When the
+user presses the button of a way, the full search has the same start and more time. So it comes at least as near to the
+target as the short search, apart from small losses when the final outlines are checked.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ from .layout_changes import PLANS_PER_STEP, plans_with_cuts, weight_by_fixabilit
 from .predict import PredictionStart, predict
 
 BORDER, ROUND_FOLDS = "border", "round"  # ways beside ``LOWEST`` and ``CUT``: supports at the border, and rounded folds
-# Largest ratio of new to present distance at which a way is offered; larger: more buttons, and more that bring little
+# Largest ratio of new to present distance from the target at which a way is offered; larger: more buttons, more of them
+# with little gain
 WORTHWHILE_RATIO = 0.8
 MAX_SUPPORT_SHARE = 0.5  # largest share of quads to support; larger: too little of the piece is left to bend
 
@@ -50,16 +51,17 @@ def find_prospects(
     Parameters
     ----------
     found : simulation of the piece
-    limits : the reasons why it misses the target
+    limits : the reasons why the piece misses the target
     settings : settings with which it was optimised
-    supports, force : as in ``simulate``
+    supports : (k,) indices of supported quads; None if the piece has no supports yet, so that supports may be proposed
+    force : (F, 3) force on every quad, newtons, or None
     progress : called with the fraction done; may cancel
 
     Returns
     -------
     RMS distance from the target, percent of the size, that each way reaches; None if the piece is near enough already,
-    or has no equilibrium. ``LOWEST`` supports the lowest quads, ``BORDER`` those at the border, ``CUT`` adds cuts where
-    the shape misses the target, ``ROUND_FOLDS`` rounds the folds of the target, and its distance is from the rounded target
+    or has no equilibrium. ``LOWEST`` supports the lowest quads, ``BORDER`` those at the border. ``CUT`` adds cuts where
+    the shape misses the target. ``ROUND_FOLDS`` rounds the folds of the target; its distance is from the rounded target
     """
     now = found.target_distances["rms_percent"]
     if not found.equilibrium.converged or now <= wanted_percent(settings.choose):
@@ -87,7 +89,10 @@ def find_prospects(
 
 
 class _PredictionFilter:
-    """Predicts whether other layouts or supports bring a piece nearer; lets all pass for the rod model."""
+    """Predicts whether another layout or other supports bring a piece nearer to its target.
+
+    The rod model has no prediction; ``gains`` is then always true.
+    """
 
     def __init__(self, piece: LayoutProblem, flat: FlatPatches, progress: Progress) -> None:
         self.progress = progress
@@ -97,12 +102,16 @@ class _PredictionFilter:
         self.now = predict(piece, flat, self.start, progress) if self.start else np.inf
 
     def gains(self, piece: LayoutProblem, flat: FlatPatches) -> bool:
-        """Return whether the predicted distance is small enough, against the present one, to justify a search."""
+        """Return whether the predicted distance from the target is at most ``WORTHWHILE_RATIO`` times that predicted
+        for the present layout and supports."""
         return self.start is None or predict(piece, flat, self.start, self.progress) <= WORTHWHILE_RATIO * self.now
 
 
 def support_options(mesh: QuadMesh) -> list[tuple[str, Int[np.ndarray, " _"]]]:
-    """Return sets of quads, with names, at which a piece could be supported and still have enough free quads."""
+    """Return sets of quads, each with its name, at which a piece could be supported.
+
+    Sets with more than ``MAX_SUPPORT_SHARE`` of all quads are left out.
+    """
     border = np.unique(np.nonzero(mesh.border[mesh.quad_edges])[0])
     found: dict[bytes, tuple[str, np.ndarray]] = {}
     for name, quads in ((LOWEST, parse_supports(mesh, LOWEST)), (BORDER, border)):
@@ -118,9 +127,9 @@ def _distance_with_supports(
     promise: _PredictionFilter,
     progress: Progress,
 ) -> float:
-    """Return the RMS distance, percent of the size, after a short search with other supports.
+    """Return the RMS distance from the target, percent of its size, after a short search with other supports.
 
-    Infinite if there is no equilibrium, or if the prediction is not near enough.
+    Infinite if there is no equilibrium, or if the prediction promises too little gain.
     """
     settings = piece.settings
     if not promise.gains(replace(piece, supports=supports), found.design.flat):
@@ -145,9 +154,9 @@ def _distance_with_supports(
 
 
 def _distance_with_cuts(piece: LayoutProblem, idea: CutPlan, promise: _PredictionFilter, progress: Progress) -> float:
-    """Return the RMS distance, percent of the size, after a short search of another layout.
+    """Return the RMS distance from the target, percent of its size, after a short search of another layout.
 
-    Infinite if the layout cannot be flattened or has no equilibrium, or if the prediction is not near enough.
+    Infinite if the layout cannot be flattened or has no equilibrium, or if the prediction promises too little gain.
     """
     laid = flatten_cuts(piece, idea, progress=progress)
     if laid is None or not promise.gains(piece, laid.flat):
@@ -157,6 +166,7 @@ def _distance_with_cuts(piece: LayoutProblem, idea: CutPlan, promise: _Predictio
 
 
 def _mismatch(found: Simulation) -> Float[np.ndarray, " quads"]:
-    """Return each quad's mismatch, (F,) square metres: squared difference of Laplacian coordinates."""
+    """Return each quad's mismatch, (F,) square metres: squared difference of the Laplacian coordinates of its centre in
+    the simulated shape and in the target."""
     bends = laplacian_difference(found.assembly.pairs, found.equilibrium.pose.centres, found.target.centroids)
     return (bends**2).sum(axis=1)

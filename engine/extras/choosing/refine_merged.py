@@ -38,18 +38,21 @@ REPLACEMENT_RATIO = 0.9
 MAX_PANEL_GROWTH = (
     2  # largest ratio of panels to those of the present layout; larger: nearer to the target, more panels
 )
-# Gauss-Newton steps that a prediction extrapolates beyond its two. Larger: smaller expected distances; 0 predicts
-# worse, 2 is sometimes too optimistic
+# Number of steps that a prediction extrapolates beyond its two Gauss-Newton steps. Larger: smaller expected distances;
+# 0 predicts worse, 2 is sometimes too optimistic
 EXTRA_STEPS = 1
-# Predictions begin with uniform spirals if these reduce the expected distance below this share; larger: more often
+# Predictions start from uniform spirals if these reduce the expected distance below this share of the distance with
+# ``starting_spirals``; larger: more often
 UNIFORM_RATIO = 0.5
-# Share of the required distance below which a layout's expected distance must be; larger: fewer panels, less certain
+# Largest expected distance of a layout, as a share of the required distance; larger: fewer panels, less certain
 WANTED_SHARE = 0.9
-# Largest expected distance to report, as a share of a flat piece's; above it, the prediction never left the flat shape
+# Largest expected distance to report, as a share of a flat piece's distance from the target; if it is larger, the
+# predicted piece stayed nearly flat, and the figure would mislead
 MAX_REPORTED_SHARE = 0.95
-# Equal parts: largest numbers of panels, of divisions to flatten, and of divisions to predict; larger: more time
+# Division into equal parts: largest number of panels, of divisions to flatten, and of divisions to predict; larger:
+# more layouts, more time
 MAX_EQUAL_PARTS, MAX_FLATTENED, MAX_PREDICTED = 8, 6, 3
-# Factor on the compactness limit for equal parts; larger: longer strips (docs/tuning.md lists surfaces)
+# Factor on the compactness limit for equal parts; larger: longer strips. docs/tuning.md lists surfaces that need them
 STRIP_FACTOR = 1.1
 
 # Factors on the distortion limit up to which panels below the smallest size may join a neighbour; larger: fewer small
@@ -66,7 +69,7 @@ def refine_merged(
     """Return another layout if the present one is expected to miss the required match.
 
     Cuts along the folds, merging under tighter limits and division into equal parts are tried in this order. A layout
-    along the folds also replaces one with more panels, if both are expected to meet the match. Panels below the
+    cut along the folds also replaces one with more panels if it is expected to meet the match. Panels below the
     smallest size may join neighbours beyond the distortion limit if the expected match does not suffer. Each connected
     body is treated as a piece of its own.
 
@@ -83,12 +86,12 @@ def refine_merged(
     for each body the first layout whose expected distance is below ``WANTED_SHARE`` of the match, else the one with the
     least expected distance; ``flat`` itself if no other is better.
 
-    Layouts are compared after the cuts that make their panels fit the sheet, and may then have at most ``MAX_PANEL_GROWTH`` times
-    as many panels as ``flat``; the returned layout does not contain these cuts.
+    Layouts are compared after panels that are too large for a sheet were cut. They may then have at most
+    ``MAX_PANEL_GROWTH`` times as many panels as ``flat``. The returned layout does not contain these cuts.
 
-    The notes of the layout get ``expected_percent``, the RMS distance from the target that a search is expected to
-    reach, as a percentage of the size, unless it cannot be predicted or nearly equals a flat piece's. If arms are
-    likely to break, they get ``strain_softest`` (see ``strain_of_softest``) instead.
+    ``expected_percent`` is written to the notes of the layout: the RMS distance from the target that a search is
+    expected to reach, as a percentage of the size. It is left out if it cannot be predicted or nearly equals a flat
+    piece's distance. If arms are likely to break, ``strain_softest`` (see ``strain_of_softest``) is written instead.
     """
     mesh = piece.mesh
     if params.goal != "match" or piece.settings.simulate.model == "rod" or is_flat(mesh):
@@ -106,7 +109,8 @@ def refine_merged(
 def _refine_bodies(
     piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, params: ChooseParams, progress: Progress
 ) -> tuple[FlatPatches, float]:
-    """Apply ``_refine_body`` to each connected body; return the whole layout and its expected distance."""
+    """Apply ``_refine_body`` to each connected body; return the whole layout and its expected RMS distance from the
+    target, a share of the whole surface's size."""
     mesh, spirals = piece.mesh, starting_spirals(piece)  # computed for all bodies together, as the search does
     piece = replace(piece, spirals=spirals)
     cut, corners, squares = flat.layout.cut.copy(), flat.corners, 0.0
@@ -146,7 +150,7 @@ def _refine_body(
     if left == np.inf:
         return flat, left
     limits, wanted = piece.settings.layout, WANTED_SHARE * 0.01 * params.match
-    if left > wanted:  # a search also tries uniform spirals as its start
+    if left > wanted:  # searches try uniform spirals as a second start, so predictions do too
         uniform = start.with_uniform_spirals()
         from_uniform = _predict_match(piece, fitted, uniform, next(parts))
         if from_uniform < UNIFORM_RATIO * left:
@@ -231,6 +235,7 @@ def _under_tighter_limits(
 ) -> Iterator[FlatPatches]:
     """Yield layouts merged under ever tighter distortion limits, until the next would have too many panels.
 
+    begun : the patches from which merging starts; flat : the present layout
     most : largest number of panels; parts : successive parts of the progress
     """
     limits, last = piece.settings.layout, flat
@@ -250,12 +255,12 @@ def _under_tighter_limits(
 def _in_equal_parts(
     piece: LayoutProblem, flat: FlatPatches, most: int, parts: Iterator[Progress]
 ) -> Iterator[FlatPatches]:
-    """Yield layouts of equal strips, rings or petals that keep all limits, the compactness limit raised by ``STRIP_FACTOR``.
+    """Yield layouts of equal strips, rings or petals that keep all limits; ``STRIP_FACTOR`` raises that on compactness.
 
-    The least distorted layout for each number of panels is yielded, fewest panels first. Smooth tubes and strips need
-    these: tracing may give them too few patches to come near the target, and merging under tighter limits adds none.
+    For each number of panels the least distorted layout is yielded, fewest panels first. Smooth tubes and strips need
+    such layouts: tracing may give them too few patches to come near the target, and merging never adds patches.
 
-    most : largest number of panels; parts : successive parts of the progress
+    flat : the present layout; most : largest number of panels; parts : successive parts of the progress
     """
     mesh, limits = piece.mesh, piece.settings.layout
     if most > MAX_EQUAL_PARTS:
@@ -269,7 +274,7 @@ def _in_equal_parts(
         if len(sketch.patches) <= most:
             rated = round(panel_curvature(sketch), 9), number, CutPlan(cut, name)
             sketches.setdefault(len(sketch.patches), []).append(rated)
-    # first the sketch with the least curved panels for each number of parts, then the second for each, and so on
+    # first, for each number of parts, the division with the least curved panels; then the second best for each, etc.
     ranked = [one for same in zip_longest(*map(sorted, sketches.values())) for one in same if one is not None]
     best: dict[int, FlatPatches] = {}
     for _, _, idea in progress.each(ranked[:MAX_FLATTENED], "Dividing into equal parts"):
@@ -282,14 +287,14 @@ def _in_equal_parts(
 
 
 def _with_longer_strips(limits: LayoutParams) -> LayoutParams:
-    """Return the limits with the compactness limit of equal parts; notes on layouts mention only panels beyond it."""
+    """Return a copy of the limits with the compactness limit multiplied by ``STRIP_FACTOR``."""
     return replace(limits, compactness_limit=STRIP_FACTOR * limits.compactness_limit)
 
 
 def _symmetry_notes(flat: FlatPatches, *, symmetric: bool) -> dict[str, object]:
-    """Return notes on the symmetries that a layout keeps.
+    """Return notes for users on the symmetries that a layout keeps.
 
-    Empty if the layout already has such notes, if it need not be symmetric, or if the surface has no symmetry.
+    Empty if the layout already has such notes, if it need not be ``symmetric``, or if the surface has no symmetry.
     """
     layout = flat.layout
     if "symmetry" in layout.notes or not symmetric:
@@ -304,7 +309,7 @@ def _count_panels(flat: FlatPatches) -> int:
 
 
 def _fit_sheet(piece: LayoutProblem, flat: FlatPatches, progress: Progress) -> FlatPatches:
-    """Cut panels that do not fit the sheet; return the layout unchanged if single quads do not fit."""
+    """Return the layout with cuts through panels that do not fit the sheet; unchanged if single quads do not fit."""
     try:
         return split_to_sheet(flat, piece.settings.layout, piece.settings.sheet, progress.quiet())
     except FlexMapsError:  # the next stage reports this

@@ -16,8 +16,8 @@ from .predict import PredictionStart
 def strain_of_softest(piece: LayoutProblem, flat: FlatPatches, progress: Progress = SILENT) -> float | None:
     """Return the largest strain at equilibrium with the softest spirals that can be cut.
 
-    This is nearly a lower bound: stiffer spirals have larger strains, but a search can relieve single arms through
-    their neighbours.
+    This is nearly a lower bound for all designs: stiffer spirals have larger strains, but a search can reduce the
+    strain of single arms by changing their neighbours.
 
     Parameters
     ----------
@@ -27,7 +27,8 @@ def strain_of_softest(piece: LayoutProblem, flat: FlatPatches, progress: Progres
 
     Returns
     -------
-    strain divided by the limit of the material; None if there is no equilibrium, or no room for spirals
+    strain as a share of the material's limit; None if there is no equilibrium, no room for spirals, or no strain in the
+    chosen model
     """
     settings = piece.settings
     try:

@@ -26,16 +26,16 @@ from ..choosing.judge import FlatLayout, JudgedLayout, LayoutProblem, judge
 from .space import SIZES, Values
 
 DECIMALS = 9  # decimals to which measures are rounded, so that rounding errors of flat pieces become 0
-# duration of a candidate's search, as a share of the optimiser's patience (as ``judge.SHORT_SHARE``); larger: better, slower
+# duration of a candidate's search, as a share of the optimiser's patience; larger: better designs, slower
 EFFORT = 0.15
 PICTURE_WIDTH = 220.0  # width of a candidate's picture, pixels
 
 
 @dataclass(frozen=True, eq=False)
 class StartSurface:
-    """Mesh and layout that candidates begin with.
+    """Quad mesh from which candidates are made, and its layout.
 
-    cut : (E,) whether an edge is cut; unused if the layout is varied
+    cut : (E,) whether an edge is cut; unused if settings of the layout are varied
     """
 
     mesh: QuadMesh
@@ -105,7 +105,7 @@ def evaluate_candidate(base: ExplorationInput, values: Values) -> Candidate:
 
 
 def _scale_mesh(mesh: QuadMesh, values: Values) -> QuadMesh:
-    """Scale the mesh to the median edge or the height, millimetres, in ``values``, if there is either."""
+    """Return the mesh scaled to the median edge or the height, millimetres, in ``values``; unchanged without either."""
     if "edge" in values:
         return mesh.with_vertices(mesh.vertices * (values["edge"] / 1e3 / mesh.median_edge))
     if "height" in values:
@@ -134,7 +134,7 @@ def _flatten_candidate(
 
 
 def _measure(judged: JudgedLayout, settings: Settings, material: Material) -> dict[str, float]:
-    """Return the measures of a candidate, rounded to four significant digits; infinite values are left out."""
+    """Return the measures of a candidate by name, with four significant digits; infinite values are left out."""
     made, mesh = make_proposal(judged, settings, material), judged.laid.flat.layout.mesh
     found = {
         "rms_percent": 100.0 * judged.rms,
@@ -166,7 +166,7 @@ def failed_candidate(values: Values, error: Exception) -> Candidate:
     Parameters
     ----------
     values : values of the variables
-    error : what was raised
+    error : the exception
     """
     what = (
         str(error) if isinstance(error, FlexMapsError) else f"A fault of the program, {type(error).__name__}: {error}"

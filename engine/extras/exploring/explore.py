@@ -27,14 +27,16 @@ from .candidate import Candidate, ExplorationInput, evaluate_candidate, failed_c
 from .space import SearchSpace, Values
 
 SOBOL_SHARE = 0.35  # share of candidates spread evenly; larger: wider search, fewer candidates near the best ones
-# largest number of candidates in a batch; larger: more cores are busy, but farther from the optimum
+# largest number of candidates in a batch; larger: more cores are busy, but candidates are farther from the optimum
 MAX_POPULATION = 12
-# weights of the first measure, in turn from batch to batch, so that the whole front improves; the second has the rest
+# weights of the first measure, one per batch in turn, so that the whole front improves; the second measure has the
+# weight 1 minus this
 WEIGHTS = (0.5, 0.8, 0.2)
 MIN_POPULATION = 5  # smallest population that scipy accepts
 MUTATION_RANGE = (0.4, 0.9)  # range of the mutation factor, drawn anew for every batch; larger: wider steps
 MAX_MISS = 1e6  # upper limit of a shortfall from the goals, so that missing measures give a finite number
-MAX_IDLE_BATCHES = 3  # the evolution ends after so many successive batches without a new candidate, one for each weight
+# number of successive batches without a new candidate after which the evolution ends: one for each weight
+MAX_IDLE_BATCHES = 3
 
 OnCandidate = Callable[[Candidate], None]
 
@@ -248,9 +250,10 @@ def _evolve(search: _RunningExploration, seed: int) -> None:
 def _next_generation(search: _RunningExploration, weight: float, seed: int) -> list[Values]:
     """Return the values of the next generation of differential evolution.
 
-    scipy breeds it from the best candidates; ``record`` catches the points, and no objective is evaluated.
+    scipy makes it from the best candidates; ``record`` stores the points that scipy proposes, and no objective is
+    evaluated.
 
-    weight : weight of the first minimised measure
+    weight : weight of the first minimised measure, 0 to 1
     """
     from scipy.optimize import differential_evolution
 
@@ -274,7 +277,13 @@ def _next_generation(search: _RunningExploration, weight: float, seed: int) -> l
 
 
 def _merits(space: SearchSpace, known: Sequence[Candidate], weight: float) -> Float[np.ndarray, " candidates"]:
-    """Return the objective of the evolution: shortfall from the goals first, then weighted ranks in both measures."""
+    """Return the objective of the evolution for each candidate; smaller is better.
+
+    It is the weighted mean of the candidate's ranks in both measures, as shares of the number of candidates. A
+    candidate that misses goals gets 1 plus its shortfall in addition, so that it comes after all that meet them.
+
+    weight : weight of the first measure, 0 to 1
+    """
     pairs = np.array([_minimised_pair(space, one) for one in known])
     first, second = (np.searchsorted(np.unique(column), column) / len(column) for column in pairs.T)
     missed = np.array([min(space.shortfall(one.measures), MAX_MISS) for one in known])

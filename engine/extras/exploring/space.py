@@ -21,7 +21,7 @@ Values = dict[str, Any]
 SIZES = ("edge", "height", "quads")
 # sections of the settings that a candidate depends on
 SECTIONS = ("layout", "choose", "spiral", "sheet", "material", "simulate", "optimise")
-DIGITS = 4  # significant digits of varied values; more: longer to read. Widths in mm are exact to 1 um
+DIGITS = 4  # significant digits of varied values; more: longer to read. With 4, widths in mm are exact to 1 um
 # names of a candidate's measures, and their labels with units
 MEASURES = {
     "rms_percent": "RMS distance (%)",
@@ -74,7 +74,7 @@ class Goal:
     def shortfall(self, measures: Mapping[str, float]) -> float:
         """Return how far the measure is beyond its limit, as a share of the limit; 0 if the goal is met.
 
-        A goal whose measure is missing is missed infinitely far.
+        The shortfall is infinite if ``measures`` lacks the goal's measure.
         """
         value = measures.get(self.measure, math.inf if self.most else -math.inf)
         over = value - self.limit if self.most else self.limit - value

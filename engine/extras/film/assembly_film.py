@@ -1,9 +1,9 @@
 """Film of the assembly: panels fly from the table to their places and are joined seam by seam.
 
-A step of the film adds one panel, in the order of ``joining.assembly_steps``. After every few joints the joined panels are in a
-stage (``unfinished_pieces``): their equilibrium, floating and without weight. Between two stages hubs turn evenly, and
-joints that are closed stay closed (``blend``). Arms are bent for each shape by ``mechanics.arms.bent``; arms at a seam
-that is being closed gradually take up their final wrench, so that their tips meet when it is closed.
+A step of the film adds one panel, in the order of ``joining.assembly_steps``. After every few joints the joined panels
+are in a stage (``unfinished_pieces``): their equilibrium, floating and without weight. Between two stages hubs turn
+evenly, and closed joints stay closed (``pose_blend``). Arms are bent by ``mechanics.arms.bent``; those at a seam that
+is being closed gradually take up their final wrench, so that their tips meet when the seam is closed.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ FLIGHT_TIME, CLOSING_TIME = 0.6, 0.9
 HOVER_DISTANCE = 0.15
 # panels whose hubs move less than this keep their stored shape; quad edges or radians. Larger: fewer shapes
 SHAPE_TOLERANCE = 0.05
-# largest deviation from linear motion between stored shapes, quad edges (smaller: smoother), and most shapes per stage
+# largest deviation from linear motion between shapes, quad edges (smaller: smoother); most shapes of a panel per stage
 PATH_TOLERANCE, MAX_SHAPES = 0.05, 8
 # largest gap of joined tips between two stages, quad edges, before it is spread along the arms; smaller: slower
 TIP_GAP = 1e-3
@@ -318,9 +318,9 @@ class _TrackRecorder:
         return out
 
     def _pieces(self, blend: PoseBlend) -> tuple[np.ndarray, np.ndarray]:
-        """Return how many linear pieces approximate every panel's bending, and its motion: (N,) powers of two.
+        """Return how many linear pieces approximate each panel's bending, and how many its motion: (N,) powers of two.
 
-        Points move on evenly curved paths: with n pieces, the deviation from straight lines is 1 / n^2 as large.
+        As points move on evenly curved paths, n pieces deviate from the path 1 / n^2 as much as one piece.
         """
         poses = (blend.start, blend.at(0.5), blend.end)
         bending = np.zeros(len(self.reels))
@@ -333,7 +333,7 @@ class _TrackRecorder:
         return np.minimum(shapes, MAX_SHAPES), np.minimum(ways, 2 * MAX_SHAPES)
 
     def _points(self, pose: Pose) -> np.ndarray:
-        """Return (F, 2, 3) two points of every hub, about where joints are, in its panel's frame, metres."""
+        """Return (F, 2, 3) two points of every hub, near its joints, in the frame of its panel, metres."""
         seen = self._relative_to_panels(pose)
         return seen.centres[:, None] + 0.5 * self.edge * np.swapaxes(seen.rotations[:, :, :2], 1, 2)
 
@@ -366,7 +366,7 @@ class _TrackRecorder:
                 self.reels[p].move(time, turns[p], places[p] + [0.0, 0.0, self.lift])
 
     def _remember(self, end: Pose, bending: np.ndarray) -> None:
-        """Store a pose as the last recorded one of the panels ``bending``."""
+        """Store a pose as the last recorded pose of the panels ``bending`` (their indices)."""
         quads = np.isin(self.patch, bending)
         seen, over = self._relative_to_panels(end), self._across_joints(end)
         self.seen.centres[quads], self.seen.rotations[quads] = seen.centres[quads], seen.rotations[quads]

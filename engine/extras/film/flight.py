@@ -7,19 +7,19 @@ import numpy as np
 from ...arrays import Float
 from ...mechanics.vectors import rotation_matrix, rotation_vector
 
-WAYPOINTS = 9  # points of the arc, joined by straight motion; more: smoother
+WAYPOINTS = 9  # number of points on the arc, between which the panel moves straight; more: smoother
 
 
 def flight_path(
     table: Float[np.ndarray, " 3"], place: Float[np.ndarray, " 3"], turn: Float[np.ndarray, "3 3"],
     size: float, shape: Float[np.ndarray, "vertices 3"], ground: float,
 ) -> tuple[Float[np.ndarray, " times"], Float[np.ndarray, "times 3 3"], Float[np.ndarray, "times 3"]]:  # fmt: skip
-    """Return a panel's flight: fractions of the time, 0 to 1, and rotation and position (metres) of its frame at each.
+    """Return a panel's flight: fractions of the time, 0 to 1, and at each the rotation and position of its frame.
 
     Parameters
     ----------
-    table : initial position, metres; the frame is parallel to the world's there
-    place, turn : final position, metres, and rotation
+    table : initial position of the panel's frame, metres; its axes are parallel to the world's there
+    place, turn : final position, metres, and rotation of the frame
     size : size of the whole piece, metres
     shape : vertices of the panel in its own frame, metres
     ground : height above which the panel stays, metres

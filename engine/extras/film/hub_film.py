@@ -25,9 +25,9 @@ class HubActors:
 
     @property
     def reach(self) -> float:
-        """Distance from the centre to the axis points, metres: about as far as the joints.
+        """Distance from the centre to the points on the axes, metres: about as far as the joints.
 
-        So the points cover the whole panel, which must not go below the table.
+        So the points represent the whole panel when it is kept above the table.
         """
         return 0.5 * self.design.flat.layout.mesh.median_edge
 
@@ -66,11 +66,11 @@ def make_hub_film(
     Parameters
     ----------
     hubs : the hubs of a design
-    pose : their final pose
+    pose : final pose of the hubs
     table : initial position of every patch's origin, metres
     material, params : material, elastic model and solver for the equilibria of unfinished pieces
     progress : called with the fraction done; may cancel
-    resting : whether to compute these equilibria; otherwise every panel has its final shape when it arrives
+    resting : whether to compute equilibria of unfinished pieces; if False, every panel arrives in its final shape
 
     Raises
     ------

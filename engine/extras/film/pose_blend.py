@@ -19,12 +19,14 @@ from ...mechanics.vectors import matvec, rotation_matrix, rotation_vector
 class PoseBlend:
     """Path from one pose (0) to another (1): hubs turn about fixed axes, and joined hubs move so that they stay joined.
 
-    part : connected component of every hub
+    start, end : the two poses
+    part : index of the connected component of hubs to which each hub belongs
     pairs : the two hubs of every joint
     lever : vectors from both hubs to the joint, in the frames of the hubs, metres
-    turns : rotation vectors, in space, from the first to the second pose
+    turns : rotation vector of every hub, in space, from the first to the second pose
     gaps : gap vectors of the joints in both poses, in the frame half-way between their hubs, metres
-    solve : least-squares solver: shifts (n, 3) of the hubs that change the gaps by given vectors (m, 3)
+    solve : function that returns the shifts (n, 3) of the hubs which change the gaps by given vectors (m, 3), in the
+        least-squares sense
     """
 
     start: Pose
@@ -71,12 +73,12 @@ class PoseBlend:
         left = (1.0 - share) * self.gaps[0] + share * self.gaps[1]
         wanted = matvec(_half_way_frames(here, self.pairs), left) - _joint_gaps(here, self.pairs, self.lever)
         moved = self.solve(wanted)
-        # the mean of each part moves along a straight line
+        # subtract the mean shift of each component, so that its centre moves along a straight line
         return Pose(centres + moved - part_means(moved, self.part)[self.part], here.rotations)
 
 
 def part_means(points: Float[np.ndarray, "hubs k"], part: Int[np.ndarray, " hubs"]) -> Float[np.ndarray, "parts k"]:
-    """Return the mean of the points in every part, (parts, k)."""
+    """Return the mean (parts, k) of the points in every part; ``part``: index of each point's part."""
     count = np.bincount(part)
     return np.stack([np.bincount(part, x) for x in points.T], axis=1) / np.maximum(count, 1)[:, None]
 
@@ -94,7 +96,7 @@ def _half_way_frames(pose: Pose, pairs: np.ndarray) -> np.ndarray:
 
 
 def _unwind(turns: np.ndarray, graph: sparse.csr_matrix, part: np.ndarray) -> np.ndarray:
-    """Add whole turns to rotation vectors (n, 3) so that neighbours differ little, and rolled panels unroll."""
+    """Add whole turns to rotation vectors (n, 3), so that neighbours' differ little and rolled panels unroll."""
     out = turns.copy()
     size = np.linalg.norm(turns, axis=1)
     if size.max(initial=0.0) < 0.5 * np.pi:  # no rotation vector is ambiguous

@@ -1,13 +1,14 @@
 """Unfinished pieces: equilibrium shapes of the panels joined so far.
 
-A stage is a static equilibrium of the whole piece's elastic model without the joints that are still open. The piece
-floats freely, without weight, supports or forces, and is placed rigidly to fit its position in the finished piece best.
-A loose panel is flat.
+A stage is a static equilibrium of the whole piece's elastic model without the joints that are still open. The
+unfinished piece floats freely, without weight, supports or forces, and is moved rigidly to fit its position in the
+finished piece best. A loose panel is flat.
 
 The stages are computed backwards. The finished piece is taken apart joint by joint in the reverse order of
-``joining.assembly_steps``, and after some joints the rest relaxes from its last shape: nothing has to be pulled together, and
-energy only decreases. Where a part, such as a ring, springs open too far for the solver, the opened joints are first
-weakened gradually. If an unfinished piece has several equilibria, this finds the one that leads to the finished piece.
+``joining.assembly_steps``. After every few joints the remaining piece relaxes from its last shape, so nothing has to be
+pulled together, and energy only decreases. If a part, such as a ring, springs open too far for the solver, the opened
+joints are first weakened gradually. If an unfinished piece has several equilibria, this finds the one that leads to the
+finished piece.
 """
 
 from __future__ import annotations
@@ -41,15 +42,15 @@ STIFFNESS_SHARES = 10.0 ** -np.arange(1.0, 13.0)
 class UnfinishedPiece:
     """Equilibrium of an unfinished piece.
 
-    step : index of the step of ``joining.assembly_steps`` in which its last panel arrives
-    seam : name of the seam closed last, empty before the first
-    hubs : spirals of its panels
+    step : index of the step of ``joining.assembly_steps`` in which the last panel arrives
+    seam : name of the seam closed last; "" if none is closed yet
+    hubs : indices of the spirals of the panels joined so far
     closed : (m,) whether the joint at each inner edge is closed
     share : share of the step's joints that are closed
     pose : pose of the hubs, fitted to their positions in the finished piece
     energy : elastic energy, J
-    whole : whether it is a finished body, in the final pose
-    solved : whether it is an equilibrium; otherwise it has the shape of the next equilibrium
+    whole : whether this is a finished body, in the final pose
+    solved : whether the pose is an equilibrium; otherwise it is the pose of the following stage
     """
 
     step: int
@@ -205,7 +206,7 @@ class _Disassembly:
             found = solve(self._model(here), pose, loads, self.params, quiet)
         if not found.converged:
             return None
-        # a panel that few joints hold counts little when the piece is fitted to its final position
+        # a panel that only few joints hold yet gets little weight when the piece is fitted to its final position
         weight = np.where(self.layout.patch_of[here.hubs] == panel, here.share, 1.0)
         pose = _fit_rigidly(found.pose, self.end.part(here.hubs), weight, 0.5 * self.layout.mesh.median_edge)
         return replace(here, pose=pose, energy=found.energy)
@@ -226,9 +227,9 @@ def flat_panel_pose(design: SpiralDesign, hubs: Int[np.ndarray, " hubs"], there:
 
 
 def _fit_rigidly(pose: Pose, there: Pose, weight: np.ndarray, reach: float) -> Pose:
-    """Move a pose rigidly to fit another pose best, with weights (n,) of the hubs.
+    """Return ``pose`` moved rigidly to fit the pose ``there`` best, with weights (n,) of the hubs.
 
-    Axes of the hubs, ``reach`` metres long, are fitted as well, so that hubs in a row define an orientation too.
+    Axes of the hubs, ``reach`` metres long, are fitted too, so that also hubs in a straight row define an orientation.
     """
     share = weight / weight.sum()
     own, aim = share @ pose.centres, share @ there.centres
@@ -239,7 +240,7 @@ def _fit_rigidly(pose: Pose, there: Pose, weight: np.ndarray, reach: float) -> P
 
 
 def _body_of_patches(layout: PatchLayout) -> np.ndarray:
-    """Return (N,) the connected body of every patch: an index that patches joined by seams have in common."""
+    """Return (N,) the body of every patch, as an index that is equal for patches which seams join directly or not."""
     body = np.arange(len(layout.patches))
     for edges in layout.seams:
         one, two = body[layout.patch_of[layout.mesh.edge_quads[edges[0]]]]
@@ -254,8 +255,8 @@ def _body_of_patches(layout: PatchLayout) -> np.ndarray:
 def joint_batches(layout: PatchLayout, step: AssemblyStep) -> list[tuple[str, Int[np.ndarray, " _"]]]:
     """Return the batches of joints that a step closes one after another: name of the seam, and indices of inner edges.
 
-    Seams within the panel come last, because nothing holds the panel before the others; along a seam, joints are closed
-    from the end where the panel is already joined.
+    Seams within the panel come last, because nothing holds the panel before its other seams are joined. Along a seam,
+    joints are closed from the end where the panel is already joined.
 
     Parameters
     ----------

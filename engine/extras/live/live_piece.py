@@ -22,8 +22,8 @@ from .live_state import LiveState
 # relative residual at which a live piece counts as at rest; larger: fewer steps, less exact (1e-4 mm on domes)
 TOLERANCE = 1e-5
 SLICE_SECONDS = 0.015  # computing time before ``advance`` returns a shape, seconds; larger: fewer frames per second
-# A motion beyond JUMP may be a snap; it is a snap if the shape stays farther than AWAY from the earlier shape when the
-# change is undone. Unit: mean distance of neighbouring hubs; larger: fewer snaps are reported
+# Unit: mean distance of neighbouring hubs. A motion beyond JUMP_DISTANCE may be a snap; it is one if the piece stays
+# farther than SNAP_DISTANCE from its earlier shape when the change is undone. Larger: fewer snaps are reported
 JUMP_DISTANCE, SNAP_DISTANCE = 1.0, 0.1
 RETURN_STEPS = 60  # largest number of Newton steps for the return to the earlier shape; pieces that return need 5 to 60
 STORED_POSES = 24  # number of stored equilibria for immediate undo and redo; larger: more memory
@@ -37,7 +37,7 @@ class LiveEquilibrium:
     centres : centres of the hubs, metres; None before the first shape
     quads : vertex indices of the quads
     distance : distance of every hub from its quad's centre in the target, metres
-    resting : whether no work is left
+    resting : whether ``LivePiece.advance`` has nothing left to compute
     converged : whether the piece is at an equilibrium
     problem : why there is no equilibrium after the last change, else ""
     snapped : largest motion of a spiral if the piece snapped, millimetres, else 0
@@ -111,7 +111,7 @@ class LivePiece:
             return
         if old is not None and old.rig.mesh.quads is not rig.mesh.quads:
             self._rest_poses, self._rest = OrderedDict(), None
-        # a stored pose needs no transformation, because equal inputs have equal flat frames
+        # the pose stored for an equal input is used as it is, because its flat frames are equal too
         self._now = RigPose(rig, pose if stored is None else stored)
         self._refusal, self._problem, self._snapped = "", "", 0.0
         self._work = self._solve(stored is not None)

@@ -1,8 +1,8 @@
 """Model, loads and mesh of a live piece, built from its input; parts that a change does not affect are reused.
 
-A change rebuilds the patches whose seams or vertices changed, and the joints whose spirals or rest geometry changed. If
-many joints changed, two slow and less important parts are approximate at first: the second-order strains and the
-weights of the spirals. ``LiveState.refine`` computes them when the piece is at equilibrium.
+A change rebuilds the patches whose seams or vertices changed, and the joints whose spirals or rest geometry changed.
+Two quantities that are slow to compute and less important are approximate at first: the weights of the spirals and, if
+many joints changed, the second-order strains. ``LiveState.refine`` computes them when the piece is at equilibrium.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from ...surface.checking import check
 from ...surface.mesh import PolygonMesh, QuadMesh
 from .live_input import LiveInput, equal_inputs
 
-# number of joints whose second-order strains are computed in one step (15 ms); larger: the live shape is jerky
+# largest number of joints whose second-order strains are computed in one step (15 ms); larger: the live shape is jerky
 BATCH = 500
 # absolute and relative tolerance of stored distortions, which .blend files keep in single precision
 ROUNDING = (1e-4, 0.02)
@@ -42,7 +42,7 @@ class LiveState:
 
     given : the input
     mesh, flat, assembly, model : target, flat patches, spirals with joints, and elastic model
-    aim : pose of the hubs on the target
+    aim : pose of the hubs in the target
     loads, system : supports and forces, and the linear system of Newton's method
     rough : whether the second-order strains of a joint are those of an earlier design
     area : area of every spiral's material, square metres; None without gravity
@@ -72,7 +72,7 @@ class LiveState:
         given : the input
         old : earlier state, whose unaffected parts are reused
         start : present pose of the hubs of ``old``; supported hubs are moved to their places in the target. Default is
-            the pose of all hubs on the target
+            the pose of all hubs in the target
 
         Raises
         ------
@@ -207,7 +207,7 @@ def _changed_joints(assembly: Assembly, material: Any, old: Assembly, given: Liv
 def _replace_joints(
     model: ArmModel, part: ArmModel, assembly: Assembly, joints: Int[np.ndarray, " j"], material: Any
 ) -> ArmModel:
-    """Replace some joints of a model.
+    """Return a copy of a model with some joints replaced.
 
     model : the whole model; part : a model of the new joints only
     assembly, material : assembly and material of the result; joints : indices of the replaced joints
@@ -260,7 +260,7 @@ def _make_loads(given: LiveInput, area: Float[np.ndarray, " quads"] | None) -> L
 
 
 def _adapt_pose(pose: Pose, flat: FlatPatches, old: LiveState | None) -> Pose:
-    """Adapt a pose to new flat patches: rotations of hubs refer to flat quads, which may have turned."""
+    """Convert a pose to new flat patches: rotations of hubs refer to flat quads, which may have turned."""
     if old is None or old.flat is flat or len(pose.centres) != len(flat.corners):
         return pose
     before, now = (

@@ -17,11 +17,12 @@ from .scan_target import TriangleSurface
 
 # largest distance of scan points that belong to the piece, as a share of its size; larger: more of other objects counts
 MAX_DISTANCE = 0.1
-# smallest cosine between a quad's normal and the direction to a point over it (32 degrees); at larger angles the point
-# lies beyond a border
+# smallest cosine of the angle between the normal and the direction to a point (32 degrees); at larger angles the point
+# lies beside the piece's border
 MIN_COSINE = 0.85
 MEDIAN_POINTS = 15  # number of points whose median is a spiral's distance; larger: less scatter, less local
-# smallest number of points over a spiral, as a share of the usual number; fewer are outliers in a gap of the scan
+# smallest number of points over a spiral, as a share of the median number; if there are fewer, they are taken for
+# outliers in a gap of the scan
 MIN_DENSITY = 0.15
 MIN_SPIRAL_POINTS = 3  # smallest number of points over a spiral; fewer may all be outliers
 MIN_COVERAGE = 0.3  # smallest share of the spirals that a scan must cover; larger: more partial scans are rejected
@@ -35,14 +36,15 @@ MAX_SIZE_RATIO = 10.0  # largest ratio of the sizes of scan and piece, either wa
 class Comparison:
     """A scan registered to a piece.
 
-    turn, shift : ``scale * scan @ turn.T + shift`` is the registered scan, metres
+    turn, shift : rotation and shift, metres; ``scale * scan @ turn.T + shift`` is the registered scan
     scale : metres per unit of the scan
     points, used : registered points, metres, and whether each belongs to the piece
-    distances : distance from every spiral's centre to the scan along its normal, metres; NaN without points
+    distances : signed distance of the scan from the piece along the normal at every spiral, metres; NaN if the scan has
+        too few points there
     size : the piece's diagonal, metres
     noise : standard deviation of the scan about the piece's shape, metres
     name : name of the scan
-    simulated : True if it is compared with the simulated shape, False if with the target
+    simulated : True if the scan is compared with the simulated shape, False if with the target
     remarks : sentences for the reader of the report
     """
 
@@ -124,7 +126,7 @@ def compare_scan(mesh: QuadMesh, scan: Scan, simulated: bool = False, progress: 
     middle, size = (used.min(axis=0) + used.max(axis=0)) / 2, float(np.linalg.norm(np.ptp(used, axis=0)))
     kept = points[np.random.default_rng(0).permutation(len(points))[:MAX_POINTS]].astype(float)
     scale, remarks = _find_unit(kept, size, scan.unit)
-    # centre the scan first: surveyors' coordinates may be kilometres, and digits would be lost
+    # centre the scan before scaling: coordinates from surveying may be kilometres, and digits would be lost
     centre = np.median(kept, axis=0)
     surface = TriangleSurface.from_mesh(mesh, middle, size)
     local = scale / size * (kept - centre)
@@ -183,10 +185,10 @@ def _find_unit(points: np.ndarray, size: float, unit: str) -> tuple[float, tuple
 def _distances(
     mesh: QuadMesh, surface: TriangleSurface, laid: np.ndarray, found: Registration
 ) -> tuple[np.ndarray, Bool[np.ndarray, " points"]]:
-    """Return the distance of every spiral to the scan, as a share of the size, and which points belong to the piece.
+    """Return the signed distance of the scan at every spiral, a share of the size, and which points are of the piece.
 
-    The distance is the median over the points whose closest points on the piece are nearest to the spiral's centre,
-    within half a quad edge, so that a few outliers do not matter.
+    For every spiral those points are taken whose closest points on the piece are nearest to its centre, within half a
+    quad edge. Their median distance is used, so that a few outliers do not matter.
     """
     from scipy.spatial import cKDTree
 

@@ -1,10 +1,10 @@
 """Fit many poses of a scan to a surface at once by robust, iteratively reweighted least squares.
 
-Points far from the surface count little (Geman and McClure 1985: weight 1 / (1 + (r / reach)^2)^2), so that other
-objects in the scan are ignored. The scale ``reach`` of the weights decreases from fit to fit, so that poses that are
-far off converge too (Zhou, Park and Koltun 2016, "Fast global registration"; Yang et al. 2020, "Graduated
-non-convexity"). Distances are measured from scan points to the surface, not the reverse, so that missing parts of the
-scan do not count. Lengths are shares of the piece's size.
+A point at the distance r from the surface has the weight 1 / (1 + (r / reach)^2)^2 (Geman and McClure 1985), so that
+other objects in the scan are ignored. The scale ``reach`` decreases from fit to fit, so that poses that are far off
+converge too (Zhou, Park and Koltun 2016, "Fast global registration"; Yang et al. 2020, "Graduated non-convexity").
+Distances are measured from scan points to the surface, not the reverse, so that missing parts of the scan do not count.
+Lengths are shares of the piece's size.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ import numpy as np
 from ...arrays import Float, Int
 from .scan_target import Distances
 
-BATCH_SIZE = 256  # number of poses that are fitted in one array; larger: arrays exceed the processor's cache
-# damping, as a share of the normal matrix' mean diagonal; larger: shorter steps where the surface can slide in itself
+BATCH_SIZE = 256  # number of poses that are fitted in one array; larger: slower, as arrays exceed the processor's cache
+# damping, as a share of the mean diagonal entry of the normal matrix; larger: shorter steps along directions in which
+# the surface can slide in itself
 DAMPING = 1e-3
 MAX_STEP = 0.3  # longest Gauss-Newton step, radians and shares of the size; limits poses that nothing constrains
 
@@ -53,7 +54,7 @@ class Poses:
         """Return each pose followed by a screw motion.
 
         The motion is the exponential of a twist (Murray, Li and Sastry 1994, eq. 2.36), so that a rotation about a
-        distant axis stays on its circle.
+        distant axis moves points on exact circles.
 
         Parameters
         ----------
@@ -92,7 +93,7 @@ class ScanFit:
         ----------
         poses : initial poses
         reach : scale of the robust weights, share of the size
-        rounds : number of iterations
+        rounds : largest number of iterations
         damped : damping, see ``DAMPING``
         """
         parts = [poses[k : k + BATCH_SIZE] for k in range(0, len(poses), BATCH_SIZE)]
@@ -121,7 +122,7 @@ class ScanFit:
         return Poses.concatenate(found)
 
     def _cost(self, poses: Poses, reach: float) -> np.ndarray:
-        """Return the mean cost of each pose; all poses are evaluated in one array."""
+        """Return the mean cost of each pose, as ``cost``, but for all poses in one array."""
         squared = self.distances(poses.apply(self.points))[1] ** 2
         return (self.weights * squared / (squared + reach**2)).mean(axis=1)
 
@@ -136,7 +137,7 @@ class ScanFit:
         return square, -np.einsum("bni,bn->bi", rows, weight * distance), about
 
     def _fitted(self, poses: Poses, reach: float, rounds: int, damped: float) -> Poses:
-        """Return the poses after at most ``rounds`` Gauss-Newton iterations; all are computed in one array."""
+        """Return the poses after at most ``rounds`` Gauss-Newton iterations, as ``fit``, but for all in one array."""
         for _ in range(rounds):
             square, right, about = self._normal(poses, reach)
             mean = np.trace(square, axis1=1, axis2=2)[:, None, None] / 6

@@ -1,9 +1,10 @@
 """Find the rigid motion that registers a scan to a surface, without markers.
 
-Thousands of initial poses are fitted at once to a table of closest points (``scan_target``, ``poses``), then fewer and
-fewer of them with more points and a shorter reach (scale of the robust weights). Each round also searches along the
-directions in which the surface can slide in itself. The final choice uses all points, a reach that matches the scan's
-noise, and reduced weights for the table on which the piece stood. Lengths are shares of the piece's size.
+Thousands of initial poses are fitted at once to a table of closest points (``scan_target``, ``poses``). In each round,
+fewer poses are fitted to more points with a shorter reach, which is the scale of the robust weights. Each round also
+searches along the directions in which the surface can slide in itself. The final choice uses all points, a reach that
+matches the scan's noise, and reduced weights for the table on which the piece stood. Lengths are shares of the piece's
+size.
 """
 
 from __future__ import annotations
@@ -23,22 +24,24 @@ TILTS = (0.0, 1), (12.0, 6), (25.0, 14)
 # Largest rotation, degrees, unless the orientation is arbitrary; larger: symmetric pieces fit in wrong orientations
 MAX_ROTATION = 45.0
 ROTATIONS = 600  # number of initial rotations if the orientation is arbitrary (15 degrees apart); more: safer, slower
-# Initial offsets of the scan's centre from the surface's along each axis, as shares of its extent; more: safer, slower
+# Initial offsets of the scan's centre from the surface's centre along each axis, as shares of the surface's extent;
+# more: safer, slower
 OFFSETS = (-0.25, -0.125, 0.0, 0.125, 0.25)
 FEW_OFFSETS = (-0.2, 0.0, 0.2)  # initial offsets if the orientation is arbitrary
 FIRST_REACHES = (
     0.04,
     0.02,
-)  # reaches for the fits of the initial poses; larger: coils may be fitted between their own turns
+)  # reaches for the two fits of every initial pose; larger: a scanned coil may settle between the turns of the surface
 KEPT_POSES = 120  # number of initial poses that are kept; more: safer, slower
-# Reach of each round, and its steps along weakly constrained directions; longer steps: scans of a part of the piece are
-# found too (0.3 for three fifths of it)
+# For each round: the reach, and the lengths of steps along weakly constrained directions. Longer steps: the scan may
+# cover a smaller part of the piece (0.3: three fifths)
 SEARCH_ROUNDS = ((0.03, (0.04, 0.08, 0.16, 0.3)), (0.015, (0.02, 0.04, 0.08, 0.16)), (0.007, (0.02, 0.04, 0.08, 0.16)))
 # steps along weakly constrained directions in the rounds at the final reach
 FINAL_STEPS = ((0.03, 0.06, 0.12), (0.005, 0.01, 0.02), (0.0015, 0.003, 0.006))
-POINT_COUNTS = (120, 400, 1500, 3000)  # numbers of points used with many, few and very few poses, and in the end
+# numbers of points fitted: with thousands of poses, with some hundred, with a few, and in the last fits; more: slower
+POINT_COUNTS = (120, 400, 1500, 3000)
 REACH_DEVIATIONS = 3.0  # final reach in standard deviations of the scan's noise; larger: outliers count more
-MIN_REACH, MAX_REACH = 0.0005, 0.03  # limits of the final reach
+MIN_REACH, MAX_REACH = 0.0005, 0.03  # limits of the final reach; larger: outliers count more
 BACKGROUND = 0.05  # distance beyond which points may belong to a table or wall; larger: less of these is found
 # A plane counts as a table or wall if it has at least these shares of the background points and of all points; larger:
 # fewer planes are found
@@ -72,8 +75,8 @@ def register(
 
     Parameters
     ----------
-    surface : the surface, in shares of its size
-    scan : points in any order, in shares of the surface's size
+    surface : the surface; unit of length: the piece's size
+    scan : points in any order, in the same unit
     anywhere : whether the orientation is arbitrary; if False, rotations of up to about 30 degrees are found
     progress : called with the fraction done; may cancel
     """
@@ -121,7 +124,7 @@ def _initial_poses(surface: TriangleSurface, points: np.ndarray, anywhere: bool)
 
 
 def _limit_rotation(poses: Poses) -> Poses:
-    """Return the poses rotated by at most ``MAX_ROTATION`` degrees, or all if there are none."""
+    """Return the poses rotated by at most ``MAX_ROTATION`` degrees; if all are rotated farther, return all."""
     cosine = (np.trace(poses.turns, axis1=1, axis2=2) - 1) / 2
     near = np.flatnonzero(cosine >= np.cos(np.radians(MAX_ROTATION)))
     return poses[near] if len(near) else poses
@@ -136,7 +139,7 @@ def _sphere_directions(count: int) -> np.ndarray:
 
 
 def _fit_initial_poses(fit: ScanFit, poses: Poses, anywhere: bool, progress: Progress) -> Poses:
-    """Fit the initial poses and return the best; they are fitted in parts so that the search can be cancelled."""
+    """Fit the initial poses and return the best ``KEPT_POSES``; between batches of poses the user may cancel."""
     parts = []
     for k in range(0, len(poses), 1024):
         progress(k / len(poses), "Scan: looking for its pose")
@@ -151,21 +154,21 @@ def _fit_initial_poses(fit: ScanFit, poses: Poses, anywhere: bool, progress: Pro
 def _search_nearby(
     fit: ScanFit, poses: Poses, reach: float, steps: tuple[float, ...], judged: float, most: int, apart: float
 ) -> Poses:
-    """Return the best among the poses and others along weakly constrained directions, all of which are fitted first.
+    """Fit poses, and further poses at steps along weakly constrained directions; return the best of them.
 
     Parameters
     ----------
     fit : the objective
     poses, reach, steps : as in ``ScanFit.spread``
     judged : reach at which costs are compared
-    most, apart : as in ``distinct``
+    most, apart : as in ``select_distinct``
     """
     poses = fit.fit(fit.spread(poses, reach, steps), reach, 3)
     return select_distinct(poses, fit.cost(poses, judged), fit.points[:4], most, apart)
 
 
 def _final_reach(fit: ScanFit, pose: Poses) -> float:
-    """Return the final reach: ``REACH_DEVIATIONS`` standard deviations of the scan's noise, by the median of distances."""
+    """Return the final reach: ``REACH_DEVIATIONS`` robust standard deviations of the scan's noise."""
     off = np.abs(fit.distances(pose.apply(fit.points))[1][0])
     deviation = _deviation(off, MAX_REACH)
     for _ in range(5):
@@ -174,17 +177,17 @@ def _final_reach(fit: ScanFit, pose: Poses) -> float:
 
 
 def _deviation(off: np.ndarray, within: float) -> float:
-    """Return a robust standard deviation: 1.4826 times the median of the distances below ``within``."""
+    """Return a robust standard deviation of distances: 1.4826 times the median of those below ``within``."""
     near = off[off < within]
     return 1.4826 * float(np.median(near)) if len(near) else within
 
 
 def _point_weights(surface: TriangleSurface, points: np.ndarray, pose: Poses, reach: float) -> np.ndarray:
-    """Return the weights of the points: 1, or for points of a table or wall, the share of its points on the piece.
+    """Return the weights of the points: 1, or for points of a table or wall, the share of them that lie on the piece.
 
     With full weights, points of a table that meet the surface by chance would pull the piece along a weakly constrained
-    direction, and points under a missing part of the scan would count as the piece. A face of the piece that stands on
-    the table keeps some weight.
+    direction; and where the scan of the piece has a gap, points of the table would count as the piece. A face of the
+    piece that stands on the table keeps some weight.
     """
     laid = pose.apply(points)[0]
     off, weights, rest = surface(laid)[1], np.ones(len(points)), np.ones(len(points), dtype=bool)
@@ -204,9 +207,9 @@ def _point_weights(surface: TriangleSurface, points: np.ndarray, pose: Poses, re
 
 
 def _find_plane(points: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return unit normal and a point of the plane that has the most points within the distance ``near``.
+    """Return the unit normal and a point of the plane that has the most points within the distance ``near``.
 
-    The plane is found by RANSAC (Fischler and Bolles 1981) and fitted to its points.
+    The plane is found by RANSAC (Fischler and Bolles 1981) and fitted to the points near it.
     """
     three = points[np.random.default_rng(0).integers(0, len(points), (PLANE_TRIES, 3))]
     normals = np.cross(three[:, 1] - three[:, 0], three[:, 2] - three[:, 0])

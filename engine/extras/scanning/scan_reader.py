@@ -87,7 +87,7 @@ def _sample_points(raw: RawMesh, name: str) -> Float[np.ndarray, "points 3"]:
     with np.errstate(invalid="ignore", over="ignore"):
         areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     if not np.isfinite(areas).all() or not areas.sum() > 0:
-        # return the vertices as they are: ``compare`` reports those that are not finite
+        # return the vertices unchanged: ``compare_scan`` reports numbers that are not finite
         return raw.vertices[random.permutation(len(raw.vertices))[:MAX_POINTS]]
     of = random.choice(len(corners), MAX_POINTS, p=areas / areas.sum())
     return np.einsum("nk,nki->ni", random.dirichlet(np.ones(3), MAX_POINTS), corners[of])

@@ -19,7 +19,7 @@ from .cases import Load, LoadCase, LoadCombination, LoadPlan
 
 QuadFinder = Callable[[str], np.ndarray]
 HIDING_DISTANCE = 1e-3  # smallest distance, in quad edges, at which one quad hides another; absorbs rounding
-MAX_RAYS = 2_000_000  # pairs of quad and triangle tested at once; larger: more memory (100 MB)
+MAX_RAYS = 2_000_000  # largest number of pairs (quad, triangle) tested at once (100 MB); larger: more memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ def _combination_action(one: LoadCombination, found: dict[str, Action], size: in
 
 
 def _case_action(case: LoadCase, ground: UnloadedState, *, lasting: bool) -> Action:
-    """Return the action of a case; with ``lasting_action``, of its lasting loads only."""
+    """Return the action of a case; if ``lasting``, only of its loads that act for years."""
     total = Action.none(ground.size)
     for load in case.loads:
         if load.lasting or not lasting:
@@ -154,7 +154,10 @@ def _load_action(load: Load, ground: UnloadedState) -> Action:
 
 
 def _line_lengths(quads: np.ndarray, ground: UnloadedState) -> Float[np.ndarray, " some"]:
-    """Return (k,) the length, metres, of a line load on each of its k quads, between the middles of two sides."""
+    """Return (k,) the length, metres, over which a line load acts on each of its k quads.
+
+    In each quad the line runs from the middle of one side through the centre to the middle of another side.
+    """
     inside = np.zeros(ground.size, dtype=bool)
     inside[quads] = True
     joined = inside[ground.pairs].all(axis=1)
@@ -173,7 +176,9 @@ def _line_lengths(quads: np.ndarray, ground: UnloadedState) -> Float[np.ndarray,
 
 
 def _exposed_area_forces(value: np.ndarray, quads: np.ndarray, ground: UnloadedState) -> Float[np.ndarray, "some 3"]:
-    """Return (k, 3) the forces, N, of a pressure along an axis on quads that are not hidden, by their projected areas.
+    """Return (k, 3) the forces, N, of wind or snow on k quads, proportional to their areas projected along the axis.
+
+    Quads that other quads hide get no force.
 
     value : (3,) pressure times direction, N/m2
     """
@@ -183,7 +188,13 @@ def _exposed_area_forces(value: np.ndarray, quads: np.ndarray, ground: UnloadedS
 
 
 def are_hidden(corners: Float[np.ndarray, "quads 4 3"], axis: Float[np.ndarray, " 3"]) -> Bool[np.ndarray, " quads"]:
-    """Return (F,) whether another quad hides the middle of a quad from a viewer who looks along ``axis``."""
+    """Return (F,) whether another quad hides the middle of a quad from a viewer who looks along ``axis``.
+
+    Parameters
+    ----------
+    corners : corners of all quads, metres
+    axis : direction of view, a unit vector
+    """
     helper = np.eye(3)[np.abs(axis).argmin()]
     right = np.cross(axis, helper) / np.linalg.norm(np.cross(axis, helper))
     frame = np.stack([right, np.cross(axis, right), axis], axis=1)

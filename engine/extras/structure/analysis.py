@@ -2,8 +2,8 @@
 
 Utilisation is strain or stress as a share of its limit. All figures of a case come from its load path (``load_path``),
 which begins at the equilibrium without loads. The state after a year is computed under the lasting loads with the share
-of Young's modulus that is left by then (effective modulus, EN 1995-1-1, 2.3.2.2): as all stiffnesses are proportional
-to the modulus, it equals the equilibrium under these loads divided by that share.
+of Young's modulus that is left by then (effective modulus, EN 1995-1-1, 2.3.2.2). All stiffnesses are proportional to
+the modulus, so this state equals the equilibrium with the full modulus under these loads divided by that share.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from .load_path import LoadPath, PathFollower, follow_path
 from .structure_params import StructureParams
 
 YEAR = "after a year"  # name and kind of the outcome under lasting loads
-MAX_CURVE_POINTS = 60  # largest number of points of a load-deflection curve in the report
+MAX_CURVE_POINTS = 60  # largest number of points of a load-deflection curve in the report; later points are left out
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +60,11 @@ class LoadOutcome:
 
     name, kind : name, and "case", "combination" or ``YEAR``
     action : loads at the factor 1
-    rest, pose : poses of the hubs without and under these loads; ``pose`` is None if the piece snaps before
+    rest, pose : poses of the hubs without and under these loads; ``pose`` is None if the load path does not reach them
     borne : utilisation of arms and joints under these loads
-    path : the load path; its factors must be multiplied by ``share``
-    linear : critical factor of ``path`` by linear buckling, or None
-    share : share of Young's modulus that is left
+    path : the load path with the full Young's modulus; its factors times ``share`` are the load factors
+    linear : critical factor of ``path`` by linear buckling; None if there is none
+    share : share of Young's modulus that is left; 1 except after a year
     """
 
     name: str
@@ -84,7 +84,8 @@ class LoadOutcome:
 
     @property
     def shift(self) -> Float[np.ndarray, "spirals 3"]:
-        """Displacement of the hubs from ``rest``, metres, at the factor 1, or just before snapping."""
+        """Displacement of the hubs from ``rest``, metres, at the factor 1; if that was not reached, just before the
+        piece snaps."""
         return (self.path.last.pose if self.pose is None else self.pose).centres - self.rest.centres
 
     @property
@@ -94,7 +95,10 @@ class LoadOutcome:
 
     @property
     def curve(self) -> Float[np.ndarray, "points 2"]:
-        """Load factor, and deflection (metres) of the hub that moves most, along its final displacement."""
+        """Load factor and deflection (metres) at each point of the path, for the hub that moves most.
+
+        The deflection is measured in the direction of the final displacement of this hub.
+        """
         most = int(self.deflection.argmax())
         way = self.shift[most] / max(float(self.deflection[most]), 1e-300)
         return np.array([
@@ -222,7 +226,7 @@ def _outcome_findings(one: LoadOutcome, structure: StructuralAnalysis) -> list[F
 
 @dataclass(frozen=True, eq=False)
 class _Strength:
-    """Data that limit the load on a piece: its model and material, and the widths of its joints.
+    """Data by which the strength of a piece is checked: its simulation, and the widths of its joints.
 
     simulation : the simulated piece
     necks : narrowest width of every joint, metres
@@ -232,7 +236,7 @@ class _Strength:
     necks: Float[np.ndarray, " joints"]
 
     def borne(self, pose: Pose, strain: float) -> Utilisation:
-        """Return the utilisation of arms and joints in a pose for a strain limit."""
+        """Return the utilisation of arms and joints in a pose; ``strain``: strain limit of the material."""
         model, material = self.simulation.model, self.simulation.material
         state = model.start(pose)
         strains, wrenches = model.strains(state, material), model.wrenches(state)
@@ -317,8 +321,10 @@ def analyse(
     Parameters
     ----------
     simulation : the simulated piece
-    plan, params, how : loads, settings of the analysis, and settings of the solver
-    connections : connectors, whose necks limit the joints; without, joints are as wide as the arms
+    plan : load cases and combinations
+    params : settings of the analysis
+    how : settings of the solver
+    connections : connectors, whose necks limit the joints; if None, joints are as wide as the arms
     groups : quads by name, see ``unloaded_state``
     progress : called with the fraction done; may cancel
 
@@ -364,7 +370,12 @@ def _compute_outcome(
     how: SimulateParams,
     progress: Progress,
 ) -> LoadOutcome:
-    """Follow the load path of one case, combination or state after a year, and return its outcome."""
+    """Follow the load path of one case, combination or state after a year, and return its outcome.
+
+    base : equilibrium without loads
+    held : which unknowns of the hubs are fixed by supports
+    how : settings of the solver
+    """
     model, material = strength.simulation.model, strength.simulation.material
     share, strain = _modulus_share_and_strain_limit(material, kind)
     follower = PathFollower(model, NewtonSystem(model.pairs, held), action, how.tolerance)

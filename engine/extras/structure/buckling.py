@@ -1,8 +1,8 @@
 """Linear buckling: a quick estimate of the load factor at which a piece snaps.
 
-Given the tangent stiffness at rest K0, including the stresses at rest, and its first-order change with the load factor
-K1 (Brendel and Ramm 1980; Bathe and Dvorkin 1983), the estimate is the lowest factor for which K0 + factor K1 is
-singular. It assumes a straight load path, so it may be too high or too low where a piece deforms much before it snaps.
+K0 is the tangent stiffness without loads, including the stresses of the assembled piece; K1 is its derivative by the
+load factor (Brendel and Ramm 1980; Bathe and Dvorkin 1983). The estimate is the lowest factor for which K0 + factor K1
+is singular. It assumes a straight load path, so it may be too high or too low if a piece deforms much before it snaps.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 from ...mechanics.newton_system import MAX_DENSE_SIZE
 from .load_path import PathFollower, PathPoint, load_stiffness
 
-# step of the finite difference of the tangent, radians or quad edges; larger: less exact, smaller: more rounding
+# step of the finite difference of the tangent stiffness, radians or quad edges; larger: less exact, smaller: more
+# rounding error
 DIFFERENCE_STEP = 1e-4
 EIGENVALUE_TOL = 1e-6  # relative tolerance of the eigenvalue solver; larger: faster, less exact critical factor
 

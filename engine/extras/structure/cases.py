@@ -51,8 +51,8 @@ class Load:
     kind : key of ``KINDS``
     value : vector (3,) in N, N/m, N/m2 or m; one number for a pressure along the normals; empty for weight
     where : vertex group, numbers of quads, or "lowest"; "" for all quads, or for all supports in case of a movement
-    factor : multiplies the value
-    lasting : whether it acts for years
+    factor : number by which the value is multiplied
+    lasting : whether the load acts for years
     """
 
     kind: str

@@ -39,8 +39,8 @@ MAX_FACTOR_CHANGE = (
 USUAL_ITERATIONS, MAX_ITERATIONS = 5, 14
 BRACKET_TOL = 1e-3  # relative width of the bracket around the critical factor
 MAX_HALVINGS = 24  # largest number of bisections of that bracket
-STEPS_BEYOND = 12  # number of steps followed after the critical load
-MAX_STEPS = 400  # largest number of steps; a dome that snaps takes about 40
+STEPS_BEYOND = 12  # number of steps followed after the critical load; larger: the curve shows more of the snapping
+MAX_STEPS = 400  # largest number of steps; a dome that snaps takes about 40. Larger: more time before giving up
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +49,8 @@ class PathPoint:
 
     factor : load factor
     state : state of the elastic model
-    unstable : number of unstable directions: negative pivots of the tangent stiffness
-    way, rises : tangent of the path: motion of the hubs (n, 6) and change of the factor, scaled so that the largest
+    unstable : number of directions in which the equilibrium is unstable: negative pivots of the tangent stiffness
+    way, rises : tangent of the path: motion of the n hubs and change of the factor, scaled so that the largest
         motion of a hub is one radian or one quad edge
     """
 
@@ -72,9 +72,9 @@ class LoadPath:
     """The load path.
 
     points : the equilibria in order, the first without load
-    marks : equilibria at those requested factors that were reached before the critical point
-    critical : critical load factor, at which the piece snaps, or None
-    kind : ``LIMIT`` or ``BRANCH``, or "" without a critical factor
+    marks : equilibria by load factor, for the requested factors that were reached before the critical point
+    critical : critical load factor, at which the piece snaps; None if none was reached
+    kind : kind of the critical point, ``LIMIT`` or ``BRANCH``; "" if ``critical`` is None
     ended : reason why the path was given up early, else ""
     """
 
@@ -93,11 +93,11 @@ class LoadPath:
 
 @dataclass(eq=False)
 class PathFollower:
-    """Follows the equilibria of a model under factor x action.
+    """Follows the equilibria of an elastic model whose load is a factor times ``action``.
 
     system : linear system of the model with supported unknowns eliminated
     tolerance : largest residual force, as a share of the internal forces and the load
-    edge : mean width of a quad, metres; scale : norm of the load, N
+    edge : mean edge length of a quad, metres; scale : norm of the load, N
     """
 
     model: ElasticModel
@@ -108,7 +108,6 @@ class PathFollower:
     scale: float = field(init=False, default=0.0)
 
     def __post_init__(self) -> None:
-        # the constraints of a floating piece are not supports: they carry no force
         assembly = self.model.assembly
         self.edge = float(assembly.radius.mean() * 2.0)
         self.scale = float(np.linalg.norm(self.action.force) + np.linalg.norm(self.action.pressure))
@@ -116,7 +115,7 @@ class PathFollower:
     # -- linear systems ------------------------------------------------------------------------------------------------
 
     def residual(self, here: Expansion, pose: Pose, factor: float) -> Float[np.ndarray, "spirals 6"]:
-        """Return the residual forces and moments (n, 6), N and N m.
+        """Return the residual forces and moments (n, 6) of the hubs, N and N m: internal minus external.
 
         Parameters
         ----------
@@ -128,7 +127,7 @@ class PathFollower:
         return out
 
     def pull(self, here: Expansion, pose: Pose) -> Float[np.ndarray, "spirals 6"]:
-        """Return the negative derivative of the residual with respect to the factor, including moving supports.
+        """Return the negative derivative (n, 6) of the residual by the load factor, including the motion of supports.
 
         Parameters
         ----------
@@ -147,7 +146,7 @@ class PathFollower:
     def follows(self, pose: Pose, factor: float) -> csc_array:
         """Return the load stiffness: derivative of the residual by hub rotations due to follower pressures.
 
-        It has the rows and columns of the free unknowns only.
+        Its rows and columns are those of the free (unsupported) unknowns.
 
         Parameters
         ----------
@@ -167,7 +166,8 @@ class PathFollower:
 
         Returns
         -------
-        function that solves with the tangent stiffness, and the number of negative pivots
+        function that solves the linear system of the tangent stiffness for a right-hand side (n, 6), and the number of
+        negative pivots
         """
         values = self.system.values(here.hessian)
         if not self.action.follows and self.system.factor(values):
@@ -179,25 +179,25 @@ class PathFollower:
         return lambda field: self.system.expand(lu.solve(self.system.free_entries(field))), lu.negative
 
     def with_support_motion(self, way: Float[np.ndarray, "spirals 6"], factor: float) -> Float[np.ndarray, "spirals 6"]:
-        """Add the movements of supports to increments (n, 6) of the hubs.
+        """Return increments (n, 6) of the hubs plus the motion of the supports.
 
         Parameters
         ----------
         way : increments of the free hubs
-        factor : change of the load factor that comes with them
+        factor : change of the load factor, to which the motion of the supports is proportional
         """
         out = way.copy()
         out[: len(self.action.shift), :3] += factor * self.action.shift
         return out
 
     def size(self, way: np.ndarray) -> float:
-        """Return the largest motion of a hub, in radians or quad edges."""
+        """Return the largest entry of the hubs' increments ``way`` (n, 6), in radians or quad edges."""
         return float((np.abs(way) * np.repeat([1.0 / self.edge, 1.0], 3)).max(initial=0.0))
 
     # -- points --------------------------------------------------------------------------------------------------------
 
     def point(self, state: Any, factor: float, before: PathPoint | None) -> PathPoint:
-        """Return an equilibrium with the tangent of the path, which points on in the direction followed so far.
+        """Return an equilibrium with the tangent of the path there, oriented in the direction followed so far.
 
         Parameters
         ----------
@@ -223,7 +223,7 @@ class PathFollower:
         ----------
         point : the present equilibrium
         length : step length, radians or quad edges
-        fixed : factor at which to find the next equilibrium; default is in the plane perpendicular to the tangent
+        fixed : load factor of the next equilibrium; by default it is sought in the plane perpendicular to the tangent
         """
         factor = point.factor + length * point.rises
         state = self.model.moved(point.state, length * point.way)
@@ -263,8 +263,8 @@ def load_stiffness(system: NewtonSystem, action: Action, pose: Pose, factor: flo
 
     Parameters
     ----------
-    system : gives the free unknowns
-    action : gives the pressures
+    system : linear system of the model, which lists the free (unsupported) unknowns
+    action : the load, of which only the pressures count
     pose, factor : pose of the hubs, and load factor
 
     Returns
@@ -294,9 +294,9 @@ def follow_path(
     ----------
     follower : model and load
     rest : pose without load
-    marks : factors at which the path must have an equilibrium
-    most : largest factor
-    beyond : number of steps after the critical point
+    marks : load factors at which the path must have an equilibrium
+    most : load factor at which the path ends if no critical point was reached
+    beyond : number of steps to follow after the critical point
     progress : called with the fraction done; may cancel
     """
     point = follower.point(follower.model.start(rest), 0.0, None)
@@ -357,7 +357,14 @@ def _is_jump(follower: PathFollower, point: PathPoint, new: PathPoint, step: flo
 def bracket_critical(
     follower: PathFollower, stable: PathPoint, unstable: PathPoint, step: float
 ) -> tuple[PathPoint, PathPoint]:
-    """Bracket the critical factor: return the last stable and the first unstable point, close to each other."""
+    """Bracket the critical factor: return a stable and an unstable point, close to each other.
+
+    Parameters
+    ----------
+    follower : model and load
+    stable, unstable : consecutive points of the path
+    step : step length between them, radians or quad edges
+    """
     for _ in range(MAX_HALVINGS):
         if abs(unstable.factor - stable.factor) <= BRACKET_TOL * abs(stable.factor) and step < FIRST_STEP:
             break

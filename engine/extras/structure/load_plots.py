@@ -16,12 +16,14 @@ WIDTH, HEIGHT = 520, 340  # size of the plot, pixels
 AXIS_RATIO = 1.06  # ratio of an axis' length to its largest value; larger: more margin
 LEGEND_WIDTH = 118.0  # space for the names beside the curves, pixels
 MAX_SHOWN_FACTOR = (
-    3.0  # largest load factor on the axis, unless the piece snaps above it; larger: the curves look flatter
+    3.0  # largest load factor on the axis, unless the piece snaps at a larger one; larger: the curves look flatter
 )
 
 
 def plot_load_paths(block: Mapping[str, Any]) -> Drawing:
-    """Plot the load factor against the deflection of the hub that moves most, a curve per load; dots mark snapping.
+    """Plot the load factor against the deflection of the hub that moves most, one curve per load.
+
+    Dots mark where the piece snaps; a dashed line marks the factor 1.
 
     Parameters
     ----------
@@ -53,9 +55,10 @@ def plot_load_paths(block: Mapping[str, Any]) -> Drawing:
 
 
 def _axis_ends(outcomes: Sequence[Mapping[str, Any]], curves: Sequence[np.ndarray]) -> tuple[float, float]:
-    """Return the ends of the axes: largest deflection, mm, and factor.
+    """Return the ends of the axes: largest deflection, mm, and largest factor.
 
-    The factors include 1 and the critical factors, up to ``MAX_SHOWN_FACTOR`` or the lowest critical factor, if that is larger.
+    The axis of factors includes 1 and the critical factors, but ends at ``MAX_SHOWN_FACTOR`` or, if that is larger, at
+    the lowest critical factor.
     """
     highest = [one["critical"] for one in outcomes if one["critical"] is not None]
     tall = min(
@@ -73,7 +76,10 @@ def _up_to_peak(curve: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _clip_to_plot(curve: np.ndarray, wide: float, tall: float) -> np.ndarray:
-    """Return the curve up to the point where it leaves the plot."""
+    """Return the curve (load factor, deflection) up to the point where it leaves the plot.
+
+    wide, tall : deflection and load factor at the ends of the axes, before the margin ``AXIS_RATIO``
+    """
     out = [curve[0]]
     for before, after in pairwise(curve):
         share = 1.0

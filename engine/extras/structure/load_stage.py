@@ -35,7 +35,7 @@ class LoadAnalysis(StageOutput):
     structure: StructuralAnalysis
 
     def map_values(self) -> dict[str, np.ndarray]:
-        """Return the values per quad to plot: the largest utilisation of its arms over all loads, by name."""
+        """Return the values per quad to plot, by name: the largest utilisation of the quad's arms over all loads."""
         used = self.structure.utilisation
         return {} if used is None else {"utilisation": used}
 
@@ -45,7 +45,7 @@ def run(result: Result, shape: SimulatedShape, settings: Settings, progress: Pro
 
     Parameters
     ----------
-    result : results of the piece so far; ``user.groups`` has quads by name, for loads that name their place
+    result : results of the piece so far; ``user.groups`` has the quads of every vertex group that a load may name
     shape : the simulated shape
     settings : settings of all stages
     progress : called with the fraction done; may cancel

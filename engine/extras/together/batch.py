@@ -44,7 +44,7 @@ class BatchPiece:
 
     name : name for the user
     design : its spirals
-    sheets : the sheets of a single copy alone
+    sheets : sheets with the panels of a single copy
     figures : mass, time and cost of a single copy
     assembly : ``AssemblyCheck`` of its seams, or None
     """
@@ -170,7 +170,7 @@ def _engraved_copy(part: BatchPiece, copy: int, mark: str, params: SheetParams) 
     ----------
     part : the piece
     copy : index of the copy
-    mark : its letter; "" if there is only one copy
+    mark : letter of the copy; "" if there is only one copy
     params : settings of the labels
 
     Returns

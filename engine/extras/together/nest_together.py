@@ -22,7 +22,7 @@ def nest_together(
     Parameters
     ----------
     names : names of the pieces, for messages and labels
-    results : their results, with spirals
+    results : results of each piece, at least up to the spirals
     settings : settings of each piece; those of the sheet are taken from the first piece
     progress : called with the fraction done; may cancel
 
