@@ -33,8 +33,8 @@ class SeamCheck:
     """Prediction for one seam.
 
     name : letters of the seam
-    panels : numbers of the panels on its two sides, equal for a cut within a panel
-    joints : number of joints
+    panels : numbers of the panels on the seam's two sides, equal for a cut within a panel
+    joints : number of joints along the seam
     lengths : lengths of the seam's two flat sides, metres
     stretch : largest difference in length between the two sides of an edge, as a share of their mean
     force, moment : largest force and largest moment at the seam's joints in equilibrium, N and N m
@@ -56,7 +56,7 @@ class SeamCheck:
 
     @property
     def mismatch(self) -> float:
-        """Difference between the total lengths of the two sides, as a share of their mean."""
+        """Difference between the total lengths of the seam's two sides, as a share of their mean."""
         return 2.0 * abs(self.lengths[0] - self.lengths[1]) / sum(self.lengths)
 
 
@@ -112,7 +112,7 @@ def _seam_report(seam: SeamCheck) -> dict[str, Any]:
 
 
 def _load_report(seam: SeamCheck) -> dict[str, float]:
-    """Return force, moment and load of a seam in the report's units; empty if unknown."""
+    """Return force, moment and load of a seam in the report's units; empty if they are unknown."""
     if seam.force is None or seam.moment is None or seam.load is None:
         return {}
     return {"force_n": round(seam.force, 4), "moment_n_mm": round(seam.moment * 1e3, 4), "load": round(seam.load, 4)}
@@ -129,7 +129,7 @@ def check_assembly(
     ----------
     design : spirals and panels
     connections : connectors, for the load on their necks
-    simulation : equilibrium, for forces and moments; they are left out without it
+    simulation : equilibrium, for forces and moments; if None, these are left out
     """
     layout = design.flat.layout
     numbers, lengths = panel_numbers(layout), _lengths(design)

@@ -37,7 +37,7 @@ def check_mill(design: SpiralDesign, cut: CutParams) -> None:
 def check_nozzle(design: SpiralDesign, cut: CutParams) -> list[str]:
     """Return warnings about arms narrower than two printed lines; raise ``FlexMapsError`` if narrower than one line.
 
-    A line is as wide as the printer's nozzle.
+    A line is as wide as the printer's nozzle, ``cut.nozzle``.
     """
     narrowest = design.width.min(axis=1)
     lost, weak = (np.flatnonzero(narrowest < share * cut.nozzle * (1.0 - 1e-6)) for share in (1.0, 2.0))
@@ -57,7 +57,15 @@ def check_nozzle(design: SpiralDesign, cut: CutParams) -> list[str]:
 
 
 def check_kerf(design: SpiralDesign, panels: Sequence[Panel], cut: CutParams, progress: Progress = SILENT) -> None:
-    """Raise ``FlexMapsError`` where the cutter is too wide for a slot or a corner."""
+    """Raise ``FlexMapsError`` where the cutter is too wide for a slot or a corner.
+
+    Parameters
+    ----------
+    design : spirals on flat patches
+    panels : panels as drawn, in their patches' frames
+    cut : widths of the kerf
+    progress : called with the fraction done; may cancel
+    """
     widest = max(cut.kerf_outline, cut.kerf_holes)
     if widest == 0.0:
         return
@@ -119,7 +127,7 @@ def check_panel_sizes(
 
     Parameters
     ----------
-    panels : the panels
+    panels : panels in their patches' frames
     patches : quads of every patch, for the error
     params : size of the sheets, margin, allowed rotations; ``oversize`` "error" forbids larger panels
     progress : called with the fraction done; may cancel

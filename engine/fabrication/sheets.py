@@ -337,7 +337,7 @@ def key_panels(connections: Connections, params: SheetParams, mark: str = "") ->
 
 
 def _tab_places(design: SpiralDesign, progress: Progress) -> list[np.ndarray]:
-    """Return for every panel the places (K, 3) for holding tabs: plain arm ends, and inner ends of outline slots.
+    """Return for every panel the places (K, 3) for holding tabs: plain arm ends, and roots of slots at the outline.
 
     Columns are x, y in metres and a penalty factor of at least 1. A tab beside an arm would bend the arm when broken
     off, and a tab on a connector would spoil the connector's fit.

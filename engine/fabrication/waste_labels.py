@@ -21,7 +21,8 @@ _DIRECTIONS = 16  # number of directions around a labelled point in which free s
 _REACH = 5.0  # maximum distance of letters from the labelled point, in letter heights; longer ticks cross other ticks
 _STEPS = 12  # number of distances tried up to ``_REACH``; more find nearer places and take longer
 _MIN_TICK = 0.5  # minimum length of a tick in letter heights; a shorter one looks like a hyphen
-# maximum distance in metres of the labelled point from the outline, measured along the tick; connectors are this long
+# maximum distance in metres of the labelled point from the outline, measured along the tick;
+# connectors, which may lie between both, are about this long
 _MAX_DEPTH = 0.004
 _LINE_POINTS = 16  # points of an outline per line in the search tree
 _BATCH = 32  # candidate boxes tested together, nearest first; fewer or more take longer

@@ -1,10 +1,10 @@
 """Outlines of the panels: one closed curve of arcs around every panel and one around every hole (FlexMaps section 5).
 
-Outlines need no union of polygons. Between two consecutive arms of a quad lies a slot, one per corner of the quad. Its
-curve runs from the joint of one arm along the arm's left edge to the hub, around a fillet, and out along the right edge
-of the other arm. At a joint the curve continues in the neighbouring quad; at a cut it crosses the arm's end. So the
-slots of all quads form closed chains: one around every inner flat vertex, and one around the panel. The fillet at a
-slot's inner end is called the slot's root.
+Outlines need no union of polygons. Between two consecutive arms of a quad lies a slot, one per corner of the quad. The
+slot's curve runs from the joint of one arm along the arm's left edge to the hub, around a fillet, and out along the
+right edge of the other arm. At a joint the curve continues in the neighbouring quad; at a cut it crosses the arm's end.
+So the slots of all quads form closed chains: one around every inner flat vertex, and one around the panel. The fillet
+at a slot's inner end is called the slot's root.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Tips:
     end_curves: dict[int, Curve]
 
     def added_width(self, which: Int[np.ndarray, " n"], t: Float[np.ndarray, "n m"]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the additional arm width (metres) at t beside some edges, and its derivative by t.
+        """Return the additional width of arms at t, twice the offset of an edge (metres), and its derivative by t.
 
         Parameters
         ----------

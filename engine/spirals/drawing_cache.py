@@ -15,7 +15,7 @@ from .curves.arcs import FittedArcs
 
 @dataclass
 class DrawingCache:
-    """Cache of a design.
+    """Drawings and measurements of a design.
 
     by_tolerance : fitted edges and outlines without connectors; key: tolerance in metres
     min_slot_and_bridge : result of ``SpiralDesign.measure_slot_and_bridge``; None before its first call

@@ -144,7 +144,7 @@ def make_fabricable(
     free: Bool[np.ndarray, " quads"] | None = None,
     progress: Progress = SILENT,
 ) -> SpiralDesign:
-    """Make a design near given widths and twists that can be cut, with gaps to neighbouring spirals considered.
+    """Make a design near given widths and twists that can be cut: all gaps, also between spirals, are wide enough.
 
     Parameters
     ----------

@@ -163,7 +163,7 @@ def _brush_width(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spiral
 
 
 def _brush_along(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
-    """Widen arms along a direction and thin arms across it, in proportion to the cosine of twice the angle.
+    """Widen arms along a direction and thin arms across it, in proportion to the cosine of twice their angle to it.
 
     An inverted stroke thins the arms along the direction and widens the arms across it.
     """

@@ -215,7 +215,7 @@ class Rim:
 
     @property
     def hole_distances(self) -> tuple[Int[np.ndarray, " holes"], Float[np.ndarray, " holes"]]:
-        """Every drilled hole's previous node, and the distance of its centre from there along the strip, metres."""
+        """Node before each hole between two nodes, and the distance of the hole's centre from it along the strip."""
         node = np.repeat(np.arange(len(self.quad)), self.hole_count)
         rank = np.arange(len(node)) - np.repeat(np.cumsum(self.hole_count) - self.hole_count, self.hole_count)
         return node, (rank + 0.5) / np.maximum(self.hole_count[node], 1) * self.length[node]

@@ -43,8 +43,8 @@ class SlotRoots:
 def find_roots(arms: Arms, fillet: float) -> SlotRoots:
     """Find the roots of all slots: the places where the fillet touches both edges.
 
-    Newton's method follows each root while the twist grows from 0 (straight arms) to its full value. Where it misses
-    the first such place, as it may in slots that hardly narrow, the slot is scanned from its mouth inwards.
+    Newton's method follows each root while the twist grows from 0 (straight arms) to its full value. Where the
+    method misses the first root, as it may in slots that hardly narrow, the slot is scanned from its mouth inwards.
 
     Parameters
     ----------

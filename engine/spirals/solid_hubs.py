@@ -51,7 +51,7 @@ def mark_solid_hubs(width: Float[np.ndarray, "quads 4"], params: SpiralParams) -
 
 @lru_cache(maxsize=4)  # a search calls this often with the same patches
 def mark_too_small(flat: FlatPatches, params: SpiralParams) -> Bool[np.ndarray, " quads"]:
-    """Return a mask of the quads where even straight arms of the least width leave no slots."""
+    """Return a mask of the quads where even straight arms of the least width in ``params`` leave no slots."""
     low, high = width_range(flat, params)
     thinnest = np.minimum(low, MIN_WIDTH_SHARE * params.width_min)
     straight = make_arms(flat, params, same_width(thinnest), np.zeros(len(low)))
@@ -64,7 +64,7 @@ def with_solid_hubs(
     twist: Float[np.ndarray, " quads"],
     quads: Bool[np.ndarray, " quads"],
 ) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]]:
-    """Return widths (metres) and twists (radians) with solid hubs in the quads of the mask ``quads``."""
+    """Return a copy of widths (F, 4), metres, and twists (F,), radians, that marks quads (mask) as solid hubs."""
     return np.where(quads[:, None], SOLID_WIDTH_SHARE * params.width_min, width), np.where(quads, 0.0, twist)
 
 
@@ -107,7 +107,7 @@ def slot_roots(arms: Arms, fillet: float, solid: Bool[np.ndarray, " quads"]) -> 
 
 
 def update_roots(root: SlotRoots, quads: Int[np.ndarray, " some"], part: SlotRoots) -> SlotRoots:
-    """Return the slot roots with the entries of ``quads`` replaced by ``part``."""
+    """Return a copy of the slot roots in which ``part`` replaces the entries of the quads with indices ``quads``."""
     found = replace(root, **{name: getattr(root, name).copy() for name in root.__dataclass_fields__})
     for name in root.__dataclass_fields__:
         getattr(found, name)[quads] = getattr(part, name)
@@ -115,7 +115,7 @@ def update_roots(root: SlotRoots, quads: Int[np.ndarray, " some"], part: SlotRoo
 
 
 def with_solid_hub_roots(root: SlotRoots, arms: Arms, fillet: float, quads: Bool[np.ndarray, " quads"]) -> SlotRoots:
-    """Replace the roots of slots beside solid hubs by the deepest places that are wide enough for the fillet.
+    """Return slot roots in which slots beside solid hubs end at the deepest place wide enough for the fillet.
 
     Parameters
     ----------

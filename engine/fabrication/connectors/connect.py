@@ -22,8 +22,8 @@ from .tips import ConnectorCandidate, Tip
 
 CANDIDATES_AT_ONCE = 180  # candidates evaluated together (0.1 s of work); more delay a cancel
 _TIPS_AT_ONCE = 2000  # tips compared with all others at once; more take more memory
-# Candidates per joint evaluated together: in the second round, and at most in later rounds. Larger batches are faster
-# per candidate, but all candidates after the first that fits are wasted
+# Number of candidates per joint that are evaluated together in the second round, and largest number in later rounds.
+# Larger batches are faster per candidate, but all candidates after the first that fits are wasted
 SECOND_BATCH, MAX_BATCH = 4, 16
 
 

@@ -93,8 +93,9 @@ class FreeWidths:
     ) -> list[tuple[float, float]]:
         """Return the positions at which a connector of size ``s`` has room, as pairs (shift, lateral offset) in metres.
 
-        The shift along the arm is one of ``shifts``, the lateral offset is to the left of the arm's centre line.
-        The neck stays on the arm unless ``may_overhang``; then it may lie beside the arm, on the arm's widened end.
+        The shift along the arm is one of ``shifts`` (metres); the lateral offset is to the left of the arm's centre
+        line. The neck stays on the arm unless ``may_overhang``; then it may lie beside the arm, on the arm's widened
+        end.
         """
         reach = s.length + s.clearance + 0.4 * s.wall
         shifts = shifts[(shifts - reach >= self.x[0]) & (shifts + reach <= self.x[-1])]
@@ -132,7 +133,7 @@ class FreeSpace:
         return JoinedArms(*(JointArms.from_arms(self.design, quad[:, k], side[:, k]) for k in range(2)))
 
     def connector_sizes(self, joint: int, kind: str = "dovetail") -> tuple[ConnectorSize, ...]:
-        """Return the sizes that connectors of this joint may have, largest first."""
+        """Return the sizes that connectors of kind ``kind`` at joint ``joint`` may have, largest first."""
         width = float(self.width[joint])
         if kind == "tab":
             return tab_sizes(width, self.params, SCALES, self.mill)
@@ -237,7 +238,7 @@ class FreeSpace:
 
     @cached_property
     def patch_spacing(self) -> float:
-        """Distance in metres between the origins of consecutive patches in the common plane; none overlap."""
+        """Distance in metres between the origins of consecutive patches in the common plane; no patches overlap."""
         return 2.0 * float(np.ptp(self.design.flat.corners.reshape(-1, 2), axis=0).max())
 
     def _place_in_common_plane(self, through: JoinedArms, tips: np.ndarray) -> np.ndarray:
@@ -299,7 +300,7 @@ class FreeSpace:
         return any(bool(shapely.dwithin(a, b, 0.999 * self.slot)) for a, b in near)
 
     def tips_as_arcs(self, tips: list[Tip], plain: np.ndarray, tolerance: float) -> Tips:
-        """Return all tips together as arcs; ``plain`` (F, 4) is the parameter t at which the other arms begin."""
+        """Return all tips as arcs within ``tolerance`` metres; ``plain`` (F, 4) is t where all other arms begin."""
         blank = np.zeros(plain.shape)
         made = Tips(np.zeros((2, *plain.shape)), blank, blank + 1e-3, plain.copy(), {})
         for tip, end in zip(tips, end_curves(tips, tolerance), strict=True):
@@ -316,7 +317,7 @@ class _Obstacles:
 
     rings : (P, K) complex points of the pieces, metres
     arm : (P,) arm of each piece, 4 quad + side; -1 for hubs
-    low, high : (P, 2) corners of their bounding boxes
+    low, high : (P, 2) corners of the pieces' bounding boxes, metres
     """
 
     def __init__(self, rings: np.ndarray, arm: np.ndarray):
@@ -340,7 +341,7 @@ class _Obstacles:
         return self._shapes[pieces]
 
     def are_near(self, shapes: np.ndarray, without: np.ndarray, distance: float) -> np.ndarray:
-        """Return (N,) whether a piece is within ``distance`` metres of a shape; arms ``without`` (N, 2) are ignored."""
+        """Return a mask (N,) of shapes with a piece within ``distance`` metres, except of arms ``without`` (N, 2)."""
         import shapely
 
         bounds = shapely.bounds(shapes) + distance * np.array([-1.0, -1.0, 1.0, 1.0])

@@ -18,9 +18,10 @@ from ...spirals.curves.arcs import Curve, fit_biarcs
 from ...spirals.curves.spiral import LEFT, RIGHT, Arms, centre_line, edge_points, taper_width, width_at
 from ...spirals.design import SpiralDesign
 
-# minimum length of a step along an edge of a tip, as a share of the same step along the other edge; at 0 the edge folds
+# minimum length of a step along an edge of a tip, as a share of the same step along the other edge; at 0 the edge
+# folds, and larger values refuse more connectors
 MIN_STEP_RATIO = 0.15
-ARM_SHARE = 0.85  # share of an arm, from its tip towards its hub, that a connector may occupy
+ARM_SHARE = 0.85  # share of an arm, from its tip, that a connector may occupy; larger permits connectors nearer to hubs
 SAMPLES = 41  # samples along an arm or the edge of a tip; more are slower and hardly more exact
 
 
@@ -60,9 +61,9 @@ class Widening(Columns):
     taper_end: Float[np.ndarray, " arms"]
 
     def added_width(self, tau: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the addition to the arms' widths at tau (n, M) that moves edges ``side``, and its derivative by tau.
+        """Return the addition to the arms' widths at tau (n, M), and its derivative by tau.
 
-        An edge moves by half of the addition.
+        An edge (``side``: LEFT or RIGHT) moves by half of the addition.
         """
         extra = 2.0 * np.where(side == LEFT, self.left[:, None], self.right[:, None])
         return taper_width(extra, self.taper_start[:, None], self.taper_end[:, None], tau)
@@ -72,8 +73,9 @@ class Widening(Columns):
 class JointArms(Columns):
     """One arm at each of n joints.
 
-    arm : 4 quad + side
+    arm : number of the arm, 4 quad + side
     patch : patch of the arm
+    arms : shape parameters of the arms
     origin, outwards : complex origin and outward unit direction of the arm's frame in the patch's frame
     t, length : table of t and the length in metres of the centre line from the joint to t
     speed : metres per unit of t at the joint

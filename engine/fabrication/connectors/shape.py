@@ -191,7 +191,7 @@ def socket_curve(s: ConnectorSize, setback: float = 0.0) -> Curve:
 
 
 def face_curve(s: ConnectorSize, setback: float = 0.0) -> Curve:
-    """Return the flat end of a tab, from right to left, ``setback`` metres plus half the clearance behind the cut."""
+    """Return the end of an arm with a tab, from right to left, ``setback`` metres and half a clearance inwards."""
     x, p = -0.5 * s.clearance - setback, 0.5 * s.pad_width
     return Curve(np.array([[x, -p], [x, p]]), np.zeros(2), closed=False)
 

@@ -18,7 +18,8 @@ from ...spirals.curves.spiral import LEFT, RIGHT
 from .joined_arms import ARM_SHARE, MIN_STEP_RATIO, SAMPLES, JoinedArms, Widening, to_complex, to_points
 from .shape import ConnectorSize, face_curve, head_curve, socket_curve
 
-# length over which a widened tip narrows to its arm, as a share of its added width: preferred and minimum
+# length over which a widened tip narrows to its arm, as a share of its added width: preferred and minimum; longer is
+# smoother and needs more room
 _FLARE = (1.3, 0.5)
 _BEHIND_HEAD = 0.3  # length behind the shoulder over which an arm with a head keeps its full width, in neck widths
 _MIN_FULL_WIDTH = (
@@ -111,7 +112,8 @@ class Tip:
 def end_curves(tips: Sequence[Tip], tolerance: float) -> list[Curve]:
     """Return for every tip the curve from its arm's right edge to its left edge, in the patch's frame.
 
-    Where a tip extends beyond the joint, the curve includes the parts of its edges beyond the joint.
+    If a tip extends beyond the joint, the curve includes the parts of its edges there, as arcs within ``tolerance``
+    metres of the exact edges.
     """
     made = [tip.end_curve for tip in tips]
     long = [k for k, tip in enumerate(tips) if tip.begin < 0.0]

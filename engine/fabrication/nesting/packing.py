@@ -261,7 +261,7 @@ def fill_ratio(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], area: f
     packing : positions of the shapes
     shapes : closed outlines (M, 2), metres
     area : total area of the shapes, m2
-    margin : of the sheets, metres
+    margin : margin of the sheets, metres
     """
     whole = range(len(packing.remnants), len(packing.sizes))
     used = {k: used_length(packing, shapes, k) + margin for k in whole}
@@ -270,7 +270,7 @@ def fill_ratio(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], area: f
 
 
 def box_fits(size: Float[np.ndarray, " 2"], sheet: tuple[float, float], margin: float, rotation: str = "FREE") -> bool:
-    """Return whether a box (metres, longer side first) fits on the sheet, turned if needed unless "GRAIN"."""
+    """Return whether a box fits on the sheet within its margin (metres), turned if needed unless "GRAIN"."""
     free = [x - 2.0 * margin + 1e-9 for x in sheet]
     if rotation == "GRAIN":
         return bool(size[0] <= free[0] and size[1] <= free[1])
@@ -343,12 +343,12 @@ class SheetRaster:
         self._rejected: list[tuple[np.ndarray, int]] = []  # boxes and cell counts of shapes that found no place
 
     def may_fit(self, stamp: ShapeMask) -> bool:
-        """Return False if a shape that is no larger, by box and cell count, has already found no place."""
+        """Return False if a shape not larger than this one, by box and cell count, has already found no place."""
         box = np.sort(stamp.box)
         return not any((box >= other).all() and stamp.cell_count >= cells for other, cells in self._rejected)
 
     def place(self, stamp: ShapeMask, try_half_turns: bool = False) -> tuple[float, np.ndarray] | None:
-        """Occupy the place with the leftmost right end, then the lowest; return rotation and shift, None without room.
+        """Put the shape where its right end is leftmost, then lowest; return rotation and shift, or None without room.
 
         try_half_turns : also try half turns on an empty sheet; on an empty rectangle they gain nothing
         """

@@ -14,7 +14,7 @@ from ...params import SheetParams
 # Maximum ratio of the estimated number of sheets to the number needed by area alone; larger accepts more waste. On
 # suitable sheets the ratio is at most 2
 MAX_WASTE_RATIO = 3.0
-FEW_SHEETS = 10  # up to so many sheets are always accepted
+FEW_SHEETS = 10  # number of sheets up to which any waste is accepted; larger refuses fewer designs
 SIZE_STEP = 1.05  # factor between consecutive sheet sizes tried for the suggestion
 SIZE_ROUNDING = 0.01  # metres; a suggested size is rounded up to a multiple of this
 

@@ -34,7 +34,7 @@ COMPACTING_SHARE = 0.25
 # searches beat a long one
 STARTS = 4
 MIN_SHORTENING = 0.999  # stop restarting once a strip is longer than this share of the shortest strip so far
-RANDOM_SETS = 400  # random sets generated per sheet (10 ms), of which a few are tried
+RANDOM_SETS = 400  # random sets generated per sheet (10 ms), of which a few are tried; more find better sets
 # Maximum hull area of the next set to try, as a share of the previous set's; closer to 1, the sets differ less
 HULL_STEP = 0.985
 TRIES = 8  # maximum number of sets tried for one sheet; more fill a sheet better and leave fewer rounds
@@ -242,7 +242,7 @@ class SheetSearch:
     # -- strips --------------------------------------------------------------------------------------------------------
 
     def pack_shortest_strip(self, members: frozenset[int], seconds: float) -> PackedStrip | None:
-        """Return the shortest strip of panels ``members``, in metres, that all cores find; None if they find none.
+        """Return the shortest strip (metres) of panels ``members`` that any core finds in ``seconds``, or None.
 
         Every core restarts with new seeds, because results differ more by seed than by duration.
         """
@@ -283,7 +283,8 @@ class SheetSearch:
     def _strip_task(self, members: frozenset[int], seconds: int, start: int, enough: float = 0.0) -> StripTask:
         """Return the task (in millimetres) of packing panels into a strip as high as a sheet.
 
-        The search ends early at a length of ``enough`` metres; 0 searches for the whole time.
+        The search ends early at a length of ``enough`` metres; 0 searches for the whole time. ``start`` is added to the
+        seed of the settings.
         """
         items = [
             (i, [(x, y) for x, y in (1e3 * self.outlines[i]).tolist()], self.rotations[i]) for i in sorted(members)

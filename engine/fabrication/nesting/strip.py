@@ -33,7 +33,7 @@ class StripTask(NamedTuple):
 
 
 class PackedStrip(NamedTuple):
-    """A packed strip: its length, and by key of every shape its rotation in degrees and then its shift."""
+    """A packed strip: its length, and for every shape's key its rotation (degrees) and the shift after that."""
 
     length: float
     places: dict[int, tuple[float, tuple[float, float]]]

@@ -217,8 +217,8 @@ def _dogbone(start: np.ndarray, end: np.ndarray, bulge: float, radius: float) ->
     """Return nodes and bulges of the dogbone that replaces an arc between two straight lines.
 
     start, end : (3,) complex ends of the line before, the arc, and the line after
-    bulge : of the arc
-    radius : of the mill, metres
+    bulge : bulge of the arc
+    radius : radius of the mill, metres
     """
     half = 0.5 * np.pi + 2.0 * np.arctan(bulge)  # half of the angle between the lines
     middle = 0.5 * (start[1] + end[1]) - 0.5j * (end[1] - start[1]) * bulge

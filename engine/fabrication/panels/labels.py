@@ -118,7 +118,7 @@ def make_labels(
 
     Names of joints are written on both arms of the joint. Where an arm is too narrow for legible letters and its hub
     has room for larger ones, the name is on the hub, with a tick on the arm. Labels that are still too small are listed
-    in ``small``.
+    in ``Labels.small``.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def free_hub_radii(arms: Arms, roots: SlotRoots) -> Float[np.ndarray, " quads"]:
 
     Parameters
     ----------
-    arms : of all quads
+    arms : arms of all quads
     roots : rounded inner ends of their slots
     """
     return (np.linalg.norm(roots.centre - arms.centre[:, None], axis=-1) - roots.fillet).min(axis=1)
@@ -193,7 +193,7 @@ def key_label(name: str, neck: float, long: float, params: SheetParams) -> tuple
 
 
 class _LabelPlaces:
-    """Lines and room for letters: the centre line of every arm from joint to hub, and the circle on every hub."""
+    """Lines and room for letters: the centre line of every arm from joint to hub, and a free circle on every hub."""
 
     def __init__(self, arms: Arms, hubs: SlotRoots, taken: np.ndarray, progress: Progress):
         self.occupied_lengths = taken
@@ -214,19 +214,19 @@ class _LabelPlaces:
         self.hub_radius = free_hub_radii(arms, hubs)
 
     def height_on_arm(self, quad: int, side: int, text: str, largest: float) -> float:
-        """Return the maximum height in metres of letters along this arm, at most ``largest``."""
+        """Return the height in metres of the largest letters that fit along this arm, at most ``largest``."""
         room = 0.9 * (self.length[quad, side] - self.occupied_lengths[quad, side] - 0.4 * self.width[quad, side, 0])
         return float(min(largest, FILL_SHARE * self.narrowest[quad, side], room / text_length(text)))
 
     def height_on_hub(self, quad: int, text: str, largest: float) -> float:
-        """Return the maximum height in metres of letters on this hub, at most ``largest``; 0 if it is occupied."""
+        """Return the height in metres of the largest letters that fit on this hub, at most ``largest``; 0 if taken."""
         return min(largest, 1.8 * float(self.hub_radius[quad]) / float(np.hypot(text_length(text), 1.0)))
 
 
 class _PlacedLabel(NamedTuple):
     """A label on the material; it has no letters if there is no room.
 
-    height : of the letters, metres
+    height : height of the letters, metres
     is_on_hub : whether the label is on a hub
     tick : stroke on the arm to which a label on a hub belongs
     """
@@ -238,7 +238,7 @@ class _PlacedLabel(NamedTuple):
 
 
 def _joint_label(text: str, quad: int, side: int, lines: _LabelPlaces, params: SheetParams) -> _PlacedLabel:
-    """Write the name of a joint on its arm, or on its hub if letters on the arm are illegible and smaller."""
+    """Write the name of a joint on its arm, or on its hub if letters on the arm are illegible and smaller there."""
     height = lines.height_on_arm(quad, side, text, params.label_height)
     on_hub = lines.height_on_hub(quad, text, params.label_height)
     if height < min(LEGIBLE_HEIGHT, params.label_height) and max(height, params.label_min) < on_hub:

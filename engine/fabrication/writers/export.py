@@ -20,7 +20,7 @@ class Format(NamedTuple):
     """A file format, written as one file per sheet.
 
     ending : text after the base of the file's name; the number of the sheet is inserted before its last dot
-    setting, values : setting of ``ExportParams`` that selects the format, and the values with which it does
+    setting, values : setting of ``ExportParams``, and those of its values that select the format
     write : function that writes a sheet
     is_default : whether scripts and the command line write this format by default
     """

@@ -21,12 +21,14 @@ SAME_QUAD, ACROSS, ROUND = range(3)
 # measured; one row per kind of pair. In SAME_QUAD, 1/3 is the part that must be open (``slots.OPEN_SHARE``). Larger
 # values miss fewer narrow gaps and take longer; with 0.4 across joints, slots of 0.17 mm were measured as 0.3 mm.
 DEPTHS = np.array([[1.0 / 3.0, 1.0], [0.7, 0.9], [0.8, 0.8]])
-# Twists of an arm and of its mate, as shares of the largest twist, at which the reach of arms is sampled. Apart from
-# blends, arms with less twist lie within the region that arms with the largest twist surround.
+# Twists of an arm and of its mate, as shares of the largest twist, at which the reach of arms (how far they extend in
+# every direction) is sampled. Apart from blends, arms with less twist lie within the region that arms with the largest
+# twist surround.
 _OWN_TWISTS, _MATE_TWISTS = (0.0, 0.5, 1.0), (0.0, 1.0)
 _REACH_T = np.linspace(0.0, 0.9, 25)  # arm parameters t at which the reach is sampled
 _DIRECTIONS = 32  # number of directions in which the reach is sampled; more exclude more pairs and take longer
-# angles between the normals of the separating lines that are tried and the line between the quads' centres, radians
+# angles between the normals of the separating lines that are tried and the line between the centres of two quads,
+# radians
 _NORMAL_ANGLES = np.array([-0.7, -0.35, 0.0, 0.35, 0.7])
 # safety margin of the reach, as a share of the arm's radius: covers shapes between the samples and moved flat points;
 # larger is safer and keeps more pairs

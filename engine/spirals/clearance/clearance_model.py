@@ -87,9 +87,9 @@ class ClearanceModel:
     has_joint: Bool[np.ndarray, " arms"]
 
     @classmethod
-    @lru_cache(maxsize=2)  # all starts and stages of a search use the same patches
+    @lru_cache(maxsize=2)  # a search asks for the model at every start and stage, with the same patches
     def from_flat(cls, flat: FlatPatches, params: SpiralParams) -> ClearanceModel:
-        """Find the pairs of arms that can come near each other in any design, and the gaps that they need.
+        """Make the model: pairs of arms that come near each other in some design, and the required gap of each pair.
 
         Where even the thinnest straight arms have smaller gaps than required, because quads are small or thin, 95 % of
         their gaps are required; where these arms touch, nothing is required. Beside short arms that meet across a cut,

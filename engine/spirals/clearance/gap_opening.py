@@ -16,8 +16,8 @@ TARGET_CLEARANCE = 0.02  # target clearance, as in ``Clearances.value``; larger 
 # least derivative of a clearance (``Clearances.value``) by the twists, 1/radian, for which spirals are unwound; for
 # smaller derivatives arms become thinner instead
 MIN_TWIST_SLOPE = 0.02
-# largest decrease in one round: of a twist in radians, and of a width as its share; larger values need fewer rounds but
-# overshoot
+# largest decrease in one round: of a twist in radians, and of a width as a share of the width; larger values need fewer
+# rounds but overshoot
 MAX_UNWIND, MAX_THIN = 0.4, 0.1
 
 

@@ -253,7 +253,7 @@ def slot_widths(
 
     Returns
     -------
-    width : (F, 4, N) diameter of the circle between the edges that touches the outer arm there, metres
+    width : (F, 4, N) diameter of the circle that touches both edges, the outer arm's edge at the point, metres
     lean : (F, 4, N) cosine of the angle between both edges, negative in the open corner of two arms
     outer, inner : (F, 4, N) arm parameters t of the facing points on the outer and on the inner arm
     """

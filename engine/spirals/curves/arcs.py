@@ -273,8 +273,8 @@ def _fit_batch(evaluate: Evaluate, ends: np.ndarray, tolerance: float) -> Fitted
 def _fitting_effort(samples: np.ndarray, tangents: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the cumulative fitting effort up to every sample (C, M), from 0 to 1, and the estimated spans needed (C,).
 
-    A biarc deviates from a curve by about |d curvature / ds| length^3 / 324 (s: arc length), so spans should be as
-    dense as the cube root of |d curvature / ds|.
+    A biarc deviates from a curve by about |d curvature / ds| length^3 / 324 (s: arc length), so the
+    number of spans per length should be proportional to the cube root of |d curvature / ds|.
     """
     move = np.diff(samples, axis=1)
     step = np.sqrt(dot(move, move))

@@ -47,7 +47,7 @@ class ArmCurves:
 
         Parameters
         ----------
-        centre, radius, angle : as the attributes
+        centre, radius, angle : as in the attributes of the class
         both : widths, winds and leans of the arms and of their mates, as in ``blends.blend_joints``
         shortest : length of the shortest blend, in t, for an arm that hardly turns in it
         """

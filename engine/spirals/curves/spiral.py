@@ -176,7 +176,7 @@ def centre_line(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
 
     Parameters
     ----------
-    arms : of F quads
+    arms : arms of F quads
     t : (F, 4, N) 0 at the joint, 1 at the centre
     """
     slope = _to_complex(arms.blend_slope)[..., None]
@@ -222,7 +222,7 @@ def width_at(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     Parameters
     ----------
-    arms : of all quads
+    arms : arms of all quads
     t : (F, 4, N) places along the arms, 0 at the tip, 1 at the centre
     """
     return arm_widths(arms.width[..., None], arms.joint_width[..., None], arms.share[..., None], t)[:2]
@@ -274,7 +274,7 @@ def edge_points(
 
     Parameters
     ----------
-    arms : of F quads
+    arms : arms of F quads
     t : (F, 4, N) 0 at the joint, 1 at the centre
     side : LEFT, RIGHT, or an array of these that broadcasts with t; additional leading axes remain in the result
     offset : distance of the points outwards from the edge, metres, such as the radius of a cutter or fillet
