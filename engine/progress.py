@@ -38,10 +38,10 @@ class Progress:
         Parameters
         ----------
         fraction : done share of this work, clipped to [0, 1]
-        text : what is being done
+        text : what is being done; it is reported with a capital first letter
         """
         if self.report is not None:
-            self.report(self.lo + (self.hi - self.lo) * min(max(fraction, 0.0), 1.0), text)
+            self.report(self.lo + (self.hi - self.lo) * min(max(fraction, 0.0), 1.0), text[:1].upper() + text[1:])
 
     def part(self, lo: float, hi: float) -> Progress:
         """Return the progress of a substage that runs from the fraction ``lo`` to the fraction ``hi`` of this stage.
@@ -100,8 +100,8 @@ class Progress:
         ----------
         text : text of the reports
         """
-        report = self.report
-        return replace(self, report=report and (lambda fraction, _: report(fraction, text)), shown=None)
+        report = Progress(self.report)
+        return replace(self, report=self.report and (lambda fraction, _: report.tell(fraction, text)), shown=None)
 
     def shares(self, share: float) -> Iterator[Progress]:
         """Yield progresses for an unknown number of steps; each step covers a share of the fraction that is left.

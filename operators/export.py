@@ -32,7 +32,7 @@ class Export(FolderWriter, ContinuedStage["SheetFiles"], bpy.types.Operator):
     """Place the panels on sheets and write them for the cutter or the printer, in true millimetres, with an assembly sheet"""
 
     bl_idname = "flexmaps.export"
-    bl_label = "Export sheets"
+    bl_label = "Write the files"
 
     required_output = "design"
     reads_loads = True

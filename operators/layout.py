@@ -45,7 +45,7 @@ class LayoutStage(ContinuedStage):
         flat_panels.show_flat(obj, context.scene, flat, centres)
         stored_report.write(obj.data, "layout", block)
         states.stamp_side_result(obj, context.scene, "forecast", self._made_from)
-        return translate("{}, largest distortion {:.3f}", panels(block["patches"]), block["energy_max"])
+        return describe_layout(block)
 
     def after_write(self, context: bpy.types.Context, obj: bpy.types.Object, result: object) -> Iterator[None]:
         """Frame the object and its panels in the 3D views, but only after the first layout of its quads."""
@@ -56,6 +56,13 @@ class LayoutStage(ContinuedStage):
             obj[framing.FRAMED_KEY] = True
             framing.frame_objects(context, obj, *own.objects)
         return iter(())
+
+
+def describe_layout(block: dict[str, Any]) -> str:
+    """Return the number of panels and their largest distortion as a line for the user; block : ``layout_report``."""
+    if block["energy_max"] < 0.0005:  # three digits after the point would be zeros
+        return translate("{} without distortion", panels(block["patches"]))
+    return translate("{}, largest distortion {:.3f}", panels(block["patches"]), block["energy_max"])
 
 
 def with_report(result: Result, **more: object) -> FlatReported:
@@ -94,7 +101,7 @@ class Merge(LayoutStage, bpy.types.Operator):
     """Join panels as long as they stay within the limits, and cut what is larger than the sheet; begins with the seams, or traces first where there are none"""
 
     bl_idname = "flexmaps.merge"
-    bl_label = "Merge"
+    bl_label = "Lay out the panels"
     reads_loads = True
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:

@@ -37,7 +37,11 @@ class Overlay(ImmediateOperator, ObjectOperator, bpy.types.Operator):
         from ..bridge.view import overlay
 
         if self.kind != "NONE" and not colouring.store_colours(context.object, self.kind, recompute=True):
-            stage = "Simulate" if self.kind in colouring.SIMULATED_KINDS else BUTTON_OF_KIND.get(self.kind, "Merge")
+            stage = (
+                "Simulate"
+                if self.kind in colouring.SIMULATED_KINDS
+                else BUTTON_OF_KIND.get(self.kind, "Lay out the panels")
+            )
             raise FlexMapsError(translate("There is nothing to show yet; press {} first", button_name(stage)))
         overlay.choose_kind(self.kind)
 

@@ -116,7 +116,8 @@ def _draw_results(body: Any, context: bpy.types.Context) -> None:
             rows.append((tr("Strain at fillets"), share))
         for number, energy in enumerate(block.get("other_energies", ()), 1):
             more = 100 * (energy / block["energy"] - 1) if block["energy"] else 0.0
-            rows.append((tr("Energy, other shape {}", number), f"{more:+.2g} %"))
+            sign = "+" if more > 0.0 and format_figure(more) != "0" else ""
+            rows.append((tr("Energy, other shape {}", number), f"{sign}{format_figure(more)} %"))
     searched = read_stages(context).blocks.get("optimise", {})
     if "wished_mm" in searched:
         arrow = "{:.3g} \N{RIGHTWARDS ARROW} {:.3g} mm"

@@ -222,7 +222,7 @@ def require_current_flat(surface: ObjectSurface, mesh: QuadMesh) -> FlatPatches:
     """
     flat = read_flat(surface, mesh)
     if flat is None:
-        raise FlexMapsError("There are no flat panels yet; press Merge or Flatten first")
+        raise FlexMapsError("There are no flat panels yet; press Lay out the panels or Flatten first")
     changed = np.flatnonzero(flat.layout.cut != read_layout(surface, mesh).cut)
     if len(changed):
         raise FlexMapsError("The seams were edited; press Update from seams first", edges=changed)

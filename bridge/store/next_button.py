@@ -175,11 +175,15 @@ def _export_action() -> NextAction:
 
 def _remesh_action(obj: bpy.types.Object, scene: bpy.types.Scene) -> NextAction:
     count, size = obj.flexmaps.remesh.quads, _better_size(obj, scene)
-    tooltip = translate("Makes about {} quads in the shape of this mesh, as a new object, and hides this one", count)
     if not size:
+        tooltip = translate(
+            "Makes about {} quads in the shape of this mesh, as a new object, and hides this one", count
+        )
         return NextAction("flexmaps.quad_remesh", _label(interface("{} quads", count)), tooltip, "piece")
     length = format_length(1e-3 * size)
-    tooltip += ". " + translate("It becomes {} large, which gives spirals that can be cut", length)
+    tooltip = translate(
+        "Makes about {} quads as a new object, {} large so that spirals can be cut, and hides this one", count, length
+    )
     label = _label(interface("{} quads, {}", count, length))
     return NextAction("flexmaps.quad_remesh", label, tooltip, "piece", {"size": size})
 

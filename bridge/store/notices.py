@@ -253,7 +253,7 @@ def _too_small(obj: bpy.types.Object, scene: bpy.types.Scene, blocks: dict[str, 
         return []
     sentence = translate(
         "Quads of {} are too small for the bends of this surface: even with the softest spirals everywhere, arms would be strained to "
-        "{:.0f} % of the material's limit ({:.0f} % is allowed). Make the piece larger, or take a thinner sheet and press Merge again",
+        "{:.0f} % of the material's limit ({:.0f} % is allowed). Make the piece larger, or take a thinner sheet and press Lay out the panels again",
         format_length(quad_edge(obj, scene)),
         100.0 * strain,
         100.0 * OVERSTRAIN_SHARE,

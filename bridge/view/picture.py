@@ -79,7 +79,7 @@ def render_panels(obj: bpy.types.Object, path: str | Path, size: Size = None, sa
             _add_panels(place, obj, design, "PATCH")
         else:
             if not shown:
-                raise FlexMapsError("There are no flat panels yet; merge or flatten first")
+                raise FlexMapsError("There are no flat panels yet; press Lay out the panels first")
             for other in shown:
                 place.add_object(other)
         place.set_up(ABOVE)

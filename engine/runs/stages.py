@@ -54,13 +54,13 @@ OF_EXTRAS = tuple(stage for stage in TABLE if stage.code)
 # error message for each input that a stage needs and that is missing
 MISSING = {
     "layout": "There are no panels yet; press Trace first",
-    "merged": "There are no flat panels yet; press Merge or Flatten first",
-    "flat": "There are no flat panels yet; press Merge or Flatten first",
+    "merged": "There are no flat panels yet; press Lay out the panels or Flatten first",
+    "flat": "There are no flat panels yet; press Lay out the panels or Flatten first",
     "design": "There are no spirals yet; press Spirals first",
     "optimisation": "Nothing was optimised yet; press Optimise first",
     "simulation": "There is no simulated shape yet; press Simulate first",
-    "sheets": "There are no sheets yet; press Export sheets first",
-    "estimates": "There are no sheets yet; press Export sheets first",
+    "sheets": "There are no sheets yet; press Write the files first",
+    "estimates": "There are no sheets yet; press Write the files first",
 }
 for _folder in _EXTRA:
     MISSING |= getattr(registry.load(_folder), "MISSING", {}) if registry.has(_folder) else {}

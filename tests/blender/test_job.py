@@ -216,7 +216,7 @@ def test_ticks_are_one_line_a_step(capsys: pytest.CaptureFixture[str]) -> None:
         return 3
 
     assert background.run_blocking("Merge", work) == 3
-    assert [line.split("% ")[1] for line in capsys.readouterr().out.splitlines()] == ["first: 0", "second"]
+    assert [line.split("% ")[1] for line in capsys.readouterr().out.splitlines()] == ["First: 0", "Second"]
 
 
 def test_control_c_becomes_cancelled() -> None:

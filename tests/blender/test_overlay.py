@@ -20,7 +20,7 @@ def sphere(add: Any) -> Any:
 
 def test_overlay_shows_and_hides(dome: Any, attribute: Any) -> None:
     manager = bpy.context.window_manager
-    with pytest.raises(RuntimeError, match="Merge first"):
+    with pytest.raises(RuntimeError, match="press Lay out the panels first"):
         bpy.ops.flexmaps.overlay(kind="ENERGY")
     press("merge")
     for kind in ("ENERGY", "SQUARE", "PATCH"):

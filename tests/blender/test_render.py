@@ -183,7 +183,7 @@ def test_a_second_blender_makes_the_same_picture(piece: Any, tmp_path: Path) -> 
     picture.render_together(piece, made / "all.png", params, pack)
     assert everything() == before and pack.is_file()
     found = second_render.render(pack, made, 0, Progress(lambda _, text: told.append(text)))
-    assert [one.name for one in found] == ["all.png"] and "setting up the picture" in told
+    assert [one.name for one in found] == ["all.png"] and "Setting up the picture" in told
     picture.render_together(piece, tmp_path / "here.png", params)
     apart = np.abs(pixels(found[0]) - pixels(tmp_path / "here.png"))
     assert apart.mean() < 0.005 and np.ptp(pixels(found[0])) > 0.5

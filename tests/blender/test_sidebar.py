@@ -8,9 +8,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import bpy
+import polib
 import pytest
+from flexmaps import operators
 from flexmaps.bridge.hosts import background
-from flexmaps.bridge.store import catalogue, finding_words, notices, stored_report
+from flexmaps.bridge.store import catalogue, finding_words, guidance, notices, stored_report
 from flexmaps.bridge.store.notice import Notice
 from flexmaps.bridge.view import text_layout
 from flexmaps.bridge.view.tab import SECTIONS
@@ -113,7 +115,7 @@ def test_the_head_has_as_many_rows_in_every_state(dome: Any, tmp_path: Path, mon
         stages.read_stages(bpy.context, refresh=True)
         count()
         press(name)
-    running = background.Job("Merge", lambda progress: None)
+    running = background.Job(operators.layout.Merge.bl_label, lambda progress: None)
     running.start()
     try:
         count()
@@ -162,13 +164,13 @@ def test_what_is_borne(dome: Any) -> None:
 
 
 def test_a_running_job_stands_in_the_row_of_next(dome: Any) -> None:
-    running = background.Job("Merge", lambda progress: None)
+    running = background.Job(operators.layout.Merge.bl_label, lambda progress: None)
     running.text = "Merging: 12 panels"
     running.start()
     try:
         layout = Drawn()
         lines = draw("piece", layout)
-        assert "Merge, 0 %" in lines and any("12 panels" in line for line in lines)
+        assert "Lay out the panels, 0 %" in lines and any("12 panels" in line for line in lines)
         assert "flexmaps.stop" in layout.operators and "flexmaps.next" not in layout.operators
         press("stop")
         assert running.is_stopping and "Stopping" in draw("piece")
@@ -345,3 +347,43 @@ def test_no_name_is_cut_at_the_usual_width(dome: Any, language: str, monkeypatch
         if text_layout.text_width(words) > share * width - MARGIN
     }
     assert not cut
+
+
+def test_what_next_says_about_new_quads_fits_its_rows() -> None:
+    """Also where it tells the size that they get, and in other languages."""
+    bpy.ops.mesh.primitive_uv_sphere_add(segments=12, ring_count=7)
+    action = guidance.read_guidance(bpy.context.object, bpy.context.scene).action
+    assert action is not None and action.properties["size"] > 0.0
+    written = [
+        entry.msgstr.format(2000, "130 mm")
+        for file in translations.FOLDER.glob("*.po")
+        for entry in polib.pofile(str(file))
+        if entry.msgid.startswith("Makes about {} quads as a new object, {} large")
+    ]
+    assert written
+    for sentence in (action.tooltip, *written):
+        assert len(text_layout.break_lines(sentence, ROOM, 2 * head.NOTICE_ROWS)) <= head.NOTICE_ROWS
+
+
+def test_jobs_are_named_as_the_buttons_of_next() -> None:
+    named = {
+        operators.layout.Merge: "Lay out the panels",
+        operators.fit.Fit: "Make it fit",
+        operators.export.Export: "Write the files",
+    }
+    assert {operator: operator.bl_label for operator in named} == named
+
+
+def test_a_layout_without_distortion_is_told_so() -> None:
+    assert operators.layout.describe_layout({"patches": 2, "energy_max": 1e-9}) == "2 panels without distortion"
+    assert operators.layout.describe_layout({"patches": 1, "energy_max": 0.0123}) == "1 panel, largest distortion 0.012"
+
+
+def test_energies_of_other_shapes_are_plain_figures(dome: Any) -> None:
+    for name in ("flatten", "spirals", "simulate"):
+        press(name)
+    energy = report(dome)["equilibrium"]["energy"]
+    others = [18.0 * energy, 0.9 * energy, energy]
+    stored_report.write(dome.data, "equilibrium", report(dome)["equilibrium"] | {"other_energies": others})
+    drawn = draw("shape")
+    assert {"+1700 %", "-10 %", "0 %"} <= set(drawn)

@@ -34,3 +34,16 @@ def test_work_within_a_step_keeps_its_words_and_can_be_cancelled() -> None:
     with pytest.raises(Cancelled):
         inner(1.0)
     SILENT.saying("Step")(1.0)
+
+
+def test_every_step_begins_with_a_capital() -> None:
+    """Whether it is told directly, for each of several things, or in place of other words."""
+    told: list[str] = []
+    outer = Progress(lambda _, text: told.append(text))
+    outer(0.0, "room between the arms")
+    list(outer.each([1], "labels"))
+    list(outer.batches(1, 1, "near the joints"))
+    outer.at(0.5, "packing")(0.0)
+    outer.saying("outlines")(1.0, "something else")
+    outer(1.0)
+    assert told == ["Room between the arms", "Labels", "Near the joints", "Packing", "Packing", "Outlines", ""]

@@ -196,4 +196,4 @@ def test_many_nearly_empty_sheets_are_refused_before_a_search() -> None:
     seen: list[str] = []
     with pytest.raises(FlexMapsError, match="sheets of 80 x 80 mm would be cut"):
         job.run(hill(5, 0.05), settings, optimised=True, progress=Progress(lambda _, text: seen.append(text)))
-    assert "spirals" in seen and "optimise" not in seen
+    assert "Spirals" in seen and "Optimise" not in seen

@@ -98,7 +98,7 @@ def test_very_many_shapes_are_packed_too(rotation, monkeypatch):
     seen = []
     progress = Progress(lambda fraction, text: seen.append((fraction, text)))
     found = pack(shapes, (0.1, 0.06), 0.004, 0.003, progress, rotation)
-    assert "packing in rows" in {text for _, text in seen}
+    assert "Packing in rows" in {text for _, text in seen}
     assert [f for f, _ in seen] == sorted(f for f, _ in seen)
     sheets = _check(shapes, found, 0.004, 0.003)
     assert sorted(sheets) == list(range(len(found.sizes)))
