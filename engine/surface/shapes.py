@@ -36,7 +36,7 @@ def build_shape(name: str, edge: float = 0.02) -> QuadMesh:
 
 
 def _grid(columns: int, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return a regular grid of quads: coordinates u and v of every vertex, from -1 to 1, and the quads' vertices."""
+    """Return a grid of ``columns`` x ``rows`` quads: u and v of every vertex, from -1 to 1, and the quads' vertices."""
     u, v = np.meshgrid(np.linspace(-1, 1, columns + 1), np.linspace(-1, 1, rows + 1), indexing="ij")
     index = np.arange(u.size).reshape(u.shape)
     quads = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1)

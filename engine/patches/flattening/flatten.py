@@ -167,7 +167,13 @@ def _reusable_patches(
 
 
 def outline_vertices(layout: PatchLayout, patch: int) -> Int[np.ndarray, " m"]:
-    """Return the flat vertices on the outer outline of a patch, counter-clockwise, the smallest index first."""
+    """Return the flat vertices on the outer outline of a patch, counter-clockwise, the smallest index first.
+
+    Parameters
+    ----------
+    layout : mesh and cuts
+    patch : number of the patch
+    """
     quads = layout.patches[patch]
     loop = layout.loop_of[quads]
     outer = np.flatnonzero(layout.loop_patch == patch)

@@ -118,6 +118,9 @@ def _start_all(
     """Flatten the patches without springs, small patches in batches, large patches one by one; return their states.
 
     Small patches that overlap or exceed the distortion limit in their batch are flattened again one by one.
+
+    limit : largest allowed distortion E
+    start : initial rotations of all corner triangles, or None
     """
     tick = partial(progress, 0.1, "Flattening")
     large = [quads for quads in patches if len(quads) >= SMALL_PATCH]
@@ -150,7 +153,7 @@ def _make_problem(layout: PatchLayout, patches: Sequence[np.ndarray], tick: Call
 def _sound_patches(
     layout: PatchLayout, problem: PatchProblem, flat: FlatPatch, limit: float
 ) -> Bool[np.ndarray, " patches"]:
-    """Return a mask of the patches that are proven injective and within the distortion limit."""
+    """Return a mask of the patches in ``flat`` that are proven injective and not distorted by more than ``limit``."""
     u, first = flat.points[problem.corners], np.cumsum(problem.sizes) - problem.sizes
     d = u[:, NEXT] - u
     flipped = ~((np.roll(d, 1, axis=1).conj() * d).imag > 0.0).all(axis=1)
@@ -166,7 +169,10 @@ def _sound_patches(
 def _flatten_alone(
     layout: PatchLayout, problem: PatchProblem, limit: float, start: np.ndarray | None
 ) -> _FlatteningState:
-    """Flatten a patch without springs; try other initial rotations if it exceeds the distortion limit or overlaps."""
+    """Flatten one patch without springs; try other initial rotations if it overlaps or is distorted more than ``limit``.
+
+    start : initial rotations of all corner triangles, or None
+    """
     outline = layout.outline_sides[problem.quads]
     flat = solve_local_global(problem, None if start is None else start[problem.quads], tolerance=0.005)
     if flat.flip_count or flat.max_energy > limit:

@@ -91,8 +91,8 @@ class MergeBoard:
     tried_slides : slides of seams that were already examined
     refused_changes : changes that were refused under the present symmetries and limits
     accepted_patches : flat patches that were accepted; key: quads, outline, limit
-    failed_flattenings : the same key for rejected flat patches, with the serials of the merged pieces: when the same patch
-        is merged from other pieces, its flattening starts differently and may succeed
+    failed_flattenings : for rejected flat patches, pairs of such a key and the serials of the merged pieces; merged from
+        other pieces, the patch is flattened from another start, which may succeed
     """
 
     def __init__(
@@ -145,7 +145,7 @@ class MergeBoard:
         return int(np.min(edges)) <= lowest
 
     def rotations(self) -> Complex[np.ndarray, "quads 4"]:
-        """Return the rotation of every corner triangle, each piece in its own frame."""
+        """Return the rotation of every corner triangle from the surface to its flat piece, unit complex numbers."""
         result = np.ones((len(self.mesh.quads), 4), dtype=complex)
         for piece in self.pieces.values():
             result[piece.quads] = piece.flat.rotation
@@ -319,6 +319,8 @@ class MergeBoard:
     ) -> FlatPatch | None:
         """Return the patch laid flat, from the cache if possible, and subtract the work from the budget.
 
+        parents : present pieces of its quads
+        opens : edges that are joined
         limit : largest allowed distortion E; None is returned if the patch exceeds it or is not injective
         """
         start = self.measurer.rotations(parents, measures.quads, opens)

@@ -110,10 +110,10 @@ def _best_change(board: MergeBoard, piece: FlatPiece) -> SeamChange | None:
 
 
 def _candidate_changes(board: MergeBoard, piece: FlatPiece) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield the changes to try, as edges to join and edges to cut.
+    """Yield the changes that might dissolve a piece, as edges to join and edges to cut.
 
-    A change removes all seams with a neighbour, one of several such seams or an edge of a single seam, or divides the
-    quads among the neighbours.
+    A change removes all seams with a neighbour, one of several seams with a neighbour, or an edge of a single seam, or
+    it divides the piece's quads among the neighbours.
     """
     mesh, around = board.mesh, _pieces_across(board, piece)
     edges = mesh.quad_edges[piece.quads]

@@ -52,8 +52,8 @@ def merge(
     layout : mesh and first cuts
     params : limits of the layout
     progress : called with the fraction done
-    has_supports : whether something holds the piece in its shape; if not, a curved surface never becomes a single panel without
-        a cut, unless ``params.seamless``
+    has_supports : whether something holds the piece in shape; if not, a curved surface becomes a single panel without a
+        cut only if ``params.seamless`` is True
     """
     seamless = has_supports or params.seamless
     mesh, progress = layout.mesh, _monotonic(progress)
@@ -161,7 +161,7 @@ def work_budget(layout: PatchLayout) -> WorkBudget:
 def _try_strategies(
     start: MergeBoard, origin: str, whole_group: list[Symmetry], bodies: int, progress: Progress
 ) -> list[tuple[float, int, MergeBoard]]:
-    """Merge a layout by several strategies; return the cost (``layout_cost``), the number and the board of every result."""
+    """Merge the layout of ``start`` by several strategies; return cost (``layout_cost``), number and board of each result."""
     layout = start.layout
     kept = preserved_by(whole_group, layout.cut)
     if not origin:
@@ -384,7 +384,7 @@ def open_best_part(board: MergeBoard, strategy: MergeStrategy, progress: Progres
 
 
 def longest_part(board: MergeBoard, edges: np.ndarray) -> SeamChange | None:
-    """Return the change that removes the longest possible part of a seam between ``natural_stops``; None if impossible."""
+    """Return the change that removes the longest possible part of a seam between two ``natural_stops``, or None."""
     few = min(len(board.pieces[n].quads) for n in board.pieces_at(edges[:1])[0]) < 2 * board.params.patch_min
     stops = list(range(len(edges) + 1)) if few and len(edges) <= 10 else natural_stops(board, edges)
     # limit the number of stops, because a seam without straight parts has one at every vertex

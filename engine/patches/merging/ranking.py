@@ -75,7 +75,7 @@ def _can_match_seams(board: MergeBoard, progress: Progress) -> bool:
 
 
 def cost_after_halving(board: MergeBoard) -> float:
-    """Return the cost of a layout after halving long patches: number of patches, penalties, length and corners of cuts."""
+    """Return the cost of a layout after halving long patches: ``fault_cost`` plus a thousandth of ``seam_cost``."""
     pieces = board.pieces.values()
     more = len(halve_long_patches(board.layout, board.params).patches) - len(pieces)
     return more + fault_cost(board, pieces) + 1e-3 * seam_cost(board)

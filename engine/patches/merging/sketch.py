@@ -105,7 +105,13 @@ class PatchMeasurer:
         self.cached_quads = 0
 
     def measure(self, quads: Int[np.ndarray, " quads"], cut: Bool[np.ndarray, " edges"]) -> PatchMeasures:
-        """Return the measures of the patch that consists of some quads, under given cuts (cached)."""
+        """Return the measures of a patch; results are cached.
+
+        Parameters
+        ----------
+        quads : quads of the patch
+        cut : mask of the edges that are cut
+        """
         sides = (cut | self.mesh.border)[self.mesh.quad_edges[quads]]
         key = quads.tobytes(), sides.tobytes()
         if key not in self.cache:
@@ -140,7 +146,12 @@ class PatchMeasurer:
     ]:
         """Return the uncut sides between some quads, each once: a quad, its side, the quad across, that quad's side.
 
-        Quads are positions in ``quads``, sides 0 to 3.
+        The results are positions in ``quads`` and side numbers 0 to 3.
+
+        Parameters
+        ----------
+        quads : the quads
+        cut : mask of the edges that are cut
         """
         mesh, place = self.mesh, self.place
         place[quads] = np.arange(len(quads))
@@ -155,7 +166,13 @@ class PatchMeasurer:
         return qa, ka, qb, kb
 
     def components(self, quads: Int[np.ndarray, " quads"], cut: Bool[np.ndarray, " edges"]) -> list[np.ndarray]:
-        """Return the quads of every patch (connected component) into which cuts divide some quads."""
+        """Return the quads of every patch (connected component) into which cuts divide some quads.
+
+        Parameters
+        ----------
+        quads : the quads to divide
+        cut : mask of the edges that are cut
+        """
         qa, _, qb, _ = self.joints(quads, cut)
         labels = component_numbers(len(quads), qa, qb)
         return [quads[labels == n] for n in range(int(labels.max()) + 1)]

@@ -94,7 +94,7 @@ def try_change(board: MergeBoard, opens: Int[np.ndarray, " opened"], closes: Int
 
 
 def gain_of(board: MergeBoard, opens: Int[np.ndarray, " opened"], closes: Int[np.ndarray, " closed"]) -> float:
-    """Return the gain of a change: decrease of the cuts' length, in median edge lengths, and of their corner costs.
+    """Return the gain of a change: decrease of the cuts' length, in median edge lengths, plus decrease of corner costs.
 
     Parameters
     ----------
@@ -158,7 +158,10 @@ def _limit_shortfall(board: MergeBoard, pieces: list[FlatPiece]) -> int:
 
 
 def fault_cost(board: MergeBoard, pieces: Iterable[FlatPiece]) -> float:
-    """Return the number of patches plus penalties for too small patches, narrow necks and bottlenecks, in patches."""
+    """Return the number of ``pieces`` plus penalties for too small pieces, narrow necks and bottlenecks.
+
+    A penalty of 1 counts as much as another piece.
+    """
     params = board.params
     total = 0.0
     for p in pieces:

@@ -30,7 +30,7 @@ ANGLES = 60  # number of directions per half turn in which a piece is tried on t
 CHECKED = 40
 # Cost of every sheet that the pieces need; a cut as long as the root of the patch's area costs 0.5. Larger: fewer sheets.
 NEEDED = 2.0
-# Cost of a cut that leaves all area on one side, on the same scale. Larger: pieces of more equal area.
+# Cost of a cut that leaves all area on one side, on the scale of NEEDED. Larger: pieces of more equal area.
 UNEVEN = 0.5
 # Share of its size by which a piece may grow when it is flattened again after the cut; chosen with a margin. Larger:
 # fewer pieces turn out too large, and pieces are cut smaller.
@@ -282,7 +282,7 @@ def _sheets_of_sides(
     sheet: SheetParams,
     tick: Callable[[], None],
 ) -> Int[np.ndarray, "starts ends"]:
-    """Return the number of sheets that both sides of every run need together, estimated from their outlines.
+    """Return the number of sheets that the pieces on both sides of every run need together, estimated from outlines.
 
     tails, heads : positions on the outline at which runs start and end
     """
@@ -333,7 +333,9 @@ def _cost_of_cut(
 ) -> float | None:
     """Return the cost of the two pieces that a cut makes, without the cut's length; None if the cut is not allowed.
 
+    piece : the patch that is cut
     run : edges of the cut, in the whole mesh
+    box : largest width and height of the pieces, metres
     """
     layout = piece.layout
     cut = layout.cut.copy()

@@ -263,7 +263,7 @@ def _sharp_fold_findings(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
 
 
 def _topology_findings(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> list[Finding]:
-    """Report non-manifold edges and vertices, and faults of the orientation."""
+    """Report non-manifold edges and vertices, and inconsistent orientation; ``body`` is the body of every face."""
     found = []
     uses = np.bincount(sides.edge, minlength=len(sides.edges))
     many = np.flatnonzero(uses > 2)

@@ -16,8 +16,8 @@ from .topology import Sides, sides_of
 # Larger: meshes with more uneven quads are accepted.
 RATIO_ERROR, RATIO_WARNING = 10.0, 3.0
 SIZES = 1e-6, 1e6  # smallest and largest plausible median edge, metres; beyond these the unit must be wrong
-# Largest distance of a vertex from the median position, as a multiple of the median of these distances. Larger: fewer
-# vertices are reported as stray.
+# Largest distance of a vertex from the median position of all vertices, as a multiple of the median distance. Larger:
+# fewer vertices are reported as stray.
 FAR = 1e6
 # Cosine between the normals of neighbouring faces, below which they count as lying on each other (within 0.008 degrees).
 FOLDED = -1.0 + 1e-8
@@ -114,7 +114,7 @@ def degeneracy_findings(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
 
 
 def _corner_areas(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " faces"]:
-    """Return the area of the largest parallelogram that two adjacent sides of each face span."""
+    """Return, for each face, the area of the largest parallelogram that two of its adjacent sides span."""
     p = polygons.vertices
     side = p[sides.end_vertex] - p[polygons.corners]
     return np.maximum.reduceat(np.linalg.norm(np.cross(side, side[sides.next_side]), axis=1), polygons.starts)
@@ -159,7 +159,13 @@ def size_findings(
 
 
 def area_vectors_of(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, "faces 3"]:
-    """Return the area vector (area times normal) of every face: half the sum of cross products about a corner."""
+    """Return the area vector (area times normal) of every face: half the sum of cross products about a corner.
+
+    Parameters
+    ----------
+    polygons : mesh
+    sides : sides of that mesh
+    """
     p = np.asarray(polygons.vertices, float)
     origin = p[polygons.corners[polygons.starts]][sides.face]
     crosses = np.cross(p[polygons.corners] - origin, p[sides.end_vertex] - origin)

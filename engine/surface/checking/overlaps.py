@@ -207,7 +207,10 @@ def fan_triangulate(mesh: PolygonMesh) -> tuple[Int[np.ndarray, " triangles"], I
 def _coplanar_overlap(
     one: Float[np.ndarray, "pairs 3 3"], other: Float[np.ndarray, "pairs 3 3"], near: float
 ) -> Bool[np.ndarray, " pairs"]:
-    """Return whether pairs of triangles are coplanar, to within ``near`` metres, and overlap."""
+    """Return for every pair of triangles ``one[i]``, ``other[i]`` whether they are coplanar and overlap.
+
+    near : largest distance of the second triangle's corners from the first triangle's plane, metres
+    """
     import shapely
 
     normal = np.cross(one[:, 1] - one[:, 0], one[:, 2] - one[:, 0])

@@ -129,9 +129,10 @@ def join_if_sound(mesh: PolygonMesh, label: Int[np.ndarray, " vertices"]) -> Pol
 
 
 def _adds_no_fault(before: PolygonMesh, after: PolygonMesh) -> bool:
-    """Return whether joining vertices added no fault.
+    """Return whether joining vertices of the mesh ``before``, which gave the mesh ``after``, added no fault.
 
-    Faults are edges of three faces, inconsistent orientation, non-manifold vertices, and faces that coincide.
+    Faults are edges of three faces, inconsistent orientation, non-manifold vertices, and faces that coincide; the last
+    are not even allowed if they were there before.
     """
 
     def faults(mesh: PolygonMesh) -> tuple[int, ...]:

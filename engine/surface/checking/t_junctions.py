@@ -94,8 +94,8 @@ def _several_sheets_meet(
 ) -> Bool[np.ndarray, " n"]:
     """Return whether three or more sheets meet at a vertex that lies on a border edge, as plates at a common edge.
 
-    Such sheets only touch: joined, they would have an edge of three faces. Two points are tested, shortly before and
-    after the vertex; every sheet that meets there has one border edge through such a point.
+    Such sheets only touch: joined, they would have an edge of three faces. Two points on the edge are tested, shortly
+    before and after the vertex. Three sheets meet if more than one other border edge passes through one of these points.
 
     Parameters
     ----------

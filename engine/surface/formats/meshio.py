@@ -74,7 +74,10 @@ def parse_mesh(data: bytes, name: str) -> PolygonMesh:
 
 
 def _check_raw(raw: RawMesh, name: str) -> PolygonMesh:
-    """Drop faces of fewer than 3 corners and repeated faces; raise FlexMapsError for missing or non-finite vertices."""
+    """Return a parsed mesh without repeated faces and faces of fewer than 3 corners.
+
+    Raise FlexMapsError if faces refer to missing or non-finite vertices; ``name`` is the name of the file.
+    """
     face_of = np.repeat(np.arange(len(raw.sizes)), raw.sizes)
     outside = (raw.corners < 0) | (raw.corners >= len(raw.vertices))
     if outside.any():
@@ -113,7 +116,10 @@ def _check_raw(raw: RawMesh, name: str) -> PolygonMesh:
 
 
 def _describe_dropped(faces: np.ndarray, raw: RawMesh, one: str, many: str) -> str:
-    """Return for example "2 faces that are listed before are left out (line 4, line 7)"."""
+    """Return for example "2 faces that are listed before are left out (line 4, line 7)".
+
+    one, many : what is left out, in the singular and in the plural
+    """
     places = ", ".join(raw.face_place(int(f)) for f in faces[:3]) + (", ..." if len(faces) > 3 else "")
     if len(faces) == 1:
         return f"{one[0].upper()}{one[1:]} is left out ({places})"

@@ -122,7 +122,7 @@ def _face_list(element: _Element, name: str) -> int:
 
 
 def _parse_text(data: bytes, order: str, elements: list[_Element], name: str, head_lines: int) -> RawMesh:
-    """Read the body of a text file as a stream of words."""
+    """Read the body of a text file (``data``) as a stream of words; it begins after ``head_lines`` lines."""
     rows = [(n, words) for n, line in enumerate(data.splitlines(), head_lines + 1) if (words := line.split())]
     return _build_text_mesh(_words_of(rows, elements, name), elements, name)
 
@@ -156,7 +156,7 @@ def _words_of(rows: list[Row], elements: list[_Element], name: str) -> Iterator[
 
 
 def _build_text_mesh(found: Iterator[_ElementRows], elements: list[_Element], name: str) -> RawMesh:
-    """Build the mesh from the words of all elements."""
+    """Build the mesh from the words of all elements, as ``_words_of`` yields them."""
     vertices, corners, sizes = np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, np.int64)
     point_lines: list[int] = []
     face_lines: list[int] = []
@@ -189,7 +189,7 @@ def _parse_vertex_list(words: list[bytes], element: _Element, wanted: int, name:
 
 
 def _parse_binary(data: bytes, order: str, elements: list[_Element], name: str, head_lines: int) -> RawMesh:
-    """Read the body of a binary file."""
+    """Read the body of a binary file (``data``) in the byte order ``order``."""
     at, vertices, corners, sizes = 0, np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, np.int64)
     single = False
     for element in elements:

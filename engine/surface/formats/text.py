@@ -62,7 +62,7 @@ def split_rows(data: bytes, *, join_continued: bool = False) -> list[Row]:
 
 
 def _logical_lines(data: bytes, join_continued: bool) -> Iterator[tuple[int, bytes]]:
-    """Yield line numbers and lines without comments; join continued lines."""
+    """Yield line numbers and lines without comments; join lines that end with a backslash if ``join_continued``."""
     lines = data.removeprefix(BYTE_ORDER_MARK).splitlines()
     if b"#" in data:
         lines = [line.partition(b"#")[0] for line in lines]

@@ -73,7 +73,10 @@ def quadrangulate(
 def _quads_by_map(
     triangles: Triangles, edge: float, fold: float, alignment: float, smoothing: float, progress: Progress
 ) -> PolygonMesh:
-    """Return quads of the first size in ``SCALES`` for which quads can be extracted from the map."""
+    """Return quads of the first size in ``SCALES`` for which quads can be extracted from the map.
+
+    See ``quadrangulate`` for the arguments; ``triangles`` are already of about one size.
+    """
     lines = triangles.long_feature_sides(fold, SHORTEST * edge)
     progress(0.1, "Looking for the directions of quads")
     smooth = smooth_surface(triangles, lines, smoothing)

@@ -145,7 +145,8 @@ class _NeighbourWalk:
         """Record the constraint between the corner where the walk began and corner ``h``, if they need a constraint.
 
         If both coordinates of both points are integers, the points must keep their order; otherwise each coordinate
-        that is an integer at both points (a border or fold) must differ by at least 1.
+        that is an integer at both points (a border or fold) must differ by at least 1. ``frame`` is the number of the
+        frame at ``h``.
         """
         turn, shift = self._plain_frame(frame)
         (u, v), here, held, there = self._uv[h], self._uv[corner], self._held[corner], self._held[h]
@@ -214,7 +215,7 @@ class _IndexedMotions(list[tuple[np.ndarray, np.ndarray]]):
         self._number: dict[bytes, int] = {}
 
     def index_of(self, turn: Int[np.ndarray, "2 2"], shift: Int[np.ndarray, "2 whole"]) -> int:
-        """Return the number of a pair, adding it if it is new."""
+        """Return the position in the list of the rotation ``turn`` with ``shift``; append the pair if it is new."""
         key = turn.tobytes() + shift.tobytes()
         if key not in self._number:
             self._number[key] = len(self)

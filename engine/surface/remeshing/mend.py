@@ -341,7 +341,10 @@ def _collapse_quads(quads: PolygonMesh, folded: np.ndarray, target: TargetSurfac
 
 
 def _is_sound(points: np.ndarray, corners: np.ndarray) -> bool:
-    """Return whether no quad repeats a corner, no edge has three quads and no vertex has two fans of quads."""
+    """Return whether no quad repeats a corner, no edge has three quads and no vertex has two fans of quads.
+
+    points, corners : vertex positions, and the four vertices of every quad
+    """
     row = np.sort(corners, axis=1)
     if (row[:, 1:] == row[:, :-1]).any():
         return False

@@ -54,7 +54,9 @@ SPARE = 0.99
 # dropped. Larger: slower, more moves are kept.
 ROUNDS = 40
 SHORTER = 0.7  # factor by which a move is shortened in a round; larger: more of the move is kept, in more rounds
-SHORTEST = 0.01  # moves shortened to less than this share are dropped: traces of moves would keep quads bent
+# Moves shortened to less than this share of their length are dropped, because traces of moves would keep quads bent.
+# Larger: more moves are dropped.
+SHORTEST = 0.01
 SYMMETRY = 0.01  # symmetry tolerance, in median edges; larger: slightly asymmetric meshes become symmetric
 
 

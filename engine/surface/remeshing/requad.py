@@ -58,7 +58,9 @@ CURVATURE_ATTEMPTS: tuple[tuple[tuple[float, float, float], ...], ...] = (
     ((NO_FOLDS, 0.5, 30.0),),
 )
 MAX_MAPS = 3  # largest number of attempts along the curvature per body; larger: better, slower
-MAX_MAPPED_QUADS = 3000  # about the largest number of quads in these attempts together; larger: more attempts, slower
+MAX_MAPPED_QUADS = (
+    3000  # about the largest number of quads in all attempts along the curvature of a body; larger: slower
+)
 TRIANGLES_PER_QUAD = 20.0  # triangles per quad to which denser bodies are simplified; larger: more detail, slower
 MAX_VOXEL_ATTEMPTS = 3  # largest number of attempts with QuadriFlow on each voxel surface
 VOXEL_SIZES = (0.35, 0.5, 0.72, 1.0)  # voxel sizes in quad edges: small voxels preserve detail, large voxels close gaps
@@ -72,7 +74,7 @@ MAX_CELL_RATIO = 3
 # Symmetric quads are accepted at once if their number differs from the wanted number by less than this factor. Larger:
 # faster, but meshes that had to be subdivided, with many irregular vertices, are accepted.
 MAX_COUNT_RATIO = 1.5
-# Smallest area of quads as a share of the surface's; quads with less rank lower. Larger: fewer thin parts are lost.
+# Quads with less than this share of the surface's area rank lower. Larger: fewer thin parts are lost.
 MIN_AREA_SHARE = 0.8
 
 
