@@ -21,7 +21,7 @@ from .dimensions import quad_edge
 from .finding_words import BREAKS, FAILURE_LABELS, INFORMATION, LABELS, SEVERITIES, STOPS, WARNING_LABELS, WORSE
 from .i18n import interface, quads, translate
 from .notice import Notice
-from .shape_notices import REMEDIES, from_equilibrium
+from .shape_notices import REMEDIES, advised_remedies, from_equilibrium
 
 FIXED_BY_REGULARISE = {"concave", "warped", "thin"}  # codes of findings that Regularise can remove
 # codes of findings that a remesh can remove
@@ -286,7 +286,7 @@ def _from_warnings(source: str, blocks: dict[str, Any]) -> list[Notice]:
     if source == "layout" and "choose" not in blocks:
         ways = cures.choose()
     elif source == "assembly":  # a larger piece or a thinner sheet needs less force at the joints
-        advised = remedies.read_block({"advice": "", **blocks.get("reach", {})})
+        advised = advised_remedies(blocks)
         ways = [cures.apply_remedy(name, advised[name]) for name in REMEDIES["strained"] if name in advised]
         if not ways and block.get("load_max", 0.0) > 1.0:
             ways = [cures.enlarge(remedies.size_factor(block["load_max"], soft=False))]

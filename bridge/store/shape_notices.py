@@ -8,10 +8,10 @@ import bpy
 
 from ...engine.extras import registry
 from ...engine.figures import format_figure
-from ...engine.materials import MATERIALS, STRAIN_MARGIN
+from ...engine.materials import MATERIALS, OVERSTRAIN_SHARE, STRAIN_MARGIN
 from ...engine.optimisation import remedies
 from ...engine.simulation.visible import VISIBLE_RMS_SHARE
-from . import cures, equilibrium
+from . import advice, cures, equilibrium
 from .cures import Cure
 from .finding_words import INFORMATION, LABELS, WORSE
 from .i18n import interface, translate
@@ -34,7 +34,7 @@ FAR_FROM_TARGET = ("equilibrium/match", "equilibrium/far-from-target")
 def from_equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
     block = blocks.get("equilibrium", {})
     reach = blocks.get("reach", {})
-    advised = remedies.read_block({"advice": "", **reach})
+    advised = advised_remedies(blocks)
     # offer no cut if trial searches showed that it does not help, or the extra that searches for cuts is not installed
     if remedies.CUT not in reach.get("prospects", advised) or not registry.has("choosing"):
         advised.pop(remedies.CUT, None)
@@ -53,7 +53,13 @@ def from_equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Noti
         words, kind = LABELS.get(row["code"], ("To look at", WORSE))
         if row["code"] == "stays-flat" and not _is_far(obj, blocks):
             kind = WORSE
-        if row["code"] in FIXED_BY_OPTIMISE or (row["code"] == "slots-close" and "optimise" not in blocks):
+        if row["code"] == "other-rest" and is_other_rest_near(obj, block):
+            result.append(_near_rest(key, row, block))
+            continue
+        in_vain = row["code"] in FIXED_BY_OPTIMISE and has_optimised_in_vain(blocks)
+        if (row["code"] in FIXED_BY_OPTIMISE and not in_vain) or (
+            row["code"] == "slots-close" and "optimise" not in blocks
+        ):
             ways.insert(0, Cure(interface("Optimise again"), "flexmaps.optimise"))
         if row["code"] == "far-from-target":
             nearer = cures.improve_match(obj.flexmaps.choose, blocks)
@@ -66,8 +72,50 @@ def from_equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Noti
             ways.append(cures.dismiss(key))
         count = len(row["faces"])
         sentence = equilibrium.describe_finding(row, block)
+        if in_vain:
+            sentence += " " + translate(
+                "The last Optimise found nothing better, so hold it with supports (Rests, in Piece), or go on as it is."
+            )
         result.append(Notice(key, interface(words, count), sentence, kind, tuple(row["faces"]), (), tuple(ways)))
     return result + _poor_match(obj, blocks, advised)
+
+
+def advised_remedies(blocks: dict[str, Any]) -> remedies.Amounts:
+    """Return the remedies that the optimiser advises, without one that was just applied and did not help."""
+    reach = blocks.get("reach", {})
+    advised = remedies.read_block({"advice": "", **reach})
+    if (effect := reach.get(advice.EFFECT)) is not None and not advice.has_helped(effect):
+        advised.pop(effect["remedy"], None)
+    return advised
+
+
+def has_optimised_in_vain(blocks: dict[str, Any]) -> bool:
+    """Return whether the last *Optimise* ended by itself and came no nearer, so that another one would not either.
+
+    A block that is out of date, as after a brush, is not in ``blocks``.
+    """
+    block = blocks.get("optimise", {})
+    if not block.get("finished", False) or "rms_percent_before" not in block:
+        return False
+    nearer = block["rms_percent"] < advice.NEARER_RATIO * block["rms_percent_before"]
+    return block["iterations"] == 0 or not nearer
+
+
+def is_other_rest_near(obj: bpy.types.Object, block: dict[str, Any]) -> bool:
+    """Return whether the other shape at rest is within the wanted match too, and its arms hold."""
+    other = block.get("other_rest")
+    if other is None or other.get("strain_share_max", 0.0) > OVERSTRAIN_SHARE:
+        return False
+    return bool(other["rms_percent"] <= remedies.wanted_percent(obj.flexmaps.choose))
+
+
+def _near_rest(key: str, row: dict[str, Any], block: dict[str, Any]) -> Notice:
+    """Return the information that the piece has another shape at rest, which is as wanted."""
+    sentence = translate(
+        "The piece can also rest in another shape, {} % of its size from the target. That is within the wanted distance too, and arms hold there",
+        format_figure(block["other_rest"]["rms_percent"]),
+    )
+    return Notice(key, interface(LABELS["rest-as-near"][0]), sentence, INFORMATION, tuple(row["faces"]))
 
 
 def _is_far(obj: bpy.types.Object, blocks: dict[str, Any]) -> bool:

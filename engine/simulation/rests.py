@@ -64,12 +64,19 @@ def rest_findings(
             f"{with_count(len(moving), 'spiral', 'spirals')}. Hold it there with supports, or press Optimise again."
         )
         findings.append(Finding("about-to-snap", "warning", text, tuple(moving.tolist())))
-    other = lower_rest(equilibrium, others) or rest_from_target
+    other = reported_rest(equilibrium, others, rest_from_target)
     if other is not None:
         strains = [0.0 if found is None else float(found.max()) for found in map(strain, (equilibrium, other))]
         lower = _is_lower(other, equilibrium)
         findings.append(_other_rest(equilibrium, other, *strains, lower=lower, target=target, size=size))
     return findings
+
+
+def reported_rest(
+    equilibrium: Equilibrium, others: Sequence[Equilibrium], rest_from_target: Equilibrium | None
+) -> Equilibrium | None:
+    """Return the other equilibrium that a finding names: that of least energy, or the one reached from the target."""
+    return lower_rest(equilibrium, others) or rest_from_target
 
 
 def _other_rest(

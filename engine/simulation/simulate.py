@@ -31,7 +31,7 @@ from ..surface.checking.finding import merge_alike, with_count
 from ..surface.mesh import QuadMesh
 from ..threads import one_thread
 from .band import ToleranceBand
-from .rests import SNAP_STIFFNESS, rest_findings
+from .rests import SNAP_STIFFNESS, reported_rest, rest_findings
 from .shortfall import FarBody, find_far_bodies
 
 # difference between a joint's torsion in the simulated shape and in the target, radians, above which the shape is
@@ -289,6 +289,12 @@ class Simulation:
             block["findings"] = [finding.as_dict() for finding in self.findings]
         if self.band is not None:
             block["band"] = self.band.report()
+        other = reported_rest(self.equilibrium, self.others, self.rest_from_target)
+        if e.converged and other is not None:
+            there = replace(self, equilibrium=other)
+            block["other_rest"] = {"rms_percent": there.target_distances["rms_percent"]}
+            if there.strain is not None:
+                block["other_rest"]["strain_share_max"] = float(there.strain.max())
         if self.others:
             block["other_energies"] = [o.energy for o in self.others]
         return block

@@ -67,6 +67,9 @@ def test_a_higher_rest_is_named_where_the_target_leads_to_it(saddle: Simulation)
     far = np.linalg.norm(saddle.others[0].pose.centres - saddle.target.centroids, axis=1)
     share = float(told[0].message.split(" % of its size")[0].rsplit(" ", 1)[1])
     assert share == pytest.approx(100.0 * np.sqrt((far**2).mean()) / saddle.diagonal, rel=0.05)
+    other = higher.report()["other_rest"]
+    assert other["rms_percent"] == pytest.approx(share, rel=0.05) and "other_rest" not in again.report()
+    assert other["strain_share_max"] == dataclasses.replace(saddle, equilibrium=saddle.others[0]).strain.max()
     rests_of = {"others": [saddle.equilibrium], "rest_from_target": saddle.equilibrium}
     lower = dataclasses.replace(saddle, equilibrium=saddle.others[0], **rests_of)
     assert ["less energy" in one.message for one in lower.findings if one.code in rests.OTHER_REST_CODES] == [True]
