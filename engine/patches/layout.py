@@ -239,7 +239,10 @@ class PatchLayout:
         return self._run_numbers((self.cut_degree == 2) & ~self.mesh.on_border)
 
     def _run_numbers(self, passing: Bool[np.ndarray, " vertices"]) -> Int[np.ndarray, " edges"]:
-        """Return the number of each edge's run of cut edges, -1 if uncut; runs end at vertices not in ``passing``."""
+        """Return for every edge the index of its run of cut edges, -1 if it is not cut.
+
+        passing : mask of the vertices at which runs continue; at all other vertices they end
+        """
         mesh = self.mesh
         ids = np.flatnonzero(self.cut)
         result = np.full(len(self.cut), -1, dtype=np.int64)
@@ -258,7 +261,7 @@ class PatchLayout:
 
     @cached_property
     def short_seam_edges(self) -> tuple[np.ndarray, ...]:
-        """Edges of every seam, ascending, with seams divided at irregular vertices."""
+        """Edges of every part of a seam between irregular vertices, ascending; a seam without any is one part."""
         mesh = self.mesh
         return self._split_runs(self._run_numbers((self.cut_degree == 2) & ~mesh.on_border & ~mesh.irregular))
 

@@ -99,7 +99,7 @@ def _search_symmetries(mesh: QuadMesh, tolerance: float, max_count: int, progres
     marks = _rigid_invariants(mesh, points, progress)
     slack = 2 * tolerance * mesh.median_edge
     tree = cKDTree(points)
-    # take a quad whose marks are the rarest: it has the fewest possible images
+    # take the quad whose marks (see ``_rigid_invariants``) fewest quads share: it has the fewest possible images
     rounded = np.round(marks / (4 * slack)).astype(np.int64)
     _, group, count = np.unique(rounded, axis=0, return_inverse=True, return_counts=True)
     first = int(np.lexsort((np.arange(len(marks)), count[group.ravel()]))[0])

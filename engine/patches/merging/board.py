@@ -294,7 +294,7 @@ class MergeBoard:
     def _flatten_piece(self, measures: PatchMeasures, parents: list[FlatPiece], opens: np.ndarray) -> FlatPiece | None:
         """Flatten a measured patch; return None if it is too distorted, not injective, or has too narrow an isthmus.
 
-        parents : present pieces of its quads
+        parents : present pieces of the patch's quads
         opens : edges that are joined
         """
         limit = max(self.distortion_share * self.params.distortion_limit, *(p.flat.max_energy for p in parents))
@@ -319,7 +319,7 @@ class MergeBoard:
     ) -> FlatPatch | None:
         """Return the patch laid flat, from the cache if possible, and subtract the work from the budget.
 
-        parents : present pieces of its quads
+        parents : present pieces of the patch's quads
         opens : edges that are joined
         limit : largest allowed distortion E; None is returned if the patch exceeds it or is not injective
         """

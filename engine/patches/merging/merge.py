@@ -45,7 +45,7 @@ def merge(
     """Merge patches greedily within all limits; merges with little distortion and a long common seam come first.
 
     A symmetric layout stays symmetric unless that costs many patches; the ``layout.notes`` of the result tell how many
-    of the surface's symmetries are kept, and what broke the others. Bodies are laid out separately.
+    of the surface's symmetries are kept, and what broke the other symmetries. Bodies are laid out separately.
 
     Parameters
     ----------

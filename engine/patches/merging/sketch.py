@@ -253,7 +253,9 @@ class PatchMeasurer:
 
 
 def _propagate_turns(link: Complex[np.ndarray, "parents parents"]) -> Complex[np.ndarray, " parents"]:
-    """Return the rotation of every merged piece, so that turn[b] = turn[a] * link[a, b] / |link[a, b]|; the first is 1.
+    """Return rotations of the merged pieces that make their flat sides along joined edges parallel on average.
+
+    The first rotation is 1; for linked pieces, turn[b] = turn[a] * link[a, b] / |link[a, b]|.
 
     link : sum over the joined edges between two pieces of the relative rotation of their flat sides; 0 without such edges
     """

@@ -57,7 +57,7 @@ def straighten(board: MergeBoard, progress: Progress, *, darts: bool, sweeps: in
 
 
 def _slide_all(board: MergeBoard) -> bool:
-    """Try every slide once, the largest gain first; return whether anything changed."""
+    """Try every slide of a seam once, the largest gain first; return whether anything changed."""
     listed: list[tuple[float, int, SeamSlide]] = []
     for slide in candidate_slides(board, fresh=True):
         flipped = edges_changed_by(board, slide)
@@ -153,7 +153,7 @@ def _widen_neck(board: MergeBoard, poor: set[int]) -> bool:
 
 
 def _limit_shortfall(board: MergeBoard, pieces: list[FlatPiece]) -> int:
-    """Return the faults of pieces: the number of too narrow isthmuses plus the quads missing to the smallest size."""
+    """Return the number of too narrow isthmuses of pieces plus the number of quads that pieces lack to the smallest size."""
     return sum(p.measures.isthmuses + max(board.params.patch_min - len(p.quads), 0) for p in pieces)
 
 

@@ -15,7 +15,7 @@ from ..mesh import PolygonMesh
 class Sides:
     """The sides of all faces; side c runs from corner c of the mesh to the next corner of its face.
 
-    edges : pairs of vertices, the smaller index first, in ascending order
+    edges : both vertices of every edge, the smaller index first; edges are in ascending order
     face, edge, end_vertex : face and edge of every side, and the vertex at its end
     forward : whether the side runs from the smaller to the larger vertex index
     next_side : next side of the same face

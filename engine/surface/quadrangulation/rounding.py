@@ -15,8 +15,8 @@ FAR = 3.0  # largest change of an integer that separates a pair of points; large
 # Larger: slower, more pairs of points separated.
 NODES = 10
 LONGEST = 10.0  # time limit of the solver on a busy machine, seconds; results that reach it are not repeatable
-# Relative gap between solution and bound at which the solver ends. Larger: faster, with a larger energy, which the steps
-# of single integers lower afterwards.
+# Relative gap between the integer solver's solution and its bound on the optimum, at which it ends. Larger: faster, with
+# a larger energy, which the steps of single integers lower afterwards.
 GAP = 0.1
 STEPS = 200  # largest number of final steps, which change one integer by 1 each; never reached
 

@@ -61,7 +61,7 @@ def cut_to_disk(field: CrossField) -> Chart:
     other, count = mesh.opposite, len(mesh.corners)
     lean = (field.angles[:, None] - np.angle(mesh.side_vectors)).ravel()
     inner = other >= 0
-    quarters = np.zeros(len(other), dtype=np.int64)  # quarter turns that make the neighbour's cross match, by side
+    quarters = np.zeros(len(other), dtype=np.int64)  # by side: quarter turns after which the neighbour's cross matches
     quarters[inner] = -np.round((lean[other] - lean - field.side_rotations)[inner] / (0.5 * np.pi)).astype(np.int64) - 2
     sides = np.flatnonzero(inner)
     dual = csr_array((np.ones(len(sides)), (sides // 3, other[sides] // 3)), shape=(count, count))

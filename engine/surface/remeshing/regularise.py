@@ -325,7 +325,9 @@ def _shorten_moves(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
 
 
 def _tight_quads(mesh: QuadMesh, points: np.ndarray, limit: float) -> Bool[np.ndarray, " quads"]:
-    """Return a mask of quads that became narrower than the narrowest original quad, or got a short side.
+    """Return a mask of quads that became narrower than allowed, or got a side shorter than ``SHORT``.
+
+    The smallest breadth allowed is ``PLENTY``, or the breadth of the narrowest original quad if that is smaller.
 
     points : new vertex positions, metres
     limit : factor on the new breadths and lengths before they are compared
@@ -347,7 +349,7 @@ def _much_worse_quads(mesh: QuadMesh, points: np.ndarray) -> Bool[np.ndarray, " 
 
 
 def _side_lengths(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, "quads 4"]:
-    """Return the lengths of the sides of quads."""
+    """Return the lengths of the sides of quads, in the unit of the corners."""
     return np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
 
 
