@@ -35,9 +35,9 @@ class Pose:
     nodes: RimNodes | None = None
 
     def moved(self, step: np.ndarray) -> Pose:
-        """Shift the hubs by step[:, :3], metres, and turn them by rotation vectors step[:, 3:], radians, in space.
+        """Return the pose with hubs shifted by step[:, :3], metres, and turned by the rotation vectors step[:, 3:].
 
-        ``step`` is (n, 6). Rows for the rim's nodes may follow; without such rows the nodes move with their hubs.
+        ``step`` (n, 6) is in space. Rows for the rim's nodes may follow; without them the nodes move with their hubs.
         """
         n = len(self.centres)
         moved = Pose(self.centres + step[:n, :3], Rotation.from_rotvec(step[:n, 3:]).as_matrix() @ self.rotations)
@@ -58,7 +58,7 @@ class Pose:
         return Pose(np.concatenate([self.centres, centres]), np.concatenate([self.rotations, turns]))
 
     def transform(self, rotation: Float[np.ndarray, "3 3"], shift: np.ndarray) -> Pose:
-        """Rotate the whole pose and then shift it.
+        """Return the pose, rotated as a whole and then shifted.
 
         Parameters
         ----------
@@ -72,7 +72,7 @@ class Pose:
         return Pose(self.centres[hubs], self.rotations[hubs], None if self.nodes is None else self.nodes.part(hubs))
 
     def with_part(self, hubs: Int[np.ndarray, " some"], part: Pose) -> Pose:
-        """Replace the poses of some hubs.
+        """Return a copy with other poses of some hubs; the rim's nodes move with their hubs.
 
         Parameters
         ----------
@@ -84,7 +84,7 @@ class Pose:
         return replace(self, centres=centres, rotations=rotations)
 
     def aligned_to(self, centres: Float[np.ndarray, "spirals 3"]) -> Pose:
-        """Move the whole pose rigidly so that its centres lie closest to ``centres`` (n, 3) metres (Procrustes)."""
+        """Return the pose, moved rigidly so that its centres lie closest to ``centres`` (n, 3), metres (Procrustes)."""
         rotation = nearest_rotation((self.centres - self.centres.mean(axis=0)).T @ (centres - centres.mean(axis=0)))
         return self.transform(rotation, centres.mean(axis=0) - rotation @ self.centres.mean(axis=0))
 
@@ -133,7 +133,7 @@ class RimNodes:
 
 
 def nearest_rotation(covariance: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
-    """Return the rotations R (..., 3, 3) for which R p fits q best (Kabsch), from covariance = sum of p q^T."""
+    """Return the rotations R (..., 3, 3) for which R p fits points q best (Kabsch), from covariance = sum of p q^T."""
     u, _, vt = np.linalg.svd(covariance)
     flip = np.linalg.det(u) * np.linalg.det(vt)
     u = u.copy()
@@ -185,7 +185,7 @@ class Assembly:
 
     @property
     def size(self) -> int:
-        """Number of spirals, with the rim's nodes that count as spirals."""
+        """Number of spirals plus number of the rim's nodes that are appended to them."""
         return len(self.width)
 
     @property
@@ -256,7 +256,7 @@ class Assembly:
 
     @cached_property
     def radius(self) -> Float[np.ndarray, "joints 2"]:
-        """(m, 2) metres from the centres to the joint."""
+        """(m, 2) metres from the centres of both spirals to the joint."""
         return np.linalg.norm(self.lever, axis=2)
 
     @cached_property
@@ -321,7 +321,7 @@ class Assembly:
         )
 
     def with_spirals(self, width: np.ndarray, twist: np.ndarray) -> Assembly:
-        """Replace widths and twists of the spirals.
+        """Return a copy with other widths and twists of the spirals.
 
         Parameters
         ----------
@@ -331,7 +331,7 @@ class Assembly:
         return replace(self, width=width, twist=twist)
 
     def with_rest_geometry(self, lever: np.ndarray, axes: Float[np.ndarray, "joints 2 3 3"]) -> Assembly:
-        """Replace the rest geometry of the joints.
+        """Return a copy with another rest geometry of the joints.
 
         Parameters
         ----------
@@ -386,7 +386,7 @@ def rest_joints(mesh: QuadMesh, corners: Float[np.ndarray, "quads 4 2"]) -> tupl
 
 
 def target_pose(mesh: QuadMesh, corners: Float[np.ndarray, "quads 4 2"]) -> Pose:
-    """Place the hubs on a surface: each at the middle of its quad, in the rotation that fits its flat corners best.
+    """Return the pose of hubs on a surface: each at the middle of its quad, rotated so that its flat corners fit best.
 
     Parameters
     ----------

@@ -113,9 +113,9 @@ class ElasticModel(Protocol):
         """
 
     def with_bending(self, factor: float) -> ElasticModel | None:
-        """Multiply the stiffness against bending out of the sheet.
+        """Return the model with its stiffness against bending out of the sheet multiplied by ``factor``.
 
-        Returns None if the model has no separate stiffness for this bending.
+        Return None if the model has no separate stiffness for this bending.
         """
 
     def wrenches(self, state: Any) -> Float[np.ndarray, "joints 6"] | None:

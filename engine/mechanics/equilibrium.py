@@ -101,7 +101,7 @@ def solve(
     ----------
     model, start, loads, params, progress : model, starting pose, loads, and the solver's settings
     system : linear system to reuse in solves with equal joints and supports; None builds a new system
-    iterations : largest number of iterations, if below that of the settings
+    iterations : largest number of iterations, if smaller than in the settings; None leaves it to the settings
     step : (n, 6) a predicted first step
     margins : stability margins to test, as shares of the convex part: ``Equilibrium.spare`` is the largest margin for
         which the Hessian minus this share of its convex part is positive definite
@@ -283,7 +283,7 @@ def other_minima(
 
 
 def _turn_inside_out(pose: Pose, held: np.ndarray) -> Pose:
-    """Mirror a pose along its mean normal in a plane through the middle of the held hubs, which stay in place."""
+    """Return a pose mirrored along its mean normal, in a plane through the held hubs' middle; held hubs stay."""
     held = held[: len(pose.centres)]
     middle = pose.centres[held[:, 0]].mean(axis=0)
     normal = pose.rotations[:, :, 2].mean(axis=0)

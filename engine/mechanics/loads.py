@@ -119,7 +119,7 @@ class Loads:
         return held
 
     def align(self, pose: Pose, pairs: np.ndarray, target: Pose) -> Pose:
-        """Move every piece rigidly, as far as its supports allow, to where it lies closest to a target.
+        """Return the pose with every piece moved rigidly, as far as its supports allow, to lie closest to a target.
 
         Parameters
         ----------

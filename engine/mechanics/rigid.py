@@ -43,7 +43,7 @@ class RigidFreedom:
         return len(self.motions) == 6
 
     def work(self, centres: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the work (d,) of forces (n, 3), newtons, along the motions, and its largest value for any directions."""
+        """Return the work (d,) of forces (n, 3), newtons, along the motions, and its maximum over force directions."""
         lever = centres[self.members] - centres[self.hub]
         moves = self.motions[:, None, :3] + np.cross(self.motions[:, None, 3:], lever)
         pull = force[self.members]
@@ -51,7 +51,7 @@ class RigidFreedom:
         return (moves * pull).sum(axis=(1, 2)), most.sum(axis=1)
 
     def align(self, pose: Pose, target: Float[np.ndarray, "spirals 3"]) -> Pose:
-        """Move this piece rigidly, as far as its supports allow, so that its centres are closest to ``target``."""
+        """Return the pose with this piece moved rigidly, as its supports allow, to lie closest to ``target``."""
         part, wanted = pose.part(self.members), target[self.members]
         if self.is_unsupported:
             moved = part.aligned_to(wanted)

@@ -109,7 +109,7 @@ class RimJoints:
         return self.lever[:, 0] - self.lever[:, 1]
 
     def with_hubs_moved(self, shift: Float[np.ndarray, "quads 2"]) -> RimJoints:
-        """Move the hubs by ``shift`` (metres) in the flat sheets, while the rim stays."""
+        """Return the joints for hubs that are moved by ``shift`` (F, 2), metres, in the flat sheets; the rim stays."""
         lever = self.lever.copy()
         lever[:, 0, :2] -= shift[self.hub]
         return replace(self, lever=lever)
@@ -141,7 +141,7 @@ class RimJoints:
 
 
 def _necks(rim: Rim) -> RimBeams:
-    """Divide the necks, straight from the strip to the tips."""
+    """Divide the necks, straight from the strip to the tips of the arms at the border, into ``NECK_PIECES`` pieces."""
     share = (np.arange(NECK_PIECES) + 0.5) / NECK_PIECES
     place = (rim.middle + rim.depth * rim.outwards)[:, None] - rim.depth * share * rim.outwards[:, None]
     way = np.broadcast_to(-rim.outwards[:, None], place.shape)

@@ -11,7 +11,8 @@ from ..arrays import Bool, Float
 from .polytope import LinearClearances, NearestPoint, Polytope, Projection, scale_columns
 
 Product = Callable[[np.ndarray], np.ndarray]
-# These values bring 86 % of the exact decrease in the median, with a mean of 72 products per step (docs/tuning.md)
+# The constants of this module bring 86 % of the exact decrease in the median, with a mean of 72 products of matrix and
+# vector per step (docs/tuning.md)
 MAX_ROUNDS = 10  # largest number of rounds in a step
 # Share of the model's decrease so far that a round must add for another to follow. Smaller: larger decrease, more
 # products
@@ -76,7 +77,7 @@ def bounded_step(
 
 @dataclass(eq=False)
 class _Model:
-    """A quadratic model: product with its matrix, present step, gradient there, and decrease from the step 0 on."""
+    """A quadratic model: product with its matrix, present step, gradient there, and decrease since the step 0."""
 
     product: Product
     step: np.ndarray
@@ -103,7 +104,7 @@ class _Model:
 def _search_direction(model: _Model, bounds: Polytope, ahead: NearestPoint) -> Float[np.ndarray, " coordinates"]:
     """Return the direction to the model's minimum on the face of the polytope that the projected gradient step reaches.
 
-    ahead : end of that step
+    ahead : end of the projected gradient step, with the clearances that are active there
     """
     step, span = model.step, bounds.high - bounds.low
     low, high = step <= bounds.low + AT_BOUND * span, step >= bounds.high - AT_BOUND * span

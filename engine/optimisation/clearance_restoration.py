@@ -30,7 +30,7 @@ MIN_CLEARANCE = 5e-4
 
 
 def narrowest_per_pair(terms: Clearances) -> Clearances:
-    """Keep, for every pair of arms, only the narrowest of the places where their gap is measured."""
+    """Return the clearances without all but the narrowest place of every pair of arms."""
     order = np.lexsort((terms.value, *terms.arms.T))
     arms = terms.arms[order]
     first = np.ones(len(order), dtype=bool)

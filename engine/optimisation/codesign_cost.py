@@ -1,4 +1,4 @@
-"""Barriers that keep flat patches nearly isometric, with fitting seams, while a search moves their vertices.
+"""Barriers that keep flat patches nearly isometric, with seams that fit, while a search moves their vertices.
 
 Two measures have limits: the distortion of every quad, as in ``flatten``, and the squared difference in length between
 the two sides of every cut edge. The log barrier -log(1 - measure / limit) is infinite at the limit, and about measure /
@@ -172,7 +172,7 @@ class FlatCost:
         return t.along * d + t.against * before, t.along_bar * d + t.against_bar * before
 
     def _strains_back(self, stretch: np.ndarray, shear: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """Return the vjp (P, 2) of |a| and b of the corner triangles with respect to the points.
+        """Return the vjp (P, 2) of |a| and b of the corner triangles (see ``maps``) with respect to the points.
 
         stretch, shear : (F, 4) cotangents of |a| and b; weight : (F,) of every quad, times the weights of its triangles
         """

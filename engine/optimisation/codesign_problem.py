@@ -33,7 +33,7 @@ from .slot_penalty import NarrowSlots, SlotRequirement
 from .terms import Jacobian
 from .work import FLAT_MODES_COST, GEOMETRY_COST, SECOND_ORDER_COST
 
-# Weight of the barriers over the mismatch. Smaller: longer steps, but quads get stuck at their limits (docs/tuning.md)
+# Weight of flat shapes' barriers over the mismatch. Smaller: longer steps, quads get stuck at limits (docs/tuning.md)
 BARRIER_WEIGHT = 0.12
 # Share of a limit's slack that a step must leave. Smaller: longer steps, but quads get stuck at their limits early
 SLACK_SHARE = 0.1
@@ -277,12 +277,12 @@ class FlatPoint(DesignPoint):
     progress: Progress = SILENT
 
     def with_barrier_weight(self) -> FlatPoint:
-        """Return this point with the barriers of flat shapes weighted by its mismatch."""
+        """Return this point with the barriers of flat shapes weighted by ``BARRIER_WEIGHT`` times its mismatch."""
         flat = replace(self.problem.flat, weight=BARRIER_WEIGHT * self.mismatch.value)
         return with_problem(self, replace(self.problem, flat=flat))
 
     def with_updated_weights(self) -> FlatPoint:
-        """Return this point with barriers weighted by its mismatch, and strain multipliers updated from its strains."""
+        """Return ``with_barrier_weight`` with the multipliers of the strain limits updated from the strains here."""
         return self.with_barrier_weight().with_updated_multipliers()
 
     @property
@@ -292,7 +292,7 @@ class FlatPoint(DesignPoint):
 
     @property
     def flat_x(self) -> Float[np.ndarray, "points 2"]:
-        """Coordinates of the flat vertices."""
+        """Design variables (P, 2) of the flat vertices."""
         return self.x[self.n_spiral_x :].reshape(-1, 2)
 
     @cached_property
@@ -321,7 +321,7 @@ class FlatPoint(DesignPoint):
 
     @property
     def _joint_pairs(self) -> Int[np.ndarray, "joints 2"]:
-        """Bodies of all joints except the strips of a rim, which do not depend on the flat shapes."""
+        """The two bodies of every joint, without the strips of a rim, which do not depend on the flat shapes."""
         return self.assembly.without_strips.pairs
 
     @property

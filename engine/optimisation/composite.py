@@ -20,8 +20,8 @@ from .polytope import LinearClearances
 from .terms import Term, rotation_damping_gradient
 
 MAX_PARTS = 6  # largest number of parts of a step, for each of which the penalties are expanded anew; more: slower
-# Share of the decrease so far that a part must bring for another to follow. Smaller: longer steps, for which the
-# linearised motion of the hubs is too inaccurate (docs/tuning.md)
+# Share of the damped model's decrease so far that a part must add for another to follow. Smaller: longer steps, for
+# which the linearised motion of the hubs is too inaccurate (docs/tuning.md)
 MIN_GAIN = 0.3
 # Factor on a part along which the damped model does not decrease, and largest number of trials, the whole part included
 SHRINK_FACTOR, HALVINGS = 0.4, 5

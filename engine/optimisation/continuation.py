@@ -100,7 +100,7 @@ def _release_from_springs(search: Search, here: StageResult, progress: Progress)
         point = point.with_strain_weight(point.mismatch.value)
         point = with_problem(
             point, replace(point.problem, stability=stability)
-        )  # ``with_strain_weight`` has replaced it
+        )  # ``with_strain_weight`` has replaced the required stability
         coarse = replace(task.params, stop=max(task.params.stop, FIRST_STOP))
         start = stage.optimise_spirals(StageResult(design, point, np.inf), coarse, within.part(0.0, 0.3))
         result = stage.run_cycle(start, within.part(0.3, 1.0))

@@ -24,8 +24,9 @@ from .preconditioning import CurvatureEstimate
 # four times as much. Larger: longer steps, more lost equilibria
 MAX_ROTATION = 0.3
 CANCELLED = "stopped"  # ``SearchRecord.ended`` of a cancelled search
-# RMS change of the design variables in a stage's first step along the gradient, for stable pieces and for pieces that
-# are less stable than required. Larger: fewer steps, more lost equilibria of pieces about to snap (docs/tuning.md)
+# RMS change of the design variables in a stage's first step along the gradient, before their bounds are applied, for
+# stable pieces and for pieces that are less stable than required. Larger: fewer steps, more lost equilibria of pieces
+# about to snap (docs/tuning.md)
 FIRST_STEP, FIRST_STEP_NEAR_SNAP = 3.0, 0.3
 # After a step that leads to no equilibrium, the hubs' rotations are damped. The damping term of the rotations in that
 # step is this multiple of its predicted decrease. Larger: shorter steps, fewer lost equilibria (docs/tuning.md)

@@ -266,7 +266,7 @@ class DesignPoint:
 
     @cached_property
     def _soft_modes(self) -> SoftModes | None:
-        """Softest modes with eigenvalues below the required one; None if there are none, or none are computed."""
+        """Softest modes with eigenvalues below the required one; None if there are none, or without an arm model."""
         asked, found = self.problem.stability, self.equilibrium
         if asked is None or not found.converged or found.spare >= asked.enough or self.arm_model is None:
             return None
@@ -362,7 +362,7 @@ class DesignPoint:
         return self._strain_slopes_and_jacobian(arms)[1]
 
     def _strain_slopes_and_jacobian(self, arms: Int[np.ndarray, " k"]) -> tuple[StrainSlopes, Jacobian]:
-        """Return the derivatives of these arms' strains by pose, widths and twists, and ``_strain_jacobian``."""
+        """Return the derivatives of these arms' strains by pose, widths and twists, and the Jacobian by x (above)."""
         assert self.strains is not None and self._joint_derivatives is not None
         found, e = replace(self.strains, changes=self._joint_derivatives.complete).slopes(arms), arms // 2
         problem, whole = self.problem, self.problem.assembly.whole

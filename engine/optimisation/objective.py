@@ -193,7 +193,7 @@ class Mismatch:
 
     target : what the pose is compared with; pose_coordinates : (rows, 3) compared coordinates of the pose, rotated onto
         the target
-    rotations : this rotation (3, 3) for every free body
+    rotations : rotation (3, 3) of every free body onto the target
     """
 
     target: Target
@@ -211,7 +211,7 @@ class Mismatch:
 
     @property
     def value_by_body(self) -> Float[np.ndarray, " bodies"]:
-        """Value of every connected body."""
+        """Contribution of every connected body to ``value``."""
         return 0.5 * np.bincount(self.target.body_of_spiral[self.target.spiral_of_row], (self.residual**2).sum(axis=1))
 
     @property

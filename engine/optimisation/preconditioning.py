@@ -12,7 +12,8 @@ import numpy as np
 
 from ..arrays import Float
 
-# Refinements of the estimate at the first design, and at each later design, where the curvature has changed little
+# Number of refinements of the estimate at the first design, and at each later design, where the curvature has changed
+# little. More: slower, more accurate
 FIRST_ROUNDS, LATER_ROUNDS = 5, 1
 PROBES = 2  # products with the matrix in a refinement; more: more accurate, slower
 # Smallest curvature, in objective values over the number of design variables: with less curvature, moving all variables

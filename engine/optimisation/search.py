@@ -74,7 +74,7 @@ ALWAYS_ALLOWED_DISTANCE, MAX_DISTANCE_GROWTH = 0.2, 1.1
 class StageResult:
     """Result of a stage.
 
-    design, point : the design and its point
+    design : the spirals on their flat patches; point : the design's equilibrium and objective
     max_distance : largest allowed RMS distance from the target, in distances of neighbouring hubs
     """
 
@@ -89,7 +89,7 @@ class StageResult:
 
     @property
     def value(self) -> float:
-        """Objective, for comparing designs of one stage, in which strains have the same weight; inf if not sound."""
+        """Objective, for comparing designs of one stage, where strains have equal weights; inf if not ``is_sound``."""
         return self.point.value if self.is_sound else np.inf
 
     def with_updated_multipliers(self) -> StageResult:
@@ -127,7 +127,7 @@ class StageResult:
 
     @property
     def rate_factor(self) -> float:
-        """Factor on the decreases of further steps, see ``Work.factor``, and divisor of ``CYCLE_STOP``.
+        """Factor on the decreases of further steps, see ``Work.rate_factor``, and divisor of ``CYCLE_STOP``.
 
         A piece held by springs counts as far from its target, because it moves away when they are removed.
         """
@@ -137,7 +137,7 @@ class StageResult:
         return STRAINED_FACTOR if self.is_overstrained else 1.0
 
     def merit(self, strain_penalty: float) -> float:
-        """Return ``DesignPoint.merit``, for comparing results of different stages; inf if not sound."""
+        """Return ``DesignPoint.merit``, for comparing results of different stages; inf if not ``is_sound``."""
         return self.point.merit(strain_penalty) if self.is_sound else np.inf
 
 

@@ -22,25 +22,26 @@ from .remedies import WANTED_PERCENT
 from .search import Search, StageResult
 from .terms import NO_STRAIN_PENALTY
 
-# Factor on the twist of a spiral whose slots close in space, largest number of such reductions, and largest growth of
-# the mismatch, or of a strain beyond the limit. Smaller factor: fewer equilibria, more slots stay closed
-# (docs/tuning.md)
+# TWIST_FACTOR: factor on the twist of a spiral whose slots close in space; smaller: fewer equilibria, more slots stay
+# closed. MAX_UNWINDINGS: largest number of such reductions. MAX_GROWTH: largest factor by which the mismatch, or a
+# strain beyond the limit, may grow (docs/tuning.md)
 TWIST_FACTOR, MAX_UNWINDINGS, MAX_GROWTH = 0.9, 16, 1.1
 # RMS distance from the target, in percent of the size, up to which opening slots may raise the mismatch by any factor,
 # because closed slots are seen and this distance is not. Larger: more slots open, farther from the target
 # (docs/tuning.md)
 UNSEEN_PERCENT = 0.1
 # Largest growth of the mismatch where all slots open and the piece stays within ``WANTED_PERCENT``; less where some
-# stay closed. The mismatch is a square: 2 lets the distance grow 1.4 times. Larger: more slots open, farther
-# (docs/tuning.md)
+# stay closed. The mismatch is a square: 2 lets the distance grow 1.4 times. Larger: more slots open, farther from the
+# target (docs/tuning.md)
 OPEN_GROWTH = 2.0
 MAX_IDLE = 4  # largest number of reductions in a row that open no slot; more: more slots open, slower
 # Largest number of short searches that relieve strains after reductions, and the share of the work so far that each may
 # add. More: more slots open, slower (docs/tuning.md)
 MAX_SHORT_SEARCHES, SHORT_SEARCH_SHARE = 4, 0.15
-# Largest number of these searches in a row that open no further slot; more: slower, rarely opens one (docs/tuning.md)
+# Largest number of consecutive short searches that open no further slot; more: slower, rarely opens one
+# (docs/tuning.md)
 MAX_FRUITLESS = 2
-# Steps of such a search, and rings of neighbours that it changes around the spirals with less twist. More: nearer to
+# Steps of a short search, and rings of neighbours that it changes around the spirals with less twist. More: nearer to
 # the target and slower (docs/tuning.md)
 SHORT_SEARCH_STEPS, SHORT_SEARCH_RINGS = 2, 3
 MIN_TWIST = 0.1  # radians; a spiral whose twist falls below this becomes straight

@@ -54,7 +54,7 @@ class Work:
     limit : seconds; None for no limit
     rate : decrease of the objective's logarithm per second below which a search ends, see ``END_RATE``
     usual : seconds, ``USUAL_SECONDS`` times the patience; 0 without a limit
-    share : of the limit that the present stage may reach; seconds_done : work so far, seconds
+    share : share of the limit that the present stage may reach; seconds_done : work so far, seconds
     start_time : processor time at the start, seconds; ends_at_rate : whether the present stage ends at ``rate``
     rate_factor : factor on the decreases of its steps, above 1 while the piece is far from its target or overstrained
     steps : of the present stage: total work after each step, and its decrease of the objective's logarithm

@@ -177,7 +177,7 @@ class Bender:
         ----------
         design : the spirals
         material : as in the function ``bend_arms``
-        only : (F,) mask of the quads whose arms ``bend`` may be asked for; default all
+        only : (F,) mask of the quads whose arms later calls of ``bend`` may need; default all
         """
         mesh = design.flat.layout.mesh
         inner = np.flatnonzero(~mesh.border)

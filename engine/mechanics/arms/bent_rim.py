@@ -52,7 +52,7 @@ class RimPieces:
 
 
 def rim_pieces(design: SpiralDesign, material: Material | None) -> RimPieces:
-    """Divide the arms of a design's rim into pieces."""
+    """Divide the arms of a design's rim into pieces; ``material`` : None for ``POISSON`` and no grain."""
     rim, whole = design.rim, assembly_from_design(design).whole
     assert rim is not None and whole.rim is not None
     known = (

@@ -252,7 +252,7 @@ def _stations_along(arms: CurvedArms) -> tuple[np.ndarray, np.ndarray, np.ndarra
 def _isotropic_turns(
     arms: CurvedArms, width: np.ndarray, length: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the turns of the pieces per moment in torsion, bending out of the sheet and in the sheet, rad/(N m)."""
+    """Return turns of pieces per moment, rad/(N m), in torsion, in bending out of the sheet, and in the sheet."""
     height, youngs = arms.thickness, arms.material.youngs
     torsion = torsion_constant(height / width)[0] * width**4 * 0.5 / (1.0 + arms.material.poisson)
     level, upright = width * height**3 / 12.0, height * width**3 / 12.0

@@ -20,7 +20,7 @@ from .cut import BESIDE, TWIST, WIDTH, rest_shapes
 from .model import ArmModel, ArmState
 from .sensitivity import PARAMETERS, JointDerivatives
 
-# Joints count whose energy from the second-order term exceeds this share of the mean of y . K y over all joints, with y
+# D is differentiated for joints whose energy from D exceeds this share of the mean of y . K y over all joints, with y
 # a joint's motion and K its stiffness. Larger leaves out more joints, which is faster and less exact.
 MIN_SHARE = 0.01
 STEP = 1e-7  # step of forward differences: share of a width or a radius, or radians; smaller: more rounding errors
@@ -194,7 +194,7 @@ def _rest_scale(assembly: Assembly, side: int, number: int) -> Float[np.ndarray,
 
 
 def _joints_that_matter(model: ArmModel, state: ArmState) -> Int[np.ndarray, " k"]:
-    """Return the joints outside a rim whose energy from the second-order term exceeds ``MIN_SHARE``."""
+    """Return the joints outside a rim for which D is differentiated, see ``MIN_SHARE``."""
     if model.curving_at_joint is None:
         return np.zeros(0, dtype=int)
     motion = model.motion_at_joint(state)

@@ -33,9 +33,10 @@ from .stations import product, spiral_stations, sum_products
 from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE
 
 POINTS = 48  # Gauss points along an arm; more are slower and more exact (error 1e-6 up to 150 degrees of twist)
-# Extra flexibility of a hub in bending in the sheet and out of it: equivalent length of arm, in arm widths, per excess
-# of the ratio of Young's to shear modulus over the isotropic ratio. Larger makes arms with a grain softer. HUB_HOLDS:
-# distance from the centre, in arm widths, over which a hub keeps sections from warping; larger makes them stiffer.
+# HUB_BEND, HUB_LIFT: extra flexibility of a hub in bending in the sheet and out of it, as a length of arm in arm
+# widths, per excess of the ratio of Young's to shear modulus over the isotropic ratio. Larger: softer arms in sheets
+# with a grain. HUB_HOLDS: distance from the centre, in arm widths, over which a hub keeps sections from warping.
+# Larger: stiffer arms.
 HUB_BEND, HUB_LIFT, HUB_HOLDS = 0.045, 0.025, 1.7
 HUB_TALL = 0.31  # fourth power of the w/h at which the effect of HUB_LIFT changes from tall arms to wide ones
 HUB_AT = 0.5  # distance, in arm widths, from the hub's centre to where its flexibility acts: where the arm begins
@@ -173,7 +174,7 @@ def _torsion(level: np.ndarray, upright: np.ndarray, width: np.ndarray, height: 
 
 
 def _inverse(a: np.ndarray) -> np.ndarray:
-    """Return the reciprocals of values with derivatives."""
+    """Return the reciprocals of values, with derivatives; ``a`` : the values, then their derivatives."""
     out = -a / a[0] ** 2
     out[0] = 1.0 / a[0]
     return out
@@ -261,7 +262,7 @@ class GrainBeams:
     poisson: float
 
     def __call__(self, scale: np.ndarray, height: np.ndarray, twist: np.ndarray) -> Blocks:
-        """Return compliances with the slopes of ``Blocks`` and a fourth slope, by the angle to the grain."""
+        """Return the compliances at these s/w, h/w and twists (n,); the fourth slope is by the angle to the grain."""
         parts = [
             self._lines(*(values[start : start + BATCH] for values in (scale, height, twist, self.grain)))
             for start in range(0, len(scale), BATCH)

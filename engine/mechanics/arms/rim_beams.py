@@ -117,7 +117,10 @@ def _hole_factors(
 
 
 def _own_axes(assembly: Assembly, arms: np.ndarray) -> Float[np.ndarray, "n 6 6"]:
-    """Return matrices (n, 6, 6) that rotate shifts and turns from the flat frame to the axes of arms 2 e + side."""
+    """Return matrices (n, 6, 6) that rotate shifts and turns from the flat frame to the own axes of ``arms``.
+
+    arms : (n,) indices, 2 * joint + side
+    """
     e, side = np.divmod(arms, 2)
     flat = np.zeros((len(arms), 6, 6))
     flat[:, :3, :3] = flat[:, 3:, 3:] = np.swapaxes(assembly.axes[e, side], 1, 2)

@@ -38,7 +38,7 @@ PARAMETERS = 3
 class JointDerivatives:
     """Derivatives of m joints by the pose and the design, in the axes of their half-way frames.
 
-    sides : (m, 2) int, which arms of both spirals meet
+    sides : (m, 2) int, which arms of the two spirals meet
     wrench : (m, 6) N, N m, at the joint
     by_pose : (m, 6, 12) derivatives of the joint's motion y by the increments of both hubs
     wrench_by_design : (m, 2, 3, 6) derivatives of the wrench by the ``PARAMETERS`` of either side, at a fixed pose

@@ -42,7 +42,7 @@ def spiral_stiffness(design: SpiralDesign, material: Material) -> Float[np.ndarr
 def update_stiffness(
     known: Float[np.ndarray, " quads"], design: SpiralDesign, material: Material, quads: Bool[np.ndarray, " quads"]
 ) -> Float[np.ndarray, " quads"]:
-    """Update ``spiral_stiffness`` after a change of some quads.
+    """Return ``spiral_stiffness``, updated after a change of some quads.
 
     Their neighbours are updated too, because the arms of a joint are blended with each other.
 

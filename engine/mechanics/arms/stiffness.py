@@ -320,7 +320,7 @@ def table_tip_compliance(
 
     Raises
     ------
-    FlexMapsError : a length or an angle is not a number or not positive; ``faces`` are indices into the arrays
+    FlexMapsError : a value is not a number, or a length is not positive; ``faces`` are the indices of these arms
     """
     check_material(thickness, youngs)
     scale, width, twist = check_dimensions(scale, width, twist)

@@ -106,7 +106,8 @@ def strain_by_rest_shape(
 
     Parameters
     ----------
-    assembly, arms : m joints, and (k,) arms 2 e + side of joint e
+    assembly : with m joints
+    arms : (k,) indices; 2 * joint + (0 or 1) is an arm of that joint
     by : (k, NUMBERS) derivatives of any quantity by the parameters of the arms, in the columns of ``bars``
 
     Returns
@@ -132,7 +133,7 @@ def strain_by_rest_shape(
 
 
 def strained_arms(assembly: Assembly, material: Material) -> StrainedArms:
-    """Collect the parameters of both arms of every joint, in the order of the joints."""
+    """Collect the parameters of all arms, in the order 2 * joint + (0 or 1)."""
     shape, cut = rest_shapes(assembly, material), assembly.cut
     mate, sign = _mates(assembly)
     numbers = np.zeros((len(mate), NUMBERS))
