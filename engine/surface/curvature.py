@@ -115,7 +115,10 @@ def _graph_curvatures(
 
 
 def _neighbourhoods(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
-    """Return all pairs of a quad and a vertex of it or of a quad that touches it, sorted by quad: quads, vertices."""
+    """Return all pairs of a quad and a vertex near it, sorted by quad, as two arrays.
+
+    Vertices near a quad are the corners of the quad and of all quads that touch it.
+    """
     count = len(mesh.quads)
     owner = np.repeat(np.arange(count), 4)
     touch = coo_array((np.ones(4 * count), (owner, mesh.quads.ravel())), shape=(count, len(mesh.vertices))).tocsr()

@@ -207,7 +207,7 @@ def best_squares(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, "
     c = np.einsum("fi,fi->f", first, second)
     root = np.sqrt(np.maximum(a * b - c * c, 0.0))  # s1 s2
     # for 2 x 2 matrices (G^T G)^-1/2 = [[b + root, -c], [-c, a + root]] / (root * (s1 + s2))
-    factor = 0.25 / np.maximum(root, 1e-12 * (a + b) + 1e-300)  # half a diagonal of (s1 + s2) / 2 Q
+    factor = 0.25 / np.maximum(root, 1e-12 * (a + b) + 1e-300)  # half a diagonal: 1/2 s / (root (s1 + s2))
     one = ((b + root)[:, None] * first - c[:, None] * second) * factor[:, None]
     two = ((a + root)[:, None] * second - c[:, None] * first) * factor[:, None]
     return np.stack([middle - one, middle - two, middle + one, middle + two], axis=1)
