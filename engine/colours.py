@@ -7,12 +7,12 @@ import numpy as np
 from .arrays import Float
 
 # Colour scale for errors, strains and other values that should be low: sRGB colours from low to high, chosen by eye.
-# Both scales get darker with the value, so that they work in greyscale too
+# This scale and QUANTITY_SCALE get darker with the value, so that they work in greyscale too
 ERROR_SCALE = np.array([[0.93, 0.95, 0.92], [0.98, 0.86, 0.50], [0.93, 0.48, 0.24], [0.66, 0.09, 0.20]])
 # Colour scale for neutral quantities: sRGB colours from low to high, chosen by eye
 QUANTITY_SCALE = np.array([[0.96, 0.95, 0.85], [0.55, 0.80, 0.68], [0.18, 0.52, 0.60], [0.13, 0.22, 0.42]])
 SEAM = np.array([0.10, 0.11, 0.14])  # colour of cuts, sRGB: nearly black, to stand out from all patches
-# by reason why a spiral misses its target (``optimisation.match_limits.REASONS``): sRGB colour, and text of the legend
+# for each reason why a spiral misses its target (``optimisation.match_limits.REASONS``): sRGB colour, text in the key
 LIMITS: dict[str, tuple[tuple[float, float, float], str]] = {
     "matched": ((0.90, 0.92, 0.88), "matches"),
     "softest": ((0.90, 0.45, 0.13), "as soft as it may be"),

@@ -6,21 +6,21 @@ import numpy as np
 
 from ..arrays import Float
 
-# Offset in steps of a 24-bit depth buffer. Rounding moves depths by up to two steps, so fewer let the surface speckle through;
-# more show colours of what lies closely behind an edge
+# Offset in steps of a 24-bit depth buffer. Rounding moves depths by up to two steps. Smaller: the surface shows through
+# in speckles; larger: things closely behind an edge show through
 STEPS = 4
 
 
 def pull_forward(projection: Float[np.ndarray, "4 4"], times: float = 1.0) -> Float[np.ndarray, "4 4"]:
     """Return a projection that draws everything nearer to the eye by a few steps of the depth buffer.
 
-    The offset is constant in the depth buffer, not in space: a buffer's steps become coarser with the distance and with the clip
-    range. So it is enough in every unit of length, in perspective and orthographic.
+    The offset is constant in the depth buffer, not in space: the steps of the buffer become coarser with the distance
+    and with the clip range. So the offset suffices in every unit of length, in perspective and orthographic views.
 
     Parameters
     ----------
     projection : projection matrix, from the eye's axes to clip space
-    times : how many times ``STEPS``, for what is drawn on top of something pulled
+    times : offset in multiples of ``STEPS``; above 1 for what is drawn on top of something that is offset itself
     """
     pulled = np.array(projection, dtype=float)
     pulled[2] -= times * STEPS * 2.0**-23 * pulled[3]  # clip space is 2 deep, from -w to w

@@ -192,7 +192,7 @@ def make_panel_mesh(
 
 
 def _with_rim(made: PanelMesh, strip: RimMesh | None) -> PanelMesh:
-    """Add the plates of the piece's rim, if it has a rim."""
+    """Return the panels with the plates of the rim; unchanged if ``strip`` is None."""
     if strip is None:
         return made
     faces, quad_of = strip.faces(len(made.kept_vertices))
@@ -213,9 +213,9 @@ def _sections(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Compute the sections of all arms, from tips to roots: R sections, A arms.
 
-    arm, row : (R,) arm of every section, and its number within the arm
-    pieces, rows : (A,) pieces and sections of every arm; its first ``pieces`` + 1 sections are perpendicular to it, the
-        others belong to its root, which is rigid with the hub
+    arm, row : (R,) arm of every section, and index of the section within the arm
+    pieces, rows : (A,) numbers of pieces and of sections of every arm; the first ``pieces`` + 1 sections are
+        perpendicular to the arm, further sections belong to its root, which is rigid with the hub
     begin : (A,) parameter of the arms' tips
     Returns parameters (R,), middles (R, 3) from the hub's centre, and edges (R, 2, 3) from the middles.
     """

@@ -32,7 +32,7 @@ class RimStrip:
 
     quad : quad of every point
     flat : position of every point in the flat panel, from the hub's centre
-    way, up : in the final pose, in the hub's frame: displacement of the point from there, and upward normal
+    way, up : in the final pose, in the hub's frame: displacement of every point from ``flat``, and upward normal
     triangles : counter-clockwise, seen from above
     walls : edges of the plates, with the material on the left
     """
@@ -152,11 +152,11 @@ class Skin:
         return out
 
     def interpolate(self, motion: Float[np.ndarray, "arms 6"]) -> tuple[np.ndarray, np.ndarray]:
-        """Interpolate the motion of the sections between their hubs, at rest, and their tips, moved by ``motion``.
+        """Return middles (n, 3), metres, and rotation vectors (n, 3) of the sections, in the frames of their hubs.
 
-        Returns
-        -------
-        middles of the sections, metres, and rotation vectors, in their hubs' frames, (n, 3) each
+        They are interpolated between the hub, which stays, and the tip, which moves.
+
+        motion : motion of every tip relative to its hub, see ``tip_motions``
         """
         middle, tip = _to_space(0.5 * (self.left + self.right)), _to_space(self.tip)[self.arm]
         way, turn = motion[self.arm, :3], motion[self.arm, 3:]

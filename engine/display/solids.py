@@ -160,7 +160,7 @@ def make_solids(
 
 
 def _with_rim(made: PolygonSolid, design: SpiralDesign, centres: np.ndarray) -> PolygonSolid:
-    """Add the plates of the design's rim, if it has a rim."""
+    """Return the panels with the plates of the design's rim; unchanged if the design has no rim."""
     strip = RimMesh.from_design(design)
     if strip is None:
         return made
@@ -198,7 +198,10 @@ def rim_vertices(
 
 
 def _seams_of_faces(design: SpiralDesign, arm: np.ndarray, count: int) -> np.ndarray:
-    """Return the seam of each of ``count`` faces: the last faces are at the ends of ``arm``, the others have -1."""
+    """Return the seam of each of ``count`` faces; -1 for all but the last faces, which are at the ends of arms.
+
+    arm : arm (4 quad + side) of each of these last faces
+    """
     layout = design.flat.layout
     seam = np.full(count, -1, dtype=np.int64)
     if len(arm):

@@ -36,7 +36,7 @@ MM = 1e3  # millimetres in a metre
 # Quantisation steps of shapes and of the target, millimetres, of angles, radians, and of components of quaternions.
 # Larger: smaller pages, less accurate; with these, corners of arms are within 0.05 mm in pieces up to a room's size
 FINE, PLACE, TURN, QUATERNION = 0.01, 0.01, 1e-3, 1 / 32767
-SHARE = 1 / 120  # quantisation step of shares from 0 to 1, so that one fits into a signed byte
+SHARE = 1 / 120  # quantisation step of shares from 0 to 1, so that the share 1 fits into a signed byte
 SHADES = 500  # number of distinct values on a colour scale, more than a screen shows; larger: larger pages
 
 
@@ -270,7 +270,7 @@ def _pack_track(
 
 
 def _quaternions(rotations: Float[np.ndarray, "times ... 3 3"]) -> Float[np.ndarray, "times ... 4"]:
-    """Convert rotations to quaternions x, y, z, w, with signs chosen so that consecutive quaternions are near."""
+    """Convert rotations to quaternions x, y, z, w, with signs such that consecutive quaternions are near each other."""
     from scipy.spatial.transform import Rotation
 
     found = Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_quat().reshape(*rotations.shape[:-2], 4)

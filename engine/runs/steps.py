@@ -57,7 +57,7 @@ def _regularise(result: Result, settings: Settings, progress: Progress) -> Resul
 
 
 def _restore_size(mesh: QuadMesh, edge: float | None, height: float | None) -> QuadMesh:
-    """Scale a mesh about the origin to the requested size, because regularising shrinks it a little."""
+    """Return a mesh scaled about the origin to the requested size, because regularising shrinks it a little."""
     if edge is not None:
         return mesh.with_vertices(mesh.vertices * (edge / mesh.median_edge))
     if height is not None:
@@ -147,9 +147,10 @@ def simulated_shape(
 
     Parameters
     ----------
-    result : with the spirals
-    simulation, limits : values of the output
-    settings : of the run
+    result : results with the spirals
+    simulation : simulation of these spirals
+    limits : reasons why the shape misses the target, or None
+    settings : settings of the run
     """
     made = provenance("simulate", settings, result.inputs("mesh", "design", "optimisation", "supports", "force"))
     return SimulatedShape(simulation, limits, **made)
@@ -181,7 +182,7 @@ def simulate_design(
 
 
 def _with_band(simulation: Simulation, settings: Settings, progress: Progress) -> Simulation:
-    """Add the range of shapes for sheets within their tolerances; leave it out for large pieces or after a cancel."""
+    """Return the simulation with the effect of the sheets' tolerances; unchanged for large pieces or after a cancel."""
     if not simulation.equilibrium.converged or simulation.assembly.size > MAX_SPIRALS:
         return simulation
     try:

@@ -16,7 +16,7 @@ from ..surface.mesh import QuadMesh
 # function that returns the softest motion of the hubs (n, 6), and its stiffness as a share of the stiffness that the
 # convex part of the energy alone gives it
 Softest = Callable[[], tuple[np.ndarray, float]]
-# function of an equilibrium that returns every spiral's largest strain (F,) over its limit; None for the rod model
+# function of an equilibrium that returns every spiral's largest strain (F,) as a share of the limit; None for rods
 Strain = Callable[[Equilibrium], np.ndarray | None]
 # stiffness of the softest motion, as a share of the convex part, below which a piece is about to snap; larger values
 # warn earlier
@@ -96,7 +96,7 @@ def _other_rest(
     Parameters
     ----------
     equilibrium, other : the simulated and the other stable shape
-    strain, other_strain : the largest strain in either shape, over its limit
+    strain, other_strain : largest strain in the simulated and in the other shape, as a share of the limit
     lower : whether the other shape has less energy
     target : mesh that the piece should match
     size : length in metres that percentages in the message refer to

@@ -86,7 +86,7 @@ class Simulation:
 
     @cached_property
     def strain(self) -> Float[np.ndarray, " quads"] | None:
-        """(F,) largest surface strain of every spiral's arms over the strain limit, without fillets; None for rods.
+        """(F,) largest strain on every spiral's arms, without fillets, as a share of the limit; None for the rod model.
 
         The more strained arm of a joint counts for both of its spirals (see ``strain_changes.max_strain_per_spiral``).
         """
@@ -122,7 +122,7 @@ class Simulation:
         Returns
         -------
         motion : (F, 6) shifts and turns of the hubs
-        share : its stiffness, as a share of its stiffness by the convex part alone; negative at a saddle
+        share : stiffness of this motion, as a share of its stiffness by the convex part alone; negative at a saddle
         """
         if self.softest_cache:
             return self.softest_cache[0]

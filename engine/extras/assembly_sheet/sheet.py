@@ -37,7 +37,7 @@ from .step_pictures import (
 )
 from .support_page import draw_support_page
 
-ROWS = 3  # number of steps with pictures on a page
+ROWS = 3  # number of steps with pictures on a page; larger: smaller pictures, fewer pages
 BAY = 0.006  # small pictures close gaps between arms that are narrower than twice this, metres; larger: fewer details
 SMALL = 0.005  # width of a panel on paper, metres, below which it is drawn as its convex hull without a number
 # largest number of quads in all pictures of steps (15 microseconds and 30 bytes each); steps beyond it are described in
@@ -171,7 +171,7 @@ def _describe_letters(sheets: CutSheets) -> list[str]:
 
 
 def _describe_glued_and_plain(sheets: CutSheets) -> list[str]:
-    """Return lines of text that list glued joints and plain ends; none if there are no connectors but tabs."""
+    """Return lines of text that list glued joints and plain ends; no lines if all connectors are tabs or none exist."""
     made = sheets.connections
     glued = [c.name for c in made.connectors if c.kind == "tab"]
     if len(glued) == len(made.connectors):  # the user chose tabs, or no connectors
@@ -251,7 +251,7 @@ def _convex_hull(points: np.ndarray) -> np.ndarray:
 
 
 def _simplify(points: np.ndarray, tolerance: float) -> np.ndarray:
-    """Close an outline's narrow gaps and simplify it; ``points`` and ``tolerance`` in metres."""
+    """Return an outline, points (n, 2), with its narrow gaps closed and fewer points; ``tolerance`` in metres."""
     import shapely
 
     closed = shapely.Polygon(points).buffer(BAY, quad_segs=2).buffer(-BAY, quad_segs=2)

@@ -16,7 +16,7 @@ from ...spirals.curves.arcs import Curve
 
 WIDTH, HEIGHT, MARGIN = 0.21, 0.297, 0.015  # width, height and margin of a page (A4), metres
 INK, PALE, GREY = "#1c1e24", "#e4e6e9", "#7a7f87"
-CAMERA_SLOPE = 0.35  # tangent of the angle by which the camera looks down
+CAMERA_SLOPE = 0.35  # tangent of the angle by which the camera looks down; larger: more from above
 MAX_TESTED_QUADS = 24  # number of quads per panel that are tested for visibility; larger: better views, slower
 NUMBER_SIZE = (0.0065, 0.004)  # width and height that a panel's number needs on paper, metres
 
@@ -76,14 +76,14 @@ def draw_surface(
     look: PatchColours,
     view: Float[np.ndarray, "3 3"],
 ) -> None:
-    """Draw the target surface: the panels joined so far in colour, the rest in pale lines.
+    """Draw the target surface: the panels joined so far in colour, panels that are still missing in pale lines.
 
     Parameters
     ----------
     page, box : where to draw
     flat : mesh and layout
     there : patches joined so far
-    strong : patches among ``there`` in full colour; the others in it are lighter
+    strong : patches in full colour; other patches of ``there`` are lighter
     joins : seams to highlight
     look : colours
     view : axes of the camera, see ``camera_axes``
@@ -125,7 +125,7 @@ def _draw_panel_numbers(
     """
     layout, mesh, numbers = flat.layout, flat.layout.mesh, panel_numbers(flat.layout)
     candidates = []
-    for patch in sorted(there, key=lambda p: len(layout.patches[p])):  # small panels first: they have few places
+    for patch in sorted(there, key=lambda p: len(layout.patches[p])):  # small panels have few places for a number
         quads = layout.patches[patch]
         quads = quads[towards[quads] > 0.2]
         candidates.append(

@@ -14,7 +14,8 @@ curvature cancel. The linear limit F L^3 / (3 E I) is 1.1 % too large at a sag o
 Spiral: the tips of the four arms are held in their frame and the hub sinks without turning, because the spiral has
 fourfold symmetry. Each arm carries a quarter of the weight. Its stiffness K = C^-1 is the inverse of the compliance
 from ``mechanics/arms/stiffness.py``, the program's own table from finite elements; K maps the motion u of the tip
-against the hub to the wrench K u. This is linear: solids sag less by 0 to 3 %, up to sags of 1.5 thicknesses.
+against the hub to the wrench K u. This is linear: spirals computed as elastic solids sag 0 to 3 % less, up to sags of
+1.5 thicknesses.
 """
 
 from __future__ import annotations

@@ -28,8 +28,8 @@ class SpiralCoupon:
     """A spiral in a frame that holds the tips of its arms.
 
     name : engraved letter
-    scale, width : diameter, and width of its arms, metres
-    twist : winding angle of its arms, radians
+    scale, width : diameter of the spiral, and width of its arms, metres
+    twist : winding angle of the arms, radians
     load : suggested weight, kg
     """
 

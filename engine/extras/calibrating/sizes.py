@@ -38,7 +38,7 @@ def choose_coupons(settings: Settings) -> Coupons:
     joint = spiral.width_max
     catch = connector_size(joint, settings.connect, mill=cut.mill)
     steps = tuple(c * 1e-3 for c in CLEARANCE_STEPS if c * 1e-3 <= 0.25 * (catch.head - catch.neck))
-    # a mill's cut varies less in width than a beam's, so arms need not be wide compared with it
+    # a mill's cut varies less in width than a beam's, so arms need not be wide compared with the cut
     thin = max(SPIRAL_WIDTHS[0] * h, 0.0 if cut.mill else MIN_WIDTH_RATIO * kerf)
     widths = tuple(thin * w / SPIRAL_WIDTHS[0] for w in SPIRAL_WIDTHS)
     scale = SPIRAL_SCALE / SPIRAL_WIDTHS[0] * thin

@@ -55,7 +55,7 @@ from .prospects import WORTHWHILE_RATIO
 
 # Distortion limits for merging the surface again, as shares of the limit in the settings; smaller: more panels
 MERGE_SHARES = (0.4, 0.15, 0.06, 0.03)
-Sketch = tuple[str, np.ndarray]  # a name, and its cut edges, (E,) bool
+Sketch = tuple[str, np.ndarray]  # a set of cuts: its name, and whether each edge is cut, (E,) bool
 # Variants of merging if the goal is a number of panels: shares of the distortion limit, factors on the compactness
 # limit, and a factor on the smallest neck. More variants: more layouts to flatten, 0.2 to 4 s each
 PANEL_GOAL_SHARES, COMPACTNESS_FACTORS, NECK_FACTOR = (0.8, 0.6, 0.4), (0.9, 1.4), 2
@@ -72,7 +72,8 @@ LONG_SEARCHES = 2  # number of layouts beside the initial one that get a long se
 TIME_RATIO = 4.0
 # A layout gets a second long search if the first ends within this factor of the required distance; larger: more time
 SECOND_SEARCH_RATIO = 1.3
-# Largest number of quads with which several long searches run at once; larger pieces get one at a time, about a minute
+# Largest number of quads with which several long searches run at once; with more quads they run one after another, each
+# for about a minute. Larger: cores are idle less often, but searches that turn out needless run too
 MAX_PARALLEL_QUADS = 500
 INITIAL_PROGRESS = 0.05  # share of the progress for the initial layout
 # Fractions of the progress at which flattening, judging, changing layouts, and filling gaps between proposals end; long
@@ -81,7 +82,7 @@ PROGRESS_ENDS = 0.22, 0.3, 0.38, 0.42
 # These fractions if the initial layout was optimised before, so that no long search runs while layouts are flattened.
 # Smaller: the displayed time left is longer, and rises less
 PROGRESS_ENDS_IF_OPTIMISED = 0.1, 0.4, 0.55, 0.58
-MAX_GAP_LAYOUTS = 2  # largest number of layouts to make in gaps between proposals
+MAX_GAP_LAYOUTS = 2  # largest number of layouts to make between proposals of very different panel counts
 
 
 def choose(
@@ -346,7 +347,7 @@ def _run_long_searches(search: LayoutSearch, progress: Progress) -> None:
     """Give the best layouts a long search; if none meets the required match, search those that may still meet it.
 
     With up to ``MAX_PARALLEL_QUADS`` quads ``LONG_SEARCHES`` layouts are searched at once, on any number of cores, so
-    that the result is the same. With more quads one after another, as long as the next promises to be better.
+    that the result is the same. With more quads they follow one another, as long as the next promises to be better.
     """
     together = LONG_SEARCHES if len(search.piece.mesh.quads) <= MAX_PARALLEL_QUADS else 1
     searched: list[FlatLayout] = []

@@ -33,7 +33,8 @@ DISTORTION_SHARES = (
     0.5,
     0.25,
 )  # shares of the distortion limit under which the surface is merged again; smaller: more panels
-# Largest ratio of expected distances (new to old) at which a layout replaces another; larger: more panels
+# A layout replaces another if its expected distance from the target is below this multiple of the other's; larger: more
+# panels
 REPLACEMENT_RATIO = 0.9
 MAX_PANEL_GROWTH = (
     2  # largest ratio of panels to those of the present layout; larger: nearer to the target, more panels
@@ -58,7 +59,7 @@ STRIP_FACTOR = 1.1
 # Factors on the distortion limit up to which panels below the smallest size may join a neighbour; larger: fewer small
 # panels. docs/tuning.md lists the surfaces that they change
 LOOSE_FACTORS = 2.0, 4.0
-PROGRESS_PART = 0.2  # share of the remaining progress for each layout that is made or predicted
+PROGRESS_PART = 0.2  # share of the remaining progress for each layout that is made or predicted; only for the display
 PREDICTING_TEXT = "Predicting the match"
 
 
@@ -255,7 +256,7 @@ def _under_tighter_limits(
 def _in_equal_parts(
     piece: LayoutProblem, flat: FlatPatches, most: int, parts: Iterator[Progress]
 ) -> Iterator[FlatPatches]:
-    """Yield layouts of equal strips, rings or petals that keep all limits; ``STRIP_FACTOR`` raises that on compactness.
+    """Yield layouts of equal strips, rings or petals within all limits; that of compactness is ``STRIP_FACTOR`` larger.
 
     For each number of panels the least distorted layout is yielded, fewest panels first. Smooth tubes and strips need
     such layouts: tracing may give them too few patches to come near the target, and merging never adds patches.
@@ -268,7 +269,8 @@ def _in_equal_parts(
     progress = next(parts)
     curved = panel_curvature(flat.layout)
     found = symmetries(mesh, progress=progress.quiet()) if limits.symmetric else []
-    sketches: dict[int, list[tuple[float, int, CutPlan]]] = {}  # by number of parts
+    # by number of parts: curvature of the most curved panel, number in the order of making, and cuts of each division
+    sketches: dict[int, list[tuple[float, int, CutPlan]]] = {}
     for number, (name, cut) in enumerate(drop_symmetric_images(equal_part_cuts(mesh, most, found), found)):
         sketch = PatchLayout(mesh, cut)
         if len(sketch.patches) <= most:

@@ -161,7 +161,7 @@ def _draw_panels(laid: FlatLayout) -> str:
 
 
 def failed_candidate(values: Values, error: Exception) -> Candidate:
-    """Return a candidate that records an error: of the program, or because its process ended.
+    """Return a candidate that failed because of an error of the program, or because its process ended.
 
     Parameters
     ----------

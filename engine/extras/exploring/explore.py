@@ -264,7 +264,7 @@ def _next_generation(search: _RunningExploration, weight: float, seed: int) -> l
     asked: list[list[np.ndarray]] = []
 
     def record(function: Any, places: Iterable[np.ndarray]) -> list[float]:
-        """Record the points that scipy evaluates: first the population, whose merits are known, then its offspring."""
+        """Store the points that scipy evaluates: first the population, whose objective is known, then its offspring."""
         asked.append([np.array(place) for place in places])
         return merits[order].tolist()
 

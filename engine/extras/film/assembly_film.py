@@ -31,7 +31,7 @@ from .unfinished_pieces import AssemblyStages, UnfinishedPiece, find_stages, fla
 
 # durations of a panel's flight and of its joining, in steps of the film; the next panel flies during joining
 FLIGHT_TIME, CLOSING_TIME = 0.6, 0.9
-# distance from its place at which a panel's flight ends, as a share of the piece's size; larger: more visible joining
+# distance of a panel from its final place when its flight ends, share of the piece's size; larger: more visible joining
 HOVER_DISTANCE = 0.15
 # panels whose hubs move less than this keep their stored shape; quad edges or radians. Larger: fewer shapes
 SHAPE_TOLERANCE = 0.05
@@ -45,7 +45,7 @@ TIP_GAP = 1e-3
 class PanelTrack:
     """Motion of one panel: its shape and the position of its frame over time; times are in steps of the film.
 
-    vertices : indices of its vertices in the film's mesh
+    vertices : indices of the panel's vertices in the film's mesh
     shapes : vertex positions in the panel's own frame, metres
     shape_times, which : times, and the index into ``shapes`` at each
     times, turns, places : times, and the rotation and position (metres) of the panel's own frame at each
@@ -284,7 +284,7 @@ class _TrackRecorder:
             self.stage_times.append(start + (k + 1) * long)
 
     def _go_to_stage(self, begin: float, long: float, stage: UnfinishedPiece, progress: Progress) -> None:
-        """Record the motion from the present pose to a stage, which begins at ``begin`` and takes ``long`` steps."""
+        """Record the motion from the present pose to a stage, beginning at time ``begin``, during ``long`` steps."""
         end = self._with_stage(stage)
         blend = PoseBlend.between(self.pose, end, self.pairs[self.closed], self.lever[self.closed])
         bending = self._bent_panels(end, stage)

@@ -19,7 +19,7 @@ from ...threads import one_thread
 from .live_input import LiveInput
 from .live_state import LiveState
 
-# relative residual at which a live piece counts as at rest; larger: fewer steps, less exact (1e-4 mm on domes)
+# relative residual at which a live piece counts as at rest; larger: fewer steps, less exact (errors on domes: 1e-4 mm)
 TOLERANCE = 1e-5
 SLICE_SECONDS = 0.015  # computing time before ``advance`` returns a shape, seconds; larger: fewer frames per second
 # Unit: mean distance of neighbouring hubs. A motion beyond JUMP_DISTANCE may be a snap; it is one if the piece stays

@@ -15,7 +15,7 @@ from .register import Registration, register
 from .scan_reader import MAX_POINTS, MIN_POINTS, UNITS, Scan
 from .scan_target import TriangleSurface
 
-# largest distance of scan points that belong to the piece, as a share of its size; larger: more of other objects counts
+# largest distance from the piece of points that may belong to it, share of its size; larger: other objects count too
 MAX_DISTANCE = 0.1
 # smallest cosine of the angle between the normal and the direction to a point (32 degrees); at larger angles the point
 # lies beside the piece's border
@@ -26,7 +26,8 @@ MEDIAN_POINTS = 15  # number of points whose median is a spiral's distance; larg
 MIN_DENSITY = 0.15
 MIN_SPIRAL_POINTS = 3  # smallest number of points over a spiral; fewer may all be outliers
 MIN_COVERAGE = 0.3  # smallest share of the spirals that a scan must cover; larger: more partial scans are rejected
-# largest RMS distance from the piece, as a share of its size; larger: scans of other objects pass (7 had over 0.031)
+# largest RMS distance between scan and piece, as a share of the piece's size; larger: scans of other objects pass (the
+# seven tried had over 0.031)
 MAX_RMS = 0.025
 MIN_WEIGHT = 0.5  # points with a smaller weight count as a table or wall; larger: more points of the piece are lost
 MAX_SIZE_RATIO = 10.0  # largest ratio of the sizes of scan and piece, either way, if the unit must be guessed

@@ -127,7 +127,7 @@ class ScanFit:
         return (self.weights * squared / (squared + reach**2)).mean(axis=1)
 
     def _normal(self, poses: Poses, reach: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the normal matrices (poses, 6, 6), right-hand sides (poses, 6) and centres of rotation (poses, 3)."""
+        """Return normal matrix (6, 6), right-hand side (6,) and centre of rotation (3,) of each pose's next step."""
         laid = poses.apply(self.points)
         direction, distance = self.distances(laid)
         weight = self.weights / (1 + (distance / reach) ** 2) ** 2

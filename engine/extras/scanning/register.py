@@ -21,7 +21,8 @@ from .scan_target import ClosestPoints, TriangleSurface
 
 # Initial rotations: angle in degrees and number of axes for each; more: safer, slower
 TILTS = (0.0, 1), (12.0, 6), (25.0, 14)
-# Largest rotation, degrees, unless the orientation is arbitrary; larger: symmetric pieces fit in wrong orientations
+# Largest rotation of the scan, degrees, unless its orientation is arbitrary; larger: symmetric pieces fit in wrong
+# orientations
 MAX_ROTATION = 45.0
 ROTATIONS = 600  # number of initial rotations if the orientation is arbitrary (15 degrees apart); more: safer, slower
 # Initial offsets of the scan's centre from the surface's centre along each axis, as shares of the surface's extent;
@@ -36,7 +37,7 @@ KEPT_POSES = 120  # number of initial poses that are kept; more: safer, slower
 # For each round: the reach, and the lengths of steps along weakly constrained directions. Longer steps: the scan may
 # cover a smaller part of the piece (0.3: three fifths)
 SEARCH_ROUNDS = ((0.03, (0.04, 0.08, 0.16, 0.3)), (0.015, (0.02, 0.04, 0.08, 0.16)), (0.007, (0.02, 0.04, 0.08, 0.16)))
-# steps along weakly constrained directions in the rounds at the final reach
+# for each round at the final reach: lengths of steps along weakly constrained directions
 FINAL_STEPS = ((0.03, 0.06, 0.12), (0.005, 0.01, 0.02), (0.0015, 0.003, 0.006))
 # numbers of points fitted: with thousands of poses, with some hundred, with a few, and in the last fits; more: slower
 POINT_COUNTS = (120, 400, 1500, 3000)

@@ -31,13 +31,14 @@ LIMIT, BRANCH = "limit", "branch"  # kind of the critical point that ends the st
 # Step lengths are the largest motion of a hub, in radians or quad edges; longer: fewer steps, more of them repeated
 FIRST_STEP = 0.05  # first step length; any value converges
 MAX_STEP = 0.5 * TURN_CAP  # longest step length: half of the largest rotation in a Newton step; any value converges
-MIN_STEP = 1e-6  # step length, and share of the largest factor, below which the path is given up
+# the path is given up if the step length, and the change of the factor as a share of the largest, are below this
+MIN_STEP = 1e-6
 MAX_FACTOR_CHANGE = (
     0.125  # largest change of the factor per step, as a share of the largest factor; smaller: smoother curves
 )
-# number of Newton steps with which the step length stays as it is, and largest number, after which the step is halved
+# number of Newton steps at which the step length stays as it is, and largest number, after which the step is halved
 USUAL_ITERATIONS, MAX_ITERATIONS = 5, 14
-BRACKET_TOL = 1e-3  # relative width of the bracket around the critical factor
+BRACKET_TOL = 1e-3  # relative width of the bracket around the critical factor; smaller: more exact, slower
 MAX_HALVINGS = 24  # largest number of bisections of that bracket
 STEPS_BEYOND = 12  # number of steps followed after the critical load; larger: the curve shows more of the snapping
 MAX_STEPS = 400  # largest number of steps; a dome that snaps takes about 40. Larger: more time before giving up
