@@ -41,7 +41,7 @@ class SeamCheck:
     load : largest strain of a connector's neck, as a share of the material's strain limit
     difficulties : reasons why the seam is hard to join: "stretch", "force", "load"
 
-    force, moment and load are None without a reliable equilibrium.
+    force, moment and load are None if there is no equilibrium that has converged and is not locked.
     """
 
     name: str
@@ -123,7 +123,8 @@ def check_assembly(
 ) -> AssemblyCheck:
     """Predict how hard every seam of a design is to assemble.
 
-    Forces are computed only with the arm model, and only if its equilibrium has converged and is not locked.
+    Forces are computed only with the arm model, and only if its equilibrium has converged and is probably not a false
+    minimum (``Simulation.is_locked``).
 
     Parameters
     ----------
@@ -186,7 +187,7 @@ def _has_swapped_quads(layout: PatchLayout, edges: np.ndarray) -> np.ndarray:
 def _forces(design: SpiralDesign, connections: Connections | None, simulation: Simulation) -> np.ndarray | None:
     """Return (E, 3) for every edge: force (N), moment (N m), and stress of the neck over the material's strength.
 
-    None if the equilibrium is not reliable or the elastic model has no forces at joints.
+    None if the equilibrium has not converged or is locked, or if the elastic model has no forces at joints.
     """
     model, rest = simulation.model, simulation.equilibrium
     if not rest.converged or simulation.is_locked:

@@ -24,7 +24,7 @@ _MIN_TICK = 0.5  # minimum length of a tick in letter heights; a shorter one loo
 # maximum distance in metres of the labelled point from the outline, measured along the tick;
 # connectors, which may lie between both, are about this long
 _MAX_DEPTH = 0.004
-_LINE_POINTS = 16  # points of an outline per line in the search tree
+_LINE_POINTS = 16  # number of points of an outline in each line of the search tree; more make fewer, longer lines
 _BATCH = 32  # candidate boxes tested together, nearest first; fewer or more take longer
 _TOLERANCE = 2e-5  # maximum distance in metres between the outlines and their polylines in the search tree
 

@@ -42,7 +42,7 @@ class Tips:
     The arm parameter t runs from 0 at the joint to 1 at the quad's centre.
 
     edge_offset : outward offset of the left and the right edges at the tips, metres
-    taper_start, taper_end : t up to which the offset is complete, and t from which it is 0
+    taper_start, taper_end : t up to which the offset has its full value, and t from which it is 0
     begin : t where the edges begin
     end_curves : curve of each shaped end, from right to left edge, in the patch's frame, metres; key: arm number
     """
@@ -264,7 +264,7 @@ def _slot_curves(
 
 
 def _rim_links(arms: Arms, rim: Rim, fillet: float) -> dict[int, Curve]:
-    """Return the parts of the outlines along the rim; key: the arm (4 quad + side) whose right edge comes before it."""
+    """Return the parts of outlines along the rim; key: the arm (4 quad + side) whose right edge precedes the part."""
     half = 0.5 * arms.joint_width[rim.quad, rim.side]
     number = (4 * rim.quad + rim.side).tolist()
     return {arm: Curve(*rim.outline_at(n, half, fillet), closed=False) for n, arm in enumerate(number)}

@@ -92,7 +92,7 @@ class SpiralDesign:
 
     @cached_property
     def rim(self) -> Rim | None:
-        """The strip along the open border, if there is one."""
+        """Rim along the open border; None if the settings ask for no rim."""
         return Rim.from_flat(self.flat, self.params)
 
     @cached_property

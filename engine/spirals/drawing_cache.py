@@ -67,7 +67,7 @@ class DrawingCache:
         return None, None
 
     def update_contacts(self, outlines: list[Outline], progress: Progress) -> Float[np.ndarray, "n 3"]:
-        """Find contacts in the patches not in ``contact_free``, update ``contact_free``, and return the contacts."""
+        """Return the contacts (``find_contacts``) of patches not in ``contact_free``, and update ``contact_free``."""
         where = find_contacts(outlines, progress, self.contact_free)
         self.contact_free = set(range(len(outlines))) - set(where[:, 0].astype(int).tolist())
         return where

@@ -195,7 +195,7 @@ def unfabricable_quads(design: SpiralDesign, quads: Bool[np.ndarray, " quads"] |
     least, most = (1.0 - slack) * np.minimum(low, slots.MIN_WIDTH_SHARE * design.params.width_min), (1.0 + slack) * high
     fits = (width.min(axis=1) >= least) & (width.max(axis=1) <= most)
     fits &= (twist >= -slack) & (twist <= (1.0 + slack) * design.params.twist_max)
-    # ignore the slot at seams and the range of the stiffness table: without them a piece can still be cut, and glued
+    # ignore the slot at seams and the range of the stiffness table: a piece that violates them can be cut, and glued
     room = ClearanceModel.from_flat(design.flat, replace(design.params, slot_seam=0.0)).without_twist_limits
     spirals = np.clip(width, 0.1 * low[:, None], high[:, None]), np.clip(twist, 0.0, None)
     terms = room.clearances(*spirals, below=-slack, quads=quads)

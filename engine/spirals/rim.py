@@ -300,7 +300,7 @@ class Rim:
         return path.arrays()
 
     def _add_neck_side(self, path: ArcPath, node: int, sign: float, half: np.ndarray, fillet: float) -> None:
-        """Add a side of a neck with its fillet: the right side outwards (``sign`` -1) or the left side inwards (1)."""
+        """Add a neck's side with its fillet to the path: right side outwards (``sign`` -1) or left side inwards (1)."""
         foot = self.middle[node] + sign * half[node] * self.along[node]
         out, aside = self.outwards[node], sign * self.along[node]
         near, far = foot + (self.depth - fillet) * out, foot + self.depth * out + fillet * aside
@@ -337,7 +337,7 @@ class Rim:
                 path.add_segment(place, bulge if round_ > 0.0 else 0.0)
 
     def closed_curves(self) -> list[tuple[int, Curve]]:
-        """Return the outer edges of closed strips, and all holes (clockwise), each as patch and curve."""
+        """Return, each with its patch, the outer edges of strips without ends, and all drilled holes (clockwise)."""
         curves, seen = [], self._last_nodes() != np.arange(len(self.quad))
         for at in np.flatnonzero(self.previous_node < 0).tolist():
             while at >= 0:

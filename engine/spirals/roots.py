@@ -141,7 +141,7 @@ def _scan_inwards(arms: Arms, fillet: float) -> tuple[np.ndarray, np.ndarray, np
 def _newton(
     arms: Arms, left: np.ndarray, right: np.ndarray, fillet: float | np.ndarray, rounds: int, step: float = 0.08
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Improve both t (F, 4) of every root by Newton's method, with steps of at most ``step`` in t.
+    """Improve ``left`` and ``right``, the t (F, 4) of every root, by Newton's method; steps are at most ``step``.
 
     Also return the remaining distance (F, 4) before the last iteration, metres: between the centres of two circles with
     the fillet's radius, each touching one of the two edges.

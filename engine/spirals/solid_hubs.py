@@ -51,7 +51,7 @@ def mark_solid_hubs(width: Float[np.ndarray, "quads 4"], params: SpiralParams) -
 
 @lru_cache(maxsize=4)  # a search calls this often with the same patches
 def mark_too_small(flat: FlatPatches, params: SpiralParams) -> Bool[np.ndarray, " quads"]:
-    """Return a mask of the quads where even straight arms of the least width in ``params`` leave no slots."""
+    """Return a mask of the quads where even straight arms, half as wide as the smallest width, leave no slots."""
     low, high = width_range(flat, params)
     thinnest = np.minimum(low, MIN_WIDTH_SHARE * params.width_min)
     straight = make_arms(flat, params, same_width(thinnest), np.zeros(len(low)))

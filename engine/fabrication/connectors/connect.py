@@ -48,7 +48,7 @@ class Connector:
 
     @property
     def kind(self) -> str:
-        """Dovetail, key or tab."""
+        """Kind of the connector: "dovetail", "key" or "tab"."""
         return self.candidate.kind
 
 
@@ -96,7 +96,7 @@ class Connections:
 
     @property
     def report(self) -> dict[str, Any]:
-        """The figures of report.json."""
+        """Figures of the connectors for report.json."""
         made = self.connectors
         count = {k: sum(c.kind == k for c in made) for k in ("dovetail", "key", "tab")}
         if not made and not self.plain_joints:

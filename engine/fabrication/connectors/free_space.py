@@ -33,7 +33,8 @@ SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
 WIDTH_STEP = 1e-5  # metres; widths of arms are rounded down to multiples of this
 SETBACKS = (0.0, 3e-4, 6e-4, 1e-3, 1.5e-3)  # metres tried from the parting line to the arm's end, at keys and tabs
 _SHIFTS = 12  # number of shifts of the parting line tried in either direction along the arms; more take longer
-_STEP = 0.55  # distance between two shifts, in neck widths of the smallest connector; larger steps miss more places
+# distance between two such shifts, in neck widths of the smallest connector; larger steps miss more places
+_STEP = 0.55
 _SHIFTS_TRIED = 4  # number of shifts with room tried per size while necks must lie on their arms; more take longer
 _RAY_STEP = 2e-4  # metres along the arm between measurements of the free space; smaller is more exact and slower
 _BUNDLE = 8  # number of adjacent rays that share one search for nearby pieces of arms; more find too many pieces
@@ -48,7 +49,7 @@ class CutJoints:
 
     edge : index of the mesh edge
     seam, place : index of the seam, and of the joint along the seam
-    quad, side : the two arms; the arm of the patch with the lower index comes first
+    quad, side : quads and sides of the joint's two arms; the arm of the patch with the lower index comes first
     is_within_panel : whether both arms belong to the same panel
     """
 
@@ -288,7 +289,7 @@ class FreeSpace:
             self._free_widths[joint] = FreeWidths(x[at], free[0, k, at], free[1, k, at], width[k, at])
 
     def _keep_clear(self, through: JoinedArms, rows: np.ndarray, shapes: np.ndarray) -> np.ndarray:
-        """Return a mask (n,) of the shapes at least a slot's width from all hubs and arms but those of their joints."""
+        """Return a mask (n,) of the shapes that keep a slot's width from all hubs and arms but their joints' arms."""
         own = np.stack([through.own.arm[rows], through.other.arm[rows]], axis=1)
         return ~self.obstacles.are_near(shapes, own, 0.999 * self.slot)
 
@@ -300,7 +301,7 @@ class FreeSpace:
         return any(bool(shapely.dwithin(a, b, 0.999 * self.slot)) for a, b in near)
 
     def tips_as_arcs(self, tips: list[Tip], plain: np.ndarray, tolerance: float) -> Tips:
-        """Return all tips as arcs within ``tolerance`` metres; ``plain`` (F, 4) is t where all other arms begin."""
+        """Return all tips as arcs within ``tolerance`` metres; arms without a connector begin at t ``plain`` (F, 4)."""
         blank = np.zeros(plain.shape)
         made = Tips(np.zeros((2, *plain.shape)), blank, blank + 1e-3, plain.copy(), {})
         for tip, end in zip(tips, end_curves(tips, tolerance), strict=True):
@@ -354,10 +355,10 @@ class _Obstacles:
         return found
 
     def cast_rays(self, origin: np.ndarray, way: np.ndarray, view: np.ndarray, without: np.ndarray) -> np.ndarray:
-        """Cast rays and return (N, K) the distances in metres to the first piece, 0 inside a piece, at most ``view``.
+        """Return (N, K) the distances in metres along rays to the first piece of an arm or hub; 0 inside a piece.
 
-        origin, way : (N, K) complex points and unit directions; the points of a row are close together
-        view : (N,) metres
+        origin, way : (N, K) complex origins and unit directions of the rays; the origins of a row are close together
+        view : (N,) largest distance that is returned, metres
         without : (N, 2) arms to ignore
         """
         import shapely

@@ -162,7 +162,7 @@ class JoinedArms(Columns):
         return (np.minimum(one, two) < MIN_STEP_RATIO * np.maximum(one, two)).any(axis=1)
 
     def tau_at(self, distance: Float[np.ndarray, "arms m"]) -> Float[np.ndarray, "arms m"]:
-        """Return the parameters tau at distances in metres from the joints, negative on the other arm."""
+        """Return tau (see the module) at distances in metres from the joints, which are negative on the other arm."""
         ahead = _interpolate_rows(distance, self.own.length, self.own.t)
         beyond = _interpolate_rows(-distance, self.other.length, self.other.t)
         return np.where(distance >= 0.0, ahead, -beyond / self.parameter_scale[:, None])
@@ -199,7 +199,7 @@ class JoinedArms(Columns):
         return made[0], -made[1] / np.abs(made[1])
 
     def edges_beyond_joint(self, tau: np.ndarray, side: np.ndarray, wide: Widening, tolerance: float) -> list[Curve]:
-        """Return the edges ``side`` (n,) beyond the joints, from tau 0 to ``tau`` (n,) < 0, fitted by arcs."""
+        """Return the edges ``side`` (n,) from the joints to ``tau`` (n,) < 0, as arcs within ``tolerance`` metres."""
         scale = self.parameter_scale
 
         def evaluate(which: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -96,7 +96,7 @@ def connector_sizes(
 def tab_sizes(
     width: float, params: ConnectorParams, scales: tuple[float, ...], mill: float = 0.0
 ) -> tuple[ConnectorSize, ...]:
-    """Return tabs (flat ends for glue), widest first: as wide as connectors of these scales, or by ``_TAB_RATIOS``."""
+    """Return tabs (flat ends for glue), widest first: as wide as connectors of these scales or ``_TAB_RATIOS`` arms."""
     whole = connector_size(width, params)
     pads = [
         *(connector_size(width, params, scale, mill).pad_width for scale in scales),
@@ -191,7 +191,7 @@ def socket_curve(s: ConnectorSize, setback: float = 0.0) -> Curve:
 
 
 def face_curve(s: ConnectorSize, setback: float = 0.0) -> Curve:
-    """Return the end of an arm with a tab, from right to left, ``setback`` metres and half a clearance inwards."""
+    """Return the flat end of a tab, from right to left, ``setback`` metres plus half the clearance behind the cut."""
     x, p = -0.5 * s.clearance - setback, 0.5 * s.pad_width
     return Curve(np.array([[x, -p], [x, p]]), np.zeros(2), closed=False)
 

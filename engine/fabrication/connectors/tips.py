@@ -26,7 +26,8 @@ _MIN_FULL_WIDTH = (
     0.1  # minimum length of full width behind a shoulder's arc, in corner radii; hardly changes connectors
 )
 _ROUNDING_STEPS = 3  # iterations that move the ends of edges inwards until shoulders are as round as required
-_TURNS = np.array([[-1j], [1j]])  # quarter turns from an edge's direction towards the other edge: left and right edge
+# quarter turns from an edge's direction towards the other edge, for the left and for the right edge
+_TURNS = np.array([[-1j], [1j]])
 _TOLERANCE = 5e-6  # maximum distance in metres between the arcs of a tip and its polygon
 _WIDENING = ("left", "right", "taper_start", "taper_end")
 

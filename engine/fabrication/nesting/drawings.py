@@ -189,7 +189,7 @@ def _spline(spline: Any, distance: float) -> np.ndarray:
     """Return points on a B-spline of ezdxf, over its valid knots, whose chords are within ``distance`` of the curve."""
     knots, degree = np.array(spline.knots()), spline.degree
     inner = np.unique(knots[degree : len(knots) - degree])
-    for steps in 8, 32, 128, 512:  # segments between knots, refined until chords are close enough
+    for steps in 8, 32, 128, 512:  # number of segments between two knots, increased until chords are close enough
         parts = [np.linspace(a, b, steps, endpoint=False) for a, b in pairwise(inner.tolist())]
         points = np.array([(v.x, v.y) for v in spline.points([*np.concatenate(parts).tolist(), float(inner[-1])])])
         if np.linalg.norm(np.diff(points, 2, axis=0), axis=1).max() <= 4.0 * distance:
@@ -277,7 +277,7 @@ def _chords(curve: Any, distance: float) -> np.ndarray:
         if isinstance(part, Arc):  # a chord is within r (1 - cos(step / 2)) of the arc
             radius = max(part.rx, part.ry, distance)
             steps = math.ceil(abs(part.sweep) / (2.0 * math.acos(max(1.0 - distance / radius, 0.0))))
-        elif isinstance(part, (CubicBezier, QuadraticBezier)):  # a chord is within an eighth of the second derivative
+        elif isinstance(part, (CubicBezier, QuadraticBezier)):  # its chords are off by 1/8 second derivative step^2
             corners = np.array([complex(*p) for p in part])
             bend = len(corners) * (len(corners) - 1) * np.abs(np.diff(corners, 2)).max()
             steps = math.ceil(math.sqrt(bend / (8.0 * distance)))

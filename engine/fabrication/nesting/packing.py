@@ -314,7 +314,7 @@ class ShapeMask:
         self.box = cell * np.array([columns, rows])
 
     def placement_at(self, quarter: int, corner: np.ndarray) -> tuple[float, np.ndarray]:
-        """Return the rotation (radians) and shift that move the turned raster's lower left corner to ``corner``."""
+        """Return the rotation (radians) and shift that put the lower left corner of mask ``quarter`` at ``corner``."""
         # it is enough to turn the raster's box: at quarter turns both have the same lower left corner
         points = np.array([[0.0, 0.0], self.box]) + self.origin
         cos, sin = [(1, 0), (0, 1), (-1, 0), (0, -1)][quarter]

@@ -30,7 +30,7 @@ class Remnant:
     """A piece of sheet, moved so that its bounding box begins at the origin; metres.
 
     name : file name without suffix
-    outline : counter-clockwise
+    outline : outer curve, counter-clockwise
     holes : closed curves without material inside
     remarks : sentences for the user about how the file was read
     """

@@ -19,7 +19,7 @@ MIN_SEGMENT = (
     2e-5  # metres; shorter segments are removed: controllers stutter on them, while longer ones would be visible
 )
 
-Arc = tuple[complex, complex, float]  # start, end, bulge
+Arc = tuple[complex, complex, float]  # start and end of a segment (complex, metres), and its bulge
 
 
 def without_empty_segments(curve: Curve) -> Curve:

@@ -69,7 +69,7 @@ class Base:
 
     @property
     def report(self) -> dict[str, Any]:
-        """The figures of report.json."""
+        """Figures of the base, or of the eyelets, for report.json."""
         if self.eyelets:
             return eyelets_report(self.eyelets)
         lean = np.degrees([foot.lean for foot in self.feet])

@@ -62,7 +62,7 @@ class Eyelet:
 
     @property
     def force_magnitude(self) -> float | None:
-        """Magnitude of the force in N, or None."""
+        """Magnitude of ``support_force`` in N; None if unknown."""
         return None if self.support_force is None else float(np.linalg.norm(self.support_force))
 
     def stress(self, thickness: float) -> float | None:

@@ -246,7 +246,8 @@ def _gap_at_cut(cut: _RingCut, ring: Any, clearance: float) -> Any:
 
 
 def _corner_radii(corners: np.ndarray, sharp: np.ndarray, margin: float) -> np.ndarray:
-    """Return the radius (metres) of every corner: ``CORNER_RADIUS`` where ``sharp``, or the margin; less on short sides."""
+    """Return every corner's radius (metres): ``CORNER_RADIUS`` where ``sharp`` is True, else the margin, or less
+    where sides are short."""
     ahead = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     sides, turn = np.minimum(ahead, np.roll(ahead, 1)), np.roll(corners, -1, axis=0) - corners
     angle = np.arctan2(turn[:, 1], turn[:, 0])

@@ -38,7 +38,7 @@ class Page:
 
     width, height : metres
     commands : PDF operators drawn so far
-    layers : names of its layers
+    layers : names of the page's layers
     """
 
     width: float
@@ -97,7 +97,7 @@ class Page:
         Parameters
         ----------
         text : one line, in any script
-        position : x and y of the start of its baseline, metres
+        position : x and y of the start of the text's baseline, metres
         size : size of the font, metres
         colour : "#rrggbb"
         is_centred : whether ``position`` is the middle of the baseline and not its start

@@ -124,7 +124,7 @@ def _arms_around(flat: FlatPatches) -> tuple[Int[np.ndarray, " n"], Int[np.ndarr
     quad, corner = np.repeat(np.arange(count), 4), np.tile(np.arange(4), count)
     whole, at, to = np.ones(len(quad), dtype=bool), quad, corner
     neighbours: list[np.ndarray] = []
-    for _ in range(3):  # steps around the vertex
+    for _ in range(3):  # steps from quad to quad around each corner's vertex
         whole = whole & joined[at, to]
         at, to = np.where(whole, mate[at, to], at), np.where(whole, (side[at, to] + 1) % 4, to)
         far = whole & (at != quad)

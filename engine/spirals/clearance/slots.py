@@ -150,7 +150,7 @@ def twist_bound(
 ) -> Float[np.ndarray, " quads"]:
     """Return the largest twist (radians) that leaves slots open in the actual, irregular quads, by bisection.
 
-    The spirals have no blends, so that the bound of a quad does not depend on its neighbours.
+    Slots are measured without blends, so that the bound of a quad does not depend on its neighbours.
 
     Parameters
     ----------

@@ -72,7 +72,7 @@ class Arms(Columns):
 
 
 def opposite_sides(mesh: QuadMesh) -> tuple[Int[np.ndarray, "quads 4"], Int[np.ndarray, "quads 4"]]:
-    """Return the quad across every side, and its side there; at the border the quad and the side itself."""
+    """Return, for every side, the quad across it and the side's number in that quad; at the border, the side itself."""
     own = np.arange(len(mesh.quads))[:, None]
     quads, sides = mesh.edge_quads[mesh.quad_edges], mesh.edge_sides[mesh.quad_edges]
     across = np.where(quads[..., 0] == own, 1, 0)[..., None]
@@ -254,7 +254,7 @@ def taper_width(extra: Floats, taper_start: Floats, taper_end: Floats, t: np.nda
     Parameters
     ----------
     extra : additional width at the tip, metres
-    taper_start, taper_end : t up to which the additional width is complete, and t from which it is 0
+    taper_start, taper_end : t up to which the additional width has its full value, and t from which it is 0
     t : 0 at the joint, 1 at the centre; all arguments broadcast
     """
     span = np.maximum(np.asarray(taper_end) - taper_start, 1e-9)
