@@ -104,13 +104,9 @@ def _live_head(context: bpy.types.Context, seen: Guidance, watcher: Any) -> Head
 
 
 def _idle_head(context: bpy.types.Context, seen: Guidance) -> HeadContent:
-    obj = context.object
     notices = (*seen.notices, *general_notices(context))
     act, (status, sign) = seen.action, (seen.status.text, seen.status.icon)
     about = act.tooltip if act else interface("Only you can mend this mesh. The rows tell where.")
-    others = sum(other.type == "MESH" for other in context.selected_objects if other != obj)
-    if others and not seen.objections:
-        status = interface("{} selected; works on the active one", others + 1)
     label = act.label if act else interface("Next")
     return HeadContent(
         label, "flexmaps.next" if act else "", SIGNS[sign], status, about, notices, alert=sign == STOPPED
@@ -148,7 +144,8 @@ def _unusable_head(context: bpy.types.Context, problem: str) -> HeadContent:
 def general_notices(context: bpy.types.Context) -> tuple[Notice, ...]:
     """Return notices of the kind "information" that do not come from the object's stages.
 
-    They concern panels left over from deleted models, and results written by another version of FlexMaps.
+    They concern panels left over from deleted models, further selected meshes, and results written by another version of
+    FlexMaps.
     """
     obj, notices = context.object, []
     left = collection.find_orphans(context.scene)
@@ -166,6 +163,10 @@ def general_notices(context: bpy.types.Context) -> tuple[Notice, ...]:
         )
     if usage_problem(obj) is not None:
         return tuple(notices)
+    meshes = sum(other.type == "MESH" for other in context.selected_objects if other != obj) + 1
+    if meshes > 1:
+        sentence = interface("{} meshes are selected; Next works on the active one, '{}'", meshes, obj.name)
+        notices.append(Notice("selected", interface("Only the active mesh"), sentence, INFORMATION))
     version = stored_report.read_version(obj.data)
     changed = versions.changes_between(version)
     if versions.version_key(version) > versions.version_key(VERSION):
