@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import bpy
+import numpy as np
 
 from ...engine.errors import FlexMapsError
 from . import modifiers
@@ -86,3 +87,13 @@ def find_by_uid(uid: int) -> bpy.types.Object:
         if obj.session_uid == uid and obj.users:
             return obj
     raise FlexMapsError("The object was deleted meanwhile; nothing was changed")
+
+
+def count_hidden(mesh: bpy.types.Mesh) -> int:
+    """Return how many faces are hidden; 0 in edit mode, where it is seen which are."""
+    hidden = None if mesh.is_editmode else mesh.attributes.get(".hide_poly")
+    if hidden is None:
+        return 0
+    values = np.empty(len(mesh.polygons), bool)
+    hidden.data.foreach_get("value", values)
+    return int(values.sum())

@@ -15,7 +15,7 @@ from ..store.guidance import LOOK, NEUTRAL, REDO, STOPPED, TICK, Guidance
 from ..store.i18n import interface
 from ..store.next_button import MAX_LETTERS
 from ..store.notice import Notice
-from ..store.objects import CONVERTIBLE, drawn_model, usage_problem
+from ..store.objects import CONVERTIBLE, count_hidden, drawn_model, usage_problem
 from . import collection
 
 if TYPE_CHECKING:
@@ -144,8 +144,8 @@ def _unusable_head(context: bpy.types.Context, problem: str) -> HeadContent:
 def general_notices(context: bpy.types.Context) -> tuple[Notice, ...]:
     """Return notices of the kind "information" that do not come from the object's stages.
 
-    They concern panels left over from deleted models, further selected meshes, and results written by another version of
-    FlexMaps.
+    They concern panels left over from deleted models, further selected meshes, hidden faces, and results written by another
+    version of FlexMaps.
     """
     obj, notices = context.object, []
     left = collection.find_orphans(context.scene)
@@ -167,6 +167,15 @@ def general_notices(context: bpy.types.Context) -> tuple[Notice, ...]:
     if meshes > 1:
         sentence = interface("{} meshes are selected; Next works on the active one, '{}'", meshes, obj.name)
         notices.append(Notice("selected", interface("Only the active mesh"), sentence, INFORMATION))
+    hidden = count_hidden(obj.data)
+    if hidden:
+        sentence = interface(
+            "Hidden faces belong to the surface, as in Blender's exports: {} of {}; delete those that are not wanted",
+            hidden,
+            len(obj.data.polygons),
+        )
+        label = interface("{} hidden face" if hidden == 1 else "{} hidden faces", hidden)
+        notices.append(Notice("hidden", label, sentence, INFORMATION))
     version = stored_report.read_version(obj.data)
     changed = versions.changes_between(version)
     if versions.version_key(version) > versions.version_key(VERSION):
