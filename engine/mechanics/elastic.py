@@ -66,7 +66,7 @@ class ElasticModel(Protocol):
         """Return the energy in joules; NaN outside the model's range."""
 
     def expand(self, state: Any, ahead: bool = False) -> Expansion:
-        """Compute energy, gradient and Hessian.
+        """Compute energy, gradient and Hessian by the increments of the hubs.
 
         Parameters
         ----------
@@ -153,7 +153,7 @@ class JointsOnly:
 def sum_joint_vectors(
     blocks: np.ndarray, pairs: Int[np.ndarray, "joints 2"], size: int
 ) -> Float[np.ndarray, "spirals 6"]:
-    """Add up the joints' vectors for every spiral.
+    """Return for every spiral the sum of its parts of the joints' vectors.
 
     Parameters
     ----------

@@ -141,7 +141,7 @@ class RimJoints:
 
 
 def _necks(rim: Rim) -> RimBeams:
-    """Divide the necks, straight from the strip to the tips of the arms at the border, into ``NECK_PIECES`` pieces."""
+    """Divide every neck, straight from the strip to the tip of its arm, into ``NECK_PIECES`` pieces."""
     share = (np.arange(NECK_PIECES) + 0.5) / NECK_PIECES
     place = (rim.middle + rim.depth * rim.outwards)[:, None] - rim.depth * share * rim.outwards[:, None]
     way = np.broadcast_to(-rim.outwards[:, None], place.shape)
@@ -150,7 +150,10 @@ def _necks(rim: Rim) -> RimBeams:
 
 
 def _strips(rim: Rim, first: np.ndarray, middle: Complex[np.ndarray, " strips"]) -> RimBeams:
-    """Divide both halves of every strip, each from its node to the strip's middle."""
+    """Divide both halves of every strip, each from its node to the strip's middle, into ``STRIP_PIECES`` pieces.
+
+    first : (S,) node at the beginning of every strip; middle : (S,) middles of the strips
+    """
     share, whole = (np.arange(STRIP_PIECES) + 0.5) / STRIP_PIECES, rim.length[first]
     half = rim.reach[first, 0]
     at = np.stack([half[:, None] * share, whole[:, None] - (whole - half)[:, None] * share], axis=1)

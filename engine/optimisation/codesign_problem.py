@@ -165,7 +165,7 @@ class FlatProblem(InverseProblem):
 
     @classmethod
     def from_problem(cls, problem: InverseProblem, flat: FlatRange) -> FlatProblem:
-        """Add flat vertices to the unknowns of a problem.
+        """Return the problem with the flat vertices as further unknowns.
 
         Parameters
         ----------

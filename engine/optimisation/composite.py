@@ -59,13 +59,13 @@ class CompositeModel:
     watch: Callable[[], None]
 
     def start(self) -> ModelState:
-        """Return the model at the point itself."""
+        """Return the model at the point itself, after a step of 0."""
         point = self.point
         increments = np.zeros((point.problem.assembly.whole.size, 6))
         return ModelState(np.zeros_like(point.x), increments, list(point.terms), point.costs, point.value, point.value)
 
     def after(self, step: np.ndarray, increments: np.ndarray) -> ModelState:
-        """Return the model after a step."""
+        """Return the model after a step of the design variables, with these linearised increments of the hubs."""
         terms = [term.after_step(increments, step) for term in self.point.terms]
         costs = self.point.problem.costs(self.point.x + step)
         value = sum(term.value for term in terms) + sum(cost.value for cost in costs)

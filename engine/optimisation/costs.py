@@ -22,7 +22,7 @@ class Cost(Protocol):
 
     @property
     def gradient(self) -> np.ndarray:
-        """Gradient with respect to all design variables."""
+        """Gradient (coordinates,) of the cost with respect to all design variables."""
 
     def hessian_product(self, change: np.ndarray) -> np.ndarray:
         """Multiply the Hessian, or its positive semidefinite part, by a change of the design variables."""

@@ -159,7 +159,7 @@ class DesignSpace:
     def _limit_twist(
         self, width: Float[np.ndarray, "quads 4"], twist: Float[np.ndarray, " quads"], where: np.ndarray
     ) -> DesignSpace:
-        """Limit the twist of the spirals ``where`` (F,) bool to these twists, radians, at these widths, metres."""
+        """Return a space where the twist of the spirals ``where`` (F,) is at most ``twist`` at these widths."""
         x = self._width_shares(width).mean(axis=1)
         share = self.twist_factor * twist / np.maximum(self._max_twist(x)[0], 1e-12)
         return replace(self, twist_factor=np.where(where, np.minimum(share, self.twist_factor), self.twist_factor))
@@ -238,7 +238,7 @@ class DesignSpace:
         return np.clip((mean - self.min_width[:, None]) / span[:, None], 0.0, 1.0)
 
     def _length_range(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return the range of sqrt(1 + twist^2) at mean widths x in [0, 1]: start, length, and their derivatives."""
+        """Return the range of sqrt(1 + twist^2) at mean widths x in [0, 1]: start, length, and derivatives by x."""
         largest, slope = self._max_twist(x)
         cut = self.twist_min > 0.9 * largest
         least = np.sqrt(1.0 + np.where(cut, 0.9 * largest, self.twist_min) ** 2)
@@ -247,7 +247,7 @@ class DesignSpace:
         return least, most - least, least_change, largest * slope / most - least_change
 
     def _max_twist(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the largest twist, radians, at mean widths x in [0, 1], and its derivative (cubic Hermite splines)."""
+        """Return the largest twists, radians, at mean widths x in [0, 1], and derivatives by x (Hermite splines)."""
         k = np.minimum((x * (KNOTS - 1)).astype(np.int64), KNOTS - 2)
         u, every = x * (KNOTS - 1) - k, np.arange(len(x))
         steps = np.diff(self.max_twists, axis=0)

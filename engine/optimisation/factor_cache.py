@@ -39,7 +39,7 @@ class FactorCache:
     factors: list[CachedFactor] = field(default_factory=list)
 
     def acquire(self) -> CachedFactor:
-        """Return a system to factor anew; the caller sets its owner."""
+        """Return a cached system whose factor may be replaced; the caller factors it and sets its owner."""
         if len(self.factors) < MAX_FACTORS:
             factor = CachedFactor(NewtonSystem(self.pairs, self.held, springs=self.springs))
         else:

@@ -165,7 +165,7 @@ class DesignPoint:
         return self.factor_cache.system_of(self.equilibrium, lambda: self.model.expand(self._state).hessian)
 
     def precompute(self, progress: Progress) -> None:
-        """Compute and cache the parts of the gradient; report progress, because thousands of spirals take seconds."""
+        """Compute and cache the gradient and its parts; report progress, as thousands of spirals take seconds."""
         for part in ("terms", "_forces_by_x", "newton_system", "gradient"):
             progress(0.0)
             getattr(self, part)
@@ -248,7 +248,7 @@ class DesignPoint:
 
     @cached_property
     def costs(self) -> tuple[Cost, ...]:
-        """Costs that do not depend on the equilibrium."""
+        """Summands of the objective that do not depend on the equilibrium, at x."""
         return self.problem.costs(self.x)
 
     @cached_property

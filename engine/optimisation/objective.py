@@ -66,7 +66,7 @@ class Target:
 
     @cached_property
     def size(self) -> float:
-        """Diagonal of the points' bounding box, metres."""
+        """Diagonal of the bounding box of ``points``, metres."""
         return float(np.linalg.norm(np.ptp(self.points, axis=0)))
 
     @cached_property
@@ -102,7 +102,7 @@ class Target:
 
     @cached_property
     def body_of_spiral(self) -> Int[np.ndarray, " spirals"]:
-        """Connected body of every spiral."""
+        """(n,) number of the connected body that every spiral belongs to."""
         return connected_pieces(self.pairs, len(self.points))
 
     @cached_property
@@ -138,7 +138,7 @@ class Target:
 
     @cached_property
     def target_coordinates(self) -> Float[np.ndarray, "joints 3"]:
-        """Compared coordinates (rows, 3) of the target."""
+        """Compared coordinates (rows, 3) of the target positions, see ``operator``."""
         found = self.centre_free_bodies(self.operator @ self.points)
         if self.wishes is not None:
             quads, places = self.wishes.quads, self.wishes.places
@@ -174,13 +174,13 @@ class Target:
         return float(np.sqrt((apart**2).sum(axis=1).max(initial=0.0))) / self.unit_length
 
     def compare(self, centres: Float[np.ndarray, "spirals 3"]) -> Mismatch:
-        """Return the mismatch of centres (n, 3), metres."""
+        """Return the mismatch between these centres (n, 3), metres, and the target positions."""
         own = self.centre_free_bodies(self.operator @ centres)
         turns = [nearest_rotation(own[body.rows].T @ self.target_coordinates[body.rows]) for body in self.free_bodies]
         return Mismatch(self, self.rotate_free_bodies(own, turns), turns)
 
     def rotate_free_bodies(self, values: np.ndarray, turns: list[np.ndarray]) -> Float[np.ndarray, "joints 3"]:
-        """Rotate every free body's rows of compared coordinates (rows, 3) by the body's matrix (3, 3) in ``turns``."""
+        """Return compared coordinates (rows, 3), those of every free body rotated by its matrix (3, 3) in ``turns``."""
         turned = values.copy()
         for body, turn in zip(self.free_bodies, turns, strict=True):
             turned[body.rows] = values[body.rows] @ turn.T
@@ -286,7 +286,7 @@ class Mismatch:
         return found
 
     def _project_out_rotations(self, change: np.ndarray) -> np.ndarray:
-        """Remove from a change (rows, 3) of the residual the components that rotations of free bodies can undo."""
+        """Return a change (rows, 3) of the residual without the components that rotations of free bodies can undo."""
         kept = change.copy()
         for body, basis in zip(self.target.free_bodies, self._rotation_bases, strict=True):
             flat = change[body.rows].ravel()

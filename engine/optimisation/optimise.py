@@ -233,7 +233,7 @@ def _better_result(found: SimulatedResult | None, given: SimulatedResult, trace:
 
 
 def _with_other_rests(simulation: Simulation, physics: SimulateParams, progress: Progress) -> Simulation:
-    """Add the other stable shapes of the piece to a simulation; return it unchanged if the user cancels."""
+    """Return a simulation with the other stable shapes of its piece; return it unchanged if the user cancels."""
     unseen = replace(progress, shown=None)  # shows poses, which the view of an optimisation cannot draw
     try:
         return find_other_rests(simulation, physics, unseen)
@@ -308,7 +308,7 @@ def _strictness(search: Search) -> float:
 
 
 def _drop_similar(held: list[StageResult], strain_penalty: float) -> list[StageResult]:
-    """Sort designs, the best first; drop designs with nearly the merit of a better one, which are likely similar."""
+    """Return designs, the best first, without those with nearly the merit of a better one, which are likely similar."""
     unlike: list[StageResult] = []
     for one in sorted(held, key=lambda one: one.merit(strain_penalty)):
         if not unlike or one.merit(strain_penalty) > (1.0 + RESULT_TOL) * unlike[-1].merit(strain_penalty):

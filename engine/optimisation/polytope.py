@@ -76,7 +76,7 @@ def _row_norms(rows: csr_array) -> Float[np.ndarray, " rows"]:
 
 # both functions below scale the stored entries, because a sparse matrix product takes longer to build than to compute
 def scale_columns(rows: csr_array, factor: np.ndarray) -> csr_array:
-    """Return a matrix with every column times its factor."""
+    """Return a matrix with every column multiplied by its ``factor``."""
     return csr_array((rows.data * factor[rows.indices], rows.indices, rows.indptr), shape=rows.shape)
 
 
@@ -168,7 +168,7 @@ class Polytope:
         self._multipliers = np.zeros(len(linear_clearances.clearance))
 
     def clearances(self, step: np.ndarray) -> Float[np.ndarray, " rows"]:
-        """Return the clearances after a step."""
+        """Return the linearised clearances after a step."""
         return self._room + self.slope @ step
 
     def nearest(self, step: np.ndarray) -> NearestPoint:

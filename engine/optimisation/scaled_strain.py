@@ -17,9 +17,9 @@ def forecast_strain(simulation: Simulation) -> StrainForecast | None:
     """Return a function from a factor on the size, and a thickness in metres, to the largest strain over its limit.
 
     Widths, twists and loads are kept. The equilibrium is sought from the present rotations at scaled distances: in a
-    larger piece arms bend by nearly equal angles over greater lengths. An equilibrium is needed because second-order
-    terms of a joint's unequal arms cancel only there. Return None for the rod model, and for pieces with a rim, whose
-    nodes would need an equilibrium first.
+    larger piece arms bend by nearly equal angles over greater lengths. The scaled pose would not do: the second-order
+    terms of a joint's two unequal arms cancel only at an equilibrium. Return None for the rod model, and for pieces
+    with a rim, whose nodes would need an equilibrium first.
     """
     old = as_arm_model(simulation.model)
     if old is None or simulation.assembly.rim is not None:

@@ -161,7 +161,7 @@ class Search:
 
     @property
     def best(self) -> StageResult:
-        """Stage result with the best merit."""
+        """Stage result with the smallest ``merit(FULL_STRAIN_PENALTY)``."""
         return min(self.results, key=lambda one: one.merit(FULL_STRAIN_PENALTY))
 
     def run(self, starts: list[DesignPoint], design: SpiralDesign, progress: Progress) -> None:

@@ -105,7 +105,7 @@ class SimulatedResult:
         return mismatch if barrier is None else barrier.merit(mismatch)
 
     def overstrained_spirals(self, other: SimulatedResult) -> Bool[np.ndarray, " spirals"]:
-        """Return a mask of overstrained spirals.
+        """Return a mask of the overstrained spirals of this result.
 
         A spiral is overstrained beyond the limit, or, if ``other`` exceeds the limit already, beyond ``MAX_GROWTH``
         times the largest strain of ``other``.
@@ -189,7 +189,7 @@ def _open_slots(search: Search, found: SimulatedResult, progress: Progress) -> S
 def _reduce_twists(
     search: Search, found: SimulatedResult, before: SimulatedResult, progress: Progress, *, bearable: bool
 ) -> SimulatedResult:
-    """Reduce twists step by step; return the result with the fewest closed slots, ``found`` if none has fewer.
+    """Reduce the twists of ``found`` step by step; return the result with the fewest closed slots, at worst ``found``.
 
     before : result before slots were opened; the spirals fixed in its problem do not change
     bearable : whether overstrained spirals and their neighbours keep their twists, and ``SimulatedResult.can_replace``

@@ -158,7 +158,7 @@ class NarrowSlots:
 
     @property
     def _weight_per_slot(self) -> float:
-        """Weight of one slot in the objective."""
+        """Weight of one slot's penalty in the objective."""
         return SLOT_WEIGHT / len(self.slot_requirement.arm_geometry.mate)
 
     @property
@@ -166,7 +166,7 @@ class NarrowSlots:
         return self.penalty(self.missing_share)
 
     def penalty(self, missing_share: Float[np.ndarray, " k"]) -> float:
-        """Return the penalty at these missing shares of the width."""
+        """Return the penalty for places where these shares of the required width are missing."""
         near = np.minimum(missing_share, 1.0)
         return self._weight_per_slot * float((near**3 / 3.0 + missing_share - near).sum())
 
@@ -229,7 +229,7 @@ class NarrowSlots:
 
     @property
     def _widths_by_motion(self) -> Float[np.ndarray, "k 2 1 6"]:
-        """Derivatives of the widths with respect to the motions of both tips."""
+        """Derivatives of the slots' widths with respect to the tip motions of the outer and the inner arm."""
         return self.found.slopes[0][:, :, None]
 
     def _at_tips(self, values: np.ndarray) -> np.ndarray:
@@ -268,7 +268,7 @@ class SlotPenalty(Term):
 
     @property
     def missing_share(self) -> Float[np.ndarray, " k"]:
-        """Missing shares of the required width."""
+        """Missing share of the required width at every place, after the step."""
         return (
             self.narrow_slots.missing_share
             if self.widths is None

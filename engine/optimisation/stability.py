@@ -52,7 +52,7 @@ MODE_TOLERANCE = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class StabilityRequirement:
-    """Required stability of equilibria.
+    """Required stability of equilibria, which the stability barrier enforces.
 
     weight : of the barrier in the objective
     enough : eigenvalue above which a mode counts as stable; modes : number of softest modes in the barrier
@@ -181,9 +181,10 @@ class SoftModes:
         return found
 
     def by_curving(self, pose: Pose, changes: CurvingChanges) -> Float[np.ndarray, "k some 2 3"]:
-        """Return the derivatives of the eigenvalues through the second-order strains of some joints, at fixed hubs.
+        """Return the derivatives of the eigenvalues by the parameters of ``changes`` at fixed hubs, through D.
 
-        The change of v . H v is a second difference, along v, of the changes of these joints' energies.
+        D is the second-order term of the joints' strains. The change of v . H v is a second difference, along v, of the
+        changes of the joints' energies.
         """
         model, out = changes.model, []
         for way, rise, size in zip(self.ways, self.rises, self.steps, strict=True):
@@ -194,9 +195,9 @@ class SoftModes:
         return np.array(out)
 
     def by_design(self, changes: DesignChanges, pose: Pose) -> Float[np.ndarray, "k joints 2 5"]:
-        """Return the derivatives of the eigenvalues at fixed hubs.
+        """Return the derivatives of the eigenvalues by the design, at fixed hubs.
 
-        They are with respect to the four widths and the twist of the spiral on each side of every joint.
+        The last two axes are the side of the joint, and the four widths and the twist of the spiral on that side.
         """
         model, curving = changes.model, changes.curving
         here, out = model.start(pose), []

@@ -40,7 +40,7 @@ NO_STRAIN_PENALTY, MILD_STRAIN_PENALTY, FULL_STRAIN_PENALTY = 0.0, 5.0, 20.0
 
 
 class Gradient(NamedTuple):
-    """Derivatives of a scalar.
+    """Derivatives of a scalar by hubs and design variables.
 
     by_hubs : (n, 6) with respect to the hubs' increments
     by_coordinates : (coordinates,) with respect to the design variables at fixed hubs
@@ -72,7 +72,7 @@ class Term(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Jacobian:
-    """Jacobian of K quantities.
+    """Jacobian of K quantities by hubs and design variables.
 
     by_hubs : (K, 6 n) with respect to the increments of the hubs
     by_coordinates : (K, coordinates) with respect to the design variables at fixed hubs
@@ -126,7 +126,7 @@ class LeastSquares(Term):
         raise NotImplementedError
 
     def vjp(self, weight: np.ndarray) -> Gradient:
-        """Return the derivative of the residual's scalar product with ``weight``."""
+        """Return the derivatives, by hubs and design variables, of the residual's scalar product with ``weight``."""
         raise NotImplementedError
 
     @property
@@ -269,7 +269,7 @@ class StrainTerm(Term):
 
     @cached_property
     def _jacobian(self) -> Jacobian:
-        """Jacobian of the active arms' strains."""
+        """Jacobian of the active arms' largest strains."""
         return self.jacobian_of(self._active)
 
     @property

@@ -61,7 +61,7 @@ class Curvature:
 
 
 def _log_rest(k: Float[np.ndarray, "*n"]) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
-    """Return (ln((1 + k/2) / (1 - k/2)) / k - 1) / k^2, and its derivative."""
+    """Return (ln((1 + k/2) / (1 - k/2)) / k - 1) / k^2, and its derivative by k."""
     square = k * k
     small = square < _SERIES_BELOW**2
     near = np.where(small, 0.25 * square, 0.0)
@@ -93,7 +93,7 @@ class Torsion:
 
     @classmethod
     def evaluate(cls, width: Float[np.ndarray, "*n"], height: float) -> Torsion:
-        """Evaluate the four functions and their derivatives; width, height : metres."""
+        """Evaluate the four functions and their derivatives by the width, for sections of these sizes in metres."""
         spline, at = _torsion_spline(), np.log(width / height)
         scale = height ** np.array([-4.0, -3.0, -3.0, 2.0])
         values, by_log = (np.moveaxis(spline(at, order) * scale, -1, 0) for order in (0, 1))

@@ -133,7 +133,8 @@ def beam_tip_compliance(
     series, slopes = integral_series()
     x = 2.0 * np.asarray(twist) / LARGEST_TWIST - 1.0
     powers = cheb.chebvander(x, _DEGREE)
-    p, dp = series.T @ powers.T, slopes.T @ powers[:, :_DEGREE].T  # 24 integrals of n arms, and their derivatives
+    # the 24 integrals of ``path_integrals`` for n arms, and their derivatives by the twist
+    p, dp = series.T @ powers.T, slopes.T @ powers[:, :_DEGREE].T
     radius = 0.5 * np.asarray(scale)
     # power of the radius that scales the bending integral of every entry of both blocks
     in_degree, out_degree = np.array([[3, 3, 3, 2, 2, 1], [3, 2, 1, 2, 1, 1]])[..., None]

@@ -171,7 +171,7 @@ class Bender:
     def from_design(
         cls, design: SpiralDesign, material: Material | None = None, only: Bool[np.ndarray, " quads"] | None = None
     ) -> Bender:
-        """Divide the arms of a design into pieces.
+        """Divide the arms of a design into ``STATIONS`` pieces each.
 
         Parameters
         ----------
@@ -299,7 +299,7 @@ def _block_axes(axes: Float[np.ndarray, "arms 3 3"]) -> Float[np.ndarray, "arms 
 def _integrate(
     flat: np.ndarray, rotations: np.ndarray, centres: np.ndarray, bend: np.ndarray, stretch: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Integrate the pieces from hub to tip.
+    """Integrate the bends and stretches of the pieces of n arms from the hubs to the tips.
 
     Returns positions (n, S + 1, 3) and rotations (n, S + 1, 3, 3) of the stations, and half-way rotations."""
     half = rotation_matrix(0.5 * bend)

@@ -37,7 +37,7 @@ class RimPieces:
 
     @property
     def nodes(self) -> int:
-        """Number of nodes."""
+        """Number B of nodes."""
         return len(self.hub)
 
     @cached_property

@@ -148,7 +148,7 @@ class Stations:
         both : (m, 9, 6) derivatives by the strains of the variables in ``fields``: wrench, then turn
         """
         m = len(both)
-        # arrays (m, stations of both arms, 3, 6)
+        # derivatives (m, stations of both arms, 3, 6) by the strains of the rotation vectors and of their changes
         turns, changes = ((self.fields[:, :, i].reshape(m, -1, 9) @ both).reshape(m, -1, 3, 6) for i in range(2))
         step, lever = (x.reshape(m, -1, 3) for x in (self.step, self.arm))
         by_step, by_lever, changed = (

@@ -96,7 +96,7 @@ class CurvingChanges:
         return (inner[:, None, None, None] @ half @ motion[:, None, None, :, None])[..., 0, 0]
 
     def convex(self, state: ArmState, rates: Float[np.ndarray, "joints 6"]) -> Float[np.ndarray, "k 2 3"]:
-        """Return the derivatives of the joints' convex energies, see ``sensitivity.convex_by_design``.
+        """Return the derivatives by the parameters of the joints' convex energies (see ``sensitivity``).
 
         Parameters
         ----------
@@ -119,14 +119,14 @@ class CurvingChanges:
 
 @dataclass(frozen=True, eq=False)
 class DesignChanges:
-    """Derivatives of the joints of a model by pose and design, in one state; computed when first used."""
+    """Derivatives of a model's joints by pose and design, in one state; each property is computed when first used."""
 
     model: ArmModel
     state: ArmState
 
     @cached_property
     def constant_curving(self) -> JointDerivatives:
-        """Derivatives of all joints with a constant D."""
+        """Derivatives of all joints by pose and design, with a constant D."""
         return self.model.changes(self.state)
 
     @cached_property
@@ -136,7 +136,7 @@ class DesignChanges:
 
     @cached_property
     def complete(self) -> JointDerivatives:
-        """Derivatives of all joints that include the effect of changes of D."""
+        """Derivatives of all joints by pose and design, with the effect of changes of D."""
         if not len(self.curving.joints):
             return self.constant_curving
         wrenches = self.constant_curving.wrench_by_design.copy()

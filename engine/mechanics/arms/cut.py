@@ -90,7 +90,7 @@ class CutArms(Columns):
 
     @classmethod
     def from_assembly(cls, assembly: Assembly, shape: Float[np.ndarray, "n _"] | None = None) -> CutArms:
-        """Collect both arms of every joint in turn; ``shape`` replaces the assembly's ``rest_shapes``."""
+        """Collect the arms of all joints, in the order 2 * joint + (0 or 1); ``shape`` replaces ``rest_shapes``."""
         pairs, sides = assembly.pairs, assembly.sides
         width, twist = assembly.arm_width, assembly.twist[pairs]
         beside = 0.5 * (assembly.width[pairs, (sides + 1) % 4] + assembly.width[pairs, (sides - 1) % 4])
@@ -113,7 +113,7 @@ class CutArms(Columns):
 
     @property
     def roots(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Distances from hub centre to root of the table's arms and of these arms, as shares of the radius."""
+        """Distances from the hub's centre to the root, of the table's arms and of these arms, over the radius."""
         own = ROOT_DISTANCE * self.width / self.radius
         moved = ROOT_DISTANCE * self.beside + FILLET_REACH * self.fillet
         return np.minimum(own, MAX_ROOT_SHARE), np.minimum(moved / self.radius, MAX_ROOT_SHARE)
@@ -182,7 +182,7 @@ def added_compliance_by_shape(
 def added_compliance(
     arms: CutArms, thickness: float, material: Material, slopes: bool = True
 ) -> tuple[Float[np.ndarray, "n 6 6"], Float[np.ndarray, "n numbers 6 6"]]:
-    """Return the compliance of N cut arms minus the table's compliance, SI, and its derivatives.
+    """Return the compliance of N cut arms minus the table's compliance, SI, and derivatives by the design parameters.
 
     The difference fades to zero for arms hardly longer than wide.
 

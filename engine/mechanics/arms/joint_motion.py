@@ -83,7 +83,7 @@ class SpatialMotion:
 
     @classmethod
     def from_joints(cls, motion: JointMotion) -> SpatialMotion:
-        """Rotate a motion from the half-way frame to the axes of space."""
+        """Return the motion, rotated from the half-way frame to the axes of space."""
         gap, turn = (joints_last(matvec(motion.middle, v)) for v in (motion.gap, motion.turn))
         angle = np.sqrt(dot(turn, turn))
         # (angle / 2) / sin(angle / 2)

@@ -77,7 +77,7 @@ class ArmModel:
         slopes: bool = True,
         progress: Progress = SILENT,
     ) -> ArmModel:
-        """Build the model of an assembly of one material.
+        """Build the arm model of an assembly of one material.
 
         Parameters
         ----------
@@ -92,7 +92,7 @@ class ArmModel:
         return cls.assemble(whole, found, whole.bend_points[0], material, curving, progress)
 
     def with_rest_geometry(self, assembly: Assembly) -> ArmModel:
-        """Return the model of these spirals on a slightly different rest geometry.
+        """Return the model of the same spirals on the slightly different rest geometry of ``assembly``.
 
         Compliances are updated to first order; the second-order term of the motions at the joints is kept.
         """
@@ -221,7 +221,7 @@ class ArmModel:
         return ArmState(pose, motion, motion.vector)
 
     def _with_nodes(self, pose: Pose) -> Pose:
-        """Add the rim's nodes to a pose: in equilibrium while all hubs are held."""
+        """Return the pose with the rim's nodes, in equilibrium while all hubs are held."""
         from ...params import SimulateParams
         from ..equilibrium import solve
         from ..loads import Loads
@@ -341,7 +341,7 @@ class ArmModel:
 
 
 def _add_second_order(strains: np.ndarray, curving: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Add the second-order term, unless it is None, to strains (m, 6); also return the derivatives (m or 1, 6, 6)."""
+    """Return strains (m, 6) plus their second-order term, if any, and the derivatives (m or 1, 6, 6) by ``strains``."""
     return (strains, np.eye(6)[None]) if curving is None else add_second_order(strains, curving)
 
 

@@ -46,7 +46,7 @@ _SIDES = np.array([-1.0, 1.0])[:, None, None]  # right and left edge of a sectio
 
 @dataclass(frozen=True, eq=False)
 class PeakStrain:
-    """Largest strains of n arms, with derivatives.
+    """Largest strains of n arms, with their derivatives.
 
     by_loads : (n, LOADS) derivatives by the loads; by_numbers : (n, NUMBERS) by the arms' parameters at constant loads
     """
@@ -157,7 +157,10 @@ class _SectionStrains:
         return out
 
     def _weakness(self) -> tuple[np.ndarray | float, np.ndarray | float]:
-        """Return the factor on strains where the sheet is weaker along the arm, and its derivative by the angle."""
+        """Return a factor on strains, above 1 where the sheet is weaker along the arm, and its derivative by the angle.
+
+        The angle is the angle from the arm to the grain.
+        """
         known = self.arms.material
         if known.orthotropy is None or known.orthotropy.strength is None:
             return 1.0, 0.0

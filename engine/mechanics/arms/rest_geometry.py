@@ -58,7 +58,7 @@ class RestChanges:
 
     @cached_property
     def _levers(self) -> tuple[Float[np.ndarray, "joints 2 3 3"], Float[np.ndarray, "joints 2 3 3"]]:
-        """Derivatives of the lever and of the vector from hub to bend point, in the joint's axes.
+        """Derivatives by the rest geometry of the levers and of the vectors from hubs to bend points, in joints' axes.
 
         Axes of the arrays: joint, side, parameter, component.
         """
@@ -75,7 +75,7 @@ class RestChanges:
 
     @cached_property
     def _shapes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Derivatives of each arm's radius, the radius's angle to the edge and its angle in the patch.
+        """Derivatives by the rest geometry of each arm's radius, its angle to the edge and its angle in the patch.
 
         Each array is (m, 2, 3): joint, side, parameter.
         """
@@ -116,7 +116,7 @@ class RestChanges:
 
     @cached_property
     def _softened(self) -> Float[np.ndarray, "joints 2 2 3 3 6"]:
-        """Derivatives of the motions of both arms' tips under three constant wrenches.
+        """Derivatives by the rest geometry of the motions of both arms' tips under three constant wrenches.
 
         Axes: joint, arm, side, parameter, wrench, motion. The wrenches are ``inner`` and ``linear`` of
         ``JointDerivatives``, and ``_tip_wrenches``.
@@ -145,7 +145,9 @@ class RestChanges:
 
     @cached_property
     def _strains(self) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives (m, 2, 3, 6) of the joint's motion, (m, 2, 3, 3) of the gap between bend points; half-way axes.
+        """Derivatives by the rest geometry: (m, 2, 3, 6) of the joints' motions, (m, 2, 3, 3) of their gaps.
+
+        A gap is the vector between the bend points of a joint. All are in half-way axes.
 
         The derivatives of the gap leave out the turns of the hubs.
         """
@@ -160,12 +162,12 @@ class RestChanges:
 
     @cached_property
     def curving(self) -> CurvingChanges:
-        """Derivatives of the second-order term of the strains; without joints if the model has no such term."""
+        """Derivatives by the rest geometry of the strains' second-order term; without joints if there is none."""
         return CurvingChanges.by_rest_geometry(self.model, self.state)
 
     @cached_property
     def _wrenches(self) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives (m, 2, 3, 6) of ``wrench`` and ``linear`` of ``JointDerivatives``."""
+        """Derivatives (m, 2, 3, 6) by the rest geometry of ``wrench`` and ``linear`` of ``JointDerivatives``."""
         known, strains = self.changes, self._strains[0]
         softened = self._softened.sum(axis=1)
         wrench = strains @ known.tangent[:, None] - softened[..., 0, :] @ np.swapaxes(known.across, 1, 2)[:, None]
@@ -175,7 +177,7 @@ class RestChanges:
 
     @property
     def gradient(self) -> Float[np.ndarray, "joints 6 12"]:
-        """Derivatives of the joints' contributions to the gradient of the energy by the pose."""
+        """Derivatives by the rest geometry of the joints' contributions to the energy's gradient by the pose."""
         known, motion = self.changes, self.state.motion
         (lever, bend), gap = self._levers, self._strains[1]
         force, by_turn = known.wrench[:, None, None, :3], known.by_pose[:, 3:, 9:]
@@ -201,7 +203,7 @@ class RestChanges:
 
     @cached_property
     def loads(self) -> Float[np.ndarray, "joints 6 2 15"]:
-        """Derivatives of the loads of both arms, in the columns of ``bar_loads``."""
+        """Derivatives by the rest geometry of the loads of both arms, in the columns of ``bar_loads``."""
         known, wrenches, turn = self.changes, self._wrenches, self._strains[0][..., 3:]
         out = np.empty((len(turn), 2, 3, 2, LOADS))
         for side in (0, 1):
@@ -216,7 +218,7 @@ class RestChanges:
 
     @property
     def tips(self) -> Float[np.ndarray, "joints 6 12"]:
-        """Derivatives of the motions of both tips (see ``tip_motion``), first tip first, six components each."""
+        """Derivatives by the rest geometry of the tips' motions (see ``tip_motion``): six components for either tip."""
         known, axes, frames, gap = self.changes, self._assembly.axes, self._frames, self._gap
         change = np.concatenate(
             [_GAP * (self._levers[0] @ np.swapaxes(frames, 2, 3)), self._strains[0][..., 3:]], axis=3

@@ -11,16 +11,16 @@ from ...arrays import Float
 from ..vectors import fill_skew
 
 EYE = np.eye(3)[:, :, None]  # unit matrix, broadcast over the joints
-BATCH = 256  # arms or joints computed at a time; larger leaves the processor's cache, smaller adds overhead
+BATCH = 256  # arms or joints computed at a time; larger exceeds the processor's cache, smaller adds overhead
 
 
 def joints_last(values: np.ndarray) -> Float[np.ndarray, "... joints"]:
-    """Move the joints from the first axis to the last."""
+    """Return an array with the joints moved from the first axis to the last."""
     return np.ascontiguousarray(np.moveaxis(values, 0, -1))
 
 
 def joints_first(values: np.ndarray) -> Float[np.ndarray, "joints ..."]:
-    """Move the joints from the last axis to the first."""
+    """Return an array with the joints moved from the last axis to the first."""
     return np.ascontiguousarray(np.moveaxis(values, -1, 0))
 
 

@@ -47,7 +47,7 @@ _DIAGONAL = (0, 2, 5)  # indices of the diagonal in ``ENTRIES``
 
 @dataclass(frozen=True, eq=False)
 class ArmCompliance:
-    """Tip compliances of n arms relative to their hubs, and their derivatives.
+    """Tip compliances of n arms relative to their hubs, and their derivatives by the arms' dimensions.
 
     values : (n, 6, 6) motion (m, rad) of the tip relative to the hub per wrench (N, N m) at the tip; shifts and forces
         first, turns and moments last; axes: along the radius from the hub to the tip, to its left in the sheet, normal

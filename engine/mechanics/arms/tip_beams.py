@@ -40,7 +40,7 @@ class SplitVector:
 
     @classmethod
     def from_vectors(cls, vector: Float[np.ndarray, "*n 3"]) -> SplitVector:
-        """Split vectors in space."""
+        """Split vectors (..., 3), whose first two components are in the plane."""
         return cls(vector[..., 0] + 1j * vector[..., 1], vector[..., 2])
 
     @property
@@ -236,7 +236,7 @@ class TipBeams:
 
 @dataclass(frozen=True, eq=False)
 class BentBeams:
-    """Arms whose tips have moved under wrenches.
+    """Arms of ``TipBeams`` that are bent by motions of their tips.
 
     load : wrenches at the tips; bend, stretch : of every piece, radians and metres
     turn, shift : of every station, radians and metres; middle : turns at the middles of the pieces
@@ -337,7 +337,7 @@ class BentBeams:
 
 
 def _select_rows(known: Any, index: Int[np.ndarray, " k"]) -> Any:
-    """Copy nested tuples and data classes, keeping these rows of every array."""
+    """Copy nested tuples and data classes with only the rows ``index`` of every array."""
     if isinstance(known, np.ndarray):
         return known[index]
     if isinstance(known, tuple):
@@ -366,7 +366,7 @@ def hub_ends(
 
 
 def _interleave(first: Any, second: Any) -> Any:
-    """Interleave two arrays along their first axis."""
+    """Return a[0], b[0], a[1], b[1] and so on, for arrays or split vectors a and b."""
     if isinstance(first, SplitVector):
         return SplitVector(_interleave(first.flat, second.flat), _interleave(first.off, second.off))
     return np.stack([first, second], axis=1).ravel()

@@ -41,7 +41,7 @@ class TipMotions:
         stiffness: Float[np.ndarray, "joints 6 6"],
         pose: Pose,
     ) -> TipMotions:
-        """Compute the motions with their derivatives.
+        """Compute the motions with their derivatives by pose and design.
 
         Parameters
         ----------
@@ -88,7 +88,7 @@ def tip_motions(
     stiffness: Float[np.ndarray, "joints 6 6"],
     pose: Pose,
 ) -> Float[np.ndarray, "joints 2 6"]:
-    """Compute the values of ``TipMotions``.
+    """Compute ``TipMotions.values``, without derivatives.
 
     Parameters
     ----------

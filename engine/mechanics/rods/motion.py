@@ -47,7 +47,7 @@ ROLL_SIGNS = np.array([1.0, 1.0, -1.0])
 # increments (d, w) of either end: d is the second shift minus the first, w the turn of the hub at that end
 END_INCREMENTS = np.zeros((2, 6, 12))
 END_INCREMENTS[:, :3, :3] = -np.eye(3)  # the first hub's shift counts negative
-# the second hub's shift, and the turn of the hub at that end
+# the second hub's shift counts at both ends, the turn of a hub at its own end
 END_INCREMENTS[:, :3, 6:9] = END_INCREMENTS[0, 3:, 3:6] = END_INCREMENTS[1, 3:, 9:] = np.eye(3)
 
 

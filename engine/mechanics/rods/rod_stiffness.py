@@ -30,7 +30,7 @@ SMALLEST_SLOT = 0.15  # smallest slot of these spirals over the thickness
 
 @dataclass(frozen=True, eq=False)
 class RodStiffnesses:
-    """k_s (N), k_b0, k_b1, k_t (N m^2) of n spirals, and their derivatives.
+    """k_s (N), k_b0, k_b1, k_t (N m^2) of n spirals, and derivatives by the spirals' dimensions.
 
     values : (n, 4); by_scale, by_width, by_twist : (n, 4) per metre, per metre, per radian
     """
@@ -121,7 +121,7 @@ class _Nearest:
 
     @classmethod
     def from_spirals(cls, scale: np.ndarray, width: np.ndarray, twist: np.ndarray, thickness: float) -> _Nearest:
-        """Clip spirals to the sampled region."""
+        """Find the nearest spirals in the sampled region."""
         # spirals just outside the region count as inside, because rounding may put them there
         low, high = 1.0 - SLACK, 1.0 + SLACK
         near = np.clip(scale, low * thickness * SCALE_OVER_THICKNESS[0], high * thickness * SCALE_OVER_THICKNESS[1])
