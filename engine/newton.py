@@ -16,6 +16,9 @@ import numpy as np
 
 Result = TypeVar("Result")
 
+# Reasons for the end of a run. REACHED: the state is as good as required; ITERATIONS, TIME: a limit is exceeded;
+# AT_ROUNDING, SADDLE: steps are rounding errors, at a minimum or at a saddle; INDEFINITE: the Hessian cannot be made
+# positive definite; NO_DESCENT: no step decreases the energy
 CONVERGED, REACHED, ITERATIONS, TIME = "converged", "reached", "iterations", "time"
 SADDLE, INDEFINITE, NO_DESCENT = "saddle", "indefinite", "no descent"
 AT_ROUNDING, DIVERGED = "rounded", "diverged"
@@ -197,12 +200,7 @@ def minimise(problem: Problem, start: Any, rule: Rule) -> Run:
 
 
 def minimise_stepwise(problem: Problem, start: Any, rule: Rule) -> Generator[Any, None, Run]:
-    """Minimise step by step: yield every new state, and return the run at the end.
-
-    Parameters
-    ----------
-    problem, start, rule : as for ``minimise``
-    """
+    """Minimise step by step: yield every new state, and return the run at the end; parameters as for ``minimise``."""
     state, history = start, []
     while True:
         here = problem.expand(state)

@@ -43,7 +43,13 @@ def import_package(package: str, folder: str) -> None:
 
 
 def run_pickled(function: Any, arguments: bytes) -> bytes:
-    """Call a function with pickled arguments; return a pickled pair: whether it succeeded, and value or exception."""
+    """Call a function with pickled arguments; return a pickled pair: whether it succeeded, and value or exception.
+
+    Parameters
+    ----------
+    function : the function, not pickled
+    arguments : pickled tuple of its arguments
+    """
     try:
         return pickle.dumps((True, function(*pickle.loads(arguments))))
     except Exception as error:

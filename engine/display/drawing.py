@@ -208,7 +208,12 @@ def tick_values(low: float, high: float, count: int = 5) -> list[float]:
 
 
 def log_tick_values(low: float, high: float) -> list[float]:
-    """Return tick values of a logarithmic axis: powers of ten, and multiples of these if there are fewer than three."""
+    """Return tick values of a logarithmic axis: powers of ten, and multiples of these if there are fewer than three.
+
+    Parameters
+    ----------
+    low, high : ends of the axis, above 0
+    """
     powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
     for factors in ((1,), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)):
         found = sorted(f * p for p in powers.tolist() for f in factors if low * 0.999 <= f * p <= high * 1.001)

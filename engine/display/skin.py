@@ -46,7 +46,14 @@ class RimStrip:
 
     @classmethod
     def from_rim_mesh(cls, rim: RimMesh, design: SpiralDesign, pose: Pose | None, arms: BentArms | None) -> RimStrip:
-        """Build the plates of a rim; without a pose and bent arms they stay flat."""
+        """Build the plates of a rim.
+
+        Parameters
+        ----------
+        rim : mesh of the rim
+        design : spirals
+        pose, arms : final pose of the hubs and the arms bent in it; None for flat plates
+        """
         order = np.argsort(rim.quad, kind="stable")
         new = np.empty(len(order), dtype=np.int64)
         new[order] = np.arange(len(order))

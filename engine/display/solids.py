@@ -232,6 +232,7 @@ class _EndTriangles:
     ) -> _EndTriangles:
         """Triangulate the ends of arms.
 
+        centres : positions of the patches' origins, metres
         index : numbers of the arms' vertices, ordered as in ``_flat_edges``
         """
         import shapely

@@ -63,7 +63,13 @@ def describe_numbers(f: Field) -> str:
 
 
 def format_value(f: Field, value: float) -> str:
-    """Format a field's SI value in its shown unit, e.g. "2 mm"."""
+    """Return the text of a value of a setting in the unit shown to users, e.g. "2 mm".
+
+    Parameters
+    ----------
+    f : field of the setting
+    value : value in SI units
+    """
     factor, symbol = SHOWN[f.metadata["unit"]]
     return f"{value * factor:g}{' ' if symbol.isalpha() else ''}{symbol}"
 
@@ -103,7 +109,7 @@ def refuse_if_above(block: Params, name: str, other: Params, limit: str, remedy:
 
 
 def is_number(value: Any, *, whole: bool = False) -> bool:
-    """Return whether a value is a finite number, and a whole one if ``whole``; booleans are not numbers."""
+    """Return whether a value is a finite number, and if ``whole``, a whole number; booleans are not numbers."""
     return isinstance(value, Integral if whole else Real) and not isinstance(value, bool) and abs(value) <= MAX_VALUE  # type: ignore[operator]
 
 

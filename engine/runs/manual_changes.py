@@ -62,7 +62,14 @@ def flatten_by_hand(
 
 
 def with_manual_layout(result: Result, flat: FlatPatches, settings: Settings) -> Result:
-    """Return the result with flat patches made by hand, in place of all earlier layouts."""
+    """Return the result with flat patches made by hand, in place of all earlier layouts.
+
+    Parameters
+    ----------
+    result : results with a mesh
+    flat : the flat patches
+    settings : settings of all stages
+    """
     bare = result.without(*LAYOUTS)
     merged = bare.with_outputs(MergedLayout(flat, BY_HAND, **provenance("merge", settings, bare.inputs("mesh"))))
     made = provenance("merge", settings, merged.inputs("mesh", "merged"))

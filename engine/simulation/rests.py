@@ -75,7 +75,16 @@ def rest_findings(
 def reported_rest(
     equilibrium: Equilibrium, others: Sequence[Equilibrium], rest_from_target: Equilibrium | None
 ) -> Equilibrium | None:
-    """Return the other equilibrium that a finding names: that of least energy, or the one reached from the target."""
+    """Return the equilibrium that the finding about another stable shape describes, or None.
+
+    It is the one of least energy if that is lower than the simulated one's, else ``rest_from_target``.
+
+    Parameters
+    ----------
+    equilibrium : the simulated equilibrium
+    others : other equilibria of the piece
+    rest_from_target : member of ``others`` that a search from the target's pose reaches, or None
+    """
     return lower_rest(equilibrium, others) or rest_from_target
 
 

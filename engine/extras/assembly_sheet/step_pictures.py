@@ -184,8 +184,16 @@ def are_visible(
 
 
 def best_view(flat: FlatPatches, step: AssemblyStep) -> Float[np.ndarray, "3 3"]:
-    """Return the camera's axes for the view that shows most of a step's panel; of nearly equal views, the one most from
-    the panel's front."""
+    """Return the camera's axes for the view that shows most of a step's panel.
+
+    Views are tried from the panel's front outwards, until one shows half of the panel. A view replaces an earlier one
+    only if it shows 5 % of the panel more.
+
+    Parameters
+    ----------
+    flat : mesh and layout
+    step : step of the assembly, which adds the panel
+    """
     layout, mesh = flat.layout, flat.layout.mesh
     quads = layout.patches[step.panel]
     some = quads[np.linspace(0, len(quads) - 1, min(len(quads), MAX_TESTED_QUADS)).astype(int)]
@@ -222,7 +230,16 @@ def camera_axes(facing: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
 
 
 def draw_flat_panel(page: Page, box: PageBox, flat: FlatPatches, step: AssemblyStep, look: PatchColours) -> None:
-    """Draw a step's flat panel with its seams in their colours, and the numbers of their first and last joints."""
+    """Draw the flat panel that a step adds, the seams to join in their colours, and the names of each seam's first and
+    last joint.
+
+    Parameters
+    ----------
+    page, box : where to draw
+    flat : flat patches
+    step : the step
+    look : colours
+    """
     layout, mesh = flat.layout, flat.layout.mesh
     quads = layout.patches[step.panel]
     corners = flat.points[layout.flat_corners[quads]]
@@ -257,6 +274,6 @@ def draw_flat_panel(page: Page, box: PageBox, flat: FlatPatches, step: AssemblyS
 
 @lru_cache(maxsize=4096)
 def mix_colours(one: str, two: str, share: float) -> str:
-    """Interpolate two colours "#rrggbb"; ``share`` is the share of the second."""
+    """Interpolate two colours "#rrggbb"; ``share`` is the share of ``two``, 0 to 1."""
     a, b = (np.array([int(c[i : i + 2], 16) for i in (1, 3, 5)]) for c in (one, two))
     return "#" + "".join(f"{round(x):02x}" for x in ((1 - share) * a + share * b).tolist())

@@ -101,7 +101,13 @@ def strip_youngs(made: Coupons, sag: float, load: float, *, width: float | None 
 
 
 def strip_load(made: Coupons, sag: float) -> float:
-    """Return the weight, kg, for a strip's sag of about ``sag`` metres (linear theory), as weights are sold."""
+    """Return the weight, kg, for a strip's sag of about ``sag`` metres (linear theory), as weights are sold.
+
+    Parameters
+    ----------
+    made : sizes of the strip and Young's modulus
+    sag : intended sag, metres
+    """
     stiffness = 3.0 * made.youngs * made.strip_width * made.thickness**3 / 12.0 / made.strip_length**3
     return _round_to_weight(stiffness * sag / GRAVITY)
 
@@ -127,9 +133,14 @@ def spiral_stiffness(made: Coupons, scale: float, width: float, twist: float, yo
 
 
 def fillet_radius(made: Coupons, width: float) -> float:
-    """Return the radius of the corners between arms of ``width`` metres at the hub, metres.
+    """Return the radius of the corners between the arms at the hub, metres.
 
     It is the stiffness table's fillet, or the smallest that the cutter can make if that is larger.
+
+    Parameters
+    ----------
+    made : kerf and diameter of the mill
+    width : width of the arms, metres
     """
     return max(TABLE_FILLET * width, 0.5 * made.kerf_holes, 0.51 * made.mill)
 

@@ -94,7 +94,7 @@ def engrave_text(text: str, x: float, y: float, middle: bool = False, room: floa
 
 
 def rectangle(x0: float, y0: float, x1: float, y1: float) -> Curve:
-    """Return a rectangle from its lower left and upper right corners, counter-clockwise."""
+    """Return a counter-clockwise rectangle from its lower left corner (x0, y0) to its upper right corner (x1, y1)."""
     return Curve(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]), np.zeros(4))
 
 
@@ -108,7 +108,10 @@ def draw_comb(made: Coupons, text: str) -> DrawnPiece:
 
     When n squares are pushed to one side, they leave a gap of n + 1 kerfs.
 
-    made : sizes; text : engraved above the window
+    Parameters
+    ----------
+    made : sizes of the calibration pieces
+    text : text to engrave above the window
     """
     wide, high, a = made.cells * made.cell, made.cell, made.cell
     x, y = RIM_WIDTH, RIM_WIDTH + 2.0 * LETTER_HEIGHT
@@ -248,7 +251,13 @@ def _circle(x: float, y: float, radius: float) -> Curve:
 
 
 def draw_spiral(made: Coupons, one: SpiralCoupon) -> DrawnPiece:
-    """Return a spiral in its frame: a rectangle with four holes, each between two consecutive arms."""
+    """Return a spiral in its frame: a rectangle with four holes, each between two consecutive arms.
+
+    Parameters
+    ----------
+    made : sizes of the calibration pieces
+    one : sizes of the spiral
+    """
     arms = _make_arms(one)
     rim = (
         0.5 * one.scale

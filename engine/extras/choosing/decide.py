@@ -28,7 +28,8 @@ def decide(search: LayoutSearch, first: FlatLayout, finished: bool) -> Choice:
     judged = [one if one.share else replace(one, rms=search.distance(one)) for one in search.ranking]
     search.expected = 1.0
     drawn_one = next((one for one in judged if one.cut_length is not None), None)
-    if drawn_one is not None:  # seams hardly change the length of cuts: use that of a layout whose outlines are known
+    # seams hardly change the length of cuts, so predicted layouts get that of a layout whose outlines were computed
+    if drawn_one is not None:
         judged = [
             one if one.share else replace(one, cut_length=drawn_one.cut_length, contours=drawn_one.contours)
             for one in judged
@@ -85,6 +86,11 @@ def may_replace_initial(search: LayoutSearch, one: JudgedLayout) -> bool:
     """Return whether a layout would replace the initial one if a search reached its expected distance.
 
     Also true if the initial layout was not optimised before.
+
+    Parameters
+    ----------
+    search : state of the search
+    one : the judged layout
     """
     given = next((other for other in search.proved.values() if other.share >= FULL_SHARE), None)
     if given is None:

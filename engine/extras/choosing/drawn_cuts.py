@@ -159,7 +159,7 @@ def equal_part_cuts(
 
 
 def edges_in_plane(mesh: QuadMesh, symmetry: Symmetry) -> Int[np.ndarray, " some"]:
-    """Return the inner edges in the plane of a mirror symmetry; empty for a rotation."""
+    """Return the indices of the inner edges in the plane of a mirror symmetry; empty if it is a rotation."""
     if not symmetry.is_mirror:
         return np.zeros(0, dtype=np.int64)
     still = symmetry.vertices == np.arange(len(mesh.vertices))
@@ -212,7 +212,13 @@ def symmetric_variants(
     """Yield symmetric layouts made from the cuts of a layout: name and (E,) bool.
 
     Either the images of all cuts are added, or the cuts on one side of a mirror plane are mirrored to the other side.
-    At most ``MAX_SYMMETRIC`` of each kind.
+    At most ``MAX_SYMMETRIC`` of each kind are yielded.
+
+    Parameters
+    ----------
+    cut : (E,) whether an edge is cut in the layout
+    mesh : quad mesh
+    symmetries : symmetries of the mesh
     """
     ways: dict[str, dict[bytes, np.ndarray]] = {"as it was, with its images": {}, "one half, mirrored": {}}
     images, halves = ways.values()

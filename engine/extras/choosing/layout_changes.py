@@ -55,7 +55,7 @@ def propose_changes(piece: LayoutProblem, judged: JudgedLayout, *, fewer: bool, 
 
 
 def with_images(edges: Int[np.ndarray, " some"], symmetries: Sequence[Symmetry]) -> Int[np.ndarray, " more"]:
-    """Return the given edges and their images under symmetries, sorted, each once."""
+    """Return indices of edges together with the indices of their images under symmetries, sorted, each once."""
     return np.unique(np.concatenate([edges, *(symmetry.edges[edges] for symmetry in symmetries)]))
 
 

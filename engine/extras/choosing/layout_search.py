@@ -199,6 +199,12 @@ def layout_key(laid: FlatLayout) -> bytes:
 
 
 def describe_layout(laid: FlatLayout, rms: float) -> str:
-    """Describe a layout by its number of panels and its RMS distance (share of the size), for users."""
+    """Return a text for users with a layout's number of panels and its RMS distance from the target.
+
+    Parameters
+    ----------
+    laid : the layout
+    rms : RMS distance from the target, as a share of its size
+    """
     panels = with_count(laid.panels, "panel", "panels")
     return f"{panels}, RMS distance {format_figure(100.0 * rms)} %"

@@ -102,8 +102,12 @@ class _PredictionFilter:
         self.now = predict(piece, flat, self.start, progress) if self.start else np.inf
 
     def gains(self, piece: LayoutProblem, flat: FlatPatches) -> bool:
-        """Return whether the predicted distance from the target is at most ``WORTHWHILE_RATIO`` times that predicted
-        for the present layout and supports."""
+        """Return whether a layout is predicted to come near enough to the target to be worth a search.
+
+        Its distance must be at most ``WORTHWHILE_RATIO`` times that predicted for the present layout and supports.
+
+        piece : the surface, with the supports to try; flat : the layout to try
+        """
         return self.start is None or predict(piece, flat, self.start, self.progress) <= WORTHWHILE_RATIO * self.now
 
 

@@ -252,7 +252,7 @@ class _TrackRecorder:
         self.lift = 0.0
 
     def fly(self, number: int, panel: int, first: UnfinishedPiece) -> None:
-        """Record the flight of a flat panel from the table to just outside its place in the stage ``first``."""
+        """Record the flight of a flat panel in step ``number``, from the table to near its place in stage ``first``."""
         hubs = np.flatnonzero(self.patch == panel)
         there = self._with_stage(first)
         dock = flat_panel_pose(self.design, hubs, there)

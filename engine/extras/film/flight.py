@@ -34,5 +34,11 @@ def flight_path(
 
 
 def lowest_height(shape: Float[np.ndarray, "vertices 3"], turns: Float[np.ndarray, "... 3 3"]) -> np.ndarray:
-    """Return the height, metres, of a shape's lowest point above its origin after each rotation; negative if below."""
+    """Return the height, metres, of a shape's lowest point above its origin after each rotation; negative if below.
+
+    Parameters
+    ----------
+    shape : points of the shape, metres
+    turns : rotations
+    """
     return (turns[..., 2, :] @ shape.T).min(axis=-1)

@@ -78,7 +78,13 @@ class PoseBlend:
 
 
 def part_means(points: Float[np.ndarray, "hubs k"], part: Int[np.ndarray, " hubs"]) -> Float[np.ndarray, "parts k"]:
-    """Return the mean (parts, k) of the points in every part; ``part``: index of each point's part."""
+    """Return the mean (parts, k) of the points in every part.
+
+    Parameters
+    ----------
+    points : coordinates of the points
+    part : index of the part to which each point belongs
+    """
     count = np.bincount(part)
     return np.stack([np.bincount(part, x) for x in points.T], axis=1) / np.maximum(count, 1)[:, None]
 

@@ -83,7 +83,13 @@ class ScanFit:
     weights: Float[np.ndarray, " points"]
 
     def cost(self, poses: Poses, reach: float) -> Float[np.ndarray, " poses"]:
-        """Return the mean Geman-McClure cost of each pose: 0 with all points on the surface, 1 with all far away."""
+        """Return the mean Geman-McClure cost of each pose: 0 with all points on the surface, 1 with all far away.
+
+        Parameters
+        ----------
+        poses : the poses
+        reach : scale of the robust weights, share of the size
+        """
         return np.concatenate([self._cost(poses[k : k + BATCH_SIZE], reach) for k in range(0, len(poses), BATCH_SIZE)])
 
     def fit(self, poses: Poses, reach: float, rounds: int, damped: float = DAMPING) -> Poses:

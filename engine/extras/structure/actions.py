@@ -97,13 +97,25 @@ class UnloadedState:
 
 
 def actions_by_name(plan: LoadPlan, ground: UnloadedState) -> dict[str, Action]:
-    """Return the action of every load case and combination by name."""
+    """Return the action of every load case and combination by name.
+
+    Parameters
+    ----------
+    plan : load cases and combinations
+    ground : equilibrium without loads, to which they are applied
+    """
     found = {case.name: _case_action(case, ground, lasting=False) for case in plan.cases}
     return found | {one.name: _combination_action(one, found, ground.size) for one in plan.combinations}
 
 
 def lasting_action(plan: LoadPlan, ground: UnloadedState) -> Action:
-    """Return the sum of all loads, over all cases, that act for years."""
+    """Return the sum of all loads, over all cases, that act for years.
+
+    Parameters
+    ----------
+    plan : load cases
+    ground : equilibrium without loads, to which they are applied
+    """
     parts = [_case_action(case, ground, lasting=True) for case in plan.cases]
     return sum(parts[1:], parts[0])
 

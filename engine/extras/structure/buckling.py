@@ -44,7 +44,11 @@ def linear_buckling(follower: PathFollower, rest: PathPoint) -> float | None:
 
 
 def _lowest_factor(follower: PathFollower, base: np.ndarray, slope: csc_array) -> float | None:
-    """Return the lowest positive factor f for which base + f slope is singular; None if there is none."""
+    """Return the lowest positive factor f for which base + f slope is singular; None if there is none.
+
+    base : values of the tangent stiffness without loads, in the pattern of ``follower.system``
+    slope : derivative of the tangent stiffness by the load factor
+    """
     system = follower.system
     whole = system.pattern.matrix(base)
     if not system.factor(base):

@@ -341,7 +341,10 @@ def follow_path(
 
 
 def _limit_step(point: PathPoint, length: float, aim: float | None, most: float) -> float:
-    """Limit the step length so that the factor neither changes too much nor passes ``aim``, the next requested one."""
+    """Return a step length of at most ``length`` with which the factor neither changes too much nor passes ``aim``.
+
+    aim : next requested factor, or None; most : largest factor of the path
+    """
     rises = abs(point.rises)
     if aim is not None and point.rises > 0.0:
         length = min(length, (aim - point.factor) / rises)
