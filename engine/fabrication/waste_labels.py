@@ -26,7 +26,8 @@ _MIN_TICK = 0.5  # minimum length of a tick in letter heights; a shorter one loo
 _MAX_DEPTH = 0.004
 _LINE_POINTS = 16  # number of points of an outline in each line of the search tree; more make fewer, longer lines
 _BATCH = 32  # candidate boxes tested together, nearest first; fewer or more take longer
-_TOLERANCE = 2e-5  # maximum distance in metres between the outlines and their polylines in the search tree
+# maximum distance in metres between the outlines and their polylines in the search tree; larger is faster
+_TOLERANCE = 2e-5
 
 
 def labels_beside(

@@ -31,7 +31,7 @@ MAX_ROOT_T = 0.4  # largest arm parameter t at the root of a slot beside a solid
 # safety factor on the distance between both edges of a slot at equal t, which crosses the slot obliquely and so exceeds
 # its width; larger is safer and makes slots shorter
 OBLIQUE_FACTOR = 1.2
-MIN_TURN = 0.01  # least angle of the arc around a hub's corner, radians, so that the arc has a finite radius
+MIN_TURN = 0.01  # least angle of the arc around a hub's corner, radians; smaller values permit larger radii
 SAMPLES = 33  # number of t up to ``MAX_ROOT_T`` where slots are measured; more samples find the root more exactly
 # proposed number of quads for a new mesh, as a share of the present number; fewer, larger quads may pass over parts
 # that are too small for any spiral; not measured

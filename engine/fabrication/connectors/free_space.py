@@ -30,7 +30,7 @@ from .tips import ConnectorCandidate, Tip, end_curves, make_tips
 KINDS = {"dovetail": ("dovetail", "key", "tab"), "key": ("key", "tab"), "tab": ("tab",)}
 # sizes to try, in this order, as shares of the requested size; finer steps find larger connectors and take longer
 SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
-WIDTH_STEP = 1e-5  # metres; widths of arms are rounded down to multiples of this
+WIDTH_STEP = 1e-5  # metres; arm widths are rounded down to multiples of it; larger: fewer shapes to compute, less exact
 SETBACKS = (0.0, 3e-4, 6e-4, 1e-3, 1.5e-3)  # metres tried from the parting line to the arm's end, at keys and tabs
 _SHIFTS = 12  # number of shifts of the parting line tried in either direction along the arms; more take longer
 # distance between two such shifts, in neck widths of the smallest connector; larger steps miss more places

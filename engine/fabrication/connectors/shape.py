@@ -25,13 +25,14 @@ from ...params import ConnectorParams
 from ...spirals.curves.arcs import Curve
 from ..panels.kerf import cut_dogbones, offset_curve
 
-FLANK_SLOPE = math.tan(math.radians(25.0))  # outward slope of the flanks of a dovetail; chosen by eye
+FLANK_SLOPE = math.tan(math.radians(25.0))  # outward slope of the flanks of a dovetail, see above; by eye
 LENGTH_RATIO = 0.85  # length of a head in neck widths; longer heads are wider at their ends and need more room
 WALL_RATIO = 0.6  # thickness of the walls beside a socket, in neck widths; thicker ones are stronger and need more room
-_SLACK = 2e-5  # metres added to the radius of inside corners beyond the mill's, so that its path can turn
-_DOGBONE = 1.9  # extent of a dogbone along either side of its corner, in mill radii
+_SLACK = 2e-5  # metres added to the mill's radius at inside corners, so that its path can turn; larger is rounder
+_DOGBONE = 1.9  # room for a dogbone along either side of its corner, in mill radii; larger lengthens flanks
 _BITE = 0.5  # depth to which a dogbone cuts into a wall, in mill radii; walls are thickened by as much
-_TAB_RATIOS = (2.0, 1.6, 1.3)  # widths of tabs to try besides those of dovetails and keys, in widths of their arms
+# widths of tabs to try besides those of dovetails and keys, in widths of their arms; more take longer
+_TAB_RATIOS = (2.0, 1.6, 1.3)
 _TANGENT = math.tan(math.radians(0.5 * 115.0))  # tangent length of the rounded corners of a flank, in corner radii
 
 
@@ -42,7 +43,7 @@ class ConnectorSize:
     neck, head : width of the head at its narrow and at its wide end
     length : length of the head, from neck to wide end
     wall : thickness of the material beside the socket in a straight arm
-    thinnest : minimum thickness of this material in any arm
+    thinnest : minimum thickness of the material beside the socket, also in a curved arm
     pad_width : width of the arm's widened end
     clearance : gap between head and socket after cutting
     rounding : radius of the corners

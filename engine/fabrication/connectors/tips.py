@@ -21,14 +21,17 @@ from .shape import ConnectorSize, face_curve, head_curve, socket_curve
 # length over which a widened tip narrows to its arm, as a share of its added width: preferred and minimum; longer is
 # smoother and needs more room
 _FLARE = (1.3, 0.5)
-_BEHIND_HEAD = 0.3  # length behind the shoulder over which an arm with a head keeps its full width, in neck widths
+# length behind the shoulder over which an arm with a head keeps its full width, in neck widths; longer needs more room
+_BEHIND_HEAD = 0.3
 _MIN_FULL_WIDTH = (
     0.1  # minimum length of full width behind a shoulder's arc, in corner radii; hardly changes connectors
 )
-_ROUNDING_STEPS = 3  # iterations that move the ends of edges inwards until shoulders are as round as required
+# iterations that move the ends of edges inwards to make shoulders round; more are more exact and slower
+_ROUNDING_STEPS = 3
 # quarter turns from an edge's direction towards the other edge, for the left and for the right edge
 _TURNS = np.array([[-1j], [1j]])
-_TOLERANCE = 5e-6  # maximum distance in metres between the arcs of a tip and its polygon
+# maximum distance in metres between the arcs of a tip and its polygon; larger is faster and less exact
+_TOLERANCE = 5e-6
 _WIDENING = ("left", "right", "taper_start", "taper_end")
 
 

@@ -20,10 +20,10 @@ from ...errors import FlexMapsError
 if TYPE_CHECKING:
     from ezdxf.entities import DXFEntity
 
-CHORD_TOLERANCE = (
-    4e-3  # maximum distance in mm between a curve and its chords; dimensions are off by at most twice as much
-)
-MAX_BYTES = 50_000_000  # maximum size in bytes of a file to read
+# maximum distance in mm between a curve and its chords, by up to twice of which dimensions are off; larger is faster
+CHORD_TOLERANCE = 4e-3
+# maximum size of a file in bytes; larger files are refused, because reading them would take long
+MAX_BYTES = 50_000_000
 MAX_DEPTH = 32  # maximum nesting depth of blocks, in case a damaged block contains itself
 # mm per unit by the code in $INSUNITS: inch, foot, mile, mm, cm, m, km, microinch, mil, yard, angstrom, nm, micrometre,
 # decimetre, decametre, hectometre, and the foot, inch and yard of the US survey

@@ -16,7 +16,7 @@ SIDES_PER_QUARTER = 4  # sides per quarter circle in buffers; more are more exac
 MAX_GROWTH = 5e-5  # metres by which an outline may grow when it is simplified; larger: fewer points, larger gaps
 
 # Total area of the convex hulls of panels that just fit on a sheet, as a share of the sheet without its margin:
-# measured mean and standard deviation
+# measured mean and standard deviation; larger values make the search try larger sets of panels
 MEAN_HULL_SHARE, HULL_SHARE_DEVIATION = 0.82, 0.035
 
 

@@ -11,8 +11,9 @@ import time
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-GRACE = 0.3  # seconds by which spyrrow may exceed its time limit before its best strip so far is returned
-WAIT = 0.02  # seconds between polls for a shorter strip
+# seconds by which spyrrow may exceed its time limit before its best strip so far is taken; larger delays the result
+GRACE = 0.3
+WAIT = 0.02  # seconds between polls for a shorter strip; larger notices the end later, smaller costs more computation
 
 
 class StripTask(NamedTuple):

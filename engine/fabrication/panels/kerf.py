@@ -14,7 +14,7 @@ from ...spirals.contours import Outline
 from ...spirals.curves.arcs import Curve
 from ...tolerances import DOUBLE_TOL
 
-TANGENT_ANGLE = 2e-3  # radians; segments that change direction by less count as tangent
+TANGENT_ANGLE = 2e-3  # radians; corners with a smaller angle count as smooth; larger leaves more corners without an arc
 MIN_SEGMENT = (
     2e-5  # metres; shorter segments are removed: controllers stutter on them, while longer ones would be visible
 )

@@ -19,7 +19,8 @@ from ...spirals.roots import SlotRoots
 from .lettering import FILL_SHARE, curved_text, straight_text, text_length
 
 _SAMPLES = 97  # samples along an arm, joined by straight lines along which labels run; more follow curves more exactly
-LEGIBLE_HEIGHT = 0.002  # minimum height in metres of letters that can be read without a lens
+# minimum height in metres of letters that can be read without a lens; larger puts more labels beside panels
+LEGIBLE_HEIGHT = 0.002
 _TICK = 8  # length of a tick along its arm from the hub, in samples of the arm (``_SAMPLES``); by eye
 _PLACES = 8  # maximum number of arm ends to which the tick of a panel's number may point; more take longer
 _TOGETHER = 1000  # quads whose arms are sampled together; more take more memory

@@ -6,7 +6,9 @@ import numpy as np
 
 from ...arrays import Float
 
-FILL_SHARE = 0.62  # height of letters along an arm or on a foot, as a share of the arm's or foot's width
+# height of letters along an arm or on a foot, as a share of the arm's or foot's width; larger is
+# easier to read and nearer to edges
+FILL_SHARE = 0.62
 ADVANCE = 0.85  # distance from the start of a letter to the next, as a share of their height; by eye
 _SQUEEZE = 0.6  # width of a letter as a share of its height; by eye
 

@@ -8,7 +8,7 @@ from ...arrays import Float
 from ...spirals.curves.arcs import Curve
 from ...tolerances import SINGLE_TOL
 
-CORNER_RADIUS = 0.0006  # metres, radius of the outer corners of feet and planks
+CORNER_RADIUS = 0.0006  # radius of the outer corners of feet and planks, metres; larger is less sharp to the touch
 
 
 def round_corners(

@@ -30,10 +30,14 @@ MIN_SLOPE = np.radians(25.0)
 # Maximum angle in radians between a foot and the direction from the hub to the middle of the side through which the
 # foot leaves its quad. Larger accepts more supports; at a corner of the border the angle is 45 degrees for both sides
 MAX_SIDEWAYS_ANGLE = np.radians(60.0)
-MAX_STRAIGHT_TWIST = 0.02  # maximum twist in radians of a spiral that counts as straight
-TONGUE_SHARE = 0.6  # width of the tongue as a share of the foot's width; the rest are two equal shoulders; by eye
-FLARE_RATIO = 0.8  # length over which a foot widens from its hub, as a share of the widening on one side; by eye
-TONGUE_OVERHANG = 1.0  # length by which the tongue extends below the slot, in thicknesses of the sheet
+# maximum twist in radians of a spiral that counts as straight; larger permits arms that come nearer to feet
+MAX_STRAIGHT_TWIST = 0.02
+# width of the tongue as a share of the foot's width (two equal shoulders share the rest), by eye; larger needs longer
+# slots
+TONGUE_SHARE = 0.6
+# length over which a foot widens from its hub, as a share of the widening on one side, by eye; larger is smoother
+FLARE_RATIO = 0.8
+TONGUE_OVERHANG = 1.0  # length by which the tongue extends below the base, in thicknesses of the sheet
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ... import PROGRAM
 
-_SEARCHED_BYTES = 1 << 16  # number of bytes at each end of a file that are searched for this program's name
+_SEARCHED_BYTES = 1 << 16  # number of bytes at each end of a file searched for this program's name; more read longer
 
 
 def numbered_paths(path: str | os.PathLike[str], count: int) -> list[Path]:

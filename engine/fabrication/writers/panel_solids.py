@@ -28,7 +28,7 @@ ROWS_AT_ONCE = (
 # make files larger and slicing slower
 TOLERANCE = 2e-5
 
-GROOVE_WIDTH = 4e-4  # stroke width in metres of engraved letters if no nozzle is given: the nozzle of most printers
+GROOVE_WIDTH = 4e-4  # width of engraved strokes in metres if no nozzle is given: the nozzle of most printers
 GROOVE_DEPTH = (
     0.2  # depth of letters as a share of the thickness; deeper letters are clearer and weaken hubs in bending
 )

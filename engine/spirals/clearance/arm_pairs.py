@@ -25,7 +25,7 @@ DEPTHS = np.array([[1.0 / 3.0, 1.0], [0.7, 0.9], [0.8, 0.8]])
 # every direction) is sampled. Apart from blends, arms with less twist lie within the region that arms with the largest
 # twist surround.
 _OWN_TWISTS, _MATE_TWISTS = (0.0, 0.5, 1.0), (0.0, 1.0)
-_REACH_T = np.linspace(0.0, 0.9, 25)  # arm parameters t at which the reach is sampled
+_REACH_T = np.linspace(0.0, 0.9, 25)  # arm parameters t at which the reach is sampled; more are safer and slower
 _DIRECTIONS = 32  # number of directions in which the reach is sampled; more exclude more pairs and take longer
 # angles between the normals of the separating lines that are tried and the line between the centres of two quads,
 # radians

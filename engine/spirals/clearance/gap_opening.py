@@ -10,7 +10,8 @@ from ...progress import SILENT, Progress
 from .clearance_model import ClearanceModel
 
 # Largest number of rounds that change spirals according to the derivatives of clearances (mostly under 10 suffice), and
-# largest number of all rounds. The later rounds change all spirals at closed gaps by a fixed share.
+# largest number of all rounds. The later rounds change all spirals at closed gaps by a fixed share. More rounds open
+# more gaps and take longer.
 SLOPE_ROUNDS, ROUNDS = 25, 90
 TARGET_CLEARANCE = 0.02  # target clearance, as in ``Clearances.value``; larger values need fewer rounds but unwind more
 # least derivative of a clearance (``Clearances.value``) by the twists, 1/radian, for which spirals are unwound; for

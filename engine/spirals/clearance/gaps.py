@@ -20,8 +20,8 @@ from ..curves.spiral import arm_widths
 from .arm_pairs import DEPTHS, ROUND, SAME_QUAD, ArmPairs
 
 _PLACES = 13  # number of places t on the first arm where gaps are measured; more find narrower gaps and take longer
-_COARSE = 25  # number of points on the second arm; Newton's method starts at the nearest; more are nearer and slower
-# largest number of Newton steps to the nearest point: for a first estimate, and until convergence (mostly 4)
+_COARSE = 25  # number of points on the second arm; Newton's method starts at the nearest one; more points are slower
+# largest number of Newton steps to a nearest point: in a first estimate, and in an exact search (mostly 4 suffice)
 _FIRST, _LAST = 2, 40
 # margin on the limit, for gaps narrowest between two places, as a share of both widths' sum; larger is safer and slower
 _BETWEEN = 0.05
@@ -29,8 +29,8 @@ _BETWEEN = 0.05
 _JOINT_STEPS = 12
 _CLOSE = 1e-10  # convergence tolerance on a step in t; larger is faster and less exact
 _FARTHEST = 0.15  # longest Newton step, in t; longer steps may overshoot
-# places u = t / (length of the blend) where the curvature of the inner edge is measured: around its sharpest turn, and
-# near both ends
+# places u = t / (length of the blend) where the inner edge's curvature is measured: around its sharpest turn and near
+# both ends; more find sharper places and take longer
 _BLEND_PLACES = np.array([0.0, 0.1, 0.17, 0.24, 0.31, 0.4, 0.8])
 
 

@@ -39,7 +39,8 @@ PARALLEL_COSINE = 0.3
 # least arm width in quads that have no room for the smallest width, as a share of that width; larger values give solid
 # hubs to more quads
 MIN_WIDTH_SHARE = 0.5
-# stored arm width at a solid hub, as a share of the smallest width; below ``MIN_WIDTH_SHARE`` even in single precision
+# stored arm width at a solid hub, as a share of the smallest width; it must stay below ``MIN_WIDTH_SHARE``, which
+# spirals may have, even in single precision
 SOLID_WIDTH_SHARE = 0.48
 # number of places on the outer part of an arm where gaps are measured for the largest twist; a parabola interpolates
 # between them, so that more places are only slower
@@ -65,7 +66,7 @@ def twist_limit(scale: np.ndarray, width: np.ndarray, slot: float, depth: float 
 
 
 def min_slot_width(params: SpiralParams) -> float:
-    """Return the least width of slots in metres: the smallest slot, or the diameter of the fillet at its root."""
+    """Return the least width of slots in metres: the larger of ``slot_min`` and the diameter of the fillet."""
     return max(params.slot_min, 2.0 * params.fillet)
 
 
