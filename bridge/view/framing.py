@@ -35,7 +35,7 @@ def scale_views(context: bpy.types.Context, obj: bpy.types.Object, factor: float
     obj : the object
     factor : scale factor of the object
     """
-    from . import followed_views, free_part
+    from . import collection, followed_views, free_part
 
     context.view_layer.update()
     diameter = max(obj.dimensions)
@@ -46,6 +46,7 @@ def scale_views(context: bpy.types.Context, obj: bpy.types.Object, factor: float
         scale_view(view, obj.matrix_world.translation, factor)
         if diameter < SMALLEST * view.view_distance:
             free_part.frame_points(area, _main_region(area), free_part.points_of(context, obj))
+        free_part.extend_clipping(area.spaces.active, collection.bounding_corners(obj))
         followed_views.note(area, {obj.name})
 
 
@@ -82,7 +83,7 @@ def frame_views(context: bpy.types.Context, *others: bpy.types.Object) -> None:
 
 
 def frame_objects(context: bpy.types.Context, *objects: bpy.types.Object) -> None:
-    """Frame whole objects in all 3D views: beside the selection in object mode, by themselves in edit mode.
+    """Frame whole objects in all 3D views, whatever is selected.
 
     In edit mode, Blender's *Frame Selected* sees selected vertices only.
 
@@ -94,7 +95,12 @@ def frame_objects(context: bpy.types.Context, *objects: bpy.types.Object) -> Non
     from . import followed_views, free_part
 
     if context.mode == "OBJECT":
+        further = [other for other in context.selected_objects if other not in objects]
+        for other in further:
+            other.select_set(False)
         frame_views(context, *objects)
+        for other in further:
+            other.select_set(True)
         return
     points = np.concatenate(
         [np.empty((0, 3)), *(free_part.points_of(context, obj) for obj in objects if obj.visible_get())]

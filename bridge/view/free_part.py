@@ -10,6 +10,9 @@ from ...engine.arrays import Float
 from ...engine.display.view_fit import Rectangle, free_part, place_view
 from ..store.columns import column
 
+# End of the clip range, in distances of the farthest point; larger leaves room to move away, and makes orthographic views less exact
+CLIP_MARGIN = 2.0
+
 
 def frame_selection(context: bpy.types.Context, area: bpy.types.Area, region: bpy.types.Region) -> None:
     """Pan and zoom a view so that the selection fills its free part; leave camera views and quad views unchanged.
@@ -45,6 +48,22 @@ def frame_points(area: bpy.types.Area, region: bpy.types.Region, points: Float[n
     location, distance = place_view(points, axes, view, free_part(view, covers), space.lens, in_perspective)
     if distance > space.clip_start:  # a nearer view would be clipped and show nothing
         orientation.view_location, orientation.view_distance = location.tolist(), distance
+    extend_clipping(space, points)
+
+
+def extend_clipping(space: bpy.types.SpaceView3D, points: Float[np.ndarray, "points 3"]) -> None:
+    """Move the end of a view's clip range beyond points, as in scenes in millimetres, where it is 1000 units away.
+
+    Parameters
+    ----------
+    space : the 3D view
+    points : what must be seen, in world axes and the scene's unit
+    """
+    view = space.region_3d
+    towards_eye = np.array(view.view_rotation.to_matrix())[:, 2]
+    farthest = view.view_distance - float(((points - np.array(view.view_location)) @ towards_eye).min())
+    if farthest > space.clip_end:
+        space.clip_end = CLIP_MARGIN * farthest
 
 
 def points_of(

@@ -141,3 +141,33 @@ def test_undo_moves_no_view_of_another_object(add: Any, area: Any) -> None:
     bpy.ops.ed.undo_push(message="by hand")
     bpy.ops.ed.undo()
     assert area.spaces.active.region_3d.view_distance == distance
+
+
+def test_the_first_layout_shows_its_panels_alone(add: Any, area: Any) -> None:
+    other = add(shapes.build_shape("dome"), "other")
+    other.scale = (20.0,) * 3
+    dome = add(shapes.build_shape("dome"), "dome")
+    assert other.select_get()
+    press("merge")
+    assert other.select_get() and pixels(area, dome) > 0.2 * free_size(area)[1].max()
+
+
+def test_views_reach_as_far_as_what_they_turn_to(add: Any, area: Any) -> None:
+    """In scenes in millimetres a piece may be further away than the end of the clip range."""
+    dome = add(shapes.build_shape("dome"), "dome")
+    space = area.spaces.active
+    framing.select_only(bpy.context, dome, bpy.context.view_layer)
+    small = space.clip_end
+    dome.scale = (1e4,) * 3
+    framing.select_only(bpy.context, dome, bpy.context.view_layer)
+
+    def farthest() -> float:
+        view = space.region_3d
+        eye = view.view_location + view.view_rotation @ Vector((0.0, 0.0, view.view_distance))
+        return float(np.linalg.norm(world(dome) - np.array(eye), axis=1).max())
+
+    assert small < farthest() < space.clip_end
+    dome.scale = (1e5,) * 3
+    bpy.context.view_layer.update()
+    framing.scale_views(bpy.context, dome, 10.0)
+    assert farthest() < space.clip_end
