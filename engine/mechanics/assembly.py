@@ -125,7 +125,7 @@ class RimNodes:
         return cls(hub, offset, np.broadcast_to(np.eye(3), (len(hub), 3, 3)))
 
     def part(self, hubs: Int[np.ndarray, " some"]) -> RimNodes:
-        """Select the nodes of some hubs, which are renumbered in this order."""
+        """Return the nodes of some hubs; ``hub`` of the result counts in the order of ``hubs``."""
         number = np.full(max(int(self.hub.max(initial=-1)), int(np.max(hubs, initial=-1))) + 1, -1)
         number[hubs] = np.arange(len(hubs))
         kept = number[self.hub] >= 0
@@ -300,7 +300,7 @@ class Assembly:
         return value, slope
 
     def part(self, hubs: np.ndarray, joints: Int[np.ndarray, " j"]) -> Assembly:
-        """Select spirals, renumbered in this order, and joints between them.
+        """Return the assembly of some spirals, numbered in the order of ``hubs``, and some joints between them.
 
         Parameters
         ----------

@@ -104,7 +104,7 @@ class ElasticModel(Protocol):
         """
 
     def rebuilt(self, assembly: Assembly, material: Material) -> ElasticModel:
-        """Build the model of a slightly changed assembly with these joints; it may reuse what hardly changes.
+        """Build the model of a slightly changed assembly with the same joints; it may reuse parts that hardly change.
 
         Parameters
         ----------

@@ -121,7 +121,7 @@ class RimJoints:
         return replace(self, **none, strips=self.strips.subset(np.arange(0)))
 
     def part(self, hubs: Int[np.ndarray, " some"]) -> RimJoints:
-        """Select the nodes of some hubs, renumbered in this order, and the strips between them."""
+        """Return the nodes of some hubs, numbered in the order of ``hubs``, and the strips between these nodes."""
         number = np.full(max(int(self.hub.max(initial=-1)), int(np.max(hubs, initial=-1))) + 1, -1)
         number[hubs] = np.arange(len(hubs))
         kept, strips = self.indices_of_hubs(hubs)
@@ -175,7 +175,7 @@ def _strips(rim: Rim, first: np.ndarray, middle: Complex[np.ndarray, " strips"])
 
 
 def _axes(across: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 2 3 3"]:
-    """Return axes as in ``Assembly`` (across, along, normal), equal on both sides of a joint: they lie in one patch."""
+    """Return axes as in ``Assembly`` (across, along, normal), equal on both sides, as a joint lies in one patch."""
     normal = np.broadcast_to([0.0, 0.0, 1.0], (len(across), 3))
     one = np.stack([to_space(across), to_space(1j * across), normal], axis=2)
     return np.stack([one, one], axis=1)

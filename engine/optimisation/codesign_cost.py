@@ -39,7 +39,7 @@ class FlatLimits:
 
     @classmethod
     def relaxed_to(cls, flat: FlatPatches, energy: float, seam: float) -> FlatLimits:
-        """Return these limits of distortion and seams, relaxed where flat patches already violate them.
+        """Return the limits ``energy`` and ``seam``, relaxed where flat patches already violate them.
 
         Parameters
         ----------
@@ -174,7 +174,7 @@ class FlatCost:
     def _strains_back(self, stretch: np.ndarray, shear: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Return the vjp (P, 2) of |a| and b of the corner triangles (see ``maps``) with respect to the points.
 
-        stretch, shear : (F, 4) cotangents of |a| and b; weight : (F,) of every quad, times the weights of its triangles
+        stretch, shear : (F, 4) cotangents of |a| and b, times the triangles' weights and ``weight`` (F,) of their quad
         """
         t, a, w = self.limits.triangles, self.maps[0], weight[:, None] * self.limits.share
         pa, pb = w * stretch * a / np.abs(a), w * shear

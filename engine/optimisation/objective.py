@@ -107,7 +107,7 @@ class Target:
 
     @cached_property
     def spiral_of_row(self) -> Int[np.ndarray, " joints"]:
-        """Number of the spiral that a row of ``operator`` belongs to; for slopes, the first spiral of the pair."""
+        """(rows,) spiral that every row of ``operator`` belongs to; for slopes, the first spiral of the pair."""
         n, wished = len(self.points), [] if self.wishes is None else [self.wishes.quads]
         parts = zip(self.weights, (np.arange(n), self.pairs[:, 0], np.arange(n)), strict=True)
         return np.concatenate([*(part for weight, part in parts if weight), *wished])

@@ -207,7 +207,7 @@ class StrainLimit:
         return strains / ((1.0 - LIMIT_MARGIN) * self.limit) - 1.0
 
     def with_updated_multipliers(self, strains: Float[np.ndarray, "joints 2"]) -> StrainLimit:
-        """Return a copy with multipliers updated from these strains.
+        """Return a copy with multipliers updated from the arms' largest strains (m, 2).
 
         The weight grows if the largest excess is above ``SUFFICIENT_DECREASE`` times that at the last update.
         """

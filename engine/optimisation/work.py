@@ -132,7 +132,7 @@ class Work:
 
     @property
     def expected_seconds(self) -> float:
-        """Estimate of the total work when the next step is proposed: last step's plus ``least_proposal_seconds``."""
+        """Estimate of the total work when the next step is proposed: at the last step + ``least_proposal_seconds``."""
         known = self.steps and self.least_proposal_seconds < np.inf
         return max(self.seconds_done, self.steps[-1][0] + self.least_proposal_seconds) if known else self.seconds_done
 
@@ -140,9 +140,9 @@ class Work:
     def fraction(self) -> float:
         """Position of the progress bar for the work done so far, 0 to 1; 0 without a limit.
 
-        Most searches end well before their limit, at a time that is not known. So it is the cube root of the used share
-        of the limit, by which the bar moves fast at first. It falls when the limit is extended; ``Progress.rising``
-        hides that.
+        Most searches end well before their limit, at a time that is not known. So the position is the cube root of the
+        used share of the limit, and the bar moves fast at first. The position falls when the limit is extended;
+        ``Progress.rising`` hides that.
         """
         if not self.limit:
             return 0.0

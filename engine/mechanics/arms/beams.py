@@ -1,4 +1,4 @@
-"""A spiral's arm as a curved beam, to whose compliance the stiffness table is relative.
+"""A spiral's arm as a curved beam; the stiffness table stores compliances relative to this beam's compliance.
 
 Castigliano's theorem on the centre line c(u) = (s/2) u exp(i phi (1 - u)), u from 0 at the spiral's centre to 1 at the
 tip, with bending, torsion, shear and stretch of the rectangular section. Dimensionless: lengths in arm widths, Young's

@@ -20,8 +20,8 @@ from .cut import BESIDE, TWIST, WIDTH, rest_shapes
 from .model import ArmModel, ArmState
 from .sensitivity import PARAMETERS, JointDerivatives
 
-# D is differentiated for joints whose energy from D exceeds this share of the mean of y . K y over all joints, with y
-# a joint's motion and K its stiffness. Larger leaves out more joints, which is faster and less exact.
+# The second-order term is differentiated for joints whose energy from it exceeds this share of the mean of y . K y over
+# all joints, with y a joint's motion and K its stiffness. Larger leaves out more joints, which is faster and less exact.
 MIN_SHARE = 0.01
 STEP = 1e-7  # step of forward differences: share of a width or a radius, or radians; smaller: more rounding errors
 
@@ -29,6 +29,8 @@ STEP = 1e-7  # step of forward differences: share of a width or a radius, or rad
 @dataclass(frozen=True, eq=False)
 class CurvingChanges:
     """Derivatives of the second-order term D (see ``curving``) of k joints by three parameters of either side.
+
+    The parameters are those of ``by_design`` or of ``by_rest_geometry``.
 
     model : elastic model of all joints, with D; joints : (k,) indices of the k joints
     by : (k, 2, 3, 6, 6, 6) derivatives: joint, side, parameter, D; the methods return only effects of changes of D
@@ -40,7 +42,7 @@ class CurvingChanges:
 
     @classmethod
     def by_design(cls, model: ArmModel, state: ArmState) -> CurvingChanges:
-        """Differentiate D by the ``PARAMETERS`` of ``sensitivity``: width, twist, and width beside.
+        """Differentiate D by ``sensitivity.PARAMETERS``: width, twist, and mean width of the arms beside.
 
         Parameters
         ----------
@@ -109,7 +111,7 @@ class CurvingChanges:
         return 4.0 * (force[:, None, None, None] @ half @ rate[:, None, None, :, None])[..., 0, 0]
 
     def _at(self, state: ArmState) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return y, dD y for every parameter, K (y + y.D.y) and S = 1 + 2 y.D, in the notation of ``sensitivity``."""
+        """Return the motions y, dD y for every parameter, K (y + y.D.y) and S = 1 + 2 y.D (notation: ``sensitivity``)."""
         assert self.model.curving_at_joint is not None
         motion = self.model.motion_at_joint(state)[self.joints]
         strains, slope = add_second_order(motion, self.model.curving_at_joint[self.joints])
@@ -126,17 +128,17 @@ class DesignChanges:
 
     @cached_property
     def constant_curving(self) -> JointDerivatives:
-        """Derivatives of all joints by pose and design, with a constant D."""
+        """Derivatives of all joints by pose and design, with a constant second-order term D."""
         return self.model.changes(self.state)
 
     @cached_property
     def curving(self) -> CurvingChanges:
-        """Derivatives of D by the design; without joints if the model has no D."""
+        """Derivatives of the second-order term D by the design; without joints if the model has no D."""
         return CurvingChanges.by_design(self.model, self.state)
 
     @cached_property
     def complete(self) -> JointDerivatives:
-        """Derivatives of all joints by pose and design, with the effect of changes of D."""
+        """Derivatives of all joints by pose and design, with the effect of changes of the second-order term D."""
         if not len(self.curving.joints):
             return self.constant_curving
         wrenches = self.constant_curving.wrench_by_design.copy()
@@ -194,7 +196,7 @@ def _rest_scale(assembly: Assembly, side: int, number: int) -> Float[np.ndarray,
 
 
 def _joints_that_matter(model: ArmModel, state: ArmState) -> Int[np.ndarray, " k"]:
-    """Return the joints outside a rim for which D is differentiated, see ``MIN_SHARE``."""
+    """Return the joints outside a rim whose second-order term is differentiated, see ``MIN_SHARE``."""
     if model.curving_at_joint is None:
         return np.zeros(0, dtype=int)
     motion = model.motion_at_joint(state)
@@ -207,7 +209,7 @@ def _joints_that_matter(model: ArmModel, state: ArmState) -> Int[np.ndarray, " k
 def _curving_nearby(
     model: ArmModel, joints: np.ndarray, alone: Assembly, there: Assembly
 ) -> Float[np.ndarray, "k 6 6 6"]:
-    """Return D (k, 6, 6, 6) of the joints ``joints`` (k,) when their assembly changes slightly.
+    """Return the second-order term D (k, 6, 6, 6) of the joints ``joints`` (k,) after a slight change of the assembly.
 
     The arms' compliances are updated to first order.
 

@@ -40,7 +40,7 @@ _BLEND_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + MATE_WIDTH, 1 + MATE_TWIST]
 _ROOT_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + BESIDE]  # rows of the value, then of the parameters on which a root depends
 # parameters of ``blend_joints`` in the columns of ``CutArms.slope_by``: first the design, then the rest shape
 _END_COLUMNS = [OWN_WIDTH, OWN_WIND, BY_MATE_WIDTH, MATE_WIND, RADIUS, OWN_LEAN, MATE_LEAN]
-_BY_DESIGN, _BY_SHAPE = slice(4), slice(4, 7)  # columns of the design and of the rest shape
+_BY_DESIGN, _BY_SHAPE = slice(4), slice(4, 7)  # the columns above of the design, and of the rest shape
 SHAPE_RADIUS, SHAPE_LEAN, SHAPE_MATE_LEAN, SHAPE_GRAIN = range(4)  # columns of ``rest_shapes``
 
 # rows and columns of the nonzero entries in the lower triangle of a compliance

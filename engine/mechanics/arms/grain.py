@@ -303,7 +303,7 @@ class GrainBeams:
         t = np.zeros((5, 1, n))
         t[0], t[1 + _RADIUS], t[1 + _WIDTH] = 1.0 - HUB_AT / radius, HUB_AT / radius**2, -HUB_AT / radius
         places, paces = spiral_stations(radius, twist, t, **rows)
-        # a single station, weighted so that its length is 1 whatever the parameters
+        # the hub acts at a single station, weighted so that its length is 1 for all parameters
         speed = np.abs(paces[0])
         weight = -(paces * np.conj(paces[0])).real / speed**3
         weight[0] *= -1.0
@@ -314,7 +314,7 @@ class GrainBeams:
 def direction_share(
     strength: tuple[float, float, float], stress: float, angle: Float[np.ndarray, "*n"]
 ) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
-    """Return a stress over the sheet's strength in its direction, and the derivative by the angle to the grain.
+    """Return a stress over the sheet's strength in the direction of the stress, and its derivative by ``angle``.
 
     Norris, Strength of Orthotropic Materials Subjected to Combined Stresses, Forest Products Laboratory 1962.
 

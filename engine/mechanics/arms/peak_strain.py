@@ -82,7 +82,7 @@ class StrainedArms:
         return out
 
     def slopes(self, loads: Float[np.ndarray, "arms 15"], arms: np.ndarray) -> PeakStrain:
-        """Return the largest strains of the arms ``arms`` (k,) under their loads (k, LOADS), with derivatives."""
+        """Return the largest strains of the arms with indices ``arms`` (k,) under their loads, with derivatives."""
         out = PeakStrain(np.empty(len(arms)), np.empty((len(arms), LOADS)), np.empty((len(arms), NUMBERS)))
         for start in range(0, len(arms), BATCH):
             some = slice(start, start + BATCH)

@@ -85,7 +85,7 @@ class Strains:
         by_design = (changes.wrench_by_design[e] @ by_wrench[:, None, :, None])[..., 0]
         by_design += (changes.linear_by_design[e] @ by_linear[:, None, :, None])[..., 0]
         mate, sign = (of[arms] for of in _mates(known))
-        # a neck is as wide as the arm that it joins, so its width counts for side 0; strips do not depend on the design
+        # a neck (side 1) is as wide as its arm (side 0), so its width is the arm's; strips do not depend on the design
         own = np.where((e >= known.n_inner_joints) & (side == 1), 0, side)
         beyond = np.where(mate == arms, own, mate % 2)
         alive = e < known.tie_joints.stop

@@ -116,7 +116,7 @@ class Slots:
     def slopes(
         self, field: BentBeams, t: Float[np.ndarray, " k"], s: Float[np.ndarray, " k"]
     ) -> tuple[Float[np.ndarray, "k 2 6"], Float[np.ndarray, "k 2 numbers"]]:
-        """Differentiate the widths at single points.
+        """Return the derivatives of the slots' widths at single points by tip motions and arm parameters.
 
         Parameters
         ----------
@@ -153,7 +153,7 @@ class Slots:
         return -1.0 if self.clockwise else 1.0
 
     def _beams(self, numbers: Float[np.ndarray, "arms numbers"], pieces: int) -> TipBeams:
-        """Build the beams of arms with these parameters."""
+        """Build the beams of arms with these parameters, each divided into ``pieces``."""
         given = (
             numbers[:, list(both)] for both in ((OWN_WIDTH, MATE_WIDTH), (OWN_WIND, MATE_WIND), (OWN_LEAN, MATE_LEAN))
         )
@@ -233,7 +233,9 @@ class Slots:
 def _rough_widths(field: BentBeams, pair: Int[np.ndarray, "n 2"], sign: float) -> Float[np.ndarray, " n"]:
     """Return approximate slot widths (n,), metres, near the tips of the outer arms, seen along the sheet's normal.
 
-    Measured from stations of the outer arms to pieces of the inner arms, which count as circular arcs.
+    They are measured from stations of the outer arms to pieces of the inner arms, which count as circular arcs.
+
+    pair : outer and inner arm of every slot; sign : as in ``Slots._sign``
     """
     beams, (outer, inner) = field.beams, pair.T
     count = beams.velocity.shape[1]
