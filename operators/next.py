@@ -130,7 +130,7 @@ class StandOn(ImmediateOperator, ObjectOperator, bpy.types.Operator):
     """Let the piece stand on its lowest quads, hold it at its border, or let go of a vertex group that was chosen"""
 
     bl_idname = "flexmaps.stand_on"
-    bl_label = "Stand on lowest"
+    bl_label = "Hold the piece"
 
     where: bpy.props.EnumProperty(  # type: ignore[valid-type]
         name="Where",

@@ -91,22 +91,32 @@ def _status(
     old = sum(stage_states[name].kind == states.STALE for name in STEPS if name not in skipped)
     if old:
         return Status(_truncate(_describe_change(stage_states, old)), REDO)
-    serious = [
-        notice for notice in all_notices if notice.severity in {BREAKS, WORSE} and notice.key != notices.FEW_QUADS
-    ]
+    serious = _serious(all_notices)
     if stage_states["sheets"].kind == states.DONE:
+        if not serious and _has_kinks(all_notices):
+            return Status(interface("Files written, unsure at kinks"), NEUTRAL)
         if not serious:  # nothing above information
             return Status(interface("Files written, nothing against it"), TICK)
         many = interface("Files written. {} things to look at", len(serious))
         return Status(interface("Files written. 1 thing to look at") if len(serious) == 1 else many, LOOK)
     if stage_states["equilibrium"].kind == states.DONE:
-        return _status_of_simulated(obj, serious)
+        return _status_of_simulated(obj, all_notices)
     return Status(_truncate(_describe_progress(obj, scene, stage_states)), NEUTRAL)
 
 
-def _status_of_simulated(obj: bpy.types.Object, serious: list[Notice]) -> Status:
+def _serious(all_notices: list[Notice]) -> list[Notice]:
+    """Return the notices that speak against cutting, without the one about few quads, which the user kept."""
+    return [one for one in all_notices if one.severity in {BREAKS, WORSE} and one.key != notices.FEW_QUADS]
+
+
+def _has_kinks(all_notices: list[Notice]) -> bool:
+    """Return whether arms may be strained beyond their limit at kinks."""
+    return any(notice.key == "equilibrium/kinked" for notice in all_notices)
+
+
+def _status_of_simulated(obj: bpy.types.Object, all_notices: list[Notice]) -> Status:
     """Return the status of a piece that was simulated."""
-    block = stored_report.read(obj.data)["equilibrium"]
+    block, serious = stored_report.read(obj.data)["equilibrium"], _serious(all_notices)
     if any(notice.key == "equilibrium/strained" for notice in serious):
         share, allowed = (f"{100 * x:.0f}" for x in (block.get("strain_share_max", 0.0), OVERSTRAIN_SHARE))
         if share == allowed:
@@ -115,7 +125,10 @@ def _status_of_simulated(obj: bpy.types.Object, serious: list[Notice]) -> Status
     if serious:  # the rows below describe them
         many = interface("{} things to look at", len(serious))
         return Status(interface("1 thing to look at") if len(serious) == 1 else many, LOOK)
-    return Status(interface("Ready to cut: it fits, arms hold"), TICK)
+    if _has_kinks(all_notices):
+        return Status(interface("It fits; strain at kinks is unsure"), NEUTRAL)
+    held = any(notice.key == "equilibrium/held" for notice in all_notices)
+    return Status(interface("It fits while held, arms hold") if held else interface("It fits, and its arms hold"), TICK)
 
 
 def _describe_progress(

@@ -169,7 +169,9 @@ def _layout_action() -> NextAction:
 
 
 def _export_action() -> NextAction:
-    tooltip = translate("Lays the panels on sheets and writes the files for the cutter")
+    tooltip = translate(
+        "Lays the panels on sheets, writes the files for the cutter, and checks how hard the seams are to join"
+    )
     return NextAction("flexmaps.export", _label(interface("Write the files")), tooltip, "make")
 
 

@@ -60,7 +60,11 @@ def list_notices(
         *from_equilibrium(obj, blocks),
         *_from_findings("structure", blocks.get("structure", {}).get("findings", ())),
         *_flat_target(obj),
-        *(one for name in WARNING_LABELS for one in _from_warnings(name, blocks)),
+        *(
+            one
+            for name in WARNING_LABELS
+            for one in _from_warnings(name, blocks, held=bool(obj.flexmaps.loads.supports))
+        ),
     ]
     seen = [_downgrade_dismissed(obj.data, notice) for notice in _downgrade_predictions(obj, blocks, result)]
     return sorted(seen, key=lambda notice: SEVERITIES.index(notice.severity))
@@ -273,12 +277,42 @@ def _from_findings(source: str, findings: list[dict[str, Any]]) -> list[Notice]:
     return made
 
 
-def _from_warnings(source: str, blocks: dict[str, Any]) -> list[Notice]:
-    """Return the warnings of a report block as a notice with cures; for a layout, also a notice about a further cut."""
+def _describe_halved(halved: str, blocks: dict[str, Any], held: bool) -> str:
+    """Return the text about a seam that was added so that a panel can leave the plane, or what became of it.
+
+    Parameters
+    ----------
+    halved : text of the layout
+    blocks : the stored report blocks that are up to date
+    held : whether supports hold the piece
+    """
+    if held:
+        return translate(
+            "The surface was cut once more so that it rises into its shape. Now supports hold it: Merge can lay it out in one panel"
+        )
+    if any(row["code"] == "stays-flat" for row in blocks.get("equilibrium", {}).get("findings", ())):
+        return translate(
+            "The surface was cut once more so that it rises into its shape, but it stays flat. Hold it with supports (Rests, in Piece); Merge can then lay it out in one panel"
+        )
+    return halved
+
+
+def _from_warnings(source: str, blocks: dict[str, Any], *, held: bool = False) -> list[Notice]:
+    """Return the warnings of a report block as a notice with cures; for a layout, also a notice about a further cut.
+
+    Parameters
+    ----------
+    source : name of the report block
+    blocks : the stored report blocks that are up to date
+    held : whether supports hold the piece
+    """
     rows, one, more = WARNING_LABELS[source]
     block, key = blocks.get(source, {}), f"{source}/{rows}"
     halved = block.get("halved")  # text about a seam added so that a panel can leave the plane; not a warning
-    plain = [Notice("layout/halved", interface("Cut once more"), halved, INFORMATION)] if halved else []
+    plain = []
+    if halved:
+        text = _describe_halved(halved, blocks, held)
+        plain.append(Notice("layout/halved", interface("Cut once more"), text, INFORMATION))
     lines = [sentence for sentence in block.get(rows, ()) if sentence != halved]
     if not lines:
         return plain

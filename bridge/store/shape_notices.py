@@ -10,7 +10,7 @@ from ...engine.extras import registry
 from ...engine.figures import format_figure
 from ...engine.materials import MATERIALS, OVERSTRAIN_SHARE, STRAIN_MARGIN
 from ...engine.optimisation import remedies
-from ...engine.simulation.visible import VISIBLE_RMS_SHARE
+from ...engine.simulation.visible import REMEDY_WORDS, VISIBLE_RMS_SHARE
 from . import advice, cures, equilibrium
 from .cures import Cure
 from .finding_words import INFORMATION, LABELS, WORSE
@@ -39,7 +39,7 @@ def from_equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Noti
     if remedies.CUT not in reach.get("prospects", advised) or not registry.has("choosing"):
         advised.pop(remedies.CUT, None)
     result = []
-    result += _lasting_limit(obj, block)
+    result += [*_lasting_limit(obj, block), *(_held(obj) if block else ())]
     rows = equilibrium.merge_by_code(block.get("findings", ()))
     # offer the cures of excess strain first: they change the size, after which the piece is optimised anew anyway
     for row in sorted(rows, key=lambda row: row["code"] != "strained"):
@@ -72,12 +72,40 @@ def from_equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Noti
             ways.append(cures.dismiss(key))
         count = len(row["faces"])
         sentence = equilibrium.describe_finding(row, block)
+        if REMEDY_WORDS in sentence and remedies.CUT not in advised:
+            sentence = _without_cut(sentence, {cure.idname for cure in ways})
         if in_vain:
             sentence += " " + translate(
                 "The last Optimise found nothing better, so hold it with supports (Rests, in Piece), or go on as it is."
             )
         result.append(Notice(key, interface(words, count), sentence, kind, tuple(row["faces"]), (), tuple(ways)))
     return result + _poor_match(obj, blocks, advised)
+
+
+def _without_cut(sentence: str, offered: set[str]) -> str:
+    """Return the text about a body that is far from its target without the advice to cut it, where a cut does not help.
+
+    Parameters
+    ----------
+    sentence : one line for each body
+    offered : operators of the notice's buttons
+    """
+    faults = " ".join(line.partition(REMEDY_WORDS)[0].strip() for line in sentence.splitlines())
+    if "flexmaps.stand_on" in offered:
+        return f"{faults} {translate('A cut would not bring it nearer, supports can: hold it with the button, or choose them yourself (Rests, in Piece).')}"
+    return f"{faults} {translate('A cut would not bring it nearer; supports at more places may (Rests, in Piece).')}"
+
+
+def _held(obj: bpy.types.Object) -> list[Notice]:
+    """Tell that a piece with supports, but without a base or eyelets, needs something that holds it there."""
+    group = obj.flexmaps.loads.supports
+    if not group or obj.flexmaps.base.base != "none":
+        return []
+    sentence = translate(
+        "The piece has this shape only while it is held at the vertex group '{}': fix these spirals to a frame, a wall or a floor, or choose a base that is cut with it (Supports and forces, in Piece)",
+        group,
+    )
+    return [Notice("equilibrium/held", interface("Needs to be held"), sentence, INFORMATION)]
 
 
 def advised_remedies(blocks: dict[str, Any]) -> remedies.Amounts:

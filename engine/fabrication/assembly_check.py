@@ -71,7 +71,7 @@ class AssemblyCheck:
         """Sentences for the user: seams that are hard to join, the reason and a remedy."""
         limits = (
             ("stretch", f"the two sides of an edge differ by more than {100 * MAX_STRETCH:g} %",
-             "a lower distortion limit or smaller panels help"),
+             "pull the shorter side along as you join them"),
             ("force", f"a joint pulls with more than {MAX_HAND_FORCE:g} N", "a thinner sheet or thinner arms help"),
             ("load", "a connector would be strained beyond what the material bears",
              "a thinner sheet, a larger object or another material help"),

@@ -17,7 +17,7 @@ from ..patches.tracing.trace import middle_line
 from ..surface.checking.finding import with_count
 from ..surface.curvature import LOW_RELIEF, relief
 from ..surface.mesh import QuadMesh
-from .visible import VISIBLE_RMS_SHARE
+from .visible import REMEDY_WORDS, VISIBLE_RMS_SHARE
 
 # RMS distance from the target, as a share of the target's relief, above which a body is far from it; larger warns less
 FAR_BY_RELIEF = 0.5
@@ -76,7 +76,7 @@ class FarBody:
             ways.append(
                 f"cut it along a line through its middle, {with_count(len(self.cut_edges), 'edge', 'edges')} long (Cut there), so that it can curve both ways"
             )
-        return f" To bring it nearer, {', or '.join(ways)}." if ways else ""
+        return f" {REMEDY_WORDS}{', or '.join(ways)}." if ways else ""
 
 
 def find_far_bodies(

@@ -224,11 +224,13 @@ class Simulation:
         if not doubtful.any():
             return []
         spirals = np.unique(assembly.pairs[doubtful])
+        spirals = spirals[spirals < assembly.spirals]
+        most = 100.0 * float(share[doubtful].max())
         text = (
-            f"At {with_count(int(doubtful.sum()), 'joint', 'joints')} unlike arms meet in a kink, where strains are less sure: the computed strain is {100.0 * share[doubtful].max():.0f} % "
-            f"of {self.material.bears}, the true one can be {KINK_STRAIN_FACTOR:g} times as large. To be sure, smooth these spirals with the brush Twist and Shift, then simulate"
+            f"Arms of {with_count(len(spirals), 'spiral', 'spirals')} meet unlike arms in a kink, where strains are less sure: the computed strain is {most:.0f} % "
+            f"of {self.material.bears}, the true one can be up to {KINK_STRAIN_FACTOR * most:.0f} %. To be sure, smooth these spirals with the brush Twist and Shift, then simulate"
         )
-        return [Finding("kinked", "warning", text, tuple(spirals[spirals < assembly.spirals].tolist()))]
+        return [Finding("kinked", "warning", text, tuple(spirals.tolist()))]
 
     @property
     def _strain_note(self) -> str:

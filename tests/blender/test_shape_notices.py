@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import bpy
+import numpy as np
 import pytest
-from flexmaps.bridge.store import shape_notices
-from flexmaps.bridge.store.finding_words import INFORMATION, WORSE
+from flexmaps.bridge.store import derived_properties, guidance, notices, shape_notices, stored_report
+from flexmaps.bridge.store.finding_words import BREAKS, INFORMATION, WORSE
 from flexmaps.bridge.store.notice import Notice
+from flexmaps.engine.simulation.shortfall import FarBody
 from flexmaps.engine.surface import shapes
 
 
@@ -77,3 +80,51 @@ def test_a_remedy_that_did_not_help_is_not_offered_again(piece: Any) -> None:
     assert offered() == {"flexmaps.make_larger", "flexmaps.make_thinner", "flexmaps.let_go"}
     assert offered(brought=effect) == {"flexmaps.make_thinner", "flexmaps.let_go"}
     assert offered(brought=effect | {"strain_share_max": [1.2, 1.0]}) == offered()
+
+
+@pytest.mark.parametrize("supported", [False, True])
+def test_text_of_a_flat_piece_names_only_buttons_that_are_there(piece: Any, supported: bool) -> None:
+    quads = np.arange(len(piece.data.polygons))
+    body = FarBody(quads, 0.03, True, False, supported, True, True, np.arange(8))
+    row = finding("stays-flat", body.fault_text + body.remedy_text)
+    if supported:
+        derived_properties.set_supports(piece, [0])
+    for prospects, cut in (({}, False), ({"cut": 1.0}, True)):
+        reach = {"advice": "", "remedies": {"cut": None}, "prospects": prospects}
+        found = one_notice(piece, "stays-flat", {"rms_percent": 3.0, "findings": [row]}, reach=reach)
+        names = {cure.idname for cure in found.cures}
+        assert found.severity == BREAKS and ("flexmaps.cut_there" in names) == ("(Cut there)" in found.sentence) == cut
+        assert ("flexmaps.stand_on" in names) == ("with the button" in found.sentence) == (not cut and not supported)
+
+
+def test_a_piece_that_has_to_be_held_says_so(piece: Any) -> None:
+    def told() -> list[Notice]:
+        blocks = {"equilibrium": {"rms_percent": 0.2, "converged": True}}
+        return [one for one in shape_notices.from_equilibrium(piece, blocks) if one.key == "equilibrium/held"]
+
+    assert not told()
+    bpy.ops.flexmaps.stand_on(where="border")
+    (found,) = told()
+    assert found.severity == INFORMATION and piece.flexmaps.loads.supports in found.sentence
+    piece.flexmaps.base.base = "frame"
+    assert not told()
+
+
+def test_the_status_promises_no_more_than_is_known(piece: Any) -> None:
+    stored_report.write(piece.data, "equilibrium", {"rms_percent": 0.2, "converged": True, "strain_share_max": 0.8})
+    kinks = Notice("equilibrium/kinked", "Kinks: 4", "Arms of 4 spirals", INFORMATION)
+    held = Notice("equilibrium/held", "Needs to be held", "It is held", INFORMATION)
+    seen = [guidance._status_of_simulated(piece, some) for some in ([], [held], [kinks], [held, kinks])]
+    assert [one.icon for one in seen] == [guidance.TICK, guidance.TICK, guidance.NEUTRAL, guidance.NEUTRAL]
+    assert "held" not in seen[0].text and "held" in seen[1].text and "unsure" in seen[2].text
+    assert not any("Ready to cut" in one.text for one in seen)
+
+
+def test_a_further_cut_that_did_not_help_does_not_claim_that_it_did() -> None:
+    layout = {"layout": {"halved": "The seam makes it rise"}}
+    flat = {"equilibrium": {"findings": [finding("stays-flat")]}}
+    texts = [
+        notices._from_warnings("layout", layout | more, held=held)[0].sentence
+        for more, held in (({}, False), (flat, False), ({}, True))
+    ]
+    assert texts[0] == "The seam makes it rise" and "stays flat" in texts[1] and "supports hold it" in texts[2]

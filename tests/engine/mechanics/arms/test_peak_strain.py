@@ -300,6 +300,9 @@ def test_kinks_that_may_break_are_named(checker: Simulation) -> None:
         material = replace(POM, strain_limit=largest_share / share)
         return {finding.code for finding in replace(checker, material=material).findings}
 
+    near = replace(checker, material=replace(POM, strain_limit=largest_share / (0.99 * OVERSTRAIN_SHARE)))
+    (kinked,) = (finding for finding in near.findings if finding.code == "kinked")
+    assert f"{len(kinked.faces)} spirals" in kinked.message  # the number that the sidebar shows
     assert "kinked" in codes(0.99 * OVERSTRAIN_SHARE) and "kinked" not in codes(
         0.99 * OVERSTRAIN_SHARE / KINK_STRAIN_FACTOR
     )
