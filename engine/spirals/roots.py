@@ -17,8 +17,8 @@ _LARGEST_T = 1.2
 # fillets; rarely needed
 _RETRY_T = (0.95, 0.85, 0.75)
 _RETRY_FILLETS = (1.5, 2.2, 3.3, 5.0)  # factors on the requested fillet in these searches; larger ones shorten the slot
-# least fillet to which the factors apply, as a share of the smallest arm width, so that they also help fillets of 0;
-# larger values shorten such slots
+# least fillet to which ``_RETRY_FILLETS`` apply, as a share of the smallest arm width, so that a requested fillet of 0
+# is enlarged too; larger values shorten such slots
 _SMALLEST_RETRY = 0.1
 
 

@@ -74,7 +74,7 @@ def suggest_quad_count(count: int) -> int:
 
 
 def refuse_many_solid_hubs(quads: Int[np.ndarray, " n"], count: int, why: str) -> None:
-    """Raise ``FlexMapsError`` if too many quads have no room for a spiral.
+    """Raise ``FlexMapsError`` if more than ``MAX_SOLID_SHARE`` or ``MAX_SOLID_HUBS`` quads have no room for a spiral.
 
     Parameters
     ----------

@@ -277,7 +277,7 @@ def _chords(curve: Any, distance: float) -> np.ndarray:
         if isinstance(part, Arc):  # a chord is within r (1 - cos(step / 2)) of the arc
             radius = max(part.rx, part.ry, distance)
             steps = math.ceil(abs(part.sweep) / (2.0 * math.acos(max(1.0 - distance / radius, 0.0))))
-        elif isinstance(part, (CubicBezier, QuadraticBezier)):  # its chords are off by 1/8 second derivative step^2
+        elif isinstance(part, (CubicBezier, QuadraticBezier)):  # chords are off by second derivative * step^2 / 8
             corners = np.array([complex(*p) for p in part])
             bend = len(corners) * (len(corners) - 1) * np.abs(np.diff(corners, 2)).max()
             steps = math.ceil(math.sqrt(bend / (8.0 * distance)))

@@ -9,8 +9,9 @@ import numpy as np
 
 from ...arrays import Float
 
-# Bays are closed in two rounds, which is ten times as fast as one: share of ``bay`` with which the first round closes
-# them, and tolerance in metres of the simplification after each round; a larger tolerance is faster and less exact
+# Bays are closed in two rounds, which is ten times as fast as one: width that the first round closes, as a share of the
+# width that ``grow_outline`` closes in all, and tolerance in metres of the simplification after each round; a larger
+# tolerance is faster and less exact
 FIRST_BAY_SHARE, COARSE_TOLERANCE = 0.125, 8e-5
 SIDES_PER_QUARTER = 4  # sides per quarter circle in buffers; more are more exact and slower
 MAX_GROWTH = 5e-5  # metres by which an outline may grow when it is simplified; larger: fewer points, larger gaps

@@ -270,7 +270,7 @@ def fill_ratio(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], area: f
 
 
 def box_fits(size: Float[np.ndarray, " 2"], sheet: tuple[float, float], margin: float, rotation: str = "FREE") -> bool:
-    """Return whether a box fits on the sheet within its margin (metres), turned if needed unless "GRAIN"."""
+    """Return whether a box (metres) fits on a sheet within its margin, turned if needed unless "GRAIN"."""
     free = [x - 2.0 * margin + 1e-9 for x in sheet]
     if rotation == "GRAIN":
         return bool(size[0] <= free[0] and size[1] <= free[1])

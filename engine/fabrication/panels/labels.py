@@ -220,7 +220,7 @@ class _LabelPlaces:
         return float(min(largest, FILL_SHARE * self.narrowest[quad, side], room / text_length(text)))
 
     def height_on_hub(self, quad: int, text: str, largest: float) -> float:
-        """Return the height in metres of the largest letters that fit on this hub, at most ``largest``; 0 if taken."""
+        """Return the height in metres of the largest letters that fit on this hub, at most ``largest``; 0 if full."""
         return min(largest, 1.8 * float(self.hub_radius[quad]) / float(np.hypot(text_length(text), 1.0)))
 
 

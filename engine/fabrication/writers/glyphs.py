@@ -31,7 +31,7 @@ class GlyphOutlines:
 
 outlines_by_run: dict[
     str, GlyphOutlines
-] = {}  # outlines by run; filled on the main thread before a job begins, read-only after
+] = {}  # outlines by run of letters; filled on the main thread before a job begins, read-only after
 
 
 @cache  # called for every letter of every page
