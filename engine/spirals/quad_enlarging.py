@@ -49,7 +49,7 @@ def enlarge_quads(flat: FlatPatches, quads: Int[np.ndarray, " n"], progress: Pro
 
 
 def _smallest_corner(flat: FlatPatches) -> np.ndarray:
-    """Return the smallest cross product of successive sides in every quad; 0 or less if turned over or concave."""
+    """Return every quad's smallest cross product of successive sides; not positive if it is turned over or concave."""
     along = np.roll(flat.corners, -1, axis=1) - flat.corners
     before = np.roll(along, 1, axis=1)
     return (before[..., 0] * along[..., 1] - before[..., 1] * along[..., 0]).min(axis=1)

@@ -342,7 +342,10 @@ class _Obstacles:
         return self._shapes[pieces]
 
     def are_near(self, shapes: np.ndarray, without: np.ndarray, distance: float) -> np.ndarray:
-        """Return a mask (N,) of shapes with a piece within ``distance`` metres, except of arms ``without`` (N, 2)."""
+        """Return a mask (N,) of the shapes that a piece of an arm or hub is nearer to than ``distance`` metres.
+
+        without : (N, 2) arms to ignore for each shape
+        """
         import shapely
 
         bounds = shapely.bounds(shapes) + distance * np.array([-1.0, -1.0, 1.0, 1.0])

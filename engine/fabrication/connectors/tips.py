@@ -68,7 +68,7 @@ class Tip:
 
     joined_arms, row : the arm is row ``row`` of ``joined_arms.own``
     widening : widening of this arm, a single row
-    begin : tau at which the edges end
+    begin : tau at which the arm's edges end and ``end_curve`` begins
     end_curve : nodes and bulges from the right edge at ``begin`` to the left edge, in the arm's frame
     polygon : shapely polygon of the tip from tau ``inner_end`` outwards, in the patch's frame
     """

@@ -300,7 +300,7 @@ class SheetSearch:
         progress = self.progress.at(min(self.share_of_time, 1.0), f"nesting {with_count(most, 'panel', 'panels')}")
         found: list[PackedStrip | None] = [None] * len(tasks)
         for number, future in as_completed(self.workers, pack_strip, tasks, progress):
-            with suppress(WorkerDied):  # there may be too little memory
+            with suppress(WorkerDied):  # for lack of memory, for example; the task then fails
                 found[number] = future.result()
         return [strip and self._in_metres(strip) for strip in found]
 

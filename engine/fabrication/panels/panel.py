@@ -15,7 +15,7 @@ class Panel:
     """One flat panel in its patch's frame or, from ``CutSheets.panels_on_sheet``, in its sheet's frame.
 
     number : engraved number, from 1 in the order of assembly; 0 for plates and keys
-    patch : index in the layout; -1 for plates and keys
+    patch : index of its patch in the layout; -1 for plates and keys
     outline, holes : closed curves, the outline counter-clockwise and the holes clockwise
     labels : open strokes to engrave on the material
     area : area of the material, m2

@@ -254,7 +254,7 @@ def _foot_cap(
 def _flare_biarc(
     start: np.ndarray, first: np.ndarray, end: np.ndarray, last: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return nodes and bulges of a biarc from a point and direction to another, without the last point."""
+    """Return nodes and bulges of a biarc from one point and direction to another, without the last point."""
     nodes, bulge = interpolate_biarcs(np.stack([start, end])[None], np.stack([first, last])[None])
     return nodes[0], bulge[0]
 
