@@ -18,8 +18,8 @@ from ..components import components
 from .assembly import Pose, nearest_rotation
 from .vectors import skew
 
-# Supports hold a turn of the piece if a turn of 1 rad would move them by a mean square above this, in squared distances
-# of neighbouring hubs. A larger value treats nearly collinear hinges as collinear.
+# Supports prevent a turn of the piece if a turn of 1 rad would move the supported hubs by a mean square above this, in
+# squared distances of neighbouring hubs. A larger value treats nearly collinear hinges as collinear.
 MIN_SUPPORT_MOTION = 1e-6
 
 

@@ -362,7 +362,7 @@ class DesignPoint:
         return self._strain_slopes_and_jacobian(arms)[1]
 
     def _strain_slopes_and_jacobian(self, arms: Int[np.ndarray, " k"]) -> tuple[StrainSlopes, Jacobian]:
-        """Return the derivatives of these arms' strains by pose, widths and twists, and the Jacobian by x (above)."""
+        """Return the derivatives of these arms' strains by pose, widths and twists; and the Jacobian by hubs and x."""
         assert self.strains is not None and self._joint_derivatives is not None
         found, e = replace(self.strains, changes=self._joint_derivatives.complete).slopes(arms), arms // 2
         problem, whole = self.problem, self.problem.assembly.whole

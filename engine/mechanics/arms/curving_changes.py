@@ -21,7 +21,7 @@ from .model import ArmModel, ArmState
 from .sensitivity import PARAMETERS, JointDerivatives
 
 # The second-order term is differentiated for joints whose energy from it exceeds this share of the mean of y . K y over
-# all joints, with y a joint's motion and K its stiffness. Larger leaves out more joints, which is faster and less exact.
+# all joints, with y a joint's motion and K its stiffness. Larger: fewer joints, faster, less exact.
 MIN_SHARE = 0.01
 STEP = 1e-7  # step of forward differences: share of a width or a radius, or radians; smaller: more rounding errors
 
@@ -111,7 +111,7 @@ class CurvingChanges:
         return 4.0 * (force[:, None, None, None] @ half @ rate[:, None, None, :, None])[..., 0, 0]
 
     def _at(self, state: ArmState) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return the motions y, dD y for every parameter, K (y + y.D.y) and S = 1 + 2 y.D (notation: ``sensitivity``)."""
+        """Return motions y, dD y for every parameter, K (y + y.D.y) and S = 1 + 2 y.D (notation: ``sensitivity``)."""
         assert self.model.curving_at_joint is not None
         motion = self.model.motion_at_joint(state)[self.joints]
         strains, slope = add_second_order(motion, self.model.curving_at_joint[self.joints])

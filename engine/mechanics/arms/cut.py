@@ -55,7 +55,7 @@ MAX_ROOT_SHARE = 0.3
 # Largest share of the table's compliance that may be subtracted from an arm, and largest scale over width at which this
 # is checked. A larger share may leave very stiff arms; a larger ratio is slower. Arms that can be cut stay below both.
 MAX_REDUCTION, STUB_RATIO = 0.9, 10.0
-TABLE_FILLET = 0.04  # arm widths: fillet radius of the table's spirals
+TABLE_FILLET = 0.04  # fillet radius of the stiffness table's spirals, in arm widths
 # length by which a fillet shortens an arm, in fillet radii; larger makes arms stiffer; solids of straight arms: 0.57
 FILLET_REACH = 0.55
 POINTS = 8  # Gauss points over the blend; more are slower and more exact (error 4e-6)
@@ -120,10 +120,10 @@ class CutArms(Columns):
 
 
 def rest_shapes(assembly: Assembly, material: Material | None = None) -> Float[np.ndarray, "n _"]:
-    """Return the rest shapes (2 m, 3) of both arms of every joint: radius (metres), own and mate's lean (radians).
+    """Return the rest shapes (2 m, 3) of all arms: radius (metres), own lean and mate's lean (radians).
 
-    Leans (see ``spirals.curves.blends``) are positive in the sense in which the arms wind. Sheets with a grain add a
-    column: the angle from radius to grain, radians.
+    A lean is the angle from the quad's outward normal at the joint to the arm's radius, positive in the sense in which
+    the arms wind; the mate is the arm beyond the joint. Sheets with a grain add a column: radians from radius to grain.
     """
     out = assembly.radial[..., 0] * np.array([1.0, -1.0])[:, None]
     lean = np.arctan2(out[..., 1], out[..., 0]) * (-1.0 if assembly.clockwise else 1.0)

@@ -80,7 +80,7 @@ def rod_parameters(
     scale, width : (n,) metres
     twist : (n,) radians
     thickness, youngs : of the sheet, metres, and Young's modulus, Pa
-    model : "pair" or "chord"
+    model : the network, "pair" or "chord" (see the top of this module)
     """
     check_material(thickness, youngs)
     near = _Nearest.from_spirals(*check_dimensions(scale, width, twist), thickness)

@@ -82,7 +82,7 @@ def expand(springs: np.ndarray, bend: np.ndarray, torsion: np.ndarray) -> EndEne
 
 
 def _slopes(bend: np.ndarray, torsion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the strains (..., 3): x', y' and torsion; and their derivatives by x, y and torsion, in columns."""
+    """Return the strains (..., 3) x', y' and torsion, and derivatives (..., 3, 3) by x, y and torsion (last axis)."""
     first, second, squared, half_sine, half_cosine = _strains(bend, torsion)
     x, y = bend[..., 0], bend[..., 1]
     slopes = np.zeros((*torsion.shape, 3, 3))
