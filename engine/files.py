@@ -20,6 +20,11 @@ from .own_files import Guard
 NewFile = Callable[[str | os.PathLike[str]], Path]
 LOCK = ".flexmaps-lock"  # name of the file by which a run locks its folder
 
+
+class FolderError(FlexMapsError):
+    """A file or folder cannot be written; another folder would do."""
+
+
 _REASONS = {
     errno.ENOSPC: "the disk is full; make room and try again",
     errno.EFBIG: "the file would be too large for that disk; choose another one",
@@ -177,11 +182,11 @@ def _is_write_error(error: OSError, wanted: dict[Path, Path]) -> bool:
     return str(error.filename) in {str(temporary) for temporary in wanted.values()}
 
 
-def _write_error(error: OSError | ValueError, wanted: dict[Path, Path]) -> FlexMapsError:
+def _write_error(error: OSError | ValueError, wanted: dict[Path, Path]) -> FolderError:
     name = getattr(error, "filename", None)
     target = next((t for t, temporary in wanted.items() if str(temporary) == str(name)), None)
     place = target or name or next(iter(wanted), "the file")
-    return FlexMapsError(f"Cannot write {place}: {describe_error(error)}")
+    return FolderError(f"Cannot write {place}: {describe_error(error)}")
 
 
 def safe_file_name(text: str) -> str:
@@ -211,7 +216,7 @@ def _folder_lock(folder: Path) -> BinaryIO:
         stream = open(folder / LOCK, "ab")  # noqa: SIM115  # the open file is the lock
         if not _lock(stream):
             stream.close()
-            raise FlexMapsError(
+            raise FolderError(
                 f"Another run is writing into {folder}; wait until it has ended, or choose another folder"
             )
         with suppress(FileNotFoundError):

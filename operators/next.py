@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from ..bridge.store.notice import Notice
 
 CUTTING_OPERATORS = {"flexmaps.merge", "flexmaps.flatten"}  # operators before which *Next* checks the mesh
+ASKING_OPERATORS = {"flexmaps.choose_folder"}  # cures that ask something: a cancelled question is offered again
 DEBOUNCE_SECONDS = (
     0.4  # seconds after a change of the label in which presses are ignored, against double clicks; larger feels slow
 )
@@ -33,8 +34,9 @@ class Next(AnyMeshOperator, bpy.types.Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
-        act = None if context.object is None else guidance.read_guidance(context.object, context.scene).action
-        return translate(cls.__doc__ or "") if act is None else act.tooltip
+        if context.object is None or objects.usage_problem(context.object) is not None:
+            return translate(cls.__doc__ or "")
+        return guidance.read_guidance(context.object, context.scene).explanation
 
     @classmethod
     def note_label(cls, label: str) -> None:
@@ -53,13 +55,13 @@ class Next(AnyMeshOperator, bpy.types.Operator):
     def _run_action(self, context: bpy.types.Context, how: str) -> set[str]:
         seen = self._check_before_cut(context, guidance.read_guidance(context.object, context.scene))
         if seen.action is None:
-            stopped = next((notice.sentence for notice in seen.notices), translate("There is nothing to make of it"))
-            self.report({"ERROR"}, stopped)
+            self.report({"ERROR"}, seen.explanation)
             return {"CANCELLED"}
         if how == "EXEC_DEFAULT" and seen.action.idname == "wm.path_open":
             self.report({"INFO"}, seen.status.text)
             return {"FINISHED"}
-        if seen.action.cure is not None:
+        asks = how == "INVOKE_DEFAULT" and seen.action.idname in ASKING_OPERATORS
+        if seen.action.cure is not None and not asks:
             failures.count_press(context.object.data, seen.action.cure.call)
         group, name = seen.action.idname.split(".")
         try:  # True asks for an undo step, which Blender omits where an operator calls another

@@ -164,6 +164,11 @@ def hold(where: str, setting: str = "supports", percent: float | None = None) ->
     return Cure(_with_percent(words, percent), "flexmaps.stand_on", {"where": where, "setting": setting})
 
 
+def choose_folder(stage: str) -> Cure:
+    """Return the button that asks for another export folder and writes there; ``stage``: idname of the operator."""
+    return Cure(interface("Choose a folder"), "flexmaps.choose_folder", {"stage": stage})
+
+
 def cut_there(percent: float | None = None) -> Cure:
     """Return the button that adds cuts where they bring the shape nearer to its target; ``percent`` as in ``hold``."""
     return Cure(_with_percent(interface("Cut there"), percent), "flexmaps.cut_there")

@@ -10,6 +10,7 @@ from typing import Any
 import bpy
 
 from ...engine.errors import FlexMapsError
+from ...engine.files import FolderError
 from . import modifiers, stored_report
 from .checksums import Checksums
 from .states import INPUTS, SETTINGS_INPUTS
@@ -40,6 +41,7 @@ def write(obj: bpy.types.Object, scene: bpy.types.Scene, idname: str, error: Fle
         "edges": error.edges,
         "given": _input_checksums(obj, scene, idname),
     }
+    failure |= {"folder": True} if isinstance(error, FolderError) else {}
     failure |= {} if error.quads is None else {"quads": error.quads}
     stored_report.put_text(obj.data, NAME, stored_report.get_text(obj.data, NAME) | {idname: failure})
 
@@ -62,7 +64,8 @@ def read(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, dict[str, A
 
     Returns
     -------
-    idname -> ``message``, ``faces``, ``edges`` and, where a remesh could help, the number of ``quads`` to remesh to.
+    idname -> ``message``, ``faces``, ``edges``; where a remesh could help, the number of ``quads`` to remesh to; and
+    ``folder``, True where another folder could help.
     """
     failed = stored_report.get_text(obj.data, NAME)
     return {name: failure for name, failure in failed.items() if failure["given"] == _input_checksums(obj, scene, name)}

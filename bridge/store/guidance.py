@@ -20,7 +20,7 @@ from ...engine.materials import OVERSTRAIN_SHARE
 from . import dimensions, next_button, notices, objects, states, stored_report
 from .finding_words import BREAKS, INFORMATION, STOPS, WORSE
 from .flat_target import can_skip_simulation
-from .i18n import interface, panels, quads
+from .i18n import interface, panels, quads, translate
 from .next_button import NextAction
 from .notice import Notice
 
@@ -59,6 +59,13 @@ class Guidance:
     def objections(self) -> tuple[Notice, ...]:
         """Return the notices that speak against cutting: all but the merely informative ones."""
         return tuple(notice for notice in self.notices if notice.severity != INFORMATION)
+
+    @property
+    def explanation(self) -> str:
+        """Return the next action's tooltip, or why there is none."""
+        if self.action is not None:
+            return self.action.tooltip
+        return next((notice.sentence for notice in self.notices), translate("There is nothing to make of it"))
 
     def findings(self) -> list[dict[str, Any]]:
         """Return all notices with their cures as plain values, for report.json and the command line."""

@@ -29,6 +29,8 @@ FIXED_BY_REMESH = {"non-quad", "crossed", "zero-area", "size-ratio", "non-manifo
 # factor of enlargement offered where spirals lack room; larger gives more room and a larger piece. Within the range of
 # the remedies' factors, not measured
 ENLARGEMENT = 1.5
+# operators that write into the export folder
+FOLDER_WRITERS = {"flexmaps.export", "flexmaps.export_together", "flexmaps.report", "flexmaps.share"}
 # keys of notices that only predict a problem, from the mesh or the layout
 PREDICTIONS = (
     "checks/size-ratio",
@@ -99,6 +101,8 @@ def _from_failures(obj: bpy.types.Object, failed: dict[str, dict[str, Any]]) -> 
         faces, edges = tuple(failure["faces"]), tuple(failure["edges"])
         words = interface(FAILURE_LABELS.get(idname, "Stopped"), quads(len(faces)))
         ways = tuple(_cures_of_failure(obj, idname, failure.get("quads")))
+        if failure.get("folder") and idname in FOLDER_WRITERS:
+            ways = (cures.choose_folder(idname),)
         result.append(Notice(f"failed/{idname}", words, failure["message"], STOPS, faces, edges, ways))
     return result
 

@@ -17,9 +17,9 @@ from .settings import is_relative_to_unsaved
 def resolve_folder(text: str) -> Path:
     """Return the folder named by a setting; raise ``FlexMapsError`` if empty, or relative to an unsaved .blend file."""
     if is_relative_to_unsaved(text):
-        raise FlexMapsError("Save the .blend file first, or choose a folder that does not begin with //")
+        raise files.FolderError("Save the .blend file first, or choose a folder that does not begin with //")
     if not text.strip():
-        raise FlexMapsError("Choose a folder for the files")
+        raise files.FolderError("Choose a folder for the files")
     return Path(bpy.path.abspath(text))
 
 

@@ -106,10 +106,9 @@ def _live_head(context: bpy.types.Context, seen: Guidance, watcher: Any) -> Head
 def _idle_head(context: bpy.types.Context, seen: Guidance) -> HeadContent:
     notices = (*seen.notices, *general_notices(context))
     act, (status, sign) = seen.action, (seen.status.text, seen.status.icon)
-    about = act.tooltip if act else interface("Only you can mend this mesh. The rows tell where.")
     label = act.label if act else interface("Next")
     return HeadContent(
-        label, "flexmaps.next" if act else "", SIGNS[sign], status, about, notices, alert=sign == STOPPED
+        label, "flexmaps.next" if act else "", SIGNS[sign], status, seen.explanation, notices, alert=sign == STOPPED
     )
 
 
