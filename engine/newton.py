@@ -41,8 +41,9 @@ LITTLE = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)  # shares of the convex part to try in t
 TRIALS = 12  # attempts at a damped step; each may multiply the damping by 8, so that after 12 hardly a step is left
 # Actual over predicted decrease: above GOOD damping shrinks, below POOR it grows, below TAKEN the step is rejected
 GOOD, POOR, TAKEN = 0.7, 0.25, 1e-3
-# Factor on the damping after a good step; DEEP_CUT as long as no step has failed and the decrease was predicted to
-# within EXACT, because searches begin with much damping. Smaller: fewer steps, more refused steps (docs/tuning.md)
+# CUT: factor on the damping after a good step; DEEP_CUT: this factor while no step has failed and the relative error of
+# the predicted decrease is below EXACT, as searches begin with much damping. Smaller: fewer steps, more refused ones
+# (docs/tuning.md)
 CUT, DEEP_CUT, EXACT = 0.3, 0.1, 0.1
 # Smallest damping, in energies per variable: less would not change the steps, and would take longer to grow again
 LEAST_DAMPING = 0.01
@@ -127,7 +128,7 @@ class FactoredProblem(Problem, Protocol):
 
 
 class SaddleProblem(FactoredProblem, Protocol):
-    """A problem with saddles."""
+    """A problem whose energy may have saddles."""
 
     def stable(self, state: Any) -> bool:
         """Return whether the exact Hessian is positive definite; its factor is stored."""

@@ -140,7 +140,7 @@ class Progress:
         return replace(self, shown=lambda value: shown(made(value)))
 
     def show(self, value: Any) -> None:
-        """Hand over an intermediate result."""
+        """Pass an intermediate result to ``shown``, if there is such a receiver."""
         if self.shown is not None:
             self.shown(value)
 

@@ -29,7 +29,7 @@ from .drawing import (
 )
 
 CURVE, ACCENT = "#2e8599", "#d9622b"
-LIGHT_CURVE, PALE = "#fab840", "#9e9e9e"  # readable on dark and on light paper
+LIGHT_CURVE, PALE = "#fab840", "#9e9e9e"  # colours of curves and axes that are readable on dark and on light paper
 LOG_RATIO = 8.0  # ratio of largest to smallest value above which a scale is logarithmic; chosen by eye
 WIDTH, HEIGHT = 520, 320  # size of a plot, pixels
 VIEW_DIRECTION = np.array([0.9, -1.0, 0.85])  # direction from the surface to the viewer in ``draw_shape_map``

@@ -13,7 +13,8 @@ PIXEL_SCALE = 2  # pixels of the picture per pixel of the drawing; larger: lette
 SUBPIXELS = 2  # subpixels per pixel in both directions, for antialiasing; larger: smoother edges, slower
 MISSING_GLYPH = "?"  # replaces letters without a glyph
 
-_ANGLES = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)  # a dot of 9 pixels deviates from a circle by 0.04 pixels
+# a dot is drawn as a polygon with 24 corners, which deviates from a circle of 9 pixels by 0.04 pixels
+_ANGLES = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)
 _CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)  # corners of a dot of radius 1
 
 Glyphs = dict[str, tuple[np.ndarray, float]]  # triangles (N, 3, 2) of every letter at size 1, and its advance

@@ -64,7 +64,11 @@ def tolerance_band(simulation: Simulation, params: SimulateParams, progress: Pro
 def _rms_distance(
     simulation: Simulation, name: str, step: float, params: SimulateParams, progress: Progress
 ) -> float | None:
-    """Return the RMS distance from the target, metres, after a change of one quantity; None without an equilibrium."""
+    """Return the RMS distance from the target, metres, after a change of one quantity; None without an equilibrium.
+
+    name : the quantity, "thickness", "width" or "stiffness"
+    step : change of the width, metres, or relative change of the thickness or stiffness
+    """
     progress(0.0, "Real sheets")
     assembly, loads, model, material = simulation.assembly, simulation.loads, simulation.model, simulation.material
     changed: ElasticModel | None

@@ -29,7 +29,7 @@ from .coupons import KINDS, STRIP_CLAMP, STRIP_END, Coupons
 
 MIN_READING_ERROR = 0.02  # smallest standard error of a sag, share of its value; larger: fewer contradictions
 CALIPER_ERROR = 2e-5  # standard error of a caliper reading, metres
-# Relative error that the formulas for strip and spirals cause in a modulus; larger: fewer reports of contradictions
+# Relative error that the formulas in ``bending`` cause in a modulus; larger: fewer reports of contradictions
 FORMULA_ERROR = 0.02
 # Largest difference, in combined standard errors, of two moduli that agree; larger: fewer reports of contradictions
 MAX_DEVIATION = 3.0

@@ -102,8 +102,8 @@ def choose(
     params : the goal
     progress : called with the fraction done; may cancel
     together : maps a function over arguments in order, perhaps in several processes; default: in this process
-    reached : simulation of the initial layout, if its spirals are optimised; this layout then stays unless another one
-        comes clearly nearer to the target, or is the only one of the two that meets the goal
+    reached : simulation of the initial layout, if its spirals are optimised; this layout then stays unless ``decide``
+        finds another one clearly better
 
     Returns
     -------

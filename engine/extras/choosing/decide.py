@@ -10,8 +10,9 @@ from .judge import FULL_SHARE, LONG_SHARE, FlatLayout, JudgedLayout
 from .layout_search import LONG_TO_SHORT_RATIO, SEARCH_SCATTER, LayoutSearch, describe_layout, layout_key
 from .prospects import WORTHWHILE_RATIO
 
-# A layout with fewer joints is preferred if its distance from the target is at most this multiple of the best layout's.
-# Larger: fewer joints, larger distances. Above 1.03, because two searches of a layout differ by up to 3 %
+# A layout with fewer joints is preferred if its distance from the target is at most this multiple of the best layout's
+# (1 / WORTHWHILE_RATIO if the goal is a match). Larger: fewer joints, larger distances. Above 1.03, because two
+# searches of a layout differ by up to 3 %
 NEAR_TIE_RATIO = 1.05
 
 
@@ -53,9 +54,10 @@ def decide(search: LayoutSearch, first: FlatLayout, finished: bool) -> Choice:
 def pick_best(search: LayoutSearch, judged: list[JudgedLayout], first: FlatLayout) -> JudgedLayout:
     """Return the best layout.
 
-    If no layout meets the goal, one with fewer joints is preferred to one that is slightly nearer to the target. If the
-    goal is a number of panels, only the initial layout is preferred in this way. An initial layout that was optimised
-    stays unless another one is clearly nearer to the target, or meets the goal while the initial one does not.
+    If the first searched layout meets a goal other than a number of panels, it is the best. Otherwise one with fewer
+    joints is preferred to one that is slightly nearer to the target; if the goal is a number of panels, only the
+    initial layout is preferred in this way. An initial layout that was optimised then stays unless another one is
+    clearly nearer to the target, or alone meets the goal.
 
     Parameters
     ----------

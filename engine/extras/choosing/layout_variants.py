@@ -48,8 +48,10 @@ def _estimate_distortion(layout: PatchLayout) -> float:
 
 
 def _shift_seams(layout: PatchLayout, symmetries: Sequence[Symmetry]) -> Iterator[CutPlan]:
-    """Yield plans with one seam, and its images under symmetries, shifted to either side by ``SHIFT_ROWS`` rows of
-    quads."""
+    """Yield plans with one seam, and its images under symmetries, shifted to one side by a number of rows of quads.
+
+    Every seam, both sides, and all numbers in ``SHIFT_ROWS`` are tried.
+    """
     for seam in layout.seams:
         for quads, sides in _quads_beside(layout.mesh, seam):
             for rows in SHIFT_ROWS:

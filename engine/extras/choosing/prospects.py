@@ -59,9 +59,10 @@ def find_prospects(
 
     Returns
     -------
-    RMS distance from the target, percent of the size, that each way reaches; None if the piece is near enough already,
-    or has no equilibrium. ``LOWEST`` supports the lowest quads, ``BORDER`` those at the border. ``CUT`` adds cuts where
-    the shape misses the target. ``ROUND_FOLDS`` rounds the folds of the target; its distance is from the rounded target
+    for each way, RMS distance from the target, percent of the size, that it reaches; None if the piece is near enough
+    already, or has no equilibrium. ``LOWEST`` supports the lowest quads, ``BORDER`` those at the border. ``CUT`` adds
+    cuts where the shape misses the target. ``ROUND_FOLDS`` rounds the folds of the target; its distance is from the
+    rounded target
     """
     now = found.target_distances["rms_percent"]
     if not found.equilibrium.converged or now <= wanted_percent(settings.choose):

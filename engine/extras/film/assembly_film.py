@@ -161,8 +161,8 @@ def record_tracks(
     ----------
     design, pose : spirals, and the final pose of their hubs
     table : initial position of the origin of every patch, metres
-    found : the stages
-    actors : points to move
+    found : stages of the assembly, see ``unfinished_pieces``
+    actors : objects whose points are moved
     progress : called with the fraction done; may cancel
     """
     order = assembly_steps(design.flat.layout)

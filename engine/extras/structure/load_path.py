@@ -39,7 +39,7 @@ MAX_FACTOR_CHANGE = (
 # number of Newton steps at which the step length stays as it is, and largest number, after which the step is halved
 USUAL_ITERATIONS, MAX_ITERATIONS = 5, 14
 BRACKET_TOL = 1e-3  # relative width of the bracket around the critical factor; smaller: more exact, slower
-MAX_HALVINGS = 24  # largest number of bisections of that bracket
+MAX_HALVINGS = 24  # largest number of bisections of the bracket around the critical factor
 STEPS_BEYOND = 12  # number of steps followed after the critical load; larger: the curve shows more of the snapping
 MAX_STEPS = 400  # largest number of steps; a dome that snaps takes about 40. Larger: more time before giving up
 
