@@ -10,7 +10,7 @@ from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
 from ...engine.arrays import Float, Int
-from . import attributes, handles, stored_report
+from . import attributes, handles, stored_report, vertex_positions
 from .columns import column
 
 MIN_WEIGHT = 0.5  # least interpolated weight at which a new vertex joins a vertex group; larger shrinks groups
@@ -26,38 +26,48 @@ def transfer_marks(old: bpy.types.Object, made: bpy.types.Object) -> None:
     """
     if not len(old.data.polygons) or not len(made.data.polygons):
         return
-    vertices = [vertex.co for vertex in old.data.vertices]
-    tree = BVHTree.FromPolygons(vertices, [tuple(face.vertices) for face in old.data.polygons])
+    points = vertex_positions.read_target(old)  # what the new quads were made from
+    tree = BVHTree.FromPolygons(points.tolist(), [tuple(face.vertices) for face in old.data.polygons])
     for group in old.vertex_groups:
-        _transfer_group(old, made, group, tree)
+        _transfer_group(old, made, group, tree, points)
     _transfer_face_marks(old, made, tree)
     if "layout" not in stored_report.read(old.data):  # only seams marked by hand; seams of a layout are computed anew
-        _transfer_seams(old, made)
+        _transfer_seams(old, made, points)
 
 
-def _transfer_group(old: bpy.types.Object, made: bpy.types.Object, group: bpy.types.VertexGroup, tree: BVHTree) -> None:
+def _transfer_group(
+    old: bpy.types.Object,
+    made: bpy.types.Object,
+    group: bpy.types.VertexGroup,
+    tree: BVHTree,
+    points: Float[np.ndarray, "vertices 3"],
+) -> None:
     weights = np.zeros(len(old.data.vertices))
     for vertex in old.data.vertices:
         weights[vertex.index] = max((g.weight for g in vertex.groups if g.group == group.index), default=0.0)
     new = made.vertex_groups.get(group.name) or made.vertex_groups.new(name=group.name)
-    got = np.array([_interpolate_weight(old.data, vertex.co, weights, tree) for vertex in made.data.vertices])
+    got = np.array([_interpolate_weight(old.data, vertex.co, weights, tree, points) for vertex in made.data.vertices])
     inside = np.flatnonzero(got >= MIN_WEIGHT)
     if len(inside) < 2 and weights.any():  # the group is smaller than a quad: take the nearest quad
-        middle = Vector(column(old.data.vertices, "co")[weights > 0].astype(float).mean(axis=0))
+        middle = Vector(points[weights > 0].astype(float).mean(axis=0))
         centres = [(face.center - middle).length for face in made.data.polygons]
         inside = np.array(made.data.polygons[int(np.argmin(centres))].vertices)
     new.add(inside.tolist(), 1.0, "REPLACE")
 
 
 def _interpolate_weight(
-    mesh: bpy.types.Mesh, place: Vector, weights: Float[np.ndarray, " vertices"], tree: BVHTree
+    mesh: bpy.types.Mesh,
+    place: Vector,
+    weights: Float[np.ndarray, " vertices"],
+    tree: BVHTree,
+    points: Float[np.ndarray, "vertices 3"],
 ) -> float:
     """Interpolate the weights of the nearest face's corners at the point nearest to ``place``, by inverse distance."""
     spot, _, face, _ = tree.find_nearest(place)
     if face is None:
         return 0.0
     corners = list(mesh.polygons[face].vertices)
-    away = np.array([max((mesh.vertices[k].co - spot).length, 1e-12) for k in corners])
+    away = np.maximum(np.linalg.norm(points[corners] - np.array(spot), axis=1), 1e-12)
     return float((weights[corners] / away).sum() / (1.0 / away).sum())
 
 
@@ -70,7 +80,7 @@ def _transfer_face_marks(old: bpy.types.Object, made: bpy.types.Object, tree: BV
             attributes.write(made, attributes.PREFIX + name, domain, kind, values[nearest])
 
 
-def _transfer_seams(old: bpy.types.Object, made: bpy.types.Object) -> None:
+def _transfer_seams(old: bpy.types.Object, made: bpy.types.Object, before: Float[np.ndarray, "vertices 3"]) -> None:
     """Mark seams along the edges of the new quads that are nearest to the old seams."""
     marked = [edge for edge in old.data.edges if edge.use_seam]
     if not marked:
@@ -79,14 +89,14 @@ def _transfer_seams(old: bpy.types.Object, made: bpy.types.Object) -> None:
     from scipy.sparse.csgraph import dijkstra
     from scipy.spatial import cKDTree
 
-    points, before = (column(mesh.vertices, "co").astype(float) for mesh in (made.data, old.data))
+    points = column(made.data.vertices, "co").astype(float)
     pairs = np.array([tuple(edge.vertices) for edge in made.data.edges])
     lengths = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
     near, step = cKDTree(points), float(np.median(lengths))
     graph = coo_array((lengths, (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
     number = {(min(a, b), max(a, b)): k for k, (a, b) in enumerate(pairs.tolist())}
     for edge in marked:
-        a, b = (before[k] for k in edge.vertices)
+        a, b = (before[k].astype(float) for k in edge.vertices)
         count = max(2, int(np.ceil(np.linalg.norm(b - a) / step)) + 1)
         way = near.query(a + np.linspace(0.0, 1.0, count)[:, None] * (b - a))[1]
         for start, end in pairwise(way):

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge.store import dimensions, guidance, mesh
+from flexmaps.bridge.store import dimensions, guidance, mark_transfer, mesh
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
 
@@ -144,6 +144,25 @@ def test_the_edge_follows_every_change() -> None:
     for vertex in piece.data.vertices:
         vertex.co *= 3.0
     assert dimensions.quad_edge(piece, scene) == pytest.approx(3.0 * edge)
+
+
+def test_marks_stay_where_they_are_seen_on_a_keyed_mesh() -> None:
+    old = _sheet(8)
+    left = [vertex.index for vertex in old.data.vertices if vertex.co.x < 0.001]
+    old.vertex_groups.new(name="left").add(left, 1.0, "REPLACE")
+    for edge in old.data.edges:
+        edge.use_seam = all(abs(old.data.vertices[k].co.x) < 0.001 for k in edge.vertices)
+    _key(old)
+    for point in old.data.shape_keys.key_blocks["higher"].data:
+        point.co.x += 0.15
+    seams = [edge.use_seam for edge in old.data.edges]
+    bpy.ops.mesh.primitive_grid_add(x_subdivisions=8, y_subdivisions=8, size=0.2)
+    made = bpy.context.object
+    for vertex in made.data.vertices:
+        vertex.co.x += 0.15
+    mark_transfer.transfer_marks(old, made)
+    assert [vertex.index for vertex in made.data.vertices if vertex.groups] == left
+    assert [edge.use_seam for edge in made.data.edges] == seams
 
 
 def test_the_estimate_for_other_polygons_follows_shape_keys() -> None:
