@@ -15,6 +15,7 @@ from ..bridge.store.i18n import quads
 from ..bridge.store.notice import Notice
 from ..bridge.store.notices import FEW_QUADS
 from ..bridge.view import colouring, head_text
+from ..bridge.view.progress import progress_to_show
 from ..bridge.view.text_layout import break_lines, line_width, text_width
 from .rows import button, menu, tr, wrapped_text
 from .stages import read_stages
@@ -104,7 +105,7 @@ def _draw_next(layout: Any, content: head_text.HeadContent, running: Any) -> Non
     row = whole.row(align=True)
     row.scale_y = NEXT_HEIGHT
     if running is not None:
-        row.progress(factor=running.fraction, text=content.label)
+        row.progress(factor=progress_to_show(running)[0], text=content.label)
         row.operator("flexmaps.stop", text="", icon="X")
         _add_thin_separator(whole)
         return

@@ -46,6 +46,7 @@ class Job:
         self.on_stop = on_stop  # words for the sidebar: the effect of stopping the job
         self.fraction = 0.0
         self.text = ""
+        self.displayed: tuple[float, str] | None = None  # fraction and text that the status bar shows
         self.intermediate: Any = None  # the latest intermediate result, such as a shape that is still moving
         self.result: Any = None
         self.error: BaseException | None = None

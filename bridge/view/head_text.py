@@ -17,6 +17,7 @@ from ..store.next_button import MAX_LETTERS
 from ..store.notice import Notice
 from ..store.objects import CONVERTIBLE, count_hidden, drawn_model, usage_problem
 from . import collection
+from .progress import progress_to_show
 
 if TYPE_CHECKING:
     from .progress import RunningJob
@@ -70,9 +71,10 @@ def head_content(
 
 def _job_head(job: RunningJob) -> HeadContent:
     name = bpy.app.translations.pgettext_iface(job.title, "Operator")
-    label = interface("{}, {} %", name, f"{100 * job.fraction:.0f}")
+    fraction, text = progress_to_show(job)
+    label = interface("{}, {} %", name, f"{100 * fraction:.0f}")
     left = interface("About {} left", job.time_left) if job.time_left else interface("Begun")
-    step = interface(job.text) if job.text else interface("starting")
+    step = interface(text) if text else interface("Starting")
     status = interface("Stopping") if job.is_stopping else left
     return HeadContent(
         label, "", "SORTTIME", status, f"{step}. {interface('Esc or the cross stops; {}.', interface(job.on_stop))}"

@@ -21,6 +21,7 @@ class RunningJob(Protocol):
     on_stop: str
     fraction: float
     text: str
+    displayed: tuple[float, str] | None
     intermediate: Any
 
     @property
@@ -62,6 +63,7 @@ def show_progress(context: bpy.types.Context, running: RunningJob) -> None:
     context : Blender's context
     running : the job, a ``background.Job``
     """
+    running.displayed = running.fraction, running.text
     context.window_manager.progress_update(int(100 * running.fraction))
     if context.workspace is not None:
         context.workspace.status_text_set(progress_line(running) + "    " + translate("ESC: stop"))
@@ -71,8 +73,17 @@ def show_progress(context: bpy.types.Context, running: RunningJob) -> None:
 def progress_line(running: RunningJob) -> str:
     if running.is_stopping:
         return translate("{}: stopping", button_name(running.title))
-    line = f"{button_name(running.title)}: {100 * running.fraction:.0f} % {running.text}".rstrip()
+    fraction, text = progress_to_show(running)
+    line = f"{button_name(running.title)}: {100 * fraction:.0f} % {text}".rstrip()
     return f"{line}, {translate('about {} left', running.time_left)}" if running.time_left else line
+
+
+def progress_to_show(running: RunningJob) -> tuple[float, str]:
+    """Return the fraction done and the step, as the status bar shows them.
+
+    The sidebar is also drawn between two updates of the status bar, and must not be ahead of it.
+    """
+    return running.displayed or (running.fraction, running.text)
 
 
 def redraw(context: bpy.types.Context, kind: str = "") -> None:

@@ -14,7 +14,7 @@ from flexmaps import operators
 from flexmaps.bridge.hosts import background
 from flexmaps.bridge.store import catalogue, finding_words, guidance, notices, stored_report
 from flexmaps.bridge.store.notice import Notice
-from flexmaps.bridge.view import text_layout
+from flexmaps.bridge.view import head_text, progress, text_layout
 from flexmaps.bridge.view.tab import SECTIONS
 from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.surface import shapes
@@ -178,6 +178,19 @@ def test_a_running_job_stands_in_the_row_of_next(dome: Any) -> None:
     finally:
         running.end()
     assert bpy.ops.flexmaps.trace.poll()
+
+
+def test_the_tab_is_never_ahead_of_the_status_bar() -> None:
+    """It may be drawn at any time, but shows the step that the status bar was last given."""
+    running = background.Job("Optimise", lambda progress: None)
+    running._report(0.25, "First step")
+    progress.show_progress(bpy.context, running)
+    running._report(0.75, "Second step")
+    content = head_text.head_content(bpy.context, "", None, running, None)
+    assert "25 %" in content.label and content.hint.startswith("First step")
+    assert "25 % First step" in progress.progress_line(running)
+    progress.show_progress(bpy.context, running)
+    assert "75 %" in head_text.head_content(bpy.context, "", None, running, None).label
 
 
 def test_the_size_is_set_in_millimetres(add: Any) -> None:
