@@ -178,7 +178,7 @@ def parse_supports(mesh: QuadMesh, which: str | Sequence[int]) -> Int[np.ndarray
 
     Raises
     ------
-    FlexMapsError : ``which`` names no quad of the mesh
+    FlexMapsError : ``which`` is empty, holds anything but numbers, or names a quad that the mesh does not have
     """
     if isinstance(which, str) and which.strip() == LOWEST:
         second = np.sort(mesh.vertices[mesh.quads, 2], axis=1)[:, 1]

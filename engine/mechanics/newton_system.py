@@ -151,13 +151,13 @@ class NewtonSystem:
     def softest_at_minimum(
         self, values: np.ndarray, metric: np.ndarray, count: int
     ) -> tuple[Float[np.ndarray, "count spirals 6"], Float[np.ndarray, " count"]]:
-        """Find the modes of ``softest_modes`` at a minimum, with unit length in the metric.
+        """Find the softest modes v of H v = lambda B v at a minimum, scaled to v . B v = 1.
 
         Uses Lanczos on the inverse, which needs few solves where modes are nearly unstable.
 
         Parameters
         ----------
-        values, metric : (nnz,) entries of H, which must be factored, and of B
+        values, metric : (nnz,) entries of H, which the last call of ``factor`` must have factored, and of B
         count : number of modes
 
         Returns
@@ -181,7 +181,7 @@ class NewtonSystem:
         return np.array([self.expand(v / one) for v, one in zip(vectors.T, lengths, strict=True)]), 1.0 / found
 
     def _all_modes(self, values: np.ndarray, metric: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the modes and eigenvalues of ``softest_modes``, computed with dense matrices."""
+        """Compute the result of ``softest_modes`` with dense matrices, for systems with few unknowns."""
         a, b = (self.pattern.matrix(v).toarray() for v in (values, metric))
         rise, vectors = eigh(a, b, subset_by_index=(0, min(count, len(self.free)) - 1))
         return np.stack([self.expand(v) for v in vectors.T]), rise

@@ -106,7 +106,10 @@ def movable_pieces(
 def _free_motions(
     fixed: np.ndarray, centres: np.ndarray, members: np.ndarray, spacing: float
 ) -> tuple[np.ndarray, int]:
-    """Return the rigid motions (d, 6) of a piece that its supports allow, and the hub where they are measured."""
+    """Return the rigid motions (d, 6) of a piece that its supports allow, and the hub where they are measured.
+
+    fixed, centres : of all hubs; members : the piece's hubs; spacing : mean distance of neighbouring hubs, metres
+    """
     held = members[fixed[members].any(axis=1)]
     if not len(held):
         middle = centres[members].mean(axis=0)

@@ -21,7 +21,7 @@ from .codesign_problem import BARRIER_WEIGHT, FlatPoint, FlatProblem, FlatRange
 from .gauss_newton import MAX_NEWTON_ITERATIONS, Accepted, SearchRecord, run_gauss_newton
 from .inverse import DesignPoint, InverseProblem
 
-MAX_SHIFT = 0.5  # largest shift of a flat vertex along x or y, as a share of the shortest mean edge of its quads
+MAX_SHIFT = 0.5  # largest shift of a flat vertex along x or y, over the least mean edge length of the quads at it
 # Largest difference in length between both sides of a cut edge, as a share of its length; where the first flat patches
 # have a larger difference, that is the limit. Larger: better match, seams that fit worse
 MAX_SEAM_MISMATCH = 0.06
@@ -126,7 +126,7 @@ def centre_patches(flat: FlatPatches, points: np.ndarray) -> np.ndarray:
 
 
 def flat_report(before: FlatPatches, after: FlatPatches) -> dict[str, Any]:
-    """Describe how the flat shapes have changed, for the ``optimise`` block of report.json.
+    """Describe how flat shapes have changed from ``before`` to ``after``, for the ``optimise`` block of report.json.
 
     Strains are relative changes of the lengths of quad edges.
     """

@@ -71,7 +71,7 @@ def continue_far(search: Search, progress: Progress) -> None:
 
 
 def _allowed_percent(search: Search, here: StageResult) -> float:
-    """Return the distance from the target, in percent of the size, up to which a result needs no springs."""
+    """Return the distance from the target, in percent of the size, up to which the result ``here`` needs no springs."""
     pose, held = here.point.equilibrium.pose, here.point.problem.loads.fixed[:, :3].any(axis=1)
     bodies = find_far_bodies(here.design.flat.layout, search.task.target, pose.centres, held)
     flat = [one for one in bodies if one.is_flat]

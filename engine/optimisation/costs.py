@@ -62,7 +62,7 @@ class Roughness:
 
     @classmethod
     def from_space(cls, assembly: Assembly, space: DesignSpace, weight: float, x: np.ndarray) -> Roughness:
-        """Return the penalty at design variables x; those of flat vertices, at the end of x, have no effect."""
+        """Return the penalty with this weight at design variables x; flat vertices, at its end, have no effect."""
         free = np.ones(len(x))
         free[: space.coordinates_per_spiral * assembly.size] = np.repeat(
             space.free_spirals.astype(float), space.coordinates_per_spiral

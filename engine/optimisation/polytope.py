@@ -209,7 +209,7 @@ class Polytope:
         return _DualPoint(multipliers, value, self.clearances(point), point)
 
     def _descend(self, step: np.ndarray, here: _DualPoint, length: float, largest: float) -> _DualPoint | None:
-        """Take a projected gradient step of this length, halved until the value is sufficiently below ``largest``.
+        """Take a projected gradient step from ``here``, halved until the dual is sufficiently below ``largest``.
 
         Return None if no halving is enough.
         """

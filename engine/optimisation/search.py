@@ -143,7 +143,7 @@ class StageResult:
 
 @dataclass(eq=False)
 class Search:
-    """A search with all its stages.
+    """A search with all its stages; in all methods ``here`` is the stage result from which a stage starts.
 
     task : inputs other than the design; trace : record of all steps; accepted : called with every better point
     max_distance : largest allowed RMS distance from the target, in distances of neighbouring hubs

@@ -161,7 +161,7 @@ def separate_arms(design: SpiralDesign, free: Bool[np.ndarray, " spirals"], prog
 
 
 def _open_slots(search: Search, found: SimulatedResult, progress: Progress) -> SimulatedResult:
-    """Return the result with the fewest closed slots among those that ``SimulatedResult.can_replace`` accepts.
+    """Return the result with the fewest closed slots that ``can_replace`` accepts in place of ``found``.
 
     Reductions of twists alternate with short searches that relieve strains.
     """
@@ -306,7 +306,7 @@ def reduce_twist(
 
 
 def _with_design(search: Search, found: SimulatedResult, design: SpiralDesign, progress: Progress) -> SimulatedResult:
-    """Return a result with another design, simulated from the present pose; measure only slots that may have closed."""
+    """Return ``found`` with another design, simulated from its pose; measure only slots that may have closed."""
     simulation, slots = search.task.simulate(design, found.simulation.equilibrium.pose, progress), found.slots
     if slots is None:
         return replace(found, simulation=simulation, known_slots=None)

@@ -86,7 +86,7 @@ class SlotRequirement:
         return NarrowSlots(self, found, joint[found.arms], model, pose)
 
     def with_measured_slots(self, model: ArmModel, pose: Pose, slots: SpaceSlots) -> SlotRequirement:
-        """Return a copy whose estimates are corrected by the exact ``slots`` in this state."""
+        """Return a copy whose estimates are corrected by the exact ``slots`` of ``model`` at ``pose``."""
         exact = slots.width[: len(self.arm_geometry.mate)]
         found, least = replace(self, estimate_error=None).narrow_slots(model, pose).found, np.full(len(exact), np.inf)
         np.minimum.at(least, found.arms[:, 0], found.values)
@@ -188,7 +188,7 @@ class NarrowSlots:
 
     @cached_property
     def widths_by_pose(self) -> csr_array:
-        """Derivatives (K, 6 n) of the widths with respect to the increments of the hubs."""
+        """Derivatives (K, 6 n) of the slots' widths with respect to the increments of the hubs."""
         through = (self._widths_by_motion @ self._at_tips(self.tip_motions.by_pose))[:, :, 0]
         column = 6 * self._of_tips(self.assembly.pairs)[..., None] + np.arange(6)
         return self._sparse_rows(through.reshape(*column.shape), column, 6 * self.assembly.size)

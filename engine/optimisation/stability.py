@@ -111,7 +111,7 @@ class RequirementWithoutSprings(StabilityRequirement):
 class SoftModes:
     """The softest modes of an equilibrium.
 
-    ways : (k, n, 6) eigenvectors, v . C v = 1; rises : (k,) eigenvalues
+    ways : (k, n, 6) eigenvectors v with v . C v = 1, for the Hessian's convex part C; rises : (k,) eigenvalues
     steps : (k,) lengths of central differences along ``ways``
     """
 
@@ -161,7 +161,7 @@ class SoftModes:
         return whole - self.rises * convex
 
     def by_hubs(self, model: ArmModel, pose: Pose) -> Float[np.ndarray, "k spirals 6"]:
-        """Return the derivatives of the eigenvalues with respect to the hubs' increments, at a fixed design."""
+        """Return the derivatives of the eigenvalues by the hubs' increments at ``pose``, at a fixed design."""
         return np.array([self._by_hubs(model, pose, k) for k in range(len(self.rises))])
 
     def _by_hubs(self, model: ArmModel, pose: Pose, k: int) -> Float[np.ndarray, "spirals 6"]:

@@ -149,7 +149,10 @@ class BarGradient:
 def _bar_ends(
     lines: ArmCurves, beside: Float[np.ndarray, " n"], fillet: float
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n numbers"]]:
-    """Return t at the ends of the bars, a little before the first fillets, and its derivatives by the parameters."""
+    """Return t at the ends of the bars, a little before the first fillets, and its derivatives by the parameters.
+
+    beside : (n,) widths of the arms beyond the slots at the inner edges; fillet : radius; both in metres
+    """
     radius, wind, width = lines.radius, lines.wind, lines.width
     root, root_by = _first_fillets(lines, beside, fillet)
     left = 1.0 - root

@@ -334,7 +334,8 @@ def _tip_states(
 def _newton_step(tip: np.ndarray, frame: np.ndarray, yielding: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the Newton step of the wrenches (m, 6) of the first arms of joints, and the gaps (m,) between their tips.
 
-    The tips (2 m, ...) are in pairs. A gap is in metres; the turn between two tips adds 1 mm per radian."""
+    tip, frame, yielding : positions, joints' axes and compliances of the tips (2 m, ...) in pairs. A gap is in metres;
+    the turn between two tips adds 1 mm per radian."""
     apart = rotation_vector(np.swapaxes(frame[::2], 1, 2) @ frame[1::2])
     middle = frame[::2] @ rotation_matrix(0.5 * apart)
     miss = np.concatenate([tip[1::2] - tip[::2], matvec(middle, apart)], axis=1)

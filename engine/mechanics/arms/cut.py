@@ -340,7 +340,7 @@ def _fade_factor(arms: CutArms) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _line_compliance(
     place: np.ndarray, pace: np.ndarray, width: np.ndarray, weight: np.ndarray, height: float, material: Material
 ) -> Float[np.ndarray, "12 numbers n"]:
-    """Return the tip compliance of a line, entries ``_NONZERO``, with derivatives; see ``beams.path_integrals``."""
+    """Return the tip compliance of a ``_Line``: entries ``_NONZERO``, with derivatives (``beams.path_integrals``)."""
     x, y = -place.real, -place.imag
     speed = np.abs(pace[0])
     # velocity and its derivatives, split into parts along the velocity (real) and across it (imaginary)

@@ -125,7 +125,7 @@ class SectionFlexibility:
     ) -> SectionFlexibility:
         """Return the flexibility of an arm's whole hub minus that of an isotropic hub with this Poisson's ratio.
 
-        Arguments as in ``evaluate``. The result is for the whole hub, not per length.
+        Arguments as in ``evaluate``; ``poisson`` belongs to the isotropic hub. The result is not per length.
         """
         s11, _, s66, s55 = _rotated_compliances(known, angle)
         more_level, more_upright = s66 - 2.0 * (1.0 + poisson) * s11, s55 - 2.0 * (1.0 + poisson) * s11
@@ -141,9 +141,9 @@ class SectionFlexibility:
 
 
 def _rotated_compliances(known: Orthotropy, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return S11, S16, S66 and S55 at an angle to the grain, each (2, ...): value, and derivative by the angle, 1/Pa.
+    """Return the compliances S11, S16, S66 and S55 (1/Pa), each (2, ...): value, and derivative by the angle.
 
-    Jones, Mechanics of Composite Materials, section 2.6.
+    Jones, Mechanics of Composite Materials, section 2.6. ``angle`` : radians from the arm to the grain
     """
     s1, s2, s12, s6 = 1.0 / known.along, 1.0 / known.across, -known.poisson / known.along, 1.0 / known.shear
     # coefficients of 1, of the cosine of twice the angle, and of the cosine of four times the angle

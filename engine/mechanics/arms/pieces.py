@@ -31,7 +31,9 @@ class Grain:
     def yields(
         self, tangent: np.ndarray, width: np.ndarray, height: float
     ) -> tuple[Float[np.ndarray, "arms stations 3 3"], Float[np.ndarray, "arms stations 3 3"]]:
-        """Return flexibilities (A, S, 3, 3) per length of arm: turn per moment; stretch and shear per force.
+        """Return flexibilities (A, S, 3, 3) of pieces per length of arm: turn per moment; stretch and shear per force.
+
+        tangent, width : (A, S, 3) unit vectors and (A, S) metres, of the pieces; height : metres, of the sheet
 
         Axes: along the arm, across it in the sheet, normal to the sheet."""
         found = SectionFlexibility.evaluate(

@@ -67,7 +67,7 @@ def _necks(
 
 
 def _beams(assembly: Assembly, line: RimBeams, material: Material) -> Float[np.ndarray, "n 6 6"]:
-    """Return the compliances (N, 6, 6) of necks or strips, SI, in the flat frame.
+    """Return the compliances (N, 6, 6) of the necks or half strips ``line``, SI, in the flat frame.
 
     Beside a hole two bars remain, which bend together in the plane. A hole also softens the strip before and behind it,
     where the material carries no stress (see ``_hole_factors``).

@@ -387,7 +387,7 @@ def check_material(thickness: float, youngs: float) -> None:
 
 
 def _full_matrices(entries: np.ndarray) -> Float[np.ndarray, "arms 6 6"]:
-    """Build matrices (n, 6, 6) from the lower triangles (2, 6, n) of both blocks."""
+    """Build matrices (n, 6, 6) from the lower triangles (2, 6, n) of their in-plane and their out-of-plane block."""
     out = np.zeros((6, 6, entries.shape[-1]))
     for b, rows in enumerate((IN_PLANE, OUT_OF_PLANE)):
         for k, (i, j) in enumerate(ENTRIES):

@@ -163,9 +163,9 @@ class TipBeams:
 
     @cached_property
     def _flexibilities(self) -> tuple[np.ndarray, ...]:
-        """Flexibilities of every piece for a Young's modulus of 1 Pa: p and r of its turn about axes in the plane, its
-        turn about the normal; p and r of its stretch in the plane, its shear along the normal; derivatives of torsion
-        and out-of-plane bending by the width."""
+        """Flexibilities of every piece for a Young's modulus of 1 Pa: p and r (see ``_direction_squared``) of turns
+        about axes in the plane; turn about the normal; p and r of stretch in the plane; shear along the normal;
+        derivatives by the width of torsion and of out-of-plane bending."""
         height, width = self.thickness, self.width
         length = np.abs(self.velocity) * (self.hub[:, None] / self.velocity.shape[1])
         shear = 0.5 / (1.0 + POISSON)

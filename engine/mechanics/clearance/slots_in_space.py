@@ -226,7 +226,7 @@ def _facing_distances(
     t: Float[np.ndarray, "slots places"],
     s: Float[np.ndarray, "slots places"],
 ) -> tuple[Float[np.ndarray, "slots places"], Float[np.ndarray, "slots places"]]:
-    """Return distances (metres) from sections of the first arms at t to the facing sections of the second arms.
+    """Return distances (metres) from sections of the first arms of ``pair`` at t to facing sections of the second arms.
 
     Also returns the positions of the facing sections, which are searched near s.
     """
