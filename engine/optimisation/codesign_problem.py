@@ -129,7 +129,7 @@ class FlatRange:
 
 @dataclass(frozen=True, eq=False)
 class FlatBarriers:
-    """Barriers of the flat shapes, as a cost; n_spiral_x : number of design variables of the spirals, the first."""
+    """Barriers of flat shapes, as a cost; n_spiral_x : number of design variables of the spirals, which come first."""
 
     range: FlatRange
     cost: FlatCost

@@ -17,7 +17,7 @@ from ..arrays import Float
 FIRST_ROUNDS, LATER_ROUNDS = 5, 1
 PROBES = 2  # products with the matrix in a refinement; more: more accurate, slower
 # Smallest curvature, in objective values over the number of design variables: with less curvature, moving all variables
-# across their whole range would change the objective by less than its value. Not sensitive (docs/tuning.md)
+# across their whole range would change the objective by less than its value. Has little influence (docs/tuning.md)
 MIN_CURVATURE = 1.0
 # Lower bound of the squares of scaled products, which limits the change of an estimate in one refinement. Smaller
 # squares are rounding noise

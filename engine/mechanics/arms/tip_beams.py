@@ -373,12 +373,12 @@ def _interleave(first: Any, second: Any) -> Any:
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return dot products of plane vectors, as complex numbers."""
+    """Return the dot products of plane vectors that are given as complex numbers."""
     return a.real * b.real + a.imag * b.imag
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return cross products of plane vectors, as complex numbers."""
+    """Return the cross products of plane vectors that are given as complex numbers."""
     return a.real * b.imag - a.imag * b.real
 
 
