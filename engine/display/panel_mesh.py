@@ -130,7 +130,8 @@ class PanelMesh:
         return np.stack([points + lift, points - lift], axis=1).reshape(-1, 3)
 
     def _thicken(self, edges: np.ndarray, up: np.ndarray, rim: np.ndarray, rim_up: np.ndarray) -> np.ndarray:
-        """Return the used vertices above and below sections (``edges``) and points (``rim``) of the mid-surface."""
+        """Return the kept vertices, half the thickness above and below the mid-surface. ``edges``, ``rim``: points on
+        sections, and on fillets and connectors; ``up``, ``rim_up``: normals there."""
         half = 0.5 * self.design.params.thickness
         lift, rim_lift = half * np.broadcast_to(up, (len(edges), 3)), half * np.broadcast_to(rim_up, rim.shape)
         sections = np.concatenate([edges + lift[:, None], edges - lift[:, None]], axis=1).reshape(-1, 3)

@@ -290,9 +290,9 @@ def judge_optimised(laid: FlatLayout, found: Simulation) -> JudgedLayout:
     )
 
 
-def _with_cut_lengths(known: JudgedLayout, found: Simulation) -> JudgedLayout:
+def _with_cut_lengths(known: JudgedLayout, simulation: Simulation) -> JudgedLayout:
     """Return a copy with the length of cuts and the number of contours, taken from the outlines."""
-    curves = [curve for panel in found.design.outlines() for curve in (panel.outer, *panel.holes)]
+    curves = [curve for panel in simulation.design.outlines() for curve in (panel.outer, *panel.holes)]
     return replace(known, cut_length=sum(curve.length for curve in curves), contours=len(curves))
 
 

@@ -240,7 +240,7 @@ def _fit_rigidly(pose: Pose, there: Pose, weight: np.ndarray, reach: float) -> P
 
 
 def _body_of_patches(layout: PatchLayout) -> np.ndarray:
-    """Return (N,) the body of every patch, as an index that is equal for patches which seams join directly or not."""
+    """Return (N,) an index of the body to which every patch belongs; a body is a set of patches connected by seams."""
     body = np.arange(len(layout.patches))
     for edges in layout.seams:
         one, two = body[layout.patch_of[layout.mesh.edge_quads[edges[0]]]]

@@ -120,10 +120,10 @@ def lasting_action(plan: LoadPlan, ground: UnloadedState) -> Action:
     return sum(parts[1:], parts[0])
 
 
-def _combination_action(one: LoadCombination, found: dict[str, Action], size: int) -> Action:
+def _combination_action(combination: LoadCombination, found: dict[str, Action], size: int) -> Action:
     """Return the action of a combination; ``found`` has the actions of all cases."""
     total = Action.none(size)
-    for factor, name in one.parts:
+    for factor, name in combination.parts:
         total += found[name].times(factor)
     return total
 

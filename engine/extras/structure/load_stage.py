@@ -68,10 +68,10 @@ def run(result: Result, shape: SimulatedShape, settings: Settings, progress: Pro
     return result.with_outputs(LoadAnalysis(found, **provenance("structure", settings, result.inputs("simulation"))))
 
 
-def _make_connections(made: SpiralDesign, settings: Settings, progress: Progress) -> Connections | None:
+def _make_connections(design: SpiralDesign, settings: Settings, progress: Progress) -> Connections | None:
     """Return the connectors of a design; None if they cannot be cut."""
     try:
-        return connect(made, settings.connect, settings.sheet.tolerance, progress, settings.cut.mill)
+        return connect(design, settings.connect, settings.sheet.tolerance, progress, settings.cut.mill)
     except FlexMapsError:
         return None
 
