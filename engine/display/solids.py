@@ -260,7 +260,10 @@ class _EndTriangles:
 
 
 def _count_steps(design: SpiralDesign, degrees_per_step: float, wound: float | None = None) -> int:
-    """Return the number of points along an arm's edge that suits the largest twist."""
+    """Return the number of points along an arm's edge: 5, and one for every ``degrees_per_step`` of twist.
+
+    wound : twist, radians; by default the design's largest
+    """
     most = design.twist.max(initial=0.0) if wound is None else wound
     return 5 + int(np.ceil(np.degrees(most) / degrees_per_step))
 

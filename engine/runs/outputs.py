@@ -135,7 +135,11 @@ class FinalLayout(StageOutput):
 
 @dataclass(frozen=True, eq=False)
 class DesignVersion(StageOutput):
-    """The spirals; ``origin`` : ``CURVED``, ``CHOSEN``, ``OPTIMISED``, ``BY_HAND`` or ``STORED``."""
+    """The spirals.
+
+    origin : how they were made: ``CURVED`` (adjusted to the curvature), ``CHOSEN`` (from a search for a layout),
+        ``OPTIMISED``, ``BY_HAND``, or ``STORED`` (read from a .blend file that does not say)
+    """
 
     name = "design"
     design: SpiralDesign

@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from ..extras import registry
 from .stage import PHYSICS, SEARCH, Stage
 
-# origins of an output; ``STORED`` for an output from a .blend file that does not record its origin
+# origins of layouts and spirals, see ``outputs``; ``STORED``: from a .blend file that does not record the origin
 TRACED, BY_HAND, CHOSEN, OPTIMISED, CURVED, STORED = "traced", "by hand", "chosen", "optimised", "curvature", "stored"
 
 

@@ -46,9 +46,8 @@ class LayoutSearch:
     reference: float = np.inf  # distance of the initial layout after a long or full search
     # expected distance after a long search, as a share of the predicted one or of the one after a short search
     expected: float = LONG_TO_SHORT_RATIO
-    pace: float = (
-        0.0  # clock time of a long search, seconds: first an estimate, then that of the initial layout's search
-    )
+    # clock time of a long search, seconds: first an estimate, then that of the initial layout's search
+    pace: float = 0.0
     first: float = 0.0  # clock time to judge the initial layout, seconds
     # first judgement of every layout, by ``layout_key``; None if the layout has no equilibrium
     known: dict[bytes, JudgedLayout | None] = field(default_factory=dict)
