@@ -13,7 +13,7 @@ from ..errors import FlexMapsError
 from ..materials import FILLET_STRAIN, OVERSTRAIN_SHARE, Material
 from ..mechanics.arms.bent import Bender, bend_arms
 from ..mechanics.arms.model import ArmModel
-from ..mechanics.arms.strain_changes import KINK_LIMIT, KINK_STRAIN_FACTOR, kink_sharpness, max_strain_per_spiral
+from ..mechanics.arms.strain_changes import max_strain_per_spiral
 from ..mechanics.assembly import Assembly, Pose, assembly_from_design, target_pose
 from ..mechanics.clearance.slots_in_space import SpaceSlots, slots_in_space
 from ..mechanics.elastic import ElasticModel
@@ -31,6 +31,7 @@ from ..surface.checking.finding import merge_alike, with_count
 from ..surface.mesh import QuadMesh
 from ..threads import one_thread
 from .band import ToleranceBand
+from .kinks import kink_findings
 from .rests import SNAP_STIFFNESS, reported_rest, rest_findings
 from .shortfall import FarBody, find_far_bodies
 
@@ -196,7 +197,8 @@ class Simulation:
                 f"{self._strain_note}: they may break or stay bent. Press Optimise, take a thinner sheet, or make the piece larger"
             )
             findings.append(Finding("strained", "warning", text, tuple(strained.tolist())))
-        findings += self._kink_findings()
+        if self.joint_strain is not None:
+            findings += kink_findings(self.model.assembly, self.joint_strain, self.material)
         slots = self.slots()
         if slots is not None and len(slots.closed):
             beside = np.unique(slots.arms[slots.closed] // 4)
@@ -212,25 +214,6 @@ class Simulation:
     def _strain_at(self, rest: Equilibrium) -> Float[np.ndarray, " quads"] | None:
         """Return the property ``strain`` for this or another equilibrium of the piece."""
         return self.strain if rest is self.equilibrium else replace(self, equilibrium=rest).strain
-
-    def _kink_findings(self) -> list[Finding]:
-        """Return a finding about joints at kinks where the computed strain is allowed but the true one may not be."""
-        if self.joint_strain is None:
-            return []
-        assembly = self.model.assembly
-        share = self.joint_strain.max(axis=1) / self.material.strain_limit
-        share = np.where(kink_sharpness(assembly) < KINK_LIMIT, 0.0, share)
-        doubtful = (share <= OVERSTRAIN_SHARE) & (KINK_STRAIN_FACTOR * share > OVERSTRAIN_SHARE)
-        if not doubtful.any():
-            return []
-        spirals = np.unique(assembly.pairs[doubtful])
-        spirals = spirals[spirals < assembly.spirals]
-        most = 100.0 * float(share[doubtful].max())
-        text = (
-            f"Arms of {with_count(len(spirals), 'spiral', 'spirals')} meet unlike arms in a kink, where strains are less sure: the computed strain is {most:.0f} % "
-            f"of {self.material.bears}, the true one can be up to {KINK_STRAIN_FACTOR * most:.0f} %. To be sure, smooth these spirals with the brush Twist and Shift, then simulate"
-        )
-        return [Finding("kinked", "warning", text, tuple(spirals.tolist()))]
 
     @property
     def _strain_note(self) -> str:
