@@ -276,27 +276,6 @@ def test_who_has_nothing_selected_is_told_where_to_begin() -> None:
     assert stored_report.NAME in obj.data and "Tutorial" not in draw()
 
 
-def test_further_selected_meshes_do_not_hide_the_state(dome: Any) -> None:
-    state = f"{len(dome.data.polygons)} quads, spirals of"
-    bpy.ops.mesh.primitive_cube_add()
-    cube, bpy.context.view_layer.objects.active = bpy.context.object, dome
-    cube.select_set(False)
-    assert any(line.startswith(state) for line in draw()) and "Only the active mesh" not in draw()
-    dome.select_set(True)
-    cube.select_set(True)
-    assert any(line.startswith(state) for line in draw()) and "Only the active mesh" in draw()
-
-
-def test_hidden_faces_are_said_to_be_made(dome: Any) -> None:
-    assert not any("hidden" in line for line in draw())
-    dome.data.polygons[3].hide = True
-    assert "1 hidden face" in draw()
-    dome.data.polygons[4].hide = True
-    assert "2 hidden faces" in draw()
-    bpy.ops.object.mode_set(mode="EDIT")
-    assert not any("hidden" in line for line in draw())
-
-
 def test_a_text_can_be_converted() -> None:
     bpy.ops.object.text_add()
     assert "Next: Convert to a mesh" in draw()

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from bpy_extras.view3d_utils import location_3d_to_region_2d
 
 HERE = Path(__file__).parent
 NEXT = "Next: "  # the button on top of the tab, which repeats another one
@@ -132,6 +133,23 @@ def look_at(objects):
     for obj in selected:
         obj.select_set(True)
     bpy.context.view_layer.objects.active = active
+
+
+def on_screen(obj):
+    """Where an object's vertices are in the view's main region, a pair of pixels each; None behind the eye."""
+    area = view()[1]
+    region = next(r for r in area.regions if r.type == "WINDOW")
+    places = [obj.matrix_world @ vertex.co for vertex in obj.data.vertices]
+    return region, [location_3d_to_region_2d(region, area.spaces.active.region_3d, place) for place in places]
+
+
+def shown_share(obj):
+    """Share of the longer side of the view, with its sidebar, that an object takes; 0 if a vertex is outside the view."""
+    region, places = on_screen(obj)
+    if not all(at is not None and 0 < at.x < region.width and 0 < at.y < region.height for at in places):
+        return 0.0
+    wide, high = (max(at[k] for at in places) - min(at[k] for at in places) for k in (0, 1))
+    return max(wide, high) / max(region.width, region.height)
 
 
 # -- finding -------------------------------------------------------------------------------------------------------------

@@ -15,7 +15,6 @@ import bpy
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 import hands  # noqa: E402
-from bpy_extras.view3d_utils import location_3d_to_region_2d  # noqa: E402
 from presses import FOUND, blocks, expect, installed, picture, press, until  # noqa: E402
 
 STEPS = 14  # no model needs more
@@ -104,9 +103,8 @@ def to_sheets(name, settings):
         found["pressed"].append(step)
         measured = yield from press("next")
         found["seconds"][step] = measured["seconds"]
-        if step in {"quad_remesh", "set_size"}:
-            yield from hands.look_at([bpy.context.object])
         yield from picture(f"{name}-{step}")
+        expect(hands.shown_share(bpy.context.object) > 0.1, f"{name} is in sight after {step}, large enough to be seen")
         if step in {"merge", "make_larger"}:  # the views were turned to the panels
             expect(not covered(), f"all panels of {name} are in sight, but {covered()} vertices")
     found["seconds"]["all"] = round(time.perf_counter() - start, 1)
@@ -118,15 +116,12 @@ def to_sheets(name, settings):
 
 def covered():
     """How many vertices of the flat panels are outside the view, or behind its sidebar."""
-    area = hands.view()[1]
-    region = next(r for r in area.regions if r.type == "WINDOW")
-    right = hands.sidebar().x - region.x
     count = 0
     for obj in bpy.data.objects:
         if obj.get("flexmaps_kind") == "panels":
-            for vertex in obj.data.vertices:
-                at = location_3d_to_region_2d(region, area.spaces.active.region_3d, obj.matrix_world @ vertex.co)
-                count += not (at is not None and 0 < at.x < right and 0 < at.y < region.height)
+            region, places = hands.on_screen(obj)
+            right = hands.sidebar().x - region.x
+            count += sum(not (at is not None and 0 < at.x < right and 0 < at.y < region.height) for at in places)
     return count
 
 

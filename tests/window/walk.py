@@ -101,7 +101,7 @@ def make_quads():
     places = [obj.matrix_world @ v.co for v in obj.data.vertices]
     size = 1e3 * float(np.median([(places[a] - places[b]).length for a, b in obj.data.edge_keys]))
     expect(abs(size - obj.flexmaps.remesh.edge) < 0.5, f"quads have {obj.flexmaps.remesh.edge} mm, not {size}")
-    yield from hands.look_at([obj])
+    expect(hands.shown_share(obj) > 0.1, "a piece that was scaled is in sight, large enough to be seen")
     yield from press("regularise")
     yield from picture("quads")
 
