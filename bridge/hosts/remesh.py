@@ -14,6 +14,7 @@ from ...engine.surface.mesh import PolygonMesh
 from ...engine.surface.remeshing import requad
 from ..store import remesh_source
 from ..store.mesh import read_evaluated
+from ..store.objects import MIN_VOLUME_SCALE
 from ..store.vertex_positions import to_metres
 from ..view import meshes
 from .second_blender import SecondBlender
@@ -36,7 +37,7 @@ def read_polygons(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonM
     """
     source = remesh_source.read_source(obj, context.scene)
     for one in {obj, source}:
-        if abs(np.linalg.det(to_metres(one, context.scene)[:3, :3])) < 1e-30:
+        if abs(np.linalg.det(to_metres(one, context.scene)[:3, :3])) < MIN_VOLUME_SCALE:
             raise FlexMapsError(
                 f"'{one.name}' is squeezed flat by its scale; give it a scale that is not 0 along any axis"
             )

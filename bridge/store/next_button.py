@@ -68,7 +68,7 @@ def next_action(
     all_notices : all notices
     """
     mesh = obj.data
-    if not len(mesh.polygons) and not objects.modifier_problem(obj):
+    if objects.surface_problem(obj, scene) is not None:
         return None
     gone = next((notice for notice in all_notices if notice.key.startswith("loads/")), None)
     if gone is not None:

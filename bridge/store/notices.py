@@ -49,6 +49,9 @@ def list_notices(
     obj: bpy.types.Object, scene: bpy.types.Scene, stage_states: dict[str, states.StageState]
 ) -> list[Notice]:
     """Return all notices of an object, worst first; ``stage_states``: states of its stages from ``read_states``."""
+    problem = objects.surface_problem(obj, scene)
+    if problem is not None:  # nothing else about it can be cured
+        return [Notice("surface/none", *problem, STOPS)]
     blocks = states.current_blocks(obj, stage_states)
     result = [
         *_from_failures(obj, failures.read(obj, scene)),

@@ -9,8 +9,10 @@ import numpy as np
 
 from ...engine.errors import FlexMapsError
 from . import modifiers
-from .i18n import translate
+from .i18n import interface, translate
 
+# smallest product of an object's three scale factors that is not 0, metres per unit; far below any scale in use
+MIN_VOLUME_SCALE = 1e-30
 CONVERTIBLE = {"CURVE", "SURFACE", "FONT", "META"}  # object types that Blender can convert to meshes
 
 
@@ -23,8 +25,15 @@ def usage_problem(obj: bpy.types.Object | None) -> str | None:
         return translate(
             "'{}' only shows '{}', and FlexMaps draws it anew: select '{}'", obj.name, model.name, model.name
         )
-    if obj.type != "MESH":
+    if obj.type in CONVERTIBLE:
         return translate("'{}' is not a mesh; select one, or convert it to a mesh", obj.name)
+    if obj.instance_type == "COLLECTION" and obj.instance_collection is not None:
+        return translate(
+            "'{}' is an instance of a collection: press Object, Apply, Make Instances Real, and select its mesh",
+            obj.name,
+        )
+    if obj.type != "MESH":
+        return translate("'{}' is not a mesh; select one", obj.name)
     if is_linked(obj):
         return translate("'{}' is linked from another file; make it local first", obj.name)
     if obj.mode not in {"OBJECT", "EDIT"}:
@@ -56,6 +65,27 @@ def modifier_problem(obj: bpy.types.Object) -> str | None:
         return translate(
             "'{}' bends the mesh as its parent: clear the parent first, or make it a modifier", parent.name
         )
+    return None
+
+
+def surface_problem(obj: bpy.types.Object, scene: bpy.types.Scene) -> tuple[str, str] | None:
+    """Return why a mesh is no surface, which no stage can change: a short label and a sentence; None if it is one.
+
+    Parameters
+    ----------
+    obj, scene : the mesh object and its scene
+    """
+    if not len(obj.data.polygons) and not modifier_problem(obj):
+        sentence = translate(
+            "'{}' has no faces: fill it in Edit Mode (select all, press F), or add a modifier that makes faces, such as Screw",
+            obj.name,
+        )
+        return interface("No faces"), sentence
+    if abs(obj.matrix_world.to_3x3().determinant()) * scene.unit_settings.scale_length**3 < MIN_VOLUME_SCALE:
+        sentence = translate(
+            "'{}' is squeezed flat by its scale; give it a scale that is not 0 along any axis", obj.name
+        )
+        return interface("Squeezed flat"), sentence
     return None
 
 
