@@ -8,13 +8,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import bpy
-import polib
 import pytest
 from flexmaps import operators
 from flexmaps.bridge.hosts import background
-from flexmaps.bridge.store import catalogue, finding_words, guidance, notices, stored_report
+from flexmaps.bridge.store import catalogue, finding_words, notices, stored_report
 from flexmaps.bridge.store.notice import Notice
-from flexmaps.bridge.view import head_text, progress, text_layout
+from flexmaps.bridge.view import text_layout
 from flexmaps.bridge.view.tab import SECTIONS
 from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.surface import shapes
@@ -178,19 +177,6 @@ def test_a_running_job_stands_in_the_row_of_next(dome: Any) -> None:
     finally:
         running.end()
     assert bpy.ops.flexmaps.trace.poll()
-
-
-def test_the_tab_is_never_ahead_of_the_status_bar() -> None:
-    """It may be drawn at any time, but shows the step that the status bar was last given."""
-    running = background.Job("Optimise", lambda progress: None)
-    running._report(0.25, "First step")
-    progress.show_progress(bpy.context, running)
-    running._report(0.75, "Second step")
-    content = head_text.head_content(bpy.context, "", None, running, None)
-    assert "25 %" in content.label and content.hint.startswith("First step")
-    assert "25 % First step" in progress.progress_line(running)
-    progress.show_progress(bpy.context, running)
-    assert "75 %" in head_text.head_content(bpy.context, "", None, running, None).label
 
 
 def test_the_size_is_set_in_millimetres(add: Any) -> None:
@@ -360,43 +346,3 @@ def test_no_name_is_cut_at_the_usual_width(dome: Any, language: str, monkeypatch
         if text_layout.text_width(words) > share * width - MARGIN
     }
     assert not cut
-
-
-def test_what_next_says_about_new_quads_fits_its_rows() -> None:
-    """Also where it tells the size that they get, and in other languages."""
-    bpy.ops.mesh.primitive_uv_sphere_add(segments=12, ring_count=7)
-    action = guidance.read_guidance(bpy.context.object, bpy.context.scene).action
-    assert action is not None and action.properties["size"] > 0.0
-    written = [
-        entry.msgstr.format(2000, "130 mm")
-        for file in translations.FOLDER.glob("*.po")
-        for entry in polib.pofile(str(file))
-        if entry.msgid.startswith("Makes about {} quads as a new object, {} large")
-    ]
-    assert written
-    for sentence in (action.tooltip, *written):
-        assert len(text_layout.break_lines(sentence, ROOM, 2 * head.NOTICE_ROWS)) <= head.NOTICE_ROWS
-
-
-def test_jobs_are_named_as_the_buttons_of_next() -> None:
-    named = {
-        operators.layout.Merge: "Lay out the panels",
-        operators.fit.Fit: "Make it fit",
-        operators.export.Export: "Write the files",
-    }
-    assert {operator: operator.bl_label for operator in named} == named
-
-
-def test_a_layout_without_distortion_is_told_so() -> None:
-    assert operators.layout.describe_layout({"patches": 2, "energy_max": 1e-9}) == "2 panels without distortion"
-    assert operators.layout.describe_layout({"patches": 1, "energy_max": 0.0123}) == "1 panel, largest distortion 0.012"
-
-
-def test_energies_of_other_shapes_are_plain_figures(dome: Any) -> None:
-    for name in ("flatten", "spirals", "simulate"):
-        press(name)
-    energy = report(dome)["equilibrium"]["energy"]
-    others = [18.0 * energy, 0.9 * energy, energy]
-    stored_report.write(dome.data, "equilibrium", report(dome)["equilibrium"] | {"other_energies": others})
-    drawn = draw("shape")
-    assert {"+1700 %", "-10 %", "0 %"} <= set(drawn)
