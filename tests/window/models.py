@@ -85,6 +85,8 @@ def to_sheets(name, settings):
         group, setting = path.split(".")
         setattr(getattr(obj.flexmaps, group), setting, value)
     yield from hands.look_at([obj])
+    # in perspective View Selected cuts off a little of the near side
+    hands.view()[1].spaces.active.region_3d.view_distance *= 1.2
     states = hands.module("bridge.store.states")
     found = FOUND["models"][name] = {"pressed": [], "seconds": {}, "blocks": {}}
     start = time.perf_counter()
