@@ -94,9 +94,8 @@ def write_all_atomically(
 ) -> Iterator[NewFile]:
     """Write several files atomically: either all new files appear, or all old files stay; no temporary files remain.
 
-    Yield a function that maps a target to a temporary path to write to, beside it and with the same suffix. Raise
-    ``FlexMapsError`` if writing fails, if another run has locked the folder, or if the guard refuses; other errors pass
-    unchanged.
+    Yield a function from a target to a temporary path beside it, with the same suffix, to write to. Raise
+    ``FlexMapsError`` if writing fails, another run has locked the folder, or the guard refuses; pass on other errors.
 
     Parameters
     ----------

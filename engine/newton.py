@@ -185,23 +185,24 @@ class Rule(Protocol):
 
 
 def minimise(problem: Problem, start: Any, rule: Rule) -> Run:
-    """Minimise the energy of a problem.
+    """Minimise the energy of a problem; return its last state, the reason for the end, and the history.
 
     Parameters
     ----------
     problem : energy and derivatives
     start : initial state
     rule : iteration scheme
-
-    Returns
-    -------
-    the outcome: last state, reason for the end, and history
     """
     return run_to_end(minimise_stepwise(problem, start, rule))
 
 
 def minimise_stepwise(problem: Problem, start: Any, rule: Rule) -> Generator[Any, None, Run]:
-    """Minimise step by step: yield every new state, and return the run at the end; parameters as for ``minimise``."""
+    """Minimise step by step: yield every new state, and return the run at the end.
+
+    Parameters
+    ----------
+    problem, start, rule : as for ``minimise``
+    """
     state, history = start, []
     while True:
         here = problem.expand(state)

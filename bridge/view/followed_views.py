@@ -5,9 +5,12 @@ A view that the user has turned or moved since FlexMaps set it stays.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
+
+if TYPE_CHECKING:
+    from mathutils import Vector
 
 # Growth or shrinking of a piece that views follow: about what takes a framed piece out of its view. Smaller moves views at
 # every undo of a slight scaling
@@ -40,6 +43,12 @@ def note(area: bpy.types.Area, names: set[str]) -> None:
     _set_by_us[area.as_pointer()] = _state(area.spaces.active.region_3d), names
 
 
+def scale_view(view: bpy.types.RegionView3D, origin: Vector, factor: float) -> None:
+    """Move a view so that something scaled about ``origin`` by ``factor`` looks as large as before."""
+    view.view_location = origin + (view.view_location - origin) * factor
+    view.view_distance *= factor
+
+
 def _state(view: Any) -> tuple[float, ...]:
     return (*view.view_location, *view.view_rotation, view.view_distance, view.is_perspective)
 
@@ -69,8 +78,6 @@ def _before_undo(*_: object) -> None:
 @bpy.app.handlers.persistent
 def _after_undo(*_: object) -> None:
     """Scale the views like the active object, or like the object whose place it takes, such as the source of a remesh."""
-    from . import framing
-
     layer = bpy.context.view_layer
     obj = layer.objects.active
     if not _sizes or obj is None or obj.type != "MESH":
@@ -85,5 +92,5 @@ def _after_undo(*_: object) -> None:
         return
     for area, names in _followed_areas():
         if names & {obj.name, _active[0]}:
-            framing.scale_view(area.spaces.active.region_3d, obj.matrix_world.translation, now / before)
+            scale_view(area.spaces.active.region_3d, obj.matrix_world.translation, now / before)
             note(area, names | {obj.name})

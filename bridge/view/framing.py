@@ -12,8 +12,6 @@ import numpy as np
 from ...engine.errors import FlexMapsError
 
 if TYPE_CHECKING:
-    from mathutils import Vector
-
     from ..store.surface import ObjectSurface
 
 
@@ -43,17 +41,11 @@ def scale_views(context: bpy.types.Context, obj: bpy.types.Object, factor: float
         view = area.spaces.active.region_3d
         if view is None or view.view_perspective == "CAMERA":
             continue
-        scale_view(view, obj.matrix_world.translation, factor)
+        followed_views.scale_view(view, obj.matrix_world.translation, factor)
         if diameter < SMALLEST * view.view_distance:
             free_part.frame_points(area, _main_region(area), free_part.points_of(context, obj))
         free_part.extend_clipping(area.spaces.active, collection.bounding_corners(obj))
         followed_views.note(area, {obj.name})
-
-
-def scale_view(view: bpy.types.RegionView3D, origin: Vector, factor: float) -> None:
-    """Move a view so that something scaled about ``origin`` by ``factor`` looks as large as before."""
-    view.view_location = origin + (view.view_location - origin) * factor
-    view.view_distance *= factor
 
 
 def frame_views(context: bpy.types.Context, *others: bpy.types.Object) -> None:

@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 
 TOOL_ID = "flexmaps.brush"  # id of the tool in Blender's toolbar
 PROTECTED = np.array([0.55, 0.60, 0.68])  # sRGB of protected spirals, a grey that is not on the colour scale; by eye
-# number of designs whose stiffness is kept for undo and redo (Blender's default is 32 undo steps); larger takes more
-# memory, smaller recomputes the stiffness after long undos
+# Designs whose stiffness is kept for undo (Blender's default: 32 steps). Larger: more memory; smaller: slower long undos
 UNDO_STEPS = 64
 
 _sessions: list[PaintSession] = []
@@ -42,8 +41,7 @@ class PaintedShape(LiveShape):
 
     Parameters
     ----------
-    session : the painted object
-    vertices : vertices to draw, metres and world axes
+    session, vertices : the painted object, and its vertices to draw, metres and world axes
     previous : earlier picture of the same vertices; only the arms of changed spirals are recomputed
     """
 

@@ -17,7 +17,7 @@ from ...engine.errors import FlexMapsError
 from ...engine.params import ObjectSettings, RenderParams
 from ..store import attributes, mesh, pose, settings, shape_keys, snapshot, supports, vertex_positions
 from . import animation, collection, colouring, curves, materials, meshes, preview
-from .legend import Legend
+from .picture_legend import add_legend
 from .studio import Studio, points_of, studio
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def render_shape(obj: bpy.types.Object, path: str | Path, size: Size = None, sam
     with studio(size or SIZE, samples or SAMPLES) as place:
         _add_assembled(place, obj, design, "DISTANCE")
         place.set_up(ASIDE)
-        _add_legend(place, colouring.legend_of(obj, "DISTANCE"))
+        add_legend(place, colouring.legend_of(obj, "DISTANCE"))
         place.render_picture(path)
 
 
@@ -167,7 +167,7 @@ def render_together(obj: bpy.types.Object, path: str | Path, params: RenderParam
             _place_in_front(flat, wide, depth, params.azimuth)
         place.set_up(_camera_direction(params), tight=not params.pixels_y)
         if finish in colouring.KINDS and finish != "PATCH":
-            _add_legend(place, colouring.legend_of(obj, finish))
+            add_legend(place, colouring.legend_of(obj, finish))
         place.render_picture(path)
 
 
@@ -364,45 +364,3 @@ def _add_lines(
         colour = colours.srgb_to_linear(np.array([grey, grey, 1.25 * grey]))
         curve.materials.append(materials.plain_material(f"FlexMaps {name} line", colour))
         yield place.add_data(curve, framed=False)
-
-
-def _add_legend(studio: Studio, legend: Legend) -> None:
-    """Add a legend in the picture's upper left corner: objects in front of the camera that emit their colours."""
-    scene = studio.scene
-    camera = scene.camera
-    near = 2.0 * camera.data.clip_start
-    percent = near * camera.data.sensor_width / camera.data.lens / 100  # 1 % of the picture's width, metres at ``near``
-    left, top = -47.0, 50.0 * scene.render.resolution_y / scene.render.resolution_x - 4.0
-    if camera.data.type == "PERSP":  # move the content out of the legend's corner
-        studio.clear_corner(0.01 * (left + 21.5), 0.01 * (top - 6.5))
-        left += 100.0 * camera.data.shift_x
-
-    def place(data: bpy.types.ID, x: float, y: float) -> None:
-        item = bpy.data.objects.new("FlexMaps legend", data)
-        item.parent, item.location, item.scale = camera, (x * percent, y * percent, -near), (percent,) * 3
-        item.visible_shadow = item.visible_diffuse = item.visible_glossy = False
-        studio.add_temporary(item, data)
-
-    for text, x, y, align in (
-        (legend.title, left, top, "LEFT"),
-        (legend.low, left, top - 4.6, "LEFT"),
-        (legend.high, left + 20.0, top - 4.6, "RIGHT"),
-    ):
-        letters = bpy.data.curves.new("FlexMaps legend", "FONT")
-        letters.body, letters.size, letters.align_x = text, 1.9, align
-        letters.materials.append(materials.emissive_material("FlexMaps ink", colours.srgb_to_linear(colours.SEAM)))
-        place(letters, x, y)
-    if legend.scale is not None:
-        steps = np.linspace(0.0, 1.0, 41)
-        low, high = np.c_[20.0 * steps, 0 * steps, 0 * steps], np.c_[20.0 * steps, 0 * steps + 1.6, 0 * steps]
-        index = np.arange(40)
-        bar = meshes.make_quad_mesh(
-            "FlexMaps legend",
-            np.concatenate([low, high]),
-            np.stack([index, index + 1, index + 42, index + 41], axis=1),
-        )
-        meshes.set_corner_colours(
-            bar, np.repeat(colours.map_to_scale(steps[:-1] + 0.0125, 0.0, 1.0, legend.scale), 4, axis=0)
-        )
-        bar.materials.append(materials.emissive_material("FlexMaps scale", None))
-        place(bar, left, top - 2.4)

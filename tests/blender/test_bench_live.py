@@ -29,7 +29,7 @@ def test_foreign_meshes_that_are_missing_are_named_and_faults_counted(
     (tmp_path / "heart.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     write(shapes.quad(), tmp_path / "cmc1.obj")
     monkeypatch.setattr(live_foreign, "_live", lambda *_: 1 / 0)
-    rows = list(live_foreign.tried(tmp_path, 0.03))
+    rows = list(live_foreign.measure_meshes(tmp_path, 0.03))
     assert {one["mesh"] for one in rows} == {Path(name).stem for name in live_foreign.NAMES}
     for one in rows:
         if one["mesh"] == "heart" and one["row"] != "errors":
@@ -44,7 +44,7 @@ def test_foreign_meshes_that_are_missing_are_named_and_faults_counted(
 def test_a_foreign_mesh_is_followed_and_painted_with_every_border(tmp_path: Path) -> None:
     live_foreign = tool("live_foreign")
     write(shapes.saddle(6), tmp_path / "heart.obj")
-    rows = {one["row"]: one for one in live_foreign.tried(tmp_path, 0.03) if one["mesh"] == "heart"}
+    rows = {one["row"]: one for one in live_foreign.measure_meshes(tmp_path, 0.03) if one["mesh"] == "heart"}
     assert rows["errors"]["measured"] == 0, rows["errors"]["peer"]
     for words in live_foreign.BORDERS.values():
         assert rows[f"live: strokes that came to rest{words}"]["measured"] == live_foreign.STROKES
@@ -65,7 +65,7 @@ def test_wishes_that_nothing_can_bring_nearer_are_named(monkeypatch: pytest.Monk
         return told[name]
 
     monkeypatch.setattr(live_wishes, "_report", report)
-    rows = {one["mesh"]: one for one in live_wishes.wished()}
+    rows = {one["mesh"]: one for one in live_wishes.measure_wishes()}
     assert (rows["cone"]["measured"], rows["cone"]["ok"], rows["dome"]["ok"]) == (0.4, True, False)
     assert "without strain" in rows["star3"]["row"] and rows["star3"]["ok"] is None
     assert rows["globe"]["measured"] == "No equilibrium" and rows["globe"]["ok"] is False

@@ -154,9 +154,8 @@ def connect(
     space = FreeSpace(design, params, mill, progress.part(0.0, 0.1))
     chosen = _choose_connectors(space, progress.part(0.1, 0.8))
     labels = seam_labels(design.flat.layout)
-    made: list[Connector] = []
+    made, tips = list[Connector](), list[Tip]()
     unsolved: list[tuple[str, int, int]] = []
-    tips: list[Tip] = []
     for joint, choice in enumerate(chosen):
         quad, side = space.joints.quad[joint].tolist(), space.joints.side[joint].tolist()
         name = labels[quad[0], side[0]]
@@ -176,8 +175,7 @@ def connect(
                 full[tip.row] = tip.widening.taper_start[0]
         taken.ravel()[half.arm] = np.maximum(half.arc_lengths(full), 0.0)
     progress(0.8, "outlines with connectors")
-    gathered = space.tips_as_arcs(tips, design.arm_starts, tolerance)
-    drawn = design.outlines(tolerance, gathered, progress.part(0.82, 1.0))
+    drawn = design.outlines(tolerance, space.tips_as_arcs(tips, design.arm_starts, tolerance), progress.part(0.82, 1.0))
     return Connections(tuple(drawn), tuple(made), tuple(unsolved), params.clearance, taken, tuple(tips))
 
 

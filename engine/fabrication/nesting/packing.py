@@ -85,8 +85,7 @@ def pack(
         boxes.append(preferred_box(shape, rotation))
     order = sorted(range(len(shapes)), key=lambda i: -float(boxes[i][1].prod()))
     cell = max(sheet) / cells
-    sheet_of = np.zeros(len(shapes), dtype=np.int64)
-    turned, shift = np.zeros(len(shapes)), np.zeros((len(shapes), 2))
+    sheet_of, turned, shift = np.zeros(len(shapes), dtype=np.int64), np.zeros(len(shapes)), np.zeros((len(shapes), 2))
     open_sheets: list[SheetRaster] = []
     quarters = (0, 2) if rotation == "GRAIN" else (0, 1, 2, 3)
     tries, rest = 0, len(order)
@@ -114,10 +113,11 @@ def pack(
         sheet_of[i], (turned[i], shift[i]) = place
     sizes = [s.size for s in open_sheets]
     if rest < len(order):
-        small = [(shapes[i], *boxes[i]) for i in order[rest:]]
-        last = _pack_in_rows(small, sheet, margin, spacing, progress.part(0.9, 1.0), rotation)
-        sheet_of[order[rest:]], turned[order[rest:]] = len(sizes) + last.sheet, last.rotation
-        shift[order[rest:]] = last.shift
+        last = _pack_in_rows(
+            [(shapes[i], *boxes[i]) for i in order[rest:]], sheet, margin, spacing, progress.part(0.9, 1.0), rotation
+        )
+        left = order[rest:]
+        sheet_of[left], turned[left], shift[left] = len(sizes) + last.sheet, last.rotation, last.shift
         sizes += [(width, height) for width, height in last.sizes.tolist()]
     return Packing(sheet_of, turned, shift, np.array(sizes).reshape(-1, 2))
 

@@ -22,9 +22,8 @@ from ...linalg import SparseCholesky, SparsityPattern
 from .field import CrossField
 
 # After a rotation by -q quarter turns, coordinate c of (u, v) is ROTATED_SIGN[q][c] times the former coordinate
-# ROTATED_AXIS[q][c].
-ROTATED_AXIS = ((0, 1), (1, 0), (0, 1), (1, 0))
-ROTATED_SIGN = ((1, 1), (1, -1), (-1, -1), (-1, 1))
+# ROTATED_AXIS[q][c]
+ROTATED_AXIS, ROTATED_SIGN = ((0, 1), (1, 0), (0, 1), (1, 0)), ((1, 1), (1, -1), (-1, -1), (-1, 1))
 # Share of the diagonal that is added to the energy's matrix, which is singular if the whole map may shift. Larger: less
 # exact maps; smaller: the matrix may not be positive definite.
 DIAGONAL_SHIFT = 1e-9
