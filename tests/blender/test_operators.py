@@ -270,7 +270,7 @@ def test_export_says_what_is_missing(dome: Any, tmp_path: Path) -> None:
     with pytest.raises(RuntimeError, match="Cannot write"):
         bpy.ops.flexmaps.export()
     assert blocked.read_text() == "in the way"
-    dome.flexmaps.export.to_svg, dome.flexmaps.export.dxf, dome.flexmaps.export.pdf = False, "NONE", False
+    dome.flexmaps.export.svg, dome.flexmaps.export.dxf, dome.flexmaps.export.pdf = False, "NONE", False
     with pytest.raises(RuntimeError, match="switch SVG, DXF or PDF on"):
         bpy.ops.flexmaps.export()
     assert "sheets" not in report(dome)

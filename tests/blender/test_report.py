@@ -300,7 +300,7 @@ def test_letters_stand_where_they_are_asked_to() -> None:
         made = drawing.Drawing("Text", 200, 100, [drawing.Text((100, 50), "Widths", 16, "#000000", **how)])
         return np.argwhere(raster.render_drawing(made, images.glyphs())[..., 0] < 0.5) / raster.PIXEL_SCALE
 
-    start, end, turned = ink(), ink(anchor="end"), ink(turned=True, anchor="middle")
+    start, end, turned = ink(), ink(anchor="end"), ink(is_vertical=True, anchor="middle")
     assert start[:, 1].min() == pytest.approx(100, abs=2) and end[:, 1].max() == pytest.approx(100, abs=2)
     assert start[:, 0].max() == pytest.approx(50, abs=1), "on the baseline"
     assert np.ptp(turned[:, 0]) == pytest.approx(np.ptp(start[:, 1]), abs=1)

@@ -118,7 +118,7 @@ def test_the_pages_that_there_are(tools: dict[str, ModuleType]) -> None:
     assert [
         path.name for path in (ROOT / "docs").glob("*.md") if f"docs/{path.name}" not in tools["site_pages"].PAGES
     ] == []
-    counts, faults = tools["site_code"].summary(tools["website"].checked())
+    counts, faults = tools["site_code"].summary(tools["website"].checked_pages())
     assert faults == []
     assert counts["shell"] > 5
     assert counts["python"] > 3
@@ -127,9 +127,9 @@ def test_the_pages_that_there_are(tools: dict[str, ModuleType]) -> None:
 def test_links_of_pages_are_turned(tools: dict[str, ModuleType], tmp_path: Path) -> None:
     pages = tools["site_pages"]
     text = "[a](../CONTRIBUTING.md#tests) ![b](images/sidebar.png) [c](https://example.org) [d](#here) [e](../examples/04_own_material.py)"
-    assert pages.turned(text, "docs/guide.md", tmp_path) == (
+    assert pages.convert_page(text, "docs/guide.md", tmp_path) == (
         "[a](contributing.md#tests) ![b](pictures/images/sidebar.png) [c](https://example.org) [d](#here) [e](examples/04_own_material.md)"
     )
     assert (tmp_path / "pictures" / "images" / "sidebar.png").is_file()
     with pytest.raises(pages.NotOnTheSite):
-        pages.turned("[x](../engine/newton.py)", "docs/guide.md", tmp_path)
+        pages.convert_page("[x](../engine/newton.py)", "docs/guide.md", tmp_path)

@@ -79,10 +79,7 @@ def pack(
     rotation : allowed rotations, see ``find_fitting_rotation``
     cells : raster cells along the longer side of a sheet; a shape may occupy two too many in each direction
     """
-    boxes = []
-    for done, shape in enumerate(shapes):
-        progress(0.1 * done / len(shapes), "packing")
-        boxes.append(preferred_box(shape, rotation))
+    boxes = [preferred_box(shape, rotation) for shape in progress.part(0.0, 0.1).each(shapes, "packing")]
     order = sorted(range(len(shapes)), key=lambda i: -float(boxes[i][1].prod()))
     cell = max(sheet) / cells
     sheet_of, turned, shift = np.zeros(len(shapes), dtype=np.int64), np.zeros(len(shapes)), np.zeros((len(shapes), 2))
@@ -113,10 +110,9 @@ def pack(
         sheet_of[i], (turned[i], shift[i]) = place
     sizes = [s.size for s in open_sheets]
     if rest < len(order):
-        last = _pack_in_rows(
-            [(shapes[i], *boxes[i]) for i in order[rest:]], sheet, margin, spacing, progress.part(0.9, 1.0), rotation
-        )
         left = order[rest:]
+        small = [(shapes[i], *boxes[i]) for i in left]
+        last = _pack_in_rows(small, sheet, margin, spacing, progress.part(0.9, 1.0), rotation)
         sheet_of[left], turned[left], shift[left] = len(sizes) + last.sheet, last.rotation, last.shift
         sizes += [(width, height) for width, height in last.sizes.tolist()]
     return Packing(sheet_of, turned, shift, np.array(sizes).reshape(-1, 2))

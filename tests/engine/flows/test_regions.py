@@ -171,7 +171,7 @@ def test_a_cut_that_floats_is_no_hole() -> None:
 
 def test_regions_are_connected_and_lie_flat() -> None:
     mesh = thirds(shapes.build_shape("torus"))
-    layout = RegionHalver(mesh, PARAMS).layout(np.arange(len(mesh.quads)))
+    layout = RegionHalver(mesh, PARAMS).region_layout(np.arange(len(mesh.quads)))
     assert layout.is_flattenable.all()
     assert flatten.flatten(layout, PARAMS).energy.max() <= PARAMS.distortion_limit
 

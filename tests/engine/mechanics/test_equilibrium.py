@@ -159,7 +159,7 @@ def test_softest_motions_are_found_where_lanczos_gives_up(monkeypatch: pytest.Mo
     found = solve(model, ring(30), free(30), SimulateParams())
     system = NewtonSystem(model.pairs, free(30).held_increments(model.pairs, found.pose.centres))
     here = model.expand(model.start(found.pose))
-    known, lanczos = system.softest(system.values(here.hessian), system.values(here.convex)), newton_system.eigsh
+    known, lanczos = system.softest_modes(system.values(here.hessian), system.values(here.convex)), newton_system.eigsh
 
     def weary(*arguments: object, tol: float, **rest: object) -> object:
         if tol < 0.1:
@@ -167,7 +167,7 @@ def test_softest_motions_are_found_where_lanczos_gives_up(monkeypatch: pytest.Mo
         return lanczos(*arguments, tol=tol, **rest)
 
     monkeypatch.setattr(newton_system, "eigsh", weary)
-    modes, rise = system.softest(system.values(here.hessian), system.values(here.convex), 3)
+    modes, rise = system.softest_modes(system.values(here.hessian), system.values(here.convex), 3)
     assert modes.shape == (1, 30, 6) and rise[0] < known[1][0] + 0.5
 
 
@@ -198,7 +198,7 @@ def test_what_an_equilibrium_has_to_spare_is_its_softest_eigenvalue() -> None:
     found = solve(model, start, loads, SimulateParams())
     system = NewtonSystem(model.pairs, loads.held_increments(model.pairs, found.pose.centres))
     here = model.expand(model.start(found.pose))
-    rise = system.softest(system.values(here.hessian), system.values(here.convex))[1][0]
+    rise = system.softest_modes(system.values(here.hessian), system.values(here.convex))[1][0]
     assert 0.0 < rise < 1.0 and found.spare == 0.0
     for share in (0.9, 1.1):
         again = solve(model, start, loads, SimulateParams(), margins=(0.5 * rise, share * rise))
@@ -214,7 +214,7 @@ def test_few_free_increments_have_the_eigenvectors_of_the_dense_matrix() -> None
         system = NewtonSystem(model.pairs, loads.held_increments(model.pairs, start.centres))
         here = model.expand(model.start(start))
         h, b = (system.values(v) for v in (here.hessian, here.convex + np.eye(12) * 1e-3))
-        modes, rise = system.softest(h, b, 2)
+        modes, rise = system.softest_modes(h, b, 2)
         found[held] = [
             float(system.free_entries(m) @ system.pattern.matrix(h) @ system.free_entries(m))
             / float(system.free_entries(m) @ system.pattern.matrix(b) @ system.free_entries(m))

@@ -167,7 +167,7 @@ def test_all_or_nearly_all_held(backend: str, free_hubs: int) -> None:
     found = solve(model, start, loads, SimulateParams(), system=system)
     assert found.converged
     here = model.expand(model.start(found.pose))
-    modes, rise = system.softest(system.values(here.hessian), system.values(here.convex), 3)
+    modes, rise = system.softest_modes(system.values(here.hessian), system.values(here.convex), 3)
     assert modes.shape[1:] == (count, 6) and (rise > 0).all() and not modes[:, loads.fixed].any()
     assert other_minima(model, found, loads, SimulateParams(restarts=2)) == []
     assert system.solve(np.ones((count, 6)))[loads.fixed] == pytest.approx(0)

@@ -23,10 +23,10 @@ class Sketch(Page):
         self.areas: list[np.ndarray] = []
         self.lines: list[tuple[np.ndarray, str]] = []
 
-    def fill(self, points: np.ndarray, *given: Any) -> None:
+    def fill_polygon(self, points: np.ndarray, *given: Any) -> None:
         self.areas.append(points)
 
-    def stroke(self, curve: Curve, colour: str = "#000000", width: float = 2e-4) -> None:
+    def draw_curve(self, curve: Curve, colour: str = "#000000", width: float = 2e-4) -> None:
         self.lines.append((curve.points, colour))
 
 

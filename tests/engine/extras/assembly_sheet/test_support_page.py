@@ -24,8 +24,8 @@ def test_eyelets_are_drawn_where_they_are_held(
     """A small piece at true size; a large one as wide as the page between its margins."""
     names: dict[str, tuple[float, float]] = {}
 
-    def text(page: Page, words: str, at: tuple[float, float], *given: Any, middle: bool = False) -> None:
-        if middle:
+    def text(page: Page, words: str, at: tuple[float, float], *given: Any, is_centred: bool = False) -> None:
+        if is_centred:
             names[words] = at
 
     areas: list[np.ndarray] = []

@@ -85,8 +85,7 @@ def test_equal_strips_of_a_sheet() -> None:
 
 def test_seams_lie_in_the_mirror_planes() -> None:
     mesh = grid(8, 6)
-    cuts = dict(drawn_cuts.cuts_in_planes(mesh, symmetries(mesh)))
-    cut = cuts["along all mirror planes"]
+    cut = dict(drawn_cuts.cuts_in_planes(mesh, symmetries(mesh)))["along all mirror planes"]
     middle = mesh.vertices[mesh.edges[cut]].mean(axis=1)
     off = np.minimum(np.abs(middle[:, 0] - 0.08), np.abs(middle[:, 1] - 0.06))
     assert cut.sum() == 8 + 6 and off.max() < 1e-9
@@ -340,7 +339,8 @@ def test_no_more_panels_than_asked_and_none_worse_than_given() -> None:
     settings = Settings()
     piece = LayoutProblem(grid(8, 6, height=0.03), replace(settings, optimise=replace(settings.optimise, patience=0.3)))
     middle = np.isclose(piece.mesh.vertices[piece.mesh.edges][:, :, 0], 0.08).all(axis=1)
-    assert (given := flatten_cuts(piece, CutPlan(middle, "halves"))) is not None
+    given = flatten_cuts(piece, CutPlan(middle, "halves"))
+    assert given is not None
     choice = choose(piece, given.flat, ChooseParams(goal="panels", panels=2))
     first = next(one for one in choice.proposals if one.judged.laid.origin == "as it was")
     assert choice.reached and choice.best.panels <= 2 and choice.best.rms <= first.rms
@@ -389,9 +389,9 @@ def test_another_proposal_can_be_taken_and_what_was_made_goes() -> None:
     assert made.undone == {}
     # the spirals are those with which the layout was chosen: simulated, it comes as near as its proposal says
     assert made.simulation is not None and made.choice is not None and made.design is not None
-    found = made.simulation.target_distances["rms_percent"]
-    assert found == pytest.approx(100.0 * made.choice.best.rms, rel=0.05, abs=0.002)
-    assert made.flat is made.choice.best.flat and len(made.choice.proposals) > 1
+    found, best = made.simulation.target_distances["rms_percent"], made.choice.best
+    assert found == pytest.approx(100.0 * best.rms, rel=0.05, abs=0.002)
+    assert made.flat is best.flat and len(made.choice.proposals) > 1
     other = int(made.choice.taken == 0)
     changed = choice_stage.take_proposal(made, other, quick)
     assert changed.flat is made.choice.proposals[other].flat

@@ -46,7 +46,7 @@ def told(
             raise FlexMapsError("Nothing comes to rest")
         equilibrium = SimpleNamespace(converged=True)
         return SimpleNamespace(
-            after=SimpleNamespace(match={"rms_percent": reached[len(supports)]}, equilibrium=equilibrium)
+            after=SimpleNamespace(target_distances={"rms_percent": reached[len(supports)]}, equilibrium=equilibrium)
         )
 
     monkeypatch.setattr(prospects, "optimise", search)
@@ -88,7 +88,7 @@ def test_what_is_predicted_to_gain_little_is_not_searched(monkeypatch: pytest.Mo
     def search(*_: Any, supports: np.ndarray, **__: Any) -> Any:
         held.append(len(supports))
         return SimpleNamespace(
-            after=SimpleNamespace(match={"rms_percent": 0.0}, equilibrium=SimpleNamespace(converged=True))
+            after=SimpleNamespace(target_distances={"rms_percent": 0.0}, equilibrium=SimpleNamespace(converged=True))
         )
 
     monkeypatch.setattr(prospects, "optimise", search)

@@ -76,7 +76,7 @@ def tips(found):
 
 def test_it_begins_on_the_table(film):
     found, table = film
-    flat = found.panels.flat(table[:, :2])
+    flat = found.panels.flat_vertices(table[:, :2])
     flat[:, 2] += table[0, 2]
     for track in found.tracks:
         points = track.shapes[0] @ track.turns[0].T + track.places[0]

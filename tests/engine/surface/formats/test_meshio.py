@@ -128,7 +128,7 @@ def test_against_trimesh(tmp_path, kind):
     if suffix == "ply":
         other.export(path, encoding="ascii" if text else "binary")
     elif text:
-        path.write_text(trimesh.exchange.write_solids_stl.export_stl_ascii(other))
+        path.write_text(trimesh.exchange.stl.export_stl_ascii(other))
     else:
         other.export(path)
     mesh = meshio.read_mesh(path)
