@@ -16,7 +16,7 @@ from ...engine.extras.live.session import LiveRequest, step_piece
 from ...engine.mechanics.assembly import Pose
 from ...engine.workers import Workers
 
-MAX_ATTEMPTS = 2  # attempts to compute a shape when the process has lost the piece; more attempts delay the error
+MAX_ATTEMPTS = 2  # attempts to compute a shape if the process ends and loses the piece; more attempts delay the error
 
 
 class LiveProcess:
@@ -106,4 +106,4 @@ class LiveProcess:
             if shape is not None:
                 return shape
             self._sent = None  # the process ended and lost the piece: send the whole input next
-        raise FlexMapsError("The process beside Blender does not keep the piece; switch Live off and on again")
+        raise FlexMapsError("Live stopped: its background process ended twice; switch Live off and on again")

@@ -205,7 +205,7 @@ def read_flat(surface: ObjectSurface, mesh: QuadMesh) -> FlatPatches | None:
 
 
 def patch_centres(layout: PatchLayout, points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "patches 2"]:
-    """Return the area-weighted centre of every patch in metres, as ``flatten.align_to_frame`` does; ``points`` in metres."""
+    """Return the area centroid of every flat patch, metres; ``points`` : positions of all flat vertices, metres."""
     p = points[layout.flat_corners]
     a, b = p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]
     area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])

@@ -29,7 +29,7 @@ def write_source(made: bpy.types.Object, source: bpy.types.Object) -> None:
 
 
 def read_source(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Object:
-    """Return the source object of the quads; ``obj`` itself where the source is gone or the user changed the quads.
+    """Return the source object of the quads; ``obj`` if the source is gone or the user changed the quads.
 
     Parameters
     ----------
@@ -45,12 +45,15 @@ def read_source(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Obje
 def source_to_quads(
     source: bpy.types.Object, obj: bpy.types.Object, scene: bpy.types.Scene
 ) -> Float[np.ndarray, "4 4"]:
-    """Return the transform, in metres, from the source to the quads, which may have been moved and scaled since.
+    """Return the transform, in metres, from the surface that was remeshed to the quads made from it.
+
+    It is the identity unless one of the two objects was moved, rotated or scaled after the remeshing.
 
     Parameters
     ----------
-    source, obj : the source and the object of quads
-    scene : their scene
+    source : object that was remeshed
+    obj : object with the quads that the remesh made
+    scene : scene of both objects, whose units give the metres
     """
     from .vertex_positions import to_metres  # imported here because it imports scipy
 

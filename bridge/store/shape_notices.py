@@ -73,7 +73,7 @@ def from_equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Noti
         count = len(row["faces"])
         sentence = equilibrium.describe_finding(row, block)
         if REMEDY_WORDS in sentence and remedies.CUT not in advised:
-            sentence = _without_cut(sentence, {cure.idname for cure in ways})
+            sentence = _advise_supports(sentence, {cure.idname for cure in ways})
         if in_vain:
             sentence += " " + translate(
                 "The last Optimise found nothing better, so hold it with supports (Rests, in Piece), or go on as it is."
@@ -82,13 +82,13 @@ def from_equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Noti
     return result + _poor_match(obj, blocks, advised)
 
 
-def _without_cut(sentence: str, offered: set[str]) -> str:
-    """Return the text about a body that is far from its target without the advice to cut it, where a cut does not help.
+def _advise_supports(sentence: str, offered: set[str]) -> str:
+    """Replace the remedies in the text about bodies that are far from the target: a cut does not help, supports may.
 
     Parameters
     ----------
-    sentence : one line for each body
-    offered : operators of the notice's buttons
+    sentence : the text, one line a body; each line ends with the remedies, which begin with ``REMEDY_WORDS``
+    offered : operators of the notice's buttons; the new text names the button that adds supports if it is among them
     """
     faults = " ".join(line.partition(REMEDY_WORDS)[0].strip() for line in sentence.splitlines())
     if "flexmaps.stand_on" in offered:
@@ -109,7 +109,7 @@ def _held(obj: bpy.types.Object) -> list[Notice]:
 
 
 def advised_remedies(blocks: dict[str, Any]) -> remedies.Amounts:
-    """Return the remedies that the optimiser advises, without one that was just applied and did not help."""
+    """Return the remedies that the optimiser advises, except a remedy that was just applied and did not help."""
     reach = blocks.get("reach", {})
     advised = remedies.read_block({"advice": "", **reach})
     if (effect := reach.get(advice.EFFECT)) is not None and not advice.has_helped(effect):

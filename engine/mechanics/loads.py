@@ -20,8 +20,8 @@ LOWEST = "lowest"
 # Largest work of the forces along a rigid motion that counts as zero, as a share of the largest possible work: for
 # shifts and for turns of a piece. Larger values accept loads that carry a piece away; smaller ones trip over rounding.
 CARRY_TOLERANCE, TURN_TOLERANCE = 1e-9, 1e-6
-# Height above the lowest quad, in median edge lengths, up to which quads count as lowest and become supports. Larger:
-# more supports
+# Height above the lowest quad, in median edge lengths, up to which ``LOWEST`` selects quads as supports. Larger: more
+# supports
 GROUND_HEIGHT = 0.25
 
 
@@ -169,7 +169,8 @@ def _describe_motion(free: RigidFreedom, carried: bool) -> str:
 def parse_supports(mesh: QuadMesh, which: str | Sequence[int]) -> Int[np.ndarray, " some"]:
     """Return the indices of the quads that a text or a list names as supports.
 
-    ``LOWEST`` names the quads whose second lowest corner is at most ``GROUND_HEIGHT`` above the lowest such corner.
+    ``LOWEST`` names the quads with at least two corners near the ground: the height of a quad is that of its second
+    lowest corner, and quads up to ``GROUND_HEIGHT`` median edges above the smallest height are selected.
 
     Parameters
     ----------

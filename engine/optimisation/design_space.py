@@ -238,7 +238,14 @@ class DesignSpace:
         return np.clip((mean - self.min_width[:, None]) / span[:, None], 0.0, 1.0)
 
     def _length_range(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return the range of sqrt(1 + twist^2) at mean widths x in [0, 1]: start, length, and derivatives by x."""
+        """Return the allowed range of sqrt(1 + twist^2), about an arm's length over that of a straight arm.
+
+        x : (F,) mean widths as shares of the allowed range, 0 to 1
+
+        Returns
+        -------
+        four arrays (F,): lower end of the range, its extent (upper minus lower end), and the derivatives of both by x
+        """
         largest, slope = self._max_twist(x)
         cut = self.twist_min > 0.9 * largest
         least = np.sqrt(1.0 + np.where(cut, 0.9 * largest, self.twist_min) ** 2)
@@ -247,7 +254,10 @@ class DesignSpace:
         return least, most - least, least_change, largest * slope / most - least_change
 
     def _max_twist(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the largest twists, radians, at mean widths x in [0, 1], and derivatives by x (Hermite splines)."""
+        """Return the largest twists (F,), radians, and their derivatives by x, interpolated by Hermite splines.
+
+        x : (F,) mean widths as shares of the allowed range, 0 to 1
+        """
         k = np.minimum((x * (KNOTS - 1)).astype(np.int64), KNOTS - 2)
         u, every = x * (KNOTS - 1) - k, np.arange(len(x))
         steps = np.diff(self.max_twists, axis=0)

@@ -16,7 +16,7 @@ from ..params import SHOWN, RemeshParams, SpiralParams
 CUT, LARGER, THINNER, FINER = "cut", "larger", "thinner", "finer"
 REMEDIES = (CUT, LARGER, THINNER, FINER)
 Amounts = dict[str, float | None]
-# function from a factor on the size and a sheet thickness, metres, to the largest strain over the limit
+# function from a factor on the size and a sheet thickness, metres, to the ratio of the largest strain to its limit
 StrainForecast = Callable[[float, float], float]
 
 # Smallest factor on the size for spirals that are as soft as possible, a step of the R10 series of preferred sizes.
@@ -30,10 +30,10 @@ MAX_SHEETS = 6
 FACTOR_STEP = 0.05  # factors on the size are rounded up to a multiple of it
 # Factor on the number of quads. Larger: nearer to the target where quads are distorted, more to make (docs/tuning.md)
 QUAD_FACTOR = 2
-# Strain of the softest spirals over its limit above which a larger size is advised. Larger: fewer warnings, more pieces
-# too small (docs/tuning.md)
+# Ratio of the softest spirals' strain to its limit above which a larger size is advised. Larger: fewer warnings, more
+# pieces too small (docs/tuning.md)
 SOFTEST_LIMIT = 1.6
-SOFTEST_AIM = 1.2  # strain of the softest spirals over its limit after the advised scaling; smaller: larger pieces
+SOFTEST_AIM = 1.2  # ratio of the softest spirals' strain to its limit after the advised scaling; smaller: larger pieces
 # Power of the size by which the strain of the softest spirals falls, as larger quads have room for more turns; smaller:
 # larger pieces
 SOFTEST_POWER = 2.5
@@ -64,9 +64,9 @@ def remedy_amounts(
     Parameters
     ----------
     advised : names of remedies
-    strain : largest strain over the material's limit less a safety margin; None if not known
+    strain : ratio of the largest strain to the material's limit less a safety margin; None if not known
     soft : whether most of the mismatch lies in spirals that are as soft as possible
-    thickness : of the present sheet, metres
+    thickness : thickness of the present sheet, metres
     quads : present number of quads
     forecast : function from a factor on the size and a thickness, metres, to ``strain``; None if it cannot be computed
 
@@ -90,13 +90,13 @@ def size_factor(strain: float | None, *, soft: bool, forecast: Callable[[float],
 
     A sheet of thickness h bent to a radius R is strained by h / 2R (Euler and Bernoulli); a strip of length l whose
     ends rotate against each other is strained by h / 2l times the angle. Both are inverse to the size, so the factor is
-    the strain over its limit. Larger pieces have less strain than that, because their arms can be wound more
+    the ratio of the strain to its limit. Larger pieces have less strain than that, because their arms can be wound more
     (docs/tuning.md).
 
     Parameters
     ----------
     strain, soft : as in ``remedy_amounts``; if ``soft``, the factor is at least ``MIN_SOFT_FACTOR``
-    forecast : function from a factor on the size to the strain over its limit; None if it cannot be computed
+    forecast : function from a factor on the size to the ratio of the strain to its limit; None if not computable
     """
     times, enough = _round_up(max(strain or 0.0, MIN_SOFT_FACTOR if soft else 1.0)), None
     for _ in range(MAX_SIZES if forecast is not None else 0):
@@ -114,7 +114,7 @@ def size_factor(strain: float | None, *, soft: bool, forecast: Callable[[float],
 def size_of_softest(strain: float | None) -> float:
     """Return the advised factor on the size of a piece that is not optimised yet, up to ``MAX_FACTOR``; 1 for none.
 
-    strain : of the piece with its softest spirals, over the limit; None if not known
+    strain : ratio of the piece's strain with its softest spirals to the limit; None if not known
     """
     if strain is None or strain <= SOFTEST_LIMIT:
         return 1.0
@@ -129,14 +129,15 @@ def _round_up(times: float) -> float:
 def thinner_sheet(thickness: float, times: float, *, forecast: Callable[[float], float] | None = None) -> float | None:
     """Return the thickest sheet on sale, metres, that brings the strain below its limit; None if there is none.
 
-    Without ``forecast`` the thickness is divided by ``times``, by the formula of ``size_factor``. That may not be
-    enough: strains of twisted arms that are thicker than wide fall more slowly with the thickness (docs/tuning.md).
+    Without ``forecast``, strain is taken to be proportional to the thickness (see ``size_factor``). The sheet found may
+    then be too thick: strains of twisted arms that are thicker than wide fall more slowly (docs/tuning.md).
 
     Parameters
     ----------
-    thickness : of the present sheet, metres
-    times : factor on the size from ``size_factor``
-    forecast : function from a thickness, metres, to the strain over its limit; None if it cannot be computed
+    thickness : thickness of the present sheet, metres
+    times : factor by which the strain has to fall, which is also the one by which the size would have to grow; ignored
+        with ``forecast``
+    forecast : function from a thickness, metres, to the ratio of the strain to its limit; None if it cannot be computed
     """
     least = next(f for f in fields(SpiralParams) if f.name == "thickness").metadata["low"]
     most = thickness / max(times, 1.0) if forecast is None else thickness

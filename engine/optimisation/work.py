@@ -52,10 +52,11 @@ class Work:
     """Work counter with a time limit, which also ends a search whose steps bring too little for their work.
 
     limit : seconds; None for no limit
-    rate : decrease of the objective's logarithm per second below which a search ends, see ``END_RATE``
+    rate : decrease of the objective's logarithm per second of work below which a stage ends early, see ``END_RATE``
     usual : seconds, ``USUAL_SECONDS`` times the patience; 0 without a limit
-    share : share of the limit that the present stage may reach; seconds_done : work so far, seconds
-    start_time : processor time at the start, seconds; ends_at_rate : whether the present stage ends at ``rate``
+    share : share of the limit at which the present stage ends; seconds_done : work so far, seconds
+    start_time : processor time at the start, seconds
+    ends_at_rate : whether the present stage also ends when the objective falls more slowly than ``rate``
     rate_factor : factor on the decreases of its steps, above 1 while the piece is far from its target or overstrained
     steps : of the present stage: total work after each step, and its decrease of the objective's logarithm
     least_proposal_seconds : least work so far between an accepted step and the proposal of the following step; estimate
@@ -105,8 +106,8 @@ class Work:
 
         Parameters
         ----------
-        share : of the limit
-        ends_at_rate : whether the stage ends at ``rate``
+        share : total work at which the stage must end, as a share of ``limit``
+        ends_at_rate : whether the stage also ends earlier, when the objective falls more slowly than ``rate``
         """
         self.share, self.ends_at_rate = share, ends_at_rate
         self.steps.clear()
@@ -116,8 +117,8 @@ class Work:
 
         Parameters
         ----------
-        seconds : largest work that it may add
-        ends_at_rate : whether the stage ends at ``rate``
+        seconds : largest work that the stage may add
+        ends_at_rate : whether the stage also ends earlier, when the objective falls more slowly than ``rate``
         """
         self.begin_stage((self.seconds_done + seconds) / self.limit if self.limit else 1.0, ends_at_rate=ends_at_rate)
 

@@ -47,11 +47,14 @@ class Coupons:
     material : key of the assumed material
     youngs, poisson, density, strain_limit : properties of the assumed material, in SI units
     thickness : thickness of the sheet
-    kerf, kerf_holes : kerfs for which outlines and holes are drawn
+    kerf, kerf_holes : assumed kerfs at outlines and at holes, by which the drawn lines are offset
     mill : diameter of the mill; 0 for a laser or another beam
-    cells, cell : number of squares of the kerf comb, and their side
-    clearances, joint : clearances of the ladders' rungs, and width of the arms that they join
-    strip_length, strip_width, strip_load : length of the strip from clamp to weight, its width, and suggested weight
+    cells, cell : number of squares in the kerf comb, and side length of a square
+    clearances : clearance of the connector at every rung of a ladder (a rail with sockets, the rungs, and counterparts
+        to insert into them)
+    joint : width of the two arms that each of these connectors joins
+    strip_length, strip_width : length of the bending strip from its clamp to its weight, and its width
+    strip_load : suggested weight on the bending strip
     spirals : spirals A and B, the softer first
     """
 

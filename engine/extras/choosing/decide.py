@@ -10,9 +10,9 @@ from .judge import FULL_SHARE, LONG_SHARE, FlatLayout, JudgedLayout
 from .layout_search import LONG_TO_SHORT_RATIO, SEARCH_SCATTER, LayoutSearch, describe_layout, layout_key
 from .prospects import WORTHWHILE_RATIO
 
-# A layout with fewer joints is preferred if its distance from the target is at most this multiple of the best layout's
-# (1 / WORTHWHILE_RATIO if the goal is a match). Larger: fewer joints, larger distances. Above 1.03, because two
-# searches of a layout differ by up to 3 %
+# Largest ratio of two layouts' distances from the target at which the farther layout is preferred if it has fewer
+# joints. Larger: fewer joints, larger distances. Keep it above 1.03, because two searches of one layout differ by up to
+# 3 %. For the goal "match" (fewest joints within a distance), 1 / WORTHWHILE_RATIO takes its place.
 NEAR_TIE_RATIO = 1.05
 
 

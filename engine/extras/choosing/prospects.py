@@ -105,7 +105,7 @@ class _PredictionFilter:
     def gains(self, piece: LayoutProblem, flat: FlatPatches) -> bool:
         """Return whether a layout is predicted to come near enough to the target to be worth a search.
 
-        Its distance must be at most ``WORTHWHILE_RATIO`` times that predicted for the present layout and supports.
+        The predicted distance must be at most ``WORTHWHILE_RATIO`` times the one predicted for the present piece.
 
         piece : the surface, with the supports to try; flat : the layout to try
         """
@@ -132,9 +132,12 @@ def _distance_with_supports(
     promise: _PredictionFilter,
     progress: Progress,
 ) -> float:
-    """Return the RMS distance from the target, percent of its size, after a short search with other supports.
+    """Return the RMS distance from the target, percent of its size, that a short search with other supports reaches.
 
-    Infinite if there is no equilibrium, or if the prediction promises too little gain.
+    Infinite if there is no equilibrium, or if too little gain is predicted.
+
+    found : simulation of the piece; piece : its surface, settings and forces; supports : quads to support
+    promise : prediction of the gain, which decides whether the search is made
     """
     settings = piece.settings
     if not promise.gains(replace(piece, supports=supports), found.design.flat):
@@ -159,9 +162,12 @@ def _distance_with_supports(
 
 
 def _distance_with_cuts(piece: LayoutProblem, idea: CutPlan, promise: _PredictionFilter, progress: Progress) -> float:
-    """Return the RMS distance from the target, percent of its size, after a short search of another layout.
+    """Return the RMS distance from the target, percent of its size, that a short search with other cuts reaches.
 
-    Infinite if the layout cannot be flattened or has no equilibrium, or if the prediction promises too little gain.
+    Infinite if the cut surface cannot be flattened or has no equilibrium, or if too little gain is predicted.
+
+    piece : the surface with its supports and settings; idea : the cuts
+    promise : prediction of the gain, which decides whether the search is made
     """
     laid = flatten_cuts(piece, idea, progress=progress)
     if laid is None or not promise.gains(piece, laid.flat):

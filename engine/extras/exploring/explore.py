@@ -128,8 +128,8 @@ class _RunningExploration:
 
     count : largest number of candidates
     task : function that makes and measures a candidate; found : callback for every new candidate
-    known : candidates by ``candidate_key``, those of earlier explorations included
-    asked : keys of the requested candidates, in order
+    known : computed candidates by ``candidate_key``, with those of earlier explorations
+    asked : keys of the candidates requested in this exploration, in order
     """
 
     space: SearchSpace
@@ -147,7 +147,11 @@ class _RunningExploration:
         return self.count - len(self.asked)
 
     def ask(self, wanted: Iterable[Values]) -> int:
-        """Request and try values that were not requested before, at most ``left``; return their number."""
+        """Try candidates with the wanted values; return how many of them were new requests.
+
+        Values that were requested before are skipped, and so are all beyond the number ``self.left``. Candidates from
+        earlier explorations count as requests, but are not computed again.
+        """
         fresh: dict[tuple[Any, ...], Values] = {}
         for values in wanted:
             if candidate_key(values) not in self.asked and len(fresh) < self.left:

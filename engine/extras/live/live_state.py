@@ -1,8 +1,9 @@
 """Model, loads and mesh of a live piece, built from its input; parts that a change does not affect are reused.
 
-A change rebuilds the patches whose seams or vertices changed, and the joints whose spirals or rest geometry changed.
-Two quantities that are slow to compute and less important are approximate at first: the weights of the spirals and, if
-many joints changed, the second-order strains. ``LiveState.refine`` computes them when the piece is at equilibrium.
+A live piece is one whose equilibrium is computed again after every change by the user. A change rebuilds the patches
+whose seams or vertices changed, and the joints whose spirals or rest geometry changed. Two quantities that are slow to
+compute and less important are approximate at first: the weights of the spirals and, if many joints changed, the
+second-order strains. ``LiveState.refine`` computes them when the piece is at equilibrium.
 """
 
 from __future__ import annotations
@@ -40,13 +41,15 @@ ROUNDING = (1e-4, 0.02)
 class LiveState:
     """All data that are needed to solve for the equilibrium of a live piece.
 
-    given : the input
-    mesh, flat, assembly, model : target, flat patches, spirals with joints, and elastic model
+    given : input from which the other fields are computed
+    mesh, flat : target, and its flat patches
+    assembly, model : spirals with their joints, and their elastic model
     aim : pose of the hubs in the target
-    loads, system : supports and forces, and the linear system of Newton's method
-    rough : whether the second-order strains of a joint are those of an earlier design
+    loads : supports and forces
+    system : linear system that is solved in every step of Newton's method
+    strains_outdated : True for joints whose second-order strains were computed for an earlier design
     area : area of every spiral's material, square metres; None without gravity
-    guessed : whether ``area`` is an estimate
+    guessed : True if ``area`` is an estimate
     """
 
     given: LiveInput
@@ -57,7 +60,7 @@ class LiveState:
     aim: Pose
     loads: Loads
     system: NewtonSystem
-    rough: Bool[np.ndarray, " joints"]
+    strains_outdated: Bool[np.ndarray, " joints"]
     area: Float[np.ndarray, " quads"] | None = None
     guessed: bool = False
 
@@ -83,7 +86,7 @@ class LiveState:
         flat = _update_flat_patches(given, mesh, old)
         design = SpiralDesign(flat, given.spiral, given.width, given.twist)
         assembly = assembly_from_design(design)
-        model, rough = _update_model(assembly, given, old)
+        model, outdated = _update_model(assembly, given, old)
         area, guessed = _update_areas(design, given, old)
         loads = _make_loads(given, area)
         support_poses = SupportPoses(loads, mesh, flat.corners)
@@ -100,26 +103,26 @@ class LiveState:
             system = old.system  # reuses its symbolic factorisation
         else:
             system = NewtonSystem(model.pairs, held)
-        return cls(given, mesh, flat, assembly, model, aim, loads, system, rough, area, guessed), pose
+        return cls(given, mesh, flat, assembly, model, aim, loads, system, outdated, area, guessed), pose
 
     @property
     def refinable(self) -> bool:
-        """Whether some parts are still approximate, see ``refine``."""
-        return self.guessed or bool(self.rough.any())
+        """Whether some strains are outdated or the areas are estimates, so that ``refine`` has work to do."""
+        return self.guessed or bool(self.strains_outdated.any())
 
     def refine(self) -> Generator[None, None, LiveState]:
         """Compute all approximate parts in small steps; finally return the exact state."""
         given, model, arms = self.given, self.model, as_arm_model(self.model)
         if arms is not None:
-            joints = np.flatnonzero(self.rough)
+            joints = np.flatnonzero(self.strains_outdated)
             for first in range(0, len(joints), BATCH):
                 some = joints[first : first + BATCH]
                 part = arms.part(np.unique(self.assembly.pairs[some]), some).with_own_curving()
                 model = arms = _replace_joints(arms, part, self.assembly, some, given.material)
                 yield
         area = self.design.area if self.guessed else self.area
-        rough = np.zeros_like(self.rough)
-        return replace(self, model=model, area=area, loads=_make_loads(given, area), rough=rough, guessed=False)
+        outdated, loads = np.zeros_like(self.strains_outdated), _make_loads(given, area)
+        return replace(self, model=model, area=area, loads=loads, strains_outdated=outdated, guessed=False)
 
     @property
     def design(self) -> SpiralDesign:
@@ -171,7 +174,7 @@ def _update_flat_patches(given: LiveInput, mesh: QuadMesh, old: LiveState | None
 def _update_model(
     assembly: Assembly, given: LiveInput, old: LiveState | None
 ) -> tuple[ElasticModel, Bool[np.ndarray, " joints"]]:
-    """Return the elastic model, and a mask of the joints whose second-order strains are those of an earlier design."""
+    """Return the elastic model, and the new value of ``LiveState.strains_outdated``."""
     material, name = given.material, given.simulate.model
     rimmed = assembly.rim is not None or (old is not None and old.assembly.rim is not None)
     arms = None if old is None or rimmed else as_arm_model(old.model)
@@ -179,7 +182,7 @@ def _update_model(
         return build_model(assembly, material, name, slopes=False), np.zeros(len(assembly.pairs), bool)
     joints = _changed_joints(assembly, material, old.assembly, old.given)
     if not joints.any():
-        return replace(arms, assembly=assembly), old.rough
+        return replace(arms, assembly=assembly), old.strains_outdated
     some = np.flatnonzero(joints)
     hubs = np.unique(assembly.pairs[some])
     exact, few = len(some) <= BATCH, assembly.part(hubs, some)
@@ -187,9 +190,9 @@ def _update_model(
         part = ArmModel.from_assembly(few, material, slopes=False)
     else:
         part = arms.part(hubs, some).rebuilt(few, material)
-    rough = old.rough.copy()
-    rough[some] = not exact
-    return _replace_joints(arms, part, assembly, some, material), rough
+    outdated = old.strains_outdated.copy()
+    outdated[some] = not exact
+    return _replace_joints(arms, part, assembly, some, material), outdated
 
 
 def _changed_joints(assembly: Assembly, material: Any, old: Assembly, given: LiveInput) -> Bool[np.ndarray, " joints"]:

@@ -118,7 +118,8 @@ def compare_scan(mesh: QuadMesh, scan: Scan, simulated: bool = False, progress: 
     points = scan.points
     if len(points) < MIN_POINTS:
         raise FlexMapsError(
-            f"The scan has {len(points)} points; at least {MIN_POINTS} are needed: export the scan itself"
+            f"The scan has only {len(points)} points, and at least {MIN_POINTS} are needed; export the whole mesh or "
+            "point cloud, not single markers"
         )
     if not np.isfinite(points).all():
         bad = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
@@ -172,7 +173,7 @@ def _find_unit(points: np.ndarray, size: float, unit: str) -> tuple[float, tuple
     low, high = np.quantile(points, (0.02, 0.98), axis=0)
     wide = float(np.linalg.norm(high - low))
     if not wide > 0:
-        raise FlexMapsError("All points of the scan are the same; export the scan itself")
+        raise FlexMapsError("All points of the scan are at one place; export the whole scan again")
     name = min(("m", "mm"), key=lambda one: abs(np.log(UNITS[one] * wide / size)))
     times = UNITS[name] * wide / size
     if not 1 / MAX_SIZE_RATIO < times < MAX_SIZE_RATIO:

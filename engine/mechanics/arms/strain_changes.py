@@ -119,7 +119,9 @@ def strain_by_rest_shape(
     if at_rim.any():
         # side 1 of a joint at the rim is the rim's neck or strip, whose shape does not depend on the flat patches
         by = np.where((at_rim & (side == 1))[:, None], 0.0, by)
-        by[at_rim, OWN_LEAN] -= by[at_rim, MATE_LEAN]  # the arm beyond the joint counts as a mirror image
+        # the mate of an arm at the rim is its mirror image, whose lean (angle from the edge's normal to the spoke) is
+        # minus that of the arm
+        by[at_rim, OWN_LEAN] -= by[at_rim, MATE_LEAN]
         by[at_rim, MATE_LEAN] = 0.0
     for at, lean, radius, grain in ((side, OWN_LEAN, RADIUS, GRAIN_INDEX), (1 - side, MATE_LEAN, None, None)):
         lever = assembly.lever[e, at, :2]

@@ -53,7 +53,7 @@ class SlotWidths:
 
     slots : settings that are common to all slots
     arms : (K, 2) int, the outer and the inner arm; values : (K,) widths, metres
-    t, s : (K,) positions of the point on the outer arm, and of the facing point on the inner arm
+    t, s : (K,) positions of the point on the outer arm, and of the facing point on the inner arm; 0 at the tip
     field, rows : bent arms, and (K, 2) int, the rows of the outer and the inner arm among them
     """
 
@@ -67,7 +67,7 @@ class SlotWidths:
 
     @cached_property
     def slopes(self) -> tuple[Float[np.ndarray, "k 2 6"], Float[np.ndarray, "k 2 numbers"]]:
-        """Derivatives of the widths by tip motion (K, 2, 6) and parameters (K, 2, 8) of the outer and the inner arm."""
+        """Derivatives of the widths by the tip motions (K, 2, 6) and arm numbers (K, 2, 8); see ``Slots.slopes``."""
         return self.slots.slopes(self.field.subset(self.rows.ravel()), self.t, self.s)
 
 
@@ -95,7 +95,7 @@ class Slots:
         Parameters
         ----------
         width : (A,) metres, the limit for the slot of which this arm is the outer arm
-        numbers : (A, 8) parameters of every arm, in the order of ``blends``
+        numbers : (A, 8) widths, twists and the like that describe every arm, in the order of ``blends``
         motion : (A, 6) metres and radians, motion of the arms' tips in the flat frame
         """
         first = np.arange(len(numbers))
@@ -116,16 +116,17 @@ class Slots:
     def slopes(
         self, field: BentBeams, t: Float[np.ndarray, " k"], s: Float[np.ndarray, " k"]
     ) -> tuple[Float[np.ndarray, "k 2 6"], Float[np.ndarray, "k 2 numbers"]]:
-        """Return the derivatives of the slots' widths at single points by tip motions and arm parameters.
+        """Differentiate k slot widths, each between a point of an outer arm and the facing point of the inner arm.
 
         Parameters
         ----------
-        field : 2 k bent arms, the outer and the inner arm of every point in turn
-        t, s : (k,) the point on the outer arm and the point that faces it on the inner one
+        field : 2 k bent arms: outer arm of the first width, its inner arm, outer arm of the second width, and so on
+        t, s : (k,) positions of the points along the outer and along the inner arms, 0 at the tip
 
         Returns
         -------
-        (k, 2, 6) by the tip motions and (k, 2, 8) by the parameters of both arms
+        derivatives (k, 2, 6) by the motions of both arms' tips, and (k, 2, 8) by the arm numbers (width, twist and the
+        like, in the order of ``blends``); on the second axis, 0 is the outer and 1 the inner arm
         """
         both = np.stack([t, s], axis=1).reshape(-1, 1)
         here = Section.from_arms(field, np.arange(0, len(both), 2), both[::2])
@@ -153,7 +154,7 @@ class Slots:
         return -1.0 if self.clockwise else 1.0
 
     def _beams(self, numbers: Float[np.ndarray, "arms numbers"], pieces: int) -> TipBeams:
-        """Build the beams of arms with these parameters, each divided into ``pieces``."""
+        """Build the beams of arms that are described by ``numbers``, each divided into ``pieces``."""
         given = (
             numbers[:, list(both)] for both in ((OWN_WIDTH, MATE_WIDTH), (OWN_WIND, MATE_WIND), (OWN_LEAN, MATE_LEAN))
         )

@@ -25,10 +25,10 @@ MAX_ROWS = 8  # largest number of rows of quads by which a seam slides at once; 
 
 @dataclass(frozen=True, eq=False)
 class SeamSlide:
-    """Sideways move of a seam.
+    """Sideways move of a straight part of a seam by one or more rows of quads.
 
-    quads : quads that change to another patch
-    hosts : for each of them, a quad of the patch that it joins
+    quads : quads in these rows, which change to the patch on the other side of the seam
+    hosts : for each of ``quads``, a quad of the patch to which it changes
     """
 
     quads: Int[np.ndarray, " quads"]
@@ -40,7 +40,7 @@ def straighten(board: MergeBoard, progress: Progress, *, darts: bool, sweeps: in
 
     Parameters
     ----------
-    board : the layout
+    board : the layout; changed in place
     progress : called with the fraction done
     darts : also join cuts inside patches, from their free ends
     sweeps : largest number of sweeps over all seams
@@ -57,7 +57,12 @@ def straighten(board: MergeBoard, progress: Progress, *, darts: bool, sweeps: in
 
 
 def _slide_all(board: MergeBoard) -> bool:
-    """Try every slide of a seam once, the largest gain first; return whether anything changed."""
+    """Try once to slide each straight part of each seam sideways, in order of decreasing gain (see ``gain_of``).
+
+    Slides that gain more than ``MIN_GAIN`` and break no limit are kept. Return whether the layout changed.
+
+    board : the layout; changed in place
+    """
     listed: list[tuple[float, int, SeamSlide]] = []
     for slide in candidate_slides(board, fresh=True):
         flipped = edges_changed_by(board, slide)

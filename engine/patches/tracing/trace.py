@@ -47,8 +47,8 @@ def trace_layout(mesh: QuadMesh, params: LayoutParams, progress: Progress = SILE
         tick = partial(progress, 0.1 * number / len(bodies), "Tracing parametric lines")
         tick()
         whole[number] = halving.is_flattenable(quads, MERGING_SHARE, tick)
-    sides = body[mesh.edge_quads].max(axis=1)  # body of every edge
-    lines = motorcycles(mesh) & ~whole[sides]
+    edge_body = body[mesh.edge_quads.max(axis=1)]  # the larger index, because a border edge has -1 in place of one quad
+    lines = motorcycles(mesh) & ~whole[edge_body]
     layout = make_disks(PatchLayout(mesh, lines), where=~whole)
     size = np.bincount(body) / np.bincount(body[[quads[0] for quads in layout.patches]])
     shattered = ~whole & (size < params.patch_min)
@@ -58,7 +58,7 @@ def trace_layout(mesh: QuadMesh, params: LayoutParams, progress: Progress = SILE
     cut = traced.cut
     if shattered.any():
         parts = halving.region_layout(np.flatnonzero(shattered[body]), progress.part(0.8, 1.0))
-        cut = np.where(shattered[sides], parts.cut, cut)
+        cut = np.where(shattered[edge_body], parts.cut, cut)
     return PatchLayout(mesh, cut, origin="regions" if shattered.any() else "lines")
 
 

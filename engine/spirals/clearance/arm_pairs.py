@@ -30,8 +30,8 @@ _DIRECTIONS = 32  # number of directions in which the reach is sampled; more exc
 # angles between the normals of the separating lines that are tried and the line between the centres of two quads,
 # radians
 _NORMAL_ANGLES = np.array([-0.7, -0.35, 0.0, 0.35, 0.7])
-# safety margin of the reach, as a share of the arm's radius: covers shapes between the samples and moved flat points;
-# larger is safer and keeps more pairs
+# Safety margin added to how far an arm reaches, as a share of its distance from quad centre to joint: the arm may reach
+# farther at twists between those sampled, and flat patches may change later. Larger: safer, more pairs
 _MARGIN = 0.1
 
 
@@ -53,7 +53,7 @@ class ArmPairs(Columns):
     is_across_cut: Bool[np.ndarray, " n"]
 
     def with_flat(self, flat: FlatPatches) -> ArmPairs:
-        """Return the pairs with turn and shift recomputed for moved flat points."""
+        """Return the pairs with turn and shift recomputed for flat patches whose vertices have moved."""
         mate, side = opposite_sides(flat.layout.mesh)
         turn, shift = _align_sides(flat, self.one, (4 * mate + side).ravel()[self.one])
         return replace(
@@ -141,7 +141,10 @@ def _arms_around(flat: FlatPatches) -> tuple[Int[np.ndarray, " n"], Int[np.ndarr
 
 
 def _can_meet(flat: FlatPatches, params: SpiralParams, pairs: ArmPairs, near: float) -> Bool[np.ndarray, " n"]:
-    """Return a mask of the pairs whose arms can come within ``near`` metres: no tried line separates their regions."""
+    """Return a mask of the pairs whose arms can come within ``near`` metres in some design.
+
+    These are the pairs whose regions, as far as the arms reach, are separated by none of the tried lines.
+    """
     centre, radius, _ = spokes(flat.corners)
     extents, c = _extents(flat, params), np.repeat(centre @ np.array([1.0, 1j]), 4)
     between = pairs.turn * c[pairs.two] + pairs.shift - c[pairs.one]

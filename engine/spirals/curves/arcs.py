@@ -142,7 +142,7 @@ def interpolate_biarcs(points: np.ndarray, tangents: np.ndarray) -> tuple[np.nda
 
     Returns
     -------
-    nodes : (C, 2K, 2) start points of all arcs; the last point of every curve is left out
+    nodes : (C, 2K, 2) start points of all arcs, without the end points of the curves
     bulges : (C, 2K) bulges of the arcs, as in ``Curve``
     """
     tangents = tangents / np.sqrt(dot(tangents, tangents))[..., None]
@@ -166,11 +166,13 @@ def _bulge(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class FittedArcs:
-    """Many open curves of arcs, concatenated; the last point of every curve is left out.
+    """Many open curves of arcs, concatenated, without the end point of each curve's last arc.
 
-    points : metres
+    The caller adds that end point: in an outline, it is the first point of the part that follows.
+
+    points : start points of the arcs, metres
     bulge : bulge of the arc that begins at each point, as in ``Curve``
-    start : index of every curve's first point; then the number of all points
+    start : index of every curve's first point, followed by the number of all points
     """
 
     points: Float[np.ndarray, "n 2"]

@@ -58,9 +58,9 @@ CURVATURE_ATTEMPTS: tuple[tuple[tuple[float, float, float], ...], ...] = (
     ((NO_FOLDS, 0.5, 30.0),),
 )
 MAX_MAPS = 3  # largest number of attempts along the curvature per body; larger: better, slower
-MAX_MAPPED_QUADS = (
-    3000  # about the largest number of quads in all attempts along the curvature of a body; larger: slower
-)
+# Approximate limit on the sum of the quads of all attempts along the curvature per body, so that fine quads get fewer
+# attempts, but at least one. Larger: better, slower
+MAX_MAPPED_QUADS = 3000
 TRIANGLES_PER_QUAD = 20.0  # triangles per quad to which denser bodies are simplified; larger: more detail, slower
 MAX_VOXEL_ATTEMPTS = 3  # largest number of attempts with QuadriFlow on each voxel surface
 VOXEL_SIZES = (0.35, 0.5, 0.72, 1.0)  # voxel sizes in quad edges: small voxels preserve detail, large voxels close gaps

@@ -97,7 +97,7 @@ def test_what_is_refined_in_parts_is_what_is_made_at_once(dome: FlatPatches, mon
     thick = replace(first, spiral=replace(first.spiral, thickness=1.2 * first.spiral.thickness))
     old, pose = rigs.LiveState.from_input(first)
     rig, _ = rigs.LiveState.from_input(thick, old, pose)
-    assert rig.rough.sum() == len(rig.model.pairs) > 300
+    assert rig.strains_outdated.sum() == len(rig.model.pairs) > 300
     whole = ArmModel.from_assembly(rig.assembly, thick.material)
     assert not np.allclose(rig.model.curving, whole.curving)
     steps = rig.refine()
