@@ -137,7 +137,7 @@ def test_the_search_for_symmetries_and_every_run_can_be_stopped(flat_grid):
     report = Progress(report=lambda _, text: told.update({text: told.get(text, 0) + 1}))
     split.split_to_sheet(flat_grid(40, 15), LAYOUT, SheetParams(), report)
     assert told[SEARCH] >= 10
-    assert told["cutting panels to the sheet's size"] > 40
+    assert told["Cutting panels to the sheet's size"] > 40
     assert any("seams" in text for text in told)
 
 
