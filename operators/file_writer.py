@@ -13,7 +13,7 @@ from ..bridge.store.paths import resolve_folder
 from ..bridge.store.settings import is_relative_to_unsaved
 from ..engine.errors import FlexMapsError
 from ..engine.own_files import Guard, UserFileError
-from .stage import ImmediateOperator, ObjectOperator, error_message
+from .stage import ImmediateOperator, ObjectOperator, error_message, idname_of
 
 if TYPE_CHECKING:
     from ..engine.params import ObjectSettings
@@ -70,6 +70,13 @@ class FolderWriter(FileWriter):
             return super().invoke(context, event)  # type: ignore[misc]
         bpy.ops.flexmaps.choose_folder("INVOKE_DEFAULT", stage=self.bl_idname)  # type: ignore[attr-defined]
         return {"CANCELLED"}
+
+    def _store_failure(self, context: bpy.types.Context, obj: bpy.types.Object, error: FlexMapsError) -> None:
+        """Store the failure, and whether another folder could help, which *Next* then asks for."""
+        from ..bridge.store import failures
+        from ..engine.files import FolderError
+
+        failures.write(obj, context.scene, idname_of(self), error, folder=isinstance(error, FolderError))  # type: ignore[arg-type]
 
 
 class FileDialogOperator:

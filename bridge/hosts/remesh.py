@@ -14,7 +14,7 @@ from ...engine.surface.mesh import PolygonMesh
 from ...engine.surface.remeshing import requad
 from ..store import remesh_source
 from ..store.mesh import read_evaluated
-from ..store.objects import MIN_VOLUME_SCALE
+from ..store.objects import scale_problem
 from ..store.vertex_positions import to_metres
 from ..view import meshes
 from .second_blender import SecondBlender
@@ -37,10 +37,8 @@ def read_polygons(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonM
     """
     source = remesh_source.read_source(obj, context.scene)
     for one in {obj, source}:
-        if abs(np.linalg.det(to_metres(one, context.scene)[:3, :3])) < MIN_VOLUME_SCALE:
-            raise FlexMapsError(
-                f"'{one.name}' is squeezed flat by its scale; give it a scale that is not 0 along any axis"
-            )
+        if (problem := scale_problem(one, context.scene)) is not None:
+            raise FlexMapsError(problem)
     polygons = read_evaluated(source, context.scene)
     if source == obj:
         return polygons

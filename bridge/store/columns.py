@@ -15,6 +15,7 @@ PROPERTIES: dict[str, tuple[type, int]] = {
     "vertices": (np.int32, 2),
     "use_seam": (np.bool_, 1),
     "select": (np.bool_, 1),
+    "hide": (np.bool_, 1),
     "loop_start": (np.int32, 1),
     "loop_total": (np.int32, 1),
     "area": (np.float32, 1),

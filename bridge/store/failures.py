@@ -10,7 +10,6 @@ from typing import Any
 import bpy
 
 from ...engine.errors import FlexMapsError
-from ...engine.files import FolderError
 from . import modifiers, stored_report
 from .checksums import Checksums
 from .states import INPUTS, SETTINGS_INPUTS
@@ -26,7 +25,9 @@ WRITES = {
 }  # fmt: skip
 
 
-def write(obj: bpy.types.Object, scene: bpy.types.Scene, idname: str, error: FlexMapsError) -> None:
+def write(
+    obj: bpy.types.Object, scene: bpy.types.Scene, idname: str, error: FlexMapsError, *, folder: bool = False
+) -> None:
     """Store that an operator failed, with the faces and edges concerned and the checksums of its inputs.
 
     Parameters
@@ -34,6 +35,7 @@ def write(obj: bpy.types.Object, scene: bpy.types.Scene, idname: str, error: Fle
     obj, scene : the mesh object and its scene
     idname : name of the operator
     error : the error that it raised
+    folder : whether another export folder could help
     """
     failure: dict[str, Any] = {
         "message": str(error),
@@ -41,7 +43,7 @@ def write(obj: bpy.types.Object, scene: bpy.types.Scene, idname: str, error: Fle
         "edges": error.edges,
         "given": _input_checksums(obj, scene, idname),
     }
-    failure |= {"folder": True} if isinstance(error, FolderError) else {}
+    failure |= {"folder": True} if folder else {}
     failure |= {} if error.quads is None else {"quads": error.quads}
     stored_report.put_text(obj.data, NAME, stored_report.get_text(obj.data, NAME) | {idname: failure})
 

@@ -29,8 +29,6 @@ FIXED_BY_REMESH = {"non-quad", "crossed", "zero-area", "size-ratio", "non-manifo
 # factor of enlargement offered where spirals lack room; larger gives more room and a larger piece. Within the range of
 # the remedies' factors, not measured
 ENLARGEMENT = 1.5
-# operators that write into the export folder
-FOLDER_WRITERS = {"flexmaps.export", "flexmaps.export_together", "flexmaps.report", "flexmaps.share"}
 # keys of notices that only predict a problem, from the mesh or the layout
 PREDICTIONS = (
     "checks/size-ratio",
@@ -104,7 +102,7 @@ def _from_failures(obj: bpy.types.Object, failed: dict[str, dict[str, Any]]) -> 
         faces, edges = tuple(failure["faces"]), tuple(failure["edges"])
         words = interface(FAILURE_LABELS.get(idname, "Stopped"), quads(len(faces)))
         ways = tuple(_cures_of_failure(obj, idname, failure.get("quads")))
-        if failure.get("folder") and idname in FOLDER_WRITERS:
+        if failure.get("folder"):
             ways = (cures.choose_folder(idname),)
         result.append(Notice(f"failed/{idname}", words, failure["message"], STOPS, faces, edges, ways))
     return result
@@ -295,11 +293,11 @@ def _describe_halved(halved: str, blocks: dict[str, Any], held: bool) -> str:
     """
     if held:
         return translate(
-            "The surface was cut once more so that it rises into its shape. Now supports hold it: Merge can lay it out in one panel"
+            "The surface was cut once more so that it rises into its shape. Now supports hold it: press Lay out the panels again to have it in one panel"
         )
     if any(row["code"] == "stays-flat" for row in blocks.get("equilibrium", {}).get("findings", ())):
         return translate(
-            "The surface was cut once more so that it rises into its shape, but it stays flat. Hold it with supports (Rests, in Piece); Merge can then lay it out in one panel"
+            "The surface was cut once more so that it rises into its shape, but it stays flat. Hold it with supports (Rests, in Piece), then press Lay out the panels again to have it in one panel"
         )
     return halved
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import bpy
-import numpy as np
 
 from ...engine.errors import FlexMapsError
 from . import modifiers
+from .columns import column
 from .i18n import interface, translate
 
 # smallest product of an object's three scale factors that is not 0, metres per unit; far below any scale in use
@@ -81,11 +81,19 @@ def surface_problem(obj: bpy.types.Object, scene: bpy.types.Scene) -> tuple[str,
             obj.name,
         )
         return interface("No faces"), sentence
+    squeezed = scale_problem(obj, scene)
+    return None if squeezed is None else (interface("Squeezed flat"), squeezed)
+
+
+def scale_problem(obj: bpy.types.Object, scene: bpy.types.Scene) -> str | None:
+    """Return that a scale of 0 squeezes an object flat, as a sentence; None if no scale is 0.
+
+    Parameters
+    ----------
+    obj, scene : the mesh object and its scene
+    """
     if abs(obj.matrix_world.to_3x3().determinant()) * scene.unit_settings.scale_length**3 < MIN_VOLUME_SCALE:
-        sentence = translate(
-            "'{}' is squeezed flat by its scale; give it a scale that is not 0 along any axis", obj.name
-        )
-        return interface("Squeezed flat"), sentence
+        return translate("'{}' is squeezed flat by its scale; give it a scale that is not 0 along any axis", obj.name)
     return None
 
 
@@ -121,9 +129,6 @@ def find_by_uid(uid: int) -> bpy.types.Object:
 
 def count_hidden(mesh: bpy.types.Mesh) -> int:
     """Return how many faces are hidden; 0 in edit mode, where it is seen which are."""
-    hidden = None if mesh.is_editmode else mesh.attributes.get(".hide_poly")
-    if hidden is None:
+    if mesh.is_editmode or ".hide_poly" not in mesh.attributes:
         return 0
-    values = np.empty(len(mesh.polygons), bool)
-    hidden.data.foreach_get("value", values)
-    return int(values.sum())
+    return int(column(mesh.polygons, "hide").sum())
