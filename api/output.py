@@ -64,6 +64,7 @@ def export(
     pieces = [piece] if isinstance(piece, Piece) else list(piece)
     guard = make_guard(pieces, overwrite)
     guard.check(exporting.existing_files(base, formats), base.parent)
+    files.check_folder(base.parent)
     letters.add_outlines(*(one.name for one in pieces))
     if len(pieces) != 1 or pieces[0].settings.export.copies > 1:
         made = _nest_together(pieces, reporter.part(0.0, 0.8))

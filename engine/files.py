@@ -149,6 +149,26 @@ def write_all_atomically(
                 folder.rmdir()
 
 
+def check_folder(folder: Path) -> None:
+    """Check that files can be written into a folder, before long work begins; the folder itself is not kept.
+
+    Raises
+    ------
+    FlexMapsError : the folder cannot be made, or takes no files
+    """
+    made, probe = list[Path](), _temporary_path(folder / "probe")
+    try:
+        with _convert_write_errors({folder: probe}):
+            made.extend(_make_folder(folder))
+            probe.touch()
+    finally:
+        with suppress(OSError):
+            probe.unlink(missing_ok=True)
+        for new in reversed(made):
+            with suppress(OSError):
+                new.rmdir()
+
+
 def _add_checksum_records(wanted: dict[Path, Path], gone: list[Path], root: Path | None) -> None:
     """Add to ``wanted`` the files that list checksums.
 

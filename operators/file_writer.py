@@ -12,6 +12,7 @@ from ..bridge.store.i18n import translate
 from ..bridge.store.paths import resolve_folder
 from ..bridge.store.settings import is_relative_to_unsaved
 from ..engine.errors import FlexMapsError
+from ..engine.files import check_folder
 from ..engine.own_files import Guard, UserFileError
 from .stage import ImmediateOperator, ObjectOperator, error_message, idname_of
 
@@ -40,7 +41,8 @@ class FileWriter:
 
         Raises
         ------
-        UserFileError where an existing file is the user's, unless ``overwrite`` is set.
+        UserFileError where an existing file is the user's, unless ``overwrite`` is set; ``FlexMapsError`` where the
+        folder takes no files.
         """
         from ..bridge.store.objects import list_open_files
         from ..engine.fabrication.nesting.remnants import SEPARATOR
@@ -48,6 +50,8 @@ class FileWriter:
         remnants = [path.strip() for path in settings.sheet.remnants.split(SEPARATOR) if path.strip()]
         made = Guard([*list_open_files(), *remnants], self.overwrite)
         made.check(present, root)
+        if root is not None:
+            check_folder(root)
         return made
 
     def _report_error(self, context: bpy.types.Context, error: Exception) -> set[str]:

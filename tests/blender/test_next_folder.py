@@ -45,6 +45,14 @@ def test_a_folder_that_cannot_be_written_is_chosen_anew(unwritable: Any, tmp_pat
     assert not [one for one in seen(unwritable).notices if one.key.startswith("failed/")]
 
 
+def test_the_folder_is_tried_before_the_work(unwritable: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    from flexmaps.engine.runs import job
+
+    monkeypatch.setattr(job, "run_stages", lambda *_: pytest.fail("the panels were placed on sheets"))
+    with pytest.raises(RuntimeError, match="Cannot write"):
+        bpy.ops.flexmaps.export()
+
+
 def test_a_cancelled_question_is_asked_again(unwritable: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """In a window; without one, *Next* cannot ask and ends."""
     wanted = guidance.NextAction("flexmaps.choose_folder", "", "", "make", {}, seen(unwritable).notices[0].cures[0])

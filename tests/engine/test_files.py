@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.files import write_all_atomically, write_atomically
+from flexmaps.engine.files import check_folder, write_all_atomically, write_atomically
 
 
 def _names(folder):
@@ -103,6 +103,15 @@ def test_read_only_folder(tmp_path, monkeypatch):
         assert _names(folder) == []
     finally:
         folder.chmod(0o700)
+
+
+def test_a_checked_folder_stays_as_it_was(tmp_path):
+    (tmp_path / "there.txt").write_text("mine")
+    check_folder(tmp_path)
+    check_folder(tmp_path / "new" / "below")
+    assert _names(tmp_path) == ["there.txt"]
+    with pytest.raises(FlexMapsError, match=r"there\.txt"):
+        check_folder(tmp_path / "there.txt" / "below")
 
 
 def test_a_file_in_the_way_of_the_folder(tmp_path):
