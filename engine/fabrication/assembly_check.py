@@ -19,8 +19,8 @@ from . import joints
 from .connectors.connect import Connections
 from .panels.labels import panel_name, seam_name
 
-# Maximum difference in length between the two sides of a seam edge, as a share of their mean; larger values report
-# fewer seams as hard to assemble. At 0.05, joints 20 mm apart are misaligned by 1 mm, the width of a thin arm
+# Maximum difference in length between the two sides of a seam edge, as a share of their mean, where the forces are
+# unknown; larger reports fewer seams as hard. At 0.05, joints 20 mm apart are misaligned by 1 mm, a thin arm's width
 MAX_STRETCH = 0.05
 MAX_HAND_FORCE = (
     20.0  # maximum force at a joint, newtons: a third of an adult's pinch strength; larger reports fewer seams as hard
@@ -39,7 +39,7 @@ class SeamCheck:
     stretch : largest difference in length between the two sides of an edge, as a share of their mean
     force, moment : largest force and largest moment at the seam's joints in equilibrium, N and N m
     load : largest strain of a connector's neck, as a share of the material's strain limit
-    difficulties : reasons why the seam is hard to join: "stretch", "force", "load"
+    difficulties : reasons why the seam is hard to join: "force", "load", or "stretch" if the forces are unknown
 
     force, moment and load are None if there is no equilibrium that has converged and is not locked.
     """
@@ -123,8 +123,9 @@ def check_assembly(
 ) -> AssemblyCheck:
     """Predict how hard every seam of a design is to assemble.
 
-    Forces are computed only with the arm model, and only if its equilibrium has converged and is probably not a false
-    minimum (``Simulation.is_locked``).
+    The force at a joint in equilibrium is the force that closes it after all others, so it tells how hard a seam is to
+    join. Forces are computed only with the arm model, and only if its equilibrium has converged and is probably not a
+    false minimum (``Simulation.is_locked``); without forces, the difference in length between the two sides tells.
 
     Parameters
     ----------
@@ -141,7 +142,7 @@ def check_assembly(
         stretch = float((2.0 * np.abs(sides[:, 0] - sides[:, 1]) / sides.sum(axis=1)).max())
         force, moment, load = (None,) * 3 if forces is None else (float(x) for x in forces[edges].max(axis=0))
         hard = {
-            "stretch": stretch > MAX_STRETCH,
+            "stretch": force is None and stretch > MAX_STRETCH,
             "force": force is not None and force > MAX_HAND_FORCE,
             "load": load is not None and load > MAX_LOAD,
         }

@@ -72,9 +72,13 @@ def test_sides_keep_together_within_one_panel():
         assert min(abs(x - left) for x in seam.lengths) < 1e-12
 
 
-def hung(flat_grid, newtons):
-    """A strip that is held at one end and pulled in line at the other, its joints crossed by the force."""
-    made = fabricable.uniform_design(flat_grid(4, 1, cut=lambda x, y: x == 2), SpiralParams(), width=0.002, twist=0.5)
+def hung(flat_grid, newtons, factor=1.0):
+    """A strip that is held at one end and pulled in line at the other, its joints crossed by the force.
+
+    factor : how many times its second panel is drawn too large
+    """
+    flat = stretched(flat_grid(4, 1, cut=lambda x, y: x == 2), 1, factor)
+    made = fabricable.uniform_design(flat, SpiralParams(), width=0.002, twist=0.5)
     mesh = made.flat.layout.mesh
     force = np.zeros((4, 3))
     force[np.argmax(mesh.centroids[:, 0])] = [newtons, 0.0, 0.0]
@@ -95,6 +99,15 @@ def test_the_force_of_a_pulled_strip(flat_grid):
     # a strip keeps its plane, so that what is beyond tension is bending in it
     bending = 6.0 * seam.moment / made.params.thickness / (size.neck - size.clearance) ** 2
     assert seam.load - tension == pytest.approx(bending / (POM.youngs * POM.strain_limit), rel=1e-4)
+
+
+def test_unequal_sides_are_judged_by_the_force_where_it_is_known(flat_grid):
+    made, found = hung(flat_grid, 0.8, factor=1.08)
+    (unknown,) = assembly_check.check_assembly(made).seams
+    (known,) = assembly_check.check_assembly(made, None, found).seams
+    assert unknown.stretch == known.stretch > assembly_check.MAX_STRETCH
+    assert unknown.difficulties == ("stretch",)
+    assert known.force == pytest.approx(0.8, rel=1e-5) and known.difficulties == ()
 
 
 @pytest.mark.parametrize("kind", ["none", "dovetail", "key", "tab"])
