@@ -31,12 +31,13 @@ def press(obj: bpy.types.Object, *, cure: bool | str = False) -> dict[str, Any] 
 
     Raises
     ------
-    FlexMapsError where no cure of that name is offered.
+    FlexMapsError where the object is not a mesh that FlexMaps can use, or no cure of that name is offered.
     """
     import bpy
 
     from ..bridge.store import failures, guidance
 
+    _require_usable(obj)
     scene, layer = bpy.context.scene, bpy.context.view_layer
     layer.objects.active = obj
     layer.update()
@@ -90,6 +91,10 @@ def presses(
     Returns
     -------
     An iterator over the dicts of ``press``.
+
+    Raises
+    ------
+    FlexMapsError as ``press`` does.
     """
     import bpy
 
@@ -98,6 +103,7 @@ def presses(
     waiting = list(named)
     for _ in range(most):
         obj = bpy.context.view_layer.objects.active if obj is None else obj
+        _require_usable(obj)
         seen = guidance.read_guidance(obj, bpy.context.scene)
         last = seen.action is None or seen.action.idname in {"flexmaps.export", "wm.path_open", "wm.save_mainfile"}
         instead = None if seen.action is None else seen.action.cure
@@ -117,11 +123,16 @@ def describe_object(obj: bpy.types.Object) -> dict[str, Any]:
     """Return an object's name, status line, findings and figures as plain values.
 
     ``findings`` have a text, a kind, faces and edges, and cures with name, label and call.
+
+    Raises
+    ------
+    FlexMapsError where the object is not a mesh that FlexMaps can use.
     """
     import bpy
 
     from ..bridge.store import guidance, stored_report
 
+    _require_usable(obj)
     seen, blocks = guidance.read_guidance(obj, bpy.context.scene), stored_report.read(obj.data)
     shape, sheets = blocks.get("equilibrium", {}), blocks.get("sheets", {})
     figures = {
@@ -133,6 +144,15 @@ def describe_object(obj: bpy.types.Object) -> dict[str, Any]:
     }
     status = {"text": seen.status.text, "sign": seen.status.icon}
     return {"object": obj.name, "status": status, "findings": seen.findings(), "figures": figures}
+
+
+def _require_usable(obj: bpy.types.Object | None) -> None:
+    """Raise ``FlexMapsError`` unless FlexMaps can work on an object."""
+    from ..bridge.store.objects import usage_problem
+
+    problem = usage_problem(obj)
+    if problem is not None:
+        raise FlexMapsError(problem)
 
 
 def _processor_seconds() -> float:
