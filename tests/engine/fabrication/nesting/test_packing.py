@@ -1,9 +1,13 @@
 """Packing: shapes stay shapes, never overlap, keep their distance, and use the sheet."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import shapely
 from flexmaps.engine.fabrication.nesting import packing
 from flexmaps.engine.fabrication.nesting.packing import box_fits, min_area_box, pack
+from flexmaps.engine.fabrication.nesting.remnants import Remnant
 from flexmaps.engine.progress import Progress
 from shapely import Polygon, affinity
 
@@ -124,3 +128,113 @@ def test_a_sheet_that_must_grow_keeps_the_grain_of_a_long_shape(rotation):
     (size,) = found.sizes
     _check([tall], found, 0.005, 0.0)
     assert (size[1] > 0.9 and size[0] == 0.4) if rotation == "GRAIN" else (size[0] > 0.9 and size[1] == 0.4)
+
+
+# -- the raster --------------------------------------------------------------------------------------------------------
+
+
+def test_cells_count_by_their_centres_as_shapely_sees_them():
+    rng = np.random.default_rng(5)
+    rings = [np.array([9.3, 8.8]) + _blob(rng, 6.0), np.array([9.1, 8.4]) + _blob(rng, 1.5)]
+    rows, columns = 18, 20
+    x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
+    inside = [shapely.contains_xy(Polygon(ring), x, y) for ring in rings]
+    assert (packing._rasterise(rings, columns, rows) == inside[0] ^ inside[1]).all()
+    assert not packing._rasterise(rings, columns, rows)[:, -1].all()
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.4])
+def test_masks_cover_all_cells_near_their_shape_and_few_others(turn):
+    shape, cell, grow = _blob(np.random.default_rng(2), 0.03), 0.002, 0.003
+    stamp = packing.ShapeMask(shape, turn, cell, grow, (0, 1, 2, 3))
+    for quarter, mask in stamp.masks.items():
+        corner = np.array([0.5, 0.3])
+        angle, shift = stamp.placement_at(quarter, corner)
+        assert angle == pytest.approx(turn + 0.5 * np.pi * quarter)
+        there = affinity.translate(affinity.rotate(Polygon(shape), angle, (0, 0), use_radians=True), *shift)
+        cells = [
+            shapely.box(*(corner + cell * np.array([i, j])), *(corner + cell * np.array([i + 1, j + 1])))
+            for j, i in np.argwhere(mask)
+        ]
+        whole = shapely.union_all(cells)
+        assert whole.buffer(1e-9).contains(there.buffer(grow))
+        assert there.buffer(grow + 2.0 * cell).contains(whole)
+        assert stamp.cell_count == mask.sum() == len(cells)
+
+
+def _square(side):
+    return side * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+
+
+def test_the_first_place_is_at_the_left_and_then_at_the_bottom():
+    sheet = packing.SheetRaster((0.1, 0.07), 0.005, 0.0, 0.0005)
+    seen = []
+    for _ in range(5):
+        stamp = packing.ShapeMask(_square(0.02), 0.0, 0.0005, 0.0, (0,))
+        assert sheet.may_fit(stamp)
+        seen.append(sheet.place(stamp)[1])
+    # each takes 21 mm of the raster, so that two fit above each other on 60 mm
+    wanted = [[0.0054, 0.0054], [0.0054, 0.0264], [0.0264, 0.0054], [0.0264, 0.0264], [0.0474, 0.0054]]
+    np.testing.assert_allclose(seen, wanted, atol=1e-4)
+    large = packing.ShapeMask(_square(0.04), 0.0, 0.0005, 0.0, (0,))
+    assert sheet.place(large) is None
+    assert not sheet.may_fit(packing.ShapeMask(_square(0.041), 0.0, 0.0005, 0.0, (0,)))
+    assert sheet.may_fit(packing.ShapeMask(_square(0.02), 0.0, 0.0005, 0.0, (0,)))
+    # as large as what found no place, but a frame with room in it
+    assert sheet.may_fit(packing.ShapeMask(0.04 * np.array([[0, 0], [1, 0], [0, 1.0]]), 0.0, 0.0005, 0.0, (0,)))
+
+
+# -- sizes -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("rotation", "length", "fits"),
+    [("FREE", 0.2, True), ("FREE", 0.25, False), ("QUARTER", 0.179, True), ("QUARTER", 0.2, False)],
+)
+def test_bars_fit_along_the_sheet_or_also_aslant(rotation, length, fits):
+    """Within its margins the sheet has 160 x 180 mm, and a diagonal of 241 mm."""
+    bar = np.array([[0.0, 0.0], [length, 0.0], [length, 0.001], [0.0, 0.001]])
+    angle = packing.find_fitting_rotation(bar, (0.18, 0.2), 0.01, rotation)
+    assert (angle is not None) == fits
+    if fits:
+        box = affinity.rotate(Polygon(bar), angle, origin=(0, 0), use_radians=True).bounds
+        assert box[2] - box[0] <= 0.16 + 1e-8 and box[3] - box[1] <= 0.18 + 1e-8
+
+
+def test_along_the_grain_nothing_is_turned():
+    bar = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.02], [0.0, 0.02]])
+    assert packing.find_fitting_rotation(bar, (0.12, 0.04), 0.01, "GRAIN") == 0.0
+    assert packing.find_fitting_rotation(bar[:, ::-1], (0.12, 0.04), 0.01, "GRAIN") is None
+    assert packing.preferred_box(bar[:, ::-1], "GRAIN")[1] == pytest.approx([0.02, 0.1])
+    assert box_fits(np.array([0.1, 0.02]), (0.12, 0.04), 0.01, "GRAIN")
+    assert not box_fits(np.array([0.02, 0.1]), (0.12, 0.04), 0.01, "GRAIN")
+    assert not box_fits(np.array([0.1, 0.021]), (0.12, 0.04), 0.01, "GRAIN")
+
+
+def test_the_largest_unused_end_does_not_count():
+    """Two sheets of 0.4 x 0.3 m: one is used up to 0.25 m, the other up to 0.15 m, each with a margin of 0.01 m more."""
+    shapes = [np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 0.05]])] * 3
+    turn, shift = np.array([0.0, 0.5 * np.pi, np.pi]), np.array([[0.15, 0.1], [0.1, 0.01], [0.15, 0.2]])
+    found = packing.Packing(np.array([0, 0, 1]), turn, shift, np.array([[0.4, 0.3], [0.4, 0.3]]))
+    assert packing.used_length(found, shapes, 0) == pytest.approx(0.25)
+    assert packing.used_length(found, shapes, 1) == pytest.approx(0.15)
+    assert packing.used_length(replace(found, sheet=np.zeros(3, int)), shapes, 1) == 0.0
+    assert packing.fill_ratio(found, shapes, 0.0075, 0.01) == pytest.approx(0.0075 / (0.24 - 0.24 * 0.3))
+    remnant = Remnant("L", np.array([[0, 0], [0.4, 0], [0.4, 0.1], [0.2, 0.1], [0.2, 0.3], [0, 0.3]]))
+    odd = replace(found, remnants=(remnant,))
+    assert odd.sheet_areas == pytest.approx([0.08, 0.12])
+    assert packing.fill_ratio(odd, shapes, 0.0075, 0.01) == pytest.approx(0.0075 / (0.2 - 0.24 * 0.3))
+
+
+def test_rows_are_as_high_as_their_first_box_and_as_long_as_the_sheet(monkeypatch):
+    """Boxes of 40 x 20 mm in a sheet of 100 x 70 mm with margins of 5 and a spacing of 10 mm: two in a row, two rows."""
+    monkeypatch.setattr(packing, "TRIES", 0)
+    box = np.array([[0.0, 0.0], [0.04, 0.0], [0.04, 0.02], [0.0, 0.02]])
+    found = pack([box] * 5, (0.1, 0.07), 0.005, 0.01, rotation="QUARTER")
+    assert found.sheet.tolist() == [0, 0, 0, 0, 1]
+    low = [np.array(p.bounds[:2]) for _, p in _placed([box] * 5, found)]
+    np.testing.assert_allclose(
+        low, [[5e-3, 5e-3], [0.055, 5e-3], [5e-3, 0.035], [0.055, 0.035], [5e-3, 5e-3]], atol=1e-12
+    )
+    wider = pack([box * [1.01, 1.0]] * 2, (0.1, 0.07), 0.005, 0.01, rotation="QUARTER")
+    assert np.ptp(wider.shift[:, 1]) > 0.02  # a second row
