@@ -200,5 +200,5 @@ def _forces(design: SpiralDesign, connections: Connections | None, simulation: S
     wrench = np.zeros((len(mesh.edges), 6))
     wrench[~mesh.border] = wrenches[: model.assembly.n_inner_joints]
     force, moment = np.linalg.norm(wrench[:, :3], axis=1), np.linalg.norm(wrench[:, 3:], axis=1)
-    stress = joints.neck_stresses(wrench, joints.neck_widths(design, connections), thickness)
+    stress = joints.list_necks(design, connections).stresses(wrench, thickness)
     return np.column_stack([force, moment, stress / material.strength])

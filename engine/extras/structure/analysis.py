@@ -226,14 +226,10 @@ def _outcome_findings(one: LoadOutcome, structure: StructuralAnalysis) -> list[F
 
 @dataclass(frozen=True, eq=False)
 class _Strength:
-    """Data by which the strength of a piece is checked: its simulation, and the widths of its joints.
-
-    simulation : the simulated piece
-    necks : narrowest width of every joint, metres
-    """
+    """Data by which the strength of a piece is checked: its simulation, and the narrowest places of its joints."""
 
     simulation: Simulation
-    necks: Float[np.ndarray, " joints"]
+    necks: joints.Necks
 
     def borne(self, pose: Pose, strain: float) -> Utilisation:
         """Return the utilisation of arms and joints in a pose; ``strain``: strain limit of the material."""
@@ -246,7 +242,7 @@ class _Strength:
             max_strain_per_spiral(model.assembly, strains) / strain,
             wrenches[: model.assembly.n_inner_joints],
         )
-        stress = joints.neck_stresses(wrench, self.necks, model.assembly.thickness)
+        stress = self.necks.stresses(wrench, model.assembly.thickness)
         force, moment = np.linalg.norm(wrench[:, :3], axis=1), np.linalg.norm(wrench[:, 3:], axis=1)
         return Utilisation(worst, stress / (material.youngs * strain), force, moment)
 
@@ -336,7 +332,7 @@ def analyse(
     ground = unloaded_state(simulation, base.pose, groups or {})
     found, stays = actions_by_name(plan, ground), lasting_action(plan, ground)
     mesh = simulation.design.flat.layout.mesh
-    strength = _Strength(simulation, joints.neck_widths(simulation.design, connections)[~mesh.border])
+    strength = _Strength(simulation, joints.list_necks(simulation.design, connections).subset(~mesh.border))
     material, out = simulation.material, []
     if material.lasting is not None:
         # the path is followed to the load factor 1 / share instead of reducing the stiffness; the movements of

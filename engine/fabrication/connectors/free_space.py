@@ -141,7 +141,7 @@ class FreeSpace:
         return connector_sizes(width, self.params, SCALES, self.mill)
 
     def candidates(self, joint: int) -> Iterator[ConnectorCandidate]:
-        """Yield candidate connectors for a joint, best first."""
+        """Yield candidate connectors for a joint, best first: larger ones first, on the arm before beside it."""
         # heads and sockets alternate along a seam, so that panels joined with an offset of one joint do not fit
         first = int(self.joints.place[joint]) % 2
         # a key needs no room beyond the cut, so it suits cuts inside a panel whose sides lie close together
@@ -156,7 +156,7 @@ class FreeSpace:
         openings, steps = self._free_widths[joint], np.array(self._shifts(joint))
         for kind in kinds:
             for back in (0.0,) if kind == "dovetail" else SETBACKS:
-                for overhanging, s in product((False, True), self.connector_sizes(joint, kind)):
+                for s, overhanging in product(self.connector_sizes(joint, kind), (False, True)):
                     if kind == "dovetail" and s.length > gap:
                         continue
                     fitting = openings.fitting_positions(s, steps, overhanging)

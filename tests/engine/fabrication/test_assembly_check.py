@@ -114,7 +114,7 @@ def test_unequal_sides_are_judged_by_the_force_where_it_is_known(flat_grid):
 def test_necks_are_those_of_the_connectors(flat_grid, kind):
     made = fabricable.uniform_design(flat_grid(4, 2, cut=lambda x, y: x == 2), SpiralParams())
     joined = connectors.connect(made, ConnectorParams(connector=kind))
-    neck = joints.neck_widths(made, joined)
+    neck = joints.list_necks(made, joined).width
     cut = made.flat.layout.cut
     arm = made.arms.joint_width[made.flat.layout.mesh.edge_quads[:, 0], made.flat.layout.mesh.edge_sides[:, 0]]
     np.testing.assert_array_equal(neck[~cut], arm[~cut])

@@ -119,7 +119,7 @@ def test_joints_bear_what_beam_theory_says() -> None:
     """A bar of 2 x 3 mm under a pull of 6 N, and under moments in and out of the sheet of 6 N mm."""
     wrench = np.zeros((4, 6))
     wrench[0, 0], wrench[1, 5], wrench[2, 4], wrench[3, 3] = 6.0, 6e-3, 6e-3, -6e-3
-    found = joints.neck_stresses(wrench, np.full(4, 2e-3), 3e-3)
+    found = joints.Necks(np.full(4, 2e-3), np.zeros(4), np.zeros(4)).stresses(wrench, 3e-3)
     # F / A; M / (t n^2 / 6); M / (n t^2 / 6)
     assert found == pytest.approx([1e6, 3e6, 2e6, 2e6])
 

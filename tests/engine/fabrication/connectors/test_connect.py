@@ -308,6 +308,12 @@ def test_edges_that_were_drawn_before_are_those_that_are_drawn_with_the_connecto
             assert curve.bulge == pytest.approx(other.bulge, abs=1e-9)
 
 
+def test_a_smaller_connector_is_tried_only_after_all_places_for_a_larger_one(flat_grid):
+    space = connectors.FreeSpace(_halves(flat_grid, 2.6), ConnectorParams())
+    sizes = [[c.size.neck for c in space.candidates(joint) if c.kind == "dovetail"] for joint in range(3)]
+    assert all(len(set(necks)) > 2 and necks == sorted(necks, reverse=True) for necks in sizes)
+
+
 # -- looking round -----------------------------------------------------------------------------------------------------
 
 
