@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from flexmaps.engine.fabrication.joints import Necks
 
 WIDTH, THICKNESS = 2e-3, 3e-3
