@@ -147,3 +147,50 @@ def test_hard_seams_are_named(flat_grid):
     assert block["hard"] == 1 and "beyond what the material bears" in block["warnings"][0]
     assert block["force_n_max"] == block["seams"][0]["force_n"] == pytest.approx(0.8, abs=1e-3)
     assert isinstance(found.model, ArmModel)
+
+
+def _seam(name, *difficulties, force=None, moment=None, load=None, lengths=(0.1, 0.1), stretch=0.0):
+    return assembly_check.SeamCheck(name, (1, 6), 3, lengths, stretch, force, moment, load, difficulties)
+
+
+def test_the_report_is_in_millimetres_newtons_and_newton_millimetres():
+    """The largest of every figure, whichever seam it is at, and of loads where they are known."""
+    seams = (
+        _seam("A", "load", force=1.5, moment=0.012, load=1.25, lengths=(0.1, 0.102), stretch=0.03),
+        _seam("B", force=2.5, moment=0.004, load=0.5, lengths=(0.0512352, 0.05), stretch=0.01),
+        _seam("C", "stretch", stretch=0.06),
+    )
+    report = assembly_check.AssemblyCheck(seams).report()
+    assert (report["force_n_max"], report["moment_n_mm_max"], report["load_max"]) == (2.5, 12.0, 1.25)
+    assert report["mismatch_max"] == pytest.approx(0.0012352 / 0.0506176, abs=1e-5)
+    assert report["stretch_max"] == 0.06 and report["hard"] == 2
+    first, second, third = report["seams"]
+    assert first["lengths_mm"] == [100.0, 102.0] and second["lengths_mm"] == [51.235, 50.0]
+    assert first["mismatch"] == pytest.approx(0.002 / 0.101, abs=1e-5)
+    assert (first["force_n"], first["moment_n_mm"], first["load"]) == (1.5, 12.0, 1.25)
+    assert first["panels"] == ["1", "6."] and first["hard"] == ["load"]
+    assert not {"force_n", "moment_n_mm", "load"} & set(third)
+    unknown = assembly_check.AssemblyCheck(seams[2:]).report()
+    assert not {"force_n_max", "moment_n_mm_max", "load_max"} & set(unknown)
+    assert assembly_check.AssemblyCheck(()).report()["stretch_max"] == 0.0
+
+
+@pytest.mark.parametrize(("count", "end"), [(8, "A, B, C, D, E, F, G, H)"), (9, "A, B, C, D, E, F, G, H, ...)")])
+def test_every_reason_names_its_first_seams(count, end):
+    seams = (*(_seam("ABCDEFGHJ"[k], "force") for k in range(count)), _seam("K", "stretch", "load"), _seam("L"))
+    stretch, force, load = assembly_check.AssemblyCheck(seams).warnings
+    assert force.startswith(f"Hard to assemble, {count} of {count + 2} seams (") and end in force
+    assert force.endswith("a joint pulls with more than 20 N; a thinner sheet or thinner arms help")
+    assert stretch.startswith(f"Hard to assemble, 1 of {count + 2} seams (K): the two sides of an edge differ")
+    assert load.startswith(f"Hard to assemble, 1 of {count + 2} seams (K): a connector would be strained")
+
+
+def test_a_joint_is_hard_beyond_its_limits_and_not_at_them(flat_grid, monkeypatch):
+    made, found = hung(flat_grid, 0.8)
+    monkeypatch.setattr(assembly_check, "MAX_HAND_FORCE", 0.8 * (1.0 + 1e-4))
+    (seam,) = assembly_check.check_assembly(made, None, found).seams
+    assert seam.difficulties == ()
+    monkeypatch.setattr(assembly_check, "MAX_HAND_FORCE", 0.8 * (1.0 - 1e-4))
+    monkeypatch.setattr(assembly_check, "MAX_LOAD", 0.999 * seam.load)
+    (seam,) = assembly_check.check_assembly(made, None, found).seams
+    assert seam.difficulties == ("force", "load")
