@@ -73,6 +73,7 @@ def test_an_outline_with_a_hole_is_read(tmp_path: Path, name: str) -> None:
     assert 1e6 * found.polygon.area == pytest.approx(AREA, rel=1e-4) and len(found.holes) == 1
     # the right way up: the tall part lies on the left
     assert found.polygon.contains(shapely.Point(0.02, 0.24)) and not found.polygon.contains(shapely.Point(0.28, 0.24))
+    assert shapely.Polygon(found.holes[0]).bounds == pytest.approx((0.15, 0.04, 0.19, 0.08), abs=1e-6)
 
 
 def test_circles_arcs_and_turned_groups(tmp_path: Path) -> None:
@@ -113,6 +114,27 @@ def test_what_is_no_drawing_is_refused(tmp_path: Path, name: str, text: str, say
         remnants.read_remnant_file(tmp_path / name)
     with pytest.raises(FlexMapsError, match="Cannot read the remnant"):
         remnants.read_remnants(str(tmp_path / "nowhere.dxf"))
+
+
+def test_a_drawing_is_too_large_from_twenty_metres_on(tmp_path: Path) -> None:
+    """The largest of its lines counts, and its longer side."""
+    for side, fits in ((19.9e3, True), (20.1e3, False)):
+        path = as_svg(
+            tmp_path / f"{fits}.svg",
+            'width="300mm" height="250mm" viewBox="0 0 300 250"',
+            f'<path d="M 0 0 v {side} h 9 z"/>',
+        )
+        if fits:
+            assert len(remnants.read_remnant_file(path)) == 2
+            continue
+        with pytest.raises(FlexMapsError, match="20 m large"):
+            remnants.read_remnant_file(path)
+
+
+def test_pieces_up_to_a_square_centimetre_are_ignored(tmp_path: Path) -> None:
+    squares = '<rect x="1000" width="10.1" height="10" /><rect x="1020" width="9.9" height="10"/>'
+    sizes = [found.size for found in remnants.read_remnant_file(as_svg(tmp_path / "a.svg", inside=squares))]
+    assert [round(1e3 * float(x), 3) for size in sizes for x in size] == [300.0, 250.0, 10.1, 10.0]
 
 
 # -- laying panels on them ---------------------------------------------------------------------------------------------

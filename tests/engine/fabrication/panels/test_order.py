@@ -87,3 +87,28 @@ def test_pieces_of_an_outline_stay_in_their_order() -> None:
     ordered, end = order_cuts([CutGroup((square(np.array([0.3, 0.3])),), 0), CutGroup(parts, 1)])
     assert ordered[:3] == parts and end == complex(*ordered[-1].points[0])
     assert order_cuts([]) == ((), 0.0)
+
+
+def test_a_closed_cut_begins_on_the_way_to_the_next() -> None:
+    """The corner nearest to the origin is 40 mm off on the wrong side; another, 50 mm off, lies on the way."""
+    large = Curve(np.array([[-0.04, 0.0], [0.05, 0.0], [0.05, 0.09], [-0.04, 0.09]]), np.zeros(4))
+    small = square(np.array([0.2, 0.0005]))
+    ordered, end = order_cuts([CutGroup((small,), 0), CutGroup((large,), 1)])
+    np.testing.assert_array_equal([c.points[0] for c in ordered], [[0.05, 0.0], [0.199, -0.0005]])
+    assert end == 0.199 - 0.0005j
+    # where it comes last, only the way to it counts
+    ordered, end = order_cuts([CutGroup((large,), 0)], 0.06 + 0.2j)
+    np.testing.assert_array_equal(ordered[0].points[0], [0.05, 0.09])
+    assert end == 0.05 + 0.09j
+
+
+def test_strokes_are_turned_round_only_where_they_may_be() -> None:
+    there, back = (
+        stroke(np.array([0.01, 0.0]), np.array([0.1, 0.0])),
+        stroke(np.array([0.2, 0.01]), np.array([0.1, 0.01])),
+    )
+    for may, ends in ((True, (0.2, 0.01)), (False, (0.1, 0.01))):
+        ordered, end = order_cuts([CutGroup((c,), k, is_reversible=may) for k, c in enumerate((there, back))])
+        assert end == pytest.approx(complex(*ends))
+        np.testing.assert_array_equal(ordered[-1].points[-1], ends)
+        np.testing.assert_array_equal(ordered[0].points, there.points)

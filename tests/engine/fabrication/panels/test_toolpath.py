@@ -170,6 +170,79 @@ def test_neighbours_of_a_short_segment_stay_on_their_lines():
         assert abs(np.linalg.norm(point - centre) - 0.01) < 1e-7 or abs(point[1]) < 1e-9
 
 
+# -- where and how a path begins ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("degrees", [25.0, 45.0, 65.0, 90.0])
+@pytest.mark.parametrize("longest", [0.0021, 0.0011])
+def test_a_lead_in_takes_the_smallest_angle_that_is_free(degrees, longest):
+    """On a circle: it comes from outside, on the right of the path, and leaves the circle at that angle."""
+
+    def free(lines):
+        begin, end = np.moveaxis(np.array([line.coords for line in lines]), 1, 0)
+        outwards = ((begin - end) * end).sum(axis=1) / np.linalg.norm(begin - end, axis=1) / np.linalg.norm(end, axis=1)
+        return (np.linalg.norm(begin - end, axis=1) < longest) & (outwards > np.sin(np.radians(degrees - 6.0)))
+
+    share = 1.0 if longest > 0.002 else 0.5
+    made = toolpath.with_lead_in(RING, 0.002, free)
+    begin, start = made.points[:2]
+    lead, radial = start - begin, start / np.linalg.norm(start)
+    assert np.linalg.norm(lead) == pytest.approx(0.002 * share)
+    forward = np.array([-radial[1], radial[0]])
+    assert lead @ radial < 0.0 < lead @ forward + 1e-15
+    assert np.degrees(np.arccos(lead @ forward / np.linalg.norm(lead))) == pytest.approx(degrees)
+    np.testing.assert_allclose(made.points[-1], start, atol=1e-15)
+    whole = Curve(made.points[1:], made.bulge[1:], closed=False)
+    assert not made.closed and made.bulge[0] == 0.0 and whole.length == pytest.approx(RING.length)
+
+
+def test_without_room_there_is_no_lead_in_and_after_a_tab_it_is_square():
+    none, every = (lambda lines, value=value: np.full(len(lines), value) for value in (False, True))
+    assert toolpath.with_lead_in(RING, 0.002, none) is None
+    part = toolpath.curve_between(RING, 0.003, 0.05)
+    made = toolpath.with_lead_in(part, 0.002, every)
+    np.testing.assert_allclose(made.points[0], 1.2 * part.points[0], rtol=1e-12)
+    np.testing.assert_array_equal(made.points[1:], part.points)
+
+
+def test_places_along_a_curve_are_those_that_shapely_finds():
+    drop = Curve(np.array([[0.0, 0.0], [0.02, 0.0], [0.02, 0.002], [0.0, 0.002]]), np.array([0.0, 1.0, 0.0, 1.0]))
+    line = drop.sample(1e-8)
+    ring = shapely.LinearRing(line)
+    rng = np.random.default_rng(1)
+    points = np.column_stack([rng.uniform(-0.002, 0.022, 40), rng.choice([-0.003, 0.006], 40)])
+    found = toolpath._nearest_along(drop, points)
+    wanted = shapely.line_locate_point(ring, shapely.points(points)) * drop.length / ring.length
+    assert np.abs(found - wanted).max() < 6e-5
+
+
+def test_engraved_strokes_may_begin_at_either_end():
+    there = Curve(np.array([[0.01, 0.0], [0.1, 0.0]]), np.zeros(2), closed=False)
+    back = Curve(np.array([[0.2, 0.01], [0.1, 0.01]]), np.zeros(2), closed=False)
+    made = toolpath.plan_cuts(
+        [there, back], [()], [RING.transform(0.0, np.array([0.1, 0.1]))], [np.empty((0, 3))], (0.3, 0.2), CutParams()
+    )
+    np.testing.assert_array_equal(made.engraving[1].points, back.points[::-1])
+    assert (made.lead_ins_left_out, made.tab_count) == (0, 0)
+
+
+def test_tabs_keep_apart_and_off_the_places_that_are_disliked():
+    """On a circle of 63 mm: the first tab comes where the penalty is least, the next as far away as there is a place."""
+    cut = CutParams(tabs=3, tab_width=0.001)
+    angle = np.radians([0.0, 20.0, 100.0, 170.0, 178.0, 260.0])
+    places = np.column_stack([0.01 * np.cos(angle), 0.01 * np.sin(angle), [3.0, 1.0, 1.0, 1.0, 5.0, 1.0]])
+    parts = toolpath._with_tabs(RING, places, cut)
+    ends = np.array([[part.points[-1], nxt.points[0]] for part, nxt in zip(parts, [*parts[1:], parts[0]], strict=True)])
+    assert np.linalg.norm(np.diff(ends, axis=1)[:, 0], axis=1) == pytest.approx(0.001, rel=1e-5)
+    middle = ends.mean(axis=1)
+    assert sorted(np.round(np.degrees(np.arctan2(middle[:, 1], middle[:, 0])) % 360.0)) == [20.0, 170.0, 260.0]
+    # two places within five widths of a tab hold one tab alone
+    close = np.array([[0.01, 0.0, 1.0], [0.01 * np.cos(0.4), 0.01 * np.sin(0.4), 1.0]])
+    assert len(toolpath._with_tabs(RING, close, cut)) == 1
+    apart = np.array([[0.01, 0.0, 1.0], [0.01 * np.cos(0.52), 0.01 * np.sin(0.52), 1.0]])
+    assert len(toolpath._with_tabs(RING, apart, cut)) == 2
+
+
 # -- mills -------------------------------------------------------------------------------------------------------------
 
 
