@@ -106,7 +106,7 @@ def _attribute(rng: random.Random, mesh: Any) -> str:
         )
         mesh.attributes.new(name, kind, domain)
         return f"{name} {kind} {domain}"
-    if what == "remove":
+    if what == "remove" or found.data_type not in attributes.KINDS:  # another mutation has given it such a kind
         mesh.attributes.remove(found)
         return f"del {name}"
     prop, width, dtype, _ = attributes.KINDS[found.data_type]

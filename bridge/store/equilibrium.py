@@ -64,7 +64,8 @@ def _remove(obj: bpy.types.Object, keys: list[bpy.types.ShapeKey]) -> None:
         return
     for name in [key.name for key in keys]:
         obj.shape_key_remove(mesh.shape_keys.key_blocks[name])
-    if len(mesh.shape_keys.key_blocks) == 1:
+    # no key is left where the user deleted the basis, so that a simulated shape had taken its place
+    if mesh.shape_keys is not None and len(mesh.shape_keys.key_blocks) == 1:
         obj.shape_key_clear()
 
 

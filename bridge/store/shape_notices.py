@@ -92,8 +92,8 @@ def _advise_supports(sentence: str, offered: set[str]) -> str:
     """
     faults = " ".join(line.partition(REMEDY_WORDS)[0].strip() for line in sentence.splitlines())
     if "flexmaps.stand_on" in offered:
-        return f"{faults} {translate('A cut would not bring it nearer, supports can: hold it with the button, or choose them yourself (Rests, in Piece).')}"
-    return f"{faults} {translate('A cut would not bring it nearer; supports at more places may (Rests, in Piece).')}"
+        return f"{faults} {translate('A cut through its middle would not bring it nearer, supports can: hold it with the button, or choose them yourself (Rests, in Piece).')}"
+    return f"{faults} {translate('A cut through its middle would not bring it nearer; supports at more places may (Rests, in Piece).')}"
 
 
 def _held(obj: bpy.types.Object) -> list[Notice]:

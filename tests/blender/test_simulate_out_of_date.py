@@ -16,7 +16,7 @@ from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.simulation import simulate as engine
 from flexmaps.operators import simulate as operators
-from support.arch import LENGTH, WIDTH, basis, ends, group, spiralled
+from support.arch import LENGTH, WIDTH, basis, ends, group, key_of, spiralled
 from support.buttons import press
 
 
@@ -107,6 +107,19 @@ def test_an_earlier_stage_takes_the_result_away(piece: Any, button: str, mode: s
     assert not {f"flexmaps_{name}" for name in equilibrium.NAMES} & {a.name for a in piece.data.attributes}
     if button != "regularise":
         assert basis(piece) == pytest.approx(target, abs=1e-7)
+
+
+@pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
+def test_a_simulated_shape_without_a_basis_becomes_the_surface(piece: Any, mode: str) -> None:
+    """Where the user deletes the basis in the list of shape keys."""
+    press("simulate")
+    shape = key_of(piece)
+    piece.shape_key_remove(piece.data.shape_keys.key_blocks[0])
+    bpy.ops.object.mode_set(mode=mode)
+    press("spirals")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert not equilibrium.simulated_keys(piece.data)
+    assert basis(piece) == pytest.approx(shape, abs=1e-6)
 
 
 def test_keys_of_the_user_are_left_alone(piece: Any, all_of: Any) -> None:
