@@ -33,7 +33,9 @@ def short_edge_length(mesh: PolygonMesh) -> float:
 def weld(mesh: PolygonMesh) -> PolygonMesh:
     """Return a mesh in which vertices that only noise separates are merged at their mean, never two corners of a face."""
     used = np.unique(mesh.corners)
-    if not np.isfinite(mesh.vertices[used]).all():
+    with np.errstate(over="ignore"):
+        squares = np.square(mesh.vertices[used])
+    if not np.isfinite(squares).all():  # no number, or too large for distances: the checks name these vertices
         return mesh
     near = WELD_SHARE * short_edge_length(mesh)
     tried = [weld_clusters(mesh, used, factor * near) for factor in WELD_FACTORS]
