@@ -239,3 +239,12 @@ def test_loads_are_read_before_the_work() -> None:
     settings = with_values(ObjectSettings(), {"structure.cases": "w: weight", "structure.combinations": "a = 2 snow"})
     with pytest.raises(FlexMapsError, match="adds 'snow', which is not a load case"):
         job.run(mesh, settings, stop_after="structure")
+
+
+def test_the_curve_follows_the_hub_that_moves_most_through_its_deflection(standing: Simulation) -> None:
+    one = examined(standing, "a: point 1 -z on 4,13").outcomes[0]
+    factors, along = one.curve.T
+    assert factors[0] == 0.0 == pytest.approx(along[0], abs=1e-12) and (np.diff(factors[:3]) > 0.0).all()
+    # the path goes on beyond the loads of the case, where the deflection is measured
+    (at,) = np.flatnonzero(np.isclose(factors, one.share))
+    assert along[at] == pytest.approx(float(one.deflection.max()), rel=1e-6)

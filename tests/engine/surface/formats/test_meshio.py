@@ -356,3 +356,32 @@ def test_damaged_files_are_read_or_refused(tmp_path, suffix, data):
 def test_noise_is_refused(tmp_path, suffix, content):
     with contextlib.suppress(FlexMapsError):
         meshio.read_mesh(save(tmp_path, f"n{suffix}", content))
+
+
+@pytest.mark.parametrize(
+    ("name", "up", "axis"),
+    [
+        ("a.obj", None, 1),
+        ("A.OBJ", None, 1),
+        ("a.off", None, 2),
+        ("a.obj", "z", 2),
+        ("a.off", "y", 1),
+        ("a.off", "x", 0),
+    ],
+)
+def test_the_axis_that_points_up_becomes_z(tmp_path, name, up, axis):
+    """A box of 1 x 2 x 3: its sides go round, so that it stays the same way out, and its middle is at the origin."""
+    x, y, z = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3.0]])[[0, 1, 2, 3]].T + 5.0
+    points, faces = np.column_stack([x, y, z]), [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    head = "" if name.lower().endswith("obj") else "OFF\n4 4 0\n"
+    begin, first = ("v ", 1) if not head else ("", 0)
+    lines = [begin + " ".join(map(str, p)) for p in points.tolist()]
+    lines += [("f " if not head else "3 ") + " ".join(str(k + first) for k in face) for face in faces]
+    found, mesh = meshio.read_upright(str(save(tmp_path, name, head + "\n".join(lines) + "\n")), up)
+    assert found == name
+    size = np.ptp(mesh.vertices, axis=0)
+    assert size[2] == axis + 1.0 and size.tolist() == np.roll([1.0, 2.0, 3.0], 2 - axis).tolist()
+    volume = np.linalg.det(mesh.vertices[1:] - mesh.vertices[0])
+    assert volume == pytest.approx(6.0)
+    with pytest.raises(FlexMapsError, match="up is 'w'; give x, y or z"):
+        meshio.read_upright(str(tmp_path / name), "w")

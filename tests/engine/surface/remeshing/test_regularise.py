@@ -367,3 +367,17 @@ def test_a_repair_gives_up_only_what_stays_spoilt(rounds: int, monkeypatch: pyte
         assert not returned.any()
     else:
         assert returned[first].all() and returned[last].all() == (rounds == regularising.MENDING)
+
+
+@pytest.mark.parametrize(("shift", "expected"), [((0, 0, 0.3), "away"), ((0, 0, 0.2), ""), ((0.4, 0.4, 0), "worse")])
+def test_quads_are_spoilt_whose_corner_leaves_the_surface_or_that_are_less_square(shift, expected) -> None:
+    """Squares of 20 mm in a plane: one corner is lifted by a little more or less than a quarter of a side, or moved aside."""
+    x, y = np.meshgrid(np.arange(7.0), np.arange(7.0), indexing="ij")
+    at = np.arange(49).reshape(7, 7)
+    quads = np.stack([at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]], axis=-1).reshape(-1, 4)
+    flat = QuadMesh(0.02 * np.column_stack([x.ravel(), y.ravel(), np.zeros(49)]), quads)
+    points = flat.vertices.copy()
+    points[24] += 0.02 * np.array(shift)
+    around = (quads == 24).any(axis=1)
+    for name, mask in zip(("worse", "away"), regularising._spoilt_quads(flat, points), strict=True):
+        assert (mask == (around & (name == expected))).all()
