@@ -156,3 +156,19 @@ def test_contacts_are_sought_where_spirals_have_changed(flat_grid):
     assert not touching.cache.contact_free
     mended = fabricable.resolve_contacts(touching)
     assert mended.twist[1] < 14.0 and mended.cache.contact_free == {0}
+
+
+def test_the_report_of_spirals_is_in_millimetres_degrees_and_percent(flat_grid):
+    """The least, the mean and the largest of every figure; spirals without room are named."""
+    params = SpiralParams()
+    width = np.array([[0.001, 0.001, 0.001, 0.001], [0.001, 0.001, 0.002, 0.002], [0.002, 0.002, 0.002, 0.002]])
+    made = design.SpiralDesign(flat_grid(3, 1), params, width, np.radians([90.0, 180.0, 60.0]), is_painted=True)
+    report = design_report(made, with_slot=False)
+    assert report["count"] == 3 and report["painted"] is True and "slot_min_mm" not in report
+    assert report["width_mm"] == [1.0, 1.5, 2.0] and report["twist_deg"] == [60.0, 110.0, 180.0]
+    assert report["unlike_percent"] == [0.0, 22.2222, 66.6667]  # the middle spiral's, of its mean
+    assert report["scale_mm"] == [20.0, 20.0, 20.0] and report["too_thin"] == 0 and "no_spiral" not in report
+    width = width.copy()
+    width[2] = slots.SOLID_WIDTH_SHARE * params.width_min
+    solid = design_report(design.SpiralDesign(flat_grid(3, 1), params, width, np.zeros(3)), with_slot=False)
+    assert solid["no_spiral"] == [2] and "painted" not in solid
