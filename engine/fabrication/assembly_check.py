@@ -19,13 +19,16 @@ from . import joints
 from .connectors.connect import Connections
 from .panels.labels import panel_name, seam_name
 
-# Maximum difference in length between the two sides of a seam edge, as a share of their mean, where the forces are
-# unknown; larger reports fewer seams as hard. At 0.05, joints 20 mm apart are misaligned by 1 mm, a thin arm's width
+# A seam whose forces are unknown counts as hard to join if the two sides of one of its edges differ in length by more
+# than this share of their mean. At 0.05, two joints 20 mm apart are misaligned by 1 mm, the width of a thin arm. Larger
+# values report fewer seams as hard
 MAX_STRETCH = 0.05
-MAX_HAND_FORCE = (
-    20.0  # maximum force at a joint, newtons: a third of an adult's pinch strength; larger reports fewer seams as hard
-)
-MAX_LOAD = 1.0  # maximum load of a joint, as a share of the strain limit; larger reports fewer seams as hard
+# A seam counts as hard to join if the force at one of its joints exceeds this many newtons: a third of an adult's pinch
+# strength. Larger values report fewer seams as hard
+MAX_HAND_FORCE = 20.0
+# A seam counts as hard to join if the stress in the neck of one of its joints exceeds this share of the material's
+# strength. Larger values report fewer seams as hard
+MAX_LOAD = 1.0
 
 
 @dataclass(frozen=True)
@@ -38,10 +41,10 @@ class SeamCheck:
     lengths : lengths of the seam's two flat sides, metres
     stretch : largest difference in length between the two sides of an edge, as a share of their mean
     force, moment : largest force and largest moment at the seam's joints in equilibrium, N and N m
-    load : largest strain of a connector's neck, as a share of the material's strain limit
+    load : largest stress in the neck of a joint (module ``joints``), as a share of the material's strength
     difficulties : reasons why the seam is hard to join: "force", "load", or "stretch" if the forces are unknown
 
-    force, moment and load are None if there is no equilibrium that has converged and is not locked.
+    force, moment and load are None if the forces in equilibrium are unknown, see ``check_assembly``.
     """
 
     name: str
@@ -68,7 +71,7 @@ class AssemblyCheck:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Sentences for the user: seams that are hard to join, the reason and a remedy."""
+        """One sentence for the user per reason why seams are hard to join: which seams, the reason and a remedy."""
         limits = (
             ("stretch", f"the two sides of an edge differ by more than {100 * MAX_STRETCH:g} %",
              "pull the shorter side along as you join them"),
@@ -123,15 +126,16 @@ def check_assembly(
 ) -> AssemblyCheck:
     """Predict how hard every seam of a design is to assemble.
 
-    The force at a joint in equilibrium is the force that closes it after all others, so it tells how hard a seam is to
-    join. Forces are computed only with the arm model, and only if its equilibrium has converged and is probably not a
-    false minimum (``Simulation.is_locked``); without forces, the difference in length between the two sides tells.
+    The force that a joint carries in equilibrium is also the force needed to close this joint when all others are
+    closed, so it measures how hard the seam is to join. Forces are known only if the simulation used the arm model, and
+    its equilibrium has converged and is probably not a false minimum of the energy (``Simulation.is_locked``). Where
+    they are unknown, the difference in length between the two sides of the seam's edges is used instead.
 
     Parameters
     ----------
-    design : spirals and panels
-    connections : connectors, for the load on their necks
-    simulation : equilibrium, for forces and moments; if None, these are left out
+    design : spirals and flat patches
+    connections : connectors, for the width of their necks; None if all arms have plain ends
+    simulation : equilibrium, for forces and moments; None if they are unknown
     """
     layout = design.flat.layout
     numbers, lengths = panel_numbers(layout), _lengths(design)
@@ -154,9 +158,9 @@ def check_assembly(
 
 
 def _lengths(design: SpiralDesign) -> list[np.ndarray]:
-    """Return for every seam the lengths (N, 2) in metres of its edges on both flat sides.
+    """Return for every seam the flat lengths (N, 2) in metres of its N edges, one column for each side of the seam.
 
-    The first column is the side on which the first quad of the first edge lies.
+    The first column belongs to the side of the seam where the first quad of its first edge lies.
     """
     layout = design.flat.layout
     mesh, corners = layout.mesh, design.flat.corners
@@ -170,7 +174,7 @@ def _lengths(design: SpiralDesign) -> list[np.ndarray]:
 
 
 def _has_swapped_quads(layout: PatchLayout, edges: np.ndarray) -> np.ndarray:
-    """Return a mask (N,) of a seam's edges that list their two quads in the opposite order to the first edge.
+    """Return a mask (N,) of a seam's edges whose first quad lies across the seam from the first quad of the first edge.
 
     All quads on the same side of a seam traverse its edges in the same direction, which tells the sides apart.
     """
@@ -186,9 +190,10 @@ def _has_swapped_quads(layout: PatchLayout, edges: np.ndarray) -> np.ndarray:
 
 
 def _forces(design: SpiralDesign, connections: Connections | None, simulation: Simulation) -> np.ndarray | None:
-    """Return (E, 3) for every edge: force (N), moment (N m), and stress of the neck over the material's strength.
+    """Return (E, 3) for every mesh edge: force (N), moment (N m), stress in the neck as a share of the strength.
 
-    None if the equilibrium has not converged or is locked, or if the elastic model has no forces at joints.
+    Border edges have 0. Return None if the equilibrium has not converged, if it is probably a false minimum
+    (``Simulation.is_locked``), or if the elastic model does not compute forces at joints.
     """
     model, rest = simulation.model, simulation.equilibrium
     if not rest.converged or simulation.is_locked:

@@ -62,8 +62,8 @@ def check_kerf(design: SpiralDesign, panels: Sequence[Panel], cut: CutParams, pr
     Parameters
     ----------
     design : spirals on flat patches
-    panels : panels as drawn, in their patches' frames
-    cut : widths of the kerf
+    panels : panels in their patches' frames, with the outlines that the finished parts should have
+    cut : parameters of the cutter, with the widths of the kerf along outlines and along holes
     progress : called with the fraction done; may cancel
     """
     widest = max(cut.kerf_outline, cut.kerf_holes)
@@ -131,10 +131,10 @@ def check_panel_sizes(
     Parameters
     ----------
     panels : panels in their patches' frames
-    patches : quads of every patch, for the error
+    patches : quads of every patch, for the error to point at
     params : size of the sheets, margin, allowed rotations; ``oversize`` "error" forbids larger panels
     progress : called with the fraction done; may cancel
-    turn : rotation in radians that lays the panels' grain along x
+    turn : rotation in radians of panels from their patches' frames, after which the grain lies along x
     """
     found = []
     for number, panel in enumerate(panels):

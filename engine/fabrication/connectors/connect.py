@@ -22,8 +22,9 @@ from .tips import ConnectorCandidate, Tip
 
 CANDIDATES_AT_ONCE = 180  # candidates evaluated together (0.1 s of work); more delay a cancel
 _TIPS_AT_ONCE = 2000  # tips compared with all others at once; more take more memory
-# Number of candidates per joint that are evaluated together in the second round, and largest number in later rounds.
-# Larger batches are faster per candidate, but all candidates after the first that fits are wasted
+# The candidates of a joint are tested in rounds until one has room: a single one in the first round, this many in the
+# second, and up to so many in later rounds. Larger batches are faster per candidate, but waste the candidates after the
+# first that has room
 SECOND_BATCH, MAX_BATCH = 4, 16
 
 
@@ -35,7 +36,8 @@ class Connector:
     seam : index of the seam
     candidate : kind and size, the arm with the head, and the position
     faces, sides : quads and sides of both arms; the arm of the patch with the lower index comes first
-    is_shrunk, is_swapped : whether, for lack of room, it is smaller than requested, or has its head on the other arm
+    is_shrunk : whether the connector is smaller than requested for lack of room
+    is_swapped : whether the head is on the other arm than preferred for lack of room
     """
 
     name: str
@@ -58,7 +60,7 @@ class Connections:
 
     plain_joints : (name, quad, quad) of joints without room for any connector, whose arms keep plain ends
     clearance : gap between head and socket after cutting, metres
-    occupied_lengths : length in metres of every arm, from its joint, that a connector occupies
+    occupied_lengths : length in metres of the part of every arm, from its joint, that a connector occupies; 0 without
     tips : ends of all arms that have a connector
     """
 
@@ -183,7 +185,7 @@ def connect(
 class _Choice:
     """A candidate connector that has room, with its two tips.
 
-    polygons : (2, 2) polygons of the tips, see ``FreeSpace.fit_tips``
+    polygons : (2, 2) shapely polygons; row 0 in the tips' own panels, row 1 in the panels across; one column for each tip
     """
 
     candidate: ConnectorCandidate
@@ -206,13 +208,13 @@ class _CandidateQueues:
         ----------
         joints : indices of the joints
         progress : called with the fraction done; may cancel
-        first : whether to begin with a single candidate per joint, for which the free space is not measured
+        first : whether to test only one candidate per joint in the first round, without measuring the free space
         """
         found: dict[int, _Choice | None] = {j: self.fitting[j].popleft() for j in joints if self.fitting[j]}
         waiting, few = [j for j in joints if j not in found], SECOND_BATCH
         while waiting:
             tries = []
-            # limit the candidates per joint, because candidates after the first that has room are wasted
+            # test few candidates per joint at once, because those after the first that has room are wasted
             each = 1 if first else max(1, min(few, CANDIDATES_AT_ONCE // len(waiting)))
             for place, joint in enumerate(waiting):
                 if not first and place % CANDIDATES_AT_ONCE == 0:
@@ -241,7 +243,7 @@ class _CandidateQueues:
 
 
 def _choose_connectors(space: FreeSpace, progress: Progress) -> list[_Choice | None]:
-    """Return for every joint its first candidate that has room beside the other joints' choices, or None."""
+    """Return for every joint its first candidate with room beside the connectors of other joints; None if there is none."""
     search = _CandidateQueues(space)
     every = list(range(len(space.joints.edge)))
     found = search.next_fitting(every, progress.part(0.0, 0.9), first=True)
@@ -264,9 +266,10 @@ def _choose_connectors(space: FreeSpace, progress: Progress) -> list[_Choice | N
 def _joints_too_close(
     space: FreeSpace, chosen: list[_Choice | None], changed: set[int], progress: Progress
 ) -> list[int]:
-    """Return the joints whose connector must be replaced because a tip is closer to another than the smallest slot.
+    """Return the joints whose connector must be replaced because one of its tips comes too close to another tip.
 
-    The larger tip of each pair is replaced. Only pairs with a tip of the ``changed`` joints are tested.
+    Two tips are too close if their distance is less than the smallest slot; the connector of the larger tip is then
+    replaced. Only pairs with a tip of the ``changed`` joints are tested.
     """
     import shapely
 

@@ -23,6 +23,7 @@ from ...spirals.contours import Tips
 from ...spirals.curves.spiral import LEFT, RIGHT, edge_points
 from ...spirals.design import SpiralDesign
 from .joined_arms import JoinedArms, JointArms, to_complex, to_points
+from .obstacles import Obstacles
 from .shape import ConnectorSize, connector_sizes, tab_sizes
 from .tips import ConnectorCandidate, Tip, end_curves, make_tips
 
@@ -31,14 +32,19 @@ KINDS = {"dovetail": ("dovetail", "key", "tab"), "key": ("key", "tab"), "tab": (
 # sizes to try, in this order, as shares of the requested size; finer steps find larger connectors and take longer
 SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
 WIDTH_STEP = 1e-5  # metres; arm widths are rounded down to multiples of it; larger: fewer shapes to compute, less exact
-SETBACKS = (0.0, 3e-4, 6e-4, 1e-3, 1.5e-3)  # metres tried from the parting line to the arm's end, at keys and tabs
+# distances in metres to try, in this order, between the parting line and the ends of both arms of a key or tab
+SETBACKS = (0.0, 3e-4, 6e-4, 1e-3, 1.5e-3)
 _SHIFTS = 12  # number of shifts of the parting line tried in either direction along the arms; more take longer
-# distance between two such shifts, in neck widths of the smallest connector; larger steps miss more places
+# distance between consecutive shifts of the parting line, in neck widths of the smallest connector; larger steps miss
+# more places
 _STEP = 0.55
-_SHIFTS_TRIED = 4  # number of shifts with room tried per size while necks must lie on their arms; more take longer
-_RAY_STEP = 2e-4  # metres along the arm between measurements of the free space; smaller is more exact and slower
+# number of shifts with enough free space that are tried per size, as long as the neck must lie on the arm; all are tried
+# where it may overhang. More take longer
+_SHIFTS_TRIED = 4
+# free space is measured along rays from the edges of the arms; distance between adjacent rays along the arm, metres;
+# smaller is more exact and slower
+_RAY_STEP = 2e-4
 _BUNDLE = 8  # number of adjacent rays that share one search for nearby pieces of arms; more find too many pieces
-_BUNDLES_AT_ONCE = 2500  # bundles of rays traced together; more take more memory
 _PIECES = 8  # pieces into which an arm is split; more make tighter bounding boxes and a larger search tree
 _QUADS_AT_ONCE = 500  # quads whose arms are sampled together; more take more memory
 
@@ -49,7 +55,7 @@ class CutJoints:
 
     edge : index of the mesh edge
     seam, place : index of the seam, and of the joint along the seam
-    quad, side : quads and sides of the joint's two arms; the arm of the patch with the lower index comes first
+    quad, side : quad and side of each of the joint's two arms; the arm of the patch with the lower index comes first
     is_within_panel : whether both arms belong to the same panel
     """
 
@@ -80,7 +86,7 @@ class FreeWidths:
     """Free space on both sides of the two arms of a joint, at places along them.
 
     x : metres along the arms from the joint, positive on the second arm
-    left, right : metres by which the edges could move outwards at each place
+    left, right : metres by which the left and the right edge of the arm could move outwards at each place
     width : width of the arm at each place, metres
     """
 
@@ -129,7 +135,7 @@ class FreeSpace:
 
     @cached_property
     def joined_arms(self) -> JoinedArms:
-        """The pairs of arms of all joints, seen from the first arm of each."""
+        """Both arms of every joint; ``own`` is the arm that comes first in ``joints``."""
         quad, side = self.joints.quad, self.joints.side
         return JoinedArms(*(JointArms.from_arms(self.design, quad[:, k], side[:, k]) for k in range(2)))
 
@@ -144,14 +150,15 @@ class FreeSpace:
         """Yield candidate connectors for a joint, best first: larger ones first, on the arm before beside it."""
         # heads and sockets alternate along a seam, so that panels joined with an offset of one joint do not fit
         first = int(self.joints.place[joint]) % 2
-        # a key needs no room beyond the cut, so it suits cuts inside a panel whose sides lie close together
+        # try keys at cuts inside a panel even if dovetails are requested: both sides of such a cut may lie so close
+        # together that a dovetail's head, which protrudes from its arm, has no room in the flat panel
         inside = bool(self.joints.is_within_panel[joint])
         kinds = [k for k in KINDS[self.params.connector] if k in (self.params.connector, "tab") or inside]
-        # at a cut inside a panel, a head longer than the flat gap would overlap its own socket
+        # at a cut inside a panel, a head longer than the flat distance between the two arms would overlap its own socket
         gap = abs(self.joined_arms.own.origin[joint] - self.joined_arms.other.origin[joint]) if inside else np.inf
         best = ConnectorCandidate(self.params.connector, self.connector_sizes(joint, self.params.connector)[0], first)
         if best.kind != "dovetail" or best.size.length <= gap:
-            yield best  # this usually fits, so the free space need not be measured
+            yield best  # usually fits; measuring the free space before would be wasted
         self.measure_free_widths([joint])
         openings, steps = self._free_widths[joint], np.array(self._shifts(joint))
         for kind in kinds:
@@ -165,25 +172,25 @@ class FreeSpace:
                             yield ConnectorCandidate(kind, s, male, shift, aside, back)
 
     def _shifts(self, joint: int) -> list[float]:
-        """Return the shifts of the parting line in metres, smallest first."""
+        """Return the shifts of the parting line to try, in metres to either side of the joint, the nearest first."""
         step = self.connector_sizes(joint)[-1].neck * _STEP
         return [step * n for n in sorted(range(-_SHIFTS, _SHIFTS + 1), key=lambda n: (abs(n), n))]
 
     def fit_tips(
-        self, which: Sequence[int], candidates: Sequence[ConnectorCandidate]
+        self, joints: Sequence[int], candidates: Sequence[ConnectorCandidate]
     ) -> list[tuple[tuple[Tip, Tip], np.ndarray] | None]:
         """Return for every candidate its two tips and their polygons (2, 2); None where they have no room.
 
         Both tips must keep the width of the smallest slot from everything near, in their own panels and, once joined,
-        in the panels across. The second tip is made only where the first has room. The rows of the polygons are the two
-        placements of ``_place_in_common_plane``, the columns the two tips.
+        in the panels across. The second tip is made only where the first has room. Row 0 of the polygons lies in the
+        tips' own panels, row 1 in the panels across, see ``_place_in_common_plane``; there is one column for each tip.
 
         Parameters
         ----------
-        which : index of the joint of every candidate
+        joints : index of the joint of every candidate
         candidates : candidate connectors
         """
-        rows, left = np.array(which, dtype=int), np.arange(len(which))
+        rows, left = np.array(joints, dtype=int), np.arange(len(joints))
         shift, aside = (np.array([getattr(a, n) for a in candidates]) for n in ("shift", "lateral_offset"))
         roles = [a.roles() for a in candidates]
         tips, placed = np.empty((len(rows), 2), dtype=object), np.empty((2, len(rows), 2), dtype=object)
@@ -207,18 +214,22 @@ class FreeSpace:
 
     # -- obstacles near the joints -------------------------------------------------------------------------------------
 
-    def _make_obstacles(self, progress: Progress) -> _Obstacles:
-        """Return all hubs, and all arms in pieces, in a common plane where panels do not overlap."""
+    def _make_obstacles(self, progress: Progress) -> Obstacles:
+        """Return all hubs, and all arms split into pieces, in a common plane where panels do not overlap."""
         patch_of, found = self.design.flat.layout.patch_of, []
         for part in progress.batches(len(patch_of), _QUADS_AT_ONCE, "what is near the joints"):
             found.append(self._pieces(np.arange(part.start, part.stop)))
         rings, arm, quad = (np.concatenate(x) for x in zip(*found, strict=True))
-        return _Obstacles(rings + self.patch_spacing * patch_of[quad][:, None], arm)
+        return Obstacles(rings + self.patch_spacing * patch_of[quad][:, None], arm)
 
     def _pieces(self, quads: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the arms of some quads in pieces, and their hubs, as complex rings (P, K) in the patches' frames.
+        """Return the pieces of the arms of some quads, and the hubs, each as a closed ring of K points.
 
-        Also return the arm (4 quad + side, -1 for hubs) and the quad of each ring.
+        Returns
+        -------
+        rings : (P, K) complex points in the patches' frames, metres
+        arm : (P,) arm to which each ring belongs, 4 quad + side; -1 for hubs
+        quad : (P,) quad to which each ring belongs
         """
         arms, roots, count = self.design.arms.subset(quads), self.design.roots, len(quads)
         t_left, t_right = roots.left[quads], np.roll(roots.right[quads], 1, axis=1)
@@ -239,29 +250,33 @@ class FreeSpace:
 
     @cached_property
     def patch_spacing(self) -> float:
-        """Distance in metres between the origins of consecutive patches in the common plane; no patches overlap."""
+        """Distance in metres, along x, between the origins of consecutive patches in the common plane.
+
+        It is so large that patches do not overlap.
+        """
         return 2.0 * float(np.ptp(self.design.flat.corners.reshape(-1, 2), axis=0).max())
 
-    def _place_in_common_plane(self, through: JoinedArms, tips: np.ndarray) -> np.ndarray:
-        """Place polygons of tips (n,) in the common plane where panels do not overlap; return polygons (2, n).
+    def _place_in_common_plane(self, joined_arms: JoinedArms, tips: np.ndarray) -> np.ndarray:
+        """Return the polygons (2, n) of ``tips`` (n,) in the common plane where panels do not overlap.
 
-        The first row lies in the tips' own panels, the second in the panels across, as when the joints are assembled.
+        Row 0 lies in the tips' own panels, row 1 in the panels across, where the tips are once the joints are assembled.
+        The tips are those of the arms ``joined_arms.own``.
         """
         import shapely
 
         polygons = np.array([tip.polygon for tip in tips])
         points, owner = shapely.get_coordinates(polygons, return_index=True)
         rows = np.array([tip.row for tip in tips], dtype=int)[owner]
-        own, other = through.own, through.other
+        own, other = joined_arms.own, joined_arms.other
         there = to_complex(points)
         local = (there - own.origin[rows]) / own.outwards[rows]
         mated = other.origin[rows] - other.outwards[rows] * local
         placed = there + self.patch_spacing * own.patch[rows], mated + self.patch_spacing * other.patch[rows]
         return np.stack([shapely.set_coordinates(polygons.copy(), to_points(p)) for p in placed])
 
-    def measure_free_widths(self, which: Sequence[int]) -> None:
-        """Measure and store the free space on both sides of the arms of joints ``which``."""
-        rows = np.array([j for j in which if j not in self._free_widths], dtype=int)
+    def measure_free_widths(self, joints: Sequence[int]) -> None:
+        """Measure and store the free space on both sides of the arms of these joints, given by index."""
+        rows = np.array([j for j in joints if j not in self._free_widths], dtype=int)
         if not len(rows):
             return
         through = self.joined_arms.subset(rows)
@@ -270,9 +285,9 @@ class FreeSpace:
         steps = int(np.ceil(reach.max() / _RAY_STEP))
         x = _RAY_STEP * (np.arange(-(-(2 * steps + 1) // _BUNDLE) * _BUNDLE) - steps)
         there = (x >= -back[:, None]) & (x <= ahead[:, None])
-        edges, ways = through.edge_points(through.tau_at(np.repeat(-x[None], len(rows), axis=0)))
-        ways = ways * (1j * np.array([LEFT, RIGHT]))[:, None, None]
-        # look as far as the widest tip could extend, plus a slot
+        edges, directions = through.edge_points(through.tau_at(np.repeat(-x[None], len(rows), axis=0)))
+        directions = directions * (1j * np.array([LEFT, RIGHT]))[:, None, None]
+        # measure as far as the edge of the widest tip could lie from the arm, plus the width of a slot
         view = 1.02 * self.slot + np.array([self.connector_sizes(j)[0].pad_width for j in rows.tolist()])
         view = np.repeat(np.tile(view, 2), len(x) // _BUNDLE)
         free = np.full(edges.shape, np.inf)
@@ -281,27 +296,39 @@ class FreeSpace:
         for half, sign in ((through.own, 1.0), (through.other, -1.0)):
             out = sign * half.outwards[:, None]
             origin = half.origin[:, None] + out * edges + self.patch_spacing * half.patch[:, None]
-            seen = self.obstacles.cast_rays(origin.reshape(-1, _BUNDLE), (out * ways).reshape(-1, _BUNDLE), view, own)
+            seen = self.obstacles.cast_rays(
+                origin.reshape(-1, _BUNDLE), (out * directions).reshape(-1, _BUNDLE), view, own
+            )
             free = np.minimum(free, np.maximum(seen.reshape(free.shape) - 1.02 * self.slot, 0.0))
         width = np.abs(edges[0] - edges[1])
         for k, joint in enumerate(rows.tolist()):
             at = there[k]
             self._free_widths[joint] = FreeWidths(x[at], free[0, k, at], free[1, k, at], width[k, at])
 
-    def _keep_clear(self, through: JoinedArms, rows: np.ndarray, shapes: np.ndarray) -> np.ndarray:
-        """Return a mask (n,) of the shapes that keep a slot's width from all hubs and arms but their joints' arms."""
-        own = np.stack([through.own.arm[rows], through.other.arm[rows]], axis=1)
+    def _keep_clear(self, joined_arms: JoinedArms, rows: np.ndarray, shapes: np.ndarray) -> np.ndarray:
+        """Return a mask (n,) of the polygons ``shapes`` that keep a slot's width from all other arms and from all hubs.
+
+        The two arms of row ``rows`` (n,) of ``joined_arms`` belong to the joint of the polygon and are ignored.
+        """
+        own = np.stack([joined_arms.own.arm[rows], joined_arms.other.arm[rows]], axis=1)
         return ~self.obstacles.are_near(shapes, own, 0.999 * self.slot)
 
     def _are_too_close(self, one: Tip, two: Tip) -> bool:
-        """Return whether two tips of one panel come closer to each other or their arms than the smallest slot."""
+        """Return whether two tips of one panel come closer than the smallest slot to each other or each other's arms."""
         import shapely
 
         near = ((one.polygon, two.arm_without_tip), (two.polygon, one.arm_without_tip), (one.polygon, two.polygon))
         return any(bool(shapely.dwithin(a, b, 0.999 * self.slot)) for a, b in near)
 
     def tips_as_arcs(self, tips: list[Tip], plain: np.ndarray, tolerance: float) -> Tips:
-        """Return all tips as arcs within ``tolerance`` metres; arms without a connector begin at t ``plain`` (F, 4)."""
+        """Return the ends of all arms, for drawing the outlines: ``tips``, and plain ends on arms without a connector.
+
+        Parameters
+        ----------
+        tips : tips with connectors
+        plain : (F, 4) value of t at which an arm without a connector begins
+        tolerance : largest distance in metres between the tips and the arcs that represent them
+        """
         blank = np.zeros(plain.shape)
         made = Tips(np.zeros((2, *plain.shape)), blank, blank + 1e-3, plain.copy(), {})
         for tip, end in zip(tips, end_curves(tips, tolerance), strict=True):
@@ -311,87 +338,3 @@ class FreeSpace:
             made.begin[at] = max(tip.begin, 0.0)
             made.end_curves[tip.arm] = end
         return made
-
-
-class _Obstacles:
-    """Hubs and pieces of arms in a common plane where panels do not overlap, with a search tree.
-
-    rings : (P, K) complex points of the pieces, metres
-    arm : (P,) arm of each piece, 4 quad + side; -1 for hubs
-    low, high : (P, 2) corners of the pieces' bounding boxes, metres
-    """
-
-    def __init__(self, rings: np.ndarray, arm: np.ndarray):
-        import shapely
-
-        self.rings, self.arm = rings, arm
-        self.low, self.high = (
-            np.stack([f(rings.real, axis=1), f(rings.imag, axis=1)], axis=1) for f in (np.min, np.max)
-        )
-        self.tree = shapely.STRtree(shapely.box(*self.low.T, *self.high.T))
-        # polygons are made on first use: most are never needed
-        self._shapes, self._is_made = np.empty(len(rings), dtype=object), np.zeros(len(rings), dtype=bool)
-
-    def _polygons(self, pieces: np.ndarray) -> np.ndarray:
-        """Return the polygons of some pieces, made on first use."""
-        import shapely
-
-        new = np.unique(pieces[~self._is_made[pieces]])
-        self._shapes[new] = shapely.polygons(to_points(self.rings[new]))
-        self._is_made[new] = True
-        return self._shapes[pieces]
-
-    def are_near(self, shapes: np.ndarray, without: np.ndarray, distance: float) -> np.ndarray:
-        """Return a mask (N,) of the shapes that a piece of an arm or hub is nearer to than ``distance`` metres.
-
-        without : (N, 2) arms to ignore for each shape
-        """
-        import shapely
-
-        bounds = shapely.bounds(shapes) + distance * np.array([-1.0, -1.0, 1.0, 1.0])
-        shape, piece = self.tree.query(shapely.box(*bounds.T))
-        other = (self.arm[piece][:, None] != without[shape]).all(axis=1)
-        shape, piece = shape[other], piece[other]
-        shapely.prepare(shapes)
-        found = np.zeros(len(shapes), dtype=bool)
-        found[shape[shapely.dwithin(shapes[shape], self._polygons(piece), distance)]] = True
-        return found
-
-    def cast_rays(self, origin: np.ndarray, way: np.ndarray, view: np.ndarray, without: np.ndarray) -> np.ndarray:
-        """Return (N, K) the distances in metres along rays to the first piece of an arm or hub; 0 inside a piece.
-
-        origin, way : (N, K) complex origins and unit directions of the rays; the origins of a row are close together
-        view : (N,) largest distance that is returned, metres
-        without : (N, 2) arms to ignore
-        """
-        import shapely
-
-        seen = np.repeat(view[:, None].astype(float), origin.shape[1], axis=1)
-        for first in range(0, len(origin), _BUNDLES_AT_ONCE):
-            part = slice(first, first + _BUNDLES_AT_ONCE)
-            start, ends = origin[part], origin[part] + view[part, None] * way[part]
-            low = np.minimum(start.real, ends.real), np.minimum(start.imag, ends.imag)
-            high = np.maximum(start.real, ends.real), np.maximum(start.imag, ends.imag)
-            around = shapely.box(*(x.min(axis=1) for x in low), *(x.max(axis=1) for x in high))
-            row, piece = self.tree.query(around)
-            other = (self.arm[piece][:, None] != without[part][row]).all(axis=1)
-            row, piece = row[other], piece[other]
-            meet = np.ones((len(row), origin.shape[1]), dtype=bool)
-            for axis in range(2):
-                meet &= (low[axis][row] <= self.high[piece, axis, None]) & (
-                    high[axis][row] >= self.low[piece, axis, None]
-                )
-            pair, ray = np.nonzero(meet)
-            row, piece = row[pair], piece[pair]
-            ring = self.rings[piece]
-            along, ahead = np.roll(ring, -1, axis=1) - ring, way[part][row, ray, None]
-            to = ring - start[row, ray, None]
-            cross = (ahead.conj() * along).imag
-            with np.errstate(divide="ignore", invalid="ignore"):
-                far, share = (to.conj() * along).imag / cross, (to.conj() * ahead).imag / cross
-            hit = (far >= 0.0) & (share >= 0.0) & (share < 1.0)
-            nearest = np.where(hit, far, np.inf).min(axis=1)
-            # the ray crosses an odd number of edges: its origin lies inside
-            nearest[hit.sum(axis=1) % 2 == 1] = 0.0
-            np.minimum.at(seen, (first + row, ray), nearest)
-        return seen

@@ -1,9 +1,10 @@
 """Pairs of arms that meet at joints, as one continuous strip; many joints at once, one per row.
 
 Every arm has its own frame of complex numbers: the joint is 0, and the positive real axis points outwards, from the arm
-across the joint. The frame of the other arm is turned by half a turn. Places along the strip have the parameter tau: on
-this arm (tau >= 0) it is the arm's t; beyond the joint (tau < 0) it is minus the other arm's t, scaled such that equal
-steps are equally long on both sides of the joint.
+across the joint. The frames of both arms of a joint differ by half a turn. Both are described from one of them, called
+``own`` or "this arm"; ``other`` is the arm across the joint. Places along the strip have the parameter tau: on this arm
+(tau >= 0) it is the arm's t; on the other arm (tau < 0) it is minus that arm's t, scaled such that at the joint equal
+steps of tau are equally long on both arms.
 """
 
 from __future__ import annotations
@@ -18,10 +19,12 @@ from ...spirals.curves.arcs import Curve, fit_biarcs
 from ...spirals.curves.spiral import LEFT, RIGHT, Arms, centre_line, edge_points, taper_width, width_at
 from ...spirals.design import SpiralDesign
 
-# minimum length of a step along an edge of a tip, as a share of the same step along the other edge; at 0 the edge
-# folds, and larger values refuse more connectors
+# Where an arm curves, the same step of tau is shorter on its inner edge than on its outer edge. Minimum ratio of these
+# lengths in a tip: at 0 the inner edge folds, and larger values refuse more connectors
 MIN_STEP_RATIO = 0.15
-ARM_SHARE = 0.85  # share of an arm, from its tip, that a connector may occupy; larger permits connectors nearer to hubs
+ARM_SHARE = (
+    0.85  # share of t, from an arm's tip, that a connector may occupy; larger lets connectors reach nearer to hubs
+)
 SAMPLES = 41  # samples along an arm or the edge of a tip; more are slower and hardly more exact
 
 
@@ -36,7 +39,11 @@ def to_points(numbers: np.ndarray) -> Float[np.ndarray, "... 2"]:
 
 
 def _interpolate_rows(x: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Interpolate each row at x (n, M) like np.interp; ``values`` (n, K) belong to the ascending ``known`` (n, K)."""
+    """Interpolate linearly in each of n rows, like ``np.interp(x[i], known[i], values[i])``.
+
+    x : (n, M) positions at which to interpolate
+    known, values : (n, K) ascending positions, and the values there
+    """
     rows = np.arange(len(known))[:, None]
     x = np.clip(x, known[:, :1], known[:, -1:])
     step = 1.01 * float(known.max(initial=0.0)) + 1e-12
@@ -49,10 +56,10 @@ def _interpolate_rows(x: np.ndarray, known: np.ndarray, values: np.ndarray) -> n
 
 @dataclass(frozen=True, eq=False)
 class Widening(Columns):
-    """Added width of arms at their tips, where it makes room for a connector.
+    """Widening of arms at their tips, so that they are wide enough for connectors.
 
-    left, right : metres by which each edge is moved outwards, from the tip up to tau ``taper_start``
-    taper_start, taper_end : the addition falls from its full value at tau ``taper_start`` to 0 at tau ``taper_end``
+    left, right : metres by which the left and the right edge are moved outwards, from the tip up to tau ``taper_start``
+    taper_start, taper_end : values of tau between which the widening falls from its full amount to 0
     """
 
     left: Float[np.ndarray, " arms"]
@@ -61,9 +68,10 @@ class Widening(Columns):
     taper_end: Float[np.ndarray, " arms"]
 
     def added_width(self, tau: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the addition to the arms' widths at tau (n, M), and its derivative by tau.
+        """Return twice the distance by which edges move outwards at tau (n, M), in metres, and its derivative by tau.
 
-        An edge (``side``: LEFT or RIGHT) moves by half of the addition.
+        Twice, because an arm to whose width it is added moves each of its edges by half of it. ``side`` is LEFT or
+        RIGHT for each edge, and broadcasts with tau.
         """
         extra = 2.0 * np.where(side == LEFT, self.left[:, None], self.right[:, None])
         return taper_width(extra, self.taper_start[:, None], self.taper_end[:, None], tau)
@@ -77,8 +85,8 @@ class JointArms(Columns):
     patch : patch of the arm
     arms : shape parameters of the arms
     origin, outwards : complex origin and outward unit direction of the arm's frame in the patch's frame
-    t, length : table of t and the length in metres of the centre line from the joint to t
-    speed : metres per unit of t at the joint
+    t, length : samples of t, and the length in metres of the centre line from the joint to each of them
+    speed : length of the centre line per unit of t at the joint, metres
     t_max : largest t that a connector may occupy
     """
 
@@ -122,10 +130,12 @@ class JointArms(Columns):
     def edge_points(
         self, t: np.ndarray, side: np.ndarray | float, added_width: tuple[np.ndarray, np.ndarray] | None = None
     ) -> np.ndarray:
-        """Return points of edges at t (n, M) and their derivatives by t, (2, ..., n, M), in the arms' frames.
+        """Return complex points of edges at t (n, M), stacked with their derivatives by t: (2, ..., n, M).
+
+        Both are in the arms' frames.
 
         side : LEFT or RIGHT, as a number or (..., n, 1)
-        added_width : addition to the widths and its derivative by t
+        added_width : metres added to the widths of the arms, and the derivative by t of this addition
         """
         added = None if added_width is None else (added_width[0][..., None, :], added_width[1][..., None, :])
         p, d = edge_points(self.arms, t[:, None], np.asarray(side, dtype=float)[..., None], added_width=added)
@@ -135,7 +145,7 @@ class JointArms(Columns):
 
 @dataclass(frozen=True, eq=False)
 class JoinedArms(Columns):
-    """Both arms at each of n joints, seen from the arm ``own``; ``other`` is the arm across the cut."""
+    """Both arms at each of n joints; tau and complex frames are those of the arm ``own``, ``other`` lies across the cut."""
 
     own: JointArms
     other: JointArms
@@ -147,11 +157,15 @@ class JoinedArms(Columns):
 
     @property
     def parameter_scale(self) -> Float[np.ndarray, " arms"]:
-        """Step in t of the other arm that is as long, at the joint, as a unit step in t of this arm."""
+        """Ratio of t on the other arm to t on this arm for steps that are equally long in metres at the joint."""
         return self.own.speed / self.other.speed
 
     def have_folded_edge(self, begin: np.ndarray, full: np.ndarray, wide: Widening) -> Bool[np.ndarray, " arms"]:
-        """Return a mask of the joints where an edge, widened by ``wide``, folds between tau ``begin`` and ``full``."""
+        """Return a mask of the joints where an edge of this arm's tip folds when it is moved outwards by ``wide``.
+
+        begin : (n,) tau at which the edges of the tip end
+        full : (n,) tau up to which the tip has its full width
+        """
         low = np.maximum(begin, -self.other.t_max / self.parameter_scale)
         tau = low[:, None] + (np.minimum(full, self.own.t_max) - low)[:, None] * np.linspace(0.0, 1.0, SAMPLES)
         edges = self.edge_points(tau)[0]
@@ -162,13 +176,13 @@ class JoinedArms(Columns):
         return (np.minimum(one, two) < MIN_STEP_RATIO * np.maximum(one, two)).any(axis=1)
 
     def tau_at(self, distance: Float[np.ndarray, "arms m"]) -> Float[np.ndarray, "arms m"]:
-        """Return tau (see the module) at distances in metres from the joints, which are negative on the other arm."""
+        """Return tau at distances in metres along the centre lines from the joints, negative on the other arm."""
         ahead = _interpolate_rows(distance, self.own.length, self.own.t)
         beyond = _interpolate_rows(-distance, self.other.length, self.other.t)
         return np.where(distance >= 0.0, ahead, -beyond / self.parameter_scale[:, None])
 
     def centre_lines(self, tau: Float[np.ndarray, " arms"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return complex points, outward unit directions and widths (n,) of the centre lines at tau."""
+        """Return the centre lines at tau: complex points, their outward unit directions, and the arms' widths (n,)."""
         found = []
         for half, t in ((self.own, tau), (self.other, -tau * self.parameter_scale)):
             at = np.maximum(t, 0.0)[:, None, None]
@@ -176,15 +190,18 @@ class JoinedArms(Columns):
             found.append((half.in_arm_frames(p)[:, 0], -d[:, 0] / half.outwards, width_at(half.arms, at)[0][:, 0, 0]))
         (point, way, width), (far, away, beyond) = found
         inside = tau >= 0.0
-        # the other arm's frame is turned by half a turn, and its outward direction points inwards here: both changes of
-        # sign cancel for directions
+        # points of the other arm change sign, because its frame is turned by half a turn; directions change it once more,
+        # because what points outwards from the other arm points towards this arm
         way = np.where(inside, way, away)
         return np.where(inside, point, -far), way / np.abs(way), np.where(inside, width, beyond)
 
     def edge_points(
         self, tau: Float[np.ndarray, "arms m"], wide: Widening | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return points (2, n, M) of the widened left and right edges at tau, and their outward unit directions."""
+        """Return complex points (2, n, M) of the left and right edges, widened by ``wide``, at tau (n, M).
+
+        Also return the unit tangents (2, n, M) of the edges, which point outwards from this arm.
+        """
         side = np.array([LEFT, RIGHT])[:, None, None]
         wider = None if wide is None else wide.added_width(tau, side)
         made = self.own.edge_points(np.maximum(tau, 0.0), side, wider)
@@ -199,7 +216,15 @@ class JoinedArms(Columns):
         return made[0], -made[1] / np.abs(made[1])
 
     def edges_beyond_joint(self, tau: np.ndarray, side: np.ndarray, wide: Widening, tolerance: float) -> list[Curve]:
-        """Return the edges ``side`` (n,) from the joints to ``tau`` (n,) < 0, as arcs within ``tolerance`` metres."""
+        """Return the parts of widened edges that lie on the other arm, from the joint to ``tau``, as arcs.
+
+        Parameters
+        ----------
+        tau : (n,) negative values at which the parts end
+        side : (n,) LEFT or RIGHT, as seen from this arm
+        wide : widening of the tips
+        tolerance : largest distance of the arcs from the exact edges, metres
+        """
         scale = self.parameter_scale
 
         def evaluate(which: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -5,9 +5,10 @@ offsets of the same curve by half of the clearance to either side, so the gap is
 
 The joint has to carry the load of the arms: tension, bending and torsion. A neck as wide as the arm is as strong as the
 arm in tension. Two walls of 0.6 neck widths beside the socket are stronger than the head in tension, and have to be,
-because they also bend. Flanks at 25 degrees turn 0.05 mm of clearance into 0.12 mm of play along the arm; steeper
-flanks would open the socket, flatter ones would thin the root of the neck. Shoulders of full width rest against the
-lips of the socket and carry bending instead of the neck.
+because they also bend. The flanks of a head make an angle of 25 degrees with the axis of the arm, which turns 0.05 mm of
+clearance into 0.12 mm of play along the arm. At a smaller angle a pull would spread the socket; at a larger angle the
+neck would be thin at its root. The shoulders beside the neck, as wide as the arm, rest against the lips of the socket
+and carry bending instead of the neck.
 
 A mill cannot cut an inside corner sharper than its own radius. The root of a head and the lips of the socket are
 rounded accordingly; corners at the bottom of a socket are opened by dogbones, so that the head keeps sharp corners.
@@ -25,15 +26,17 @@ from ...params import ConnectorParams
 from ...spirals.curves.arcs import Curve
 from ..panels.kerf import cut_dogbones, offset_curve
 
-FLANK_SLOPE = math.tan(math.radians(25.0))  # outward slope of the flanks of a dovetail, see above; by eye
+# slope of the flanks of a head, width per length; the angle, explained at the top of this module, was chosen by eye
+FLANK_SLOPE = math.tan(math.radians(25.0))
 LENGTH_RATIO = 0.85  # length of a head in neck widths; longer heads are wider at their ends and need more room
 WALL_RATIO = 0.6  # thickness of the walls beside a socket, in neck widths; thicker ones are stronger and need more room
 _SLACK = 2e-5  # metres added to the mill's radius at inside corners, so that its path can turn; larger is rounder
-_DOGBONE = 1.9  # room for a dogbone along either side of its corner, in mill radii; larger lengthens flanks
+_DOGBONE = 1.9  # length of a flank that a dogbone at its end takes up, in mill radii; larger lengthens flanks
 _BITE = 0.5  # depth to which a dogbone cuts into a wall, in mill radii; walls are thickened by as much
-# widths of tabs to try besides those of dovetails and keys, in widths of their arms; more take longer
+# widths of tabs, in widths of their arms, to try besides the widths that dovetails and keys have; more take longer
 _TAB_RATIOS = (2.0, 1.6, 1.3)
-_TANGENT = math.tan(math.radians(0.5 * 115.0))  # tangent length of the rounded corners of a flank, in corner radii
+# length of a flank that a rounded corner at its end takes up, in corner radii; the outline turns there by 90 + 25 degrees
+_TANGENT = math.tan(math.radians(0.5 * 115.0))
 
 
 @dataclass(frozen=True)
@@ -42,11 +45,11 @@ class ConnectorSize:
 
     neck, head : width of the head at its narrow and at its wide end
     length : length of the head, from neck to wide end
-    wall : thickness of the material beside the socket in a straight arm
-    thinnest : minimum thickness of the material beside the socket, also in a curved arm
+    wall : thickness of the walls on both sides of the socket in a straight arm
+    thinnest : thickness that these walls must have at least in a curved arm
     pad_width : width of the arm's widened end
     clearance : gap between head and socket after cutting
-    rounding : radius of the corners
+    rounding : radius of all corners of head and socket that need no larger one for the mill
     inside_radius : minimum radius of inside corners that the mill can cut; 0 for a beam
     """
 
@@ -73,12 +76,12 @@ def connector_size(width: float, params: ConnectorParams, scale: float = 1.0, mi
     """
     c, inside = params.clearance, 0.51 * mill + _SLACK if mill else 0.0
     neck, flank = max(params.neck * width * scale, params.thinnest + c, 2.0 * inside), math.cos(math.atan(FLANK_SLOPE))
-    # a flank has to be long enough for both of its corners
-    asked = max(params.rounding, 0.75 * c)
-    corners = max(2.1 * _TANGENT * asked, (1.05 * _TANGENT + _DOGBONE) * inside)
+    least_rounding = max(params.rounding, 0.75 * c)
+    # a flank has to be long enough for the rounded corners at both of its ends, or for one of them and a dogbone
+    corners = max(2.1 * _TANGENT * least_rounding, (1.05 * _TANGENT + _DOGBONE) * inside)
     length = max(LENGTH_RATIO * neck, corners * flank)
     # offsetting reduces some corner radii by half of the clearance; compensate for it where the flank is long enough
-    rounding = max(asked, min(params.rounding + 0.5 * c, length / (2.1 * _TANGENT * flank)))
+    rounding = max(least_rounding, min(params.rounding + 0.5 * c, length / (2.1 * _TANGENT * flank)))
     head = neck + 2.0 * length * FLANK_SLOPE
     wall = max(WALL_RATIO * neck, params.thinnest)
     pad = max(head + c + 2.0 * (wall + _BITE * inside), width)
@@ -89,7 +92,7 @@ def connector_size(width: float, params: ConnectorParams, scale: float = 1.0, mi
 def connector_sizes(
     width: float, params: ConnectorParams, scales: tuple[float, ...], mill: float = 0.0
 ) -> tuple[ConnectorSize, ...]:
-    """Return the dimensions of connectors by ``connector_size`` for these scales, in order, without repeats."""
+    """Return ``connector_size(width, params, scale, mill)`` for each of ``scales``, in their order, without repeats."""
     return tuple(dict.fromkeys(connector_size(width, params, scale, mill) for scale in scales))
 
 
@@ -97,7 +100,10 @@ def connector_sizes(
 def tab_sizes(
     width: float, params: ConnectorParams, scales: tuple[float, ...], mill: float = 0.0
 ) -> tuple[ConnectorSize, ...]:
-    """Return tabs (flat ends for glue), widest first: as wide as connectors of these scales or ``_TAB_RATIOS`` arms."""
+    """Return the dimensions of tabs (flat ends for glue) to try on arms of width ``width``, the widest tab first.
+
+    The tabs are as wide as the widened ends of connectors at ``scales``, or ``_TAB_RATIOS`` times as wide as the arm.
+    """
     whole = connector_size(width, params)
     pads = [
         *(connector_size(width, params, scale, mill).pad_width for scale in scales),
@@ -124,8 +130,8 @@ def round_polyline(points: list[tuple[float, float]], radius: float | list[float
 
     Parameters
     ----------
-    points : metres
-    radius : metres, for all corners or for each; reduced where sides are short
+    points : corners (x, y), metres
+    radius : radius in metres for all corners, or a list with one for each point; reduced where sides are short
     closed : whether the last point is joined to the first
     """
     p = np.array(points) @ np.array([1.0, 1.0j])
@@ -173,8 +179,8 @@ def min_radius(s: ConnectorSize) -> float:
     curve = offset_curve(_gap_middle(s), -0.5 * s.clearance)
     other = offset_curve(_gap_middle(s), 0.5 * s.clearance)
     found = []
-    for one in (curve, other):
-        chord, bulge = np.linalg.norm(np.diff(one.points, axis=0), axis=1), np.abs(one.bulge[:-1])
+    for side in (curve, other):
+        chord, bulge = np.linalg.norm(np.diff(side.points, axis=0), axis=1), np.abs(side.bulge[:-1])
         found.append((chord * (1.0 + bulge**2) / np.maximum(4.0 * bulge, 1e-300))[bulge > 0.0].min(initial=np.inf))
     return float(min(found))
 
@@ -192,13 +198,16 @@ def socket_curve(s: ConnectorSize, setback: float = 0.0) -> Curve:
 
 
 def face_curve(s: ConnectorSize, setback: float = 0.0) -> Curve:
-    """Return the flat end of a tab, from right to left, ``setback`` metres plus half the clearance behind the cut."""
+    """Return the flat end of an arm with a tab, from its right to its left edge.
+
+    The end lies behind the cut by ``setback`` metres plus half of the clearance.
+    """
     x, p = -0.5 * s.clearance - setback, 0.5 * s.pad_width
     return Curve(np.array([[x, -p], [x, p]]), np.zeros(2), closed=False)
 
 
 def key_outline(s: ConnectorSize, setback: float = 0.0) -> Curve:
-    """Return the outline of a loose key, counter-clockwise about 0: two heads, neck to neck, for two sockets.
+    """Return the outline of a loose key, counter-clockwise about 0: two heads for two sockets, joined at their necks.
 
     Parameters
     ----------

@@ -23,12 +23,13 @@ from .shape import ConnectorSize, face_curve, head_curve, socket_curve
 _FLARE = (1.3, 0.5)
 # length behind the shoulder over which an arm with a head keeps its full width, in neck widths; longer needs more room
 _BEHIND_HEAD = 0.3
-_MIN_FULL_WIDTH = (
-    0.1  # minimum length of full width behind a shoulder's arc, in corner radii; hardly changes connectors
-)
-# iterations that move the ends of edges inwards to make shoulders round; more are more exact and slower
+# minimum length of full width between the rounded corner of a shoulder and the narrowing, in radii of that corner;
+# hardly changes connectors
+_MIN_FULL_WIDTH = 0.1
+# iterations that shorten the edges of an arm until the rounded corners at its shoulders have the required radius; more
+# are more exact and slower
 _ROUNDING_STEPS = 3
-# quarter turns from an edge's direction towards the other edge, for the left and for the right edge
+# complex factors that turn an edge's outward direction by 90 degrees towards the other edge: left edge, right edge
 _TURNS = np.array([[-1j], [1j]])
 # maximum distance in metres between the arcs of a tip and its polygon; larger is faster and less exact
 _TOLERANCE = 5e-6
@@ -39,7 +40,7 @@ _WIDENING = ("left", "right", "taper_start", "taper_end")
 class ConnectorCandidate:
     """A candidate connector at a joint.
 
-    kind : dovetail, key or tab
+    kind : "dovetail", "key" or "tab"
     size : dimensions of the connector
     head_arm : 0 or 1, the arm with the head
     shift : metres from the joint to the parting line, towards the second arm
@@ -69,7 +70,7 @@ class Tip:
     joined_arms, row : the arm is row ``row`` of ``joined_arms.own``
     widening : widening of this arm, a single row
     begin : tau at which the arm's edges end and ``end_curve`` begins
-    end_curve : nodes and bulges from the right edge at ``begin`` to the left edge, in the arm's frame
+    end_curve : nodes and bulges of the arcs from the right edge at ``begin`` to the left edge there, in the arm's frame
     polygon : shapely polygon of the tip from tau ``inner_end`` outwards, in the patch's frame
     """
 
@@ -140,10 +141,12 @@ def end_curves(tips: Sequence[Tip], tolerance: float) -> list[Curve]:
 
 @dataclass(frozen=True, eq=False)
 class _EndShape:
-    """The end curve of a tip in the joint's frame, without the first and last point of its shoulder.
+    """The end curve of a tip between its two shoulders, where it does not depend on the arm's edges.
 
-    x : position of the shoulder, metres
-    nodes, bulge : complex nodes of the curve, and bulges of its segments
+    The origin is where the centre line of the connector meets the parting line; the real axis points outwards.
+
+    x : position of the straight shoulders, metres
+    nodes, bulge : complex nodes of the curve without the outer ends of the shoulders, and bulges of its segments
     low, high : smallest and largest y of the nodes
     samples : (M,) complex points on the curve
     """
@@ -157,9 +160,14 @@ class _EndShape:
 
 
 @lru_cache(maxsize=4096)
-def _end_shape(role: str, s: ConnectorSize, back: float) -> _EndShape:
-    """Return the end curve of size ``s`` for a role: "head", "socket" or "face"; ``back`` is the setback in metres."""
-    curve = head_curve(s) if role == "head" else socket_curve(s, back) if role == "socket" else face_curve(s, back)
+def _end_shape(role: str, s: ConnectorSize, setback: float) -> _EndShape:
+    """Return the end curve of an arm with the role "head", "socket" or "face" in a connector of size ``s``.
+
+    setback : metres from the parting line to the end of the arm; has no effect on heads
+    """
+    curve = (
+        head_curve(s) if role == "head" else socket_curve(s, setback) if role == "socket" else face_curve(s, setback)
+    )
     nodes = to_complex(curve.points[1:-1])
     inner = Curve(curve.points[1:-1], curve.bulge[1:-1], closed=False)
     sampled = to_complex(inner.sample(_TOLERANCE)) if len(nodes) else nodes
@@ -175,11 +183,14 @@ def make_tips(
     shift: Float[np.ndarray, " arms"],
     lateral_offset: Float[np.ndarray, " arms"],
 ) -> list[Tip | None]:
-    """Return the tips of the arms ``rows`` of ``joined_arms``; None where an arm has no room for its tip.
+    """Return the tips of the arms in rows ``rows`` of ``joined_arms.own``; None where an arm has no room for its tip.
 
     joined_arms : both arms of all joints
-    rows, roles, candidates : (n,) joints; "head", "socket" or "face" of every tip; candidate connector of every tip
-    shift, lateral_offset : position of the connector as in ``ConnectorCandidate``, metres, but seen from these arms
+    rows : (n,) index of the joint of every tip
+    roles : (n,) "head", "socket" or "face" of every tip
+    candidates : (n,) candidate connector of every tip
+    shift : (n,) metres from the joint outwards to the parting line
+    lateral_offset : (n,) metres from the arm's centre line to that of the connector, to the left looking outwards
     """
     found: list[Tip | None] = [None] * len(rows)
     through = joined_arms.subset(rows)
@@ -191,12 +202,16 @@ def make_tips(
     shoulder = 0.5 * size["clearance"] + size["rounding"]
     deep, edge_ends = back + _full_width_length(role, size, shoulder), back + shoulder
     flared = [deep + share * extra for share in (0.0, *_FLARE[::-1])]
-    full, least, over, begin = through.tau_at(np.stack([*flared, edge_ends], axis=1) - shift[:, None]).T
-    # where the whole tip lies beyond the joint (tau < 0), this arm is not widened up to the joint
-    over = np.maximum(np.minimum(over, through.own.t_max), 0.0)
-    wide = Widening(0.5 * extra + lateral_offset, 0.5 * extra - lateral_offset, full, over)
-    good = ~((over < least) | (begin >= full) | (-begin * through.parameter_scale > through.other.t_max))
-    good[good] = ~through.subset(good).have_folded_edge(begin[good], full[good], wide.subset(good))
+    taper_start, min_taper_end, taper_end, begin = through.tau_at(
+        np.stack([*flared, edge_ends], axis=1) - shift[:, None]
+    ).T
+    # the widening must not end beyond the joint: of a tip that lies wholly there (tau < 0), it ends at the joint (tau 0)
+    taper_end = np.maximum(np.minimum(taper_end, through.own.t_max), 0.0)
+    wide = Widening(0.5 * extra + lateral_offset, 0.5 * extra - lateral_offset, taper_start, taper_end)
+    good = ~(
+        (taper_end < min_taper_end) | (begin >= taper_start) | (-begin * through.parameter_scale > through.other.t_max)
+    )
+    good[good] = ~through.subset(good).have_folded_edge(begin[good], taper_start[good], wide.subset(good))
     k = np.flatnonzero(good)
     if not len(k):
         return found
