@@ -26,7 +26,12 @@ from .notice import Notice
 
 MAX_LETTERS = 34  # most characters of the status line, in every language; more do not fit the sidebar
 NEUTRAL, TICK, LOOK, STOPPED, REDO = "neutral", "tick", "look", "stopped", "redo"  # icons of the status line
-CHANGED_PARTS = {"seams": "Seams changed", "shape": "Mesh changed", "design": "Spirals changed"}
+CHANGED_PARTS = {
+    "seams": "Seams changed",
+    "shape": "Mesh changed",
+    "design": "Spirals changed",
+    states.FILES: "Files not found",
+}
 CHANGED_SETTING = "Settings changed"
 # first stage that is out of date because an earlier stage ran again -> reason to show
 RERUN_REASONS = {

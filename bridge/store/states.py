@@ -14,15 +14,19 @@ from typing import Any
 
 import bpy
 
+from ...engine.files import FolderError
 from ...engine.runs import stages
 from . import stored_report
 from .checksums import Checksums
 from .objects import list_other_users
+from .paths import resolve_folder
 
 TODO, DONE, STALE = "TODO", "DONE", "STALE"
 
-# fields of the engine's ``Result`` that the user can edit by hand in Blender -> input; the most often edited first
-EDITABLE = {"merged": "seams", "design": "design", "mesh": "shape"}
+# fields of the engine's ``Result`` that the user can edit by hand in Blender -> input; the mesh first, because another
+# mesh has other seams and spirals too
+EDITABLE = {"mesh": "shape", "merged": "seams", "design": "design"}
+FILES = "files"  # input of the sheets: files of their names in the folder that the settings name
 
 
 def _list_inputs(members: Iterable[str], settings: Iterable[str]) -> tuple[str, ...]:
@@ -148,7 +152,19 @@ def read_states(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, Stag
             states[stage] = StageState(STALE, changed)
         else:
             states[stage] = StageState(DONE if all(state.kind == DONE for state in earlier) else STALE)
+    if states["sheets"].kind == DONE and not _has_files(obj, blocks["sheets"]):
+        states["sheets"] = StageState(STALE, FILES)
     return states
+
+
+def _has_files(obj: bpy.types.Object, block: dict[str, Any]) -> bool:
+    """Return whether any file of the sheets is in the object's folder; True where the report names no files."""
+    names = block.get("files", ())
+    try:
+        folder = resolve_folder(obj.flexmaps.export.folder) if names else None
+    except FolderError:
+        return False
+    return folder is None or any((folder / name).exists() for name in names)
 
 
 def current_blocks(obj: bpy.types.Object, stage_states: dict[str, StageState]) -> dict[str, Any]:

@@ -225,6 +225,30 @@ def test_taken_back_a_change_never_was(made: Any) -> None:
     assert kinds(made)["spirals"] == DONE
 
 
+def test_files_that_are_not_in_the_folder_are_written_again(made: Any, tmp_path: Path) -> None:
+    """As after the .blend file was saved elsewhere, or the piece was appended to another one."""
+    stored_report.write(made.data, "sheets", {"files": ["a.svg", "a.pdf"]})
+    states.stamp(made, bpy.context.scene)
+    assert offered(made) == "export" and why(made, "sheets") == states.FILES  # beside a .blend file that has no place
+    made.flexmaps.export.folder = str(tmp_path)
+    (tmp_path / "a.svg").touch()
+    stored_report.write(made.data, "sheets", {"files": ["a.svg", "a.pdf"]})
+    states.stamp(made, bpy.context.scene)
+    assert kinds(made)["sheets"] == DONE
+    (tmp_path / "a.svg").unlink()
+    assert offered(made) == "export" and why(made, "sheets") == states.FILES
+
+
+@pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
+def test_a_mesh_with_other_vertices_is_laid_out_anew(made: Any, mode: str) -> None:
+    """Its seams are others too, but belong to other panels."""
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.mesh.subdivide()
+    bpy.ops.object.mode_set(mode=mode)
+    assert why(made, "layout") == "shape" and offered(made) != "update_from_seams"
+
+
 def test_edited_seams_ask_for_an_update(made: Any) -> None:
     edge = next(e.index for e in made.data.edges if e.use_seam)
     made.data.edges[edge].use_seam = False
