@@ -30,7 +30,7 @@ MAX_CUT_SPEED = 0.06  # maximum cutting speed, m/s; larger estimates shorter tim
 SECONDS_PER_CONTOUR = 0.4  # seconds per contour for travel and piercing; larger estimates longer times
 ENGRAVING_SPEED = 0.1  # speed of engraving the strokes of labels, m/s; larger estimates shorter times
 _TABLE = "teaching material of a certified laser course, 60 W CO2: cast acrylic 3 mm 10-15 mm/s, 6 mm 5-8; birch plywood 3 mm 12-18, 6 mm 5-8; MDF 3 mm 15-20"
-# cutting speeds by key of the material
+# cutting speeds by key of the material in ``MATERIALS``
 CUT_SPEEDS: dict[str, CutSpeed] = {
     "acrylic": CutSpeed(0.0125, _TABLE),
     "birch": CutSpeed(0.015, _TABLE),
@@ -120,7 +120,7 @@ def cut_speed(material: Material, thickness: float) -> float | None:
 def cut_seconds(
     material: Material, thickness: float, length: float, contours: int, strokes: float = 0.0
 ) -> float | None:
-    """Return the seconds that a laser needs; None for materials that it does not cut.
+    """Return the seconds that a 60 W laser needs to cut and engrave; None for materials that it does not cut.
 
     Parameters
     ----------

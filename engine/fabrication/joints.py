@@ -67,7 +67,7 @@ def list_necks(design: SpiralDesign, connections: Connections | None) -> Necks:
     for connector in () if connections is None else connections.connectors:
         if connector.kind != "tab":
             edge, made = mesh.quad_edges[connector.faces[0], connector.sides[0]], connector.candidate
-            # the clearance narrows the neck by half its width on both sides
+            # each side of the neck lies inwards of its nominal place by half of the clearance
             width[edge] = made.size.neck - made.size.clearance
             shift[edge], offset[edge] = abs(made.shift), abs(made.lateral_offset)
     return Necks(width, shift, offset)

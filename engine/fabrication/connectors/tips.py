@@ -224,7 +224,7 @@ def make_tips(
     shoulders, fits = _shoulder_arcs(shapes, lateral_offset, (right[:, 0] - point) / way, right_way[:, 0] / way,
                                  (left[:, 0] - point) / way, left_way[:, 0] / way)  # fmt: skip
     keep = np.flatnonzero(straight & fits)
-    # measure the walls beside sockets: where the arm is curved, they differ from the nominal wall
+    # refuse sockets beside which the walls are too thin: where an arm is curved, they are thinner than ``size.wall``
     tubes = keep[role[k[keep]] == "socket"]
     inner = [point[i] + way[i] * (shapes[i].samples + 1j * lateral_offset[i]) for i in tubes.tolist()]
     thin = _wall_thicknesses(inner, left[tubes], right[tubes]) < 0.999 * size["thinnest"][k[tubes]]
@@ -247,9 +247,11 @@ def make_tips(
 def _full_width_length(
     role: np.ndarray, size: dict[str, np.ndarray], shoulder: np.ndarray
 ) -> Float[np.ndarray, " arms"]:
-    """Return the length in metres behind the ends of arms over which they keep their full width.
+    """Return the length (n,) in metres, from the ends of arms inwards, over which they keep their full width.
 
-    shoulder : distance in metres from the ends of the arms to the inner ends of their rounded shoulders
+    role : (n,) "head", "socket" or "face"
+    size : fields of ``ConnectorSize`` by name, each (n,)
+    shoulder : (n,) distance in metres from the ends of the arms to the inner ends of their rounded shoulders
     """
     head = np.maximum(_BEHIND_HEAD * size["neck"], shoulder + _MIN_FULL_WIDTH * size["rounding"])
     socket = size["length"] + size["clearance"] + 0.5 * size["inside_radius"]
@@ -257,7 +259,11 @@ def _full_width_length(
 
 
 def _runs_straight(left: np.ndarray, right: np.ndarray, left_way: np.ndarray, right_way: np.ndarray) -> np.ndarray:
-    """Return a mask (n,) of the tips whose two edges (n, samples) run in the same direction and do not fold."""
+    """Return a mask (n,) of the tips whose two edges run in the same direction and do not fold.
+
+    left, right : (n, samples) complex points of the edges
+    left_way, right_way : (n, samples) complex unit tangents there
+    """
     steps = np.abs(np.diff(left, axis=1)), np.abs(np.diff(right, axis=1))
     same = ((left_way * right_way.conj()).real > 0.0).all(axis=1)
     return same & (np.minimum(*steps) >= MIN_STEP_RATIO * np.maximum(*steps)).all(axis=1)
@@ -267,14 +273,15 @@ def _round_shoulders(
     shapes: Sequence[_EndShape], through: JoinedArms, wide: Widening, distance: np.ndarray, rounding: np.ndarray,
     point: np.ndarray, way: np.ndarray,
 ) -> tuple[np.ndarray, Widening]:  # fmt: skip
-    """Return the tau (n,) at which edges end such that both shoulders are as round as required, and the new widening.
+    """Return the tau (n,) at which the edges of tips end, and the widening for these ends.
 
-    Where an arm has too little room, its edges end at the initial distance. The arms keep their full width up to the
-    ends of their edges.
+    An arc joins the end of each edge to the straight shoulder. The edges of a curved arm are shortened until both arcs
+    have the required radius; where the arm has too little room for this, they end at the initial distance. The widening
+    returned keeps its full amount up to the ends of the edges.
 
-    distance : metres from the joints at which the edges of straight arms would end
-    rounding : required radius of the shoulders, metres
-    point, way : end of the centre line and its outward direction, complex
+    distance : (n,) metres along the centre lines from the joints to the ends of the edges if the arms were straight
+    rounding : (n,) required radius of the arcs, metres
+    point, way : (n,) end of the centre line at the parting line and its outward unit direction, complex
     """
     x, first = np.array([s.x for s in shapes]), through.tau_at(distance[:, None])[:, 0]
     begin = first
@@ -290,7 +297,11 @@ def _round_shoulders(
 
 
 def _shoulder_radii(x: np.ndarray, points: np.ndarray, ways: np.ndarray) -> np.ndarray:
-    """Return the radii (2, n) of the arcs that join left and right edges (2, n) to straight shoulders at x (n,)."""
+    """Return the radii (2, n) in metres of the arcs that join left and right edges to the straight shoulders.
+
+    x : (n,) position of the shoulders
+    points, ways : (2, n) complex ends of the edges and outward unit tangents there, with the real axis along x
+    """
     return np.asarray((x - points.real) / (1.0 + (_TURNS * ways).real))
 
 
@@ -298,14 +309,17 @@ _Shoulders = tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def _shoulder_arcs(
-    shapes: Sequence[_EndShape], aside: np.ndarray, right: np.ndarray, right_way: np.ndarray, left: np.ndarray,
+    shapes: Sequence[_EndShape], lateral_offset: np.ndarray, right: np.ndarray, right_way: np.ndarray, left: np.ndarray,
     left_way: np.ndarray,
 ) -> tuple[_Shoulders, np.ndarray]:  # fmt: skip
-    """Return the arcs between edges and shoulders, and whether there is room for them (n,).
+    """Return the arcs between the edges and the straight shoulders of tips, and a mask (n,) of tips with room for them.
 
-    Each arc is tangent to an edge, given by its end point and outward direction in the joint's frame, and to the
-    straight shoulder. An arc is returned as the y (n,) at which it ends and its bulge (n,), first for the right and
-    then for the left shoulder.
+    Each arc is tangent to an edge and to the shoulder. It is returned as the y (n,) where it meets the shoulder, and its
+    bulge (n,); the pair for the right shoulder comes first.
+
+    lateral_offset : (n,) metres from the arm's centre line to that of the connector, to the left
+    right, left : (n,) complex ends of the edges, relative to the end of the centre line and its outward direction
+    right_way, left_way : (n,) outward unit tangents of the edges there
     """
     x = np.array([s.x for s in shapes])
     made, fits = [], np.ones(len(x), dtype=bool)
@@ -315,7 +329,7 @@ def _shoulder_arcs(
         made.append(((point + radius * turn * way).imag, np.tan(0.25 * angle)))
         fits &= radius > 0.0
     low, high = (np.array([getattr(s, n) for s in shapes]) for n in ("low", "high"))
-    moved = np.where([len(s.nodes) > 0 for s in shapes], aside, 0.0)
+    moved = np.where([len(s.nodes) > 0 for s in shapes], lateral_offset, 0.0)
     fits &= (made[0][0] <= low + moved) & (made[1][0] >= high + moved)
     return (made[0], made[1]), fits
 
@@ -324,19 +338,25 @@ _Nodes = tuple[np.ndarray, np.ndarray]
 
 
 def _end_nodes(
-    shapes: Sequence[_EndShape], rows: np.ndarray, shoulders: _Shoulders, aside: np.ndarray, left: np.ndarray,
+    shapes: Sequence[_EndShape], rows: np.ndarray, shoulders: _Shoulders, lateral_offset: np.ndarray, left: np.ndarray,
     right: np.ndarray, point: np.ndarray, way: np.ndarray,
 ) -> tuple[list[_Nodes], list[np.ndarray], list[np.ndarray]]:  # fmt: skip
-    """Return nodes and bulges of the end curves of arms ``rows``, from right to left edge, in the arms' frames.
+    """Return nodes and bulges of the end curves of the tips ``rows``, from right to left edge, in the arms' frames.
 
     Also return complex points on the arcs at the right and at the left shoulder, without the last point of each.
+
+    shapes : end curves between the shoulders
+    shoulders : arcs returned by ``_shoulder_arcs``
+    lateral_offset : (n,) metres from the arm's centre line to that of the connector, to the left
+    left, right : (n,) complex ends of the edges
+    point, way : (n,) complex end of the centre line and its outward unit direction
     """
     x = np.array([shapes[i].x for i in rows.tolist()])
     (right_y, right_bulge), (left_y, left_bulge) = ((y[rows], bulge[rows]) for y, bulge in shoulders)
     one, two = (point[rows] + way[rows] * (x + 1j * y) for y in (right_y, left_y))
     found = []
     for k, i in enumerate(rows.tolist()):
-        inner = point[i] + way[i] * (shapes[i].nodes + 1j * aside[i])
+        inner = point[i] + way[i] * (shapes[i].nodes + 1j * lateral_offset[i])
         nodes = np.concatenate([[right[i], one[k]], inner, [two[k], left[i]]])
         found.append((nodes, np.concatenate([[right_bulge[k], 0.0], shapes[i].bulge, [left_bulge[k], 0.0]])))
     turned = _sample_arcs(to_points(right[rows]), to_points(one), right_bulge)
@@ -345,19 +365,23 @@ def _end_nodes(
 
 
 def _sample_arcs(a: np.ndarray, b: np.ndarray, bulge: np.ndarray) -> list[np.ndarray]:
-    """Return complex points on every arc from ``a`` to ``b`` (n, 2), without ``b``."""
+    """Return complex points on every arc from point ``a`` to point ``b`` (n, 2) with ``bulge`` (n,), without ``b``."""
     points, count = sample_arcs(a, b, bulge, _TOLERANCE)
     return np.split(to_complex(points), np.cumsum(count)[:-1])
 
 
-def _wall_thicknesses(inner: Sequence[np.ndarray], left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return the minimum distance (n,) in metres between sockets and the edges (n, M) of their arms."""
+def _wall_thicknesses(sockets: Sequence[np.ndarray], left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return the minimum distance (n,) in metres between every socket and the edges of its arm.
+
+    sockets : complex points on the end curve of every socket
+    left, right : (n, M) complex points of the arms' edges
+    """
     import shapely
 
-    if not len(inner):
+    if not len(sockets):
         return np.empty(0)
-    owner = np.repeat(np.arange(len(inner)), [len(line) for line in inner])
-    lines = shapely.linestrings(to_points(np.concatenate(inner)), indices=owner)
+    owner = np.repeat(np.arange(len(sockets)), [len(line) for line in sockets])
+    lines = shapely.linestrings(to_points(np.concatenate(sockets)), indices=owner)
     return np.minimum(*(shapely.distance(lines, shapely.linestrings(to_points(e))) for e in (left, right)))
 
 

@@ -20,13 +20,14 @@ from ...errors import FlexMapsError
 if TYPE_CHECKING:
     from ezdxf.entities import DXFEntity
 
-# maximum distance in mm between a curve and its chords, by up to twice of which dimensions are off; larger is faster
+# maximum distance in mm between a curve and its chords; larger is faster, but dimensions are off by up to twice as much
 CHORD_TOLERANCE = 4e-3
 # maximum size of a file in bytes; larger files are refused, because reading them would take long
 MAX_BYTES = 50_000_000
 MAX_DEPTH = 32  # maximum nesting depth of blocks, in case a damaged block contains itself
-# mm per unit by the code in $INSUNITS: inch, foot, mile, mm, cm, m, km, microinch, mil, yard, angstrom, nm, micrometre,
-# decimetre, decametre, hectometre, and the foot, inch and yard of the US survey
+# millimetres per drawing unit, by the unit's code in the header variable $INSUNITS. In order of the codes: inch, foot,
+# mile, mm, cm, m, km, microinch, mil, yard, angstrom, nm, micrometre, decimetre, decametre, hectometre, and the foot,
+# inch and yard of the US survey
 DXF_UNITS = {
     1: 25.4,
     2: 304.8,
@@ -41,20 +42,20 @@ DXF_UNITS = {
     11: 1e-7,
 }
 DXF_UNITS |= {12: 1e-6, 13: 1e-3, 14: 1e2, 15: 1e4, 16: 1e5, 21: 304.800609601, 22: 25.4000508001, 23: 914.401828804}
-PIXEL = 25.4 / 96  # mm per pixel of CSS
-_LENGTH = re.compile(r"([-+\d.e]+?)\s*(mm|cm|in|pt|pc|px|)")  # a number and its unit
+PIXEL = 25.4 / 96  # millimetres per pixel of CSS
+_LENGTH = re.compile(r"([-+\d.e]+?)\s*(mm|cm|in|pt|pc|px|)")  # matches a length of SVG: a number and its unit, if any
 # matches style sheets that svgelements can read: every selector is ``*``, an element type, a class or an id
 _SIMPLE_RULES = re.compile(
     r"(?:\s|/\*.*?\*/|{0}(?:\s*,\s*{0})*\s*\{{[^{{}}!]*\}})*".format(r"(?:\*|[\w-]*[.#]?[\w-]+)"), re.DOTALL
 )
-FILLED = {"HATCH", "MPOLYGON", "SOLID", "TRACE", "3DFACE"}  # entities that fill an area
+FILLED = {"HATCH", "MPOLYGON", "SOLID", "TRACE", "3DFACE"}  # types of DXF entities that fill an area
 
 
 @dataclass
 class LineDrawing:
     """The lines of a drawing.
 
-    lines : points (N, 2) in mm, y upwards, and whether the line is closed
+    lines : for every line its points (N, 2) in mm, y upwards, and whether it is closed
     unitless : whether the file names no unit of length
     unsupported : names of elements in the file that this reader does not support
     """
@@ -65,7 +66,11 @@ class LineDrawing:
 
 
 def read_dxf(path: Path, unit: float) -> LineDrawing:
-    """Read every visible line of a DXF drawing; ``unit``: millimetres per drawing unit if the file names no unit."""
+    """Read every visible line of a DXF drawing.
+
+    path : the file
+    unit : millimetres per drawing unit, used if the file names no unit
+    """
     import ezdxf
 
     logging.getLogger("ezdxf").setLevel(logging.ERROR)
@@ -84,7 +89,7 @@ def read_dxf(path: Path, unit: float) -> LineDrawing:
                 made.unsupported.add(kind)
             else:
                 (filled if kind in FILLED else made.lines).append((factor * points, closed))
-        made.lines = made.lines or filled  # a hatch beside lines only fills the area that they enclose
+        made.lines = made.lines or filled  # beside lines, filled areas are ignored: they repeat what the lines enclose
     except (ezdxf.DXFError, UnicodeError, ValueError, KeyError, IndexError, AttributeError, TypeError, RecursionError):
         raise FlexMapsError(f"{path.name} cannot be read as DXF; save it again, as R2010") from None
     return made
@@ -99,7 +104,7 @@ def _read_document(path: Path) -> Any:
     if data.startswith(b"AutoCAD Binary DXF"):
         return ezdxf.readfile(path)
     if b"SECTION" in data and not data.rstrip().endswith((b"EOF", b"ENDSEC")):
-        data = data.rstrip() + b"\n0\nENDSEC\n0\nEOF\n"  # ezdxf drops a section that is not closed
+        data = data.rstrip() + b"\n0\nENDSEC\n0\nEOF\n"  # of a truncated file, ezdxf would drop the last section
     try:
         return recover.read(io.BytesIO(data))[0]
     except ezdxf.DXFStructureError:
@@ -129,9 +134,9 @@ class _DrawingContext:
     """State passed down while nested blocks are expanded.
 
     blocks : block definitions of the document
-    frozen, off : names of hidden layers
+    frozen, off : names, in lower case, of the layers that are frozen and that are off
     distance : maximum distance between curves and their chords, in the units of the current block
-    layer, depth : layer and nesting depth of the enclosing block
+    layer, depth : layer and nesting depth of the enclosing block; empty and 0 outside blocks
     """
 
     blocks: Any
@@ -142,30 +147,30 @@ class _DrawingContext:
     depth: int = 0
 
 
-def _visible_lines(entities: Iterable[Any], place: _DrawingContext) -> Iterator[tuple[str, np.ndarray, bool]]:
+def _visible_lines(entities: Iterable[Any], context: _DrawingContext) -> Iterator[tuple[str, np.ndarray, bool]]:
     """Yield the type of every visible entity, its points (N, 2) in drawing units, and whether it is closed.
 
-    Blocks are expanded here and not by ezdxf: entities on layer 0 take the layer of their block, and DXF has no entity
-    for a circle in nested blocks that are rotated and scaled unevenly.
+    Blocks are expanded here and not by ezdxf, for two reasons: entities on layer 0 take the layer of their block, and a
+    circle in nested blocks that are rotated and scaled unevenly becomes a curve for which DXF has no entity.
     """
     from ezdxf.disassemble import recursive_decompose
 
     for entity in entities:
         own = str(entity.dxf.get("layer", "0")).lower()
-        own = place.layer if place.layer and own == "0" else own
+        own = context.layer if context.layer and own == "0" else own
         kind, block = entity.dxftype(), entity.dxftype() == "INSERT"
-        if entity.dxf.get("invisible", 0) or own in place.frozen or (own in place.off and not block):
+        if entity.dxf.get("invisible", 0) or own in context.frozen or (own in context.off and not block):
             continue
-        if block and entity.dxf.name in place.blocks and place.depth < MAX_DEPTH:
-            for one in entity.multi_insert() if entity.mcount > 1 else (entity,):
-                moves = np.array(one.matrix44().get_2d_transformation()).reshape(3, 3)
+        if block and entity.dxf.name in context.blocks and context.depth < MAX_DEPTH:
+            for insert in entity.multi_insert() if entity.mcount > 1 else (entity,):
+                moves = np.array(insert.matrix44().get_2d_transformation()).reshape(3, 3)
                 scale = max(float(np.linalg.norm(moves[:2, :2], 2)), 1e-12)
-                inner = replace(place, layer=own, depth=place.depth + 1, distance=place.distance / scale)
-                for what, points, closed in _visible_lines(place.blocks[entity.dxf.name], inner):
+                inner = replace(context, layer=own, depth=context.depth + 1, distance=context.distance / scale)
+                for what, points, closed in _visible_lines(context.blocks[entity.dxf.name], inner):
                     yield what, points @ moves[:2, :2] + moves[2, :2], closed
         elif not block and kind not in ("DIMENSION", "LEADER", "MULTILEADER"):
             for part in recursive_decompose([entity]):
-                yield from ((kind, *line) for line in _entity_lines(part, place.distance))
+                yield from ((kind, *line) for line in _entity_lines(part, context.distance))
 
 
 def _entity_lines(entity: DXFEntity, distance: float) -> Iterator[tuple[np.ndarray, bool]]:
@@ -198,7 +203,11 @@ def _spline(spline: Any, distance: float) -> np.ndarray:
 
 
 def read_svg(path: Path, unit: float) -> LineDrawing:
-    """Read every visible line of an SVG drawing; ``unit``: millimetres per drawing unit if the file names no unit."""
+    """Read every visible line of an SVG drawing.
+
+    path : the file
+    unit : millimetres per drawing unit, used if the file names no unit
+    """
     from svgelements import SVG, Close, Shape
     from svgelements import Path as Curve
 
@@ -212,7 +221,7 @@ def read_svg(path: Path, unit: float) -> LineDrawing:
         for shape in SVG.parse(source, ppi=25.4 / scale, reify=False, on_error="raise").elements():
             shown = isinstance(shape, Shape) and shape.values.get("visibility", "visible") == "visible"
             if shown and float(shape.values.get("opacity", 1.0)) > 0.0:
-                m = shape.transform  # apply it to points, because svgelements distorts sheared arcs
+                m = shape.transform  # applied to points below, because svgelements distorts arcs that it shears
                 moves = scale * np.array([[m.a, -m.b], [m.c, -m.d]])
                 distance = CHORD_TOLERANCE / max(float(np.linalg.norm(moves, 2)), 1e-12)
                 for part in Curve(shape.d(transformed=False)).as_subpaths():
@@ -251,7 +260,10 @@ def _set_size(document: ElementTree.Element) -> bool:
 
 
 def _remove_unsupported(document: ElementTree.Element) -> set[str]:
-    """Remove markers, masks and symbols from an SVG document; return its unsupported elements and attributes."""
+    """Remove markers, masks and symbols from an SVG document.
+
+    Return the names of its elements and attributes that are not supported.
+    """
     outside: set[str] = set()
     for parent in list(document.iter()):
         for child in list(parent):
@@ -274,10 +286,10 @@ def _chords(curve: Any, distance: float) -> np.ndarray:
 
     points: list[np.ndarray] = []
     for part in curve:
-        if isinstance(part, Arc):  # a chord is within r (1 - cos(step / 2)) of the arc
+        if isinstance(part, Arc):  # a chord over an angle a is within r (1 - cos(a / 2)) of the arc of radius r
             radius = max(part.rx, part.ry, distance)
             steps = math.ceil(abs(part.sweep) / (2.0 * math.acos(max(1.0 - distance / radius, 0.0))))
-        elif isinstance(part, (CubicBezier, QuadraticBezier)):  # chords are off by second derivative * step^2 / 8
+        elif isinstance(part, (CubicBezier, QuadraticBezier)):  # a chord is within step^2 |second derivative| / 8
             corners = np.array([complex(*p) for p in part])
             bend = len(corners) * (len(corners) - 1) * np.abs(np.diff(corners, 2)).max()
             steps = math.ceil(math.sqrt(bend / (8.0 * distance)))

@@ -31,12 +31,12 @@ def nest(shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: 
     """Lay closed outlines on as few sheets as a search of ``params.nesting_seconds`` finds.
 
     Remnants are filled first (module ``remnant_packing``). The result is never worse than the quick packing of
-    ``packing.pack``, which is returned where spyrrow is missing or finds nothing better. With equal seeds results
-    repeat as far as the time limit allows.
+    ``packing.pack``, which is returned where spyrrow is missing or finds nothing better. Equal seeds give equal results,
+    except that a slower computer tries less within the time limit.
 
     Parameters
     ----------
-    shapes : closed outlines (M, 2), metres; their grain along x if panels must follow the sheet's grain
+    shapes : closed outlines (M, 2), metres; if panels must follow the sheet's grain, turned so that theirs lies along x
     params : size of the sheets, margin, spacing, remnants and time limit
     progress : called with the fraction done; may cancel
     """

@@ -9,15 +9,15 @@ import numpy as np
 
 from ...arrays import Float
 
-# Bays are closed in two rounds, which is ten times as fast as one: width that the first round closes, as a share of the
-# width that ``grow_outline`` closes in all, and tolerance in metres of the simplification after each round; a larger
-# tolerance is faster and less exact
+# ``grow_outline`` closes bays in two rounds, narrow ones first, which is ten times as fast as closing all at once.
+# FIRST_BAY_SHARE: width up to which the first round closes bays, as a share of that of the second round.
+# COARSE_TOLERANCE: tolerance in metres of the simplification after each round; larger is faster and less exact
 FIRST_BAY_SHARE, COARSE_TOLERANCE = 0.125, 8e-5
-SIDES_PER_QUARTER = 4  # sides per quarter circle in buffers; more are more exact and slower
+SIDES_PER_QUARTER = 4  # sides per quarter circle of rounded corners in buffers; more are more exact and slower
 MAX_GROWTH = 5e-5  # metres by which an outline may grow when it is simplified; larger: fewer points, larger gaps
 
-# Total area of the convex hulls of panels that just fit on a sheet, as a share of the sheet without its margin:
-# measured mean and standard deviation; larger values make the search try larger sets of panels
+# Measured on sets of panels that just fit on a sheet: mean and standard deviation of the total area of the panels' convex
+# hulls, as a share of the sheet without its margin. Larger values make the search try larger sets
 MEAN_HULL_SHARE, HULL_SHARE_DEVIATION = 0.82, 0.035
 
 
@@ -37,8 +37,8 @@ def grow_outline(shape: Float[np.ndarray, "points 2"], distance: float, bay: flo
         ).simplify(COARSE_TOLERANCE)
     # buffering outwards and inwards cuts a little off rounded corners; the union with the outline restores them
     largest = _largest(closed.union(outline))
-    # enlarge the distance: by 2 % because GEOS omits small corners of a buffer, and by the cosine because the chords
-    # of an arc lie inside it
+    # enlarge the distance by 2 %, because GEOS omits small corners of a buffer, and divide it by a cosine, because the
+    # sides that replace a rounded corner lie inside its arc
     far = (1.02 * distance + MAX_GROWTH) / math.cos(0.25 * math.pi / SIDES_PER_QUARTER)
     around = (
         largest.simplify(0.1 * MAX_GROWTH)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import irfft2, next_fast_len, rfft2
 
 from ...arrays import Float, Int
 from ...progress import SILENT, Progress
 from .remnants import Remnant
+from .sheet_raster import ShapeMask, SheetRaster
 
 CELLS = 512  # raster cells along the longer side of a sheet; more cells pack tighter and take longer
 # Maximum number of raster searches (10 ms each); panels left after that are packed in rows, faster but less tightly
@@ -19,8 +19,10 @@ ROUNDING_GAP = 1e-8  # metres added to the margin, so that rounding errors never
 
 @dataclass(frozen=True, eq=False)
 class Packing:
-    """Positions of N shapes: index of the sheet, rotation about the origin in radians, then shift in metres.
+    """Positions of panels on sheets.
 
+    sheet : index of the sheet on which each panel lies; -1 if it has none
+    rotation, shift : each panel is rotated about the origin (radians) and then shifted (metres)
     sizes : width and height of every sheet, metres
     remnants : irregular pieces used as the first sheets; their ``sizes`` are their bounding boxes
     """
@@ -40,7 +42,10 @@ class Packing:
 
 
 def min_area_box(points: Float[np.ndarray, "points 2"]) -> tuple[float, Float[np.ndarray, " 2"]]:
-    """Return the rotation (radians) with the smallest bounding box, longer side along x, and the sides of this box."""
+    """Return the rotation (radians) that gives points the bounding box with the smallest area, and the box's two sides.
+
+    The longer side lies along x and comes first.
+    """
     from scipy.spatial import ConvexHull
 
     hull = points[ConvexHull(points).vertices]
@@ -77,7 +82,7 @@ def pack(
     sheet : width and height, metres; a larger shape gets a sheet of the size that it needs
     margin, spacing : metres kept free along the border of a sheet, and between shapes
     rotation : allowed rotations, see ``find_fitting_rotation``
-    cells : raster cells along the longer side of a sheet; a shape may occupy two too many in each direction
+    cells : raster cells along the longer side of a sheet; rounding may make a shape larger by two cells on every side
     """
     boxes = [preferred_box(shape, rotation) for shape in progress.part(0.0, 0.1).each(shapes, "packing")]
     order = sorted(range(len(shapes)), key=lambda i: -float(boxes[i][1].prod()))
@@ -127,7 +132,14 @@ def _rotation_and_box(
     cell: float,
     rotation: str,
 ) -> tuple[float, np.ndarray]:
-    """Return a shape's rotation (radians) and box: its smallest box, or another if only another fits on the sheet."""
+    """Return the rotation (radians) with which a shape is packed by raster, and the sides of its bounding box then.
+
+    shape : closed outline (M, 2), metres
+    turn, size : preferred rotation and box (``preferred_box``), returned if they fit on the sheet or nothing else does
+    sheet, margin : width and height of the sheet and its margin, metres
+    cell : side of a raster cell, metres
+    rotation : allowed rotations, see ``find_fitting_rotation``
+    """
     if box_fits(size + 4.0 * cell, sheet, margin, rotation):
         return turn, size
     slanted = find_fitting_rotation(shape, sheet, margin + 2.0 * cell, rotation)
@@ -145,7 +157,7 @@ def _pack_in_rows(
 ) -> Packing:
     """Lay bounding boxes of shapes in rows, highest first, each in the first row with room (Coffman et al. 1980).
 
-    boxed : every shape with the rotation and the sides of its smallest bounding box
+    boxed : every shape, its preferred rotation, and the sides of its bounding box then (``preferred_box``)
     """
     free = np.array(sheet) - 2.0 * margin
     laid: list[tuple[float, np.ndarray]] = []
@@ -211,7 +223,7 @@ def find_fitting_rotation(points: np.ndarray, sheet: tuple[float, float], margin
     points : (M, 2), metres
     sheet : width and height, metres
     margin : metres
-    rotation : "FREE" any angle; "QUARTER" longer side of the smallest box along x or y; "GRAIN" no turn or half a turn
+    rotation : "FREE" any angle; "QUARTER" smallest bounding box along x and y; "GRAIN" 0, as half a turn changes nothing
     """
     turn = preferred_box(points, rotation)[0]
     quarters = np.array([0.0]) if rotation == "GRAIN" else np.array([0.0, 0.5 * np.pi])
@@ -223,7 +235,7 @@ def find_fitting_rotation(points: np.ndarray, sheet: tuple[float, float], margin
 
 
 def _box_sides(points: np.ndarray, turn: float) -> np.ndarray:
-    """Return the sides of the bounding box of points turned by an angle in radians."""
+    """Return the sides of the bounding box of points after turning them by ``turn`` radians."""
     return np.ptp(points @ _rotation_matrix(turn), axis=0)
 
 
@@ -250,7 +262,9 @@ def used_length(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], index:
 
 
 def fill_ratio(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], area: float, margin: float) -> float:
-    """Return the share of the sheets' area that shapes cover, not counting the largest unused end of a sheet.
+    """Return the share of the sheets' area that shapes cover, without the largest offcut that can be cut from a sheet.
+
+    An offcut is the part of a sheet to the right of all its shapes and their margin; remnants have none.
 
     Parameters
     ----------
@@ -266,7 +280,10 @@ def fill_ratio(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], area: f
 
 
 def box_fits(size: Float[np.ndarray, " 2"], sheet: tuple[float, float], margin: float, rotation: str = "FREE") -> bool:
-    """Return whether a box (metres) fits on a sheet within its margin, turned if needed unless "GRAIN"."""
+    """Return whether a box of the given size fits on a sheet within its margin, all in metres.
+
+    The box may be turned by a quarter turn unless ``rotation`` is "GRAIN".
+    """
     free = [x - 2.0 * margin + 1e-9 for x in sheet]
     if rotation == "GRAIN":
         return bool(size[0] <= free[0] and size[1] <= free[1])
@@ -276,119 +293,16 @@ def box_fits(size: Float[np.ndarray, " 2"], sheet: tuple[float, float], margin: 
 def _fitting_size(
     size: np.ndarray, sheet: tuple[float, float], margin: float, cell: float, rotation: str
 ) -> tuple[float, float]:
-    """Return the size (metres) of a sheet on which a box fits: ``sheet``, enlarged if necessary."""
+    """Return the width and height of a sheet on which a box of the given size fits: ``sheet``, enlarged if necessary.
+
+    The box may be larger by two raster cells of side ``cell`` on every side; all lengths are in metres.
+    """
     slack = 2.0 * margin + 4.0 * cell
     if box_fits(size + 4.0 * cell, sheet, margin, rotation):
         return sheet
-    # round up to whole centimetres; the longer side of the box lies along the sheet, which is never made smaller
+    # round up to whole centimetres; the longer side of the sheet becomes its width, along which the longer side of the
+    # box lies, and neither side of the sheet gets shorter
     wide, high = (np.ceil((x + slack) * 100.0 - 1e-9) / 100.0 for x in size)
     if rotation == "GRAIN":
         return max(wide, sheet[0]), max(high, sheet[1])
     return max(wide, *sheet), max(high, min(sheet))
-
-
-class ShapeMask:
-    """Raster masks of a shape at each quarter turn, offset outwards by ``grow`` metres and the raster's error."""
-
-    def __init__(self, shape: np.ndarray, turn: float, cell: float, grow: float, quarters: tuple[int, ...]):
-        from shapely import Polygon
-
-        self.turn, self.cell = turn, cell
-        cos, sin = np.cos(turn), np.sin(turn)
-        outline = Polygon(shape @ np.array([[cos, sin], [-sin, cos]])).buffer(0.0)
-        coarse = 0.1 * cell
-        # mark every cell that the shape touches: those whose centre is within half a cell diagonal of the shape
-        grown = outline.simplify(coarse).buffer(grow + coarse + 0.7072 * cell, quad_segs=8)
-        x0, y0, x1, y1 = grown.bounds
-        self.origin = np.array([x0, y0])
-        self.extent = np.array([x1 - x0, y1 - y0])
-        columns, rows = (int(np.ceil(e / cell)) for e in self.extent)
-        rings = [r for p in getattr(grown, "geoms", [grown]) for r in [p.exterior]]
-        mask = _rasterise([(np.asarray(r.coords)[:-1] - self.origin) / cell for r in rings], columns, rows)
-        self.masks = {k: np.ascontiguousarray(np.rot90(mask, -k)) for k in quarters}
-        self.cell_count = int(mask.sum())
-        self.box = cell * np.array([columns, rows])
-
-    def placement_at(self, quarter: int, corner: np.ndarray) -> tuple[float, np.ndarray]:
-        """Return the rotation (radians) and shift that put the lower left corner of mask ``quarter`` at ``corner``."""
-        # it is enough to turn the raster's box: at quarter turns both have the same lower left corner
-        points = np.array([[0.0, 0.0], self.box]) + self.origin
-        cos, sin = [(1, 0), (0, 1), (-1, 0), (0, -1)][quarter]
-        turned = points @ np.array([[cos, sin], [-sin, cos]], dtype=float)
-        return self.turn + quarter * 0.5 * np.pi, corner - turned.min(axis=0)
-
-
-class SheetRaster:
-    """Raster of the occupied cells of one sheet; row 0 is at the bottom."""
-
-    def __init__(
-        self, size: tuple[float, float], margin: float, half: float, cell: float, remnant: Remnant | None = None
-    ):
-        self.size, self.cell = size, cell
-        # shapes are grown by half of the spacing; this added strip may extend into the margin
-        self.corner = np.array([margin - half, margin - half])
-        columns, rows = (int(np.floor((x - 2.0 * (margin - half)) / cell + 1e-9)) for x in size)
-        self.occupied = np.zeros((max(rows, 1), max(columns, 1)), dtype=bool)
-        # a cell is free if it lies wholly inside the remnant; grown shapes must stay inside even without a margin
-        if remnant is not None:
-            within = remnant.polygon.buffer(min(half - margin, 0.0) - 0.7072 * cell)
-            rings = [r for p in getattr(within, "geoms", [within]) if p for r in (p.exterior, *p.interiors)]
-            parts = [(np.asarray(r.coords)[:-1] - self.corner) / cell for r in rings]
-            self.occupied = ~_rasterise(parts, self.occupied.shape[1], self.occupied.shape[0])
-        self._spectrum: np.ndarray | None = None
-        self._rejected: list[tuple[np.ndarray, int]] = []  # boxes and cell counts of shapes that found no place
-
-    def may_fit(self, stamp: ShapeMask) -> bool:
-        """Return False if a shape not larger than this one, by box and cell count, has already found no place."""
-        box = np.sort(stamp.box)
-        return not any((box >= other).all() and stamp.cell_count >= cells for other, cells in self._rejected)
-
-    def place(self, stamp: ShapeMask, try_half_turns: bool = False) -> tuple[float, np.ndarray] | None:
-        """Put the shape where its right end is leftmost, then lowest; return rotation and shift, or None without room.
-
-        try_half_turns : also try half turns on an empty sheet; on an empty rectangle they gain nothing
-        """
-        best: tuple[int, int, int, int] | None = None
-        for quarter, mask in stamp.masks.items():
-            rows, columns = (t - m + 1 for t, m in zip(self.occupied.shape, mask.shape, strict=True))
-            if rows < 1 or columns < 1 or (quarter > 1 and not try_half_turns and not self.occupied.any()):
-                continue
-            free = self._overlap_counts(mask)[:rows, :columns] < 0.5
-            column = int(free.any(axis=0).argmax())
-            row = int(free[:, column].argmax())
-            if not free[row, column]:
-                continue
-            found = (column + mask.shape[1], row, column, quarter)
-            best = found if best is None else min(best, found)
-        if best is None:
-            self._rejected.append((np.sort(stamp.box), stamp.cell_count))
-            return None
-        _, row_, column_, quarter = best
-        mask = stamp.masks[quarter]
-        self.occupied[row_ : row_ + mask.shape[0], column_ : column_ + mask.shape[1]] |= mask
-        self._spectrum = None
-        return stamp.placement_at(quarter, self.corner + self.cell * np.array([column_, row_]))
-
-    def _overlap_counts(self, mask: np.ndarray) -> np.ndarray:
-        """Return how many occupied cells the mask overlaps at every offset, by FFT correlation."""
-        shape = tuple(next_fast_len(n, real=True) for n in self.occupied.shape)
-        if self._spectrum is None:
-            self._spectrum = rfft2(self.occupied.astype(np.float32), shape)
-        return irfft2(self._spectrum * np.conj(rfft2(mask.astype(np.float32), shape)), shape)
-
-
-def _rasterise(rings: list[np.ndarray], columns: int, rows: int) -> np.ndarray:
-    """Return a (rows, columns) mask of cells whose centres lie inside rings (M, 2) in cell units, by even-odd rule."""
-    flips = np.zeros((rows, columns + 1), dtype=np.int32)
-    for ring in rings:
-        a, b = ring, np.roll(ring, -1, axis=0)
-        low, high = np.minimum(a[:, 1], b[:, 1]), np.maximum(a[:, 1], b[:, 1])
-        first = np.clip(np.ceil(low - 0.5).astype(int), 0, rows)
-        last = np.clip(np.ceil(high - 0.5).astype(int), 0, rows)
-        count = last - first
-        which = np.repeat(np.arange(len(a)), count)
-        row = first[which] + np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-        share = (row + 0.5 - a[which, 1]) / (b[which, 1] - a[which, 1])
-        x = a[which, 0] + share * (b[which, 0] - a[which, 0])
-        np.add.at(flips, (row, np.clip(np.ceil(x - 0.5).astype(int), 0, columns)), 1)
-    return (np.cumsum(flips[:, :-1], axis=1) % 2).astype(bool)

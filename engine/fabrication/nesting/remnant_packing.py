@@ -10,10 +10,13 @@ from ...arrays import Float
 from ...errors import FlexMapsError
 from ...params import SheetParams
 from ...progress import SILENT, Progress
-from .packing import CELLS, Packing, ShapeMask, SheetRaster, preferred_box
+from .packing import CELLS, Packing, preferred_box
 from .remnants import Remnant
+from .sheet_raster import ShapeMask, SheetRaster
 
-SLANTS = 3  # rotations tried within a quarter turn, each plus 0 to 3 quarter turns; more only take longer
+SLANTS = (
+    3  # number of rotations within a quarter turn; each is tried with 0 to 3 quarter turns more; more only take longer
+)
 
 
 class _RemnantInUse:

@@ -22,7 +22,7 @@ SNAP_DISTANCE = 2e-4  # metres within which ends are joined and lines count as e
 
 @dataclass(eq=False)
 class _Ring:
-    """A closed ring, its nesting depth, and the index of the outermost ring around it."""
+    """A closed ring, its nesting depth (0 is outermost), and the index of the outermost ring around it."""
 
     polygon: Polygon
     depth: int
@@ -30,9 +30,9 @@ class _Ring:
 
 
 def enclosed_areas(lines: Iterable[tuple[np.ndarray, bool]]) -> list[Polygon]:
-    """Return the areas of material (outermost rings without their holes), largest first.
+    """Return the areas of material, largest first: an outermost ring without its holes, and rings inside these holes.
 
-    lines : points (N, 2) and whether the line is closed
+    lines : for every line its points (N, 2), metres, and whether it is closed
     """
     import shapely
 
@@ -46,7 +46,7 @@ def enclosed_areas(lines: Iterable[tuple[np.ndarray, bool]]) -> list[Polygon]:
     found: list[_Ring] = []
     made: dict[int, Polygon] = {}
     for polygon in _without_duplicates(sorted(rings, key=lambda r: -r.area)):
-        # a ring that crosses an outline makes a notch, so it counts as inside the outline
+        # a hole that crosses the outline around it makes a notch, so it counts as inside the outline
         inner = polygon.buffer(-SNAP_DISTANCE)
         around = [
             r for r in found if r.polygon.intersects(inner) and (r.depth % 2 == 0 or _contains(r.polygon, polygon))
@@ -95,7 +95,7 @@ def _areas_within_open_lines(lines: list[np.ndarray]) -> list[Polygon]:
     for i, points in enumerate(lines):
         points[[0, -1]] = middle[group[2 * i : 2 * i + 2]]
     strings = [shapely.LineString(p) for p in lines]
-    # bridge the gap from a free end to a nearby line
+    # join ends that meet no other end to a line within the snap distance
     alone = shapely.points(ends[np.bincount(group)[group] == 1])
     tree = shapely.STRtree(strings)
     point, line = tree.query(alone, predicate="dwithin", distance=SNAP_DISTANCE)

@@ -58,7 +58,16 @@ def _sheets_by_area(area: float, size: Float[np.ndarray, " 2"]) -> int:
 
 
 def _sheets_in_rows(boxes: Float[np.ndarray, "panels 2"], size: Float[np.ndarray, " 2"], params: SheetParams) -> int:
-    """Estimate the number of sheets for boxes packed in rows, highest first, each along its row if that fits."""
+    """Estimate the number of sheets for boxes packed in rows, highest first.
+
+    Each box lies with its longer side along the row, unless it is longer than the sheet is wide.
+
+    Parameters
+    ----------
+    boxes : sides of every panel's bounding box plus the spacing, metres
+    size : width and height of a sheet, metres
+    params : margin and spacing
+    """
     width, height = size - 2 * params.margin + params.spacing
     long, short = boxes.max(axis=1), boxes.min(axis=1)
     lies = long <= width

@@ -23,33 +23,36 @@ from .packing import Packing, find_fitting_rotation, min_area_box, pack, preferr
 from .strip import PackedStrip, StripTask, pack_strip
 
 ROTATION_STEP = 5.0  # degrees between the rotations tried for a panel; smaller packs tighter and takes longer
-# Half the width in metres of concave bays that are closed before nesting, at most a quarter of the narrowest panel's
-# width. Larger: fewer points and a faster search, but small panels no longer lie in bays
+# Concave bays of the outlines are closed before nesting up to twice this width in metres; the value is limited to a
+# quarter of the narrowest panel's width. Larger: fewer points and a faster search, but small panels no longer lie in bays
 BAY_HALF_WIDTH = 0.012
 ROUNDING = 2e-5  # metres added to the spacing because spyrrow calculates in single precision
-FIRST_SECONDS = 1  # initial search time per set of panels in seconds; it is doubled when no more sets fit
+FIRST_SECONDS = 1  # search time per set of panels at first, seconds; doubled after PATIENCE rounds without improvement
 # minimum share of the time limit reserved for compacting the emptiest sheet; larger leaves less time to save sheets
 COMPACTING_SHARE = 0.25
-# Random starts per core when the emptiest sheet is compacted; more starts leave less time for each, but several short
-# searches beat a long one
+# number of consecutive searches, each with a new random seed, that a core makes to compact the emptiest sheet; more leave
+# less time for each, but several short searches beat a long one
 STARTS = 4
-MIN_SHORTENING = 0.999  # stop restarting once a strip is longer than this share of the shortest strip so far
+# stop compacting once a new search leaves the strip longer than this share of the shortest strip so far
+MIN_SHORTENING = 0.999
 RANDOM_SETS = 400  # random sets generated per sheet (10 ms), of which a few are tried; more find better sets
-# Maximum hull area of the next set to try, as a share of the previous set's; closer to 1, the sets differ less
+# A set is tried only if the total hull area of its panels is at most this share of that of the set tried before; closer
+# to 1, the sets differ less
 HULL_STEP = 0.985
-TRIES = 8  # maximum number of sets tried for one sheet; more fill a sheet better and leave fewer rounds
-# Rounds without improvement before the time per set is doubled, and smallest number of sets: the search ends when the
-# time limit would allow fewer. Larger values: more but shorter searches
+TRIES = 8  # maximum number of sets tried for one sheet; more fill a sheet better and leave time for fewer rounds
+# PATIENCE: the time per set is doubled after this many rounds without improvement; a round packs all panels. MIN_SETS: the
+# search ends when the time per set would allow fewer sets than this within the time limit. Larger: more, shorter searches
 PATIENCE, MIN_SETS = 4, 12
 
 Places = dict[int, tuple[float, np.ndarray]]  # rotation (radians) and shift (2,) in metres, by index of the panel
 
 
 class SheetSearch:
-    """Search state: the sets of panels tried so far, and the time limit.
+    """Search for a packing on few sheets within a time limit, with the sets of panels tried so far.
 
-    outlines : simplified shapes, offset outwards by half of the required separation, so that they may touch
-    rotations : rotations in degrees at which each shape fits on a sheet, least width first; empty if it is too large
+    separation : distance in metres that nesting keeps between shapes
+    outlines : simplified shapes, offset outwards by half of ``separation``, so that they may touch
+    rotations : rotations in degrees at which each shape fits on a sheet, least extent along x first; empty if too large
     results : for every set of panels, their positions on a sheet, or None if the set did not fit
     """
 
@@ -105,13 +108,13 @@ class SheetSearch:
         return self.share_of_time < 1.0 - max(COMPACTING_SHARE, 0.5 * FIRST_SECONDS / self._seconds)
 
     def _rank(self, packing: Packing) -> tuple[int, float]:
-        """Return the rank of a packing, lower is better: number of sheets, then hull area (m2) on the emptiest."""
+        """Return the rank of a packing, lower is better: number of sheets, then total hull area on the emptiest sheet."""
         return len(packing.sizes), float(np.bincount(packing.sheet, self.hull_areas, len(packing.sizes)).min())
 
     def _fitting_rotations(self, shape: np.ndarray) -> list[float]:
-        """Return the rotations in degrees at which an outline fits on a sheet; first those that make it least wide.
+        """Return the rotations in degrees at which an outline fits on a sheet; least extent along x first.
 
-        shape : outline, offset outwards by half of the separation
+        shape : outline, offset outwards by half of ``separation``
         """
         room = self.usable_size + self.separation
         base = np.degrees(preferred_box(shape, self.params.rotation)[0])
@@ -149,7 +152,8 @@ class SheetSearch:
     def _fill_sheets(self, rng: np.random.Generator, rough: Packing) -> Packing:
         """Pack all panels: fill sheets one by one, large panels first, slightly shuffled except in the first round.
 
-        Panels left when the time has elapsed, and panels larger than a sheet, are packed by ``pack``.
+        Every sheet has to cover more area than the sheet of ``rough``, the quick packing, with its first panel. Panels
+        left when the time has elapsed, and panels larger than a sheet, are packed by ``pack``.
         """
         order = self.areas * np.exp(0.25 * rng.standard_normal(len(self.areas)) * bool(self.results))
         rest = [i for i in np.argsort(-order, kind="stable").tolist() if self.rotations[i]]
@@ -173,7 +177,8 @@ class SheetSearch:
     def _fill_sheet(self, rest: list[int], least: float, rng: np.random.Generator) -> Places:
         """Fill a sheet as well as possible with panels of ``rest``, including ``rest[0]``, and return their positions.
 
-        If no set that fits covers more than ``least`` m2, return the sheet with ``rest[0]`` of a quick packing.
+        If no set that fits has outlines of more than ``least`` m2 in total, pack all of ``rest`` quickly, and return the
+        sheet that contains ``rest[0]``.
         """
         at_once, limit = max(self.workers.count, 2), np.inf
         for _ in range(max(TRIES // at_once, 1)):
@@ -203,8 +208,9 @@ class SheetSearch:
     def _random_sets(self, rest: list[int], least: float, rng: np.random.Generator) -> list[frozenset[int]]:
         """Return new random sets with panel ``rest[0]`` that cover more than ``least`` m2, most promising first.
 
-        Sets are ordered by their gain in area times the probability that they fit: a logistic function of their hulls'
-        share of the sheet, with mean ``MEAN_HULL_SHARE`` and standard deviation ``HULL_SHARE_DEVIATION``.
+        Sets are ordered by the area they cover beyond ``least``, times the probability that they fit. The share of the
+        sheet up to which hulls fit is assumed to have a logistic distribution with mean ``MEAN_HULL_SHARE`` and standard
+        deviation ``HULL_SHARE_DEVIATION``.
         """
         first, others, sheet = rest[0], np.array(rest[1:], dtype=np.int64), float(self.usable_size.prod())
         failed = [members for members, places in self.results.items() if places is None]
@@ -233,18 +239,18 @@ class SheetSearch:
         for members, strip in zip(sets, found, strict=True):
             self.results[members] = self._places_on_sheet(strip)
 
-    def _pack_quickly(self, some: list[int]) -> Packing:
-        """Pack the panels ``some`` quickly with ``packing.pack``."""
+    def _pack_quickly(self, panels: list[int]) -> Packing:
+        """Pack the panels with these indices quickly, with ``packing.pack``."""
         p = self.params
         size = p.sheet_width, p.sheet_height
-        return pack([self.shapes[i] for i in some], size, p.margin, p.spacing, rotation=p.rotation)
+        return pack([self.shapes[i] for i in panels], size, p.margin, p.spacing, rotation=p.rotation)
 
     # -- strips --------------------------------------------------------------------------------------------------------
 
     def pack_shortest_strip(self, members: frozenset[int], seconds: float) -> PackedStrip | None:
-        """Return the shortest strip (metres) of panels ``members`` that any core finds in ``seconds``, or None.
+        """Return the shortest strip (metres) of panels ``members`` that any core finds in ``seconds``; None if none does.
 
-        Every core restarts with new seeds, because results differ more by seed than by duration.
+        Every core searches several times with new seeds, because results differ more by seed than by duration.
         """
         end, turn, start = time.monotonic() + seconds, max(FIRST_SECONDS, int(seconds / STARTS)), 0
         best: PackedStrip | None = None
@@ -281,10 +287,10 @@ class SheetSearch:
         return {i: (turn, self.params.margin - (self.shapes[i] @ np.array([[cos, sin], [-sin, cos]])).min(axis=0))}
 
     def _strip_task(self, members: frozenset[int], seconds: int, start: int, enough: float = 0.0) -> StripTask:
-        """Return the task (in millimetres) of packing panels into a strip as high as a sheet.
+        """Return the task (in millimetres) of packing the panels ``members`` into a strip as high as a sheet.
 
-        The search ends early at a length of ``enough`` metres; 0 searches for the whole time. ``start`` is added to the
-        seed of the settings.
+        The search takes ``seconds``, or ends early once the strip is no longer than ``enough`` metres, if that is not 0.
+        Its seed is that of the settings plus ``start``.
         """
         items = [
             (i, [(x, y) for x, y in (1e3 * self.outlines[i]).tolist()], self.rotations[i]) for i in sorted(members)
@@ -295,7 +301,10 @@ class SheetSearch:
         )
 
     def _pack_strips(self, tasks: Sequence[StripTask]) -> list[PackedStrip | None]:
-        """Pack strips in parallel; return them in metres from the margins of a sheet, None for tasks that failed."""
+        """Pack strips in parallel; return them in metres, or None for tasks that failed.
+
+        The positions start at the lower left corner of the sheet's area within its margin.
+        """
         most = max((len(task.items) for task in tasks), default=0)
         progress = self.progress.at(min(self.share_of_time, 1.0), f"nesting {with_count(most, 'panel', 'panels')}")
         found: list[PackedStrip | None] = [None] * len(tasks)
@@ -305,7 +314,7 @@ class SheetSearch:
         return [strip and self._in_metres(strip) for strip in found]
 
     def _in_metres(self, strip: PackedStrip) -> PackedStrip:
-        """Convert a strip of ``outlines`` in millimetres to a strip of the true shapes in metres."""
+        """Convert a strip of ``outlines`` in millimetres to a strip of the true shapes, without separation, in metres."""
         half = 0.5 * self.separation
         places = {i: (turn, (1e-3 * x - half, 1e-3 * y - half)) for i, (turn, (x, y)) in strip.places.items()}
         return PackedStrip(1e-3 * strip.length - self.separation, places)
@@ -318,9 +327,9 @@ class SheetSearch:
         return {i: (math.radians(turn), np.array(move) + margin) for i, (turn, move) in strip.places.items()}
 
 
-def _places_by_sheet(packing: Packing, some: Sequence[int]) -> list[Places]:
-    """Return the positions of panels ``some`` in their packing, one dictionary per sheet."""
+def _places_by_sheet(packing: Packing, panels: Sequence[int]) -> list[Places]:
+    """Return the positions in ``packing``, one dictionary per sheet; ``panels`` are the indices of the panels in it."""
     sheets: list[Places] = [{} for _ in packing.sizes]
-    for k, i in enumerate(some):
+    for k, i in enumerate(panels):
         sheets[packing.sheet[k]][i] = float(packing.rotation[k]), packing.shift[k]
     return sheets

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from flexmaps.engine.fabrication.nesting import packing
+from flexmaps.engine.fabrication.nesting import packing, sheet_raster
 from flexmaps.engine.fabrication.nesting.packing import box_fits, min_area_box, pack
 from flexmaps.engine.fabrication.nesting.remnants import Remnant
 from flexmaps.engine.progress import Progress
@@ -139,14 +139,14 @@ def test_cells_count_by_their_centres_as_shapely_sees_them():
     rows, columns = 18, 20
     x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
     inside = [shapely.contains_xy(Polygon(ring), x, y) for ring in rings]
-    assert (packing._rasterise(rings, columns, rows) == inside[0] ^ inside[1]).all()
-    assert not packing._rasterise(rings, columns, rows)[:, -1].all()
+    assert (sheet_raster._rasterise(rings, columns, rows) == inside[0] ^ inside[1]).all()
+    assert not sheet_raster._rasterise(rings, columns, rows)[:, -1].all()
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.4])
 def test_masks_cover_all_cells_near_their_shape_and_few_others(turn):
     shape, cell, grow = _blob(np.random.default_rng(2), 0.03), 0.002, 0.003
-    stamp = packing.ShapeMask(shape, turn, cell, grow, (0, 1, 2, 3))
+    stamp = sheet_raster.ShapeMask(shape, turn, cell, grow, (0, 1, 2, 3))
     for quarter, mask in stamp.masks.items():
         corner = np.array([0.5, 0.3])
         angle, shift = stamp.placement_at(quarter, corner)
@@ -167,21 +167,21 @@ def _square(side):
 
 
 def test_the_first_place_is_at_the_left_and_then_at_the_bottom():
-    sheet = packing.SheetRaster((0.1, 0.07), 0.005, 0.0, 0.0005)
+    sheet = sheet_raster.SheetRaster((0.1, 0.07), 0.005, 0.0, 0.0005)
     seen = []
     for _ in range(5):
-        stamp = packing.ShapeMask(_square(0.02), 0.0, 0.0005, 0.0, (0,))
+        stamp = sheet_raster.ShapeMask(_square(0.02), 0.0, 0.0005, 0.0, (0,))
         assert sheet.may_fit(stamp)
         seen.append(sheet.place(stamp)[1])
     # each takes 21 mm of the raster, so that two fit above each other on 60 mm
     wanted = [[0.0054, 0.0054], [0.0054, 0.0264], [0.0264, 0.0054], [0.0264, 0.0264], [0.0474, 0.0054]]
     np.testing.assert_allclose(seen, wanted, atol=1e-4)
-    large = packing.ShapeMask(_square(0.04), 0.0, 0.0005, 0.0, (0,))
+    large = sheet_raster.ShapeMask(_square(0.04), 0.0, 0.0005, 0.0, (0,))
     assert sheet.place(large) is None
-    assert not sheet.may_fit(packing.ShapeMask(_square(0.041), 0.0, 0.0005, 0.0, (0,)))
-    assert sheet.may_fit(packing.ShapeMask(_square(0.02), 0.0, 0.0005, 0.0, (0,)))
+    assert not sheet.may_fit(sheet_raster.ShapeMask(_square(0.041), 0.0, 0.0005, 0.0, (0,)))
+    assert sheet.may_fit(sheet_raster.ShapeMask(_square(0.02), 0.0, 0.0005, 0.0, (0,)))
     # as large as what found no place, but a frame with room in it
-    assert sheet.may_fit(packing.ShapeMask(0.04 * np.array([[0, 0], [1, 0], [0, 1.0]]), 0.0, 0.0005, 0.0, (0,)))
+    assert sheet.may_fit(sheet_raster.ShapeMask(0.04 * np.array([[0, 0], [1, 0], [0, 1.0]]), 0.0, 0.0005, 0.0, (0,)))
 
 
 # -- sizes -------------------------------------------------------------------------------------------------------------
