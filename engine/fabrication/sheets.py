@@ -35,17 +35,17 @@ from .panels.toolpath import CUTTER_PATH, SheetCuts, plan_cuts
 from .standing.base import Base
 from .waste_labels import labels_beside
 
-# Penalty factor of places for holding tabs at hubs: a hub is preferred to a plain arm end only if it is this many times
-# farther from the other tabs; larger values put fewer tabs at hubs
+# Penalty factor of a place for a holding tab at a hub: it is preferred to a plain arm end only if it is this many times
+# as far from the other tabs; larger values put fewer tabs at hubs
 _HUB_PENALTY = 3.0
 CONNECTORS, CUT = ConnectorParams(), CutParams()
 
 
 @dataclass(frozen=True, eq=False)
 class CutSheets:
-    """All panels and the sheets that they are cut from. Lengths in metres; origin of a sheet at its lower left.
+    """All panels and the sheets that they are cut from. Lengths are in metres; a sheet's origin is its lower left corner.
 
-    panels : one per patch, followed by the plates of the base and the loose keys
+    panels : one for every patch, followed by the plates of the base and the loose keys
     packing : sheet, rotation and shift of every panel, and the sizes of the sheets
     params : settings that the sheets were made with
     warnings : sentences for the user
@@ -139,7 +139,7 @@ def make_sheets(
     params : size of the sheets, labels, nesting
     progress : called with the fraction done; may cancel
     connectors, cut : settings of the connectors and of the cutter
-    base : plates and feet of a standing piece; ``base.design``, whose feet replace arms, is then used for ``design``
+    base : plates and feet of a standing piece; panels are then drawn from ``base.design``, in which feet replace arms
 
     Raises
     ------
@@ -207,7 +207,10 @@ def _refuse_wide_cutter(connectors: ConnectorParams, cut: CutParams) -> None:
 def _nest_panels(
     panels: Sequence[Panel], connections: Connections, turn: float, params: SheetParams, progress: Progress
 ) -> Packing:
-    """Lay panels on sheets, all turned first by ``turn`` (radians, see ``grain_rotation``), and then the loose keys."""
+    """Lay panels on sheets, and the loose keys of ``connections`` on further sheets.
+
+    turn : rotation in radians by which all panels are turned before they are laid, see ``grain_rotation``
+    """
     outlines = [p.outline for p in progress.part(0.0, 0.0).each(panels, "outlines of the panels")]
     shapes = [o.transform(turn, np.zeros(2)).sample(2e-5) if turn else o.sample(2e-5) for o in outlines]
     refuse_many_sheets(shapes, params)
@@ -306,7 +309,7 @@ def _base_panels(base: Base | None) -> tuple[Panel, ...]:
     found = []
     for plate in () if base is None else base.plates:
         area = plate.outline.area + sum(h.area for h in plate.holes)
-        # holding tabs at the ends of the straight sides
+        # places for holding tabs: the nodes of the outline, at the ends of its straight sides
         holds = np.column_stack([plate.outline.points, np.ones(len(plate.outline.points))])
         found.append(Panel(0, -1, plate.outline, plate.holes, plate.labels, area, holds, "base"))
     return tuple(found)
@@ -339,13 +342,13 @@ def key_panels(connections: Connections, params: SheetParams, mark: str = "") ->
 def _tab_places(design: SpiralDesign, progress: Progress) -> list[np.ndarray]:
     """Return for every panel the places (K, 3) for holding tabs: plain arm ends, and roots of slots at the outline.
 
-    Columns are x, y in metres and a penalty factor of at least 1. A tab beside an arm would bend the arm when broken
-    off, and a tab on a connector would spoil the connector's fit.
+    Columns are x, y in metres and a penalty factor of at least 1, see ``plan_cuts``. Other places are not suitable: a tab
+    beside an arm would bend the arm when broken off, and a tab on a connector would spoil the connector's fit.
     """
     layout, arms = design.flat.layout, design.arms
     border = layout.mesh.border[layout.mesh.quad_edges]
     tips = centre_line(arms, np.where(design.is_absent, design.arm_starts, 0.0)[..., None])[0][:, :, 0]
-    # a slot opens to the outline if the vertex between its two sides lies on the outline
+    # a slot opens to the outline if the mesh vertex between the sides of its two arms lies on the outline
     outer = layout.on_outline[np.roll(layout.flat_corners, -1, axis=1)]
     found = []
     for quads in progress.each(layout.patches, "places for holding tabs"):

@@ -14,10 +14,11 @@ from ...spirals.contours import Outline
 from ...spirals.curves.arcs import Curve
 from ...tolerances import DOUBLE_TOL
 
-TANGENT_ANGLE = 2e-3  # radians; corners with a smaller angle count as smooth; larger leaves more corners without an arc
-MIN_SEGMENT = (
-    2e-5  # metres; shorter segments are removed: controllers stutter on them, while longer ones would be visible
-)
+# corners at which a curve turns by less than this angle in radians count as smooth and get no arc when the curve is offset;
+# larger leaves more corners without an arc
+TANGENT_ANGLE = 2e-3
+# metres; shorter segments are removed, because controllers stutter on them; if larger, what is removed would be visible
+MIN_SEGMENT = 2e-5
 
 Arc = tuple[complex, complex, float]  # start and end of a segment (complex, metres), and its bulge
 
@@ -33,7 +34,8 @@ def without_empty_segments(curve: Curve) -> Curve:
 def without_short_segments(curve: Curve) -> Curve:
     """Return the curve without segments shorter than ``MIN_SEGMENT``; the ends of an open curve stay.
 
-    The neighbours of a short segment are extended until they meet, or else meet in its middle.
+    The neighbours of a short segment then end at the intersection of their lines or circles; if that is not near the
+    segment, they end at its middle.
     """
     points, bulge = curve.points @ np.array([1.0, 1.0j]), curve.bulge.copy()
     while len(points) > 3:
@@ -55,7 +57,7 @@ def without_short_segments(curve: Curve) -> Curve:
                 first, last = np.array([start[0], middle]), np.array([middle, end[1]])
                 bulge[[before, j]] = _trimmed_bulges(start, end, sides, first, last)
         points[j] = middle
-        # keep the node at which the next segment begins
+        # node i is removed, so that the bulge of the segment after the short one stays at its own first node j
         points, bulge = np.delete(points, i), np.delete(bulge, i)
     return Curve(np.column_stack([points.real, points.imag]), bulge, curve.closed)
 
@@ -63,8 +65,8 @@ def without_short_segments(curve: Curve) -> Curve:
 def offset_curve(curve: Curve, distance: float) -> Curve:
     """Return the offset of a curve by ``distance`` metres to the right, to the left if negative; arcs stay arcs.
 
-    Where the curve turns away from the offset, an arc about the corner fills the gap. Where it turns towards the
-    offset, the adjacent segments are trimmed at their intersection, and arcs too small for the offset vanish.
+    At corners where the offset segments move apart, an arc about the corner fills the gap. Where they overlap, they are
+    trimmed at their intersection, and arcs with a radius smaller than the offset vanish.
 
     Parameters
     ----------
@@ -81,7 +83,7 @@ def offset_curve(curve: Curve, distance: float) -> Curve:
     start, end, bulge = _segments(curve)
     before, after = _directions(start, end, bulge)
     begins, ends = start - 1j * distance * before, end - 1j * distance * after
-    # an arc with a radius below the offset would turn inside out
+    # keep the segments whose direction the offset does not reverse; it reverses arcs with a radius smaller than the offset
     row = np.flatnonzero(((ends - begins) * (end - start).conj()).real > DOUBLE_TOL * np.abs(end - start))
     if len(row) < 1 + curve.closed:
         raise FlexMapsError(f"A curve is too small for an offset of {abs(distance) * 1e3:g} mm")
@@ -97,7 +99,7 @@ def offset_curve(curve: Curve, distance: float) -> Curve:
     for i, j in zip(row[~smooth & ~fill & inner].tolist(), ahead[~smooth & ~fill & inner].tolist()):
         last[i] = first[j] = _intersection((begins[i], ends[i], bulge[i]), (begins[j], ends[j], bulge[j]))
     kept = _trimmed_bulges(begins, ends, bulge, first, last)
-    # a filled corner adds a node at the end of its segment, where its arc begins
+    # every segment has a node at its start; before a corner that an arc fills, it has another at its end
     count = np.ones(len(row), dtype=int) + (fill & inner)
     place = np.cumsum(count) - count
     nodes, bulges = np.empty(int(count.sum()), dtype=complex), np.empty(int(count.sum()))
@@ -142,7 +144,10 @@ def _trimmed_bulges(
 
 
 def _intersection(one: Arc, two: Arc) -> complex:
-    """Return the intersection of two segments, extended to lines and circles, that is nearest to their common end."""
+    """Return the intersection, nearest to where they should meet, of two segments extended to lines and circles.
+
+    They should meet midway between the end of ``one`` and the start of ``two``.
+    """
     near = 0.5 * (one[1] + two[0])
     if abs(one[1] - two[0]) < DOUBLE_TOL:
         return near
@@ -185,8 +190,8 @@ def _crossings(one: Arc, two: Arc) -> list[complex]:
 def cut_dogbones(curve: Curve, radius: float) -> Curve:
     """Cut dogbones into the inside corners of an open curve that are too sharp for a mill.
 
-    A dogbone contains the whole original corner: its circle passes through the middle of the corner's arc. In an acute
-    corner it lies at the end of a corridor wide enough for the mill.
+    A dogbone is a cut along a circle as large as the mill, so that nothing of the corner is left: it passes through the
+    middle of the corner's arc. Where the corner is too narrow for the mill, a corridor as wide as the mill leads to it.
 
     Parameters
     ----------
@@ -216,7 +221,7 @@ def cut_dogbones(curve: Curve, radius: float) -> Curve:
 def _dogbone(start: np.ndarray, end: np.ndarray, bulge: float, radius: float) -> tuple[list[complex], list[float]]:
     """Return nodes and bulges of the dogbone that replaces an arc between two straight lines.
 
-    start, end : (3,) complex ends of the line before, the arc, and the line after
+    start, end : (3,) complex starts and ends of the line before, the arc, and the line after
     bulge : bulge of the arc
     radius : radius of the mill, metres
     """
@@ -230,7 +235,8 @@ def _dogbone(start: np.ndarray, end: np.ndarray, bulge: float, radius: float) ->
     if radius / np.tan(half) > abs(centre - corner):
         reach = radius / np.sin(half)
         enter, leave = (corner + reach * line / abs(line) for line in lines)
-        # the material is on the left of the path, so the path enters left of the line that leads to the corner
+        # seen towards the corner, the path leads along the left side of the corridor and back along its right side,
+        # because the material is on the left of the path
         made = [enter, centre - 1j * inwards * radius, centre + 1j * inwards * radius, leave]
         curved = [0.0, -1.0, 0.0]
     else:
@@ -245,11 +251,11 @@ def _dogbone(start: np.ndarray, end: np.ndarray, bulge: float, radius: float) ->
 
 
 def cut_paths(outline: Outline, outer: float, holes: float) -> Outline:
-    """Return the paths of the cutter around a panel and in its holes: its curves offset by half of the kerf.
+    """Return the paths of the cutter around a panel and in its holes: the panel's curves offset by half of the kerf.
 
     Parameters
     ----------
-    outline : outer curve and holes of a panel as drawn, metres
+    outline : outer curve and holes that the finished panel should have, metres
     outer, holes : width of the kerf (not half of it) along the outer curve and in holes, metres
     """
     return Outline(

@@ -21,8 +21,11 @@ from .lettering import FILL_SHARE, curved_text, straight_text, text_length
 _SAMPLES = 97  # samples along an arm, joined by straight lines along which labels run; more follow curves more exactly
 # minimum height in metres of letters that can be read without a lens; larger puts more labels beside panels
 LEGIBLE_HEIGHT = 0.002
-_TICK = 8  # length of a tick along its arm from the hub, in samples of the arm (``_SAMPLES``); by eye
-_PLACES = 8  # maximum number of arm ends to which the tick of a panel's number may point; more take longer
+# A tick on an arm shows to which joint a name on the hub belongs: length from the hub, in samples of ``_SAMPLES``; by eye
+_TICK = 8
+# maximum number of arm ends to choose from when a panel's number is written beside the panel, with a tick that points at
+# an arm end; more take longer
+_PLACES = 8
 _TOGETHER = 1000  # quads whose arms are sampled together; more take more memory
 _SEAM_LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ"  # without I and O, which look like digits
 _UPSIDE_DOWN = str.maketrans("69", "96")
@@ -33,7 +36,7 @@ class SmallLabel:
     """A label whose letters are too small to read, or that has no room on the material at all.
 
     patch : index of the patch to which it belongs
-    places : points (metres, patch frame) to which a tick from beside the panel may point
+    places : if the label is written beside its panel, a tick points from it at one of these points (metres, patch frame)
     is_engraved : whether it is engraved on the material, in small letters
     """
 
@@ -47,9 +50,9 @@ class SmallLabel:
 class Labels:
     """The strokes of the labels of every patch in its frame.
 
-    strokes : a tuple of open curves per patch
+    strokes : a tuple of open curves for every patch
     engraved_count, left_out_count : number of labels that are engraved, and of labels without room
-    hub_strokes : those of ``strokes`` on hubs whose letters are large enough to read
+    hub_strokes : for every patch those of ``strokes`` that lie on hubs and are large enough to read
     small : labels too small to read or without room; they may also be written beside their panels
     """
 
@@ -124,9 +127,10 @@ def make_labels(
     Parameters
     ----------
     layout : panels and seams
-    arms, hubs : arms of all quads, and the inner ends of their slots
+    arms : arms of all quads
+    hubs : inner ends of the slots between the arms, which bound the hubs
     params : heights of labels
-    occupied_lengths : length in metres of every arm, from its joint, that a connector occupies
+    occupied_lengths : length in metres of the part of every arm, from its joint, that a connector occupies
     progress : called with the fraction done; may cancel
     mark : letter of the piece, see ``panel_name``
     quads_with_holes : quads whose hubs have a hole
@@ -194,7 +198,7 @@ def key_label(name: str, neck: float, long: float, params: SheetParams) -> tuple
 
 
 class _LabelPlaces:
-    """Lines and room for letters: the centre line of every arm from joint to hub, and a free circle on every hub."""
+    """Places for letters: along the centre line of every arm, from joint to hub, and in a free circle on every hub."""
 
     def __init__(self, arms: Arms, hubs: SlotRoots, taken: np.ndarray, progress: Progress):
         self.occupied_lengths = taken
@@ -220,7 +224,10 @@ class _LabelPlaces:
         return float(min(largest, FILL_SHARE * self.narrowest[quad, side], room / text_length(text)))
 
     def height_on_hub(self, quad: int, text: str, largest: float) -> float:
-        """Return the height in metres of the largest letters that fit on this hub, at most ``largest``; 0 if full."""
+        """Return the height in metres of the largest letters that fit on this hub, at most ``largest``.
+
+        It is 0 if the hub already has a label or a hole.
+        """
         return min(largest, 1.8 * float(self.hub_radius[quad]) / float(np.hypot(text_length(text), 1.0)))
 
 
@@ -229,7 +236,7 @@ class _PlacedLabel(NamedTuple):
 
     height : height of the letters, metres
     is_on_hub : whether the label is on a hub
-    tick : stroke on the arm to which a label on a hub belongs
+    tick : stroke on an arm, which shows that the label on the hub belongs to this arm's joint
     """
 
     letters: tuple[Curve, ...] = ()
@@ -239,11 +246,14 @@ class _PlacedLabel(NamedTuple):
 
 
 def _joint_label(text: str, quad: int, side: int, lines: _LabelPlaces, params: SheetParams) -> _PlacedLabel:
-    """Write the name of a joint on its arm, or on its hub if letters on the arm are illegible and smaller there."""
+    """Write the name of a joint on its arm, or on the arm's hub if letters on the arm are illegible and larger ones fit there.
+
+    lines : places for letters; a hub that gets the name is marked as full
+    """
     height = lines.height_on_arm(quad, side, text, params.label_height)
     on_hub = lines.height_on_hub(quad, text, params.label_height)
     if height < min(LEGIBLE_HEIGHT, params.label_height) and max(height, params.label_min) < on_hub:
-        lines.hub_radius[quad] = 0.0  # no further label fits on this hub
+        lines.hub_radius[quad] = 0.0  # mark the hub as full
         tick = lines.points[quad, side, -_TICK:]
         letters = straight_text(text, on_hub, lines.centre[quad], np.array([1.0, 0.0]))
         return _PlacedLabel(tuple(_curves(letters)), on_hub, True, tuple(_curves([tick])))
@@ -257,7 +267,13 @@ def _joint_label(text: str, quad: int, side: int, lines: _LabelPlaces, params: S
 def _panel_label(
     text: str, quads: np.ndarray, lines: _LabelPlaces, taken: dict[tuple[int, int], str], largest: float
 ) -> _PlacedLabel:
-    """Write a panel's number as large as possible, on the hub with most room or along an arm without a joint's name."""
+    """Write a panel's number as large as possible, on the hub with most room or along an arm.
+
+    quads : quads of the panel
+    lines : places for letters; a hub that gets the number is marked as full
+    taken : names of joints by (quad, side); arms with such a name are avoided
+    largest : maximum height of the letters, metres
+    """
     roomiest = int(quads[np.argmax(lines.hub_radius[quads])])
     on_hub = lines.height_on_hub(roomiest, text, largest)
     free = [(q, k) for q in quads[np.argsort(-lines.narrowest[quads].min(axis=1))[:8]].tolist() for k in range(4)]
@@ -265,7 +281,7 @@ def _panel_label(
     quad, side = max(free, key=lambda a: lines.height_on_arm(a[0], a[1], text, largest))
     on_arm = lines.height_on_arm(quad, side, text, largest)
     if on_hub >= on_arm:
-        lines.hub_radius[roomiest] = 0.0  # no further label fits on this hub
+        lines.hub_radius[roomiest] = 0.0  # mark the hub as full
         letters = straight_text(text, on_hub, lines.centre[roomiest], np.array([1.0, 0.0]))
         return _PlacedLabel(tuple(_curves(letters)), on_hub, True)
     line, middle = lines.points[quad, side], 0.5 * float(lines.length[quad, side])

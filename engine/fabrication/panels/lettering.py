@@ -9,7 +9,7 @@ from ...arrays import Float
 # height of letters along an arm or on a foot, as a share of the arm's or foot's width; larger is
 # easier to read and nearer to edges
 FILL_SHARE = 0.62
-ADVANCE = 0.85  # distance from the start of a letter to the next, as a share of their height; by eye
+ADVANCE = 0.85  # distance from the start of a letter to the start of the next, as a share of their height; by eye
 _SQUEEZE = 0.6  # width of a letter as a share of its height; by eye
 
 # strokes of each letter as points on a 5 x 7 grid: column a to e from the left, row 0 to 6 from the baseline up
@@ -40,7 +40,7 @@ def text_strokes(text: str) -> list[Float[np.ndarray, "_ 2"]]:
 
 
 def text_length(text: str) -> float:
-    """Return the length of a text with letters of height 1."""
+    """Return the length of a text along its baseline, if its letters have height 1."""
     return ADVANCE * (len(text) - 1) + _SQUEEZE if text else 0.0
 
 

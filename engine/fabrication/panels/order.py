@@ -12,16 +12,16 @@ from ...progress import SILENT, Progress
 from ...spirals.curves.arcs import Curve
 
 ORDERING = "the order of the cuts"
-# number of nearest nodes queried at the end of a cut, then four times as many while all belong to finished cuts; a
-# larger number needs fewer, slower queries
+# number of nearest nodes that are queried to find the next cut; as long as all of them belong to finished cuts, the query
+# is repeated with four times as many. A larger number needs fewer but slower queries
 _NEIGHBOURS = 32
 
 
 @dataclass(frozen=True, eq=False)
 class CutGroup:
-    """Curves that are cut one after the other, such as the parts of an outline between holding tabs.
+    """A cut of one or more curves in fixed order, such as the parts of an outline between holding tabs.
 
-    group : number, such as that of a panel; objects with equal numbers are cut one after the other
+    group : number, such as that of a panel; cuts with the same number are made directly one after the other
     is_reversible : whether a single open curve may also be cut from its other end
     """
 
@@ -38,7 +38,7 @@ class CutGroup:
         return np.stack([first.points[0], last.points[-1]]) if self.is_reversible else first.points[:1]
 
     def starting_at(self, node: int) -> tuple[Curve, ...]:
-        """Return the curves such that cutting begins at node ``node`` of ``start_nodes``."""
+        """Return the curves, reversed or with their nodes renumbered so that cutting begins at ``start_nodes[node]``."""
         first = self.curves[0]
         if first.closed:
             return (Curve(np.roll(first.points, -node, axis=0), np.roll(first.bulge, -node)),)
@@ -51,14 +51,14 @@ class _Tour:
     def __init__(self, cuts: Sequence[CutGroup], begin: complex, progress: Progress):
         self.cuts, self.begin = cuts, begin
         self.nodes = [c.start_nodes @ np.array([1.0, 1.0j]) for c in progress.each(cuts, ORDERING)]
-        # a closed cut ends at the node where it begins, an open cut at its last point
+        # used for open cuts only: a closed cut ends at the node where it begins
         self.end_points = [complex(*c.curves[-1].points[-1]) for c in cuts]
         self.is_closed = np.array([c.curves[0].closed for c in cuts])
         self.order: Int[np.ndarray, " cuts"] = np.arange(len(cuts))
         self.node = np.zeros(len(cuts), dtype=int)
 
     def starts_and_ends(self, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the complex start and end points of cuts ``which``."""
+        """Return the complex points at which the cuts with indices ``which`` start and end."""
         start = np.array([self.nodes[i][self.node[i]] for i in which.tolist()])
         far = [
             self.nodes[i][1 - self.node[i]] if self.cuts[i].is_reversible else self.end_points[i]
@@ -67,7 +67,7 @@ class _Tour:
         return start, np.where(self.is_closed[which], start, far)
 
     def order_by_nearest(self, progress: Progress) -> None:
-        """Order the cuts: go to the nearest remaining cut, first within the current group."""
+        """Order the cuts: after each, go to the nearest remaining cut of the same group, or else of any group."""
         from scipy.spatial import cKDTree
 
         points = np.concatenate(self.nodes)

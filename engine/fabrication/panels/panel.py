@@ -20,8 +20,8 @@ class Panel:
     labels : open strokes to engrave on the material
     area : area of the material, m2
     kind : "panel", "key" (loose key of a joint) or "base" (plate that the piece stands on)
-    tab_places : places for holding tabs: x and y in metres, and a penalty factor of at least 1
-    hub_labels : those of ``labels`` on hubs whose letters are large enough to read
+    tab_places : places for holding tabs: x and y in metres, and a penalty factor, see ``plan_cuts``
+    hub_labels : those of ``labels`` that lie on hubs and are large enough to read
     waste_labels : strokes of labels to engrave in the waste beside the panel; not part of ``labels``
     piece, mark : index and letter of the piece, if several pieces share sheets
     """

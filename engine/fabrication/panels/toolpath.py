@@ -18,16 +18,15 @@ from .kerf import without_short_segments
 from .order import CutGroup, order_cuts
 
 CUTTER_PATH = "the way of the cutter"
-_START_COUNT, _LENGTH_SHARES = (
-    24,
-    (1.0, 0.5),
-)  # number of start points tried for a lead-in, and shares of its full length tried
-# Maximum length of either half of a tab along the outline, as a multiple of the gap in the cut; larger values permit
-# more places and longer tabs
-MAX_HALF_TAB_AT_TIPS = 0.95  # where the outline turns back within the gap, as around narrow tips
-MAX_HALF_TAB = 2.5  # elsewhere, as in bays that open outwards; tabs are more than twice this length apart
-_NARROW_PENALTY = 1e6  # penalty factor of places where the tab would be narrower than requested, so they come last
-_HALVINGS = 20  # bisections for the length of a tab: exact to a millionth of its width
+_START_COUNT = 24  # number of nodes of a closed path at which a lead-in is tried
+_LENGTH_SHARES = (1.0, 0.5)  # lengths of a lead-in tried in this order, as shares of the requested length
+# A holding tab is a gap in the cut along an outline. The straight distance between the ends of the gap is required; where
+# the outline bends, the gap has to be longer along the outline. Maximum length of half a gap along the outline, as a
+# multiple of the required distance; larger values permit more places and longer gaps
+MAX_HALF_TAB_AT_TIPS = 0.95  # where the outline turns back before it reaches this distance, as around narrow tips
+MAX_HALF_TAB = 2.5  # elsewhere, as in bays that open outwards; the middles of two gaps are more than twice this apart
+_NARROW_PENALTY = 1e6  # penalty factor of places where the tab would be narrower than required, so that they come last
+_HALVINGS = 20  # bisections for the length of a gap, which make it exact to a millionth
 _ANGLES = np.radians([25.0, 45.0, 65.0, 90.0])  # angles in radians between a lead-in and its path, tried in order
 
 
@@ -35,7 +34,8 @@ _ANGLES = np.radians([25.0, 45.0, 65.0, 90.0])  # angles in radians between a le
 class SheetCuts:
     """The cuts of one sheet, in the order of cutting.
 
-    engraving, inner_cuts, outer_cuts : open and closed curves; outlines are split into open parts at holding tabs
+    engraving : strokes of the labels
+    inner_cuts, outer_cuts : cuts of holes and of outlines; with a lead-in or between two holding tabs a cut is open
     lead_ins_left_out : number of cuts that begin on their path because a lead-in has no room
     tab_count : number of holding tabs
     """
@@ -65,7 +65,8 @@ def plan_cuts(
     labels : strokes to engrave
     holes : closed paths of the cutter in every panel's holes
     outlines : closed path of the cutter around every panel
-    places : for every outline the places for tabs: x and y in metres, and a penalty factor of at least 1
+    places : (K, 3) for every outline, places for holding tabs: x and y in metres, and a penalty factor of at least 1, by
+        which a place must be farther from the other tabs to be preferred to a place without penalty
     size : width and height of the sheet, metres
     cut : tabs and lead-ins
     progress : called with the fraction done; may cancel
@@ -112,7 +113,7 @@ def with_lead_in(curve: Curve, length: float, free: Any) -> Curve | None:
     import shapely
 
     points = curve.points @ np.array([1.0, 1.0j])
-    # enter at a right angle after a holding tab, or the lead-in would cut into the tab
+    # an open path begins at a holding tab: enter at a right angle, or the lead-in would cut into the tab
     angles = _ANGLES if curve.closed else _ANGLES[-1:]
     starts = (
         np.unique(np.linspace(0, len(points) - 1, _START_COUNT).astype(int)) if curve.closed else np.zeros(1, dtype=int)
@@ -121,14 +122,14 @@ def with_lead_in(curve: Curve, length: float, free: Any) -> Curve | None:
     way = (following - points[starts]) * np.exp(-2j * np.arctan(curve.bulge[starts]))
     way = way / np.abs(way)
     for share in _LENGTH_SHARES:
-        # lead-ins extend backwards from the start of the path, and to its right
+        # a lead-in comes from behind the start of the path and from its right
         offset = share * length * -way[:, None] * np.exp(1j * angles)
         begin, end = points[starts][:, None] + offset, points[starts][:, None] + 0.02 * offset
         lines = np.stack([begin, end], axis=-1).reshape(-1, 2)
         found = np.flatnonzero(free(shapely.linestrings(np.stack([lines.real, lines.imag], axis=-1))))
         if not len(found):
             continue
-        # take the smallest angle that fits, at the first node where it fits
+        # take the smallest angle with which some lead-in has room, at the first node where it has
         best = int(found[np.argmin(found % len(angles))])
         start, lead = int(starts[best // len(angles)]), lines[best, 0]
         order = (np.arange(len(points) + curve.closed) + start) % len(points)
@@ -166,10 +167,14 @@ def _outside_test(outlines: list[Curve], size: tuple[float, float], progress: Pr
 
 
 def _with_tabs(outline: Curve, places: np.ndarray, cut: CutParams) -> list[Curve]:
-    """Return the outline in open parts, with gaps at the best places for tabs; undivided if there are no places.
+    """Return the open parts of an outline between the holding tabs, or the whole outline if there are no places for tabs.
 
-    Places with a small penalty and far from other tabs are best. Places where the outline turns back before the gap is
-    as wide as requested, as around narrow tips, are used last.
+    Places far from other tabs and with a small penalty are best. Places where the outline turns back before the ends of
+    the gap are as far apart as required, as around narrow tips, are used last.
+
+    outline : closed path of the cutter
+    places : (K, 3) x and y in metres, and a penalty factor of at least 1, see ``plan_cuts``
+    cut : number and width of the tabs, and the kerf
     """
     gap, length = cut.tab_width + cut.kerf_outline, outline.length
     if not len(places):
@@ -199,7 +204,11 @@ def _with_tabs(outline: Curve, places: np.ndarray, cut: CutParams) -> list[Curve
 
 
 def _chord_across(outline: Curve, middle: np.ndarray, half: float) -> np.ndarray:
-    """Return the distances (K,) between the points ``half`` metres before and after places (K,) on a closed curve."""
+    """Return the straight distances (K,) between two points of a closed curve on either side of every place.
+
+    middle : (K,) positions of the places along the curve, metres
+    half : distance of the two points from the place along the curve, metres
+    """
     line = outline.sample(1e-6)
     line = np.concatenate([line, line[:1]])
     run = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
@@ -209,9 +218,10 @@ def _chord_across(outline: Curve, middle: np.ndarray, half: float) -> np.ndarray
 
 
 def _half_gap(outline: Curve, middle: float, gap: float, widest: float) -> float:
-    """Return half of the length in metres of a gap along the outline, such that its ends are ``gap`` metres apart.
+    """Return half of the length in metres, along the outline, of a gap whose ends are a straight ``gap`` metres apart.
 
-    The distance between the ends is measured along a straight line. The half is at most ``widest`` times ``gap``.
+    middle : position of the gap's middle along the outline, metres
+    widest : maximum of the returned length, as a multiple of ``gap``
     """
     low, high = 0.5 * gap, widest * gap
     for _ in range(_HALVINGS):
@@ -269,5 +279,5 @@ def _segment_lengths(curve: Curve) -> np.ndarray:
 
 
 def _arc_point(a: np.ndarray, b: np.ndarray, quarter: float, share: float) -> np.ndarray:
-    """Return the point at a share of the arc from ``a`` to ``b``; ``quarter`` is a quarter of the arc's angle."""
+    """Return the point of the arc from ``a`` to ``b`` at ``share`` of its length; ``quarter`` is a quarter of its angle."""
     return arc_points(a[None], b[None], np.tan(np.array([quarter])), np.array([[share]]))[0, 0]

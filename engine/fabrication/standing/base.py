@@ -48,7 +48,7 @@ class Plate:
 class Base:
     """Base that a piece stands on or hangs from.
 
-    design : the design, with feet instead of the arms that they replace
+    design : the design of the piece, in which feet replace arms
     ground_height : height of the upper side of the plates, metres
     thickness : thickness of the plates, as of all sheets, metres
     eyelets : holes to hang the piece by, instead of feet
@@ -213,7 +213,10 @@ def _refuse_touching(feet: Sequence[Foot], slots: np.ndarray, wall: float) -> No
 
 
 def _feet_per_plate(design: SpiralDesign, feet: Sequence[Foot], slots: np.ndarray, margin: float) -> list[np.ndarray]:
-    """Group the feet that share a plate: neighbours in the mesh, and feet whose plates would overlap."""
+    """Return the indices of the feet on each plate: neighbours in the mesh, and feet whose plates would overlap, share one.
+
+    margin : width of the plate around the slots, metres
+    """
     import shapely
 
     corners = [set(design.flat.layout.mesh.quads[foot.quad].tolist()) for foot in feet]
@@ -236,7 +239,10 @@ def _feet_per_plate(design: SpiralDesign, feet: Sequence[Foot], slots: np.ndarra
 def _make_plates(
     feet: Sequence[Foot], slots: np.ndarray, rows: np.ndarray, margin: float, sheet: SheetParams, thickness: float
 ) -> list[Plate]:
-    """Return a plate around the slots ``rows``, or several if a single plate would be larger than the sheet."""
+    """Return a plate around the slots with indices ``rows``, or several if a single plate would be larger than the sheet.
+
+    margin : width of the plates around the slots, metres; reduced to at least ``thickness`` where plates are divided
+    """
     import shapely
 
     outline = hull_outline(slots[rows].reshape(-1, 2), margin)
@@ -264,7 +270,7 @@ def _make_plates(
 def _number_strokes(
     feet: Sequence[Foot], slots: np.ndarray, outline: Curve, sheet: SheetParams, mark: str = ""
 ) -> tuple[Curve, ...]:
-    """Return the strokes of the feet's numbers beside their slots, left out where neither side has room."""
+    """Return the strokes of the feet's numbers, each at an end of its slot; left out where neither end has room."""
     import shapely
 
     if not sheet.labels:

@@ -41,7 +41,7 @@ def round_corners(
             nodes.append(point)
             bulges.append(0.0)
             continue
-        left = before[1] * after[0] - before[0] * after[1] > 0.0  # the incoming direction is -before
+        left = before[1] * after[0] - before[0] * after[1] > 0.0  # ``before`` points back to the previous point
         reach = min(r * np.tan(0.5 * turn), 0.499 * min(sides))
         nodes += [point + reach * before, point + reach * after]
         bulges += [(1.0 if left else -1.0) * np.tan(0.25 * turn), 0.0]

@@ -28,14 +28,16 @@ from .corners import CORNER_RADIUS, round_corners
 # than stand, and need slots wider than three thicknesses
 MIN_SLOPE = np.radians(25.0)
 # Maximum angle in radians between a foot and the direction from the hub to the middle of the side through which the
-# foot leaves its quad. Larger accepts more supports; at a corner of the border the angle is 45 degrees for both sides
+# foot leaves its quad. Larger accepts more supports. The limit must exceed 45 degrees, so that a quad at a corner of the
+# border, two sides of which are open, can have a foot that points at the corner
 MAX_SIDEWAYS_ANGLE = np.radians(60.0)
 # maximum twist in radians of a spiral that counts as straight; larger permits arms that come nearer to feet
 MAX_STRAIGHT_TWIST = 0.02
 # width of the tongue as a share of the foot's width (two equal shoulders share the rest), by eye; larger needs longer
 # slots
 TONGUE_SHARE = 0.6
-# length over which a foot widens from its hub, as a share of the widening on one side, by eye; larger is smoother
+# length over which a foot widens beside its hub, as a share of the width that it gains on either side, by eye; larger is
+# smoother
 FLARE_RATIO = 0.8
 TONGUE_OVERHANG = 1.0  # length by which the tongue extends below the base, in thicknesses of the sheet
 
@@ -164,7 +166,7 @@ def _sides_and_directions(
 
 
 def refuse_inside(faces: Int[np.ndarray, " some"]) -> None:
-    """Raise ``FlexMapsError`` if there are ``faces``: supports away from the open border."""
+    """Raise ``FlexMapsError`` about ``faces``, supports that lie away from the open border; do nothing if there are none."""
     if len(faces):
         raise FlexMapsError(
             f"{with_count(len(faces), 'support lies', 'supports lie')} away from the open border, where no foot can leave the piece; "
@@ -174,7 +176,7 @@ def refuse_inside(faces: Int[np.ndarray, " some"]) -> None:
 
 
 def refuse_flat(faces: Int[np.ndarray, " some"]) -> None:
-    """Raise ``FlexMapsError`` if there are ``faces``: supports that are too flat for a foot."""
+    """Raise ``FlexMapsError`` about ``faces``, supports that lie too flat for a foot; do nothing if there are none."""
     if len(faces):
         raise FlexMapsError(
             f"{with_count(len(faces), 'supported spiral lies', 'supported spirals lie')} too flat for a foot to reach the ground: "
@@ -184,7 +186,7 @@ def refuse_flat(faces: Int[np.ndarray, " some"]) -> None:
 
 
 def refuse_sideways(faces: Int[np.ndarray, " some"]) -> None:
-    """Raise ``FlexMapsError`` if there are ``faces``: supports whose open border is not below them."""
+    """Raise ``FlexMapsError`` about ``faces``, supports without open border below them; do nothing if there are none."""
     if len(faces):
         raise FlexMapsError(
             f"The open border of {len(faces)} supported spirals does not lie below them, so that their feet cannot reach the "
@@ -196,13 +198,14 @@ def refuse_sideways(faces: Int[np.ndarray, " some"]) -> None:
 def _foot_cap(
     design: SpiralDesign, quad: int, side: int, way: np.ndarray, shoulder: float, slope: float, width: float
 ) -> tuple[Cap, float]:
-    """Return the outline of a foot, from right to left edge of the arm that it replaces, and the tongue's offset.
+    """Return the outline of a foot in place of the arm at side ``side`` of quad ``quad``, and the offset of its tongue.
 
-    The offset is the distance in metres by which the tongue lies to the left of the hub: a foot leaves its quad through
-    the middle of the side and bends there into the direction of steepest descent.
+    The outline leads from the right to the left edge of the arm. A foot leaves its quad through the middle of the side
+    and bends there into the direction of steepest descent, so its tongue is not below the hub's centre. The offset is the
+    distance in metres of the tongue from the hub's centre, to the left of this direction.
 
     way : unit direction of steepest descent in the patch's frame
-    shoulder : distance from the hub's centre to the shoulders, metres
+    shoulder : distance from the hub's centre to the shoulders along ``way``, metres
     slope : sine of the angle between the sheet and the ground
     width : width of the foot, metres
     """
@@ -216,7 +219,8 @@ def _foot_cap(
     normal, knee = np.array([-out[1], out[0]]), out * arm.radius[0, 0]
     starts = [frame @ (p - arm.centre[0]) for p in (right, left)]
     wide = max(float(p @ out) for p in starts) + FLARE_RATIO * (half - min(abs(float(p @ normal)) for p in starts))
-    turn = half * abs(out[1]) / (1.0 + out[0])  # length by which the bend shortens the foot's inner edge on both sides
+    # length by which the bend shortens the foot's inner edge before it, and once more after it
+    turn = half * abs(out[1]) / (1.0 + out[0])
     short = max(knee[0] + turn + 2.0 * CORNER_RADIUS - shoulder, wide + turn - arm.radius[0, 0])
     if short > 0.0:
         raise FlexMapsError(
@@ -254,7 +258,11 @@ def _foot_cap(
 def _flare_biarc(
     start: np.ndarray, first: np.ndarray, end: np.ndarray, last: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return nodes and bulges of a biarc from one point and direction to another, without the last point."""
+    """Return nodes and bulges of the biarc between two points with given directions, without the last point.
+
+    start, end : (2,) points where it begins and ends, metres
+    first, last : (2,) unit directions at ``start`` and at ``end``
+    """
     nodes, bulge = interpolate_biarcs(np.stack([start, end])[None], np.stack([first, last])[None])
     return nodes[0], bulge[0]
 

@@ -20,20 +20,18 @@ from ...tolerances import DOUBLE_TOL
 from ..nesting.packing import find_fitting_rotation
 from .corners import CORNER_RADIUS, round_corners
 
-MAX_PLANK_TURN = np.radians(
-    75.0
-)  # maximum change of direction along a plank, radians; larger: fewer, wider planks; by eye
+# maximum change of direction along a plank, radians; larger: fewer, wider planks; by eye
+MAX_PLANK_TURN = np.radians(75.0)
 # width of a dovetail at its neck and at its head, and its depth, as shares of the plank's width; by eye
 NECK_SHARE, HEAD_SHARE, DEPTH_SHARE = 0.3, 0.42, 0.25
 # maximum width of the ring at a cut, as a multiple of its width in straight parts; a wider place is a corner, where a
 # cut would run along the ring
 MAX_CUT_WIDTH_RATIO = 1.4
-MIN_DOVETAIL_SHARE = (
-    0.4  # minimum size of a dovetail as a share of its full size; larger permits fewer cuts between close feet; by eye
-)
-# chords per quarter circle in the buffer around slots, whose corners are rounded with arcs later, and tolerance of its
-# simplification in metres
-CHORDS_PER_QUARTER, SIMPLIFY_TOLERANCE = 12, 1e-5
+# minimum size of a dovetail, as a share of the size that suits the width of the ring; larger permits fewer cuts between
+# close feet; by eye
+MIN_DOVETAIL_SHARE = 0.4
+CHORDS_PER_QUARTER = 12  # chords per quarter circle in the buffer around slots; arcs replace its corners later
+SIMPLIFY_TOLERANCE = 1e-5  # tolerance in metres with which this buffer is simplified
 OVERLAP = 1e-7  # metres by which shapes to be subtracted extend beyond an edge, so that no slivers are left
 MIN_SLOTS = 3  # minimum number of slots for a ring
 
@@ -110,7 +108,8 @@ class _RingCut:
     after : index of the slot after which the cut lies
     middle, direction : centre of the cut (metres), and unit direction of the ring there
     width : width of the ring midway between the slots on both sides of the cut, metres
-    dovetail_scale : width that scales the dovetail, metres: at most ``width``, smaller where the slots are close
+    dovetail_scale : width of a ring to which the dovetail's dimensions would fit, metres: at most ``width``, smaller
+        where the slots are close together
     """
 
     after: int
@@ -125,7 +124,7 @@ class _RingCut:
         return np.array([-self.direction[1], self.direction[0]])
 
     def tongue(self, behind: float) -> Any:
-        """Return the shapely polygon of the dovetail's tongue, which begins ``behind`` metres behind the cut."""
+        """Return the shapely polygon of the dovetail's tongue, from ``behind`` metres before the cut to its head."""
         import shapely
 
         neck, head, deep = (
@@ -138,7 +137,11 @@ class _RingCut:
 
 
 def _cut_between(slots: np.ndarray, k: int, ring: Any, margin: float, wall: float) -> _RingCut | None:
-    """Return the cut of the ring between slot k and the next slot; None if there is no room for a dovetail."""
+    """Return the cut of the ring between slot ``k`` and the next slot; None if there is no room for a dovetail.
+
+    margin : width of the ring around the slots, metres
+    wall : minimum distance between a slot and a dovetail, metres
+    """
     import shapely
 
     pair = shapely.polygons(slots[[k, (k + 1) % len(slots)]])
@@ -158,7 +161,7 @@ def _cut_between(slots: np.ndarray, k: int, ring: Any, margin: float, wall: floa
 
     width, room = float(np.linalg.norm(np.ptp(across(middle), axis=0))), gap - 2.0 * wall
     size = min(width, room / DEPTH_SHARE)
-    # width of the ring here if it ran straight
+    # width that the ring would have here if it did not turn
     usual = 2.0 * margin + float(np.ptp(slots[[k, (k + 1) % len(slots)]] @ aside, axis=1).max())
     if not 0.0 < width < MAX_CUT_WIDTH_RATIO * usual or size < MIN_DOVETAIL_SHARE * width:
         return None
@@ -209,7 +212,19 @@ def _choose_cuts(slots: np.ndarray, ring: Any, margin: float, wall: float, sheet
 def _cut_into_planks(
     slots: np.ndarray, ring: Any, cuts: list[_RingCut], order: np.ndarray, clearance: float, margin: float
 ) -> list[tuple[Curve, np.ndarray]]:
-    """Cut the ring into planks, each with a dovetail at its end and a socket at its beginning."""
+    """Cut the ring into planks, each with a dovetail at its end and a socket at its beginning.
+
+    Parameters
+    ----------
+    slots, order : corners of the slots in their order along the ring, and the index of each slot before this ordering
+    ring, cuts : shapely polygon of the ring, and where it is cut
+    clearance : gap around a dovetail, metres
+    margin : radius of the ring's own corners, metres
+
+    Returns
+    -------
+    For every plank its outline, and the indices, before the ordering, of the slots in it
+    """
     import shapely
 
     count = len(slots)
@@ -246,8 +261,10 @@ def _gap_at_cut(cut: _RingCut, ring: Any, clearance: float) -> Any:
 
 
 def _corner_radii(corners: np.ndarray, sharp: np.ndarray, margin: float) -> np.ndarray:
-    """Return every corner's radius (metres): ``CORNER_RADIUS`` where ``sharp`` is True, else the margin, or less
-    where sides are short."""
+    """Return the radius in metres with which every corner is rounded.
+
+    It is ``CORNER_RADIUS`` where the mask ``sharp`` is True, elsewhere ``margin``, and less where sides are short.
+    """
     ahead = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     sides, turn = np.minimum(ahead, np.roll(ahead, 1)), np.roll(corners, -1, axis=0) - corners
     angle = np.arctan2(turn[:, 1], turn[:, 0])
