@@ -21,10 +21,10 @@ _DIRECTIONS = 16  # number of directions around a labelled point in which free s
 _REACH = 5.0  # maximum distance of letters from the labelled point, in letter heights; longer ticks cross other ticks
 _STEPS = 12  # number of distances tried up to ``_REACH``; more find nearer places and take longer
 _MIN_TICK = 0.5  # minimum length of a tick in letter heights; a shorter one looks like a hyphen
-# maximum distance in metres of the labelled point from the outline, measured along the tick;
-# connectors, which may lie between both, are about this long
+# maximum distance in metres along the tick from the outline of the panel to the labelled point inside it; the point may
+# be the end of an arm behind a connector, and connectors are about this long
 _MAX_DEPTH = 0.004
-_LINE_POINTS = 16  # number of points of an outline in each line of the search tree; more make fewer, longer lines
+_LINE_POINTS = 16  # an outline is split for the search tree into lines of so many points; more make fewer, longer lines
 _BATCH = 32  # candidate boxes tested together, nearest first; fewer or more take longer
 # maximum distance in metres between the outlines and their polylines in the search tree; larger is faster
 _TOLERANCE = 2e-5
@@ -106,9 +106,9 @@ class _FreeWaste:
         return ()
 
     def _candidates(self, label: SmallLabel, panel: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return candidate boxes for the letters, nearest first, and the labelled point to which each belongs.
+        """Return candidate boxes for the letters of a label, nearest first, and the labelled point next to each box.
 
-        Boxes (n, 4) are centres and half sizes; boxes and points (n, 2) are in metres on the sheet.
+        A box (n, 4) is its centre and its half sizes; boxes and points (n, 2) are in metres on the sheet.
         """
         turn = self.packing.rotation[panel]
         frame = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
@@ -116,7 +116,7 @@ class _FreeWaste:
         half = 0.5 * self.height * np.array([text_length(label.text), 1.0])
         angle = 2.0 * np.pi / _DIRECTIONS * np.arange(_DIRECTIONS)
         way = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        # search outwards, starting where the box touches the labelled point
+        # search outwards from the labelled point, beginning with the distance at which the box's edge touches it
         out = np.min(half / np.maximum(np.abs(way), 1e-9), axis=1)
         steps = np.linspace(self.clearance, _REACH * self.height, _STEPS * (self.clearance < _REACH * self.height))
         offset = (out + steps[:, None])[..., None] * way
@@ -140,7 +140,11 @@ class _FreeWaste:
     def _write_in_first_free_box(
         self, label: SmallLabel, panel: int, boxes: np.ndarray, places: np.ndarray
     ) -> tuple[Curve, ...]:
-        """Write the label into the first box with a free tick that overlaps no other label; return the strokes."""
+        """Write the label into the first box that, with its tick, overlaps no other label; return the strokes.
+
+        boxes : (n, 4) candidate boxes that are free of panels
+        places : (n, 2) labelled point next to each box
+        """
         import shapely
 
         for box, place in zip(boxes, places, strict=True):
@@ -159,9 +163,10 @@ class _FreeWaste:
         return ()
 
     def _make_tick(self, box: np.ndarray, place: np.ndarray) -> np.ndarray | None:
-        """Return the tick from the letters towards a labelled point; None if it is too short or the outline too far.
+        """Return the tick from the letters in ``box`` towards the labelled point ``place``, as two points.
 
-        The tick ends before the first outline on its way, at a third of the distance that letters keep from panels.
+        The tick ends before the first outline on its way, at a third of the distance that letters keep from panels. Return
+        None if it would be too short, or if the labelled point lies too far behind the outline (``_MAX_DEPTH``).
         """
         import shapely
 

@@ -41,7 +41,7 @@ def write_dxf(sheets: DrawableSheets, index: int, path: Path, progress: Progress
         )
         parts.extend(f" 10\n{x}\n 20\n{y}\n{_bulge_tag(bulge, 17)}" for x, y, bulge in _node_rows(curve))
         handle += 1
-    handles.reset(f"{handle:X}")  # the header stores the next free handle
+    handles.reset(f"{handle:X}")  # the next free handle, which ezdxf writes into the header
     path.write_text(_with_entities(document, parts), encoding=document.output_encoding)
 
 
@@ -90,7 +90,7 @@ def _new_document(sheets: DrawableSheets, index: int, version: str) -> Any:
         document.header["$MEASUREMENT"] = 1
         document.header.custom_vars.append("Program", MARK)
     size = tuple(float(x) * 1e3 for x in sheets.packing.sizes[index])
-    # ezdxf replaces the header's extents by those of the modelspace, so set both
+    # when it writes the file, ezdxf replaces the header's extents by those of the modelspace, so set both
     document.header["$EXTMIN"], document.header["$EXTMAX"] = (0.0, 0.0, 0.0), (*size, 0.0)
     document.modelspace().reset_extents((0.0, 0.0, 0.0), (*size, 0.0))
     document.modelspace().reset_limits((0.0, 0.0), size)

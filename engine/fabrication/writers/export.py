@@ -20,7 +20,7 @@ class Format(NamedTuple):
     """A file format, written as one file per sheet.
 
     ending : text after the base of the file's name; the number of the sheet is inserted before its last dot
-    setting, values : setting of ``ExportParams``, and those of its values that select the format
+    setting, values : name of a setting of ``ExportParams``, and those of its values that select the format
     write : function that writes a sheet
     is_default : whether scripts and the command line write this format by default
     """
@@ -69,7 +69,8 @@ def write_sheets(
     sheets : the sheets
     base : path of the files without number and ending
     formats : keys of ``FORMAT_TABLE``
-    new : function from ``files.write_all_atomically``, if the files must appear together with other files
+    new : function from ``files.write_all_atomically`` that names a file to write, if these files must appear together
+        with others; None if they only appear together with each other
     progress : called with the fraction done; may cancel
 
     Returns

@@ -32,7 +32,7 @@ class Operation(NamedTuple):
     """An operation of the cutter.
 
     colour : "#rrggbb", by which the programs of laser cutters identify the operation
-    aci : AutoCAD's colour index
+    aci : AutoCAD's colour index, for DXF
     """
 
     name: str
@@ -40,8 +40,8 @@ class Operation(NamedTuple):
     aci: int
 
 
-# In the order of cutting: engraving comes before parts can move, and outlines, which release the panels, come last. ACI
-# 7 is shown black on white
+# In the order of cutting: engraving comes before parts can move, and outlines, which release the panels, come last. Colour
+# index 7 is shown as black on a white background
 OPERATIONS = (
     Operation("engrave", "#000000", 7),
     Operation("cut inner", "#0000ff", 5),

@@ -21,9 +21,8 @@ from ..panels.panel import Panel
 from ..sheets import CutSheets
 from .operations import WRITING
 
-ROWS_AT_ONCE = (
-    10_000  # vertices or triangles formatted between two reports of progress (some 0.01 s); more delay a cancel
-)
+# vertices or triangles formatted between two reports of progress, which takes some 0.01 s; more delay a cancel
+ROWS_AT_ONCE = 10_000
 # maximum distance in metres between arcs and edges of the solid; printers resolve nothing finer, and smaller values
 # make files larger and slicing slower
 TOLERANCE = 2e-5
@@ -69,7 +68,7 @@ def extrude_panel(panel: Panel, thickness: float, tolerance: float = TOLERANCE, 
     if not polygon.is_valid:
         raise FlexMapsError(f"Panel {panel.number} cannot be made a solid: its outline touches itself")
     grooves = _grooves(panel, polygon, nozzle or GROOVE_WIDTH)
-    # rings of grooves have the material on their left, like the rings of the panel
+    # edges of the grooves, with the material of the panel on their left, as the panel's own rings have
     edges = [
         _ring_points(r, way) for g in grooves for way, some in ((-1, [g.exterior]), (1, g.interiors)) for r in some
     ]
@@ -77,7 +76,7 @@ def extrude_panel(panel: Panel, thickness: float, tolerance: float = TOLERANCE, 
     top = list(getattr(left, "geoms", [left]))
     outer, flat = np.concatenate(rings), np.concatenate([*rings, *edges])
     floor = np.concatenate(edges) if edges else np.zeros((0, 2))
-    # points at the bottom, at the top, and on the bottoms of the grooves
+    # points and their heights: the panel's bottom, its top with the edges of the grooves, and the bottoms of the grooves
     layers = [(outer, 0.0), (flat, thickness), (floor, (1.0 - GROOVE_DEPTH) * thickness)]
     first = np.cumsum([0, *(len(points) for points, _ in layers)])
     faces = [triangulate([polygon], outer)[:, ::-1], triangulate(top, flat) + first[1]]
@@ -112,7 +111,7 @@ def _wall_triangles(counts: list[int], low: int, high: int) -> Int[np.ndarray, "
     """Return the triangles of vertical walls along rings that have the material on their left.
 
     counts : number of points of every ring
-    low, high : index of the first point of the rings at their lower and at their upper height
+    low, high : index of the vertex that is the first ring's first point, at the lower and at the upper end of the walls
     """
     start = np.cumsum([0, *counts])
     own = np.arange(start[-1])

@@ -74,7 +74,7 @@ def path_data(curve: Curve, height: float, unit: float = UNITS["mm"]) -> str:
     chord = np.linalg.norm(after - points, axis=1)
     size = np.abs(bulge)
     radius = chord * (1.0 + size * size) / (4.0 * np.maximum(size, 1e-12))
-    # an arc whose sagitta is smaller than the rounding of coordinates is drawn as a straight line
+    # an arc whose sagitta is far smaller than the rounding of coordinates is drawn as a straight line
     straight = size * chord < 1e-6
     # the Z command draws the last side of a closed curve if that side is straight
     count = len(points) if curve.closed and not straight[-1] else len(points) - 1
