@@ -71,7 +71,9 @@ def check_kerf(design: SpiralDesign, panels: Sequence[Panel], cut: CutParams, pr
         return
     remedy = f"the kerf of {widest * 1e3:g} mm is too wide for the slots or their ends; make the kerf smaller, or the smallest slot and the fillet larger"
     narrow = design.quads_with_narrow_slots(widest)
-    if len(narrow):  # paths through the roots would end too early without touching each other
+    # the test for contacts below misses these slots: the cutter's path would turn back before the narrow inner end of
+    # the slot, without touching itself
+    if len(narrow):
         raise FlexMapsError(f"{with_count(len(narrow), 'spiral', 'spirals')} cannot be cut: {remedy}", faces=narrow)
     paths: list[Outline] = []
     for panel in panels:

@@ -4,10 +4,10 @@ In equilibrium every joint carries a force and a moment. Its narrowest place is 
 neck's width n and the sheet's thickness t. Under a force F and moments M_in and M_out that bend it in and out of the
 sheet's plane, its stress is at most F / (n t) + 6 M_in / (t n^2) + 6 M_out / (n t^2) by beam theory: tension and
 bending about both axes are added as in EN 1995-1-1, 6.2.3, with k_m = 1. Torsion is treated as bending out of the
-plane, which slightly overestimates its stress in a flat bar. A neck beside the middle of its joint also bears the moment
-of the force about its own centre, which is added without regard to its sign. The limit is the material's strength, Young's modulus
-times the strain limit. Not covered are failure of glue, and heads or keys that slip out of their sockets perpendicular
-to the sheet.
+plane, which slightly overestimates its stress in a flat bar. A neck beside the middle of its joint also bears the
+moment of the force about its own centre, which is added without regard to its sign. The limit is the material's
+strength, Young's modulus times the strain limit. Not covered are failure of glue, and heads or keys that slip out of
+their sockets perpendicular to the sheet.
 """
 
 from __future__ import annotations

@@ -43,7 +43,9 @@ CONNECTORS, CUT = ConnectorParams(), CutParams()
 
 @dataclass(frozen=True, eq=False)
 class CutSheets:
-    """All panels and the sheets that they are cut from. Lengths are in metres; a sheet's origin is its lower left corner.
+    """All panels and the sheets that they are cut from.
+
+    Lengths are in metres; the origin of a sheet is its lower left corner.
 
     panels : one for every patch, followed by the plates of the base and the loose keys
     packing : sheet, rotation and shift of every panel, and the sizes of the sheets
@@ -342,8 +344,8 @@ def key_panels(connections: Connections, params: SheetParams, mark: str = "") ->
 def _tab_places(design: SpiralDesign, progress: Progress) -> list[np.ndarray]:
     """Return for every panel the places (K, 3) for holding tabs: plain arm ends, and roots of slots at the outline.
 
-    Columns are x, y in metres and a penalty factor of at least 1, see ``plan_cuts``. Other places are not suitable: a tab
-    beside an arm would bend the arm when broken off, and a tab on a connector would spoil the connector's fit.
+    Columns are x, y in metres and a penalty factor of at least 1, see ``plan_cuts``. Other places are not suitable: a
+    tab beside an arm would bend the arm when broken off, and a tab on a connector would spoil the connector's fit.
     """
     layout, arms = design.flat.layout, design.arms
     border = layout.mesh.border[layout.mesh.quad_edges]

@@ -165,8 +165,8 @@ class _FreeWaste:
     def _make_tick(self, box: np.ndarray, place: np.ndarray) -> np.ndarray | None:
         """Return the tick from the letters in ``box`` towards the labelled point ``place``, as two points.
 
-        The tick ends before the first outline on its way, at a third of the distance that letters keep from panels. Return
-        None if it would be too short, or if the labelled point lies too far behind the outline (``_MAX_DEPTH``).
+        The tick ends before the first outline on its way, at a third of the distance that letters keep from panels.
+        Return None if it would be too short, or if the labelled point lies too far behind the outline (``_MAX_DEPTH``).
         """
         import shapely
 

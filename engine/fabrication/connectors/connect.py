@@ -22,9 +22,9 @@ from .tips import ConnectorCandidate, Tip
 
 CANDIDATES_AT_ONCE = 180  # candidates evaluated together (0.1 s of work); more delay a cancel
 _TIPS_AT_ONCE = 2000  # tips compared with all others at once; more take more memory
-# The candidates of a joint are tested in rounds until one has room: a single one in the first round, this many in the
-# second, and up to so many in later rounds. Larger batches are faster per candidate, but waste the candidates after the
-# first that has room
+# The candidates of a joint are tested in rounds until one has room: a single one in the first round, SECOND_BATCH in
+# the second, and at most MAX_BATCH in later rounds. Larger batches are faster per candidate, but waste the candidates
+# after the first that has room
 SECOND_BATCH, MAX_BATCH = 4, 16
 
 
@@ -185,7 +185,7 @@ def connect(
 class _Choice:
     """A candidate connector that has room, with its two tips.
 
-    polygons : (2, 2) shapely polygons; row 0 in the tips' own panels, row 1 in the panels across; one column for each tip
+    polygons : (2, 2) shapely polygons, one column for each tip; row 0 in the tips' own panels, row 1 in those across
     """
 
     candidate: ConnectorCandidate
@@ -243,7 +243,7 @@ class _CandidateQueues:
 
 
 def _choose_connectors(space: FreeSpace, progress: Progress) -> list[_Choice | None]:
-    """Return for every joint its first candidate with room beside the connectors of other joints; None if there is none."""
+    """Return for every joint its first candidate with room beside the connectors of other joints, or else None."""
     search = _CandidateQueues(space)
     every = list(range(len(space.joints.edge)))
     found = search.next_fitting(every, progress.part(0.0, 0.9), first=True)

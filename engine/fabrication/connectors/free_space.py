@@ -38,8 +38,8 @@ _SHIFTS = 12  # number of shifts of the parting line tried in either direction a
 # distance between consecutive shifts of the parting line, in neck widths of the smallest connector; larger steps miss
 # more places
 _STEP = 0.55
-# number of shifts with enough free space that are tried per size, as long as the neck must lie on the arm; all are tried
-# where it may overhang. More take longer
+# number of shifts with enough free space that are tried per size, as long as the neck must lie on the arm; all are
+# tried where it may overhang. More take longer
 _SHIFTS_TRIED = 4
 # free space is measured along rays from the edges of the arms; distance between adjacent rays along the arm, metres;
 # smaller is more exact and slower
@@ -147,14 +147,18 @@ class FreeSpace:
         return connector_sizes(width, self.params, SCALES, self.mill)
 
     def candidates(self, joint: int) -> Iterator[ConnectorCandidate]:
-        """Yield candidate connectors for a joint, best first: larger ones first, on the arm before beside it."""
+        """Yield candidate connectors for a joint, best first.
+
+        They are ordered by kind, by setback, by size with the largest first, and by whether the neck overhangs its arm.
+        """
         # heads and sockets alternate along a seam, so that panels joined with an offset of one joint do not fit
         first = int(self.joints.place[joint]) % 2
         # try keys at cuts inside a panel even if dovetails are requested: both sides of such a cut may lie so close
         # together that a dovetail's head, which protrudes from its arm, has no room in the flat panel
         inside = bool(self.joints.is_within_panel[joint])
         kinds = [k for k in KINDS[self.params.connector] if k in (self.params.connector, "tab") or inside]
-        # at a cut inside a panel, a head longer than the flat distance between the two arms would overlap its own socket
+        # at a cut inside a panel, a head longer than the flat distance between the two arms would overlap its own
+        # socket
         gap = abs(self.joined_arms.own.origin[joint] - self.joined_arms.other.origin[joint]) if inside else np.inf
         best = ConnectorCandidate(self.params.connector, self.connector_sizes(joint, self.params.connector)[0], first)
         if best.kind != "dovetail" or best.size.length <= gap:
@@ -259,8 +263,8 @@ class FreeSpace:
     def _place_in_common_plane(self, joined_arms: JoinedArms, tips: np.ndarray) -> np.ndarray:
         """Return the polygons (2, n) of ``tips`` (n,) in the common plane where panels do not overlap.
 
-        Row 0 lies in the tips' own panels, row 1 in the panels across, where the tips are once the joints are assembled.
-        The tips are those of the arms ``joined_arms.own``.
+        Row 0 lies in the tips' own panels, row 1 in the panels across, where the tips are once the joints are
+        assembled. The tips are those of the arms ``joined_arms.own``.
         """
         import shapely
 
@@ -314,7 +318,7 @@ class FreeSpace:
         return ~self.obstacles.are_near(shapes, own, 0.999 * self.slot)
 
     def _are_too_close(self, one: Tip, two: Tip) -> bool:
-        """Return whether two tips of one panel come closer than the smallest slot to each other or each other's arms."""
+        """Return whether two tips of one panel come closer than a slot's width to each other or each other's arms."""
         import shapely
 
         near = ((one.polygon, two.arm_without_tip), (two.polygon, one.arm_without_tip), (one.polygon, two.polygon))

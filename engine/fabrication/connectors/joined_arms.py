@@ -22,9 +22,8 @@ from ...spirals.design import SpiralDesign
 # Where an arm curves, the same step of tau is shorter on its inner edge than on its outer edge. Minimum ratio of these
 # lengths in a tip: at 0 the inner edge folds, and larger values refuse more connectors
 MIN_STEP_RATIO = 0.15
-ARM_SHARE = (
-    0.85  # share of t, from an arm's tip, that a connector may occupy; larger lets connectors reach nearer to hubs
-)
+# share of an arm's range of t, from its joint, that a connector may occupy; larger lets connectors reach nearer to hubs
+ARM_SHARE = 0.85
 SAMPLES = 41  # samples along an arm or the edge of a tip; more are slower and hardly more exact
 
 
@@ -145,7 +144,7 @@ class JointArms(Columns):
 
 @dataclass(frozen=True, eq=False)
 class JoinedArms(Columns):
-    """Both arms at each of n joints; tau and complex frames are those of the arm ``own``, ``other`` lies across the cut."""
+    """Both arms at each of n joints; tau and frames are those of the arm ``own``, and ``other`` lies across the cut."""
 
     own: JointArms
     other: JointArms
@@ -190,8 +189,8 @@ class JoinedArms(Columns):
             found.append((half.in_arm_frames(p)[:, 0], -d[:, 0] / half.outwards, width_at(half.arms, at)[0][:, 0, 0]))
         (point, way, width), (far, away, beyond) = found
         inside = tau >= 0.0
-        # points of the other arm change sign, because its frame is turned by half a turn; directions change it once more,
-        # because what points outwards from the other arm points towards this arm
+        # points of the other arm change sign, because its frame is turned by half a turn; directions change it once
+        # more, because what points outwards from the other arm points towards this arm
         way = np.where(inside, way, away)
         return np.where(inside, point, -far), way / np.abs(way), np.where(inside, width, beyond)
 

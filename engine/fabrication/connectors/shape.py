@@ -5,10 +5,10 @@ offsets of the same curve by half of the clearance to either side, so the gap is
 
 The joint has to carry the load of the arms: tension, bending and torsion. A neck as wide as the arm is as strong as the
 arm in tension. Two walls of 0.6 neck widths beside the socket are stronger than the head in tension, and have to be,
-because they also bend. The flanks of a head make an angle of 25 degrees with the axis of the arm, which turns 0.05 mm of
-clearance into 0.12 mm of play along the arm. At a smaller angle a pull would spread the socket; at a larger angle the
-neck would be thin at its root. The shoulders beside the neck, as wide as the arm, rest against the lips of the socket
-and carry bending instead of the neck.
+because they also bend. The flanks of a head make an angle of 25 degrees with the axis of the arm, which turns 0.05 mm
+of clearance into 0.12 mm of play along the arm. At a smaller angle a pull would spread the socket; at a larger angle
+the neck would be thin at its root. The shoulders beside the neck, as wide as the arm, rest against the lips of the
+socket and carry bending instead of the neck.
 
 A mill cannot cut an inside corner sharper than its own radius. The root of a head and the lips of the socket are
 rounded accordingly; corners at the bottom of a socket are opened by dogbones, so that the head keeps sharp corners.
@@ -35,7 +35,8 @@ _DOGBONE = 1.9  # length of a flank that a dogbone at its end takes up, in mill 
 _BITE = 0.5  # depth to which a dogbone cuts into a wall, in mill radii; walls are thickened by as much
 # widths of tabs, in widths of their arms, to try besides the widths that dovetails and keys have; more take longer
 _TAB_RATIOS = (2.0, 1.6, 1.3)
-# length of a flank that a rounded corner at its end takes up, in corner radii; the outline turns there by 90 + 25 degrees
+# length of a flank that a rounded corner at its end takes up, in corner radii; the outline turns there by 90 + 25
+# degrees
 _TANGENT = math.tan(math.radians(0.5 * 115.0))
 
 

@@ -205,7 +205,8 @@ def make_tips(
     taper_start, min_taper_end, taper_end, begin = through.tau_at(
         np.stack([*flared, edge_ends], axis=1) - shift[:, None]
     ).T
-    # the widening must not end beyond the joint: of a tip that lies wholly there (tau < 0), it ends at the joint (tau 0)
+    # the widening must not end beyond the joint: of a tip that lies wholly there (tau < 0), it ends at the joint (tau
+    # 0)
     taper_end = np.maximum(np.minimum(taper_end, through.own.t_max), 0.0)
     wide = Widening(0.5 * extra + lateral_offset, 0.5 * extra - lateral_offset, taper_start, taper_end)
     good = ~(
@@ -225,10 +226,10 @@ def make_tips(
                                  (left[:, 0] - point) / way, left_way[:, 0] / way)  # fmt: skip
     keep = np.flatnonzero(straight & fits)
     # refuse sockets beside which the walls are too thin: where an arm is curved, they are thinner than ``size.wall``
-    tubes = keep[role[k[keep]] == "socket"]
-    inner = [point[i] + way[i] * (shapes[i].samples + 1j * lateral_offset[i]) for i in tubes.tolist()]
-    thin = _wall_thicknesses(inner, left[tubes], right[tubes]) < 0.999 * size["thinnest"][k[tubes]]
-    keep = np.setdiff1d(keep, tubes[thin])
+    with_socket = keep[role[k[keep]] == "socket"]
+    inner = [point[i] + way[i] * (shapes[i].samples + 1j * lateral_offset[i]) for i in with_socket.tolist()]
+    thin = _wall_thicknesses(inner, left[with_socket], right[with_socket]) < 0.999 * size["thinnest"][k[with_socket]]
+    keep = np.setdiff1d(keep, with_socket[thin])
     if not len(keep):
         return found
     across = _end_nodes(shapes, keep, shoulders, lateral_offset, left[:, 0], right[:, 0], point, way)
@@ -314,8 +315,8 @@ def _shoulder_arcs(
 ) -> tuple[_Shoulders, np.ndarray]:  # fmt: skip
     """Return the arcs between the edges and the straight shoulders of tips, and a mask (n,) of tips with room for them.
 
-    Each arc is tangent to an edge and to the shoulder. It is returned as the y (n,) where it meets the shoulder, and its
-    bulge (n,); the pair for the right shoulder comes first.
+    Each arc is tangent to an edge and to the shoulder. It is returned as the y (n,) where it meets the shoulder, and
+    its bulge (n,); the pair for the right shoulder comes first.
 
     lateral_offset : (n,) metres from the arm's centre line to that of the connector, to the left
     right, left : (n,) complex ends of the edges, relative to the end of the centre line and its outward direction

@@ -89,7 +89,7 @@ def read_dxf(path: Path, unit: float) -> LineDrawing:
                 made.unsupported.add(kind)
             else:
                 (filled if kind in FILLED else made.lines).append((factor * points, closed))
-        made.lines = made.lines or filled  # beside lines, filled areas are ignored: they repeat what the lines enclose
+        made.lines = made.lines or filled  # if there are lines, filled areas only repeat what they enclose
     except (ezdxf.DXFError, UnicodeError, ValueError, KeyError, IndexError, AttributeError, TypeError, RecursionError):
         raise FlexMapsError(f"{path.name} cannot be read as DXF; save it again, as R2010") from None
     return made

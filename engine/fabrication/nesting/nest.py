@@ -31,8 +31,8 @@ def nest(shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: 
     """Lay closed outlines on as few sheets as a search of ``params.nesting_seconds`` finds.
 
     Remnants are filled first (module ``remnant_packing``). The result is never worse than the quick packing of
-    ``packing.pack``, which is returned where spyrrow is missing or finds nothing better. Equal seeds give equal results,
-    except that a slower computer tries less within the time limit.
+    ``packing.pack``, which is returned where spyrrow is missing or finds nothing better. Equal seeds give equal
+    results, except that a slower computer tries less within the time limit.
 
     Parameters
     ----------

@@ -16,8 +16,8 @@ FIRST_BAY_SHARE, COARSE_TOLERANCE = 0.125, 8e-5
 SIDES_PER_QUARTER = 4  # sides per quarter circle of rounded corners in buffers; more are more exact and slower
 MAX_GROWTH = 5e-5  # metres by which an outline may grow when it is simplified; larger: fewer points, larger gaps
 
-# Measured on sets of panels that just fit on a sheet: mean and standard deviation of the total area of the panels' convex
-# hulls, as a share of the sheet without its margin. Larger values make the search try larger sets
+# Measured on sets of panels that just fit on a sheet: mean and standard deviation of the total area of the panels'
+# convex hulls, as a share of the sheet without its margin. Larger values make the search try larger sets
 MEAN_HULL_SHARE, HULL_SHARE_DEVIATION = 0.82, 0.035
 
 

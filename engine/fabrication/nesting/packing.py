@@ -223,7 +223,7 @@ def find_fitting_rotation(points: np.ndarray, sheet: tuple[float, float], margin
     points : (M, 2), metres
     sheet : width and height, metres
     margin : metres
-    rotation : "FREE" any angle; "QUARTER" smallest bounding box along x and y; "GRAIN" 0, as half a turn changes nothing
+    rotation : "FREE" any angle; "QUARTER" smallest bounding box along x and y; "GRAIN" 0, as half a turn fits equally
     """
     turn = preferred_box(points, rotation)[0]
     quarters = np.array([0.0]) if rotation == "GRAIN" else np.array([0.0, 0.5 * np.pi])

@@ -14,9 +14,9 @@ from .packing import CELLS, Packing, preferred_box
 from .remnants import Remnant
 from .sheet_raster import ShapeMask, SheetRaster
 
-SLANTS = (
-    3  # number of rotations within a quarter turn; each is tried with 0 to 3 quarter turns more; more only take longer
-)
+# number of rotations within a quarter turn; each is tried with 0 to 3 quarter turns more; more rotations only take
+# longer
+SLANTS = 3
 
 
 class _RemnantInUse:

@@ -34,10 +34,10 @@ class ShapeMask:
         self.box = cell * np.array([columns, rows])
 
     def placement_at(self, quarter: int, corner: np.ndarray) -> tuple[float, np.ndarray]:
-        """Return the shape's rotation (radians) and shift if the lower left corner of one of its masks is at ``corner``.
+        """Return the rotation (radians) and shift (metres) of the shape when one of its masks is laid on a sheet.
 
         quarter : number of quarter turns of the mask
-        corner : (x, y) on the sheet, metres
+        corner : (x, y) on the sheet of the mask's lower left corner, metres
         """
         # turn two opposite corners of the mask's box by the quarter turns, to find where its lower left corner goes
         points = np.array([[0.0, 0.0], self.box]) + self.origin
@@ -57,8 +57,8 @@ class SheetRaster:
         self.corner = np.array([margin - half, margin - half])
         columns, rows = (int(np.floor((x - 2.0 * (margin - half)) / cell + 1e-9)) for x in size)
         self.occupied = np.zeros((max(rows, 1), max(columns, 1)), dtype=bool)
-        # a cell is free if it lies wholly inside the remnant; the strip that is added to shapes may extend into the margin,
-        # but not beyond the edge of the remnant where the margin is narrower
+        # a cell is free if it lies wholly inside the remnant; the strip that is added to shapes may extend into the
+        # margin, but not beyond the edge of the remnant where the margin is narrower
         if remnant is not None:
             within = remnant.polygon.buffer(min(half - margin, 0.0) - 0.7072 * cell)
             rings = [r for p in getattr(within, "geoms", [within]) if p for r in (p.exterior, *p.interiors)]

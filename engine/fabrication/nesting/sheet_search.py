@@ -24,14 +24,15 @@ from .strip import PackedStrip, StripTask, pack_strip
 
 ROTATION_STEP = 5.0  # degrees between the rotations tried for a panel; smaller packs tighter and takes longer
 # Concave bays of the outlines are closed before nesting up to twice this width in metres; the value is limited to a
-# quarter of the narrowest panel's width. Larger: fewer points and a faster search, but small panels no longer lie in bays
+# quarter of the narrowest panel's width. Larger: fewer points and a faster search, but small panels no longer lie in
+# bays
 BAY_HALF_WIDTH = 0.012
 ROUNDING = 2e-5  # metres added to the spacing because spyrrow calculates in single precision
 FIRST_SECONDS = 1  # search time per set of panels at first, seconds; doubled after PATIENCE rounds without improvement
 # minimum share of the time limit reserved for compacting the emptiest sheet; larger leaves less time to save sheets
 COMPACTING_SHARE = 0.25
-# number of consecutive searches, each with a new random seed, that a core makes to compact the emptiest sheet; more leave
-# less time for each, but several short searches beat a long one
+# number of consecutive searches, each with a new random seed, that a core makes to compact the emptiest sheet; more
+# leave less time for each, but several short searches beat a long one
 STARTS = 4
 # stop compacting once a new search leaves the strip longer than this share of the shortest strip so far
 MIN_SHORTENING = 0.999
@@ -40,8 +41,9 @@ RANDOM_SETS = 400  # random sets generated per sheet (10 ms), of which a few are
 # to 1, the sets differ less
 HULL_STEP = 0.985
 TRIES = 8  # maximum number of sets tried for one sheet; more fill a sheet better and leave time for fewer rounds
-# PATIENCE: the time per set is doubled after this many rounds without improvement; a round packs all panels. MIN_SETS: the
-# search ends when the time per set would allow fewer sets than this within the time limit. Larger: more, shorter searches
+# PATIENCE: the time per set is doubled after this many rounds without improvement; a round packs all panels. MIN_SETS:
+# the search ends when the time per set would allow fewer sets than this within the time limit. Larger: more, shorter
+# searches
 PATIENCE, MIN_SETS = 4, 12
 
 Places = dict[int, tuple[float, np.ndarray]]  # rotation (radians) and shift (2,) in metres, by index of the panel
@@ -108,7 +110,7 @@ class SheetSearch:
         return self.share_of_time < 1.0 - max(COMPACTING_SHARE, 0.5 * FIRST_SECONDS / self._seconds)
 
     def _rank(self, packing: Packing) -> tuple[int, float]:
-        """Return the rank of a packing, lower is better: number of sheets, then total hull area on the emptiest sheet."""
+        """Return the rank of a packing, lower is better: number of sheets, then hull area on the emptiest sheet, m2."""
         return len(packing.sizes), float(np.bincount(packing.sheet, self.hull_areas, len(packing.sizes)).min())
 
     def _fitting_rotations(self, shape: np.ndarray) -> list[float]:
@@ -177,8 +179,8 @@ class SheetSearch:
     def _fill_sheet(self, rest: list[int], least: float, rng: np.random.Generator) -> Places:
         """Fill a sheet as well as possible with panels of ``rest``, including ``rest[0]``, and return their positions.
 
-        If no set that fits has outlines of more than ``least`` m2 in total, pack all of ``rest`` quickly, and return the
-        sheet that contains ``rest[0]``.
+        If no set that fits has outlines of more than ``least`` m2 in total, pack all of ``rest`` quickly, and return
+        the sheet that contains ``rest[0]``.
         """
         at_once, limit = max(self.workers.count, 2), np.inf
         for _ in range(max(TRIES // at_once, 1)):
@@ -209,8 +211,8 @@ class SheetSearch:
         """Return new random sets with panel ``rest[0]`` that cover more than ``least`` m2, most promising first.
 
         Sets are ordered by the area they cover beyond ``least``, times the probability that they fit. The share of the
-        sheet up to which hulls fit is assumed to have a logistic distribution with mean ``MEAN_HULL_SHARE`` and standard
-        deviation ``HULL_SHARE_DEVIATION``.
+        sheet up to which hulls fit is assumed to have a logistic distribution with mean ``MEAN_HULL_SHARE`` and
+        standard deviation ``HULL_SHARE_DEVIATION``.
         """
         first, others, sheet = rest[0], np.array(rest[1:], dtype=np.int64), float(self.usable_size.prod())
         failed = [members for members, places in self.results.items() if places is None]
@@ -248,7 +250,7 @@ class SheetSearch:
     # -- strips --------------------------------------------------------------------------------------------------------
 
     def pack_shortest_strip(self, members: frozenset[int], seconds: float) -> PackedStrip | None:
-        """Return the shortest strip (metres) of panels ``members`` that any core finds in ``seconds``; None if none does.
+        """Return the shortest strip (metres) of panels ``members`` that any core finds in ``seconds``, or else None.
 
         Every core searches several times with new seeds, because results differ more by seed than by duration.
         """
@@ -289,8 +291,8 @@ class SheetSearch:
     def _strip_task(self, members: frozenset[int], seconds: int, start: int, enough: float = 0.0) -> StripTask:
         """Return the task (in millimetres) of packing the panels ``members`` into a strip as high as a sheet.
 
-        The search takes ``seconds``, or ends early once the strip is no longer than ``enough`` metres, if that is not 0.
-        Its seed is that of the settings plus ``start``.
+        The search takes ``seconds``, or ends early once the strip is no longer than ``enough`` metres, if that is not
+        0. Its seed is that of the settings plus ``start``.
         """
         items = [
             (i, [(x, y) for x, y in (1e3 * self.outlines[i]).tolist()], self.rotations[i]) for i in sorted(members)
@@ -314,7 +316,7 @@ class SheetSearch:
         return [strip and self._in_metres(strip) for strip in found]
 
     def _in_metres(self, strip: PackedStrip) -> PackedStrip:
-        """Convert a strip of ``outlines`` in millimetres to a strip of the true shapes, without separation, in metres."""
+        """Convert a strip of ``outlines`` in millimetres to a strip of the true shapes, not offset, in metres."""
         half = 0.5 * self.separation
         places = {i: (turn, (1e-3 * x - half, 1e-3 * y - half)) for i, (turn, (x, y)) in strip.places.items()}
         return PackedStrip(1e-3 * strip.length - self.separation, places)

@@ -14,8 +14,8 @@ from ...spirals.contours import Outline
 from ...spirals.curves.arcs import Curve
 from ...tolerances import DOUBLE_TOL
 
-# corners at which a curve turns by less than this angle in radians count as smooth and get no arc when the curve is offset;
-# larger leaves more corners without an arc
+# corners at which a curve turns by less than this angle in radians count as smooth and get no arc when the curve is
+# offset; larger leaves more corners without an arc
 TANGENT_ANGLE = 2e-3
 # metres; shorter segments are removed, because controllers stutter on them; if larger, what is removed would be visible
 MIN_SEGMENT = 2e-5
@@ -57,7 +57,8 @@ def without_short_segments(curve: Curve) -> Curve:
                 first, last = np.array([start[0], middle]), np.array([middle, end[1]])
                 bulge[[before, j]] = _trimmed_bulges(start, end, sides, first, last)
         points[j] = middle
-        # node i is removed, so that the bulge of the segment after the short one stays at its own first node j
+        # remove node i and with it the bulge of the short segment; node j keeps the bulge of the segment that begins
+        # there
         points, bulge = np.delete(points, i), np.delete(bulge, i)
     return Curve(np.column_stack([points.real, points.imag]), bulge, curve.closed)
 
@@ -83,7 +84,8 @@ def offset_curve(curve: Curve, distance: float) -> Curve:
     start, end, bulge = _segments(curve)
     before, after = _directions(start, end, bulge)
     begins, ends = start - 1j * distance * before, end - 1j * distance * after
-    # keep the segments whose direction the offset does not reverse; it reverses arcs with a radius smaller than the offset
+    # keep the segments whose direction the offset does not reverse; it reverses arcs with a radius smaller than the
+    # offset
     row = np.flatnonzero(((ends - begins) * (end - start).conj()).real > DOUBLE_TOL * np.abs(end - start))
     if len(row) < 1 + curve.closed:
         raise FlexMapsError(f"A curve is too small for an offset of {abs(distance) * 1e3:g} mm")

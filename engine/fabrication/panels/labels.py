@@ -21,10 +21,11 @@ from .lettering import FILL_SHARE, curved_text, straight_text, text_length
 _SAMPLES = 97  # samples along an arm, joined by straight lines along which labels run; more follow curves more exactly
 # minimum height in metres of letters that can be read without a lens; larger puts more labels beside panels
 LEGIBLE_HEIGHT = 0.002
-# A tick on an arm shows to which joint a name on the hub belongs: length from the hub, in samples of ``_SAMPLES``; by eye
+# A tick on an arm shows to which joint a name on the hub belongs. Number of the arm's samples (``_SAMPLES``), from the
+# hub, that the tick covers; by eye
 _TICK = 8
-# maximum number of arm ends to choose from when a panel's number is written beside the panel, with a tick that points at
-# an arm end; more take longer
+# maximum number of arm ends to choose from when a panel's number is written beside the panel, with a tick that points
+# at an arm end; more take longer
 _PLACES = 8
 _TOGETHER = 1000  # quads whose arms are sampled together; more take more memory
 _SEAM_LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ"  # without I and O, which look like digits
@@ -36,7 +37,8 @@ class SmallLabel:
     """A label whose letters are too small to read, or that has no room on the material at all.
 
     patch : index of the patch to which it belongs
-    places : if the label is written beside its panel, a tick points from it at one of these points (metres, patch frame)
+    places : points (metres, patch frame); if the label is written beside its panel, a tick points from it at one of
+        them
     is_engraved : whether it is engraved on the material, in small letters
     """
 
@@ -246,7 +248,7 @@ class _PlacedLabel(NamedTuple):
 
 
 def _joint_label(text: str, quad: int, side: int, lines: _LabelPlaces, params: SheetParams) -> _PlacedLabel:
-    """Write the name of a joint on its arm, or on the arm's hub if letters on the arm are illegible and larger ones fit there.
+    """Write the name of a joint on its arm, or on its hub if letters there are illegible and the hub has more room.
 
     lines : places for letters; a hub that gets the name is marked as full
     """

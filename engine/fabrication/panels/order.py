@@ -12,8 +12,8 @@ from ...progress import SILENT, Progress
 from ...spirals.curves.arcs import Curve
 
 ORDERING = "the order of the cuts"
-# number of nearest nodes that are queried to find the next cut; as long as all of them belong to finished cuts, the query
-# is repeated with four times as many. A larger number needs fewer but slower queries
+# number of nearest nodes that are queried to find the next cut; as long as all of them belong to finished cuts, the
+# query is repeated with four times as many. A larger number needs fewer but slower queries
 _NEIGHBOURS = 32
 
 
@@ -38,7 +38,7 @@ class CutGroup:
         return np.stack([first.points[0], last.points[-1]]) if self.is_reversible else first.points[:1]
 
     def starting_at(self, node: int) -> tuple[Curve, ...]:
-        """Return the curves, reversed or with their nodes renumbered so that cutting begins at ``start_nodes[node]``."""
+        """Return the curves, reversed or with nodes renumbered such that cutting begins at ``start_nodes[node]``."""
         first = self.curves[0]
         if first.closed:
             return (Curve(np.roll(first.points, -node, axis=0), np.roll(first.bulge, -node)),)

@@ -20,11 +20,11 @@ from .order import CutGroup, order_cuts
 CUTTER_PATH = "the way of the cutter"
 _START_COUNT = 24  # number of nodes of a closed path at which a lead-in is tried
 _LENGTH_SHARES = (1.0, 0.5)  # lengths of a lead-in tried in this order, as shares of the requested length
-# A holding tab is a gap in the cut along an outline. The straight distance between the ends of the gap is required; where
-# the outline bends, the gap has to be longer along the outline. Maximum length of half a gap along the outline, as a
-# multiple of the required distance; larger values permit more places and longer gaps
-MAX_HALF_TAB_AT_TIPS = 0.95  # where the outline turns back before it reaches this distance, as around narrow tips
-MAX_HALF_TAB = 2.5  # elsewhere, as in bays that open outwards; the middles of two gaps are more than twice this apart
+# A holding tab is a gap in the cut along an outline. The straight distance between the ends of the gap is required;
+# where the outline bends, the gap has to be longer along the outline. Maximum length of half a gap along the outline,
+# as a multiple of the required distance; larger values permit more places and longer gaps
+MAX_HALF_TAB_AT_TIPS = 0.95  # used where the outline turns back before the gap is wide enough, as around narrow tips
+MAX_HALF_TAB = 2.5  # used elsewhere, as in bays that open outwards; gaps do not overlap even if each is so long
 _NARROW_PENALTY = 1e6  # penalty factor of places where the tab would be narrower than required, so that they come last
 _HALVINGS = 20  # bisections for the length of a gap, which make it exact to a millionth
 _ANGLES = np.radians([25.0, 45.0, 65.0, 90.0])  # angles in radians between a lead-in and its path, tried in order
@@ -65,8 +65,8 @@ def plan_cuts(
     labels : strokes to engrave
     holes : closed paths of the cutter in every panel's holes
     outlines : closed path of the cutter around every panel
-    places : (K, 3) for every outline, places for holding tabs: x and y in metres, and a penalty factor of at least 1, by
-        which a place must be farther from the other tabs to be preferred to a place without penalty
+    places : (K, 3) for every outline, places for holding tabs: x and y in metres, and a penalty factor of at least 1; a
+        place with factor 3 is preferred to one with factor 1 only if it is 3 times as far from the other tabs
     size : width and height of the sheet, metres
     cut : tabs and lead-ins
     progress : called with the fraction done; may cancel
@@ -167,7 +167,7 @@ def _outside_test(outlines: list[Curve], size: tuple[float, float], progress: Pr
 
 
 def _with_tabs(outline: Curve, places: np.ndarray, cut: CutParams) -> list[Curve]:
-    """Return the open parts of an outline between the holding tabs, or the whole outline if there are no places for tabs.
+    """Return the open parts of an outline between holding tabs, or the whole outline if there are no places for tabs.
 
     Places far from other tabs and with a small penalty are best. Places where the outline turns back before the ends of
     the gap are as far apart as required, as around narrow tips, are used last.
@@ -279,5 +279,5 @@ def _segment_lengths(curve: Curve) -> np.ndarray:
 
 
 def _arc_point(a: np.ndarray, b: np.ndarray, quarter: float, share: float) -> np.ndarray:
-    """Return the point of the arc from ``a`` to ``b`` at ``share`` of its length; ``quarter`` is a quarter of its angle."""
+    """Return the point of an arc from ``a`` to ``b`` at ``share`` of its length; ``quarter`` is 1/4 of its angle."""
     return arc_points(a[None], b[None], np.tan(np.array([quarter])), np.array([[share]]))[0, 0]

@@ -213,7 +213,9 @@ def _refuse_touching(feet: Sequence[Foot], slots: np.ndarray, wall: float) -> No
 
 
 def _feet_per_plate(design: SpiralDesign, feet: Sequence[Foot], slots: np.ndarray, margin: float) -> list[np.ndarray]:
-    """Return the indices of the feet on each plate: neighbours in the mesh, and feet whose plates would overlap, share one.
+    """Return for every plate the indices of its feet.
+
+    Feet share a plate if their quads are neighbours in the mesh, or if their plates would overlap.
 
     margin : width of the plate around the slots, metres
     """
@@ -239,7 +241,7 @@ def _feet_per_plate(design: SpiralDesign, feet: Sequence[Foot], slots: np.ndarra
 def _make_plates(
     feet: Sequence[Foot], slots: np.ndarray, rows: np.ndarray, margin: float, sheet: SheetParams, thickness: float
 ) -> list[Plate]:
-    """Return a plate around the slots with indices ``rows``, or several if a single plate would be larger than the sheet.
+    """Return a plate around the slots with indices ``rows``, or several if it would be larger than the sheet.
 
     margin : width of the plates around the slots, metres; reduced to at least ``thickness`` where plates are divided
     """

@@ -22,8 +22,8 @@ from ...spirals.design import SpiralDesign
 from ...surface.checking.finding import with_count
 from ..panels.labels import free_hub_radii
 
-# minimum width of the material around a hole, in diameters of the hole. Handbooks require 1 between the hole of a pin and
-# an edge; larger is stronger and needs larger hubs
+# minimum width of the material around a hole, in diameters of the hole. Handbooks require 1 between the hole of a pin
+# and an edge; larger is stronger and needs larger hubs
 EDGE_RATIO = 1.0
 # share by which the free radius of a hub may fall short of what the hole needs, because hubs are sized iteratively
 RADIUS_TOLERANCE = 1e-3

@@ -28,16 +28,16 @@ from .corners import CORNER_RADIUS, round_corners
 # than stand, and need slots wider than three thicknesses
 MIN_SLOPE = np.radians(25.0)
 # Maximum angle in radians between a foot and the direction from the hub to the middle of the side through which the
-# foot leaves its quad. Larger accepts more supports. The limit must exceed 45 degrees, so that a quad at a corner of the
-# border, two sides of which are open, can have a foot that points at the corner
+# foot leaves its quad. Larger accepts more supports. The limit must exceed 45 degrees, so that a quad at a corner of
+# the border, two sides of which are open, can have a foot that points at the corner
 MAX_SIDEWAYS_ANGLE = np.radians(60.0)
 # maximum twist in radians of a spiral that counts as straight; larger permits arms that come nearer to feet
 MAX_STRAIGHT_TWIST = 0.02
 # width of the tongue as a share of the foot's width (two equal shoulders share the rest), by eye; larger needs longer
 # slots
 TONGUE_SHARE = 0.6
-# length over which a foot widens beside its hub, as a share of the width that it gains on either side, by eye; larger is
-# smoother
+# length over which a foot widens beside its hub, as a share of the width that it gains on either side, by eye; larger
+# is smoother
 FLARE_RATIO = 0.8
 TONGUE_OVERHANG = 1.0  # length by which the tongue extends below the base, in thicknesses of the sheet
 
@@ -166,7 +166,7 @@ def _sides_and_directions(
 
 
 def refuse_inside(faces: Int[np.ndarray, " some"]) -> None:
-    """Raise ``FlexMapsError`` about ``faces``, supports that lie away from the open border; do nothing if there are none."""
+    """Raise ``FlexMapsError`` about ``faces``, supports away from the open border; do nothing if there are none."""
     if len(faces):
         raise FlexMapsError(
             f"{with_count(len(faces), 'support lies', 'supports lie')} away from the open border, where no foot can leave the piece; "
@@ -186,7 +186,7 @@ def refuse_flat(faces: Int[np.ndarray, " some"]) -> None:
 
 
 def refuse_sideways(faces: Int[np.ndarray, " some"]) -> None:
-    """Raise ``FlexMapsError`` about ``faces``, supports without open border below them; do nothing if there are none."""
+    """Raise ``FlexMapsError`` about ``faces``, supports with no open border below; do nothing if there are none."""
     if len(faces):
         raise FlexMapsError(
             f"The open border of {len(faces)} supported spirals does not lie below them, so that their feet cannot reach the "
@@ -201,8 +201,8 @@ def _foot_cap(
     """Return the outline of a foot in place of the arm at side ``side`` of quad ``quad``, and the offset of its tongue.
 
     The outline leads from the right to the left edge of the arm. A foot leaves its quad through the middle of the side
-    and bends there into the direction of steepest descent, so its tongue is not below the hub's centre. The offset is the
-    distance in metres of the tongue from the hub's centre, to the left of this direction.
+    and bends there into the direction of steepest descent, so its tongue is not below the hub's centre. The offset is
+    the distance in metres of the tongue from the hub's centre, to the left of this direction.
 
     way : unit direction of steepest descent in the patch's frame
     shoulder : distance from the hub's centre to the shoulders along ``way``, metres

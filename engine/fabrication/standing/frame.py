@@ -31,7 +31,7 @@ MAX_CUT_WIDTH_RATIO = 1.4
 # close feet; by eye
 MIN_DOVETAIL_SHARE = 0.4
 CHORDS_PER_QUARTER = 12  # chords per quarter circle in the buffer around slots; arcs replace its corners later
-SIMPLIFY_TOLERANCE = 1e-5  # tolerance in metres with which this buffer is simplified
+SIMPLIFY_TOLERANCE = 1e-5  # tolerance in metres with which the buffer around slots is simplified
 OVERLAP = 1e-7  # metres by which shapes to be subtracted extend beyond an edge, so that no slivers are left
 MIN_SLOTS = 3  # minimum number of slots for a ring
 

@@ -40,8 +40,8 @@ class Operation(NamedTuple):
     aci: int
 
 
-# In the order of cutting: engraving comes before parts can move, and outlines, which release the panels, come last. Colour
-# index 7 is shown as black on a white background
+# In the order of cutting: engraving comes before parts can move, and outlines, which release the panels, come last.
+# Colour index 7 is shown as black on a white background
 OPERATIONS = (
     Operation("engrave", "#000000", 7),
     Operation("cut inner", "#0000ff", 5),

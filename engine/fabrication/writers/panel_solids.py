@@ -76,7 +76,8 @@ def extrude_panel(panel: Panel, thickness: float, tolerance: float = TOLERANCE, 
     top = list(getattr(left, "geoms", [left]))
     outer, flat = np.concatenate(rings), np.concatenate([*rings, *edges])
     floor = np.concatenate(edges) if edges else np.zeros((0, 2))
-    # points and their heights: the panel's bottom, its top with the edges of the grooves, and the bottoms of the grooves
+    # points and their heights: the panel's bottom, its top with the edges of the grooves, and the bottoms of the
+    # grooves
     layers = [(outer, 0.0), (flat, thickness), (floor, (1.0 - GROOVE_DEPTH) * thickness)]
     first = np.cumsum([0, *(len(points) for points, _ in layers)])
     faces = [triangulate([polygon], outer)[:, ::-1], triangulate(top, flat) + first[1]]
