@@ -312,7 +312,8 @@ class FreeSpace:
     def _keep_clear(self, joined_arms: JoinedArms, rows: np.ndarray, shapes: np.ndarray) -> np.ndarray:
         """Return a mask (n,) of the polygons ``shapes`` that keep a slot's width from all other arms and from all hubs.
 
-        The two arms of row ``rows`` (n,) of ``joined_arms`` belong to the joint of the polygon and are ignored.
+        joined_arms, rows : polygon k belongs to the joint in row ``rows[k]`` of ``joined_arms``, both arms of which are
+            ignored
         """
         own = np.stack([joined_arms.own.arm[rows], joined_arms.other.arm[rows]], axis=1)
         return ~self.obstacles.are_near(shapes, own, 0.999 * self.slot)

@@ -30,7 +30,9 @@ from ..panels.kerf import cut_dogbones, offset_curve
 FLANK_SLOPE = math.tan(math.radians(25.0))
 LENGTH_RATIO = 0.85  # length of a head in neck widths; longer heads are wider at their ends and need more room
 WALL_RATIO = 0.6  # thickness of the walls beside a socket, in neck widths; thicker ones are stronger and need more room
-_SLACK = 2e-5  # metres added to the mill's radius at inside corners, so that its path can turn; larger is rounder
+# metres by which the radius of inside corners exceeds the mill's, so that the mill's path can turn there; larger makes
+# corners rounder
+_SLACK = 2e-5
 _DOGBONE = 1.9  # length of a flank that a dogbone at its end takes up, in mill radii; larger lengthens flanks
 _BITE = 0.5  # depth to which a dogbone cuts into a wall, in mill radii; walls are thickened by as much
 # widths of tabs, in widths of their arms, to try besides the widths that dovetails and keys have; more take longer

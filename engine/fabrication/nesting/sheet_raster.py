@@ -11,7 +11,8 @@ from .remnants import Remnant
 class ShapeMask:
     """Raster masks of a shape, one for each of the quarter turns ``quarters`` after a rotation by ``turn`` radians.
 
-    Every cell (side ``cell`` metres) is marked that the shape, offset outwards by ``grow`` metres, touches.
+    The masks contain every cell that the shape touches after it was offset outwards by ``grow`` metres; the side of a
+    cell is ``cell`` metres.
     """
 
     def __init__(self, shape: np.ndarray, turn: float, cell: float, grow: float, quarters: tuple[int, ...]):

@@ -154,8 +154,9 @@ class SheetSearch:
     def _fill_sheets(self, rng: np.random.Generator, rough: Packing) -> Packing:
         """Pack all panels: fill sheets one by one, large panels first, slightly shuffled except in the first round.
 
-        Every sheet has to cover more area than the sheet of ``rough``, the quick packing, with its first panel. Panels
-        left when the time has elapsed, and panels larger than a sheet, are packed by ``pack``.
+        The panels on a sheet must have a larger total area than those on the sheet of the quick packing ``rough`` that
+        contains the same first panel. Panels left when the time has elapsed, and panels larger than a sheet, are packed
+        by ``pack``.
         """
         order = self.areas * np.exp(0.25 * rng.standard_normal(len(self.areas)) * bool(self.results))
         rest = [i for i in np.argsort(-order, kind="stable").tolist() if self.rotations[i]]

@@ -131,7 +131,7 @@ def write_stl(sheets: CutSheets, index: int, path: Path, progress: Progress = SI
 
 
 def write_3mf(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
-    """Write sheet ``index`` (from 0) as 3MF, with each panel as a numbered object."""
+    """Write sheet ``index`` (from 0) as 3MF, with each panel in its place as an object of its own."""
     write_solids_3mf(_sheet_solids(sheets, index, progress), path, progress)
 
 

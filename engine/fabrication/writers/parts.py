@@ -60,7 +60,7 @@ def write_parts_list(sheets: CutSheets, designs: Sequence[SpiralDesign], materia
 
 
 def _part_rows(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material) -> list[list[float]]:
-    """Return one row of values per part, in the order of ``COLUMNS``, without the note."""
+    """Return one row of values per part, in the order of ``COLUMNS`` without the last, the note."""
     where, found, of_kind = sheets.packing, [], Counter[tuple[int, str]]()
     for number, panel in enumerate(sheets.panels):
         layout = designs[panel.piece].flat.layout
