@@ -11,7 +11,7 @@ from ..engine.errors import FlexMapsError
 if TYPE_CHECKING:
     import bpy
 
-MAX_PRESSES = 14  # most presses until the files are written; pieces that need more only repeat themselves
+MAX_PRESSES = 14  # most presses until the files are written; a piece that needs more repeats the same actions
 
 
 def press(obj: bpy.types.Object, *, cure: bool | str = False) -> dict[str, Any] | None:

@@ -136,7 +136,7 @@ def _add_flags(made: argparse.ArgumentParser) -> None:
     for section, kind in sections(Settings).items():
         group = made.add_argument_group(f"{section} settings")
         for f in fields(kind):  # type: ignore[arg-type]
-            # prefix names that occur in several sections, so that every flag is unique
+            # put the section before names that occur in several sections, so that every flag is unique
             name = f"{section}_{f.name}" if names[f.name] > 1 else f.name
             _add_flag(group, name, f"{section}.{f.name}", f, get_type_hints(kind)[f.name])
         for name in kind.WERE:

@@ -21,10 +21,10 @@ def add_arguments(pulled: argparse.ArgumentParser, wished: argparse.ArgumentPars
 
 
 def pull(args: argparse.Namespace, piece: Any) -> Any:
-    """Return the piece with the force of the arguments added."""
+    """Return the piece with the force from the command-line arguments added."""
     return api.pull(piece, args.at, args.force)
 
 
 def wish(args: argparse.Namespace, piece: Any) -> Any:
-    """Return the piece with the drag target of the arguments."""
+    """Return the piece with the drag target from the command-line arguments."""
     return api.wish(piece, args.at, args.by)

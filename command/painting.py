@@ -1,4 +1,4 @@
-"""Command ``paint``: change spirals with a brush, everywhere or by weights or colours of a .blend file's object."""
+"""Command ``paint``: change spirals with a brush, on all quads or where an object's vertex weights or colours say."""
 
 from __future__ import annotations
 

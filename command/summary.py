@@ -109,7 +109,7 @@ def print_settings(described: dict[str, Any], args: argparse.Namespace) -> None:
 
 
 def _format_held(base: dict[str, Any]) -> str:
-    """Return a text on what the piece stands on or hangs by."""
+    """Return a text about the base or the eyelets that hold the piece."""
     if "eyelets" in base:
         most = max((sum(x * x for x in force) ** 0.5 for force in base.get("forces_N", [])), default=None)
         bears = "" if most is None else f"; they bear up to {most:.3g} N"

@@ -96,18 +96,18 @@ class RemedyStage(ContinuedStage["RemediedPiece"]):
         context: bpy.types.Context,
         obj: bpy.types.Object,
         surface: ObjectSurface,
-        made: RemediedPiece,
-        was: float,
-        now: float,
+        piece: RemediedPiece,
+        before: float,
+        after: float,
     ) -> str:
         """Write the changed piece and its report into an object that has its shape, and return a text for the user.
 
-        ``was`` and ``now`` are the changed quantity before and after.
+        ``before`` and ``after`` are values of the quantity that the remedy changes.
         """
         from ..bridge.view import remedied_piece
 
         text, good = remedied_piece.write_remedied_piece(
-            obj, context.scene, surface, made, (self.remedy, was, now), self._figures
+            obj, context.scene, surface, piece, (self.remedy, before, after), self._figures
         )
         self.level = "INFO" if good else "WARNING"
         return text

@@ -37,12 +37,12 @@ class CalibrationSheet(FileWriter, ImmediateOperator, ObjectOperator, bpy.types.
         return translate("{} in {}", ", ".join(path.name for path in written), folder)
 
 
-def _formats(wanted: ObjectSettings) -> tuple[str, ...]:
+def _formats(settings: ObjectSettings) -> tuple[str, ...]:
     """Return the object's export formats that the calibration sheet supports, or if there are none, the usual ones."""
     from ..engine.extras.calibrating.sheet_files import DEFAULT_FORMATS, WRITERS
     from ..engine.fabrication.writers import export
 
-    return tuple(key for key in export.chosen_formats(wanted.export) if key in WRITERS) or DEFAULT_FORMATS
+    return tuple(key for key in export.chosen_formats(settings.export) if key in WRITERS) or DEFAULT_FORMATS
 
 
 def _reading_property(name: str, description: str) -> object:
@@ -100,7 +100,7 @@ class Calibrated(ImmediateOperator, ObjectOperator, bpy.types.Operator):
         )  # fmt: skip
 
 
-def _describe(result: Calibration, kept: Path | None) -> str:
+def _describe(result: Calibration, preset: Path | None) -> str:
     """Return one line about the calibrated values, the preset and the warnings."""
     rows = (
         (result.kerf, 1e3, "kerf", "mm"),
@@ -112,7 +112,7 @@ def _describe(result: Calibration, kept: Path | None) -> str:
         for one, factor, name, unit in rows
         if one is not None
     ]
-    parts += [] if kept is None else [translate("kept as preset {}", kept.stem)]
+    parts += [] if preset is None else [translate("kept as preset {}", preset.stem)]
     return ". ".join([", ".join(parts), *result.warnings])
 
 

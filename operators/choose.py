@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..engine.runs.result import Result
 
 
-NEAREST = 0.001  # smallest wanted RMS distance that the settings allow, percent
+NEAREST = 0.001  # smallest value of the setting "wanted RMS distance", percent of the size
 
 
 class ChooseStage(LayoutStage):
@@ -69,7 +69,7 @@ class ChooseStage(LayoutStage):
 
 
 def _optimised_pose(obj: bpy.types.Object, snapshot: Snapshot) -> Pose | None:
-    """Return the simulated pose of optimised spirals; None unless search and simulation are up to date."""
+    """Return the simulated pose of optimised spirals; None unless optimisation and simulation are up to date."""
     from ..bridge.store import equilibrium, states
 
     scene = bpy.context.scene

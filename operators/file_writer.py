@@ -1,4 +1,4 @@
-"""Base of the operators that write files: they ask before they overwrite a file of the user's."""
+"""Base of the operators that write files: they ask before they overwrite the user's files."""
 
 from __future__ import annotations
 

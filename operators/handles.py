@@ -24,7 +24,7 @@ UNDER_MOUSE = -1  # value of ``quad`` that stands for the quad under the mouse
 
 
 class _OnSpiral(ObjectOperator):
-    """Base of operators on the spiral ``quad``; in edit mode on all selected quads if ``quad`` is selected."""
+    """Base of operators on the spiral ``quad``; in edit mode, on all selected quads if ``quad`` is among them."""
 
     bl_options = {"REGISTER", "UNDO"}
 

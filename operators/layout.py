@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class LayoutStage(ContinuedStage):
-    """Base of these operators: write seams, flat patches and their report block."""
+    """Base of the operators that change the layout: write seams, flat patches and their report block."""
 
     overlay_kind = "PATCH"  # colour the patches, because Blender draws seams in edit mode only
 
@@ -59,7 +59,7 @@ class LayoutStage(ContinuedStage):
 
 
 def describe_layout(block: dict[str, Any]) -> str:
-    """Return the number of panels and their largest distortion as a line for the user; block : ``layout_report``."""
+    """Return the number of panels and their largest distortion as a line for the user; ``block``: report block "layout"."""
     if block["energy_max"] < 0.0005:  # three digits after the point would be zeros
         return translate("{} without distortion", panels(block["patches"]))
     return translate("{}, largest distortion {:.3f}", panels(block["patches"]), block["energy_max"])
@@ -71,7 +71,7 @@ def with_report(result: Result, **more: object) -> FlatReported:
     Parameters
     ----------
     result : result that holds the flat patches
-    more : further entries of the block
+    entries : further entries of the block
     """
     from ..engine.patches.flattening.flattening_report import layout_report
     from ..engine.runs.outputs import FinalLayout

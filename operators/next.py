@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from ..bridge.store.notice import Notice
 
 CUTTING_OPERATORS = {"flexmaps.merge", "flexmaps.flatten"}  # operators before which *Next* checks the mesh
-ASKING_OPERATORS = {"flexmaps.choose_folder"}  # cures that ask something: a cancelled question is offered again
-DEBOUNCE_SECONDS = (
-    0.4  # seconds after a change of the label in which presses are ignored, against double clicks; larger feels slow
-)
+ASKING_OPERATORS = {
+    "flexmaps.choose_folder"
+}  # cures that open a dialog; they are offered again after the user cancels it
+DEBOUNCE_SECONDS = 0.4  # seconds after a change of the label in which presses are ignored, so that a double click does not run two actions; larger feels slow
 
 
 class Next(AnyMeshOperator, bpy.types.Operator):
@@ -52,33 +52,33 @@ class Next(AnyMeshOperator, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         return self._run_action(context, "EXEC_DEFAULT")
 
-    def _run_action(self, context: bpy.types.Context, how: str) -> set[str]:
-        seen = self._check_before_cut(context, guidance.read_guidance(context.object, context.scene))
-        if seen.action is None:
-            self.report({"ERROR"}, seen.explanation)
+    def _run_action(self, context: bpy.types.Context, call_context: str) -> set[str]:
+        present = self._check_before_cut(context, guidance.read_guidance(context.object, context.scene))
+        if present.action is None:
+            self.report({"ERROR"}, present.explanation)
             return {"CANCELLED"}
-        if how == "EXEC_DEFAULT" and seen.action.idname == "wm.path_open":
-            self.report({"INFO"}, seen.status.text)
+        if call_context == "EXEC_DEFAULT" and present.action.idname == "wm.path_open":
+            self.report({"INFO"}, present.status.text)
             return {"FINISHED"}
-        asks = how == "INVOKE_DEFAULT" and seen.action.idname in ASKING_OPERATORS
-        if seen.action.cure is not None and not asks:
-            failures.count_press(context.object.data, seen.action.cure.call)
-        group, name = seen.action.idname.split(".")
+        asks = call_context == "INVOKE_DEFAULT" and present.action.idname in ASKING_OPERATORS
+        if present.action.cure is not None and not asks:
+            failures.count_press(context.object.data, present.action.cure.call)
+        group, name = present.action.idname.split(".")
         try:  # True asks for an undo step, which Blender omits where an operator calls another
-            pressed: set[str] = getattr(getattr(bpy.ops, group), name)(how, True, **seen.action.properties)
+            pressed: set[str] = getattr(getattr(bpy.ops, group), name)(call_context, True, **present.action.properties)
         except RuntimeError as error:
             self.report({"ERROR"}, error_message(error))
             return {"CANCELLED"}
         return {"FINISHED"} if "RUNNING_MODAL" in pressed else pressed
 
-    def _check_before_cut(self, context: bpy.types.Context, seen: guidance.Guidance) -> guidance.Guidance:
+    def _check_before_cut(self, context: bpy.types.Context, before: guidance.Guidance) -> guidance.Guidance:
         """Check the mesh if the next action cuts it; return the guidance after the check, whose action may differ."""
         from ..bridge.store import states
 
-        known = states.read_states(context.object, context.scene)
-        cuts = seen.action is not None and seen.action.idname in CUTTING_OPERATORS
-        if not cuts or known["checks"].kind == states.DONE or bpy.ops.flexmaps.check.poll() is False:
-            return seen
+        stage_states = states.read_states(context.object, context.scene)
+        cuts = before.action is not None and before.action.idname in CUTTING_OPERATORS
+        if not cuts or stage_states["checks"].kind == states.DONE or bpy.ops.flexmaps.check.poll() is False:
+            return before
         with suppress(RuntimeError):  # errors of the mesh are shown as notices
             bpy.ops.flexmaps.check("EXEC_DEFAULT")
         return guidance.read_guidance(context.object, context.scene)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     SearchedSpirals = tuple[PanelDrawing, Result, dict[str, Any], dict[str, Any], dict[str, Any] | None]
 
 
-# share of the progress bar before the search starts; matches the share of time (7 to 9 %)
+# share of the progress bar before the search starts; about its share of the time (7 to 9 %)
 SEARCH_START = 0.07
 SEARCH_END, OUTLINES_END = (
     0.8,
@@ -107,24 +107,24 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
         return ". ".join(lines)
 
 
-def _with_remedy_effects(made: Result, settings: ObjectSettings, progress: Progress) -> Result:
+def _with_remedy_effects(result: Result, settings: ObjectSettings, progress: Progress) -> Result:
     """Return the result with the predicted effect of remedies; unchanged after a cancel or with drag targets."""
     if not registry.has("choosing"):
-        return made
+        return result
     from ..engine.extras.choosing.prospects import find_prospects
     from ..engine.runs.outputs import SimulatedShape
 
-    shape = made.get(SimulatedShape)
-    if shape is None or shape.limits is None or made.wishes is not None:
-        return made
+    shape = result.get(SimulatedShape)
+    if shape is None or shape.limits is None or result.wishes is not None:
+        return result
     unseen = replace(progress, shown=None)  # do not show the trial pieces in the 3D view
     try:
         tried = find_prospects(
-            shape.simulation, shape.limits, settings, supports=made.supports, force=made.force, progress=unseen
+            shape.simulation, shape.limits, settings, supports=result.supports, force=result.force, progress=unseen
         )
     except Cancelled:
-        return made
-    return made.with_outputs(replace(shape, limits=replace(shape.limits, prospects=tried)))
+        return result
+    return result.with_outputs(replace(shape, limits=replace(shape.limits, prospects=tried)))
 
 
 class Optimise(SearchStage, bpy.types.Operator):

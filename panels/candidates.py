@@ -20,12 +20,12 @@ VARY_TOGGLES = (
 
 def draw(body: Any, context: bpy.types.Context) -> None:
     obj = context.object
-    wanted = obj.flexmaps.explore
+    settings = obj.flexmaps.explore
     column = body.column(align=True)
     for first in range(0, len(VARY_TOGGLES), PER_ROW):
         row = column.row(align=True)
         for name, label in VARY_TOGGLES[first : first + PER_ROW]:
-            row.prop(wanted, name, text=tr(label), toggle=True, translate=False)
+            row.prop(settings, name, text=tr(label), toggle=True, translate=False)
     column = body.column(align=True)
     for name, label in (
         ("candidates", "Tries"),
@@ -33,7 +33,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
         ("largest", "Distance (%)"),
         ("sheets", "Sheets"),
     ):
-        setting_row(column, wanted, name, tr(label))
+        setting_row(column, settings, name, tr(label))
     button(body, "flexmaps.explore", tr("Explore"), "VIEWZOOM")
     kept = exploration.read(obj)
     if kept is None:

@@ -19,14 +19,14 @@ LIMITS = "distortion_limit", "compactness_limit", "neck_min", "patch_min", "seam
 
 
 def draw(body: Any, context: bpy.types.Context) -> None:
-    wanted = context.object.flexmaps.choose
+    settings = context.object.flexmaps.choose
     column = body.column(align=True)
-    setting_row(column, wanted, "goal", tr("Wanted"))
-    if wanted.goal == "panels":
-        setting_row(column, wanted, "panels", tr("Panels"))
+    setting_row(column, settings, "goal", tr("Wanted"))
+    if settings.goal == "panels":
+        setting_row(column, settings, "panels", tr("Panels"))
     else:
-        row = setting_row(column, wanted, "match", tr("Within (%)"))
-        row.enabled = wanted.goal == "match"
+        row = setting_row(column, settings, "match", tr("Within (%)"))
+        row.enabled = settings.goal == "match"
     row = body.split(factor=0.6, align=True)
     if registry.has("choosing"):
         button(row, "flexmaps.choose", tr("Propose layouts"), "PRESET")
@@ -67,10 +67,10 @@ def _draw_cards(body: Any, context: bpy.types.Context) -> None:
                 _draw_card(card, number, rows[number], pictures[number], number == block["taken"])
 
 
-def _draw_card(card: Any, number: int, row: dict[str, Any], picture: int, taken: bool) -> None:
+def _draw_card(card: Any, number: int, row: dict[str, Any], picture: int, is_current: bool) -> None:
     """Draw the card of a layout: picture, button to choose it, and lines with match, assembly time and sheets."""
     card.template_icon(icon_value=picture, scale=PICTURE_SIZE)
-    taking = button(card, "flexmaps.take_choice", panels(row["panels"]), depress=taken)
+    taking = button(card, "flexmaps.take_choice", panels(row["panels"]), depress=is_current)
     taking.number, taking.tip = number, _tooltip(row)
     share = f"{'' if row['proved'] else '~ '}{format_figure(row['rms_percent'])} %"
     for text in (share, duration(row["join_minutes"]), sheets(row["sheets"])):

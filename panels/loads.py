@@ -16,17 +16,17 @@ EXAMPLE = "Sums of load cases with factors, such as: all = 1.35 weight + 1.5 sno
 
 
 def draw(body: Any, context: bpy.types.Context) -> None:
-    wanted = context.object.flexmaps.structure
+    settings = context.object.flexmaps.structure
     row = body.row()
     column = row.box().column(align=True)
-    for number, text in enumerate(cases.split_lines(wanted.cases)):
+    for number, text in enumerate(cases.split_lines(settings.cases)):
         one = column.row(align=True)
         one.label(text=text, translate=False)
         one.operator("flexmaps.remove_load", text="", icon="X", emboss=False).number = number
     column = row.column(align=True)
     column.operator("flexmaps.add_load", text="", icon="ADD")
     column.popover("FLEXMAPS_PT_loads", text="", icon="DOWNARROW_HLT")
-    setting_row(body.column(align=True), wanted, "factor_max", tr("Up to times"))
+    setting_row(body.column(align=True), settings, "factor_max", tr("Up to times"))
     button(body, "flexmaps.structure", tr("Check the loads"), "MOD_PHYSICS")
     stored = results_column(body, context, "structure")
     if stored is None:
@@ -55,10 +55,10 @@ def _outcome_rows(row: dict[str, Any]) -> list[tuple[str, str, bool]]:
     return made
 
 
-def _draw_load_texts(layout: Any, wanted: Any) -> None:
+def _draw_load_texts(layout: Any, settings: Any) -> None:
     wrapped_text(layout, bpy.context, tr(EXAMPLE), units=15)
-    layout.prop(wanted.structure, "combinations")
-    layout.prop(wanted.structure, "cases")
+    layout.prop(settings.structure, "combinations")
+    layout.prop(settings.structure, "cases")
 
 
 CLASSES = (popover("loads", "Load cases", _draw_load_texts),)

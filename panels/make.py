@@ -29,8 +29,8 @@ BASE_PARTS = ("feet", "Feet"), ("plates", "Plates"), ("planks", "Planks"), ("eye
 
 
 def draw(body: Any, context: bpy.types.Context) -> None:
-    wanted = context.object.flexmaps
-    files = wanted.export
+    settings = context.object.flexmaps
+    files = settings.export
     row = body.row(align=True)
     row.prop(files, "svg", text="SVG", toggle=True, translate=False)
     for name, words, usual in FILE_TOGGLES:
@@ -46,7 +46,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     row = setting_row(column, files, "folder", tr("Folder"))
     row.alert = is_relative_to_unsaved(files.folder)
     setting_row(column, files, "copies", tr("Copies"))
-    setting_row(column, wanted.sheet, "remnants", tr("Offcuts")).operator("flexmaps.add_remnant", text="", icon="ADD")
+    setting_row(column, settings.sheet, "remnants", tr("Offcuts")).operator("flexmaps.add_remnant", text="", icon="ADD")
     row = body.row(align=True)
     button(row, "flexmaps.export", tr("Write the files"), "EXPORT")
     row.menu("FLEXMAPS_MT_files", text="", icon="DOWNARROW_HLT")

@@ -27,22 +27,22 @@ RIM_SETTINGS = "rim_width", "rim_hole", "rim_spacing"
 
 def draw(body: Any, context: bpy.types.Context) -> None:
     obj = context.object
-    wanted = obj.flexmaps
+    settings = obj.flexmaps
     column = body.column(align=True)
-    options_button(setting_row(column, wanted.material, "material", tr("Material")), "material")
-    setting_row(column, wanted.spiral, "thickness", tr("Thickness"))
-    settings_row(column, tr("Sheet"), wanted.sheet, "sheet_width", "sheet_height")
-    choice_row(column, tr("Lasts"), wanted.material, "lasts")
+    options_button(setting_row(column, settings.material, "material", tr("Material")), "material")
+    setting_row(column, settings.spiral, "thickness", tr("Thickness"))
+    settings_row(column, tr("Sheet"), settings.sheet, "sheet_width", "sheet_height")
+    choice_row(column, tr("Lasts"), settings.material, "lasts")
 
     column = body.column(align=True)
-    row = setting_row(column, wanted.remesh, "quads", tr("Quads"))
+    row = setting_row(column, settings.remesh, "quads", tr("Quads"))
     row.operator("flexmaps.quad_remesh", text="", icon="FILE_REFRESH")
     options_button(row, "quads")
     row = labelled_row(column, "")
     row.active = False
     edge = dimensions.estimate_quad_edge(obj, context.scene)
     row.label(text=tr("spirals of {}", format_length(edge)) if edge else "", translate=False)
-    setting_row(column, wanted.layout, "symmetric", tr("Symmetry"))
+    setting_row(column, settings.layout, "symmetric", tr("Symmetry"))
 
     row = choice_row(body, tr("Border"), obj, "flexmaps_border")
     row.enabled = derived_properties.has_border(obj.data)
@@ -56,9 +56,9 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     row.operator("flexmaps.hold_selection", text=tr("Selection"), translate=False)
     options_button(row, "rests")
     hangs = obj.flexmaps_rests == "HANGS"
-    row = setting_row(held, wanted.base, "eyelet" if hangs else "base", tr("Eyelets") if hangs else tr("Base"))
+    row = setting_row(held, settings.base, "eyelet" if hangs else "base", tr("Eyelets") if hangs else tr("Base"))
     options_button(row, "base")
-    setting_row(held, wanted.simulate, "gravity", tr("Own weight"))
+    setting_row(held, settings.simulate, "gravity", tr("Own weight"))
 
 
 def heading_text(context: bpy.types.Context) -> str:
@@ -70,31 +70,31 @@ def heading_text(context: bpy.types.Context) -> str:
     return ", ".join(map(tr, names))
 
 
-def _draw_material(layout: Any, wanted: Any) -> None:
+def _draw_material(layout: Any, settings: Any) -> None:
     """Draw the properties of the material; they can be edited only if the material is "custom"."""
-    layout.enabled = wanted.material.material == "custom"
-    add_settings(layout, wanted.material, *MATERIAL_SETTINGS)
+    layout.enabled = settings.material.material == "custom"
+    add_settings(layout, settings.material, *MATERIAL_SETTINGS)
 
 
 MATERIAL_SETTINGS = tuple(name for name in MaterialParams.__dataclass_fields__ if name not in ("material", "lasts"))
 
 
-def _draw_quads(layout: Any, wanted: Any) -> None:
+def _draw_quads(layout: Any, settings: Any) -> None:
     for name in ("smooth", "crumbs"):
-        layout.prop(wanted.remesh, name)
-    layout.prop(wanted.regularise, "boundary")
+        layout.prop(settings.remesh, name)
+    layout.prop(settings.regularise, "boundary")
     layout.operator("flexmaps.regularise", icon="MOD_SMOOTH")
 
 
-def _draw_border(layout: Any, wanted: Any) -> None:
-    layout.enabled = wanted.spiral.border == "rim"
-    add_settings(layout, wanted.spiral, *RIM_SETTINGS)
+def _draw_border(layout: Any, settings: Any) -> None:
+    layout.enabled = settings.spiral.border == "rim"
+    add_settings(layout, settings.spiral, *RIM_SETTINGS)
 
 
-def _draw_supports(layout: Any, wanted: Any) -> None:
-    obj, loads = wanted.id_data, wanted.loads
+def _draw_supports(layout: Any, settings: Any) -> None:
+    obj, loads = settings.id_data, settings.loads
     layout.prop_search(loads, "supports", obj, "vertex_groups")
-    layout.prop(wanted.simulate, "clamped")
+    layout.prop(settings.simulate, "clamped")
     layout.separator()
     layout.prop_search(loads, "pulled", obj, "vertex_groups")
     for name in FORCE_SETTINGS:

@@ -121,7 +121,7 @@ def settings_popover(name: str, label: str, section: str, *names: str) -> type:
     section : the section, such as "export"
     names : names of the settings; default all visible ones
     """
-    return popover(name, label, lambda layout, wanted: add_settings(layout, getattr(wanted, section), *names))
+    return popover(name, label, lambda layout, settings: add_settings(layout, getattr(settings, section), *names))
 
 
 def menu(name: str, label: str, draw: Callable[[Layout, bpy.types.Context], None]) -> type:
@@ -152,7 +152,7 @@ def results_box(layout: Layout, *rows: tuple[str, str] | tuple[str, str, bool]) 
     Parameters
     ----------
     layout : Blender's layout
-    rows : label, value, and optionally whether the value is past its limit, which is drawn red
+    rows : label, value, and optionally whether the value is past its limit; such values are drawn red
     """
     box = layout.box().column(align=True)
     for label, text, *alert in rows:
@@ -172,7 +172,7 @@ def wrapped_text(layout: Layout, context: bpy.types.Context, text: str, max_line
     layout : Blender's layout
     context : Blender's context
     text : the sentence
-    most : largest number of lines; the rest is cut off
+    max_lines : largest number of lines; the rest is cut off
     units : width of the popover in Blender's UI units; 0 for the sidebar
     """
     column = layout.column(align=True)

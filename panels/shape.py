@@ -31,10 +31,10 @@ PLOT_SIZE = 5.0  # size of the plot of an optimisation's progress, in rows
 
 def draw(body: Any, context: bpy.types.Context) -> None:
     obj = context.object
-    wanted, blocks = obj.flexmaps, read_stages(context).blocks
+    settings, blocks = obj.flexmaps, read_stages(context).blocks
     column = body.column(align=True)
-    settings_row(column, tr("Arm width"), wanted.spiral, "width_min", "width_max")
-    setting_row(column, wanted.optimise, "arms", tr("Arms"))
+    settings_row(column, tr("Arm width"), settings.spiral, "width_min", "width_max")
+    setting_row(column, settings.optimise, "arms", tr("Arms"))
     row = body.row(align=True)
     button(row, "flexmaps.fit", tr("Make it fit"), "SHADERFX")
     row.menu("FLEXMAPS_MT_steps", text="", icon="DOWNARROW_HLT")
@@ -130,13 +130,13 @@ def _draw_results(body: Any, context: bpy.types.Context) -> None:
     results_box(layout, *rows)
 
 
-# key in the block "spirals", label, (number format, unit)
+# key in the block "spirals", label, (format of the numbers, unit)
 RANGES = ("width_mm", "Arm width", (".2f", " mm")), ("twist_deg", "Twist", (".0f", "\N{DEGREE SIGN}"))
 
 
-def _span(block: dict[str, Any], key: str, form: tuple[str, str]) -> str:
-    """Format a block's entry [smallest, mean, largest] as a range; ``form`` is (number format, unit)."""
-    digits, unit = form
+def _span(block: dict[str, Any], key: str, number_format: tuple[str, str]) -> str:
+    """Format a block's entry [smallest, mean, largest] as a range; ``number_format``: format of the numbers, and unit."""
+    digits, unit = number_format
     return format_range(f"{block[key][0]:{digits}}", f"{block[key][-1]:{digits}}", unit)
 
 
@@ -153,13 +153,13 @@ def heading_text(context: bpy.types.Context) -> str:
 # -- popovers and menus ------------------------------------------------------------------------------------------------
 
 
-def _draw_options(layout: Any, wanted: Any) -> None:
-    add_settings(layout, wanted.spiral, "twist_min", "twist_max", "clockwise", "grain")
+def _draw_options(layout: Any, settings: Any) -> None:
+    add_settings(layout, settings.spiral, "twist_min", "twist_max", "clockwise", "grain")
     layout.separator()
-    add_settings(layout, wanted.optimise, "lies", "urge", "smoothness", "open_slots", "codesign")
+    add_settings(layout, settings.optimise, "lies", "urge", "smoothness", "open_slots", "codesign")
 
 
-def _draw_paint_from(layout: Any, wanted: Any) -> None:
+def _draw_paint_from(layout: Any, settings: Any) -> None:
     brush = bpy.context.window_manager.flexmaps_brush
     layout.prop(brush, "source", icon="GROUP_VERTEX")
     layout.prop(brush, "what")

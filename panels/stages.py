@@ -44,7 +44,7 @@ def read_stages(context: bpy.types.Context, refresh: bool = False) -> StagesSnap
     Parameters
     ----------
     context : Blender's context
-    afresh : recompute it in any case; the tab asks for this, because it is drawn before the popovers
+    refresh : whether to recompute the snapshot at any age; the tab does, because it is drawn before the popovers
     """
     obj, now = context.object, time.monotonic()
     if refresh or not _cache or _cache[0].uid != obj.session_uid or now - _cache[0].seconds > ONE_REDRAW:

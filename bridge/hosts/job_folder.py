@@ -179,13 +179,13 @@ def write_sheets(
 
 
 def write_batch(
-    made: Batch, base: Path, formats: tuple[str, ...], new: files.NewFile, guides: bool, progress: Progress = SILENT
+    batch: Batch, base: Path, formats: tuple[str, ...], new: files.NewFile, guides: bool, progress: Progress = SILENT
 ) -> list[Path]:
     """Write the common sheets of several pieces, one parts list, and an assembly sheet for every piece.
 
     Parameters
     ----------
-    made : the pieces, nested on common sheets
+    batch : the pieces, nested on common sheets
     base : folder and start of the file names
     formats : file formats of the sheets
     new : maps a file to the temporary path to write it at, see ``files.write_all_atomically``
@@ -196,22 +196,22 @@ def write_batch(
     -------
     Paths of the files.
     """
-    written = export.write_sheets(made.sheets, base, formats, new, progress.part(0.0, 0.7))
+    written = export.write_sheets(batch.sheets, base, formats, new, progress.part(0.0, 0.7))
     written.append(base.with_name(f"{base.name}-parts.csv"))
-    parts.write_parts_list(made.sheets, made.designs, made.parts[0].material, new(written[-1]))
+    parts.write_parts_list(batch.sheets, batch.designs, batch.parts[0].material, new(written[-1]))
     if not guides or not registry.has("assembly_sheet"):
         return written
     from ...engine.extras.assembly_sheet import sheet as assembly_sheet
 
-    for number, part in enumerate(made.parts):
-        drawing = progress.part(0.7 + 0.3 * number / len(made.parts), 0.7 + 0.3 * (number + 1) / len(made.parts))
+    for number, part in enumerate(batch.parts):
+        drawing = progress.part(0.7 + 0.3 * number / len(batch.parts), 0.7 + 0.3 * (number + 1) / len(batch.parts))
         drawing(0.0, "drawing the assembly sheets")
-        letters = made.letters_of(number)
+        letters = batch.letters_of(number)
         path = base.with_name(f"{base.name}-{letters[0]}-assembly.pdf")
         title = f"{part.name} ({', '.join(letters)})"
         written.append(
             assembly_sheet.write_assembly_sheet(
-                part.design, made.seen_by(number), part.figures, path, title, new, part.assembly, drawing
+                part.design, batch.seen_by(number), part.figures, path, title, new, part.assembly, drawing
             )
         )
     return written
@@ -236,13 +236,13 @@ def refuse_to_replace(out: Path, guard: Guard, formats: tuple[str, ...], picture
 
 
 def _list_replaced(out: Path, formats: tuple[str, ...], pictures: bool) -> list[Path]:
-    """Return the existing files that ``write`` would replace, and the names that it always writes."""
+    """Return the existing files that ``write`` would replace or remove, and the paths of the files that it always writes."""
     names = [out / name for name in (MODEL, REPORT, *(PICTURES if pictures else ()))]
     return [*export.existing_files(out / SHEET, formats), *names, *report_page.stale_files(out)]
 
 
 def _list_stale(out: Path) -> list[Path]:
-    """Return the files that an earlier run may have left; those that FlexMaps wrote are removed by this one."""
+    """Return the files of an earlier run that this run may not write again; it removes them if FlexMaps wrote them."""
     return [
         *export.existing_files(out / SHEET, export.FORMATS),
         *map(out.joinpath, PICTURES),

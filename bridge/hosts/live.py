@@ -87,10 +87,10 @@ class ObjectWatcher:
     """Watches one object and passes its changes to the process that computes its live shape.
 
     uid : Blender's session id of the object
-    touched : whether Blender has reported a change since the last read
-    shown : picture of the live shape that is drawn, or None
-    final : whether the object has an up-to-date simulation of its own
-    slowest : processor seconds of the slowest tick on the main thread so far
+    is_dirty : whether Blender has reported a change since the last read
+    picture : picture of the live shape that is drawn, or None
+    is_final : whether the object has an up-to-date simulation of its own
+    slowest_tick : processor seconds of the slowest tick on the main thread so far
     """
 
     def __init__(self, uid: int):
@@ -141,7 +141,7 @@ class ObjectWatcher:
 
         if (
             background.current_job() is not None
-        ):  # leave the processor to the job; its result will be a change to follow
+        ):  # leave the processor to the job, and read the object when the job ends
             self.is_dirty = True
             return
         self._is_gone = not any(obj.session_uid == self.uid for obj in bpy.context.scene.objects)

@@ -123,16 +123,22 @@ def _content_of(piece: Piece | bpy.types.Object) -> PageContent:
     return content_of_object(read.snapshot.to_result(), read)
 
 
-def content_of_object(result: Result, read: object_report.ReportInput, progress: Progress = SILENT) -> PageContent:
-    """Build a page's content from data read of an object; touches no Blender data.
+def content_of_object(
+    result: Result, report_input: object_report.ReportInput, progress: Progress = SILENT
+) -> PageContent:
+    """Build a page's content from the input of the object's report; touches no Blender data.
 
     Parameters
     ----------
     result : the object's result
-    read : data read of the object
+    report_input : input of the object's report
     progress : called with a fraction and a text
     """
-    figures, drawn = object_report.build_from_input(result, read, progress)
+    figures, drawn = object_report.build_from_input(result, report_input, progress)
     return PageContent(
-        figures, drawn, object_report.view_content(result, read), read.snapshot.settings, result.lost.get("design")
+        figures,
+        drawn,
+        object_report.view_content(result, report_input),
+        report_input.snapshot.settings,
+        result.lost.get("design"),
     )

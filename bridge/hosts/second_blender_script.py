@@ -107,14 +107,14 @@ def as_arrays(mesh):
 TOOLS: dict = {"triangles": triangles, "voxels": voxels, "cells": cells, "quads": quads}
 
 
-def run_tool(wanted, arrays):
+def run_tool(request, arrays):
     """Run the requested tool and return the arrays of its result; {} if Blender's operator fails."""
-    if wanted["tool"] == "touching":
+    if request["tool"] == "touching":
         return {"pairs": touching(arrays["vertices"], arrays["corners"], arrays["body"])}
     obj = as_object(arrays["vertices"], arrays["corners"], arrays["sizes"])
     mesh = obj.data
     try:
-        return as_arrays(mesh) if TOOLS[wanted["tool"]](obj, **wanted["options"]) is not False else {}
+        return as_arrays(mesh) if TOOLS[request["tool"]](obj, **request["options"]) is not False else {}
     except RuntimeError:  # the operator failed
         return {}
     finally:
@@ -125,12 +125,12 @@ def run_tool(wanted, arrays):
 def main():
     bpy.ops.wm.read_factory_settings(use_empty=True)
     for line in sys.stdin:  # ends when the first Blender ends
-        wanted = json.loads(line)
-        with np.load(wanted["given"]) as arrays:
-            answers = run_tool(wanted, arrays)
-        unfinished = wanted["answer"] + ".part.npz"
+        request = json.loads(line)
+        with np.load(request["given"]) as arrays:
+            answers = run_tool(request, arrays)
+        unfinished = request["answer"] + ".part.npz"
         np.savez(unfinished, **answers)
-        os.replace(unfinished, wanted["answer"])
+        os.replace(unfinished, request["answer"])
     os._exit(0)
 
 

@@ -27,7 +27,7 @@ def read_advice(mesh: bpy.types.Mesh) -> Amounts:
 
 
 def refusal(mesh: bpy.types.Mesh, remedy: str) -> str | None:
-    """Return a sentence why a remedy cannot be applied; None where it is advised.
+    """Return a sentence that says why a remedy cannot be applied; None where it is advised.
 
     Parameters
     ----------
@@ -43,21 +43,23 @@ def refusal(mesh: bpy.types.Mesh, remedy: str) -> str | None:
     )
 
 
-def effect_of(remedy: str, was: float, now: float, before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
+def effect_of(
+    remedy: str, old_value: float, new_value: float, before: dict[str, Any], after: dict[str, Any]
+) -> dict[str, Any]:
     """Return the effect of a remedy, to be stored in the report.
 
     Parameters
     ----------
     remedy : the remedy that was applied
-    was, now : the changed quantity before and after, in the unit of the remedy's amount
+    old_value, new_value : the changed quantity before and after, in the unit of the remedy's amount
     before, after : report blocks "equilibrium" before and after the remedy
     """
     pairs = {name: [before.get(name), after.get(name)] for name in FIGURES}
-    return {"remedy": remedy, "was": was, "now": now, **pairs}
+    return {"remedy": remedy, "was": old_value, "now": new_value, **pairs}
 
 
 def has_helped(effect: dict[str, Any]) -> bool:
-    """Return whether the shape came clearly nearer, an excessive strain fell, or fewer slots close than before."""
+    """Return whether the shape came clearly nearer, an excessive strain fell, or fewer slots close."""
     far, near = effect["rms_percent"]
     strain, eased = effect["strain_share_max"]
     relieved = strain is not None and eased is not None and strain > OVERSTRAIN_SHARE and eased < strain

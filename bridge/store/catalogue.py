@@ -13,7 +13,7 @@ CONTEXTS = ("*", "Operator", CONTEXT)  # Blender's default context, its context 
 def read_translations(file: Path) -> dict[tuple[str, str], str]:
     """Return (context, English text) -> translation from the entries of a .po file, without fuzzy ones.
 
-    An entry is repeated for every context without an own entry for its text; a setting's name also with its unit.
+    An entry is repeated for every context that has no entry for its text; the name of a setting also with its unit.
     """
     import polib
 

@@ -22,15 +22,15 @@ MAX_EDGES = 20_000
 
 
 class Checksums:
-    """Present checksums by name of the input, computed on demand unless ``known`` holds them."""
+    """Present checksums by name of the input, computed on demand unless ``precomputed`` holds them."""
 
-    def __init__(self, obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, str] | None = None):
+    def __init__(self, obj: bpy.types.Object, scene: bpy.types.Scene, precomputed: dict[str, str] | None = None):
         self._obj, self._scene = obj, scene
-        self._known = dict(known or {})
+        self._computed = dict(precomputed or {})
         self._frame = np.array(obj.matrix_world)[:3, :3] * scene.unit_settings.scale_length
 
     def __getitem__(self, part: str) -> str:
-        if part not in self._known:
+        if part not in self._computed:
             own: dict[str, Callable[[], bytes]] = {
                 "shape": self._shape,
                 "seams": self._seams,
@@ -39,8 +39,8 @@ class Checksums:
                 "down": self._down,
             }
             data = own[part]() if part in own else self._settings(part)
-            self._known[part] = f"{zlib.crc32(data):08x}"
-        return self._known[part]
+            self._computed[part] = f"{zlib.crc32(data):08x}"
+        return self._computed[part]
 
     def _shape(self) -> bytes:
         """Return vertices, faces, scale and mirroring as bytes; the object's position and rotation do not matter."""

@@ -28,7 +28,7 @@ def column(items: bpy.types.bpy_prop_collection, name: str) -> np.ndarray:
     Parameters
     ----------
     items : vertices, edges, loops or polygons of a mesh, or the points of a shape key
-    name : a key of ``PROPERTIES``; "vertices" are the two vertices of an edge
+    name : a key of ``PROPERTIES``; "vertices" are the indices of an edge's two vertices
     """
     kind, width = PROPERTIES[name]
     values: np.ndarray = np.empty(len(items) * width, kind)

@@ -179,15 +179,15 @@ def choose() -> list[Cure]:
     return [Cure(interface("Propose layouts"), "flexmaps.choose")] if registry.has("choosing") else []
 
 
-def improve_match(wanted: bpy.types.PropertyGroup, blocks: dict[str, Any]) -> list[Cure]:
+def improve_match(choose_settings: bpy.types.PropertyGroup, blocks: dict[str, Any]) -> list[Cure]:
     """Return buttons that bring an optimised piece nearer to its target, best first.
 
-    They are remedies whose effect short searches have predicted, and *Propose layouts*, which has no prediction and is
-    sorted in at the wanted RMS distance.
+    Short searches have predicted the RMS distance after each remedy. *Propose layouts* has no prediction; the wanted
+    RMS distance gives its rank.
 
     Parameters
     ----------
-    wanted : settings of *Choose*, with the wanted RMS distance
+    choose_settings : settings of *Choose*, with the wanted RMS distance
     blocks : the stored report blocks that are up to date
     """
     prospects = sorted(blocks.get("reach", {}).get("prospects", {}).items(), key=lambda one: one[1])
@@ -197,8 +197,8 @@ def improve_match(wanted: bpy.types.PropertyGroup, blocks: dict[str, Any]) -> li
     ways = [
         (percent, made[name](percent) if name in made else hold(name, percent=percent)) for name, percent in prospects
     ]
-    if "optimise" in blocks and "choose" not in blocks and wanted.goal == "match":
-        ways += [(wanted.match, way) for way in choose()]
+    if "optimise" in blocks and "choose" not in blocks and choose_settings.goal == "match":
+        ways += [(choose_settings.match, way) for way in choose()]
     return [way for _, way in sorted(ways, key=lambda one: one[0])]
 
 

@@ -33,12 +33,12 @@ def _get_size(obj: bpy.types.Object) -> tuple[float, float, float]:
     return tuple(unit * length for length in dimensions.extents(obj))  # type: ignore[return-value]
 
 
-def _set_size(obj: bpy.types.Object, wanted: Sequence[float]) -> None:
+def _set_size(obj: bpy.types.Object, size: Sequence[float]) -> None:
     """Scale the object uniformly by the entry that was changed most, and set the wanted quad edge to the scaled edge.
 
     Otherwise a later remesh would scale the object back.
     """
-    factors = [new / old for new, old in zip(wanted, _get_size(obj), strict=True) if old > 0 and new > 0]
+    factors = [new / old for new, old in zip(size, _get_size(obj), strict=True) if old > 0 and new > 0]
     factor = max(factors, key=lambda f: abs(f - 1.0), default=1.0)
     if factor == 1.0 or any(obj.lock_scale):
         return

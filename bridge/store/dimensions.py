@@ -23,12 +23,12 @@ _EDGE_CACHE: dict[int, tuple[object, float]] = {}
 
 
 def extents(obj: bpy.types.Object) -> tuple[float, ...]:
-    """Return the surface's size in Blender units along the object's own axes; with modifiers that change it, theirs."""
+    """Return the surface's size in Blender units along the object's own axes; if modifiers change the surface, the evaluated size."""
     mesh = obj.data
     whole = tuple(obj.dimensions)
     if obj.type != "MESH" or not len(mesh.polygons):
         return whole
-    # a simulated shape is written to surfaces without modifiers, and the modifiers' size would be that of this shape
+    # without such modifiers, leave out a simulated shape key, which the evaluated size would include
     if modifiers.list_changing(obj) and not shape_keys.simulated_keys(mesh):
         return whole
     if mesh.shape_keys is None and not _has_loose(mesh)[0]:
@@ -62,7 +62,7 @@ def quad_edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
 
 
 def estimate_quad_edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
-    """Return the quad edge in metres: of the present quads, or about that of the quads that Quad remesh would make.
+    """Return the median edge of the present quads, or else the approximate edge of the quads of Quad remesh, metres.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def estimate_quad_edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
 
 
 def remeshed_edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
-    """Return in metres about the edge of the quads that Quad remesh would make.
+    """Return the approximate edge of the quads that Quad remesh would make, metres.
 
     Parameters
     ----------

@@ -128,7 +128,7 @@ def _put_key(
     positions = surface.positions.astype(float).copy()
     used = np.unique(surface.polygons.corners)  # the engine knows only vertices of faces
     there = vertices @ inverse[:3, :3].T + inverse[:3, 3]
-    positions[used] += there - surface.keyed_positions[used]  # an offset, because the user's keys are added on top
+    positions[used] += there - surface.keyed_positions[used]  # only the offset, because Blender adds the user's keys
     key = obj.data.shape_keys.key_blocks.get(name) or obj.shape_key_add(name=name, from_mix=False)
     key.slider_min, key.slider_max, key.mute = 0.0, 1.0, False
 
@@ -165,7 +165,7 @@ def is_overstrained(block: dict[str, Any]) -> bool:
 
 
 def list_warnings(block: dict[str, Any]) -> list[str]:
-    """Return the warnings of a simulation, without a missing equilibrium, which its ``status`` already states."""
+    """Return the warnings of a simulation, without the warning that no equilibrium was found, which the block's ``status`` already states."""
     return [
         describe_finding(finding, block) for finding in block.get("findings", ()) if finding["code"] != "no-equilibrium"
     ]

@@ -73,19 +73,19 @@ def median_edge_mm(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
     return 1e3 * float(job.check_input(mesh.read_surface(obj, scene).polygons).mesh.median_edge)
 
 
-def describe_value(name: str, found: object) -> str:
+def describe_value(name: str, value: object) -> str:
     """Return a setting's value as text with its unit, or the label of a choice.
 
     Parameters
     ----------
     name : "section.name", "edge" or "height"
-    found : the value, in the unit of the user interface
+    value : the value, in the unit of the user interface
     """
     setting = dict(every_setting(ObjectSettings)).get("remesh.edge" if name == "edge" else name)
     if setting is None:  # a setting of another version
-        return f"{name} {found}"
+        return f"{name} {value}"
     meta = setting.metadata
     for key, label, _ in meta["choices"]:
-        if key == found:
+        if key == value:
             return interface(label)
-    return f"{found:.4g} {SHOWN[meta['unit']][1]}".rstrip() if isinstance(found, int | float) else str(found)
+    return f"{value:.4g} {SHOWN[meta['unit']][1]}".rstrip() if isinstance(value, int | float) else str(value)

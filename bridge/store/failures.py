@@ -17,7 +17,7 @@ from .states import INPUTS, SETTINGS_INPUTS
 NAME = "flexmaps_failed"  # text on the mesh: operator's idname -> checksums of its inputs, and its message
 DISMISSED = "flexmaps_let_go"  # text on the mesh: key of a notice -> the sentence that the user dismissed
 PRESS_COUNTS = "flexmaps_tried"  # text on the mesh: call of a cure -> how often *Next* pressed it
-# operator -> report block that it writes, whose inputs are the operator's; other operators depend on all inputs
+# operator -> report block that it writes; its inputs are the inputs of this block. Other operators depend on all inputs
 WRITES = {
     "flexmaps.flatten": "layout", "flexmaps.merge": "layout", "flexmaps.trace": "layout", "flexmaps.update_from_seams": "layout",
     "flexmaps.spirals": "spirals", "flexmaps.simulate": "equilibrium", "flexmaps.optimise": "optimise",

@@ -65,7 +65,7 @@ def read_field(obj: bpy.types.Object, surface: ObjectSurface, name: str) -> Floa
     return means
 
 
-def write_protected(obj: bpy.types.Object, quads: Int[np.ndarray, " kept"] | None) -> None:
+def write_protected(obj: bpy.types.Object, quads: Int[np.ndarray, " protected"] | None) -> None:
     """Mark exactly these spirals as protected from Optimise; None or an empty array removes the marks.
 
     Parameters

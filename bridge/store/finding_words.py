@@ -4,7 +4,7 @@ from __future__ import annotations
 
 SEVERITIES = STOPS, BREAKS, WORSE, INFORMATION = "stops", "breaks", "worse", "information"
 
-# code of a finding -> label with a place for the count, and severity. Errors of the mesh check are always STOPS
+# code of a finding -> label with a place for the count, and severity. Errors of the mesh check always have severity STOPS
 LABELS = {
     "no-faces": ("No faces", STOPS),
     "bad-index": ("Damaged mesh", STOPS),

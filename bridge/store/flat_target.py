@@ -1,4 +1,4 @@
-"""Flat targets: their panels need no bending, so simulation and optimisation can be skipped."""
+"""Flat targets: the panels stay flat, so simulation and optimisation can be skipped."""
 
 from __future__ import annotations
 

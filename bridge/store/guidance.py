@@ -117,7 +117,7 @@ def _status(
 
 
 def _serious(all_notices: list[Notice]) -> list[Notice]:
-    """Return the notices that speak against cutting, without the one about few quads, which the user kept."""
+    """Return the notices that speak against cutting, without a notice about few quads that the user decided to keep."""
     return [one for one in all_notices if one.severity in {BREAKS, WORSE} and one.key != notices.FEW_QUADS]
 
 
@@ -146,7 +146,7 @@ def _status_of_simulated(obj: bpy.types.Object, all_notices: list[Notice]) -> St
 def _describe_progress(
     obj: bpy.types.Object, scene: bpy.types.Scene, stage_states: dict[str, states.StageState]
 ) -> str:
-    """Describe how far the work on a piece has come that is not simulated yet."""
+    """Describe the progress of a piece that is not simulated yet."""
     mesh = obj.data
     if stage_states["spirals"].kind == states.DONE:
         return (

@@ -26,7 +26,7 @@ PREFIXED = {name: attributes.PREFIX + name for name in NAMES}
 
 
 def held_quads(surface: ObjectSurface) -> Int[np.ndarray, " held"]:
-    """Return the indices of the quads held by a mark of their own."""
+    """Return the indices of the quads that are marked as held in the attribute flexmaps_held."""
     return np.flatnonzero(surface.values.get(HELD, np.zeros(0)) > 0.5)
 
 

@@ -20,8 +20,8 @@ patches, face and corner attributes hold values of quads:
 ``equilibrium`` lists the attributes that a simulation adds.
 
 The engine orders corners counter-clockwise seen from outside; for a mirrored object this reverses Blender's order. So
-widths stay at their sides when the user applies a mirroring and turns the normals outwards again. After *Flip Normals*
-alone the piece is a different one, whose spirals must be made anew.
+widths stay at their sides when the user applies a mirroring and turns the normals outwards again. *Flip Normals* alone
+turns the surface inside out, so the spirals must be made anew.
 
 Engine coordinates are world coordinates in metres.
 """
@@ -104,7 +104,7 @@ def read_evaluated(obj: bpy.types.Object, scene: bpy.types.Scene) -> PolygonMesh
     with modifiers.surface_only(obj) as left, shape_keys.blend_shown(obj, 0.0), evaluated_object(obj, scene) as there:
         mesh = there.to_mesh()
         try:
-            return _surface(mesh, obj.session_uid, to_metres(there, scene), left=left).polygons
+            return _surface(mesh, obj.session_uid, to_metres(there, scene), remarks=left).polygons
         finally:
             there.to_mesh_clear()
 
@@ -113,8 +113,8 @@ def _surface(
     mesh: bpy.types.Mesh,
     uid: int,
     matrix: Float[np.ndarray, "4 4"],
-    seen: Float[np.ndarray, "vertices 3"] | None = None,
-    left: tuple[str, ...] = (),
+    keyed: Float[np.ndarray, "vertices 3"] | None = None,
+    remarks: tuple[str, ...] = (),
 ) -> ObjectSurface:
     if not len(mesh.polygons):
         raise FlexMapsError("The mesh has no faces; add some, or select another object")
@@ -122,22 +122,22 @@ def _surface(
     seams, corners = column(mesh.edges, "use_seam"), column(mesh.loops, "vertex_index")
     sizes = column(mesh.polygons, "loop_total")
     loops = np.arange(len(corners))
-    if np.linalg.det(matrix[:3, :3]) < 0:  # a mirrored object shows the other side: reverse the corners
+    if np.linalg.det(matrix[:3, :3]) < 0:  # mirroring turns the faces inside out: reverse the corners
         starts = np.repeat(np.cumsum(sizes) - sizes, sizes)
         count = np.repeat(sizes, sizes)
         loops = starts + (count - (loops - starts)) % count
-    seen = positions if seen is None else seen
-    vertices = seen.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
-    values, unsound = attributes.read_all(mesh)
-    left += tuple(DAMAGED.format(attributes.PREFIX + name) for name in unsound)
+    keyed = positions if keyed is None else keyed
+    vertices = keyed.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
+    values, damaged = attributes.read_all(mesh)
+    remarks += tuple(DAMAGED.format(attributes.PREFIX + name) for name in damaged)
     if stored_report.is_damaged(mesh) or stored_report.lacks_checksums(mesh):
-        left += (DAMAGED_REPORT if stored_report.is_damaged(mesh) else OLD_REPORT,)
-    step = rounding_step(seen[np.unique(corners)]) * 1e3 * float(np.abs(np.linalg.det(matrix[:3, :3]))) ** (1 / 3)
-    left += (COARSE.format(step),) if step else ()
-    polygons = PolygonMesh(vertices, corners[loops].astype(np.int64), sizes.astype(np.int64), left)
+        remarks += (DAMAGED_REPORT if stored_report.is_damaged(mesh) else OLD_REPORT,)
+    step = rounding_step(keyed[np.unique(corners)]) * 1e3 * float(np.abs(np.linalg.det(matrix[:3, :3]))) ** (1 / 3)
+    remarks += (COARSE.format(step),) if step else ()
+    polygons = PolygonMesh(vertices, corners[loops].astype(np.int64), sizes.astype(np.int64), remarks)
     none = np.zeros(0, dtype=np.int64)
-    spoilt = np.union1d(polygons.face_of[unsound.get("width", none)], unsound.get("twist", none))
-    return ObjectSurface(uid, polygons, positions, pairs, seams, loops, matrix, values, spoilt, seen)
+    spoilt = np.union1d(polygons.face_of[damaged.get("width", none)], damaged.get("twist", none))
+    return ObjectSurface(uid, polygons, positions, pairs, seams, loops, matrix, values, spoilt, keyed)
 
 
 def write_vertices(obj: bpy.types.Object, surface: ObjectSurface, mesh: QuadMesh) -> None:
@@ -205,7 +205,7 @@ def read_flat(surface: ObjectSurface, mesh: QuadMesh) -> FlatPatches | None:
 
 
 def patch_centres(layout: PatchLayout, points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "patches 2"]:
-    """Return the area centroid of every flat patch, metres; ``points`` : positions of all flat vertices, metres."""
+    """Return the area centroid of every flat patch, metres; ``points``: positions of all flat vertices, metres."""
     p = points[layout.flat_corners]
     a, b = p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]
     area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
@@ -259,7 +259,7 @@ def _read_spirals(
 
 
 def read_start(
-    surface: ObjectSurface, flat: FlatPatches, params: SpiralParams, made: dict[str, Any] | None
+    surface: ObjectSurface, flat: FlatPatches, params: SpiralParams, block: dict[str, Any] | None
 ) -> SpiralDesign:
     """Return the initial spirals for a stage: the stored ones, adjusted to changed settings and patches.
 
@@ -267,7 +267,7 @@ def read_start(
     ----------
     surface, flat : the surface and its flat patches
     params : settings of the spirals
-    made : report block of the stage that made the spirals, or None
+    block : report block of the stage that made the spirals, or None
 
     Raises
     ------
@@ -276,16 +276,16 @@ def read_start(
     if len(surface.invalid_faces):
         raise uncuttable_error(surface.invalid_faces)
     design = read_design(surface, flat, params)
-    ours = made is not None and design is not None and is_as_reported(design, made)
+    is_ours = block is not None and design is not None and is_as_reported(design, block)
     if design is None:
         design = read_design(surface, flat, params, LAST_NAMES)
-        ours = design is not None and bool(np.isfinite(design.width).all() and np.isfinite(design.twist).all())
+        is_ours = design is not None and bool(np.isfinite(design.width).all() and np.isfinite(design.twist).all())
     if design is None:
         raise FlexMapsError("There are no spirals yet; press Spirals first")
     wrong = unfabricable_quads(design)
     if not len(wrong):
         return design
-    if not ours:
+    if not is_ours:
         raise uncuttable_error(wrong)
     return make_fabricable(flat, params, design.width, design.twist, check_outlines=False)
 
@@ -296,17 +296,17 @@ def uncuttable_error(faces: Int[np.ndarray, " faces"]) -> FlexMapsError:
     return FlexMapsError(text, faces=faces)
 
 
-def is_as_reported(design: SpiralDesign, made: dict[str, Any]) -> bool:
+def is_as_reported(design: SpiralDesign, block: dict[str, Any]) -> bool:
     """Return whether the smallest, mean and largest width and twist equal those in a report block.
 
     Parameters
     ----------
     design : the spirals
-    made : report block of the stage that stored the spirals
+    block : report block of the stage that stored the spirals
     """
     own = {"width_mm": design.width * 1e3, "twist_deg": np.degrees(design.twist)}
     return all(
-        np.allclose([values.min(), values.mean(), values.max()], made[name], rtol=1e-4, atol=1e-3)
+        np.allclose([values.min(), values.mean(), values.max()], block[name], rtol=1e-4, atol=1e-3)
         for name, values in own.items()
     )
 

@@ -23,15 +23,16 @@ if TYPE_CHECKING:
     from ...engine.surface.checking.check import Finding
     from .surface import ObjectSurface
 
-# an inner skin is deleted only if both skins make up at least SKINS of the shell's area, and the inner skin at least
-# INNER of the outer's. Smaller shares occur where folds divide a skin, of which only a part would be kept
+# an inner skin is deleted only if both skins make up at least MIN_SKIN_SHARE of the shell's area, and the smaller skin
+# has at least MIN_INNER_SHARE of the larger skin's area. Lower shares occur where folds divide a skin: smaller would
+# then keep only a part of it, larger leaves more double skins
 MIN_SKIN_SHARE, MIN_INNER_SHARE = 0.7, 0.5
 MERGE_FACTOR = 2.0  # merge distance, in SINGLE_TOL times the median edge; above 1 so that all reported edges vanish
 
 
 @dataclass(frozen=True)
-class _Repair:
-    """A mesh under repair, with the findings to repair; indices in the findings refer to ``surface``."""
+class _FaultyMesh:
+    """A mesh with the findings to repair; indices in the findings refer to ``surface``."""
 
     bm: bmesh.types.BMesh
     surface: ObjectSurface
@@ -51,19 +52,19 @@ class _Repair:
         return [self.bm.edges[number] for number in self.surface.edge_of[numbers]] if numbers else []
 
 
-def repair(obj: bpy.types.Object, scene: bpy.types.Scene, what: str) -> str:
+def repair(obj: bpy.types.Object, scene: bpy.types.Scene, kind: str) -> str:
     """Repair one kind of fault, check the mesh again, and return a sentence about the result.
 
     Parameters
     ----------
     obj, scene : the mesh object and its scene
-    what : kind of fault, a key of ``_KINDS``
+    kind : kind of fault, a key of ``_KINDS``
 
     Raises
     ------
     FlexMapsError if the mesh has no fault of that kind, or the repair did not reduce it; the mesh is then unchanged.
     """
-    codes, work = _KINDS[what]
+    codes, work = _KINDS[kind]
     surface = mesh.read_surface(obj, scene)
     if obj.data.shape_keys is not None and shape_keys.has_user_keys(obj.data):
         raise FlexMapsError("The mesh has shape keys of its own: apply or remove them first, they fix the vertices")
@@ -76,7 +77,7 @@ def repair(obj: bpy.types.Object, scene: bpy.types.Scene, what: str) -> str:
         bm.from_mesh(made)
         for elements in (bm.verts, bm.edges, bm.faces):
             elements.ensure_lookup_table()
-        work(_Repair(bm, surface, before, _median_edge(bm)))
+        work(_FaultyMesh(bm, surface, before, _median_edge(bm)))
         bm.to_mesh(made)
     finally:
         bm.free()
@@ -110,38 +111,38 @@ def _count_faults(findings: list[Finding], codes: tuple[str, ...]) -> int:
 # -- one function for each kind of fault -------------------------------------------------------------------------------
 
 
-def _merge_short_edges(place: _Repair) -> None:
-    verts = {v for edge in place.edges for v in edge.verts} | {v for face in place.faces for v in face.verts}
-    bmesh.ops.remove_doubles(place.bm, verts=list(verts), dist=MERGE_FACTOR * SINGLE_TOL * place.edge)
-    bmesh.ops.dissolve_degenerate(place.bm, dist=MERGE_FACTOR * SINGLE_TOL * place.edge, edges=place.bm.edges)
+def _merge_short_edges(faulty: _FaultyMesh) -> None:
+    verts = {v for edge in faulty.edges for v in edge.verts} | {v for face in faulty.faces for v in face.verts}
+    bmesh.ops.remove_doubles(faulty.bm, verts=list(verts), dist=MERGE_FACTOR * SINGLE_TOL * faulty.edge)
+    bmesh.ops.dissolve_degenerate(faulty.bm, dist=MERGE_FACTOR * SINGLE_TOL * faulty.edge, edges=faulty.bm.edges)
 
 
-def _weld_doubles(place: _Repair) -> None:
+def _weld_doubles(faulty: _FaultyMesh) -> None:
     """Weld border vertices that lie in one place; other vertices are not touched."""
-    label = border_twins(place.surface.polygons, sides_of(place.surface.polygons))
+    label = border_twins(faulty.surface.polygons, sides_of(faulty.surface.polygons))
     first = np.unique(label, return_index=True)[1]
     at = first[np.unique(label, return_inverse=True)[1]]
-    verts = place.bm.verts
+    verts = faulty.bm.verts
     pairs = {verts[k]: verts[int(one)] for k, one in enumerate(at) if k != one}
-    bmesh.ops.weld_verts(place.bm, targetmap=pairs)
+    bmesh.ops.weld_verts(faulty.bm, targetmap=pairs)
 
 
-def _delete_double_shells(place: _Repair) -> None:
+def _delete_double_shells(faulty: _FaultyMesh) -> None:
     """Keep the first of several faces with the same centre, and delete the others."""
     kept: set[tuple[int, ...]] = set()
     doubles = []
-    for face in place.faces:
-        spot = tuple(round(x / (0.01 * place.edge)) for x in face.calc_center_median())
+    for face in faulty.faces:
+        spot = tuple(round(x / (0.01 * faulty.edge)) for x in face.calc_center_median())
         (doubles.append(face) if spot in kept else kept.add(spot))
-    bmesh.ops.delete(place.bm, geom=doubles, context="FACES")
+    bmesh.ops.delete(faulty.bm, geom=doubles, context="FACES")
 
 
-def _delete_inner_skins(place: _Repair) -> None:
+def _delete_inner_skins(faulty: _FaultyMesh) -> None:
     """Keep the larger skin of every closed shell, and delete the other skin and the rim between them.
 
     A shell whose skins are divided by folds stays as it is.
     """
-    left, gone = set(place.faces), []
+    left, gone = set(faulty.faces), []
     while left:
         shell = _take_connected(next(iter(left)), left, np.pi)
         rest, skins = set(shell), []
@@ -155,98 +156,100 @@ def _delete_inner_skins(place: _Repair) -> None:
             and areas[1] >= MIN_INNER_SHARE * areas[0]
         ):
             gone += [face for face in shell if face not in skins[0]]
-    bmesh.ops.delete(place.bm, geom=gone, context="FACES")
+    bmesh.ops.delete(faulty.bm, geom=gone, context="FACES")
 
 
 def _total_area(faces: set[bmesh.types.BMFace]) -> float:
-    """Return the area of some faces."""
+    """Return the sum of the faces' areas."""
     return sum(face.calc_area() for face in faces)
 
 
-def _take_connected(first: bmesh.types.BMFace, left: set[bmesh.types.BMFace], turn: float) -> set[bmesh.types.BMFace]:
-    """Take out of ``left`` and return the faces connected to ``first`` across edges of at most ``turn`` radians."""
+def _take_connected(
+    first: bmesh.types.BMFace, unvisited: set[bmesh.types.BMFace], max_angle: float
+) -> set[bmesh.types.BMFace]:
+    """Remove from ``unvisited`` and return ``first`` and the faces connected to it across angles up to ``max_angle``, radians."""
     found, ahead = {first}, [first]
-    left.discard(first)
+    unvisited.discard(first)
     while ahead:
         for edge in ahead.pop().edges:
             for face in edge.link_faces:
-                if face in left and edge.calc_face_angle(np.pi) <= turn:
-                    left.discard(face)
+                if face in unvisited and edge.calc_face_angle(np.pi) <= max_angle:
+                    unvisited.discard(face)
                     found.add(face)
                     ahead.append(face)
     return found
 
 
-def _dissolve_thin_faces(place: _Repair) -> None:
+def _dissolve_thin_faces(faulty: _FaultyMesh) -> None:
     bmesh.ops.dissolve_degenerate(
-        place.bm,
-        dist=MERGE_FACTOR * SINGLE_TOL * place.edge,
-        edges=[edge for face in place.faces for edge in face.edges],
+        faulty.bm,
+        dist=MERGE_FACTOR * SINGLE_TOL * faulty.edge,
+        edges=[edge for face in faulty.faces for edge in face.edges],
     )
-    thin = [face for face in place.bm.faces if face.calc_area() <= SINGLE_TOL * place.edge**2]
-    bmesh.ops.delete(place.bm, geom=thin, context="FACES")
+    thin = [face for face in faulty.bm.faces if face.calc_area() <= SINGLE_TOL * faulty.edge**2]
+    bmesh.ops.delete(faulty.bm, geom=thin, context="FACES")
 
 
-def _delete_faces(place: _Repair) -> None:
-    bmesh.ops.delete(place.bm, geom=place.faces, context="FACES")
+def _delete_faces(faulty: _FaultyMesh) -> None:
+    bmesh.ops.delete(faulty.bm, geom=faulty.faces, context="FACES")
 
 
-def _delete_double_faces(place: _Repair) -> None:
+def _delete_double_faces(faulty: _FaultyMesh) -> None:
     kept: set[frozenset[bmesh.types.BMVert]] = set()
     doubles = []
-    for face in place.bm.faces:
+    for face in faulty.bm.faces:
         corners = frozenset(face.verts)
         (doubles.append(face) if corners in kept else kept.add(corners))
-    bmesh.ops.delete(place.bm, geom=doubles, context="FACES")
+    bmesh.ops.delete(faulty.bm, geom=doubles, context="FACES")
 
 
-def _delete_folds(place: _Repair) -> None:
+def _delete_folds(faulty: _FaultyMesh) -> None:
     """Delete one of every two faces folded onto each other: the face with fewer neighbours."""
     gone: set[bmesh.types.BMFace] = set()
-    for edge in place.edges:
+    for edge in faulty.edges:
         pair = [face for face in edge.link_faces if face not in gone]
         if len(pair) == 2:
             gone.add(min(pair, key=lambda face: (sum(not side.is_boundary for side in face.edges), -face.index)))
-    bmesh.ops.delete(place.bm, geom=list(gone), context="FACES")
+    bmesh.ops.delete(faulty.bm, geom=list(gone), context="FACES")
 
 
-def _align_normals(place: _Repair) -> None:
-    bmesh.ops.recalc_face_normals(place.bm, faces=place.bm.faces)
+def _align_normals(faulty: _FaultyMesh) -> None:
+    bmesh.ops.recalc_face_normals(faulty.bm, faces=faulty.bm.faces)
 
 
-def _flip_outwards(place: _Repair) -> None:
-    bmesh.ops.reverse_faces(place.bm, faces=place.faces)
+def _flip_outwards(faulty: _FaultyMesh) -> None:
+    bmesh.ops.reverse_faces(faulty.bm, faces=faulty.faces)
 
 
-def _delete_loose(place: _Repair) -> None:
-    edges = [edge for edge in place.bm.edges if not edge.link_faces]
-    bmesh.ops.delete(place.bm, geom=edges, context="EDGES")
-    bmesh.ops.delete(place.bm, geom=[v for v in place.bm.verts if not v.link_faces], context="VERTS")
+def _delete_loose(faulty: _FaultyMesh) -> None:
+    edges = [edge for edge in faulty.bm.edges if not edge.link_faces]
+    bmesh.ops.delete(faulty.bm, geom=edges, context="EDGES")
+    bmesh.ops.delete(faulty.bm, geom=[v for v in faulty.bm.verts if not v.link_faces], context="VERTS")
 
 
-def _separate_fans(place: _Repair) -> None:
-    for v in [v for v in place.bm.verts if v.link_faces and not v.is_manifold]:
+def _separate_fans(faulty: _FaultyMesh) -> None:
+    for v in [v for v in faulty.bm.verts if v.link_faces and not v.is_manifold]:
         bmesh.utils.vert_separate(v, [edge for edge in v.link_edges if edge.is_boundary])
 
 
-def _split_edges(place: _Repair) -> None:
-    bmesh.ops.split_edges(place.bm, edges=place.edges)
+def _split_edges(faulty: _FaultyMesh) -> None:
+    bmesh.ops.split_edges(faulty.bm, edges=faulty.edges)
 
 
-def _round_folds(place: _Repair) -> None:
+def _round_folds(faulty: _FaultyMesh) -> None:
     """Smooth the vertices at sharp folds, in the object's own frame."""
     from ...engine.surface.checking.folds import smooth_folds
     from ...engine.surface.mesh import PolygonMesh
 
-    own = np.array([tuple(v.co) for v in place.bm.verts])
-    corners = np.array([v.index for face in place.bm.faces for v in face.verts])
-    sizes = np.array([len(face.verts) for face in place.bm.faces])
-    for v, to in zip(place.bm.verts, smooth_folds(PolygonMesh(own, corners, sizes)), strict=True):
+    own = np.array([tuple(v.co) for v in faulty.bm.verts])
+    corners = np.array([v.index for face in faulty.bm.faces for v in face.verts])
+    sizes = np.array([len(face.verts) for face in faulty.bm.faces])
+    for v, to in zip(faulty.bm.verts, smooth_folds(PolygonMesh(own, corners, sizes)), strict=True):
         v.co = to
 
 
 # kind of fault, as the operator names it -> codes of its findings, and the function that repairs them
-_KINDS: dict[str, tuple[tuple[str, ...], Callable[[_Repair], None]]] = {
+_KINDS: dict[str, tuple[tuple[str, ...], Callable[[_FaultyMesh], None]]] = {
     "short-edges": (("zero-edge", "repeated-vertex"), _merge_short_edges),
     "doubles": (("doubled-vertices",), _weld_doubles),
     "double-shells": (("doubled-faces",), _delete_double_shells),

@@ -78,7 +78,7 @@ def next_action(
     if objects.modifier_problem(obj):
         return _modifiers_action(obj)
     shared = next((notice for notice in all_notices if notice.key == notices.SHARED), None)
-    if shared is not None and shared.severity == WORSE:  # another object's results would go
+    if shared is not None and shared.severity == WORSE:  # a stage would delete another object's results
         return _cure_action(shared, shared.cures[0], "piece")
     if notices.is_coarse(obj) and not failures.is_dismissed(mesh, FEW_QUADS, _sentence(all_notices, FEW_QUADS)):
         if stage_states["layout"].kind == TODO:
@@ -137,8 +137,8 @@ def _stage_action(
 def _enlarge_action(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> NextAction | None:
     """Return the action that enlarges a piece whose arms are likely to break.
 
-    None where arms are not likely to break, the scale is locked, the user dismissed the notice, or it was pressed
-    ``MAX_ENLARGEMENTS`` times.
+    None where arms are not likely to break, the scale is locked, the user dismissed the notice, or *Next* enlarged the
+    piece ``MAX_ENLARGEMENTS`` times.
     """
     small = (notice for notice in all_notices if notice.key == notices.TOO_SMALL and notice.severity == BREAKS)
     ways = ((notice, cure) for notice in small for cure in notice.cures if cure.idname != "flexmaps.let_go")
@@ -150,7 +150,7 @@ def _enlarge_action(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> Next
 
 
 def _modifiers_action(obj: bpy.types.Object) -> NextAction:
-    """Return the action that applies what changes the mesh (modifiers, a parent), or leaves it out, in a copy."""
+    """Return the action that makes a copy of the object with modifiers and a bending parent applied or left out."""
     without, parent = modifiers.list_ignored(obj), objects.bending_parent(obj)
     changing = [*modifiers.list_changing(obj), *filter(None, [parent])]
     tooltip = translate("Applies the modifiers to a copy, and hides this object: the layout lives in the mesh itself")
@@ -202,7 +202,7 @@ def _better_size(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
 
 
 def _scale_action(obj: bpy.types.Object, scene: bpy.types.Scene) -> NextAction | None:
-    """Return the action that scales an object to the wanted quad edge; None if its quads are near it or it is locked."""
+    """Return the action that scales an object to the wanted quad edge; None if this is nearly the case or the scale is locked."""
     edge, wanted = dimensions.quad_edge(obj, scene), obj.flexmaps.remesh.edge * 1e-3
     if not EDGE_RATIOS[0] * wanted <= edge <= EDGE_RATIOS[1] * wanted and edge > 0 and not any(obj.lock_scale):
         size = format_length(max(dimensions.extents(obj)) * scene.unit_settings.scale_length * wanted / edge)
@@ -234,18 +234,18 @@ def _preparing_action(
     return None
 
 
-def _unless_failed(mesh: bpy.types.Mesh, wanted: NextAction, all_notices: Sequence[Notice]) -> NextAction | None:
-    """Return ``wanted``; if it failed before with the same input, the first cure not pressed yet, or None."""
-    failed = next((notice for notice in all_notices if notice.key == f"failed/{wanted.idname}"), None)
+def _unless_failed(mesh: bpy.types.Mesh, action: NextAction, all_notices: Sequence[Notice]) -> NextAction | None:
+    """Return ``action``; if it failed before with the same input, the first cure not pressed yet, or None."""
+    failed = next((notice for notice in all_notices if notice.key == f"failed/{action.idname}"), None)
     if failed is None:
-        return wanted
-    return next((_cure_action(failed, cure, wanted.section) for cure in _unpressed_cures(mesh, failed)), None)
+        return action
+    return next((_cure_action(failed, cure, action.section) for cure in _unpressed_cures(mesh, failed)), None)
 
 
 def _repair_action(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> NextAction | None:
-    """Return a cure for what would break the piece, else another layout for a poor match.
+    """Return a cure of a notice that the piece would break, else another layout for a poor match.
 
-    None where there are none, all were pressed, or the user dismissed the notices.
+    None where no such cure exists, all were pressed, or the user dismissed the notices.
     """
     breaking = [notice for notice in all_notices if notice.severity == BREAKS]
     missing = [notice for notice in all_notices if notice.severity == WORSE and notice.key in FAR_FROM_TARGET]

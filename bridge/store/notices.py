@@ -48,7 +48,7 @@ def list_notices(
 ) -> list[Notice]:
     """Return all notices of an object, worst first; ``stage_states``: states of its stages from ``read_states``."""
     problem = objects.surface_problem(obj, scene)
-    if problem is not None:  # nothing else about it can be cured
+    if problem is not None:  # no other notice about the object can be cured
         return [Notice("surface/none", *problem, STOPS)]
     blocks = states.current_blocks(obj, stage_states)
     result = [
@@ -66,7 +66,7 @@ def list_notices(
         *(
             one
             for name in WARNING_LABELS
-            for one in _from_warnings(name, blocks, held=bool(obj.flexmaps.loads.supports))
+            for one in _from_warnings(name, blocks, is_held=bool(obj.flexmaps.loads.supports))
         ),
     ]
     seen = [_downgrade_dismissed(obj.data, notice) for notice in _downgrade_predictions(obj, blocks, result)]
@@ -74,7 +74,7 @@ def list_notices(
 
 
 def _downgrade_predictions(obj: bpy.types.Object, blocks: dict[str, Any], result: list[Notice]) -> list[Notice]:
-    """Downgrade predictions to information once the piece is flat or simulated near its target, and nothing breaks."""
+    """Downgrade predictions to information if the target is flat or the simulated shape near it, and nothing breaks."""
     percent = blocks.get("equilibrium", {}).get("rms_percent")
     near = percent is not None and percent <= remedies.wanted_percent(obj.flexmaps.choose)
     flat = "spirals" in blocks and flat_target.can_skip_simulation(obj)
@@ -108,12 +108,12 @@ def _from_failures(obj: bpy.types.Object, failed: dict[str, dict[str, Any]]) -> 
     return result
 
 
-def _cures_of_failure(obj: bpy.types.Object, idname: str, wanted: int | None = None) -> list[Cure]:
-    """Return buttons that help after a stage failed; ``wanted``: number of quads that the stage's error suggests."""
+def _cures_of_failure(obj: bpy.types.Object, idname: str, suggested_quads: int | None = None) -> list[Cure]:
+    """Return buttons that help after a stage failed; ``suggested_quads``: number of quads that the stage's error suggests."""
     quads, key = len(obj.data.polygons), f"failed/{idname}"
     if idname in {"flexmaps.spirals", "flexmaps.fit"}:
         return [
-            *(cures.remesh(n) for n in dict.fromkeys([*filter(None, [wanted]), *cures.coarser_counts(quads)])),
+            *(cures.remesh(n) for n in dict.fromkeys([*filter(None, [suggested_quads]), *cures.coarser_counts(quads)])),
             cures.enlarge(ENLARGEMENT),
         ]
     if idname in {"flexmaps.simulate", "flexmaps.optimise", "flexmaps.regularise"}:
@@ -126,7 +126,10 @@ def _cures_of_failure(obj: bpy.types.Object, idname: str, wanted: int | None = N
             *(cures.remesh(n) for n in cures.coarser_counts(quads)),
         ]
     if idname == "flexmaps.quad_remesh":
-        return [cures.remesh(n) for n in ([wanted] if wanted else cures.retry_counts(obj.flexmaps.remesh.quads))]
+        return [
+            cures.remesh(n)
+            for n in ([suggested_quads] if suggested_quads else cures.retry_counts(obj.flexmaps.remesh.quads))
+        ]
     return []
 
 
@@ -145,7 +148,7 @@ def _from_checks(obj: bpy.types.Object, scene: bpy.types.Scene, findings: list[d
         if larger := row.get("larger"):
             ways += [cures.enlarge(larger)] if larger <= remedies.MAX_FACTOR else []
             ways += [cures.remesh(n) for n in cures.coarser_counts(len(obj.data.polygons))[:1]]
-        if code == "t-junction" and remesh_source.SOURCE not in obj:  # another remesh would leave others
+        if code == "t-junction" and remesh_source.SOURCE not in obj:  # another remesh would leave other T-junctions
             ways.append(cures.remesh(obj.flexmaps.remesh.quads))
         if code in FIXED_BY_REMESH or code in FIXED_BY_REGULARISE or code == "surface-missed":
             from ...engine.surface.remeshing.coverage import (
@@ -213,7 +216,7 @@ def _missing_groups(obj: bpy.types.Object) -> list[Notice]:
 def _shared_mesh(
     obj: bpy.types.Object, scene: bpy.types.Scene, stage_states: dict[str, states.StageState]
 ) -> list[Notice]:
-    """Report other objects that use the mesh, and warn where a stage of this one would replace results of theirs."""
+    """Report other objects that use the mesh, and warn where a stage of this object would replace their results."""
     others = objects.other_users(obj)
     if not others:
         return []
@@ -282,16 +285,16 @@ def _from_findings(source: str, findings: list[dict[str, Any]]) -> list[Notice]:
     return made
 
 
-def _describe_halved(halved: str, blocks: dict[str, Any], held: bool) -> str:
-    """Return the text about a seam that was added so that a panel can leave the plane, or what became of it.
+def _describe_halved(text: str, blocks: dict[str, Any], is_held: bool) -> str:
+    """Return the text about a seam that was added so that a panel can bend; after a simulation, whether it helped.
 
     Parameters
     ----------
-    halved : text of the layout
+    text : text of the layout
     blocks : the stored report blocks that are up to date
-    held : whether supports hold the piece
+    is_held : whether supports hold the piece
     """
-    if held:
+    if is_held:
         return translate(
             "The surface was cut once more so that it rises into its shape. Now supports hold it: press Lay out the panels again to have it in one panel"
         )
@@ -299,24 +302,24 @@ def _describe_halved(halved: str, blocks: dict[str, Any], held: bool) -> str:
         return translate(
             "The surface was cut once more so that it rises into its shape, but it stays flat. Hold it with supports (Rests, in Piece), then press Lay out the panels again to have it in one panel"
         )
-    return halved
+    return text
 
 
-def _from_warnings(source: str, blocks: dict[str, Any], *, held: bool = False) -> list[Notice]:
+def _from_warnings(source: str, blocks: dict[str, Any], *, is_held: bool = False) -> list[Notice]:
     """Return the warnings of a report block as a notice with cures; for a layout, also a notice about a further cut.
 
     Parameters
     ----------
     source : name of the report block
     blocks : the stored report blocks that are up to date
-    held : whether supports hold the piece
+    is_held : whether supports hold the piece
     """
     rows, one, more = WARNING_LABELS[source]
     block, key = blocks.get(source, {}), f"{source}/{rows}"
     halved = block.get("halved")  # text about a seam added so that a panel can leave the plane; not a warning
     plain = []
     if halved:
-        text = _describe_halved(halved, blocks, held)
+        text = _describe_halved(halved, blocks, is_held)
         plain.append(Notice("layout/halved", interface("Cut once more"), text, INFORMATION))
     lines = [sentence for sentence in block.get(rows, ()) if sentence != halved]
     if not lines:

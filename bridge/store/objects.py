@@ -57,7 +57,7 @@ def is_linked(obj: bpy.types.Object) -> bool:
 
 
 def modifier_problem(obj: bpy.types.Object) -> str | None:
-    """Return which modifier or parent changes the mesh, as a sentence; None if nothing does."""
+    """Return a sentence that names the modifier or parent that changes the mesh; None if the mesh is unchanged."""
     for modifier in modifiers.list_changing(obj):
         return translate("Apply or remove the modifier '{}' first: the layout lives in the mesh itself", modifier.name)
     parent = bending_parent(obj)
@@ -69,7 +69,7 @@ def modifier_problem(obj: bpy.types.Object) -> str | None:
 
 
 def surface_problem(obj: bpy.types.Object, scene: bpy.types.Scene) -> tuple[str, str] | None:
-    """Return why a mesh is no surface, which no stage can change: a short label and a sentence; None if it is one.
+    """Return why a mesh is not a usable surface, as a short label and a sentence; None if it is usable.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def surface_problem(obj: bpy.types.Object, scene: bpy.types.Scene) -> tuple[str,
 
 
 def scale_problem(obj: bpy.types.Object, scene: bpy.types.Scene) -> str | None:
-    """Return that a scale of 0 squeezes an object flat, as a sentence; None if no scale is 0.
+    """Return a sentence that a scale factor of 0 squeezes the object flat; None if no scale factor is 0.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def find_by_uid(uid: int) -> bpy.types.Object:
 
 
 def count_hidden(mesh: bpy.types.Mesh) -> int:
-    """Return how many faces are hidden; 0 in edit mode, where it is seen which are."""
+    """Return the number of hidden faces; 0 in edit mode, where the user can see that they are hidden."""
     if mesh.is_editmode or ".hide_poly" not in mesh.attributes:
         return 0
     return int(column(mesh.polygons, "hide").sum())

@@ -17,15 +17,15 @@ SOURCE = "flexmaps_source"  # custom property of the object of quads: the source
 QUADS_CHECKSUM = "flexmaps_made"  # custom property of its mesh: checksum of the quads right after the remesh
 
 
-def write_source(made: bpy.types.Object, source: bpy.types.Object) -> None:
+def write_source(quads: bpy.types.Object, source: bpy.types.Object) -> None:
     """Store which object the quads were made from, and a checksum of the quads.
 
     Parameters
     ----------
-    made : the new object of quads
+    quads : the new object of quads
     source : the object that was remeshed
     """
-    made[SOURCE], made.data[QUADS_CHECKSUM] = source, _checksum(made.data)
+    quads[SOURCE], quads.data[QUADS_CHECKSUM] = source, _checksum(quads.data)
 
 
 def read_source(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Object:

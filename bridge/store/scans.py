@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ...engine.extras.scanning.compare import Comparison
 
 NAME, BLOCK = attributes.PREFIX + "scan", "scan"
-# custom properties: on the mesh object, its object of scan points; on the latter, the mesh object's name
+# custom properties: on the mesh object, its object of scan points; on the object of scan points, the mesh object's name
 POINTS, OWNER = "flexmaps_scan_points", "flexmaps_owner"
 
 
@@ -36,17 +36,17 @@ def clear(obj: bpy.types.Object) -> None:
         del obj[POINTS]
 
 
-def write(obj: bpy.types.Object, found: Comparison, points: bpy.types.Object) -> None:
+def write(obj: bpy.types.Object, comparison: Comparison, points: bpy.types.Object) -> None:
     """Store the distances and the scan points of a comparison; the caller writes the report block.
 
     Parameters
     ----------
     obj : the mesh object
-    found : the comparison
+    comparison : the comparison
     points : the object of scan points, already in the scene
     """
     clear(obj)
-    attributes.write(obj, NAME, "FACE", "FLOAT", found.shown_mm)
+    attributes.write(obj, NAME, "FACE", "FLOAT", comparison.shown_mm)
     points[OWNER] = obj.name
     obj[POINTS] = points
 

@@ -137,17 +137,17 @@ def write(properties: bpy.types.PropertyGroup, settings: Any) -> None:
             setattr(properties, f.name, value)
 
 
-def format_changed(properties: bpy.types.PropertyGroup, but: tuple[str, ...] = ()) -> str:
+def format_changed(properties: bpy.types.PropertyGroup, excluded: tuple[str, ...] = ()) -> str:
     """Return the settings of a group that differ from their defaults, as text for checksums; fast enough for a redraw.
 
     Parameters
     ----------
     properties : a property group
-    but : names to leave out
+    excluded : names of settings to leave out
     """
     texts = []
     for name, prop in properties.bl_rna.properties.items():
-        if name in {"rna_type", "name", *but} or prop.type == "POINTER":
+        if name in {"rna_type", "name", *excluded} or prop.type == "POINTER":
             continue
         value = getattr(properties, name)
         if value != prop.default:

@@ -97,7 +97,7 @@ def _advise_supports(sentence: str, offered: set[str]) -> str:
 
 
 def _held(obj: bpy.types.Object) -> list[Notice]:
-    """Tell that a piece with supports, but without a base or eyelets, needs something that holds it there."""
+    """Report that a piece with supports, but without a base or eyelets, must be held at the supports by other means."""
     group = obj.flexmaps.loads.supports
     if not group or obj.flexmaps.base.base != "none":
         return []
@@ -118,7 +118,7 @@ def advised_remedies(blocks: dict[str, Any]) -> remedies.Amounts:
 
 
 def has_optimised_in_vain(blocks: dict[str, Any]) -> bool:
-    """Return whether the last *Optimise* ended by itself and came no nearer, so that another one would not either.
+    """Return whether the last *Optimise* converged but came no nearer to the target, so that repeating it would not help.
 
     A block that is out of date, as after a brush, is not in ``blocks``.
     """
@@ -130,7 +130,7 @@ def has_optimised_in_vain(blocks: dict[str, Any]) -> bool:
 
 
 def is_other_rest_near(obj: bpy.types.Object, block: dict[str, Any]) -> bool:
-    """Return whether the other shape at rest is within the wanted match too, and its arms hold."""
+    """Return whether the other shape at rest is also within the wanted match, and none of its arms is overstrained."""
     other = block.get("other_rest")
     if other is None or other.get("strain_share_max", 0.0) > OVERSTRAIN_SHARE:
         return False
@@ -138,7 +138,7 @@ def is_other_rest_near(obj: bpy.types.Object, block: dict[str, Any]) -> bool:
 
 
 def _near_rest(key: str, row: dict[str, Any], block: dict[str, Any]) -> Notice:
-    """Return the information that the piece has another shape at rest, which is as wanted."""
+    """Return the notice that the piece has another shape at rest, which also matches the target."""
     sentence = translate(
         "The piece can also rest in another shape, {} % of its size from the target. That is within the wanted distance too, and arms hold there",
         format_figure(block["other_rest"]["rms_percent"]),
@@ -147,7 +147,7 @@ def _near_rest(key: str, row: dict[str, Any], block: dict[str, Any]) -> Notice:
 
 
 def _is_far(obj: bpy.types.Object, blocks: dict[str, Any]) -> bool:
-    """Return whether the RMS distance from the target exceeds the wanted one (of several bodies: a visible one)."""
+    """Return whether the RMS distance from the target exceeds the wanted RMS distance; with several bodies, a visible one."""
     several = any(row["code"] == "several-bodies" for row in blocks.get("checks", [{"code": "several-bodies"}]))
     visible = 100.0 * VISIBLE_RMS_SHARE
     limit = visible if several else min(visible, remedies.wanted_percent(obj.flexmaps.choose))
@@ -171,7 +171,7 @@ def _poor_match(obj: bpy.types.Object, blocks: dict[str, Any], advised: dict[str
 
 
 def _lasting_limit(obj: bpy.types.Object, block: dict[str, Any]) -> list[Notice]:
-    """Tell which size or sheet a piece designed for days would need to last for years; information only."""
+    """Report the size or sheet that a piece designed for days would need to last for years; information only."""
     share, settings = block.get("strain_share_max"), obj.flexmaps.material
     material = MATERIALS.get(settings.material)
     if share is None or settings.lasts == "years" or material is None or material.lasting is None:

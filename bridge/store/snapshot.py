@@ -51,7 +51,7 @@ class Snapshot:
     def to_result(self) -> Result:
         """Return the engine's result with the outputs of the stages that have run.
 
-        ``Result.lost`` tells which stored outputs cannot be used any more, and why.
+        ``Result.lost`` holds the outputs that are stored but cannot be used, with an error that says why.
 
         Raises
         ------
@@ -79,13 +79,13 @@ class Snapshot:
         design = mesh.read_design(self.surface, flat, self.settings.spiral)
         return replace(made, lost=spoilt_design) if design is None else self._with_stored(made, design)
 
-    def _with_stored(self, made: Result, design: SpiralDesign) -> Result:
-        """Return the result with the stored spirals; a flag tells whether they were painted."""
+    def _with_stored(self, result: Result, design: SpiralDesign) -> Result:
+        """Return the result with the stored spirals, marked as painted if their report block says so."""
         painted = replace(design, is_painted=bool((self.spirals_block or {}).get("painted")))
-        return with_design(made, painted, STORED, self.settings)
+        return with_design(result, painted, STORED, self.settings)
 
     @property
-    def protected_quads(self) -> Int[np.ndarray, " kept"] | None:
+    def protected_quads(self) -> Int[np.ndarray, " protected"] | None:
         """Return the quads whose spirals are protected from Optimise; None where there are none."""
         marked = self.surface.values.get("protect")
         return None if marked is None or not marked.any() else np.flatnonzero(marked)
@@ -95,17 +95,17 @@ class Snapshot:
         """Return whether the object holds flat patches."""
         return self.surface.values.keys() >= set(mesh.FLAT_NAMES)
 
-    def read_seams(self, made: Result) -> Bool[np.ndarray, " edges"]:
+    def read_seams(self, result: Result) -> Bool[np.ndarray, " edges"]:
         """Return a flag for every edge, in the engine's order: whether the object has a seam there."""
-        return mesh.read_layout(self.surface, made.mesh).cut
+        return mesh.read_layout(self.surface, result.mesh).cut
 
-    def with_start(self, made: Result) -> Result:
+    def with_start(self, result: Result) -> Result:
         """Return the result with initial spirals for a stage, adjusted to changed settings and patches."""
-        layout = made.get(FinalLayout)
+        layout = result.get(FinalLayout)
         if layout is None:
-            return made
+            return result
         return self._with_stored(
-            made, mesh.read_start(self.surface, layout.flat, self.settings.spiral, self.spirals_block)
+            result, mesh.read_start(self.surface, layout.flat, self.settings.spiral, self.spirals_block)
         )
 
 
@@ -128,7 +128,7 @@ class StoredPiece:
 
 
 def take_snapshot(
-    obj: bpy.types.Object, surface: ObjectSurface, used: ObjectSettings, *, with_loads: bool = True
+    obj: bpy.types.Object, surface: ObjectSurface, object_settings: ObjectSettings, *, with_loads: bool = True
 ) -> Snapshot:
     """Read the input of the stages from an object; takes milliseconds.
 
@@ -136,7 +136,7 @@ def take_snapshot(
     ----------
     obj : the mesh object
     surface : its surface
-    used : its settings
+    object_settings : its settings
     with_loads : also read supports and forces
 
     Raises
@@ -145,12 +145,12 @@ def take_snapshot(
     """
     blocks = stored_report.read(obj.data)
     snapshot = Snapshot(
-        obj.name, surface, used, spirals_block=blocks.get("spirals"), is_layout_chosen="choose" in blocks
+        obj.name, surface, object_settings, spirals_block=blocks.get("spirals"), is_layout_chosen="choose" in blocks
     )
     if not with_loads:
         return snapshot
-    held, force = supports.read_loads(obj, surface, used.loads)
-    return replace(snapshot, supports=held, force=force, groups=supports.read_groups(obj, surface, used))
+    held, force = supports.read_loads(obj, surface, object_settings.loads)
+    return replace(snapshot, supports=held, force=force, groups=supports.read_groups(obj, surface, object_settings))
 
 
 def read_piece(obj: bpy.types.Object) -> StoredPiece:
@@ -180,7 +180,7 @@ def read_rest_pose(uid: int) -> Pose | None:
 
 
 def reread_surface(uid: int) -> tuple[bpy.types.Object, ObjectSurface]:
-    """Return the object with an id, and its present surface; raise as ``mesh.read_surface`` does.
+    """Return the object with this id and its present surface; raise the errors of ``mesh.read_surface``.
 
     Parameters
     ----------

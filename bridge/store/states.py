@@ -66,7 +66,7 @@ class StageState:
     """State of one stage.
 
     kind : ``TODO`` (never run), ``DONE`` or ``STALE`` (out of date)
-    part : the input that changed; "" where none of its own inputs changed, but an earlier stage did
+    changed_input : the stage's input that changed; "" if only a result of an earlier stage changed
     """
 
     kind: str

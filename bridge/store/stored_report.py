@@ -108,13 +108,13 @@ def read_input_checksums(mesh: bpy.types.Mesh) -> dict[str, dict[str, str]]:
     return {} if is_damaged(mesh) else _read_text(mesh, INPUT_CHECKSUMS) or {}
 
 
-def write_input_checksums(mesh: bpy.types.Mesh, made: dict[str, dict[str, str]]) -> None:
+def write_input_checksums(mesh: bpy.types.Mesh, checksums: dict[str, dict[str, str]]) -> None:
     """Store the input checksums of some report blocks and the program's version; other blocks keep theirs."""
     _remove_invalid(mesh)
     put_text(
         mesh,
         INPUT_CHECKSUMS,
-        read_input_checksums(mesh) | {name: parts | {PROGRAM: VERSION} for name, parts in made.items()},
+        read_input_checksums(mesh) | {name: parts | {PROGRAM: VERSION} for name, parts in checksums.items()},
     )
 
 

@@ -18,7 +18,7 @@ from .columns import read_weights
 if TYPE_CHECKING:
     from .surface import ObjectSurface
 
-MIN_CORNERS = 2  # corners that put a quad into a vertex group; 2, so that an edge on the ground counts as a support
+MIN_CORNERS = 2  # number of a quad's corners in a vertex group from which the quad belongs to the group; 2, so that an edge on the ground counts as a support
 GROUP = "FlexMaps supports"
 
 
@@ -40,7 +40,9 @@ def read_loads(
     return read_supports(obj, surface, params), read_forces(obj, surface, params)
 
 
-def read_groups(obj: bpy.types.Object, surface: ObjectSurface, used: Settings) -> dict[str, Int[np.ndarray, " some"]]:
+def read_groups(
+    obj: bpy.types.Object, surface: ObjectSurface, object_settings: Settings
+) -> dict[str, Int[np.ndarray, " some"]]:
     """Return the quads of every vertex group that the load cases use, by name; without groups that contain no quad.
 
     Return {} where the load cases are not valid, or the extra "structure" is not installed.
@@ -49,20 +51,20 @@ def read_groups(obj: bpy.types.Object, surface: ObjectSurface, used: Settings) -
     ----------
     obj : the mesh object
     surface : its surface
-    used : all settings
+    object_settings : settings of the object
     """
     if not registry.has("structure"):
         return {}
     from ...engine.extras.structure import cases
     from ...engine.extras.structure.structure_params import StructureParams
 
-    params = used.section(StructureParams)
+    params = object_settings.section(StructureParams)
     try:
-        wanted = cases.parse_plan(params.cases, params.combinations).groups
+        names = cases.parse_plan(params.cases, params.combinations).groups
     except FlexMapsError:
         return {}  # the stage parses the load cases again and reports the error
     quads = {}
-    for name in wanted:
+    for name in names:
         if obj.vertex_groups.get(name) is not None:
             with suppress(FlexMapsError):
                 quads[name] = _read_group(obj, surface, name, "Load cases")
@@ -176,7 +178,7 @@ def read_forces(
 
 
 def read_group_force(obj: bpy.types.Object, surface: ObjectSurface, params: LoadParams) -> Float[np.ndarray, "quads 3"]:
-    """Return the vertex group's force, shared evenly over its quads, (F, 3) in newtons; raise as ``read_forces`` does."""
+    """Return the vertex group's force, shared evenly over its quads, (F, 3) in newtons; raise the error of ``read_forces``."""
     total, shared = np.array(params.force), np.zeros((len(surface.polygons.sizes), 3))
     if not total.any():
         return shared

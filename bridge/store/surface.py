@@ -18,13 +18,13 @@ class ObjectSurface:
     uid : Blender's id of the object for this session, which survives renaming
     polygons : faces in the engine's order; metres, world axes, corners counter-clockwise seen from outside
     positions : the mesh's own vertices in the object's frame, float32
-    pairs : vertex indices of Blender's edges
+    edge_vertices : vertex indices of Blender's edges
     seams : UV seams in the order of Blender's edges
     loops : index of Blender's corner for every corner of ``polygons``
     to_metres : matrix from the object's frame to metres in world axes
     values : FlexMaps' attributes by name, without the prefix, in Blender's order
-    spoilt : faces whose width or twist is out of its bounds
-    seen : vertices moved by the user's shape keys, in the object's frame
+    invalid_faces : indices of the faces whose width or twist is out of its bounds
+    keyed_positions : vertices moved by the user's shape keys, in the object's frame
     """
 
     uid: int
@@ -35,7 +35,7 @@ class ObjectSurface:
     loops: Int[np.ndarray, " corners"]
     to_metres: Float[np.ndarray, "4 4"]
     values: dict[str, np.ndarray]
-    invalid_faces: Int[np.ndarray, " spoilt"]
+    invalid_faces: Int[np.ndarray, " invalid"]
     keyed_positions: Float[np.ndarray, "vertices 3"]
 
     @cached_property

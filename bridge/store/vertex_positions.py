@@ -18,7 +18,7 @@ from . import shape_keys
 from .columns import column, read_weights
 
 # distance from the world's origin, metres, beyond which coordinates are relative to the object's own origin; there
-# float32 has steps of 8 mm. Larger loses digits in the search for an equilibrium; smaller drops the place sooner
+# float32 has steps of 8 mm. Larger loses digits in the search for an equilibrium; smaller drops the object's position sooner
 FAR = 1e5
 
 
@@ -63,7 +63,7 @@ def _mix_keys(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
 def read_target(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
     """Return the vertices moved by the user's shape keys, in the object's frame; fast enough for every redraw.
 
-    In edit mode they are those before it, and absolute shape keys count only in an object that is visible.
+    In edit mode, edits since entering it are missing. Absolute shape keys count only if the object is visible.
     """
     mesh = obj.data
     if not shape_keys.has_user_keys(mesh):

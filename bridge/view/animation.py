@@ -119,9 +119,9 @@ def last_frame(obj: bpy.types.Object) -> int:
 
 
 def _make_panel(
-    obj: bpy.types.Object, scene: bpy.types.Scene, film: Film, track: PanelTrack, whole: bpy.types.Mesh
+    obj: bpy.types.Object, scene: bpy.types.Scene, film: Film, track: PanelTrack, all_panels: bpy.types.Mesh
 ) -> bpy.types.Object:
-    """Make the object of a panel: its faces, UV map and colours are taken from the mesh of all panels, ``whole``."""
+    """Make the object of a panel: its faces, UV map and colours are taken from the mesh ``all_panels``."""
     panels = film.panels
     index = np.full(len(panels.vertex_quad), -1)
     index[track.vertices] = np.arange(len(track.vertices))
@@ -131,10 +131,10 @@ def _make_panel(
     number = panel_numbers(panels.design.flat.layout)[track.patch]
     name = f"{obj.name} {ROOT} {number:02d}"
     mesh = meshes.make_polygon_mesh(name, track.shapes[0], index[panels.corners[corners]], panels.sizes[faces])
-    uv = np.empty(2 * len(whole.loops), np.float32)
-    whole.attributes["flexmaps_flat"].data.foreach_get("vector", uv)
+    uv = np.empty(2 * len(all_panels.loops), np.float32)
+    all_panels.attributes["flexmaps_flat"].data.foreach_get("vector", uv)
     meshes.put_attribute(mesh, "flexmaps_flat", "CORNER", uv.reshape(-1, 2)[corners])
-    colour = attributes.read(whole, "flexmaps_colour")
+    colour = attributes.read(all_panels, "flexmaps_colour")
     if colour is not None:
         meshes.put_attribute(mesh, "flexmaps_colour", "POINT", colour[track.vertices])
         mesh.attributes.active_color_name = "flexmaps_colour"
@@ -145,13 +145,13 @@ def _make_panel(
     return made
 
 
-def _animate_shape(made: bpy.types.Object, track: PanelTrack, frame: Callable[[float], float]) -> None:
+def _animate_shape(panel: bpy.types.Object, track: PanelTrack, frame: Callable[[float], float]) -> None:
     """Add the panel's shapes as absolute shape keys, and animate their evaluation time; ``frame`` converts times."""
     for k, points in enumerate(track.shapes):
-        key = made.shape_key_add(name="Flat" if k == 0 else f"Shape {k}", from_mix=False)
+        key = panel.shape_key_add(name="Flat" if k == 0 else f"Shape {k}", from_mix=False)
         key.data.foreach_set("co", np.ascontiguousarray(points, dtype=np.float32).ravel())
         key.interpolation = "KEY_LINEAR"
-    keys = made.data.shape_keys
+    keys = panel.data.shape_keys
     keys.use_relative = False
     for which, time in zip(track.which.tolist(), track.shape_times.tolist(), strict=True):
         keys.eval_time = keys.key_blocks[which].frame
@@ -159,20 +159,20 @@ def _animate_shape(made: bpy.types.Object, track: PanelTrack, frame: Callable[[f
     _interpolate_linearly(keys)
 
 
-def _animate_motion(made: bpy.types.Object, track: PanelTrack, frame: Callable[[float], float]) -> None:
+def _animate_motion(panel: bpy.types.Object, track: PanelTrack, frame: Callable[[float], float]) -> None:
     from mathutils import Matrix
 
-    made.rotation_mode = "QUATERNION"
+    panel.rotation_mode = "QUATERNION"
     before = None
     for time, turn, place in zip(track.times, track.turns, track.places, strict=True):
-        made.location = place
+        panel.location = place
         turned = Matrix(turn.tolist()).to_quaternion()
         if before is not None:
             turned.make_compatible(before)
-        made.rotation_quaternion = before = turned
-        made.keyframe_insert("location", frame=frame(time))
-        made.keyframe_insert("rotation_quaternion", frame=frame(time))
-    _interpolate_linearly(made)
+        panel.rotation_quaternion = before = turned
+        panel.keyframe_insert("location", frame=frame(time))
+        panel.keyframe_insert("rotation_quaternion", frame=frame(time))
+    _interpolate_linearly(panel)
 
 
 def _interpolate_linearly(holder: bpy.types.ID) -> None:

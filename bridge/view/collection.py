@@ -51,7 +51,7 @@ def _stored_collection(obj: bpy.types.Object) -> bpy.types.Collection | None:
 
 
 def remove(own: bpy.types.Collection) -> None:
-    """Delete a collection with all its objects, and the objects' data unless something else uses it."""
+    """Delete a collection with all its objects, and the data that only these objects use."""
     data = [other.data for other in own.all_objects if other.data is not None]
     for other in list(own.all_objects):
         bpy.data.objects.remove(other)

@@ -26,7 +26,7 @@ class DabQueue:
     def __init__(self, session: PaintSession, brush: str, inverted: bool):
         self._session, self._brush, self._inverted = session, brush, inverted
         self._weights: list[np.ndarray] = []
-        self._way = np.zeros(3)
+        self._displacement = np.zeros(3)
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="FlexMaps brush")
         self._running: Future[None] | None = None
 
@@ -36,10 +36,10 @@ class DabQueue:
         Parameters
         ----------
         weights : for every dab its weights on the quads (F,), from 0 to 1
-        way : displacement of the brush during these dabs (3,), in world axes; only its direction matters
+        displacement : displacement of the brush during these dabs (3,), in world axes; only its direction matters
         """
         self._weights += weights
-        self._way = self._way + displacement
+        self._displacement = self._displacement + displacement
         self.poll()
 
     def poll(self) -> bool:
@@ -50,9 +50,9 @@ class DabQueue:
         done = self._running is not None and self._running.done()
         if done:
             self._join()
-        if self._running is None and self._weights and (self._brush != "along" or self._way.any()):
-            weights, way = self._weights, self._way
-            self._weights, self._way = [], np.zeros(3)
+        if self._running is None and self._weights and (self._brush != "along" or self._displacement.any()):
+            weights, way = self._weights, self._displacement
+            self._weights, self._displacement = [], np.zeros(3)
             self._running = self._pool.submit(self._paint, weights, way)
         return done
 
@@ -81,10 +81,10 @@ class DabQueue:
         if running is not None:
             running.result()
 
-    def _paint(self, weights: list[np.ndarray], way: np.ndarray) -> None:
+    def _paint(self, weights: list[np.ndarray], displacement: np.ndarray) -> None:
         from ...engine.spirals.brush_weights import combine_weights
         from ...engine.spirals.painting import Stroke
 
         protect = self._brush == "protect"
         weight = np.max(weights, axis=0) if protect else combine_weights(weights)
-        self._session.paint(self._brush, weight, Stroke(self._inverted, None if protect else way))
+        self._session.paint(self._brush, weight, Stroke(self._inverted, None if protect else displacement))

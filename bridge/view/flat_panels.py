@@ -107,7 +107,8 @@ def connector_fingerprint(settings: ObjectSettings) -> str:
 class PanelDrawing:
     """The panels of a design as solids and as exact outlines, computed and ready to be shown beside the model.
 
-    fingerprint : settings of the connectors (from ``connector_fingerprint``), ``NO_CONNECTORS`` without connectors, or "" if drawn as on the sheets
+    fingerprint : settings of the connectors (from ``connector_fingerprint``), ``NO_CONNECTORS`` without connectors, or ""
+        if the connectors are drawn as on the sheets
     centres : position of every panel's origin, metres
     solid : mesh of all panels
     outlines : for every panel the outer curve, then its holes, in its patch's frame
@@ -172,13 +173,13 @@ class PanelDrawing:
     def write(
         self, obj: bpy.types.Object, surface: ObjectSurface, spirals: dict[str, Any], layout: dict[str, Any] | None
     ) -> None:
-        """Write the design and its note (stored results) into the object.
+        """Write the design and its report blocks into the object.
 
         Parameters
         ----------
         obj, surface : the object and its surface
-        spirals : note of the stage "spirals"
-        layout : entries to update in the note of the layout, if the flat patches have changed, else None
+        spirals : report block "spirals"
+        layout : entries to update in the report block "layout" if the flat patches have changed, else None
         """
         from ..store import mesh
 

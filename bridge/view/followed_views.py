@@ -1,4 +1,4 @@
-"""Let 3D views follow when undo or redo scales a piece, as they followed when FlexMaps scaled it.
+"""When undo or redo scales a piece, scale the 3D views with it, as FlexMaps did when it scaled the piece.
 
 A view that the user has turned or moved since FlexMaps set it stays.
 """
@@ -12,7 +12,7 @@ import bpy
 if TYPE_CHECKING:
     from mathutils import Vector
 
-# Growth or shrinking of a piece that views follow: about what takes a framed piece out of its view. Smaller moves views at
+# Growth or shrinking of a piece that views follow: at about this factor a framed piece leaves the view. Smaller moves views at
 # every undo of a slight scaling
 SLACK = 1.25
 
@@ -39,7 +39,7 @@ def unregister() -> None:
 
 
 def note(area: bpy.types.Area, names: set[str]) -> None:
-    """Store that FlexMaps has set the view of an area as it is now, to show the objects of some names."""
+    """Store an area's present view as set by FlexMaps, with the names of the objects that it shows."""
     _set_by_us[area.as_pointer()] = _state(area.spaces.active.region_3d), names
 
 
@@ -77,7 +77,7 @@ def _before_undo(*_: object) -> None:
 
 @bpy.app.handlers.persistent
 def _after_undo(*_: object) -> None:
-    """Scale the views like the active object, or like the object whose place it takes, such as the source of a remesh."""
+    """Scale the views by the growth of the active object, or of the object that it replaces, such as a remesh's source."""
     layer = bpy.context.view_layer
     obj = layer.objects.active
     if not _sizes or obj is None or obj.type != "MESH":

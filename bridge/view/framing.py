@@ -24,8 +24,8 @@ SMALLEST = 0.05
 def scale_views(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> None:
     """Move every 3D view so that an object, scaled about its origin, looks as large as before; camera views stay.
 
-    Otherwise a sphere of 2 m that is scaled to 0.2 m would become a dot. A mesh that was a dot before, as no view comes
-    near enough to a hundredth of a millimetre, is framed.
+    Otherwise a sphere of 2 m that is scaled to 0.2 m would become a dot. An object that is a dot even so is framed: no
+    view comes near enough to a mesh of a hundredth of a millimetre.
 
     Parameters
     ----------

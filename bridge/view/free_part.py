@@ -52,12 +52,12 @@ def frame_points(area: bpy.types.Area, region: bpy.types.Region, points: Float[n
 
 
 def extend_clipping(space: bpy.types.SpaceView3D, points: Float[np.ndarray, "points 3"]) -> None:
-    """Move the end of a view's clip range beyond points, as in scenes in millimetres, where it is 1000 units away.
+    """Move the end of a view's clip range beyond points; by default it is at 1000 units, which is near in millimetres.
 
     Parameters
     ----------
     space : the 3D view
-    points : what must be seen, in world axes and the scene's unit
+    points : points that must be visible, in world axes and the scene's unit
     """
     view = space.region_3d
     towards_eye = np.array(view.view_rotation.to_matrix())[:, 2]

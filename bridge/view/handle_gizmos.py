@@ -87,17 +87,17 @@ def _handles(
         if len(values) != len(quads):
             continue
         for quad in np.flatnonzero(values if name == handles.HELD else values.any(axis=1))[:MAX_GIZMOS].tolist():
-            place = points[quads[quad]].mean(axis=0)
-            way = np.zeros(3)
+            position = points[quads[quad]].mean(axis=0)
+            vector = np.zeros(3)
             if name == handles.PULL:
-                way = picking.median_edge(obj) * values[quad]
+                vector = picking.median_edge(obj) * values[quad]
             elif name == handles.WISH:
                 # from the quad's present centre to its target centre plus the offset of the drag target
-                way = picking.target_vertices(obj)[quads[quad]].mean(axis=0) + matrix @ values[quad] - place
-            result.append((name, quad, Vector(place), Vector(way)))
+                vector = picking.target_vertices(obj)[quads[quad]].mean(axis=0) + matrix @ values[quad] - position
+            result.append((name, quad, Vector(position), Vector(vector)))
     return result
 
 
-def _gizmo_matrix(place: Vector, way: Vector, size: float) -> Matrix:
-    turn = way.to_track_quat("Z", "Y").to_matrix().to_4x4() if way.length else Matrix.Identity(4)
-    return Matrix.Translation(place) @ turn @ Matrix.Scale(size, 4)
+def _gizmo_matrix(position: Vector, vector: Vector, size: float) -> Matrix:
+    turn = vector.to_track_quat("Z", "Y").to_matrix().to_4x4() if vector.length else Matrix.Identity(4)
+    return Matrix.Translation(position) @ turn @ Matrix.Scale(size, 4)

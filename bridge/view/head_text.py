@@ -33,9 +33,9 @@ class HeadContent:
     """Content of the head: the button *Next*, the status line with its icon, and either notices or a sentence.
 
     label : text of the button
-    press, properties : operator that the button runs, and its properties; "" if the button is disabled
+    operator, properties : operator that the button runs, and its properties; "" if the button is disabled
     icon, status : the status line
-    about : sentence below the status line, shown if there are no notices
+    hint : sentence below the status line, shown if there are no notices
     alert : whether the status line is drawn red
     """
 
@@ -58,9 +58,9 @@ def head_content(
     ----------
     context : Blender's context
     problem : why the active object cannot be used; "" if it can
-    seen : guidance for the active object; None if it cannot be used
+    guidance : guidance for the active object; None if it cannot be used
     job : the running ``background.Job``, or None
-    following : the ``live.ObjectWatcher`` of live mode, or None
+    watcher : the ``live.ObjectWatcher`` of live mode, or None
     """
     if job is not None:
         return _job_head(job)
@@ -81,13 +81,13 @@ def _job_head(job: RunningJob) -> HeadContent:
     )
 
 
-def _live_head(context: bpy.types.Context, seen: Guidance, watcher: Any) -> HeadContent | None:
+def _live_head(context: bpy.types.Context, guidance: Guidance, watcher: Any) -> HeadContent | None:
     """Return the head if live mode follows the active object, else None."""
     obj = context.object
     if watcher is None or obj is None or watcher.uid != obj.session_uid:
         return None
-    label = seen.action.label if seen.action else interface("Next")
-    press, shape = "flexmaps.next" if seen.action else "", watcher.shape
+    label = guidance.action.label if guidance.action else interface("Next")
+    press, shape = "flexmaps.next" if guidance.action else "", watcher.shape
     if watcher.problem:
         return HeadContent(
             label, press, "ERROR", interface("Live: stopped short"), interface(watcher.problem), alert=True
@@ -105,12 +105,12 @@ def _live_head(context: bpy.types.Context, seen: Guidance, watcher: Any) -> Head
     return HeadContent(label, press, "CHECKMARK", interface("Live: at rest"), final)
 
 
-def _idle_head(context: bpy.types.Context, seen: Guidance) -> HeadContent:
-    notices = (*seen.notices, *general_notices(context))
-    act, (status, sign) = seen.action, (seen.status.text, seen.status.icon)
+def _idle_head(context: bpy.types.Context, guidance: Guidance) -> HeadContent:
+    notices = (*guidance.notices, *general_notices(context))
+    act, (status, sign) = guidance.action, (guidance.status.text, guidance.status.icon)
     label = act.label if act else interface("Next")
     return HeadContent(
-        label, "flexmaps.next" if act else "", SIGNS[sign], status, seen.explanation, notices, alert=sign == STOPPED
+        label, "flexmaps.next" if act else "", SIGNS[sign], status, guidance.explanation, notices, alert=sign == STOPPED
     )
 
 

@@ -113,7 +113,7 @@ def _new_material(name: str) -> tuple[bpy.types.Material, bpy.types.Node]:
 
 
 def emissive_material(name: str, rgb: Float[np.ndarray, " 3"] | None) -> bpy.types.Material:
-    """Return a material like ``material`` that emits its colour, so that lighting does not change it."""
+    """Return a material like ``plain_material`` that emits its colour, so that lighting does not change it."""
     known = name in bpy.data.materials
     made = plain_material(name, rgb)
     if not known:
@@ -130,7 +130,7 @@ def emissive_material(name: str, rgb: Float[np.ndarray, " 3"] | None) -> bpy.typ
 def assign_colours(
     data: bpy.types.Mesh | bpy.types.Curve,
     rgb: Float[np.ndarray, "colours 3"],
-    of: Int[np.ndarray, " faces"] | None = None,
+    colour_index: Int[np.ndarray, " faces"] | None = None,
 ) -> None:
     """Assign a material of its colour to every face or line, so that the colours also show in solid view.
 
@@ -141,7 +141,7 @@ def assign_colours(
     ----------
     data : a mesh, or a curve of lines
     rgb : linear colours
-    of : index into ``rgb`` for every face or line; by default, face or line k has colour k
+    colour_index : index into ``rgb`` for every face or line; by default, face or line k has colour k
     """
     distinct, which = np.unique(np.round(rgb, 5), axis=0, return_inverse=True)
     lines = isinstance(data, bpy.types.Curve)
@@ -154,7 +154,7 @@ def assign_colours(
         return
     for name, colour in zip(colours.to_hexadecimal(distinct), distinct, strict=True):
         data.materials.append(plain_material(f"FlexMaps {name}", colour))
-    index = (which.ravel() if of is None else which.ravel()[of]).astype(np.int32)
+    index = (which.ravel() if colour_index is None else which.ravel()[colour_index]).astype(np.int32)
     if lines:
         data.splines.foreach_set("material_index", index)
     else:  # writing the attribute is many times as fast as setting ``material_index`` of the polygons
@@ -196,11 +196,11 @@ def _add_grain(tree: bpy.types.NodeTree, shader: bpy.types.Node, look: SheetAppe
     tree.links.new(ramp.outputs["Color"], shader.inputs["Base Color"])
 
 
-def _add_strands(tree: bpy.types.NodeTree, shader: bpy.types.Node, apart: float) -> None:
-    """Add shader nodes of fine ridges, like strands of a 3D printer, ``apart`` millimetres apart."""
+def _add_strands(tree: bpy.types.NodeTree, shader: bpy.types.Node, spacing: float) -> None:
+    """Add shader nodes of fine ridges, like strands of a 3D printer, ``spacing`` millimetres apart."""
     wave = _add_node(tree, "ShaderNodeTexWave", (-700, -200), Scale=1.0, Distortion=0.0)
     wave.bands_direction = "DIAGONAL"
-    tree.links.new(_add_coordinates(tree, (0.5 / apart,) * 3, (-900, -200)), wave.inputs["Vector"])
+    tree.links.new(_add_coordinates(tree, (0.5 / spacing,) * 3, (-900, -200)), wave.inputs["Vector"])
     bump = _add_node(tree, "ShaderNodeBump", (-350, -200), Strength=0.25, Distance=0.0001)
     tree.links.new(wave.outputs["Fac"], bump.inputs["Height"])
     tree.links.new(bump.outputs["Normal"], shader.inputs["Normal"])

@@ -41,7 +41,7 @@ def update_after_stage(obj: bpy.types.Object, new_kind: str = "") -> None:
     Parameters
     ----------
     obj : the mesh object
-    made : kind of colours for which the stage has computed values, or ""
+    new_kind : kind of colours for which the stage has computed values, or ""
     """
     manager = bpy.context.window_manager
     shown, chosen = manager.flexmaps_overlay, manager.flexmaps_chosen
@@ -116,7 +116,7 @@ def _on_load(*_: object) -> None:
 
 @bpy.app.handlers.persistent
 def _on_undo(*_: object) -> None:
-    """Handle undo and redo: if the object has no values of the shown kind any longer, show an earlier stage's kind."""
+    """Handle undo and redo: if the object has lost the values of the shown kind, show values of an earlier stage."""
     _cache.clear()
     manager, obj = bpy.context.window_manager, bpy.context.view_layer.objects.active
     shown = manager.flexmaps_overlay
@@ -230,7 +230,7 @@ def width_bars(
 def _seam_colours(seams: Int[np.ndarray, " sides"], kind: str) -> Float[np.ndarray, "sides 4"]:
     """Return sRGB and alpha of the seams' lines; with the colours of patches, each seam has its own colour.
 
-    These are the seams' colours on the assembly sheet.
+    The assembly sheet uses equal colours.
     """
     palette = np.clip(colours.seam_colours(int(seams.max()) + 1), 0.0, 1.0) ** (1 / 2.2)
     own = (seams >= 0) & (kind == "PATCH")

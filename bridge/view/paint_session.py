@@ -145,11 +145,11 @@ class PaintSession:
             raise FlexMapsError(missing)
         return snapshot.take_snapshot(obj, surface, self._settings, with_loads=False)
 
-    def _reset(self, design: SpiralDesign, taken: Snapshot) -> None:
+    def _reset(self, design: SpiralDesign, snapshot: Snapshot) -> None:
         """Reset the painted spirals and the protected ones to the object's stored state."""
         self.design = self.stored_design = design
         self.protected = np.zeros(len(design.twist), bool)
-        self.protected[[] if taken.protected_quads is None else taken.protected_quads] = True
+        self.protected[[] if snapshot.protected_quads is None else snapshot.protected_quads] = True
         self._stored_protected = self.protected
 
     def try_update(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
@@ -216,8 +216,8 @@ class PaintSession:
         vertices = self._to_world(positions)
         return None if np.array_equal(vertices, self.vertices) else VisibleSurface.from_session(self, vertices)
 
-    def _set_visible_surface(self, seen: VisibleSurface) -> None:
-        self.vertices, self.brush_surface, self.shape = seen.vertices, seen.brush_surface, seen.shape
+    def _set_visible_surface(self, surface: VisibleSurface) -> None:
+        self.vertices, self.brush_surface, self.shape = surface.vertices, surface.brush_surface, surface.shape
 
     def _compute_checksums(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, object]:
         sums = Checksums(obj, scene)

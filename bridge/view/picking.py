@@ -64,7 +64,7 @@ def hit_quad(
     Parameters
     ----------
     points, quads : the surface, from ``visible_surface``
-    origin, way : start and direction of the ray
+    origin, direction : start and direction of the ray
     """
     from mathutils.bvhtree import BVHTree
 

@@ -249,11 +249,11 @@ def _line_up(groups: list[ObjectGroup], azimuth: float) -> tuple[float, float]:
     return max(at - gap, 0.0), depth
 
 
-def _place_in_front(flat: ObjectGroup, wide: float, depth: float, azimuth: float) -> None:
+def _place_in_front(panels: ObjectGroup, width: float, depth: float, azimuth: float) -> None:
     """Place the panels on the ground in front of the other groups, whose width and depth are given in metres."""
-    low, high = flat.bounds(azimuth)
-    aside = 0.5 * wide - 0.5 * (low + high)[0]
-    flat.move(np.array([aside, -0.5 * depth - GAP * wide - high[1], -low[2]]), azimuth)
+    low, high = panels.bounds(azimuth)
+    aside = 0.5 * width - 0.5 * (low + high)[0]
+    panels.move(np.array([aside, -0.5 * depth - GAP * width - high[1], -low[2]]), azimuth)
 
 
 def _set_finish(data: bpy.types.ID, finish: str) -> None:

@@ -168,7 +168,7 @@ def read_figures(obj: bpy.types.Object) -> dict[str, Any]:
 
 
 def show_piece(
-    obj: bpy.types.Object, scene: bpy.types.Scene, built: AssembledPiece, params: PreviewParams, simulated: bool
+    obj: bpy.types.Object, scene: bpy.types.Scene, piece: AssembledPiece, params: PreviewParams, simulated: bool
 ) -> bpy.types.Object:
     """Make the object of the assembled piece beside its model, replacing an earlier one, and return it.
 
@@ -185,34 +185,34 @@ def show_piece(
     """
     began = time.perf_counter()
     rgb = None if params.colour == "MATERIAL" else quad_colours(obj, params.colour)
-    points = built.vertices.reshape(-1, 3)
+    points = piece.vertices.reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     anchor = 0.5 * (low + high)
     name = f"{obj.name} {NAME}"
-    moved = replace(built, vertices=built.vertices - anchor)
-    if built.panels is None:
+    moved = replace(piece, vertices=piece.vertices - anchor)
+    if piece.panels is None:
         data = _wire_curve(name, moved)
     else:
-        data = piece_mesh(name, built.panels, moved.vertices, rgb)
-        for kind, domain_values in _face_values(obj, built.panels.quad_of).items():
+        data = piece_mesh(name, piece.panels, moved.vertices, rgb)
+        for kind, domain_values in _face_values(obj, piece.panels.quad_of).items():
             meshes.put_attribute(data, kind, "FACE", domain_values)
     if rgb is None:
         data.materials.append(materials.sheet_material(obj.flexmaps.material.material))
     else:
         materials.assign_colours(
-            data, rgb, np.arange(4 * len(rgb)) // 4 if built.panels is None else built.panels.quad_of
+            data, rgb, np.arange(4 * len(rgb)) // 4 if piece.panels is None else piece.panels.quad_of
         )
     place = anchor + shift_beside(obj, scene, low, high) * (params.place == "BESIDE")
     made = _put_object(obj, scene, data, place)
     collection.clear(obj, (BASE,))
-    if built.base is not None:
-        stand = plates_mesh(f"{obj.name} {BASE_NAME}", built.base, -anchor)
+    if piece.base is not None:
+        stand = plates_mesh(f"{obj.name} {BASE_NAME}", piece.base, -anchor)
         collection.add(obj, scene, BASE, BASE_NAME, stand, place)
-    triangles = 0 if built.panels is None else built.panels.triangle_count
+    triangles = 0 if piece.panels is None else piece.panels.triangle_count
     figures = {
-        "spirals": len(built.design.width),
+        "spirals": len(piece.design.width),
         "triangles": triangles,
-        "seconds": round(built.seconds + time.perf_counter() - began, 3),
+        "seconds": round(piece.seconds + time.perf_counter() - began, 3),
         "simulated": simulated,
     }
     made[FIGURES_KEY] = json.dumps(figures)
@@ -319,6 +319,6 @@ def plates_mesh(name: str, base: BaseMesh, shift: Float[np.ndarray, " 3"] | floa
     return data
 
 
-def _wire_curve(name: str, built: AssembledPiece) -> bpy.types.Curve:
+def _wire_curve(name: str, piece: AssembledPiece) -> bpy.types.Curve:
     """Make a curve of the arms as wires, as thick as the mean arm width; four-sided, because there are thousands."""
-    return curves.make_lines(name, list(built.vertices), 0.5 * float(built.design.width.mean()), sides=4)
+    return curves.make_lines(name, list(piece.vertices), 0.5 * float(piece.design.width.mean()), sides=4)

@@ -26,7 +26,7 @@ class RemediedPiece:
 
     before, after : results without and with the remedy
     panels : panels to draw
-    blocks : results of the stages to store as notes, by stage
+    blocks : report blocks to store, by stage
     """
 
     before: Result
@@ -43,15 +43,15 @@ def write_remedied_piece(
     change: tuple[str, float, float],
     figures: dict[str, Any],
 ) -> tuple[str, bool]:
-    """Write the piece and its notes into an object with the piece's mesh.
+    """Write the piece and its report blocks into an object whose mesh has the quads of the piece.
 
     Parameters
     ----------
     obj, scene : the object and its scene
     surface : the object's present surface
-    made : the recomputed piece
-    change : the remedy, and the quantity that it changes, before and after
-    figures : block "equilibrium" of the notes before the remedy
+    piece : the recomputed piece
+    change : name of the remedy; old and new value of the quantity that it changes, in the unit of the advice
+    figures : report block "equilibrium" before the remedy
 
     Returns
     -------

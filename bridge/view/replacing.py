@@ -1,4 +1,4 @@
-"""Replace an object by another one, scale it, or drop the results of one whose quads have changed."""
+"""Replace or scale an object, or delete the results of an object whose quads have changed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def replace_object(context: bpy.types.Context, obj: bpy.types.Object, new: bpy.t
     ----------
     context : Blender's context
     obj : the old object
-    made : the new object
+    new : the new object
     """
     from ..store import mark_transfer  # imported here because it imports scipy
 
@@ -41,7 +41,7 @@ def replace_object(context: bpy.types.Context, obj: bpy.types.Object, new: bpy.t
 
 
 def resize(context: bpy.types.Context, obj: bpy.types.Object, millimetres: float) -> None:
-    """Scale an object about its origin so that its longest dimension has a length; the 3D views zoom with it.
+    """Scale an object about its origin so that its longest dimension has a given length; the 3D views zoom with it.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ class ReportInput:
     """Input of a report, read from an object in Blender: plain arrays and texts, which other threads may use.
 
     snapshot : the object's surface, settings and stored results
-    blocks : notes (stored results) of the stages that are up to date, by stage
+    blocks : report blocks of the stages that are up to date, by stage
     shape : simulated vertices (V, 3) in the object's own frame; None without an up-to-date simulation
     values : arrays (F,) of the simulation, or None, by field of ``MapValues``
     more : arrays (F,) of optional features, by key of ``MapValues.more``

@@ -19,7 +19,7 @@ def show_points(obj: bpy.types.Object, scene: bpy.types.Scene, comparison: Compa
     Parameters
     ----------
     obj, scene : the model and its scene
-    found : comparison of the scan with the simulated shape, with the aligned points
+    comparison : comparison of the scan with the simulated shape, with the aligned points
     """
     mesh = bpy.data.meshes.new(f"{obj.name} scan")
     mesh.vertices.add(len(comparison.points))

@@ -106,7 +106,7 @@ def show_result(
     ----------
     result : results of the job
     name : name of the model
-    used : settings to give to the model
+    job_settings : settings to give to the model
     progress : called with a fraction and a text
     """
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True, load_ui=True)
@@ -114,12 +114,12 @@ def show_result(
 
 
 def _fill_scene(
-    scene: bpy.types.Scene, result: Result, name: str, used: Settings | None, progress: Progress = SILENT
+    scene: bpy.types.Scene, result: Result, name: str, job_settings: Settings | None, progress: Progress = SILENT
 ) -> bpy.types.Object:
     """Put a job's results into an empty scene, and return the model."""
     scene.unit_settings.length_unit = "MILLIMETERS"
     obj = add_model(scene, result.mesh, name)
-    write_result(result, obj, scene, used, progress)
+    write_result(result, obj, scene, job_settings, progress)
     if shape_keys.equilibrium_key(obj.data) is not None:
         shape_keys.equilibrium_key(obj.data).value = 0.0  # type: ignore[union-attr]  # the file opens at the target
     return obj
@@ -139,7 +139,7 @@ def write_result(
     result : results of the job
     obj : object with the quads of the job's mesh, in the same order; its vertices are moved to the mesh's vertices
     scene : its scene
-    used : settings to give to the object
+    job_settings : settings to give to the object
     progress : called with a fraction and a text
 
     Raises
@@ -259,7 +259,7 @@ def save_result(path: str | Path, result: Result, name: str, job_settings: Setti
     path : the .blend file
     result : results of the job
     name : name of the model
-    used : settings to give to the model
+    job_settings : settings to give to the model
 
     Raises
     ------

@@ -156,9 +156,9 @@ class Studio:
         except RuntimeError as error:
             raise FlexMapsError(f"The film {path} could not be made: {error}") from error
 
-    def _render(self, **how: bool) -> None:
+    def _render(self, **options: bool) -> None:
         if self._pack is None:
-            bpy.ops.render.render(scene=self.scene.name, **how)
+            bpy.ops.render.render(scene=self.scene.name, **options)
         else:
             scene_file.write_scene(self._pack, self.scene)
 

@@ -19,7 +19,7 @@ def break_lines(text: str, width: float, max_lines: int) -> list[str]:
     ----------
     text : the sentence
     width : width of a line in pixels at an interface scale of 1
-    most : largest number of lines; the last line ends with an ellipsis if the rest is cut off
+    max_lines : largest number of lines; the last line ends with an ellipsis if the rest is cut off
     """
     broken: list[str] = []
     for word in text.split():

@@ -124,7 +124,7 @@ def test_a_further_cut_that_did_not_help_does_not_claim_that_it_did() -> None:
     layout = {"layout": {"halved": "The seam makes it rise"}}
     flat = {"equilibrium": {"findings": [finding("stays-flat")]}}
     texts = [
-        notices._from_warnings("layout", layout | more, held=held)[0].sentence
+        notices._from_warnings("layout", layout | more, is_held=held)[0].sentence
         for more, held in (({}, False), (flat, False), ({}, True))
     ]
     assert texts[0] == "The seam makes it rise" and "stays flat" in texts[1] and "supports hold it" in texts[2]
