@@ -123,18 +123,18 @@ def _add_writing_commands(commands: Any) -> None:
     share.add_argument("--out", required=True, metavar="FILE.html", help="the page")
 
 
-def _add_formats(made: argparse.ArgumentParser) -> None:
-    made.add_argument("--formats", nargs="+", choices=export.FORMATS, default=list(export.DEFAULT_FORMATS), metavar="NAME",
+def _add_formats(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--formats", nargs="+", choices=export.FORMATS, default=list(export.DEFAULT_FORMATS), metavar="NAME",
                       help=f"kinds of files: {', '.join(export.FORMATS)} (default: {' '.join(export.DEFAULT_FORMATS)})")  # fmt: skip
 
 
 # -- a flag for every setting -------------------------------------------------------------------------------
 
 
-def _add_flags(made: argparse.ArgumentParser) -> None:
+def _add_flags(parser: argparse.ArgumentParser) -> None:
     names = Counter(f.name for _, f in every_setting(Settings))
     for section, kind in sections(Settings).items():
-        group = made.add_argument_group(f"{section} settings")
+        group = parser.add_argument_group(f"{section} settings")
         for f in fields(kind):  # type: ignore[arg-type]
             # put the section before names that occur in several sections, so that every flag is unique
             name = f"{section}_{f.name}" if names[f.name] > 1 else f.name

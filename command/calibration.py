@@ -14,16 +14,16 @@ from .sources import parse_assignments
 def add_commands(commands: Any) -> None:
     """Add both commands to the parser."""
     help = "draw a small sheet to measure kerf, clearances and stiffness with"
-    made = commands.add_parser("calibrate", help=help, description=f"{help.capitalize()}.")
-    made.add_argument("--out", required=True, metavar="FOLDER", help="folder for the files")
-    made.add_argument("--formats", nargs="+", choices=tuple(WRITERS), default=list(DEFAULT_FORMATS), metavar="NAME",
+    parser = commands.add_parser("calibrate", help=help, description=f"{help.capitalize()}.")
+    parser.add_argument("--out", required=True, metavar="FOLDER", help="folder for the files")
+    parser.add_argument("--formats", nargs="+", choices=tuple(WRITERS), default=list(DEFAULT_FORMATS), metavar="NAME",
                       help=f"kinds of files: {', '.join(WRITERS)} (default: {' '.join(DEFAULT_FORMATS)})")  # fmt: skip
-    made.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", dest="settings",
+    parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", dest="settings",
                       help="what is known so far: spiral.thickness, material.material, cut.kerf_outline, ...")  # fmt: skip
-    made.add_argument("--overwrite", action="store_true",
+    parser.add_argument("--overwrite", action="store_true",
                       help="also replace files that FlexMaps did not write, or that were changed since")  # fmt: skip
-    made.add_argument("--json", action="store_true", help="print the paths as JSON")
-    made.set_defaults(is_resumable=False, run=_run_calibrate, print_result=_print_files)
+    parser.add_argument("--json", action="store_true", help="print the paths as JSON")
+    parser.set_defaults(is_resumable=False, run=_run_calibrate, print_result=_print_files)
     help = "kerf, clearance and stiffness from what was measured on a calibration sheet"
     read = commands.add_parser(
         "calibrated", help=help, description=f"{help.capitalize()}. Lengths in mm, weights in g."

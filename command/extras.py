@@ -36,41 +36,45 @@ def add_commands(commands: Any) -> None:
         calibration.add_commands(commands)
 
 
-def _add_compare_arguments(made: argparse.ArgumentParser) -> None:
+def _add_compare_arguments(parser: argparse.ArgumentParser) -> None:
     from ..engine.extras.scanning.scan_reader import UNITS
 
-    made.add_argument("scan", help="an .ply, .obj, .stl or .off file of points or of a mesh")
-    made.add_argument("--out", metavar="FOLDER", help="folder for report.html, report.json and the plots")
-    made.add_argument("--unit", choices=UNITS, help="of the scan (default: metres or millimetres, by its size)")
-    made.add_argument("--near", action="store_true", help="the scan is turned by 30 degrees at most; quicker and surer")
-    made.add_argument("--simulate", action="store_true", help="simulate first; without, a shape that the .blend holds, or the target")  # fmt: skip
+    parser.add_argument("scan", help="an .ply, .obj, .stl or .off file of points or of a mesh")
+    parser.add_argument("--out", metavar="FOLDER", help="folder for report.html, report.json and the plots")
+    parser.add_argument("--unit", choices=UNITS, help="of the scan (default: metres or millimetres, by its size)")
+    parser.add_argument(
+        "--near", action="store_true", help="the scan is turned by 30 degrees at most; quicker and surer"
+    )
+    parser.add_argument("--simulate", action="store_true", help="simulate first; without, a shape that the .blend holds, or the target")  # fmt: skip
 
 
-def _add_case_arguments(made: argparse.ArgumentParser) -> None:
+def _add_case_arguments(parser: argparse.ArgumentParser) -> None:
     from ..engine.extras.structure.cases import KINDS
 
-    made.add_argument("--out", metavar="FOLDER", help="folder for report.html, report.json and the plots")
-    made.add_argument("--case", action="append", default=[], metavar="NAME: KIND VALUE AXIS on QUADS", dest="cases",
+    parser.add_argument("--out", metavar="FOLDER", help="folder for report.html, report.json and the plots")
+    parser.add_argument("--case", action="append", default=[], metavar="NAME: KIND VALUE AXIS on QUADS", dest="cases",
                       help=f"a load, such as 'snow: snow 500'; kinds: {', '.join(KINDS)}; N, N/m, N/m2, mm")  # fmt: skip
-    made.add_argument("--combine", action="append", default=[], metavar="NAME = 1.35 A + 1.5 B", dest="combinations",
+    parser.add_argument("--combine", action="append", default=[], metavar="NAME = 1.35 A + 1.5 B", dest="combinations",
                       help="a sum of cases with factors")  # fmt: skip
 
 
-def _add_explore_arguments(made: argparse.ArgumentParser) -> None:
+def _add_explore_arguments(parser: argparse.ArgumentParser) -> None:
     from ..engine.extras.exploring.space import DEFAULT_GOALS, DEFAULT_OBJECTIVES, MEASURES
 
-    made.add_argument("--out", required=True, metavar="FOLDER",
+    parser.add_argument("--out", required=True, metavar="FOLDER",
                       help="folder for table, plot and pictures; one that was stopped goes on there")  # fmt: skip
-    made.add_argument("--vary", action="append", default=[], metavar="NAME=LOW:HIGH", required=True,
+    parser.add_argument("--vary", action="append", default=[], metavar="NAME=LOW:HIGH", required=True,
                       help="a setting, edge, height or quads, with its bounds, or with what is tried: NAME=A,B,C")  # fmt: skip
-    made.add_argument("--goal", action="append", metavar="MEASURE<=NUMBER", dest="goals",
+    parser.add_argument("--goal", action="append", metavar="MEASURE<=NUMBER", dest="goals",
                       help=f"what a candidate shall hold (default: {' '.join(DEFAULT_GOALS)}); of {', '.join(MEASURES)}")  # fmt: skip
-    made.add_argument("--minimise", nargs=2, default=DEFAULT_OBJECTIVES, metavar="MEASURE",
+    parser.add_argument("--minimise", nargs=2, default=DEFAULT_OBJECTIVES, metavar="MEASURE",
                       help=f"what is to be small (default: {' '.join(DEFAULT_OBJECTIVES)})")  # fmt: skip
-    made.add_argument("--candidates", type=int, default=64, metavar="NUMBER", help="how many are tried (default: 64)")
-    made.add_argument("--cores", type=int, metavar="NUMBER", help="processes beside this one (default: one a core)")
-    made.add_argument("--scheduler", metavar="ADDRESS", help="work on the Dask cluster there, such as tcp://name:8786")
-    made.add_argument("--seed", type=int, default=0, metavar="NUMBER", help="another number tries others")
+    parser.add_argument("--candidates", type=int, default=64, metavar="NUMBER", help="how many are tried (default: 64)")
+    parser.add_argument("--cores", type=int, metavar="NUMBER", help="processes beside this one (default: one a core)")
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS", help="work on the Dask cluster there, such as tcp://name:8786"
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="NUMBER", help="another number tries others")
 
 
 def _compare(args: argparse.Namespace, progress: Any) -> dict[str, Any]:

@@ -146,7 +146,7 @@ def interruptible(console: Console | None) -> Iterator[None]:
 class Console:
     """Progress on standard error: in a terminal a line that is rewritten, elsewhere a new line every two seconds."""
 
-    EVERY = 2.0  # seconds between two lines outside a terminal; smaller prints more
+    INTERVAL = 2.0  # seconds between two lines outside a terminal; smaller prints more
 
     def __init__(self) -> None:
         self.is_stopping = False
@@ -166,7 +166,7 @@ class Console:
         line = f"{fraction:4.0%}  {text}" + ("" if seconds is None else f", about {format_seconds(seconds)} left")
         if self._live:
             print(f"\r\033[K{line}", end="", file=sys.stderr, flush=True)
-        elif now - self._last > self.EVERY or fraction >= 1.0:
+        elif now - self._last > self.INTERVAL or fraction >= 1.0:
             print(line, file=sys.stderr, flush=True)
             self._last = now
 

@@ -11,18 +11,18 @@ from ..engine.spirals.painting import BRUSHES
 WHERE_HELP = "a vertex group, colour or attribute of the .blend, numbers of quads (1,2,3), or 'lowest'"
 
 
-def add_arguments(made: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``paint`` to its parser."""
-    made.add_argument(
+    parser.add_argument(
         "--brush", choices=tuple(BRUSHES), help="what is painted; 'stiffness' sets it to what --where says"
     )
-    made.add_argument("--where", metavar="NAME", help=f"{WHERE_HELP} (default: everywhere)")
-    made.add_argument("--strength", type=float, default=1.0, metavar="SHARE",
+    parser.add_argument("--where", metavar="NAME", help=f"{WHERE_HELP} (default: everywhere)")
+    parser.add_argument("--strength", type=float, default=1.0, metavar="SHARE",
                       help="share of the way to what the brush leads to (default: 1)")  # fmt: skip
-    made.add_argument("--inverted", action="store_true", help="the other way round")
-    made.add_argument("--along", metavar="x|y|z", help="the direction of the brush 'along'")
-    made.add_argument("--protect", metavar="NAME", help=f"spirals that 'optimise' leaves as they are: {WHERE_HELP}; 'none' for none")  # fmt: skip
-    made.add_argument("--out", metavar="FILE.blend", help="save the result in this Blender file")
+    parser.add_argument("--inverted", action="store_true", help="the other way round")
+    parser.add_argument("--along", metavar="x|y|z", help="the direction of the brush 'along'")
+    parser.add_argument("--protect", metavar="NAME", help=f"spirals that 'optimise' leaves as they are: {WHERE_HELP}; 'none' for none")  # fmt: skip
+    parser.add_argument("--out", metavar="FILE.blend", help="save the result in this Blender file")
 
 
 def paint(args: argparse.Namespace, piece: Any, progress: Any) -> Any:

@@ -15,15 +15,15 @@ from ..engine.errors import FlexMapsError
 def add_command(commands: Any) -> None:
     """Add the command ``next`` and its arguments to the parser."""
     words = "press Next on an object of a .blend file until its files are written, and save it"
-    made = commands.add_parser("next", help=words, description=words[0].upper() + words[1:] + ".")
-    made.epilog = "Exit status: 0 the files are written, nothing against it; 3 they are, with things to look at; 2 only a person can go on."
-    made.add_argument("mesh", metavar="FILE.blend", help="the file, which is saved after every object")
-    made.add_argument("--object", metavar="NAME", help="the object, instead of the active one")
-    made.add_argument("--all", action="store_true", help="every mesh that is seen, one after the other")
+    parser = commands.add_parser("next", help=words, description=words[0].upper() + words[1:] + ".")
+    parser.epilog = "Exit status: 0 the files are written, nothing against it; 3 they are, with things to look at; 2 only a person can go on."
+    parser.add_argument("mesh", metavar="FILE.blend", help="the file, which is saved after every object")
+    parser.add_argument("--object", metavar="NAME", help="the object, instead of the active one")
+    parser.add_argument("--all", action="store_true", help="every mesh that is seen, one after the other")
     words = "before files are written, press this cure where it is offered, as --json names it; 'first' is the first of what speaks against it"
-    made.add_argument("--cure", action="append", default=[], metavar="NAME", help=words)
-    made.add_argument("--json", action="store_true", help="print one JSON object a press")
-    made.set_defaults(is_resumable=False, run=_run, print_result=_print_presses)
+    parser.add_argument("--cure", action="append", default=[], metavar="NAME", help=words)
+    parser.add_argument("--json", action="store_true", help="print one JSON object a press")
+    parser.set_defaults(is_resumable=False, run=_run, print_result=_print_presses)
 
 
 def _run(args: argparse.Namespace, console: Any) -> dict[str, Any]:

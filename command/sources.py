@@ -37,29 +37,29 @@ def add_mesh_command(commands: Any, name: str, run: Any, print_result: Any, help
     print_result : function that prints the report
     help : one line of help
     """
-    made = commands.add_parser(name, help=help, description=help[0].upper() + help[1:] + ".")
-    made.set_defaults(run=partial(run_guarded, run), print_result=print_result, is_resumable=name in RESUMABLE)
-    made.add_argument(
+    parser = commands.add_parser(name, help=help, description=help[0].upper() + help[1:] + ".")
+    parser.set_defaults(run=partial(run_guarded, run), print_result=print_result, is_resumable=name in RESUMABLE)
+    parser.add_argument(
         "mesh", help=f"an .obj, .ply, .stl, .off or .blend file, or {SHAPE_PREFIX}NAME ({', '.join(shapes.NAMES)})"
     )
-    size = made.add_mutually_exclusive_group()
+    size = parser.add_mutually_exclusive_group()
     size.add_argument("--edge", type=parse_number, metavar="MM", help="scale the mesh to this median quad edge")
     size.add_argument("--height", type=parse_number, metavar="MM", help="scale the mesh to this extent along z")
-    made.add_argument(
+    parser.add_argument(
         "--up", choices="xyz", help="axis of the file that points up (default: y for .obj, else z, as in Blender)"
     )
-    made.add_argument("--remesh", type=parse_number, metavar="QUADS",
+    parser.add_argument("--remesh", type=parse_number, metavar="QUADS",
                       help="first make about so many quads of any mesh, as the sidebar's Quad remesh does")  # fmt: skip
-    made.add_argument("--supports", metavar="QUADS",
+    parser.add_argument("--supports", metavar="QUADS",
                       help="what holds it: 'lowest', numbers of quads from 0 on (1,2,3), or a vertex group of the .blend")  # fmt: skip
-    made.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", dest="settings",
+    parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", dest="settings",
                       help="another value for a setting, in mm or degrees; 'flexmaps settings' lists them")  # fmt: skip
-    made.add_argument("--remnant", action="append", default=[], metavar="FILE", dest="remnants_given",
+    parser.add_argument("--remnant", action="append", default=[], metavar="FILE", dest="remnants_given",
                       help="a DXF or SVG drawing of an odd piece of sheet to fill first; may be given several times")  # fmt: skip
-    made.add_argument("--overwrite", action="store_true",
+    parser.add_argument("--overwrite", action="store_true",
                       help="also replace files that FlexMaps did not write, or that were changed since")  # fmt: skip
-    made.add_argument("--json", action="store_true", help="print the report as JSON instead of a summary")
-    return made
+    parser.add_argument("--json", action="store_true", help="print the report as JSON instead of a summary")
+    return parser
 
 
 def parse_assignments(texts: Sequence[str]) -> dict[str, str]:

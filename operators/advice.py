@@ -43,10 +43,10 @@ class RemedyStage(ContinuedStage["RemediedPiece"]):
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
         return stored_report.missing_result(obj.data, "design") or advice.refusal(obj.data, cls.remedy)
 
-    def apply_remedy(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
+    def apply_remedy(self, result: Result, snapshot: Snapshot, was_optimised: bool, progress: Progress) -> Result:
         """Return the result with the remedy applied and spirals made; runs outside Blender's main thread.
 
-        ``searched``: whether the spirals were optimised before.
+        ``was_optimised``: whether the spirals were optimised before.
         """
         raise NotImplementedError
 
@@ -65,15 +65,15 @@ class RemedyStage(ContinuedStage["RemediedPiece"]):
         amount = advice.read_advice(obj.data)[self.remedy]
         assert amount is not None
         self._amount, self._figures = amount, blocks["equilibrium"]
-        searched, wanted = "optimise" in blocks, self.settings(snapshot)
+        was_optimised, wanted = "optimise" in blocks, self.settings(snapshot)
         search = optimisation_shape.make_optimiser(wanted)
 
         def go_on(result: Result, progress: Progress) -> remedied_piece.RemediedPiece:
             from ..engine.runs import report
             from ..engine.runs.outputs import DesignVersion
 
-            made = self.apply_remedy(result, snapshot, searched, progress.part(0.0, 0.3))
-            if searched:
+            made = self.apply_remedy(result, snapshot, was_optimised, progress.part(0.0, 0.3))
+            if was_optimised:
                 made = search(made, progress.part(0.3, 0.9))
                 made = live_shape.simulate_and_show(
                     made, replace(wanted, simulate=replace(wanted.simulate, restarts=0)), progress.part(0.9, 0.92)
@@ -126,7 +126,7 @@ class MakeLarger(RemedyStage, bpy.types.Operator):
             "The object's scale is locked; unlock it first" if any(obj.lock_scale) else None
         )
 
-    def apply_remedy(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
+    def apply_remedy(self, result: Result, snapshot: Snapshot, was_optimised: bool, progress: Progress) -> Result:
         from ..bridge.store import mesh
         from ..engine.runs import job
         from ..engine.runs.outputs import DesignVersion
@@ -134,7 +134,7 @@ class MakeLarger(RemedyStage, bpy.types.Operator):
         about = snapshot.surface.to_metres[:3, 3]
         made = job.scale_piece(result, self._amount, about, snapshot.settings, progress.part(0.0, 0.8))
         if (
-            searched
+            was_optimised
             or snapshot.spirals_block is None
             or not mesh.is_as_reported(result.need(DesignVersion).design, snapshot.spirals_block)
         ):
@@ -160,7 +160,7 @@ class MakeLarger(RemedyStage, bpy.types.Operator):
             )
         framing.scale_views(context, obj, self._amount)
         # scaling changes the checksum of "down" as well, although the object was not turned
-        self._made_from |= {"down": states.read_settings_checksums(obj, context.scene)["down"]}
+        self._settings_checksums |= {"down": states.read_settings_checksums(obj, context.scene)["down"]}
         stored_report.write_checks(obj.data, result.after.findings)
         return self.write_piece(context, obj, now, result, 1.0, self._amount)
 
@@ -178,7 +178,7 @@ class MakeThinner(RemedyStage, bpy.types.Operator):
         spiral = replace(snapshot.settings.spiral, thickness=self._amount / MILLIMETRES)
         return replace(snapshot.settings, spiral=spiral)
 
-    def apply_remedy(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
+    def apply_remedy(self, result: Result, snapshot: Snapshot, was_optimised: bool, progress: Progress) -> Result:
         from ..engine.runs.outputs import DesignVersion
 
         result.need(DesignVersion)
@@ -194,8 +194,8 @@ class MakeThinner(RemedyStage, bpy.types.Operator):
         obj.flexmaps.spiral.thickness = self._amount
         now, others = states.read_settings_checksums(obj, context.scene), stages.STAGES["spirals"].settings
         # accept the new thickness as an input, unless the user changed another setting of the spirals meanwhile
-        if all(now[part] == self._made_from[part] for part in others):
-            self._made_from |= {"spiral": now["spiral"]}
+        if all(now[part] == self._settings_checksums[part] for part in others):
+            self._settings_checksums |= {"spiral": now["spiral"]}
         return self.write_piece(context, obj, surface, result, self._was, self._amount)
 
 
@@ -217,7 +217,7 @@ class MakeFiner(RemedyStage, bpy.types.Operator):
             return "Supports and forces belong to the old quads: use Quad remesh, and choose them anew"
         return problem
 
-    def apply_remedy(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
+    def apply_remedy(self, result: Result, snapshot: Snapshot, was_optimised: bool, progress: Progress) -> Result:
         from ..bridge.hosts import remesh
         from ..engine.runs import job
         from ..engine.surface.checking import check
@@ -251,7 +251,7 @@ class MakeFiner(RemedyStage, bpy.types.Operator):
             bpy.data.meshes.remove(made.data)  # removes the object too
             raise
         replacing.replace_object(context, obj, made)
-        states.stamp(made, context.scene, self._made_from)
+        states.stamp(made, context.scene, self._settings_checksums)
         overlay.update_after_stage(made, self.overlay_kind)
         self._made = made.session_uid
         return text

@@ -76,7 +76,7 @@ class FolderWriter(FileWriter):
         return {"CANCELLED"}
 
     def _store_failure(self, context: bpy.types.Context, obj: bpy.types.Object, error: FlexMapsError) -> None:
-        """Store the failure, and whether another folder could help, which *Next* then asks for."""
+        """Store the failure, and whether another folder could help; *Next* then asks for a folder."""
         from ..bridge.store import failures
         from ..engine.files import FolderError
 

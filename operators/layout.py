@@ -44,7 +44,7 @@ class LayoutStage(ContinuedStage):
         mesh.shelve_design(obj)
         flat_panels.show_flat(obj, context.scene, flat, centres)
         stored_report.write(obj.data, "layout", block)
-        states.stamp_side_result(obj, context.scene, "forecast", self._made_from)
+        states.stamp_side_result(obj, context.scene, "forecast", self._settings_checksums)
         return describe_layout(block)
 
     def after_write(self, context: bpy.types.Context, obj: bpy.types.Object, result: object) -> Iterator[None]:
@@ -59,13 +59,13 @@ class LayoutStage(ContinuedStage):
 
 
 def describe_layout(block: dict[str, Any]) -> str:
-    """Return the number of panels and their largest distortion as a line for the user; ``block``: report block "layout"."""
+    """Return a line for the user from the report block "layout": number of panels and largest distortion."""
     if block["energy_max"] < 0.0005:  # three digits after the point would be zeros
         return translate("{} without distortion", panels(block["patches"]))
     return translate("{}, largest distortion {:.3f}", panels(block["patches"]), block["energy_max"])
 
 
-def with_report(result: Result, **more: object) -> FlatReported:
+def with_report(result: Result, **entries: object) -> FlatReported:
     """Return the flat patches and their report block; too slow for the main thread with thousands of quads.
 
     Parameters
@@ -77,7 +77,7 @@ def with_report(result: Result, **more: object) -> FlatReported:
     from ..engine.runs.outputs import FinalLayout
 
     flat = result.need(FinalLayout).flat
-    return flat, layout_report(flat) | more
+    return flat, layout_report(flat) | entries
 
 
 class Trace(LayoutStage, bpy.types.Operator):

@@ -20,7 +20,9 @@ CUTTING_OPERATORS = {"flexmaps.merge", "flexmaps.flatten"}  # operators before w
 ASKING_OPERATORS = {
     "flexmaps.choose_folder"
 }  # cures that open a dialog; they are offered again after the user cancels it
-DEBOUNCE_SECONDS = 0.4  # seconds after a change of the label in which presses are ignored, so that a double click does not run two actions; larger feels slow
+# seconds after a change of the label in which presses are ignored, so that a double click does not run two actions;
+# larger feels slow
+DEBOUNCE_SECONDS = 0.4
 
 
 class Next(AnyMeshOperator, bpy.types.Operator):

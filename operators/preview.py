@@ -61,7 +61,7 @@ class Preview(ContinuedStage["BuiltPreview"], bpy.types.Operator):
         built, params, simulated = result
         animation.clear(obj)  # preview and animation are shown in the same place
         preview.show_piece(obj, context.scene, built, params, simulated)
-        states.stamp_side_result(obj, context.scene, "preview", self._made_from)
+        states.stamp_side_result(obj, context.scene, "preview", self._settings_checksums)
         figures = preview.read_figures(obj)
         amounts = figures["spirals"], figures["triangles"], figures["seconds"]
         text = translate("{} spirals, {} triangles in {:.1f} s", *amounts)

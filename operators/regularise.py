@@ -56,11 +56,11 @@ class Regularise(ContinuedStage["MovedQuads"], bpy.types.Operator):
         before, after, findings = result
         if after is before:
             stored_report.write_checks(obj.data, findings)
-            states.stamp_side_result(obj, context.scene, "regularise", self._made_from)
+            states.stamp_side_result(obj, context.scene, "regularise", self._settings_checksums)
             return translate("Nothing was moved: the quads cannot become squarer without taking room from a spiral")
         mesh.write_vertices(obj, surface, after)
         replacing.drop_results(obj, findings)
-        states.stamp_side_result(obj, context.scene, "regularise", self._made_from)
+        states.stamp_side_result(obj, context.scene, "regularise", self._settings_checksums)
         moved = np.linalg.norm(after.vertices - before.vertices, axis=1).max()
         return translate("Vertices moved by up to {:.0%} of an edge", moved / before.median_edge)
 

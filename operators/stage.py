@@ -144,7 +144,7 @@ class StageOperator(PolledOperator, HandsOver[Made]):
     bl_label = ""
     report: Any
     overlay_kind = ""  # kind of overlay to switch on after the stage if none is on
-    on_stop = "nothing is changed then"  # what happens when the user cancels, for the progress display
+    on_stop = "nothing is changed then"  # text of the progress display: the effect of a cancel
     level = "INFO"  # report level of the line that ``finish`` returns; ``finish`` may set "WARNING"
 
     _job: background.Job | None = None
@@ -152,7 +152,7 @@ class StageOperator(PolledOperator, HandsOver[Made]):
     _pacer: Any = None  # a ``progress.RedrawPacer``, which limits redraws
     _has_called_back = False  # whether ``while_running`` was called
     _write_steps: Any = None  # iterator over the remaining steps of writing the result
-    _made_from: Any = None  # checksums of the settings when the work began
+    _settings_checksums: Any = None  # checksums of the settings when the work began
     _scene = 0  # Blender's id of the scene in which the work began
     _surface: Any = None  # an ``ObjectSurface``; Any, as Blender evaluates annotations before the import
 
@@ -176,7 +176,7 @@ class StageOperator(PolledOperator, HandsOver[Made]):
         """Prepare on the main thread something that the running work waits for; called once."""
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Made) -> str:
-        """Write the result on the main thread and return a line for the user; all that can fail must come first."""
+        """Write the result on the main thread and return a line for the user; steps that can fail must come first."""
         raise NotImplementedError
 
     def after_write(self, context: bpy.types.Context, obj: bpy.types.Object, result: Made) -> Iterator[None]:
@@ -274,7 +274,7 @@ class StageOperator(PolledOperator, HandsOver[Made]):
             raise FlexMapsError("Select a mesh object")
         self._scene = context.scene.session_uid
         self._surface = mesh.read_surface(obj, context.scene)
-        self._made_from = states.read_settings_checksums(obj, context.scene)
+        self._settings_checksums = states.read_settings_checksums(obj, context.scene)
         return self.prepare(self._surface, settings.read(obj.flexmaps, ObjectSettings))
 
     def _write(self, context: bpy.types.Context, result: Made) -> Iterator[None]:
@@ -291,7 +291,7 @@ class StageOperator(PolledOperator, HandsOver[Made]):
         try:
             message = self.finish(context, obj, self._surface, result)
         finally:  # also after an error, because the mesh check writes its findings before it raises
-            states.stamp(obj, context.scene, self._made_from)
+            states.stamp(obj, context.scene, self._settings_checksums)
         failures.clear(obj, idname_of(self))
         overlay.update_after_stage(obj, self.overlay_kind)
         redraw(context)

@@ -56,7 +56,7 @@ class ToMesh(ImmediateOperator, AddObjectOperator, bpy.types.Operator):
 
 @contextmanager
 def _selected_alone(source: bpy.types.Object, context: bpy.types.Context) -> Iterator[None]:
-    """Context manager: select and show one object alone, as Blender converts what is selected; then select the rest again."""
+    """Context manager: show and select one object alone, as Blender converts the selection; select the others again."""
     others = [obj for obj in context.selected_objects if obj != source]
     hidden, locked, selected = source.hide_get(), source.hide_select, source.select_get()
     try:

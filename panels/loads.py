@@ -39,7 +39,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
 
 
 def _outcome_rows(row: dict[str, Any]) -> list[tuple[str, str, bool]]:
-    """Return the rows of a load case's results, as ``figures`` takes them.
+    """Return the rows of a load case's results, as ``results_box`` takes them.
 
     They are the load factor at which the piece gives way, the largest deflection, and utilisation of arms and joints.
     """

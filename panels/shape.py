@@ -135,7 +135,7 @@ RANGES = ("width_mm", "Arm width", (".2f", " mm")), ("twist_deg", "Twist", (".0f
 
 
 def _span(block: dict[str, Any], key: str, number_format: tuple[str, str]) -> str:
-    """Format a block's entry [smallest, mean, largest] as a range; ``number_format``: format of the numbers, and unit."""
+    """Format a block's entry [smallest, mean, largest] as a range; ``number_format``: format specification and unit."""
     digits, unit = number_format
     return format_range(f"{block[key][0]:{digits}}", f"{block[key][-1]:{digits}}", unit)
 

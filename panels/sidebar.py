@@ -13,8 +13,8 @@ from . import check, head, layout, make, piece, presets, shape, show, workshop
 from .rows import button, tr
 from .stages import ICONS, read_stages
 
-# of each section: key, heading, popover of rarely used settings ("" for none), module that draws it, and the stages
-# whose states its icon summarises
+# key of a section, heading, popover of rarely used settings ("" for none), module that draws the section, and stages
+# whose states the section's icon summarises
 SECTIONS = (
     ("piece", "Piece", "", piece, ()),
     ("layout", "Layout", "limits", layout, ("layout",)),

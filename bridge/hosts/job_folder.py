@@ -236,7 +236,7 @@ def refuse_to_replace(out: Path, guard: Guard, formats: tuple[str, ...], picture
 
 
 def _list_replaced(out: Path, formats: tuple[str, ...], pictures: bool) -> list[Path]:
-    """Return the existing files that ``write`` would replace or remove, and the paths of the files that it always writes."""
+    """Return the existing files that ``write`` would replace or remove, and the files that it always writes."""
     names = [out / name for name in (MODEL, REPORT, *(PICTURES if pictures else ()))]
     return [*export.existing_files(out / SHEET, formats), *names, *report_page.stale_files(out)]
 

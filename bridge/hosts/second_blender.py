@@ -138,7 +138,7 @@ class SecondBlender:
 
 
 def start_blender(
-    folder: Path, script: Path, words: Sequence[str] = (), out: IO[bytes] | int = subprocess.DEVNULL
+    folder: Path, script: Path, arguments: Sequence[str] = (), output: IO[bytes] | int = subprocess.DEVNULL
 ) -> subprocess.Popen[str]:
     """Start a Blender that runs a script and reads requests from standard input.
 
@@ -149,8 +149,8 @@ def start_blender(
     ----------
     folder : folder for its user files
     script : the script
-    words : command-line arguments of the script
-    out : file for its output, or a constant of ``subprocess``
+    arguments : command-line arguments of the script
+    output : file for its output, or a constant of ``subprocess``
 
     Raises
     ------
@@ -164,10 +164,10 @@ def start_blender(
     hidden = getattr(subprocess, "CREATE_NO_WINDOW", 0)  # no console window on Windows
     try:
         return subprocess.Popen(
-            [program or sys.executable, *options, *words],
+            [program or sys.executable, *options, *arguments],
             stdin=subprocess.PIPE,
-            stdout=out,
-            stderr=subprocess.STDOUT if out != subprocess.DEVNULL else out,
+            stdout=output,
+            stderr=subprocess.STDOUT if output != subprocess.DEVNULL else output,
             text=True,
             env=os.environ | own,
             creationflags=hidden,

@@ -59,7 +59,7 @@ class Checksums:
         return positions.tobytes() + corners.tobytes() + rest.encode() + vertex_positions.user_keys_as_bytes(self._obj)
 
     def _bmesh(self) -> bmesh.types.BMesh | None:
-        """Return the BMesh of edit mode; None outside it, above ``MAX_EDGES`` edges, or while another shape key is edited.
+        """Return the BMesh of edit mode; None in other modes, above ``MAX_EDGES`` edges, or for a key besides the basis.
 
         Stages read only the basis, which editing another shape key does not change.
         """

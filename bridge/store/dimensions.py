@@ -1,7 +1,7 @@
 """Size and quad edge of an object's surface, as a stage would read it; fast enough for every redraw.
 
-Only vertices and edges of faces count, moved by the user's shape keys but not by FlexMaps' own, and scaled as the object
-is in the world.
+Only vertices and edges of faces count, moved by the user's shape keys but not by FlexMaps' own, and with the object's
+scale in the world.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from ...engine.arrays import Bool, Float
 from . import modifiers, shape_keys, vertex_positions
 from .columns import column
 
-# Blender's id of a mesh -> its numbers of vertices, edges and corners, and whether it has loose vertices and loose edges
+# Blender's id of a mesh -> its numbers of vertices, edges and corners, and whether it has loose vertices, loose edges
 _LOOSE_CACHE: dict[int, tuple[tuple[int, ...], bool, bool]] = {}
 # Blender's id of a mesh -> checksum of all that its median edge depends on, and the median edge in Blender units
 _EDGE_CACHE: dict[int, tuple[object, float]] = {}
 
 
 def extents(obj: bpy.types.Object) -> tuple[float, ...]:
-    """Return the surface's size in Blender units along the object's own axes; if modifiers change the surface, the evaluated size."""
+    """Return the surface's size in Blender units along the object's own axes, after modifiers that change the surface."""
     mesh = obj.data
     whole = tuple(obj.dimensions)
     if obj.type != "MESH" or not len(mesh.polygons):
@@ -111,7 +111,7 @@ def _area(obj: bpy.types.Object) -> float:
 
 
 def _world_axes(obj: bpy.types.Object) -> Float[np.ndarray, "3 3"]:
-    """Return the object's rotation and scale, its parents' included."""
+    """Return the matrix of the object's rotation and scale, including those of its parents."""
     return np.array(obj.matrix_world)[:3, :3]
 
 

@@ -165,7 +165,7 @@ def is_overstrained(block: dict[str, Any]) -> bool:
 
 
 def list_warnings(block: dict[str, Any]) -> list[str]:
-    """Return the warnings of a simulation, without the warning that no equilibrium was found, which the block's ``status`` already states."""
+    """Return the warnings of a simulation, except that no equilibrium was found, which the block's ``status`` states."""
     return [
         describe_finding(finding, block) for finding in block.get("findings", ()) if finding["code"] != "no-equilibrium"
     ]

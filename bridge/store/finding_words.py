@@ -4,7 +4,7 @@ from __future__ import annotations
 
 SEVERITIES = STOPS, BREAKS, WORSE, INFORMATION = "stops", "breaks", "worse", "information"
 
-# code of a finding -> label with a place for the count, and severity. Errors of the mesh check always have severity STOPS
+# code of a finding -> label with a place for the count, and severity; errors of the mesh check always get STOPS
 LABELS = {
     "no-faces": ("No faces", STOPS),
     "bad-index": ("Damaged mesh", STOPS),

@@ -64,7 +64,7 @@ def _interpolate_weight(
     tree: BVHTree,
     points: Float[np.ndarray, "vertices 3"],
 ) -> float:
-    """Interpolate the weights of the nearest face's corners at the surface point nearest to ``point``, by inverse distance."""
+    """Interpolate weights at the surface point nearest to ``point``, from its face's corners by inverse distance."""
     foot, _, face, _ = tree.find_nearest(point)
     if face is None:
         return 0.0

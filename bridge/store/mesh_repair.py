@@ -167,7 +167,7 @@ def _total_area(faces: set[bmesh.types.BMFace]) -> float:
 def _take_connected(
     first: bmesh.types.BMFace, unvisited: set[bmesh.types.BMFace], max_angle: float
 ) -> set[bmesh.types.BMFace]:
-    """Remove from ``unvisited`` and return ``first`` and the faces connected to it across angles up to ``max_angle``, radians."""
+    """Return the faces connected to ``first`` across angles up to ``max_angle`` (radians); drop them from ``unvisited``."""
     found, ahead = {first}, [first]
     unvisited.discard(first)
     while ahead:

@@ -97,7 +97,7 @@ def read_note(mesh: bpy.types.Mesh) -> str:
 
 @contextmanager
 def surface_only(obj: bpy.types.Object) -> Iterator[tuple[str, ...]]:
-    """Context manager: hide the modifiers of ``list_ignored``, so that Blender ignores them; yield a sentence for each."""
+    """Context manager: hide the modifiers of ``list_ignored`` from Blender; yield a sentence about each."""
     found = list_ignored(obj)
     try:
         for one in found:

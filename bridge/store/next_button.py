@@ -25,8 +25,8 @@ CHOOSE, ROUND = "flexmaps.choose", "flexmaps.mend"  # operators of two cures: pr
 LAYOUT_CURES = ("flexmaps.cut_there", CHOOSE)
 # range of the ratio of quad edge to wanted edge in which *Next* does not scale the piece; wider scales less often
 EDGE_RATIOS = 0.5, 2.0
-# Largest number of times *Next* proposes the same enlargement: one may not suffice, as its factor is limited, and a driver that
-# resets the scale must not make *Next* repeat for ever
+# largest number of times *Next* proposes an enlargement: one may not suffice, as its factor is limited, but a driver
+# that resets the scale must not make *Next* repeat for ever
 MAX_ENLARGEMENTS = 3
 MAX_LETTERS = 28  # most characters of a label, in every language; more do not fit the button
 
@@ -202,7 +202,7 @@ def _better_size(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
 
 
 def _scale_action(obj: bpy.types.Object, scene: bpy.types.Scene) -> NextAction | None:
-    """Return the action that scales an object to the wanted quad edge; None if this is nearly the case or the scale is locked."""
+    """Return the action that scales an object to the wanted quad edge; None if its edge is close, or its scale locked."""
     edge, wanted = dimensions.quad_edge(obj, scene), obj.flexmaps.remesh.edge * 1e-3
     if not EDGE_RATIOS[0] * wanted <= edge <= EDGE_RATIOS[1] * wanted and edge > 0 and not any(obj.lock_scale):
         size = format_length(max(dimensions.extents(obj)) * scene.unit_settings.scale_length * wanted / edge)
@@ -259,15 +259,15 @@ def _repair_action(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> NextA
     return next((_cure_action(notice, cure, "shape") for notice, cure in ways), None)
 
 
-def _other_layouts(ways: Sequence[Cure]) -> list[Cure]:
+def _other_layouts(offered: Sequence[Cure]) -> list[Cure]:
     """Return the cures that change only the layout.
 
     *Propose layouts* is left out where rounding the folds ranks before it: rounding is then predicted to reach the
-    wanted match, which no layout of a folded piece did.
+    wanted match, and no layout of a piece with sharp folds reached it.
     """
-    names = [cure.idname for cure in ways]
+    names = [cure.idname for cure in offered]
     before = names[: names.index(CHOOSE)] if CHOOSE in names else []
-    return [cure for cure in ways if cure.idname in LAYOUT_CURES and not (cure.idname == CHOOSE and ROUND in before)]
+    return [cure for cure in offered if cure.idname in LAYOUT_CURES and not (cure.idname == CHOOSE and ROUND in before)]
 
 
 def _unpressed_cures(mesh: bpy.types.Mesh, notice: Notice) -> list[Cure]:

@@ -109,7 +109,7 @@ def _from_failures(obj: bpy.types.Object, failed: dict[str, dict[str, Any]]) -> 
 
 
 def _cures_of_failure(obj: bpy.types.Object, idname: str, suggested_quads: int | None = None) -> list[Cure]:
-    """Return buttons that help after a stage failed; ``suggested_quads``: number of quads that the stage's error suggests."""
+    """Return buttons that help after a stage failed; its error may suggest a number of quads."""
     quads, key = len(obj.data.polygons), f"failed/{idname}"
     if idname in {"flexmaps.spirals", "flexmaps.fit"}:
         return [

@@ -14,7 +14,7 @@ from ...engine.arrays import Float
 from .columns import column
 
 SOURCE = "flexmaps_source"  # custom property of the object of quads: the source object
-QUADS_CHECKSUM = "flexmaps_made"  # custom property of its mesh: checksum of the quads right after the remesh
+QUADS_CHECKSUM = "flexmaps_made"  # custom property of the mesh of quads: checksum of the quads right after the remesh
 
 
 def write_source(quads: bpy.types.Object, source: bpy.types.Object) -> None:

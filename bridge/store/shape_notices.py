@@ -118,7 +118,7 @@ def advised_remedies(blocks: dict[str, Any]) -> remedies.Amounts:
 
 
 def has_optimised_in_vain(blocks: dict[str, Any]) -> bool:
-    """Return whether the last *Optimise* converged but came no nearer to the target, so that repeating it would not help.
+    """Return whether the last *Optimise* ended by itself but came no nearer to the target: repeating it is useless.
 
     A block that is out of date, as after a brush, is not in ``blocks``.
     """
@@ -147,7 +147,7 @@ def _near_rest(key: str, row: dict[str, Any], block: dict[str, Any]) -> Notice:
 
 
 def _is_far(obj: bpy.types.Object, blocks: dict[str, Any]) -> bool:
-    """Return whether the RMS distance from the target exceeds the wanted RMS distance; with several bodies, a visible one."""
+    """Return whether the RMS distance from the target exceeds the wanted (of several bodies: a visible) distance."""
     several = any(row["code"] == "several-bodies" for row in blocks.get("checks", [{"code": "several-bodies"}]))
     visible = 100.0 * VISIBLE_RMS_SHARE
     limit = visible if several else min(visible, remedies.wanted_percent(obj.flexmaps.choose))

@@ -2,8 +2,8 @@
 
 A stage is done while all inputs of its result are unchanged. ``stamp`` stores a checksum of every input (the shape, the
 seams, a section of the settings) on the mesh, beside the stages' results; ``read_states`` compares it with the present
-input. When an earlier stage runs again, the results of later stages are removed but their checksums stay: this tells a
-stage that has to run again from one that never ran.
+input. When an earlier stage runs again, the results of later stages are removed but their checksums stay, so that a
+stage that has to run again differs from a stage that never ran.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def stamp(obj: bpy.types.Object, scene: bpy.types.Scene, settings_checksums: dic
     Parameters
     ----------
     obj, scene : the mesh object and its scene
-    settings_checksums : checksums from ``read_settings_checksums``, taken when the work began; None takes the present settings
+    settings_checksums : from ``read_settings_checksums`` when the work began; None takes the present settings
     """
     mesh = obj.data
     fresh = stored_report.pop_unstamped(mesh)
@@ -198,7 +198,7 @@ def is_stale(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str) -> bool:
     Parameters
     ----------
     obj, scene : the mesh object and its scene
-    stage : name of the stage's report block; the result is False if it belongs to an extra that is not installed
+    stage : name of the stage's report block; False for a stage of an extra that is not installed
     """
     return (
         stage in INPUTS and stage in stored_report.read(obj.data) and _inputs_changed(obj, scene, stage, INPUTS[stage])

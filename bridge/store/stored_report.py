@@ -119,7 +119,7 @@ def write_input_checksums(mesh: bpy.types.Mesh, checksums: dict[str, dict[str, s
 
 
 def read_version(mesh: bpy.types.Mesh) -> str:
-    """Return the version that wrote the report: the newest if it is newer than this program, else the oldest."""
+    """Return a version that wrote report blocks: the newest if it is newer than this program, else the oldest."""
     if lacks_checksums(mesh):
         return versions.FIRST_VERSION
     made = read_input_checksums(mesh)

@@ -18,7 +18,9 @@ from .columns import read_weights
 if TYPE_CHECKING:
     from .surface import ObjectSurface
 
-MIN_CORNERS = 2  # number of a quad's corners in a vertex group from which the quad belongs to the group; 2, so that an edge on the ground counts as a support
+MIN_CORNERS = (
+    2  # a quad belongs to a vertex group if it has so many corners in the group; 2 suffice for an edge on the ground
+)
 GROUP = "FlexMaps supports"
 
 
@@ -178,7 +180,7 @@ def read_forces(
 
 
 def read_group_force(obj: bpy.types.Object, surface: ObjectSurface, params: LoadParams) -> Float[np.ndarray, "quads 3"]:
-    """Return the vertex group's force, shared evenly over its quads, (F, 3) in newtons; raise the error of ``read_forces``."""
+    """Return the vertex group's force, shared evenly over its quads, (F, 3) in newtons; raise like ``read_forces``."""
     total, shared = np.array(params.force), np.zeros((len(surface.polygons.sizes), 3))
     if not total.any():
         return shared
@@ -189,21 +191,23 @@ def read_group_force(obj: bpy.types.Object, surface: ObjectSurface, params: Load
     return shared
 
 
-def _read_group(obj: bpy.types.Object, surface: ObjectSurface, name: str, place: str) -> Int[np.ndarray, " quads"]:
-    """Return the quads of a vertex group; ``place`` is the label of the setting that names the group, for errors."""
+def _read_group(
+    obj: bpy.types.Object, surface: ObjectSurface, name: str, setting_label: str
+) -> Int[np.ndarray, " quads"]:
+    """Return the quads of a vertex group; errors name the setting by its label."""
     group = obj.vertex_groups.get(name)
     if group is None:
-        raise FlexMapsError(f"'{obj.name}' has no vertex group '{name}'; choose another one under {place}")
+        raise FlexMapsError(f"'{obj.name}' has no vertex group '{name}'; choose another one under {setting_label}")
     with attributes.readable_mesh(obj) as data:
         inside = read_weights(data, group.index) > 0.0
     if not inside.any():
         raise FlexMapsError(
-            f"The vertex group '{name}' under {place} is empty; select vertices in edit mode and press Assign"
+            f"The vertex group '{name}' under {setting_label} is empty; select vertices in edit mode and press Assign"
         )
     belonging = _quads_of_vertices(surface, inside)
     if not len(belonging):
         raise FlexMapsError(
-            f"No quad has {MIN_CORNERS} corners in the vertex group '{name}' under {place}; add their vertices to it"
+            f"No quad has {MIN_CORNERS} corners in the vertex group '{name}' under {setting_label}; add their vertices to it"
         )
     return belonging
 

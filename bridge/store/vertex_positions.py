@@ -18,7 +18,7 @@ from . import shape_keys
 from .columns import column, read_weights
 
 # distance from the world's origin, metres, beyond which coordinates are relative to the object's own origin; there
-# float32 has steps of 8 mm. Larger loses digits in the search for an equilibrium; smaller drops the object's position sooner
+# float32 has steps of 8 mm. Larger loses digits in the search for an equilibrium; smaller drops the position sooner
 FAR = 1e5
 
 

@@ -146,7 +146,7 @@ def _make_panel(
 
 
 def _animate_shape(panel: bpy.types.Object, track: PanelTrack, frame: Callable[[float], float]) -> None:
-    """Add the panel's shapes as absolute shape keys, and animate their evaluation time; ``frame`` converts times."""
+    """Add the panel's shapes as absolute shape keys, and animate their evaluation time; ``frame``: seconds -> frame."""
     for k, points in enumerate(track.shapes):
         key = panel.shape_key_add(name="Flat" if k == 0 else f"Shape {k}", from_mix=False)
         key.data.foreach_set("co", np.ascontiguousarray(points, dtype=np.float32).ravel())

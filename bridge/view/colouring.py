@@ -144,7 +144,7 @@ def colours_and_legend(
 
 
 def _error_colours(
-    values: np.ndarray, high: float, text: str, most: str, least: str = "0"
+    values: np.ndarray, high: float, title: str, high_label: str, low_label: str = "0"
 ) -> tuple[Float[np.ndarray, "quads 3"], Legend]:
     """Map values to the error colour scale, and return colours and legend.
 
@@ -152,10 +152,12 @@ def _error_colours(
     ----------
     values : one value per quad
     high : value at the upper end of the scale; the lower end is 0
-    text : title of the legend
-    most, least : labels at the upper and lower end
+    title : title of the legend
+    high_label, low_label : labels at the upper and lower end
     """
-    return colours.map_to_scale(values, 0.0, high, colours.ERROR_SCALE), Legend(text, least, most, colours.ERROR_SCALE)
+    return colours.map_to_scale(values, 0.0, high, colours.ERROR_SCALE), Legend(
+        title, low_label, high_label, colours.ERROR_SCALE
+    )
 
 
 def stiffness_share(values: Shaped[np.ndarray, " quads"], low: float, high: float) -> Float[np.ndarray, " quads"]:

@@ -12,8 +12,8 @@ import bpy
 if TYPE_CHECKING:
     from mathutils import Vector
 
-# Growth or shrinking of a piece that views follow: at about this factor a framed piece leaves the view. Smaller moves views at
-# every undo of a slight scaling
+# smallest factor of growth or shrinking that views follow: about where a framed piece leaves the view; smaller moves
+# views at every undo of a slight scaling
 SLACK = 1.25
 
 # address of a 3D view's area -> the view as FlexMaps set it, and the names of the objects that it shows
@@ -44,7 +44,7 @@ def note(area: bpy.types.Area, names: set[str]) -> None:
 
 
 def scale_view(view: bpy.types.RegionView3D, origin: Vector, factor: float) -> None:
-    """Move a view so that something scaled about ``origin`` by ``factor`` looks as large as before."""
+    """Move a view so that an object scaled about ``origin`` by ``factor`` looks as large as before."""
     view.view_location = origin + (view.view_location - origin) * factor
     view.view_distance *= factor
 
@@ -77,7 +77,7 @@ def _before_undo(*_: object) -> None:
 
 @bpy.app.handlers.persistent
 def _after_undo(*_: object) -> None:
-    """Scale the views by the growth of the active object, or of the object that it replaces, such as a remesh's source."""
+    """Scale the views with the active object, or with the object that it replaces, such as a remesh's source."""
     layer = bpy.context.view_layer
     obj = layer.objects.active
     if not _sizes or obj is None or obj.type != "MESH":

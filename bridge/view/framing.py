@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 
 FRAMED_KEY = "flexmaps_framed"  # custom property of a model: the views were already framed on its panels
-# Smallest diameter of a scaled piece, in distances of the eye (a piece of 1.4 fills a view): a smaller one is a dot and is framed.
-# Larger moves more views in which somebody wanted to see the piece small; by eye
+# smallest diameter of a scaled piece, in distances of the eye (1.4 fills a view): a smaller piece is a dot and is framed;
+# larger moves more views in which somebody wanted to see the piece small; by eye
 SMALLEST = 0.05
 
 

@@ -10,7 +10,8 @@ from ...engine.arrays import Float
 from ...engine.display.view_fit import Rectangle, free_part, place_view
 from ..store.columns import column
 
-# End of the clip range, in distances of the farthest point; larger leaves room to move away, and makes orthographic views less exact
+# end of the clip range, in distances of the farthest point; larger leaves room to move away, and makes orthographic
+# views less exact
 CLIP_MARGIN = 2.0
 
 

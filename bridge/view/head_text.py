@@ -145,8 +145,8 @@ def _unusable_head(context: bpy.types.Context, problem: str) -> HeadContent:
 def general_notices(context: bpy.types.Context) -> tuple[Notice, ...]:
     """Return notices of the kind "information" that do not come from the object's stages.
 
-    They concern panels left over from deleted models, further selected meshes, hidden faces, and results written by another
-    version of FlexMaps.
+    They concern panels left over from deleted models, further selected meshes, hidden faces, and results that another
+    version of FlexMaps wrote.
     """
     obj, notices = context.object, []
     left = collection.find_orphans(context.scene)

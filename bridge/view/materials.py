@@ -134,8 +134,8 @@ def assign_colours(
 ) -> None:
     """Assign a material of its colour to every face or line, so that the colours also show in solid view.
 
-    With more than ``MAX_MATERIALS`` colours, a mesh gets one material that shows its colour attribute; a curve has no colour
-    attribute, so its colours are rounded to fewer shades.
+    With more than ``MAX_MATERIALS`` colours, a mesh gets one material that shows its colour attribute. A curve cannot
+    have this attribute, so its colours are rounded to fewer shades.
 
     Parameters
     ----------
@@ -165,21 +165,21 @@ def _to_rgba(srgb: tuple[float, float, float]) -> tuple[float, ...]:
     return (*map(float, colours.srgb_to_linear(np.array(srgb))), 1.0)
 
 
-def _add_node(tree: bpy.types.NodeTree, kind: str, place: tuple[float, float], **inputs: Any) -> bpy.types.Node:
+def _add_node(tree: bpy.types.NodeTree, kind: str, position: tuple[float, float], **inputs: Any) -> bpy.types.Node:
     node = tree.nodes.new(kind)
-    node.location = place
+    node.location = position
     for name, value in inputs.items():
         node.inputs[name.replace("_", " ")].default_value = value
     return node
 
 
 def _add_coordinates(
-    tree: bpy.types.NodeTree, scale: tuple[float, float, float], place: tuple[float, float]
+    tree: bpy.types.NodeTree, scale: tuple[float, float, float], position: tuple[float, float]
 ) -> bpy.types.Node:
     """Add shader nodes for the coordinates in the flat panel, in millimetres times ``scale``; return their output."""
-    source = _add_node(tree, "ShaderNodeUVMap", (place[0] - 400, place[1]))
+    source = _add_node(tree, "ShaderNodeUVMap", (position[0] - 400, position[1]))
     source.uv_map = UV_MAP
-    mapping = _add_node(tree, "ShaderNodeMapping", (place[0] - 200, place[1]), Scale=scale)
+    mapping = _add_node(tree, "ShaderNodeMapping", (position[0] - 200, position[1]), Scale=scale)
     tree.links.new(source.outputs["UV"], mapping.inputs["Vector"])
     return mapping.outputs["Vector"]
 

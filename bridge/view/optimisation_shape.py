@@ -67,10 +67,10 @@ def make_optimiser(settings: ObjectSettings) -> Callable[[Result, Progress], Res
 
         began, history = time.perf_counter(), list[tuple[float, float]]()
 
-        def seen(look: OptimisationStep) -> LiveShape:
-            history.append((time.perf_counter() - began, look.distance))
-            return OptimisationShape(look, start.mesh.quads, settings.spiral, tuple(history)).prepare(unit)
+        def make_shape(step: OptimisationStep) -> LiveShape:
+            history.append((time.perf_counter() - began, step.distance))
+            return OptimisationShape(step, start.mesh.quads, settings.spiral, tuple(history)).prepare(unit)
 
-        return job.run_stages(start, once, ("optimise",), progress.showing(seen))
+        return job.run_stages(start, once, ("optimise",), progress.showing(make_shape))
 
     return search

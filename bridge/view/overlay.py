@@ -217,8 +217,8 @@ def width_bars(
 ) -> Float[np.ndarray, "bars 2 3"]:
     """Return two bars per quad, which join the middles of opposite sides and show the widths of the arms there.
 
-    A bar's length is proportional to the sum of the two arms' widths; the longest bar covers ``BAR_LENGTH`` of its quad. Each
-    bar is given by its two ends, in the frame of the corners.
+    A bar's length is proportional to the sum of the two arms' widths; the longest bar covers ``BAR_LENGTH`` of its quad.
+    A bar is an array of its two ends, in the frame of the corners.
     """
     middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
     centre, share = corners.mean(axis=1), width[:, :2] + width[:, 2:]
@@ -330,7 +330,7 @@ def _draw_colours() -> None:
     gpu.state.depth_test_set("LESS_EQUAL")
     gpu.state.blend_set("ALPHA")
     gpu.state.depth_mask_set(True)
-    # of the two sides only the one that faces the eye: they lie too close for a depth buffer to tell which is in front
+    # draw only sides that face the eye: both sides of a quad lie too close together for the depth buffer
     gpu.state.face_culling_set("FRONT" if obj.matrix_world.is_negative else "BACK")
     projection = gpu.matrix.get_projection_matrix()
     with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():

@@ -1,4 +1,4 @@
-"""Paint session: the state of an object whose spirals are painted with the brush (design, changes by a stroke, picture).
+"""Paint session: state of an object whose spirals are painted with the brush (design, changes by a stroke, picture).
 
 Reading an object takes a while, so its session is kept between strokes as long as the object is unchanged.
 """

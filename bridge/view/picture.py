@@ -48,10 +48,10 @@ def render_layout(obj: bpy.types.Object, path: str | Path, size: Size = None, sa
     size : pixels across and down; default is ``SIZE``
     samples : samples per pixel; default is ``SAMPLES``
     """
-    with studio(size or SIZE, samples or SAMPLES) as place:
-        _add_target(place, obj, "PATCH")
-        place.set_up(ASIDE)
-        place.render_picture(path)
+    with studio(size or SIZE, samples or SAMPLES) as studio_scene:
+        _add_target(studio_scene, obj, "PATCH")
+        studio_scene.set_up(ASIDE)
+        studio_scene.render_picture(path)
 
 
 def render_panels(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
@@ -68,22 +68,22 @@ def render_panels(obj: bpy.types.Object, path: str | Path, size: Size = None, sa
     ------
     FlexMapsError : there are no flat patches yet
     """
-    with studio(size or SIZE, samples or SAMPLES) as place:
+    with studio(size or SIZE, samples or SAMPLES) as studio_scene:
         design = stored_design(obj)
         own = collection.find(obj)
         shown = [o for o in own.objects if not o.hide_render] if own is not None else []
         solid = next((o for o in shown if o.get("flexmaps_kind") == "panels" and not o.modifiers), None)
         if design is not None and solid is not None:
-            place.add_data(solid.data.copy())  # the panels beside the model, drawn with their connectors
+            studio_scene.add_data(solid.data.copy())  # the panels beside the model, drawn with their connectors
         elif design is not None:
-            _add_panels(place, obj, design, "PATCH")
+            _add_panels(studio_scene, obj, design, "PATCH")
         else:
             if not shown:
                 raise FlexMapsError("There are no flat panels yet; press Lay out the panels first")
             for other in shown:
-                place.add_object(other)
-        place.set_up(ABOVE)
-        place.render_picture(path)
+                studio_scene.add_object(other)
+        studio_scene.set_up(ABOVE)
+        studio_scene.render_picture(path)
 
 
 def render_shape(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
@@ -103,11 +103,11 @@ def render_shape(obj: bpy.types.Object, path: str | Path, size: Size = None, sam
     design = stored_design(obj)
     if shape_keys.equilibrium_key(obj.data) is None or design is None:
         raise FlexMapsError("There is no simulated shape yet; press Simulate first")
-    with studio(size or SIZE, samples or SAMPLES) as place:
-        _add_assembled(place, obj, design, "DISTANCE")
-        place.set_up(ASIDE)
-        add_legend(place, colouring.legend_of(obj, "DISTANCE"))
-        place.render_picture(path)
+    with studio(size or SIZE, samples or SAMPLES) as studio_scene:
+        _add_assembled(studio_scene, obj, design, "DISTANCE")
+        studio_scene.set_up(ASIDE)
+        add_legend(studio_scene, colouring.legend_of(obj, "DISTANCE"))
+        studio_scene.render_picture(path)
 
 
 def render_overview(obj: bpy.types.Object, path: str | Path) -> None:
@@ -135,7 +135,7 @@ def render_together(obj: bpy.types.Object, path: str | Path, params: RenderParam
     obj : the model
     path : the PNG file
     params : settings of the picture
-    pack : a .blend file that gets the scene instead of a render, see ``studio``
+    pack : .blend file to write the scene to, instead of rendering it, see ``studio``
 
     Raises
     ------
@@ -153,22 +153,24 @@ def render_together(obj: bpy.types.Object, path: str | Path, params: RenderParam
         if params.assembled or params.panels
         else ()
     )
-    with studio(size, params.samples, "GREY" if finish in materials.APPEARANCES else "WHITE", pack=pack) as place:
+    with studio(
+        size, params.samples, "GREY" if finish in materials.APPEARANCES else "WHITE", pack=pack
+    ) as studio_scene:
         standing = []
         if params.target:
-            standing.append(_add_target(place, obj, finish))
+            standing.append(_add_target(studio_scene, obj, finish))
         if params.assembled:
-            standing.append(_add_assembled(place, obj, design, finish, tips))
+            standing.append(_add_assembled(studio_scene, obj, design, finish, tips))
         wide, depth = _line_up(standing, params.azimuth)
         if params.panels:
             flat = _add_panels(
-                place, obj, design, finish, tips, PANELS_WIDTH * wide if standing else None, params.azimuth
+                studio_scene, obj, design, finish, tips, PANELS_WIDTH * wide if standing else None, params.azimuth
             )
             _place_in_front(flat, wide, depth, params.azimuth)
-        place.set_up(_camera_direction(params), tight=not params.pixels_y)
+        studio_scene.set_up(_camera_direction(params), tight=not params.pixels_y)
         if finish in colouring.KINDS and finish != "PATCH":
-            add_legend(place, colouring.legend_of(obj, finish))
-        place.render_picture(path)
+            add_legend(studio_scene, colouring.legend_of(obj, finish))
+        studio_scene.render_picture(path)
 
 
 def render_film(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack: Path | None = None) -> int:
@@ -179,7 +181,7 @@ def render_film(obj: bpy.types.Object, path: str | Path, params: RenderParams, p
     obj : the model
     path : the .mp4 file; otherwise frames are written as PNG files, numbered after this path's name
     params : settings of the picture
-    pack : a .blend file that gets the scene instead of a render, see ``studio``
+    pack : .blend file to write the scene to, instead of rendering it, see ``studio``
 
     Raises
     ------
@@ -189,12 +191,14 @@ def render_film(obj: bpy.types.Object, path: str | Path, params: RenderParams, p
     if not shown:
         raise FlexMapsError("There is no animation yet; press Animate the assembly first")
     frames = (scene.frame_start, animation.last_frame(obj))
-    with studio((params.pixels_x, params.pixels_y or params.pixels_x * 9 // 16), params.samples, pack=pack) as place:
+    with studio(
+        (params.pixels_x, params.pixels_y or params.pixels_x * 9 // 16), params.samples, pack=pack
+    ) as studio_scene:
         for other in shown:
-            place.add_object(other)
-        seen = place.points_in(np.linspace(*frames, 24).astype(int).tolist())
-        place.set_up(_camera_direction(params), seen)
-        place.render_film(path, frames, (scene.render.fps, scene.render.fps_base))
+            studio_scene.add_object(other)
+        seen = studio_scene.points_in(np.linspace(*frames, 24).astype(int).tolist())
+        studio_scene.set_up(_camera_direction(params), seen)
+        studio_scene.render_film(path, frames, (scene.render.fps, scene.render.fps_base))
     return frames[1] - frames[0] + 1
 
 
@@ -220,7 +224,7 @@ class ObjectGroup:
     objects: tuple[bpy.types.Object, ...]
 
     def bounds(self, azimuth: float) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
-        """Return the lower and upper corner of the meshes' bounding box in the axes of ``_camera_axes(azimuth)``, metres."""
+        """Return the lower and upper corner of the meshes' bounding box in ``_camera_axes(azimuth)``, metres."""
         bodies = [points_of(obj) for obj in self.objects if obj.type == "MESH"]
         there = np.concatenate(bodies) @ _camera_axes(azimuth).T
         return there.min(axis=0), there.max(axis=0)
@@ -252,8 +256,8 @@ def _line_up(groups: list[ObjectGroup], azimuth: float) -> tuple[float, float]:
 def _place_in_front(panels: ObjectGroup, width: float, depth: float, azimuth: float) -> None:
     """Place the panels on the ground in front of the other groups, whose width and depth are given in metres."""
     low, high = panels.bounds(azimuth)
-    aside = 0.5 * width - 0.5 * (low + high)[0]
-    panels.move(np.array([aside, -0.5 * depth - GAP * width - high[1], -low[2]]), azimuth)
+    shift = 0.5 * width - 0.5 * (low + high)[0]
+    panels.move(np.array([shift, -0.5 * depth - GAP * width - high[1], -low[2]]), azimuth)
 
 
 def _set_finish(data: bpy.types.ID, finish: str) -> None:
@@ -271,7 +275,7 @@ def _colours(obj: bpy.types.Object, finish: str) -> Float[np.ndarray, "quads 3"]
     return None if finish in materials.APPEARANCES else preview.quad_colours(obj, finish)
 
 
-def _add_target(place: Studio, obj: bpy.types.Object, finish: str) -> ObjectGroup:
+def _add_target(studio_scene: Studio, obj: bpy.types.Object, finish: str) -> ObjectGroup:
     """Add the target with its quad edges, seams and borders as lines; coloured by patch if ``finish`` is "PATCH"."""
     surface = mesh.read_surface(obj, bpy.context.scene)
     polygons = surface.polygons
@@ -283,16 +287,16 @@ def _add_target(place: Studio, obj: bpy.types.Object, finish: str) -> ObjectGrou
         data.materials.append(materials.plain_material("FlexMaps panel", None))
     else:
         data.materials.append(materials.plain_material("FlexMaps clay", colours.srgb_to_linear(np.array(CLAY))))
-    made = place.add_data(data)
+    made = studio_scene.add_data(data)
     pairs, count = np.sort(surface.edge_vertices, axis=1), np.array([len(polygons.vertices), 1])
     sides = np.stack([polygons.corners, polygons.corners[polygons.next_corner]], axis=1)
     number, used = np.unique(np.sort(sides, axis=1) @ count, return_counts=True)
     border = np.isin(pairs @ count, number[used == 1])
-    return ObjectGroup((made, *_add_lines(place, polygons.vertices, pairs, border | surface.seams)))
+    return ObjectGroup((made, *_add_lines(studio_scene, polygons.vertices, pairs, border | surface.seams)))
 
 
 def _add_assembled(
-    place: Studio, obj: bpy.types.Object, design: SpiralDesign, finish: str, tips: Sequence[Tip] = ()
+    studio_scene: Studio, obj: bpy.types.Object, design: SpiralDesign, finish: str, tips: Sequence[Tip] = ()
 ) -> ObjectGroup:
     """Add the assembled piece, bent as in the last simulation; without a simulation, hubs lie on the target."""
     rgb = _colours(obj, finish)
@@ -300,10 +304,10 @@ def _add_assembled(
     assert built.panels is not None
     data = preview.piece_mesh("FlexMaps assembled", built.panels, built.vertices, rgb)
     _set_finish(data, finish)
-    piece = place.add_data(data)
+    piece = studio_scene.add_data(data)
     if built.base is None:
         return ObjectGroup((piece,))
-    return ObjectGroup((piece, place.add_data(preview.plates_mesh("FlexMaps base", built.base))))
+    return ObjectGroup((piece, studio_scene.add_data(preview.plates_mesh("FlexMaps base", built.base))))
 
 
 def _hub_pose(obj: bpy.types.Object, design: SpiralDesign) -> Pose:
@@ -324,7 +328,7 @@ def _make_base(obj: bpy.types.Object, design: SpiralDesign) -> Base | None:
 
 
 def _add_panels(
-    place: Studio,
+    studio_scene: Studio,
     obj: bpy.types.Object,
     design: SpiralDesign,
     finish: str,
@@ -341,7 +345,7 @@ def _add_panels(
     flat = made.flat_vertices(arrange.arrange_patches(design.flat, width)) @ _camera_axes(azimuth)
     data = preview.piece_mesh("FlexMaps panels", made, flat, rgb)
     _set_finish(data, finish)
-    return ObjectGroup((place.add_data(data),))
+    return ObjectGroup((studio_scene.add_data(data),))
 
 
 def _detail(design: SpiralDesign) -> str:
@@ -349,7 +353,7 @@ def _detail(design: SpiralDesign) -> str:
 
 
 def _add_lines(
-    place: Studio,
+    studio_scene: Studio,
     points: Float[np.ndarray, "vertices 3"],
     pairs: Int[np.ndarray, "edges 2"],
     bold: Bool[np.ndarray, " edges"],
@@ -363,4 +367,4 @@ def _add_lines(
         )
         colour = colours.srgb_to_linear(np.array([grey, grey, 1.25 * grey]))
         curve.materials.append(materials.plain_material(f"FlexMaps {name} line", colour))
-        yield place.add_data(curve, framed=False)
+        yield studio_scene.add_data(curve, framed=False)

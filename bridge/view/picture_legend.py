@@ -26,7 +26,7 @@ def add_legend(studio: Studio, legend: Legend) -> None:
         studio.clear_corner(0.01 * (left + 21.5), 0.01 * (top - 6.5))
         left += 100.0 * camera.data.shift_x
 
-    def place(data: bpy.types.ID, x: float, y: float) -> None:
+    def add_item(data: bpy.types.ID, x: float, y: float) -> None:
         item = bpy.data.objects.new("FlexMaps legend", data)
         item.parent, item.location, item.scale = camera, (x * percent, y * percent, -near), (percent,) * 3
         item.visible_shadow = item.visible_diffuse = item.visible_glossy = False
@@ -40,7 +40,7 @@ def add_legend(studio: Studio, legend: Legend) -> None:
         letters = bpy.data.curves.new("FlexMaps legend", "FONT")
         letters.body, letters.size, letters.align_x = text, 1.9, align
         letters.materials.append(materials.emissive_material("FlexMaps ink", colours.srgb_to_linear(colours.SEAM)))
-        place(letters, x, y)
+        add_item(letters, x, y)
     if legend.scale is not None:
         steps = np.linspace(0.0, 1.0, 41)
         low, high = np.c_[20.0 * steps, 0 * steps, 0 * steps], np.c_[20.0 * steps, 0 * steps + 1.6, 0 * steps]
@@ -54,4 +54,4 @@ def add_legend(studio: Studio, legend: Legend) -> None:
             bar, np.repeat(colours.map_to_scale(steps[:-1] + 0.0125, 0.0, 1.0, legend.scale), 4, axis=0)
         )
         bar.materials.append(materials.emissive_material("FlexMaps scale", None))
-        place(bar, left, top - 2.4)
+        add_item(bar, left, top - 2.4)

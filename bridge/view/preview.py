@@ -175,7 +175,7 @@ def show_piece(
     Parameters
     ----------
     obj, scene : the model and its scene
-    built : the piece, from ``build_piece``
+    piece : the piece, from ``build_piece``
     params : settings of the preview
     simulated : whether the pose is from a simulation
 
@@ -236,7 +236,7 @@ def shift_beside(
 
 
 def _put_object(
-    obj: bpy.types.Object, scene: bpy.types.Scene, data: bpy.types.ID, place: Float[np.ndarray, " 3"]
+    obj: bpy.types.Object, scene: bpy.types.Scene, data: bpy.types.ID, position: Float[np.ndarray, " 3"]
 ) -> bpy.types.Object:
     """Put data into the object of the assembled piece, and return it; an existing object keeps its other properties."""
     made = find_piece(obj)
@@ -244,12 +244,12 @@ def _put_object(
         collection.clear(obj, (KIND, BASE))
         made = None
     if made is None:
-        return collection.add(obj, scene, KIND, NAME, data, place)
+        return collection.add(obj, scene, KIND, NAME, data, position)
     before, made.data = made.data, data
     if before.users == 0:
         bpy.data.batch_remove([before])
     unit = scene.unit_settings.scale_length
-    made.name, made.location, made.rotation_euler, made.scale = data.name, place / unit, (0, 0, 0), (1.0 / unit,) * 3
+    made.name, made.location, made.rotation_euler, made.scale = data.name, position / unit, (0, 0, 0), (1.0 / unit,) * 3
     return made
 
 

@@ -47,17 +47,6 @@ class ReportInput:
     findings: list[dict[str, Any]] = field(default_factory=list)
 
 
-def build_from_object(obj: bpy.types.Object) -> tuple[dict[str, Any], dict[str, Drawing]]:
-    """Return the report and the plots of an object, without results that are out of date.
-
-    Raises
-    ------
-    FlexMapsError : the object cannot be used, the check finds errors, or there is no layout yet
-    """
-    content = read_input(obj)
-    return build_from_input(content.snapshot.to_result(), content)
-
-
 def read_input(obj: bpy.types.Object) -> ReportInput:
     """Read the input of an object's report, on Blender's main thread; raise ``FlexMapsError`` if it cannot be used."""
     import bpy

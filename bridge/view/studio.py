@@ -240,18 +240,18 @@ class Studio:
             scene.render.resolution_y = _height_in_pixels(width, _least_tangent(seen, half) / half)
         camera.location = axes @ _fit_camera(seen, half, half * scene.render.resolution_y / width)
 
-    def clear_corner(self, right: float, below: float) -> None:
+    def clear_corner(self, x: float, y: float) -> None:
         """Shift the content to the right, out of the picture's upper left corner, but not beyond the right margin.
 
         Parameters
         ----------
-        right, below : the lower right end of this corner: distance to the right of the picture's centre, and above it,
-            as fractions of the picture's width
+        x, y : lower right end of this corner, relative to the picture's centre (right and up are positive), in widths
+            of the picture
         """
         camera = self.scene.camera
         there = (self.points() - np.array(camera.location)) @ np.array(camera.rotation_euler.to_matrix())
         across, up = (camera.data.lens / camera.data.sensor_width * there[:, :2] / -there[:, 2:]).T
-        overlap = right - across[up > below].min(initial=np.inf)
+        overlap = x - across[up > y].min(initial=np.inf)
         camera.data.shift_x = -float(max(min(overlap, 0.5 / MARGIN - across.max()), 0.0))
 
 

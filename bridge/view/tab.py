@@ -49,7 +49,7 @@ def _show_only(tab: bpy.types.PropertyGroup, key: str) -> None:
 
 
 def on_stage_start() -> None:
-    """Handle the start of a stage: at its end, ``follow`` may open another section."""
+    """Handle the start of a stage: ``open_next_section`` may open another section when it ends."""
     bpy.context.window_manager.flexmaps_tab.by_hand = False
 
 

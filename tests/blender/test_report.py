@@ -30,6 +30,12 @@ DRAWN = set(run_plots.PLOT_NAMES)
 FEW = {"optimise.iterations": 2, "optimise.codesign": False, "sheet.nesting": "FAST", "spiral.thickness": 1.5}
 
 
+def report_of(obj: bpy.types.Object) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the report and the plots of an object, without results that are out of date."""
+    content = pages.read_input(obj)
+    return pages.build_from_input(content.snapshot.to_result(), content)
+
+
 @pytest.fixture(scope="module")
 def strip() -> api.Piece:
     return api.sheets(api.optimise(api.load("shape:strip", edge=20, settings=FEW), supports="lowest"))
@@ -319,7 +325,7 @@ def test_letters_are_those_of_blender_as_it_sets_them() -> None:
 
 
 def test_every_letter_of_the_plots_is_known(strip: api.Piece) -> None:
-    drawn = pages.build_from_object(api.show(strip))[1]
+    drawn = report_of(api.show(strip))[1]
     texts = [item.text for made in drawn.values() for item in made.items if isinstance(item, drawing.Text)]
     assert set(drawn) == DRAWN and not set("".join(texts)) - set(images.LETTERS)
 
@@ -372,16 +378,9 @@ def test_the_button_in_a_file_that_was_never_saved(dome: Any) -> None:
 
 def test_drawing_for_the_report_needs_no_blender(strip: api.Piece) -> None:
     """What is taken from an object stays true while Blender goes on: the window is alive meanwhile."""
-    from flexmaps.bridge.store import mesh, snapshot
-    from flexmaps.bridge.store import settings as properties
-    from flexmaps.engine.params import ObjectSettings
-
     obj = api.show(strip)
-    surface = mesh.read_surface(obj, bpy.context.scene)
-    found = pages.complete_input(
-        obj, snapshot.take_snapshot(obj, surface, properties.read(obj.flexmaps, ObjectSettings))
-    )
-    wanted = pages.build_from_object(obj)
+    found = pages.read_input(obj)
+    wanted = report_of(obj)
     bpy.data.objects.remove(obj)
     described, drawn = pages.build_from_input(found.snapshot.to_result(), found)
     for block in ("layout", "spirals", "equilibrium", "optimise", "settings"):
@@ -393,8 +392,8 @@ def test_drawing_for_the_report_needs_no_blender(strip: api.Piece) -> None:
 
 def test_an_old_simulation_is_not_reported(strip: api.Piece) -> None:
     obj = api.show(strip)
-    assert "equilibrium" in pages.build_from_object(obj)[0]
+    assert "equilibrium" in report_of(obj)[0]
     obj.flexmaps.material.material = "birch"
-    described, drawn = pages.build_from_object(obj)
+    described, drawn = report_of(obj)
     assert not {"equilibrium", "reach", "optimise"} & set(described)
     assert not {"distance", "safety", "history"} & set(drawn)
