@@ -113,7 +113,7 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
     )
     _press_position: Any = None  # mouse position at the press, pixels of the window
     _is_drag = False  # whether the mouse has moved far enough for a drag
-    _stored_values: Any = None  # stored values of all quads before the drag
+    _stored_values: Any = None  # values of the handle's attribute for all quads before the drag
     _grip: Any = None  # the mouse's start point in 3D, and the quad's centre, in the scene's units
     _start_value: Any = None  # the handle's value at the start of the drag, in the units of ``by``
 

@@ -34,7 +34,7 @@ def _get_size(obj: bpy.types.Object) -> tuple[float, float, float]:
 
 
 def _set_size(obj: bpy.types.Object, size: Sequence[float]) -> None:
-    """Scale the object uniformly by the entry that was changed most, and set the wanted quad edge to the scaled edge.
+    """Scale the object uniformly to the entry of ``size`` that differs most, and set the wanted quad edge accordingly.
 
     Otherwise a later remesh would scale the object back.
     """

@@ -144,7 +144,7 @@ def write_result(
 
     Raises
     ------
-    FlexMapsError : the object has other faces
+    FlexMapsError : the object's faces differ from the quads of the job's mesh
     """
     surface = mesh.read_surface(obj, scene)
     quads, corners = result.mesh, surface.polygons.corners

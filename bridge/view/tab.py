@@ -49,7 +49,7 @@ def _show_only(tab: bpy.types.PropertyGroup, key: str) -> None:
 
 
 def on_stage_start() -> None:
-    """Handle the start of a stage: ``open_next_section`` may open another section when it ends."""
+    """Handle the start of a stage: allow ``open_next_section`` to open another section when the stage ends."""
     bpy.context.window_manager.flexmaps_tab.by_hand = False
 
 
