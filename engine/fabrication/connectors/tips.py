@@ -17,6 +17,7 @@ from ...spirals.curves.arcs import Curve, sample_arcs
 from ...spirals.curves.spiral import LEFT, RIGHT
 from .joined_arms import ARM_SHARE, MIN_STEP_RATIO, SAMPLES, JoinedArms, Widening, to_complex, to_points
 from .shape import ConnectorSize, face_curve, head_curve, socket_curve
+from .tip_polygons import make_polygons, wall_thicknesses
 
 # length over which a widened tip narrows to its arm, as a share of its added width: preferred and minimum; longer is
 # smoother and needs more room
@@ -199,19 +200,9 @@ def make_tips(
     point, way, width = through.centre_lines(through.tau_at(-shift[:, None])[:, 0])
     extra = np.maximum(size["pad_width"] - width, 0.0)
     lateral_offset = np.clip(lateral_offset, -0.5 * extra, 0.5 * extra)
-    shoulder = 0.5 * size["clearance"] + size["rounding"]
-    deep, edge_ends = back + _full_width_length(role, size, shoulder), back + shoulder
-    flared = [deep + share * extra for share in (0.0, *_FLARE[::-1])]
-    taper_start, min_taper_end, taper_end, begin = through.tau_at(
-        np.stack([*flared, edge_ends], axis=1) - shift[:, None]
-    ).T
-    # the widening must not end beyond the joint: of a tip that lies wholly there (tau < 0), it ends at the joint (tau
-    # 0)
-    taper_end = np.maximum(np.minimum(taper_end, through.own.t_max), 0.0)
+    edge_ends = back + 0.5 * size["clearance"] + size["rounding"]
+    taper_start, taper_end, begin, good = _tapers(through, role, size, back, extra, shift, edge_ends)
     wide = Widening(0.5 * extra + lateral_offset, 0.5 * extra - lateral_offset, taper_start, taper_end)
-    good = ~(
-        (taper_end < min_taper_end) | (begin >= taper_start) | (-begin * through.parameter_scale > through.other.t_max)
-    )
     good[good] = ~through.subset(good).have_folded_edge(begin[good], taper_start[good], wide.subset(good))
     k = np.flatnonzero(good)
     if not len(k):
@@ -228,7 +219,7 @@ def make_tips(
     # refuse sockets beside which the walls are too thin: where an arm is curved, they are thinner than ``size.wall``
     with_socket = keep[role[k[keep]] == "socket"]
     inner = [point[i] + way[i] * (shapes[i].samples + 1j * lateral_offset[i]) for i in with_socket.tolist()]
-    thin = _wall_thicknesses(inner, left[with_socket], right[with_socket]) < 0.999 * size["thinnest"][k[with_socket]]
+    thin = wall_thicknesses(inner, left[with_socket], right[with_socket]) < 0.999 * size["thinnest"][k[with_socket]]
     keep = np.setdiff1d(keep, with_socket[thin])
     if not len(keep):
         return found
@@ -238,11 +229,41 @@ def make_tips(
         end = point[i] + way[i] * (shapes[i].samples + 1j * lateral_offset[i])
         ring = np.concatenate([right[i, :0:-1], turned, nodes[1:2], end, returning, left[i]])
         rings.append(through.own.origin[i] + through.own.outwards[i] * ring)
-    polygons = _make_polygons(rings)
+    polygons = make_polygons(rings)
     for i, curve, polygon in zip(keep.tolist(), across[0], polygons, strict=True):
         if polygon is not None:
             found[k[i]] = Tip(joined_arms, int(rows[k[i]]), wide.subset(np.array([i])), float(begin[i]), curve, polygon)
     return found
+
+
+def _tapers(
+    through: JoinedArms,
+    role: np.ndarray,
+    size: dict[str, np.ndarray],
+    back: np.ndarray,
+    extra: np.ndarray,
+    shift: np.ndarray,
+    edge_ends: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return where widened tips begin and end along their arms, as parameters tau, and which arms have that room.
+
+    through, role, size : (n,) arms seen from their tips, roles of the tips, and fields of their connectors' sizes
+    back, extra : (n,) setback of each tip, and width added to its arm, metres
+    shift, edge_ends : (n,) metres from the joint outwards to the parting line, and from there inwards to the shoulder
+
+    Returns
+    -------
+    start and end of the taper, end of the edges at the shoulder, and mask of the arms with room
+    """
+    deep = back + _full_width_length(role, size, edge_ends - back)
+    flared = [deep + share * extra for share in (0.0, *_FLARE[::-1])]
+    taper_start, min_taper_end, taper_end, begin = through.tau_at(
+        np.stack([*flared, edge_ends], axis=1) - shift[:, None]
+    ).T
+    # the widening must not end beyond the joint, where tau < 0: there it ends at the joint
+    taper_end = np.maximum(np.minimum(taper_end, through.own.t_max), 0.0)
+    too_short = (taper_end < min_taper_end) | (begin >= taper_start)
+    return taper_start, taper_end, begin, ~(too_short | (-begin * through.parameter_scale > through.other.t_max))
 
 
 def _full_width_length(
@@ -369,29 +390,3 @@ def _sample_arcs(a: np.ndarray, b: np.ndarray, bulge: np.ndarray) -> list[np.nda
     """Return complex points on every arc from point ``a`` to point ``b`` (n, 2) with ``bulge`` (n,), without ``b``."""
     points, count = sample_arcs(a, b, bulge, _TOLERANCE)
     return np.split(to_complex(points), np.cumsum(count)[:-1])
-
-
-def _wall_thicknesses(sockets: Sequence[np.ndarray], left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return the minimum distance (n,) in metres between every socket and the edges of its arm.
-
-    sockets : complex points on the end curve of every socket
-    left, right : (n, M) complex points of the arms' edges
-    """
-    import shapely
-
-    if not len(sockets):
-        return np.empty(0)
-    owner = np.repeat(np.arange(len(sockets)), [len(line) for line in sockets])
-    lines = shapely.linestrings(to_points(np.concatenate(sockets)), indices=owner)
-    return np.minimum(*(shapely.distance(lines, shapely.linestrings(to_points(e))) for e in (left, right)))
-
-
-def _make_polygons(rings: Sequence[np.ndarray]) -> list[Any]:
-    """Return shapely polygons of complex rings; None for rings that touch themselves."""
-    import shapely
-
-    if not len(rings):
-        return []
-    owner = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
-    made = shapely.polygons(shapely.linearrings(to_points(np.concatenate(rings)), indices=owner))
-    return [p if valid else None for p, valid in zip(made.tolist(), shapely.is_valid(made).tolist(), strict=True)]
