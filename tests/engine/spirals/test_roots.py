@@ -64,8 +64,8 @@ def test_a_slot_is_as_wide_as_the_circle_between_its_edges(arms: Arms, share: fl
     step = 1 if slots.is_clockwise(arms) else -1
     for quad in range(2):
         for slot in range(4):
-            if lean[quad, slot, 0] < 0.9:
-                continue
+            if lean[quad, slot, 0] < 0.8 or width[quad, slot, 0] > 0.004:
+                continue  # an edge that is curved along the circle is taken for straight: 4 % at slots of 7 mm
             lines = edges(arms, quad, slot, roots, 1.02)
             far, near = lines if step > 0 else lines[::-1]
             assert outer[quad, slot, 0] == pytest.approx(share * (roots.left if step > 0 else roots.right)[quad, slot])
