@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 
 from ..engine.arrays import Float, Int
 from ..engine.materials import MATERIALS
+from ..engine.mechanics.arms.cut import CutArms
 from ..engine.mechanics.arms.model import ArmModel
-from ..engine.mechanics.arms.strain_changes import kink_sharpness
-from ..engine.mechanics.assembly import Pose
+from ..engine.mechanics.assembly import Assembly, Pose
 from ..engine.mechanics.equilibrium import solve
 from ..engine.mechanics.loads import Loads
 from ..engine.params import Settings
@@ -176,6 +176,17 @@ def is_done(case: Case) -> bool:
     with np.load(path) as stored:
         same = json.loads(str(stored["header"])) == json.loads(_header(case))
         return same and validation.same_shape(stored["shape"], validation.shape(case))
+
+
+def kink_sharpness(assembly: Assembly) -> Float[np.ndarray, " joints"]:
+    """The sharpness (m,) of the kink at every joint.
+
+    It is the angle by which the blend bends the more bent arm (radians), times the sheet's thickness over the width of
+    the narrower arm.
+    """
+    arms = CutArms.from_assembly(assembly)
+    bend = np.abs(arms.slope) / arms.radius
+    return bend.reshape(-1, 2).max(axis=1) * assembly.thickness / assembly.arm_width.min(axis=1)
 
 
 def compare(case: Case) -> list[ArmStrains]:

@@ -12,12 +12,13 @@ import numpy as np
 from flexmaps.database import validation_strain
 from flexmaps.database.validation_strain import ArmStrains
 from flexmaps.engine.mechanics.arms.model import ArmModel
-from flexmaps.engine.mechanics.arms.strain_changes import KINK_LIMIT, KINK_STRAIN_FACTOR, Strains
+from flexmaps.engine.mechanics.arms.strain_changes import Strains
 from flexmaps.engine.mechanics.assembly import assembly_from_design, target_pose
 from harness import Bench, Cases, Options, Row, Rows, at_least, at_most, fewest_seconds, for_each, matches, note
 from scipy.stats import spearmanr
 
 LARGE = 0.3  # arms count whose strain exceeds this share of their piece's largest strain
+KINK_LIMIT = 0.9  # sharpness of a kink (see ``kink_sharpness``) from which a joint counts as kinked
 CLOSE, NEAR = 0.15, 0.2  # relative errors within which estimates count as close and near
 SOLVED = 40  # required designs
 found: list[ArmStrains] = []  # of all pieces measured
@@ -40,15 +41,16 @@ def measure(name: str, states: list[ArmStrains], _: Options) -> Rows:
 
 
 def _pool(states: list[ArmStrains], of_joints: bool = False) -> np.ndarray:
-    """Return estimate, solid, kink and rim of the arms that count, or of the larger of both arms of joints."""
+    """Return estimate, solid, kink, rim and share of their piece's largest estimate of the arms that count, or of the
+    larger of both arms of joints."""
     parts = []
     for one in states:
         values = np.stack([one.estimate, one.solid, one.kink])
         if of_joints:
             order = np.argsort(one.joint, kind="stable")
             values = np.maximum.reduceat(values[:, order], np.unique(one.joint[order], return_index=True)[1], axis=1)
-        values = values[:, (values[1] > LARGE * values[1].max()) & (values[1] > 0.0)]
-        parts.append(np.vstack([values, np.full(values.shape[1], one.rim)]))
+        values = np.vstack([values, np.full(values.shape[1], one.rim), values[0] / values[0].max()])
+        parts.append(values[:, (values[1] > LARGE * values[1].max()) & (values[1] > 0.0)])
     return np.concatenate(parts, axis=1)
 
 
@@ -58,8 +60,8 @@ def _share(ratio: np.ndarray) -> float:
 
 def of_all(states: list[ArmStrains]) -> Rows:
     """Return the rows over all arms and joints, and the worst under-estimates by kind of joint."""
-    estimate, solid, arm_kink, _ = _pool(states)
-    joint_estimate, joint_solid, kink, rim = _pool(states, of_joints=True)
+    estimate, solid, arm_kink, _, _ = _pool(states)
+    joint_estimate, joint_solid, kink, rim, share_of_largest = _pool(states, of_joints=True)
     third = np.concatenate([(one.estimate / one.solid)[one.solid > one.limit / 3.0] for one in states])
     arms, joints, smooth = estimate / solid, joint_estimate / joint_solid, kink < KINK_LIMIT
     rows = [at_least("all", "rank correlation", 0.95, float(spearmanr(solid, estimate).statistic))]
@@ -74,7 +76,7 @@ def of_all(states: list[ArmStrains]) -> Rows:
         ("arms, no kink", arms[arm_kink < KINK_LIMIT], 1.0 - NEAR),
         ("joints, smooth", joints[smooth & (rim == 0.0)], 1.0 - NEAR),
         ("joints, rim", joints[smooth & (rim > 0.0)], 1.0 - NEAR),
-        ("joints, kinked", joints[~smooth], 1.0 / KINK_STRAIN_FACTOR),
+        ("joints, kinked", joints[~smooth & (share_of_largest > LARGE)], 1.0 - NEAR),
     ):
         if len(ratio):  # none of a kind where all are of others
             rows.append(at_least(kind, "smallest estimate over solid", asked, float(ratio.min()), {"of": len(ratio)}))

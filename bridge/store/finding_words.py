@@ -52,7 +52,6 @@ LABELS = {
     "joined-to-nothing": ("{} joined to none", WORSE),
     "beyond-model": ("{} less sure", INFORMATION),
     "strained": ("{} too strained", BREAKS),
-    "kinked": ("Kinks: {}", INFORMATION),
     "slots-close": ("Spirals touch: {}", BREAKS),
     "about-to-snap": ("About to snap", BREAKS),
     "other-rest": ("Another rest", WORSE),

@@ -105,8 +105,6 @@ def _status(
         return Status(_truncate(_describe_change(stage_states, old)), REDO)
     serious = _serious(all_notices)
     if stage_states["sheets"].kind == states.DONE:
-        if not serious and _has_kinks(all_notices):
-            return Status(interface("Files written, unsure at kinks"), NEUTRAL)
         if not serious:  # nothing above information
             return Status(interface("Files written, nothing against it"), TICK)
         many = interface("Files written. {} things to look at", len(serious))
@@ -121,11 +119,6 @@ def _serious(all_notices: list[Notice]) -> list[Notice]:
     return [one for one in all_notices if one.severity in {BREAKS, WORSE} and one.key != notices.FEW_QUADS]
 
 
-def _has_kinks(all_notices: list[Notice]) -> bool:
-    """Return whether arms may be strained beyond their limit at kinks."""
-    return any(notice.key == "equilibrium/kinked" for notice in all_notices)
-
-
 def _status_of_simulated(obj: bpy.types.Object, all_notices: list[Notice]) -> Status:
     """Return the status of a piece that was simulated."""
     block, serious = stored_report.read(obj.data)["equilibrium"], _serious(all_notices)
@@ -137,8 +130,6 @@ def _status_of_simulated(obj: bpy.types.Object, all_notices: list[Notice]) -> St
     if serious:  # the rows below describe them
         many = interface("{} things to look at", len(serious))
         return Status(interface("1 thing to look at") if len(serious) == 1 else many, LOOK)
-    if _has_kinks(all_notices):
-        return Status(interface("It fits; strain at kinks is unsure"), NEUTRAL)
     held = any(notice.key == "equilibrium/held" for notice in all_notices)
     return Status(interface("It fits while held, arms hold") if held else interface("It fits, and its arms hold"), TICK)
 

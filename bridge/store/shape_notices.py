@@ -27,6 +27,9 @@ REMEDIES = {
 }
 # codes of findings for which Optimise is offered even after an earlier optimisation
 FIXED_BY_OPTIMISE = {"no-equilibrium", "knotted", "about-to-snap", "other-rest"}
+# codes of findings of earlier versions: strains over the limit for years, beside that for days; strains at kinks, which
+# solids have shown to be as sure as others
+FORMER_CODES = {"strained-for-years", "kinked"}
 # keys of notices about a poor match with the target
 FAR_FROM_TARGET = ("equilibrium/match", "equilibrium/far-from-target")
 
@@ -43,7 +46,7 @@ def from_equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Noti
     rows = equilibrium.merge_by_code(block.get("findings", ()))
     # offer the cures of excess strain first: they change the size, after which the piece is optimised anew anyway
     for row in sorted(rows, key=lambda row: row["code"] != "strained"):
-        if row["code"] == "strained-for-years":  # written by an earlier version, which reported both limits at once
+        if row["code"] in FORMER_CODES:
             continue
         helping = REMEDIES.get(row["code"], ())
         key, ways = (

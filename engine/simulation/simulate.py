@@ -31,7 +31,6 @@ from ..surface.checking.finding import merge_alike, with_count
 from ..surface.mesh import QuadMesh
 from ..threads import one_thread
 from .band import ToleranceBand
-from .kinks import kink_findings
 from .rests import SNAP_STIFFNESS, reported_rest, rest_findings
 from .shortfall import FarBody, find_far_bodies
 
@@ -197,8 +196,6 @@ class Simulation:
                 f"{self._strain_note}: they may break or stay bent. Press Optimise, take a thinner sheet, or make the piece larger"
             )
             findings.append(Finding("strained", "warning", text, tuple(strained.tolist())))
-        if self.joint_strain is not None:
-            findings += kink_findings(self.model.assembly, self.joint_strain, self.material)
         slots = self.slots()
         if slots is not None and len(slots.closed):
             beside = np.unique(slots.arms[slots.closed] // 4)

@@ -81,12 +81,12 @@ def test_information_hinders_nothing_that_could_be_dismissed(add: Any) -> None:
 def test_several_bodies_that_are_far_are_one_row() -> None:
     rows = [
         {"code": "far-from-target", "message": "One is far.", "faces": [1, 2]},
-        {"code": "kinked", "message": "A kink.", "faces": [3]},
+        {"code": "slots-close", "message": "A slot.", "faces": [3]},
         {"code": "far-from-target", "message": "Another is far.", "faces": [2, 9]},
     ]
-    far, kinked = equilibrium.merge_by_code(rows)
+    far, closed = equilibrium.merge_by_code(rows)
     assert far["faces"] == [1, 2, 9] and far["message"].splitlines() == ["One is far.", "Another is far."]
-    assert kinked is rows[1]
+    assert closed is rows[1]
 
 
 def test_what_a_mesh_or_layout_foretells_is_answered_by_a_near_shape(add: Any) -> None:

@@ -112,11 +112,10 @@ def test_a_piece_that_has_to_be_held_says_so(piece: Any) -> None:
 
 def test_the_status_promises_no_more_than_is_known(piece: Any) -> None:
     stored_report.write(piece.data, "equilibrium", {"rms_percent": 0.2, "converged": True, "strain_share_max": 0.8})
-    kinks = Notice("equilibrium/kinked", "Kinks: 4", "Arms of 4 spirals", INFORMATION)
     held = Notice("equilibrium/held", "Needs to be held", "It is held", INFORMATION)
-    seen = [guidance._status_of_simulated(piece, some) for some in ([], [held], [kinks], [held, kinks])]
-    assert [one.icon for one in seen] == [guidance.TICK, guidance.TICK, guidance.NEUTRAL, guidance.NEUTRAL]
-    assert "held" not in seen[0].text and "held" in seen[1].text and "unsure" in seen[2].text
+    seen = [guidance._status_of_simulated(piece, some) for some in ([], [held])]
+    assert [one.icon for one in seen] == [guidance.TICK, guidance.TICK]
+    assert "held" not in seen[0].text and "held" in seen[1].text
     assert not any("Ready to cut" in one.text for one in seen)
 
 

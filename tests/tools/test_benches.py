@@ -25,12 +25,11 @@ def test_every_bench_that_is_offered_has_a_main(root: Path) -> None:
 def test_strains_of_arms_that_are_all_kinked_or_all_smooth(root: Path, sharpness: float) -> None:
     """One kind alone is judged, and the names of the rows fit the table."""
     from flexmaps.database.validation_strain import ArmStrains
-    from flexmaps.engine.mechanics.arms.strain_changes import KINK_LIMIT
 
     sys.path.append(str(root / "tools"))
     bench = __import__("bench_strain")
     arms, solid = np.arange(8), np.linspace(0.01, 0.02, 8)
-    kink = np.full(8, sharpness * KINK_LIMIT)
+    kink = np.full(8, sharpness * bench.KINK_LIMIT)
     one = ArmStrains("piece", arms, arms % 4, arms // 2, solid, 1.2 * solid, 0.9 * solid, kink, 0.03, rim=False)
     rows = [*bench.measure("piece", [one], None), *bench.of_all([one])]
     kinds = {row["mesh"] for row in rows if row["mesh"].startswith("joints, ")}

@@ -18,14 +18,10 @@ from ..rim_bodies import FORWARDS
 from ..vectors import matvec
 from .bar_loads import FIRST_ORDER, LOADS, TURN, WRENCH
 from .bars import BESIDE
-from .cut import TWIST, WIDTH, CutArms, rest_shapes
+from .cut import TWIST, WIDTH, rest_shapes
 from .peak_strain import GRAIN_INDEX, NUMBERS, PeakStrain, StrainedArms
 from .sensitivity import SENSES, JointDerivatives, arm_loads, spread_over_design
 
-# KINK_LIMIT: sharpness of a kink (see ``kink_sharpness``) above which computed strains are uncertain.
-# KINK_STRAIN_FACTOR: largest ratio of true to computed strain at such kinks. A lower limit or a larger factor warns
-# about more joints
-KINK_LIMIT, KINK_STRAIN_FACTOR = 0.9, 1.6
 _UNCUT = 0.3  # length of blends in t for arms cut as pure spirals; without effect, as equal arms need no blend
 
 
@@ -178,17 +174,6 @@ def max_strain_per_spiral(assembly: Assembly, strains: Float[np.ndarray, "joints
     worst = np.zeros(assembly.spirals)
     np.maximum.at(worst, assembly.hub_pairs, strains.max(axis=1)[:, None])
     return worst
-
-
-def kink_sharpness(assembly: Assembly) -> Float[np.ndarray, " joints"]:
-    """Return the sharpness (m,) of the kink at every joint.
-
-    It is the angle by which the blend bends the more bent arm (radians), times the sheet's thickness over the width of
-    the narrower arm.
-    """
-    arms = CutArms.from_assembly(assembly)
-    bend = np.abs(arms.slope) / arms.radius
-    return bend.reshape(-1, 2).max(axis=1) * assembly.thickness / assembly.arm_width.min(axis=1)
 
 
 def _mates(assembly: Assembly) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
