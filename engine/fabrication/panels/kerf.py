@@ -110,7 +110,11 @@ def offset_curve(curve: Curve, distance: float) -> Curve:
     nodes[place[corner] + 1], bulges[place[corner] + 1] = last[row[corner]], np.tan(0.25 * turn[corner])
     if not curve.closed:
         nodes, bulges = np.append(nodes, last[row[-1]]), np.append(bulges, 0.0)
-    return without_empty_segments(Curve(np.column_stack([nodes.real, nodes.imag]), bulges, curve.closed))
+    made = without_empty_segments(Curve(np.column_stack([nodes.real, nodes.imag]), bulges, curve.closed))
+    passed = ((last - first) * (end - start).conj()).real[row] < 0.0  # segments that passed those opposite to them
+    if curve.closed and (passed.all() or made.area * curve.area < 0.0):
+        raise FlexMapsError(f"A curve is too small for an offset of {abs(distance) * 1e3:g} mm")
+    return made
 
 
 def _segments(curve: Curve) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

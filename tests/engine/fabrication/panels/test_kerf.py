@@ -252,3 +252,15 @@ def test_kerf_wider_than_the_spacing_is_refused(made):
 def test_paths_of_panels_do_not_touch_themselves(made):
     paths = [kerf.cut_paths(o, 0.0002, 0.0002) for o in made.outlines()]
     assert not len(find_contacts(paths))
+
+
+@pytest.mark.parametrize("height", [1.0, 2.9, 3.1, 5.0])
+@pytest.mark.parametrize("width", [1.0, 2.9, 3.1, 5.0])
+def test_a_hole_smaller_than_the_kerf_has_no_path(width, height):
+    corners = 1e-3 * np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
+    hole, left = Curve(corners, np.zeros(4), closed=True), shapely.Polygon(corners).buffer(-1.5e-3)
+    if left.is_empty:
+        with pytest.raises(FlexMapsError, match="too small"):
+            kerf.offset_curve(hole, -1.5e-3)
+    else:
+        assert kerf.offset_curve(hole, -1.5e-3).area == pytest.approx(left.area, rel=1e-9)
