@@ -7,5 +7,5 @@ from .model import ArmModel
 
 
 def as_arm_model(model: ElasticModel) -> ArmModel | None:
-    """Return the model if it is the arm model, which has the two arms of every joint with derivatives; else None."""
+    """Return the model if it is the arm model, which describes the two arms of every joint separately; else None."""
     return model if isinstance(model, ArmModel) else None

@@ -1,17 +1,18 @@
 """Forces and moments in the sections of arms that bend under their loads, with exact derivatives.
 
-An arm carries the wrench W at its tip, in the frame half way between both hubs of its joint. Relative to this frame its
-hub is turned by minus half of the joint's turn, so a section between hub and tip is turned by
+Let the joint's turn be the rotation of its other hub relative to this arm's hub. The arm carries the wrench W at its
+tip, in the frame half way between both hubs. Relative to this frame the arm's hub is rotated by -turn / 2. The arm is
+divided into short pieces, so a section between hub and tip is rotated by
 
-    rotation vector = -turn / 2 + bends of all pieces from the hub to the section.
+    rotation vector = -turn / 2 + sum of the bends (rotation vectors) of all pieces from the hub to the section.
 
-A piece bends like a beam (Castigliano) under the first-order wrench at the tip, which is the joint's stiffness times
-its motion. With this wrench the bends of both arms add up to the joint's turn; W may include a second-order term.
-Positions are integrated from the tip with the rotated sections, and the moments of W are computed on this bent arm.
-Rotations are Cayley transforms, which are orthogonal at any angle and differ from Rodrigues' formula by 0.02 rad at 0.6
-rad.
+A piece bends like a beam (Castigliano) under the first-order wrench at the tip: the joint's stiffness times its motion.
+With this wrench the bends of both arms add up to the joint's turn. W itself may include a second-order term. Positions
+are integrated from the tip with the rotated sections, and the moments of W are computed on this bent arm. Rotations
+are Cayley transforms, which are orthogonal for any rotation vector; for a vector of 0.6 rad they rotate by 0.02 rad
+less than Rodrigues' formula.
 
-Vectors are split into their part in the plane of the flat arm and their part along the normal, as in ``tip_beams``.
+Vectors are ``SplitVector``: the part in the plane of the flat arm as a complex number, and the part along its normal.
 """
 
 from __future__ import annotations
@@ -24,28 +25,34 @@ from ...arrays import Float
 from .bars import BarGradient, Bars
 from .tip_beams import SplitVector, sum_beyond
 
-# columns of the loads of an arm, in its own axes: wrench at the tip, N and N m; first-order wrench, which bends the
-# arm; turn of the joint's other hub relative to the arm's hub, radians. The loads of a joint's two arms are opposite.
+# Columns of an array of arm loads, in the arm's own axes. WRENCH: force and moment at the tip, N and N m. FIRST_ORDER:
+# the first-order wrench that bends the arm, N and N m. TURN: rotation vector of the joint's other hub relative to the
+# arm's hub, radians. The loads of a joint's two arms have opposite signs.
 WRENCH, FIRST_ORDER, TURN = slice(0, 6), slice(6, 12), slice(12, 15)
 LOADS = 15  # number of these columns
-# Length between an arm's last piece and its hub, in arm widths, that bends under the moments of the last piece: about
-# the distance to the roots of ``cut``. Larger turns the sections farther; without much effect from 0.6 to 1.3
+# The pieces of an arm end before its hub. The rest of the arm, this many arm widths long, bends at the same rate as the
+# last piece. It ends about at the arm's root (see ``cut``). Larger turns all sections farther, but from 0.6 to 1.3 that
+# has little effect
 BEYOND = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class BarLoads:
-    """Loads in the sections at the middles of the pieces of n bent bars.
+    """Loads in the sections of n bent bars (arms); a section lies at the middle of each of the bar's pieces.
 
-    bars, loads : n arms, and their loads (see ``WRENCH``, ``FIRST_ORDER`` and ``TURN``)
-    compliance : turn of the pieces per N m and metre: about the arm, about the direction across it, about the normal
-    flat : torque and bending moments of the first-order wrench on the flat arm
-    bends : turns of the pieces, radians
-    beyond : turn between the last piece and the hub over the turn of the last piece
-    half_turns : half of the rotation vectors of the sections; tangent : tangents of the bent arm
-    lever, moment : vectors from the sections to the tip, and moments about the sections, in the half-way frame
-    normal, torque : normal force and torque, N and N m
-    lift, turn : bending moments out of the sheet and in the sheet, N m
+    bars : the n bars
+    loads : their wrenches and turns in the columns ``WRENCH``, ``FIRST_ORDER`` and ``TURN``
+    compliance : bend of a piece per length and moment, rad/(N m^2). Axis 0: about the arm's tangent (torsion), about
+        the direction across the arm in the sheet, about the sheet's normal
+    flat : torque and bending moments that the first-order wrench causes in the flat arm
+    bends : rotation vectors by which the pieces bend, radians
+    beyond : bend between the last piece and the hub, divided by the bend of the last piece
+    half_turns : half of the sections' rotation vectors relative to the half-way frame, radians
+    tangent : unit tangents of the bent arm, in the half-way frame
+    lever : vectors from the sections to the tip of the bent arm, in the half-way frame, metres
+    moment : moments of the wrench about the sections, in the half-way frame, N m
+    normal, torque : force along the tangent, N, and moment about it, N m, in the sections
+    lift, turn : bending moments in the sections out of the sheet and in the sheet, N m
     """
 
     bars: Bars
@@ -67,7 +74,7 @@ class BarLoads:
     def from_bars(
         cls, bars: Bars, loads: Float[np.ndarray, "n 15"], compliance: Float[np.ndarray, "3 n pieces"]
     ) -> BarLoads:
-        """Bend the bars and compute the loads in their sections; arguments as the attributes of these names."""
+        """Bend the bars and compute the loads in their sections. Arguments: the attributes with the same names."""
         flat = _FlatLoads.from_wrench(bars, loads[:, FIRST_ORDER])
         twist, lift, turn = compliance * bars.length * flat.moments
         bends, hub = SplitVector((twist + 1j * lift) * bars.tangent, turn), _split(loads[:, TURN])
@@ -93,11 +100,11 @@ class BarLoads:
     def vjp(
         self, normal: np.ndarray, torque: np.ndarray, lift: np.ndarray, turn: np.ndarray
     ) -> tuple[Float[np.ndarray, "n 15"], BarGradient, Float[np.ndarray, "3 n pieces"]]:
-        """Convert derivatives by the loads in the sections to derivatives by ``loads``, ``bars`` and ``compliance``.
+        """Return the derivatives of one scalar per arm with respect to ``loads``, ``bars`` and ``compliance``.
 
         Parameters
         ----------
-        normal, torque, lift, turn : (n, pieces) derivatives of one scalar per arm by the attributes of these names
+        normal, torque, lift, turn : (n, pieces) the scalar's derivatives with respect to the attributes of these names
         """
         bars, along = self.bars, SplitVector(self.bars.tangent, np.zeros_like(self.normal))
         force = _split(self.loads[:, 0:3])
@@ -128,7 +135,10 @@ class BarLoads:
     def _bends_vjp(
         self, by_half: SplitVector
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "3 n pieces"], BarGradient]:
-        """Convert derivatives by ``half_turns`` to derivatives by first-order wrenches, compliances and bars."""
+        """Convert derivatives ``by_half`` with respect to ``half_turns``, through the pieces' bends.
+
+        Returns the derivatives with respect to the first-order wrenches, the compliances and the bars.
+        """
         bars, moments, all_turned = self.bars, self.flat.moments, 0.5 * _sum_pieces(by_half)
         by_bends = SplitVector(0.5 * _sum_from_tip(by_half.flat), 0.5 * _sum_from_tip(by_half.off))
         by_bends.flat[:, -1:] += self.beyond * (all_turned[:, :1] + 1j * all_turned[:, 1:2])
@@ -153,10 +163,11 @@ class BarLoads:
 
 @dataclass(frozen=True, eq=False)
 class _FlatLoads:
-    """Loads in the sections of flat bars under wrenches at their tips.
+    """Loads in the sections of flat, undeformed bars under wrenches at their tips.
 
-    force : at the tips; moment : part of the sections' moments in the plane of the flat arm, complex
-    moments : torque, bending moment out of the sheet, bending moment in the sheet
+    force : forces at the tips, N
+    moment : (n, pieces) moments in the sections, without their components along the normal, complex, N m
+    moments : moments in the sections, N m. Axis 0: torque, bending moment out of the sheet, bending moment in the sheet
     """
 
     bars: Bars
@@ -173,7 +184,10 @@ class _FlatLoads:
         return cls(bars, force, plane, np.stack([turned.real, turned.imag, turn]))
 
     def vjp(self, by: Float[np.ndarray, "3 n pieces"]) -> tuple[Float[np.ndarray, "n 6"], np.ndarray, np.ndarray]:
-        """Convert derivatives by ``moments`` to derivatives by the wrenches, the levers and the tangents."""
+        """Return a scalar's derivatives with respect to the wrenches, ``bars.lever`` and ``bars.tangent``.
+
+        by : the scalar's derivatives with respect to ``moments``
+        """
         bars, turn = self.bars, by[2]
         moment = (by[0] + 1j * by[1]) * bars.tangent
         by_tangent = (by[0] - 1j * by[1]) * self.moment
@@ -183,14 +197,14 @@ class _FlatLoads:
 
 
 def _split(vectors: Float[np.ndarray, "n 3"]) -> SplitVector:
-    """Split one vector per arm, into arrays (n, 1) that combine with arrays (n, pieces)."""
+    """Split one vector per arm into in-plane and normal parts of shape (n, 1), to broadcast over the pieces."""
     return SplitVector.from_vectors(vectors[:, None])
 
 
-def _sum_pieces(pairs: SplitVector) -> Float[np.ndarray, "n 3"]:
-    """Sum split vectors (n, pieces) over the pieces, and return them as vectors."""
-    flat = pairs.flat.sum(1)
-    return np.stack([flat.real, flat.imag, pairs.off.sum(1)], axis=1)
+def _sum_pieces(vectors: SplitVector) -> Float[np.ndarray, "n 3"]:
+    """Sum vectors (n, pieces) over the pieces, and return the sums as plain arrays."""
+    flat = vectors.flat.sum(1)
+    return np.stack([flat.real, flat.imag, vectors.off.sum(1)], axis=1)
 
 
 def _sum(a: SplitVector, b: SplitVector) -> SplitVector:
@@ -210,7 +224,10 @@ def _cross(a: SplitVector, b: SplitVector) -> SplitVector:
 
 
 def _cayley_factor(half: SplitVector) -> np.ndarray:
-    """Return the factor f of the Cayley transform v -> v + f (q x v + q x (q x v)), q half of a rotation vector."""
+    """Return the factor f of the Cayley transform v -> v + f (q x v + q x (q x v)).
+
+    half : q, half of the rotation vector
+    """
     return 2.0 / (1.0 + _dot(half, half))
 
 
@@ -233,5 +250,5 @@ def _rotation_change_vjp(half: SplitVector, vector: SplitVector, by: SplitVector
 
 
 def _sum_from_tip(x: np.ndarray) -> np.ndarray:
-    """Return the sums over the pieces from the tip to the middle of every piece."""
+    """Return for every piece the sum of ``x`` (n, pieces) from the tip to its middle, with half of its own value."""
     return np.cumsum(x, axis=1) - 0.5 * x

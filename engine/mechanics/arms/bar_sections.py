@@ -17,25 +17,29 @@ import numpy as np
 from ...arrays import Float
 
 # Limit of the product of a section's curvature and width; larger products saturate at it, because the material beside a
-# short kink supports the kink. Larger raises the strains inside kinks, from 2 on without bound
+# short kink supports the kink. A larger limit raises the strains in kinks; it must be below 2, where they are infinite
 SATURATION = 1.8
-_SERIES_BELOW = 0.1  # curvature times width below which a series replaces logarithms that cancel
+# curvature times width below which a power series replaces the logarithm, whose leading digits would cancel
+_SERIES_BELOW = 0.1
 _SERIES_TERMS = 6  # number of terms of this series; more are slower and more exact (error 1e-15)
 _TERMS = 60  # number of terms of the series for the torsion of a rectangle; more are more exact (error 1e-9)
-# width over height at the ends of the spline through these series, and number of its nodes; more are more exact
+# The spline through the torsion functions: width over height at its first and last node, and number of nodes; more are
+# more exact
 _THINNEST, _WIDEST, _NODES = 0.01, 100.0, 600
-# Where sections become wider than high, warping fades out, because finite elements of solids show none there. This is
-# the warping, as a share of the squared height, over which it fades; larger is smoother
+# The warping of a corner becomes negative where a section is wider than high. Finite elements of solids show no warping
+# there, so it is replaced by a smooth maximum of warping and 0. This is the range of warping per twist rate, over the
+# squared height, in which the maximum is rounded; larger is smoother
 _WARP_SOFT = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
 class Curvature:
-    """Functions of the product of the sections' curvature and width (Winkler and Bach), and their derivatives by it.
+    """Functions of a section's curvature times its width (Winkler and Bach).
 
-    bend : k, the product, saturated at ``SATURATION``
+    bend : k, the product of curvature and width, saturated at ``SATURATION``
     log : ln((1 + k/2) / (1 - k/2)) / k, radius of the centre line over the radius of the neutral axis
-    off : (1 - 1 / log) / k^2, distance of the neutral axis from the middle, divided by k and by the width
+    off : (1 - 1 / log) / k^2, distance of the neutral axis from the centre line, divided by k and by the width
+    bend_by, log_by, off_by : their derivatives with respect to the product before saturation
     """
 
     bend: Float[np.ndarray, "*n"]
@@ -53,7 +57,7 @@ class Curvature:
         root = 1.0 / np.sqrt(np.sqrt(fourth))
         k, slope = product * root, root / fourth
         square = k * k
-        # log = 1 + k^2 rest
+        # ``log`` is 1 + k^2 rest, so that small k do not cancel
         rest, rest_by = _log_rest(k)
         log, log_by = 1.0 + square * rest, (2.0 * k * rest + square * rest_by) * slope
         off = rest / log
@@ -61,7 +65,7 @@ class Curvature:
 
 
 def _log_rest(k: Float[np.ndarray, "*n"]) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
-    """Return (ln((1 + k/2) / (1 - k/2)) / k - 1) / k^2, and its derivative by k."""
+    """Return (ln((1 + k/2) / (1 - k/2)) / k - 1) / k^2, and its derivative with respect to k."""
     square = k * k
     small = square < _SERIES_BELOW**2
     near = np.where(small, 0.25 * square, 0.0)
@@ -80,12 +84,14 @@ def _log_rest(k: Float[np.ndarray, "*n"]) -> tuple[Float[np.ndarray, "*n"], Floa
 
 @dataclass(frozen=True, eq=False)
 class Torsion:
-    """St. Venant's torsion of sections of width w and height h (Timoshenko and Goodier, Theory of Elasticity, 109), SI.
+    """St. Venant's torsion of sections of width w and height h (Timoshenko and Goodier, Theory of Elasticity, 109).
 
-    values : (4, ...) four functions: twist rate per torque, times the shear modulus (1 / J); shear stress per torque in
-        the middles of the sides y = +-w/2; in the middles of the faces z = +-h/2; warping of a corner per twist rate,
-        which is faded out where w > h
-    slopes : (4, ...) their derivatives by the width
+    values : (4, ...) SI units. Axis 0 counts four functions:
+        0: 1 / J, the twist rate per torque times the shear modulus;
+        1: shear stress per torque in the middles of the sides y = +-w/2;
+        2: shear stress per torque in the middles of the faces z = +-h/2;
+        3: warping of a corner per twist rate, faded out where w > h
+    slopes : (4, ...) derivatives of ``values`` with respect to the width
     """
 
     values: Float[np.ndarray, "4 ..."]
@@ -93,7 +99,7 @@ class Torsion:
 
     @classmethod
     def evaluate(cls, width: Float[np.ndarray, "*n"], height: float) -> Torsion:
-        """Evaluate the four functions and their derivatives by the width, for sections of these sizes in metres."""
+        """Evaluate the four functions and their derivatives, for sections of ``width`` and ``height`` in metres."""
         spline, at = _torsion_spline(), np.log(width / height)
         scale = height ** np.array([-4.0, -3.0, -3.0, 2.0])
         values, by_log = (np.moveaxis(spline(at, order) * scale, -1, 0) for order in (0, 1))

@@ -1,4 +1,8 @@
-"""Arms as curved bars, divided into pieces from the tip to a little before the first fillet, with exact derivatives."""
+"""Arms as curved bars in pieces, with exact derivatives of their shape with respect to the arms' parameters.
+
+The slots beside an arm end at its hub in fillets. A bar reaches from the arm's tip to a little before the first of
+them, which is at the arm's inner edge (the side to which the arm curves).
+"""
 
 from __future__ import annotations
 
@@ -23,30 +27,32 @@ from ...spirals.curves.blends import (
 from ...spirals.curves.blends import N_BLEND_PARAMETERS as BLEND_NUMBERS
 from .tip_beams import HUB_SHARE, hub_ends
 
-# Index of the last parameter of a bar, after the parameters of ``blends``: width (metres) of the arm beyond the slot at
-# the bar's inner edge
+# A bar's parameters are those of ``blends`` and, last, the width (metres) of the next arm of the same spiral, across
+# the slot at the bar's inner edge. This is the index of that width
 BESIDE = BLEND_NUMBERS
 NUMBERS = BLEND_NUMBERS + 1  # number of parameters of a bar
-# pieces from the tip to the end of the bar; more are slower, fewer miss the kinks of short blends
+# number of pieces from the tip to the end of the bar; more are slower, fewer miss the kinks of short blends
 PIECES = 16
-# distance before the first fillet, in arm widths, at which the last piece ends, because the hub supports the inner edge
-# from there on; smaller overestimates strains
+# The last piece ends this far from the first fillet towards the tip, in arm widths, because from there on the hub
+# supports the inner edge; smaller overestimates strains
 BEFORE_FILLET = 0.35
-# length in t of the last piece over that of the first; larger resolves short kinks near the tip and blurs the root
+# length in t of the last piece over that of the first; larger resolves short kinks near the tip better and the end near
+# the hub worse
 GROWTH = 1.8
-# least t up to which strains are evaluated, and width in t of the smooth transition to it; larger overestimates strains
-# of tightly wound arms
+# Lower limit of t at the end of a bar, for tightly wound arms, and width in t of the smooth transition to this limit;
+# larger overestimates strains of tightly wound arms
 LEAST_END, END_SOFT = 0.3, 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Bars:
-    """n arms in pieces, from their tips inwards. Even stations are the ends of pieces, odd stations their middles.
+    """n arms in pieces, counted from the tip inwards. Even stations are the ends of pieces, odd stations their middles.
 
     lines : centre lines and widths of the arms
-    end : (n,) t at the end of the last piece; end_by : its derivatives by the parameters
-    t, point, velocity : t, position (metres) and its derivative by t at all stations
-    width : at the middles of the pieces, metres
+    end : (n,) t at the end of the last piece; t is 0 at the tip and 1 at the hub's centre
+    end_by : derivatives of ``end`` with respect to the bar's parameters
+    t, point, velocity : t of all stations, their positions (complex, metres) and derivatives of these with respect to t
+    width : widths of the arm at the middles of the pieces, metres
     """
 
     lines: ArmCurves
@@ -59,7 +65,14 @@ class Bars:
 
     @classmethod
     def from_numbers(cls, numbers: Float[np.ndarray, "n _"], shortest: float, fillet: float) -> Bars:
-        """Divide arms with these parameters into pieces; shortest, fillet : as in ``StrainedArms``."""
+        """Divide arms into pieces.
+
+        Parameters
+        ----------
+        numbers : parameters of the bars: those of ``blends``, then ``BESIDE``
+        shortest : length of the shortest blends, in t
+        fillet : radius of the fillets, metres
+        """
         pairs = ((OWN_WIDTH, MATE_WIDTH), (OWN_WIND, MATE_WIND), (OWN_LEAN, MATE_LEAN))
         width, wind, lean = (numbers[:, list(both)] for both in pairs)
         lines = ArmCurves.from_arms(
@@ -101,7 +114,7 @@ class Bars:
         return -np.angle(ends[:, 1:] * np.conj(ends[:, :-1])) / self.length * self.width
 
     def vjp(self, gradient: BarGradient) -> Float[np.ndarray, "n numbers"]:
-        """Convert derivatives by the bars (``gradient``) to derivatives by the parameters (vector-Jacobian product)."""
+        """Convert a scalar's derivatives with respect to the bars' shape to derivatives with respect to parameters."""
         ends, middles = self.velocity[:, ::2], self.velocity[:, 1::2]
         by_turn = -gradient.bend * self.width / self.length
         by_length = gradient.length - gradient.bend * self.bend / self.length
@@ -123,7 +136,7 @@ class Bars:
 
 
 def _stations() -> Float[np.ndarray, " places"]:
-    """Return t over ``end`` at the ends and middles of the pieces, whose lengths grow linearly from the tip inwards."""
+    """Return t / ``end`` at all stations of a bar, whose pieces' lengths grow linearly from the tip inwards."""
     lengths = np.linspace(1.0, GROWTH, PIECES)
     ends = np.concatenate([[0.0], np.cumsum(lengths) / lengths.sum()])
     out = np.empty(2 * PIECES + 1)
@@ -137,7 +150,7 @@ _STEPS = np.diff(_STATIONS[::2])
 
 @dataclass(frozen=True, eq=False)
 class BarGradient:
-    """Derivatives of one scalar per arm by lever, length, width, bend and tangent angle of its bar's pieces."""
+    """Derivatives of one scalar per arm with respect to lever, length, width, bend and tangent angle of its pieces."""
 
     lever: Complex[np.ndarray, "n pieces"]
     length: Float[np.ndarray, "n pieces"]
@@ -149,18 +162,22 @@ class BarGradient:
 def _bar_ends(
     lines: ArmCurves, beside: Float[np.ndarray, " n"], fillet: float
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n numbers"]]:
-    """Return t at the ends of the bars, a little before the first fillets, and its derivatives by the parameters.
+    """Return t at the ends of the bars, a little before the first fillets, and its derivatives by the bars' parameters.
 
-    beside : (n,) widths of the arms beyond the slots at the inner edges; fillet : radius; both in metres
+    Parameters
+    ----------
+    lines : centre lines of the arms
+    beside : (n,) width of the next arm across the slot at the inner edge, metres
+    fillet : radius of the fillets, metres
     """
     radius, wind, width = lines.radius, lines.wind, lines.width
     root, root_by = _first_fillets(lines, beside, fillet)
-    left = 1.0 - root
-    # speed of the arm's centre line at the fillet, in radii per t
-    pace = np.sqrt(1.0 + (wind * left) ** 2)
-    back = BEFORE_FILLET * width / (radius * pace)
-    back_by = (back / pace**2 * wind**2 * left)[:, None] * root_by
-    back_by[:, OWN_WIND] -= back / pace**2 * wind * left**2
+    from_centre = 1.0 - root
+    # |dx/dt| of the arm's centre line x(t) beside the fillet, in units of the radius
+    speed = np.sqrt(1.0 + (wind * from_centre) ** 2)
+    back = BEFORE_FILLET * width / (radius * speed)
+    back_by = (back / speed**2 * wind**2 * from_centre)[:, None] * root_by
+    back_by[:, OWN_WIND] -= back / speed**2 * wind * from_centre**2
     back_by[:, RADIUS] -= back / radius
     back_by[:, OWN_WIDTH] += back / width
     over, slope = smooth_positive(root - back - LEAST_END, END_SOFT)
@@ -170,20 +187,21 @@ def _bar_ends(
 def _first_fillets(
     lines: ArmCurves, beside: Float[np.ndarray, " n"], fillet: float
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n numbers"]]:
-    """Return t on arms beside the fillets at their inner edges, and its derivatives by the parameters.
+    """Return t on n arms beside the fillet at their inner edge, and its derivatives by the bars' parameters.
 
-    The point half way between the two arms beside a fillet has the t of ``hub_ends``. Both arms cross the radius there
-    at an angle a. So one arm is farther out than this point and the other farther in, by half the distance of the arms
-    times sin a.
+    A fillet lies between two arms of a spiral. The point half way between their centre lines has the t that
+    ``hub_ends`` returns. Both centre lines cross the radius through this point at an angle a. So beside the fillet one
+    arm is farther from the hub's centre than this point and the other nearer, by half the distance of their centre
+    lines times sin a. Parameters as in ``_bar_ends``.
     """
     radius, wind, away = lines.radius, lines.wind, 0.25 * (lines.width + beside) + fillet
     hub, slopes = hub_ends(radius, wind, away)
     root, by_both = hub / HUB_SHARE, slopes / HUB_SHARE
-    left, share = 1.0 - root, away / radius
-    pace = np.sqrt(1.0 + (wind * left) ** 2)
-    sine = wind * left / pace
-    by_both *= (1.0 + share * wind / pace**3)[:, None]
-    by_both -= np.stack([-share * sine, share * radius * left / pace**3, sine], axis=1) / radius[:, None]
+    from_centre, share = 1.0 - root, away / radius
+    speed = np.sqrt(1.0 + (wind * from_centre) ** 2)
+    sine = wind * from_centre / speed
+    by_both *= (1.0 + share * wind / speed**3)[:, None]
+    by_both -= np.stack([-share * sine, share * radius * from_centre / speed**3, sine], axis=1) / radius[:, None]
     by = np.zeros((len(root), NUMBERS))
     by[:, [RADIUS, OWN_WIND, OWN_WIDTH, BESIDE]] = by_both[:, [0, 1, 2, 2]] * [1.0, 1.0, 0.25, 0.25]
     return root - share * sine, by

@@ -16,20 +16,27 @@ from numpy.polynomial import chebyshev as cheb
 
 from ...arrays import Float
 
-LARGEST_TWIST = math.radians(620.0)  # radians, end of the series: a little above the largest twist of a spiral
+LARGEST_TWIST = math.radians(620.0)  # radians, end of the Chebyshev series: a little above a spiral's largest twist
 SHEAR_FACTOR = 1.2  # Timoshenko shear factor of a rectangular section (Timoshenko and Goodier)
-_DEGREE = 44  # degree of the Chebyshev series; larger is slower and more exact (error 3e-10)
+_DEGREE = (
+    44  # degree of the Chebyshev series of path_integrals in the twist; larger is slower, more exact (error 3e-10)
+)
 _TERMS = 12  # number of terms of the series for the torsion constant; more are slower and more exact (error 6e-7)
-_CURVED = 6  # number of these terms that depend on the height in double precision: 1 - tanh(13 pi / 2) is 3e-18
+# Only this many of these terms depend on the height: in all further ones, tanh is 1 in double precision
+# (1 - tanh(13 pi / 2) is 3e-18)
+_CURVED = 6
 
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
     """The two symmetric 3 x 3 blocks of tip compliances of n arms, with derivatives.
 
-    values : (2, 6, n) block 0 for (Fx, Fy, Mz), block 1 for (Fz, Mx, My); entries 00, 10, 11, 20, 21, 22
-    slopes : (3, 2, 6, n) derivatives by ln(s/w), ln(w/h) and twist; (4, 2, 6, n) for a sheet with a grain: also by the
-        grain's direction. s is the spiral's scale, w the arm's width, h the sheet's thickness
+    Let s be the spiral's scale, w the arm's width and h the sheet's thickness.
+
+    values : (2, 6, n) block 0 for (Fx, Fy, Mz), block 1 for (Fz, Mx, My). Axis 1 counts the entries 00, 10, 11, 20, 21,
+        22 of the block's lower triangle
+    slopes : (3, 2, 6, n) derivatives of ``values`` with respect to ln(s/w), ln(w/h) and twist. For a sheet with a grain
+        (4, 2, 6, n): the last derivative is with respect to the grain's direction in radians
     """
 
     values: Float[np.ndarray, "2 6 spirals"]
@@ -136,11 +143,11 @@ def beam_tip_compliance(
     # the 24 integrals of ``path_integrals`` for n arms, and their derivatives by the twist
     p, dp = series.T @ powers.T, slopes.T @ powers[:, :_DEGREE].T
     radius = 0.5 * np.asarray(scale)
-    # power of the radius that scales the bending integral of every entry of both blocks
+    # exponents of the radius in the bending integrals (in block 1 also torsion), for the six entries of both blocks
     in_degree, out_degree = np.array([[3, 3, 3, 2, 2, 1], [3, 2, 1, 2, 1, 1]])[..., None]
     torsion, torsion_slope = torsion_constant(height)
     shear_modulus = 0.5 / (1.0 + poisson)
-    # flexibilities of the section, and derivatives by ln h: bending in the plane 12 / h, out of it 12 / h^3
+    # flexibilities of the section of width 1: bending in the plane 12 / h, out of it 12 / h^3
     bend_in, bend_out = 12.0 / height, 12.0 / height**3
     twist_out = 1.0 / (shear_modulus * torsion)
     d_twist_out = -twist_out * torsion_slope * height / torsion
@@ -168,7 +175,8 @@ def beam_tip_compliance(
     in_value, in_radius = inside(p)
     out_value, out_radius, out_height = outside(p)
     values = np.stack([in_value, out_value])
-    # ln(w/h) is -ln(height), as lengths are in widths; at fixed s/w flexibilities in the plane scale with 1 / height
+    # derivatives by ln(s/w), which is ln(2 radius), by ln(w/h), which is -ln(height), and by the twist. In-plane
+    # flexibilities are proportional to 1 / height, so they are their own derivatives by -ln(height)
     by_scale = np.stack([in_radius, out_radius])
     by_ratio = np.stack([in_value, -out_height])
     by_twist = np.stack([inside(dp)[0], outside(dp)[0]])

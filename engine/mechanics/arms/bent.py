@@ -23,29 +23,33 @@ from ..vectors import matvec, rotation_matrix, rotation_vector, skew
 from .bent_rim import RimPieces, rim_pieces
 from .pieces import POISSON, STATIONS, Grain, piece_flexibilities
 from .stacked import BATCH
+from .tip_closing import newton_step
 
 # Largest number of Newton iterations that bring the tips of a joint together; the gap that remains is spread along the
 # arms. More are slower and more exact
 ROUNDS = 12
-# Gap between two tips, relative to the size of a spiral, below which the next Newton step is the last. The gap that
-# then remains is spread along the arms. Larger is faster and less exact (error 0.3 nanometres).
+# Gap between the two tips of a joint, relative to the size of a spiral, below which only one more Newton step follows.
+# The gap that then remains is spread along the arms. Larger is faster and less exact (at this value: 0.3 nanometres).
 TIP_TOLERANCE = 1e-4
-BENDING = "Bending the arms"  # text of the progress
-_MAX_TURN = 0.5  # radians, largest turn of a joint in one iteration; larger needs fewer iterations or diverges
+BENDING = "Bending the arms"  # message that the progress bar shows
 
 
 @dataclass(frozen=True, eq=False)
 class BentArms(Columns):
-    """The deformation of A = 4 F arms; arm 4 f + k is arm k of quad f. Stations run from 0 at the hub to S at the tip.
+    """The deformation of A arms, at stations 0 (where the arm leaves its hub) to S (the tip).
 
-    The arms of the rim's nodes follow, four per node (see ``mechanics.rim_bodies``). A point P of the flat arm beside
-    the point c(t) of its centre line, both in the frame of its patch, moves to x(t) + D(t) (P - c(t)).
+    Arm 4 f + k is arm k of quad f. After the arms of all quads follow those of the rim's nodes, four per node (see
+    ``mechanics.rim_bodies``). A section is given by t: 0 at the tip, 1 at the hub's centre. A point P of the flat arm
+    in the section at the point c(t) of the centre line moves to x(t) + D(t) (P - c(t)). P and c are in the frame of the
+    flat patch, x in space.
 
-    hub : (A,) t where the arm leaves its rigid hub; t is 0 at the tip
+    hub : (A,) t where the arm leaves its rigid hub
     flat : (A, S + 1, 3) metres, the flat centre line c, relative to the hub's centre
-    place : (A, S + 1, 3) metres, positions x in space; turn : (A, S + 1, 3, 3), rotations D
-    bend : (A, S, 3) radians, rotation vector of D from station to station, in the flat frame
-    stretch : (A, S, 3) metres, chord of x minus chord of c from station to station, in the flat frame turned half way
+    place : (A, S + 1, 3) metres, positions x
+    turn : (A, S + 1, 3, 3), rotations D
+    bend : (A, S, 3) radians, rotation vector between the D of one station and of the next, in the frame of the patch
+    stretch : (A, S, 3) metres, vector between the x of one station and of the next, rotated back by the mean D of both,
+        minus the vector between their c
     wrench : (A, 6) force and moment at the tip in the joint's axes, for a Young's modulus of 1 Pa
     """
 
@@ -60,19 +64,20 @@ class BentArms(Columns):
     def at(
         self, arm: np.ndarray, t: Float[np.ndarray, " nodes"], flat: Float[np.ndarray, "nodes 3"]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return position and rotation of sections of single arms.
+        """Return position and rotation of N sections, each on any arm.
 
         Parameters
         ----------
-        arm, t : (N,) arm and position on it, 0 at the tip
-        flat : (N, 3) metres, points of the flat centre lines at ``t``
+        arm, t : (N,) index of the arm and position of the section on it, 0 at the tip
+        flat : (N, 3) metres, points c of the flat centre lines at ``t``
 
         Returns
         -------
         (N, 3) metres and (N, 3, 3) : x and D, as in ``BentArms``
         """
         count = self.bend.shape[1]
-        hub = np.maximum(self.hub[arm], 1e-9)  # arms wound too much to be cut are hub up to the tip
+        # ``hub`` is 0 for arms with so much twist that no slot is left: they are rigid up to the tip
+        hub = np.maximum(self.hub[arm], 1e-9)
         way = np.clip(1.0 - t / hub, 0.0, 1.0) * count
         piece = np.minimum(way.astype(int), count - 1)
         share = way - piece
@@ -93,7 +98,8 @@ class BentArms(Columns):
 class _ArmPieces:
     """The flat arms divided into S pieces each: ``hub`` and ``flat`` as in ``BentArms``.
 
-    answer : (A, S, 6, 6) bend and stretch of every piece per wrench at the tip; the wrench is in the joint's axes
+    answer : (A, S, 6, 6) derivatives of every piece's bend and stretch, as in ``BentArms``, with respect to the force
+        and moment at the arm's tip in the joint's axes
     """
 
     hub: np.ndarray
@@ -106,15 +112,10 @@ def flat_centre(
 ) -> Float[np.ndarray, "nodes _ 3"]:
     """Return points of the centre lines of flat arms, relative to their hubs' centres.
 
-    Parameters
-    ----------
-    design : the spirals
-    quad, side : (N,) the arms
-    t : (N, M) positions on the arms
+    quad, side : (N,) the arms: quad, and side of the quad to which the arm leads
+    t : (N, M) positions on the arms, from 0 at the tip to 1 at the hub's centre
 
-    Returns
-    -------
-    (N, M, 3) metres
+    Returns (N, M, 3), metres, in the frame of the flat patch.
     """
     out = np.zeros((*t.shape, 3))
     shape = design.arms.one_by_one(quad, side)
@@ -123,7 +124,7 @@ def flat_centre(
 
 
 def hub_edge_of_design(design: SpiralDesign) -> Float[np.ndarray, "quads 4"]:
-    """Return t (F, 4) where every arm leaves its rigid hub: a little before either slot beside it ends."""
+    """Return t (F, 4) where every arm leaves its rigid hub: a little outside the end of the shorter slot beside it."""
     root = design.roots
     return 0.985 * np.minimum(root.left, np.roll(root.right, 1, axis=1))
 
@@ -142,9 +143,10 @@ def bend_arms(
     Parameters
     ----------
     design, pose : the spirals, and where their hubs are
-    closed : (m,) mask of the joints, in the order of the edges between two quads, whose tips must meet; default all
-    wrench : (A, 6) as in ``BentArms``: start of the search at these joints, constant loads at the tips of other arms;
-        default 0
+    closed : (m,) mask of the joints whose two tips must meet; default all. A joint's index is that of its edge among
+        the edges between two quads
+    wrench : (A, 6) as in ``BentArms``, default 0. At ``closed`` joints the search for the equilibrium starts with it;
+        at the tips of other arms it is the constant load
     material : gives Poisson's ratio and the grain; by default ``POISSON`` and no grain
     progress : is updated and can cancel
     """
@@ -154,11 +156,13 @@ def bend_arms(
 
 @dataclass(frozen=True, eq=False)
 class Bender:
-    """Bending of the arms of one design, prepared for many poses.
+    """Bends the arms of one design; built once for many poses.
 
-    arm : (m, 2) int, both arms of every joint; axes : (A, 3, 3) axes of every arm's joint in the flat frame of its
-        patch
-    size : metres, median scale of the spirals; rim : the joints of the rim, if there is one
+    pieces : the flat arms in pieces
+    arm : (m, 2) indices of both arms of every joint
+    axes : (A, 3, 3) axes of every arm's joint as columns, in the frame of the arm's flat patch
+    size : metres, median scale of the spirals
+    rim : joints and arms of the rim, if the design has one
     """
 
     pieces: _ArmPieces
@@ -177,7 +181,7 @@ class Bender:
         ----------
         design : the spirals
         material : as in the function ``bend_arms``
-        only : (F,) mask of the quads whose arms later calls of ``bend`` may need; default all
+        only : (F,) mask of the quads for which ``bend`` can then be called; default all
         """
         mesh = design.flat.layout.mesh
         inner = np.flatnonzero(~mesh.border)
@@ -209,8 +213,9 @@ class Bender:
         Parameters
         ----------
         pose, closed, wrench, progress : as in the function ``bend_arms``
-        only : (F,) mask of the quads whose arms are needed; the deformation of other arms is zero
-        close : gap between tips that ends the search, as ``TIP_TOLERANCE``
+        only : (F,) mask of the quads whose arms and mates across their joints are bent; default all. Attributes of
+            other arms are zero in the result
+        close : gap between the tips of a joint, over ``size``, that ends the search, as ``TIP_TOLERANCE``
         """
         load = np.zeros((len(self.axes), 6))
         if wrench is not None:
@@ -235,11 +240,14 @@ class Bender:
 def _close_joints(
     pieces: _ArmPieces, pose: Pose, axes: np.ndarray, load: np.ndarray, joint: np.ndarray, close: float
 ) -> None:
-    """Change the tip wrenches ``load`` (A, 6) in place, so that tips of joints (m, 2) meet within ``close`` metres."""
+    """Change the tip wrenches ``load`` (A, 6) in place, so that both tips of the joints ``joint`` (m, 2) meet.
+
+    axes : (A, 3, 3) as in ``Bender``; close : gap between two tips that ends the search, metres
+    """
     for _ in range(ROUNDS):
         some = joint.ravel()
         tip, turn, yielding = _tip_states(pieces, some, pose, load[some])
-        step, miss = _newton_step(tip, turn @ axes[some], yielding)
+        step, miss = newton_step(tip, turn @ axes[some], yielding)
         load[joint[:, 0]] += step
         load[joint[:, 1]] -= step
         joint = joint[miss > close]
@@ -253,9 +261,10 @@ def _divide(
     material: Material | None,
     only: Bool[np.ndarray, " quads"] | None = None,
 ) -> _ArmPieces:
-    """Divide arms into pieces of equal length in t; leave zeros for arms that do not meet arms of the quads ``only``.
+    """Divide arms into ``STATIONS`` pieces of equal length in t.
 
     axes : (A, 3, 3) as in ``Bender``
+    only : (F,) mask of quads; only their arms and the mates of these across joints are divided, others stay zero
     """
     mates = opposite_sides(design.flat.layout.mesh)[0]
     quads = np.arange(len(mates)) if only is None else np.flatnonzero(only | only[mates].any(axis=1))
@@ -290,7 +299,7 @@ def _divide(
 
 
 def _block_axes(axes: Float[np.ndarray, "arms 3 3"]) -> Float[np.ndarray, "arms 6 6"]:
-    """Return block matrices (A, 6, 6) that rotate forces and moments by ``axes``."""
+    """Return matrices (A, 6, 6) that rotate wrenches by ``axes``: in both diagonal blocks, for forces and moments."""
     turned = np.zeros((len(axes), 6, 6))
     turned[:, :3, :3] = turned[:, 3:, 3:] = axes
     return turned
@@ -301,7 +310,11 @@ def _integrate(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Integrate the bends and stretches of the pieces of n arms from the hubs to the tips.
 
-    Returns positions (n, S + 1, 3) and rotations (n, S + 1, 3, 3) of the stations, and half-way rotations."""
+    flat, bend, stretch : as in ``BentArms``; rotations, centres : (n, 3, 3) and (n, 3), of the arms' hubs
+
+    Returns positions (n, S + 1, 3) and rotations (n, S + 1, 3, 3) of the stations, and rotations (n, S, 3, 3) in the
+    middles of the pieces.
+    """
     half = rotation_matrix(0.5 * bend)
     whole = half @ half
     turn = np.empty((len(flat), STATIONS + 1, 3, 3))
@@ -318,7 +331,11 @@ def _integrate(
 def _tip_states(
     pieces: _ArmPieces, arm: np.ndarray, pose: Pose, load: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return positions (n, 3), rotations (n, 3, 3) and compliances (n, 6, 6) in space of the tips of arms (n,)."""
+    """Return positions (n, 3), rotations (n, 3, 3) and compliances (n, 6, 6) of the tips of the arms ``arm`` (n,).
+
+    A compliance maps a wrench in the joint's axes to the tip's shift and rotation vector in space.
+    load : (n, 6) wrenches at the tips, in the joints' axes
+    """
     answer, flat = pieces.answer[arm], pieces.flat[arm]
     strain = (answer @ load[:, None, :, None])[..., 0]
     place, turn, middle = _integrate(
@@ -326,33 +343,13 @@ def _tip_states(
     )
     turning, going = middle @ answer[:, :, :3], middle @ answer[:, :, 3:]
     lever = place[:, -1:] - 0.5 * (place[:, 1:] + place[:, :-1])
-    # a turn of a piece shifts the tip by turn x lever
+    # if a piece bends by the rotation vector r, the tip shifts by r x lever
     shift = (going - skew(lever) @ turning).sum(axis=1)
     return place[:, -1], turn[:, -1], np.concatenate([shift, turning.sum(axis=1)], axis=1)
 
 
-def _newton_step(tip: np.ndarray, frame: np.ndarray, yielding: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the Newton step of the wrenches (m, 6) of the first arms of joints, and the gaps (m,) between their tips.
-
-    tip, frame, yielding : positions, joints' axes and compliances of the tips (2 m, ...) in pairs. A gap is in metres;
-    the turn between two tips adds 1 mm per radian."""
-    apart = rotation_vector(np.swapaxes(frame[::2], 1, 2) @ frame[1::2])
-    middle = frame[::2] @ rotation_matrix(0.5 * apart)
-    miss = np.concatenate([tip[1::2] - tip[::2], matvec(middle, apart)], axis=1)
-    large = np.linalg.norm(apart, axis=1)
-    share = np.minimum(1.0, _MAX_TURN / np.maximum(large, 1e-12))
-    # scaled by the diagonal, because the arms' stiffnesses span decades
-    both = yielding[::2] + yielding[1::2]
-    unit = np.sqrt(np.abs(np.einsum("mii->mi", both)))
-    rigid = unit == 0.0  # both arms are hub up to the tip: no wrench moves their tips
-    unit = np.where(rigid, 1.0, unit)
-    both = both / (unit[:, :, None] * unit[:, None]) + rigid[:, None] * np.eye(6)
-    step = np.where(rigid, 0.0, np.linalg.solve(both, (miss / unit)[..., None])[..., 0] / unit)
-    return share[:, None] * step, np.linalg.norm(miss[:, :3], axis=1) + np.linalg.norm(miss[:, 3:], axis=1) * 1e-3
-
-
 def _bend(pieces: _ArmPieces, pose: Pose, load: np.ndarray, some: Int[np.ndarray, " arms"]) -> BentArms:
-    """Bend the arms ``some`` (n,) under the tip wrenches ``load`` (A, 6); the result is zero for other arms."""
+    """Bend the arms with indices ``some`` (n,) under tip wrenches ``load`` (A, 6); zeros for the other arms."""
     strain = (pieces.answer[some] @ load[some, None, :, None])[..., 0]
     bend, stretch = np.ascontiguousarray(strain[..., :3]), np.ascontiguousarray(strain[..., 3:])
     place, turn, _ = _integrate(pieces.flat[some], pose.rotations[some // 4], pose.centres[some // 4], bend, stretch)
@@ -361,7 +358,7 @@ def _bend(pieces: _ArmPieces, pose: Pose, load: np.ndarray, some: Int[np.ndarray
 
 
 def _scatter(values: np.ndarray, some: np.ndarray, count: int) -> np.ndarray:
-    """Put values of the arms ``some`` into an array of all ``count`` arms, zero elsewhere."""
+    """Return an array of all ``count`` arms with ``values`` (n, ...) at the indices ``some`` (n,), zero elsewhere."""
     if len(some) == count:
         return values
     out = np.zeros((count, *values.shape[1:]))
@@ -370,9 +367,12 @@ def _scatter(values: np.ndarray, some: np.ndarray, count: int) -> np.ndarray:
 
 
 def _join_tips(arms: BentArms, joint: np.ndarray, axes: np.ndarray, some: np.ndarray) -> BentArms:
-    """Make the tips at joints (m, 2) meet exactly: spread the remaining gap evenly along both arms.
+    """Make the tips at joints meet exactly: spread the remaining gap evenly along both arms.
 
     This also closes joints whose hubs are too far apart for the beams to meet.
+
+    joint : (m, 2) both arms of the joints; axes : (A, 3, 3) as in ``Bender``
+    some : (n,) indices of the arms that are bent; bend and stretch of the others become zero
     """
     place, turn = arms.place.copy(), arms.turn.copy()
     tip, frame = place[:, -1], turn[:, -1] @ axes

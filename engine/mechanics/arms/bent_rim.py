@@ -1,4 +1,7 @@
-"""The rim of an assembled piece for ``bent``: necks and half strips as arms of rim nodes, and the nodes' poses."""
+"""The rim of an assembled piece, as ``bent`` needs it: every node of the rim gets a pose and arms like a hub.
+
+Its arms are the neck that joins it to an arm of a spiral, and half of the strip to either neighbouring node.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +22,15 @@ from .pieces import POISSON, STATIONS, Grain, piece_flexibilities
 
 @dataclass(frozen=True, eq=False)
 class RimPieces:
-    """The rim's joints, and the arms of its B nodes in pieces as in ``bent``.
+    """The joints of the rim, and the arms of its B nodes divided into pieces as in ``bent``.
 
-    Every node has four arms: half strip forwards, neck, half strip backwards, and one that is not used.
+    Every node has four arms: half of the strip to the next node, the neck, half of the strip to the previous node, and
+    one that is not used.
 
-    hub : (B,) int, hub of every node; arm : (k, 2) int, both arms of every joint
-    axes : (k, 2, 3, 3) of the joints, in the flat frame; flat, answer : as in ``bent._ArmPieces``
+    hub : (B,) index of the hub to which a node's neck leads
+    arm : (k, 2) indices of both arms of the k joints of the rim
+    axes : (k, 2, 3, 3) axes of these joints as columns, in the flat frames of their arms' patches
+    flat, answer : as in ``bent._ArmPieces``
     """
 
     design: SpiralDesign
@@ -44,15 +50,18 @@ class RimPieces:
     def _model(self) -> ArmModel:
         return ArmModel.from_assembly(
             assembly_from_design(self.design), self.material, curving=False, slopes=False
-        ).set_rim_compliances
+        ).rim_only
 
     def with_nodes(self, pose: Pose) -> Pose:
-        """Return the pose with the rim's nodes in equilibrium between the hubs; unchanged if it has nodes."""
+        """Return the pose with poses of the rim's nodes, in equilibrium between fixed hubs, unless it has them."""
         return pose if pose.nodes is not None else self._model.start(pose).pose
 
 
 def rim_pieces(design: SpiralDesign, material: Material | None) -> RimPieces:
-    """Divide the arms of a design's rim into pieces; ``material`` : None for ``POISSON`` and no grain."""
+    """Divide the arms of a design's rim into pieces.
+
+    material : gives Poisson's ratio and the grain; None for ``POISSON`` and no grain
+    """
     rim, whole = design.rim, assembly_from_design(design).whole
     assert rim is not None and whole.rim is not None
     known = (
@@ -79,9 +88,13 @@ def rim_pieces(design: SpiralDesign, material: Material | None) -> RimPieces:
 
 
 def _line(rim: Rim, arm: int, share: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return positions and unit directions (B, k) at shares (k,) of one arm of every node, and the arms' lengths (B,).
+    """Return k points of one arm of each of the B nodes of a rim.
 
-    Positions are relative to the nodes' centres, directions outwards, both complex."""
+    arm : ``FORWARDS``, ``NECK`` or ``BACKWARDS``; share : (k,) distances of the points from the node over the length
+
+    Returns positions (B, k) relative to the node and unit tangents (B, k) away from the node, both complex, in the flat
+    frame, and the lengths (B,) of the arms, metres.
+    """
     count = len(rim.quad)
     if arm == NECK:
         long = np.full(count, rim.depth + 0.5 * rim.width)

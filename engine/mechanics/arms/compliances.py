@@ -20,13 +20,15 @@ from .stiffness import table_tip_compliance
 
 @dataclass(frozen=True, eq=False)
 class ArmCompliances(Columns):
-    """Compliances of both arms of m joints as they are cut, in the arms' own axes, SI.
+    """Compliances of both arms of m joints as they are cut, in the arms' own axes, SI units.
 
-    values : (m, 2, 6, 6) compliance of the stiffness table plus the cut's correction; table : without the correction
-    table_by_scale : derivative of ``table`` by twice the radius, per metre
-    table_by_grain : derivative of ``table`` by the angle to the grain; 0 without a grain
-    by : (m, 2, 5, 6, 6) derivatives of ``values`` by the five design parameters of ``cut``, per metre and per radian;
-        None if not computed
+    values : (m, 2, 6, 6) compliance of the stiffness table plus the correction for the cut shape
+    table : compliance of the stiffness table
+    table_by_scale : derivative of ``table`` with respect to twice the arm's radius, per metre
+    table_by_grain : derivative of ``table`` with respect to the angle from the arm to the grain, per radian; 0 without
+        a grain
+    by : (m, 2, 5, 6, 6) derivatives of ``values`` with respect to the five design parameters of ``cut``, per metre and
+        per radian; None if not computed
     """
 
     values: Float[np.ndarray, "joints 2 6 6"]
@@ -38,41 +40,42 @@ class ArmCompliances(Columns):
     def to_first_order(
         self, change: Float[np.ndarray, "n k"], by_shapes: Float[np.ndarray, "n k 6 6"]
     ) -> ArmCompliances:
-        """Return a copy for slightly different arm shapes, to first order; ``by`` stays as it is.
+        """Return a copy for slightly different arm shapes, to first order; the derivatives in it are not updated.
 
         Parameters
         ----------
-        change : (n, k) change of the arms' ``rest_shapes`` (see ``cut``), for n = 2 m arms
-        by_shapes : (n, k, 6, 6) derivatives of the correction in ``values`` by the ``rest_shapes``
+        change : (n, k) change of the k parameters of ``cut.rest_shapes``, for n = 2 m arms
+        by_shapes : (n, k, 6, 6) derivatives of the correction for the cut shape with respect to these parameters
         """
         shape = self.table.shape
         table = self.table + 2.0 * change[:, 0].reshape(shape[:2])[..., None, None] * self.table_by_scale
         if change.shape[1] > 3:
-            # a grain direction is the same after half a turn
+            # rotating a grain direction by pi does not change it
             turned = (change[:, 3] + 0.5 * np.pi) % np.pi - 0.5 * np.pi
             change = np.concatenate([change[:, :3], turned[:, None], change[:, 4:]], axis=1)
             table = table + change[:, 3].reshape(shape[:2])[..., None, None] * self.table_by_grain
         added = np.einsum("nkij,nk->nij", by_shapes, change).reshape(shape)
         return replace(self, table=table, values=self.values + (table - self.table) + added)
 
-    def map_arrays(self, made: Callable[[str, np.ndarray], np.ndarray]) -> ArmCompliances:
-        """Return a copy in which every attribute that is not None is ``made(name of the attribute, its array)``."""
-        known: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self)}
-        changed: dict[str, Any] = {k: None if value is None else made(k, value) for k, value in known.items()}
+    def map_arrays(self, convert: Callable[[str, np.ndarray], np.ndarray]) -> ArmCompliances:
+        """Return a copy in which ``convert(name, array)`` replaces the array of every attribute that is not None."""
+        known: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
+        changed: dict[str, Any] = {k: None if value is None else convert(k, value) for k, value in known.items()}
         return ArmCompliances(**changed)
 
 
 def arm_compliances(assembly: Assembly, material: Material, slopes: bool = True) -> ArmCompliances:
-    """Compute the tip compliances of both arms of every joint as they are cut.
+    """Compute the tip compliances of both arms of every joint, for the shapes in which the arms are cut.
 
     Parameters
     ----------
-    assembly, material : m joints at rest, and the sheet
-    slopes : also compute the derivatives ``by`` with respect to the design; otherwise they are None
+    assembly : m joints at rest
+    material : of the sheet
+    slopes : also compute the derivatives ``by``; otherwise they are None
 
     Raises
     ------
-    FlexMapsError : a width or a twist is not a number; ``faces`` are the spirals
+    FlexMapsError : a width or a twist is not a number; its ``faces`` are the indices of the spirals
     """
     spiral, known = assembly.pairs.ravel(), material.orthotropy
     shape = rest_shapes(assembly, material)

@@ -1,19 +1,20 @@
-"""Second-order term D of the joints' strains in the arm model, from the curving of their arms.
+"""Second-order term D of the joints' strains in the arm model, which comes from the curving of the joints' arms.
 
-Two joined arms form one inextensible elastic curve x(s) from hub to hub (Kirchhoff). Its sections turn by rotation
+The strains e of a joint are its six motions, the shift and the turn of the second hub against the first, and K is its
+stiffness. Two joined arms form one inextensible elastic curve x(s) from hub to hub (Kirchhoff). Its sections rotate by
 vectors phi(s), in the frame half way between the hubs, with phi = -turn/2 and +turn/2 at the ends. To second order, the
-change of curvature of the curve and the change of the gap between the hubs are
+change of curvature of the curve and the shift between the hubs are (dphi is the derivative of phi by s)
 
-    curvature = phi' - phi x phi' / 2,     gap = integral of phi x dx + integral of phi x (phi x dx) / 2.
+    curvature = dphi - phi x dphi / 2,     shift = integral of phi x dx + integral of phi x (phi x dx) / 2.
 
-To third order in the strains e, the energy depends on phi to first order only (Wigner's 2n + 1 theorem). So the energy
-of a joint is e'.K e' / 2 with the corrected strains e' = e + e.D.e,
+To compute the energy to third order in e, phi is needed only to first order (Wigner's 2n + 1 theorem). So the energy of
+a joint is E.K E / 2 with the corrected strains E = e + e.D.e, whose components are
 
-    shift' = shift - integral of phi x (phi x dx) / 2 - integral of (phi x phi') x l ds / 2
-    turn'  = turn - integral of phi x phi' ds / 2
+    corrected shift = shift - integral of phi x (phi x dx) / 2 - integral of (phi x dphi) x l ds / 2
+    corrected turn  = turn - integral of phi x dphi ds / 2
 
-where l is the vector from x to the midpoint of the hubs, and phi' = c (moment + l x force), with the flexibility c of
-the arm's section per length and the linear wrench K e.
+where l is the vector from x to the midpoint of the hubs, and dphi = c (moment + l x force), with the flexibility c of
+the arm's section per length and the force and moment K e.
 """
 
 from __future__ import annotations
@@ -33,14 +34,17 @@ from .cut import CutArms
 from .grain import SectionFlexibility
 from .stacked import BATCH
 
-POINTS = 10  # Gauss points along an arm; more are slower and more exact (error 2e-8)
-_EYE = np.eye(3)  # unit matrix
+POINTS = 10  # number of Gauss points along an arm; more are slower and more exact (error 2e-8)
+_EYE = np.eye(3)
 _X, _W = np.polynomial.legendre.leggauss(POINTS)
 _NODES, _WEIGHTS = 0.5 * (_X + 1.0), 0.5 * _W  # Gauss quadrature on [0, 1]
 
 
 def _integration_matrix() -> Float[np.ndarray, "points points"]:
-    """Return integrals (POINTS, POINTS) from 0 to node i of the polynomial that is 1 at node j, 0 at other nodes."""
+    """Return the matrix that integrates functions on [0, 1] from 0 to every Gauss node, from their values at the nodes.
+
+    Entry (i, j) is the integral from 0 to node i of the polynomial that is 1 at node j and 0 at the other nodes.
+    """
     legendre = np.polynomial.legendre
     series = [legendre.legint(one, lbnd=-1) for one in np.eye(POINTS)]
     integrals = 0.5 * np.stack([legendre.legval(_X, one) for one in series], axis=1)
@@ -52,18 +56,20 @@ _INTEGRATION = _integration_matrix() / _WEIGHTS
 
 @dataclass(frozen=True, eq=False)
 class CurvedArms(Columns):
-    """Both arms of m joints: arrays (m, 2, ...), except ``to_joint`` and the last three attributes.
+    """Both arms of m joints. Arrays have the shape (m, 2, ...), except ``to_joint``.
 
-    radius, width, twist : metres and radians
+    radius, width : metres; twist : radians
     begin : distance from the hub's centre to where the arm begins to bend, as a share of the radius
-    slope, joint, share : of the blended end, as in ``CutArms``
-    compliance : (6, 6) of the tip, in the joint's axes; radial : (3, 3) columns: along the radius outwards, to its
-        left, normal; in the joint's axes
-    centre : (3,) metres, from the midpoint of both hubs to the hub's centre, in the joint's axes
-    to_joint : (m, 6, 6) matrices that convert the strains of joints from the midpoint of both hubs to the joint, in the
-        joint's axes
-    grain : radians from the radius to the grain, as in ``CutArms``
-    thickness : metres; side : 1, or -1 for clockwise arms
+    slope, joint, share : blend of the outer end, as in ``CutArms``
+    compliance : (m, 2, 6, 6) compliance of the tip, in the joint's axes
+    radial : (m, 2, 3, 3) three columns in the joint's axes: unit vectors from the hub to the tip, to the left of that,
+        and along the normal
+    centre : (m, 2, 3) vector from the midpoint of both hubs to this arm's hub, in the joint's axes, metres
+    to_joint : (m, 6, 6) matrices that convert strains about the midpoint of both hubs to strains about the joint, all
+        in the joint's axes
+    grain : (m, 2) angles from the radius to the grain, radians, as in ``CutArms``
+    thickness : of the sheet, metres
+    side : 1, or -1 for arms that wind clockwise
     """
 
     radius: Float[np.ndarray, "joints 2"]
@@ -84,7 +90,10 @@ class CurvedArms(Columns):
 
     @classmethod
     def from_assembly(cls, assembly: Assembly, material: Material, compliance: np.ndarray) -> CurvedArms:
-        """Collect the arms of an assembly whose tips have these compliances (m, 2, 6, 6), in the arms' own axes."""
+        """Collect the arms of an assembly.
+
+        compliance : (m, 2, 6, 6) compliances of the arms' tips, in the arms' own axes
+        """
         lever = np.einsum("ekji,ekj->eki", assembly.axes, assembly.lever)
         middle = 0.5 * (lever[:, 0] + lever[:, 1])
         to_joint = np.broadcast_to(np.eye(6), (len(lever), 6, 6)).copy()
@@ -103,12 +112,15 @@ class CurvedArms(Columns):
 class Stations:
     """S = POINTS + 1 stations along both arms of m joints, from the edge of the hub outwards.
 
-    fields : (m, 2, 2, S, 3, 9) derivatives of the sections' rotation vectors in half-way axes. Axes of the array:
-        joint; arm; 0 for the rotation vector and 1 for its change over the station; station; component; variable: the
-        wrench about the midpoint of the hubs (6), then the joint's turn (3)
-    step : (m, 2, S, 3) metres, along the arm over the station
-    arm : (m, 2, S, 3) metres, from the station to the midpoint of the hubs
-    Steps and changes are directed from the first hub to the second.
+    Station 0 stands for the rigid hub, the others are Gauss nodes, which each stand for a part of the arm's length.
+    "Over a station" means over that part, in the direction from the joint's first hub to its second. Vectors are in the
+    frame half way between the hubs.
+
+    fields : (m, 2, 2, S, 3, 9) derivatives of the sections' rotation vectors. Axes of the array: joint; arm; 0 for the
+        rotation vector and 1 for its change over the station; station; component; variable: the wrench about the
+        midpoint of the hubs (6), then the joint's turn (3)
+    step : (m, 2, S, 3) metres, vector along the arm over the station
+    arm : (m, 2, S, 3) metres, vector from the station to the midpoint of the hubs
     """
 
     fields: Float[np.ndarray, "joints 2 2 stations 3 9"]
@@ -120,13 +132,15 @@ class Stations:
         """Place the stations on the arms and compute ``fields``."""
         place, step, length, bend = _stations_along(arms)
         arm = -(arms.centre[:, :, None] + place)
-        # curve maps force and moment to bend (moment + arm x force); a row of bend times skew(arm) is a cross product
+        # ``curve`` maps a force and a moment to bend @ (moment + arm x force), the bend over a station. Its first three
+        # columns are bend @ skew(arm), written as cross products
         curve = np.empty((*bend.shape[:-1], 6))
         for k in range(3):
             after, last = (k + 1) % 3, (k + 2) % 3
             curve[..., k] = bend[..., after] * arm[..., last, None] - bend[..., last] * arm[..., after, None]
         curve[..., 3:] = bend
-        # spread the difference between the tip turns of the arm model and of this beam along the arm
+        # The tip of the arm model turns a little more or less per wrench than the tip of this beam. Spread the
+        # difference along the arm
         back = np.swapaxes(np.linalg.inv(arms.to_joint), 1, 2)[:, None]
         left = arms.compliance[:, :, 3:] @ back - curve.sum(axis=2)
         curve += (length / length.sum(axis=2, keepdims=True))[..., None, None] * left[:, :, None]
@@ -141,14 +155,17 @@ class Stations:
     def bilinear(self, both: Float[np.ndarray, "joints 9 6"]) -> Float[np.ndarray, "joints 6 6 6"]:
         """Return D (m, 6, 6, 6) of both arms together, symmetric in its last two indices.
 
-        Let a be a station's rotation vector per strain, k its change over the station, d the station's step and l the
-        vector ``arm``; a' and k' belong to the second strain. D is the sum over the stations of half of the symmetric
-        part of -(a (d.a') - d (a.a') + k (l.a') - a (l.k')) for the shift, and of -(a x k') for the turn.
+        D[m, :, i, j] is the second-order strain per strains i and j. Let a(i) be a station's rotation vector per strain
+        i, k(i) its change over the station, d the station's step and l the vector ``arm``. D is the sum over the
+        stations of half of the symmetric part, in i and j, of
 
-        both : (m, 9, 6) derivatives by the strains of the variables in ``fields``: wrench, then turn
+            -(a(i) (d.a(j)) - d (a(i).a(j)) + k(i) (l.a(j)) - a(i) (l.k(j)))   for the shift
+            -(a(i) x k(j))                                                    for the turn
+
+        both : (m, 9, 6) derivatives of the variables of ``fields`` (wrench, then turn) with respect to the six strains
         """
         m = len(both)
-        # derivatives (m, stations of both arms, 3, 6) by the strains of the rotation vectors and of their changes
+        # a and k of the docstring at the stations of both arms (m, 2 S, 3, 6), the last axis for the strains
         turns, changes = ((self.fields[:, :, i].reshape(m, -1, 9) @ both).reshape(m, -1, 3, 6) for i in range(2))
         step, lever = (x.reshape(m, -1, 3) for x in (self.step, self.arm))
         by_step, by_lever, changed = (
@@ -173,13 +190,14 @@ def second_order_strains(
     lever: Float[np.ndarray, "joints 2 3"],
     progress: Progress = SILENT,
 ) -> Float[np.ndarray, "joints 6 6 6"]:
-    """Return D (m, 6, 6, 6), symmetric in its last two indices, for the joints' motions e: e' = e + e.D.e.
+    """Return the second-order term D (m, 6, 6, 6) of the joints' motions, symmetric in its last two indices.
 
     Parameters
     ----------
     arms : both arms of m joints
-    at_joint : (m, 6, 6) stiffness of the joints against these motions, as in ``ArmModel``
-    lever : (m, 2, 3) metres, from the hubs to the points between which the shift is measured, in the joint's axes
+    at_joint : (m, 6, 6) stiffness of the joints against their motions, as in ``ArmModel``
+    lever : (m, 2, 3) metres, from each hub to the point (its end of the joint) between which and the other hub's point
+        the shift is measured, in the joint's axes
     progress : is updated and can cancel
     """
     out = np.empty((len(at_joint), 6, 6, 6))
@@ -195,21 +213,25 @@ def second_order_strains(
 
 
 def _wrench_and_turn(arms: CurvedArms, at_joint: np.ndarray) -> Float[np.ndarray, "joints 9 6"]:
-    """Return derivatives (m, 9, 6) of the wrench about the hubs' midpoint (6) and of the turn (3) by the strains."""
+    """Return the linear map (m, 9, 6) from a joint's strains to its wrench about the hubs' midpoint and its turn."""
     turn = np.broadcast_to(np.eye(6)[3:], (len(at_joint), 3, 6))
     return np.concatenate([np.swapaxes(arms.to_joint, 1, 2) @ at_joint, turn], axis=1)
 
 
-def _double_cross(turn: np.ndarray, way: np.ndarray) -> Float[np.ndarray, "joints 3 3"]:
-    """Return the matrices (m, 3, 3) that map v to turn x (v x way) / 2 + v x (turn x way) / 2."""
-    return 0.5 * ((turn * way).sum(axis=-1)[..., None, None] * _EYE + outer(turn, way)) - outer(way, turn)
+def _double_cross(a: np.ndarray, b: np.ndarray) -> Float[np.ndarray, "joints 3 3"]:
+    """Return the matrices (m, 3, 3) that map a vector v to a x (v x b) / 2 + v x (a x b) / 2."""
+    return 0.5 * ((a * b).sum(axis=-1)[..., None, None] * _EYE + outer(a, b)) - outer(b, a)
 
 
 def _stations_along(arms: CurvedArms) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Place the stations of both arms of every joint, from the edge of the hub outwards, in the joint's axes.
+    """Place the S stations of both arms of every joint, from the edge of the hub outwards, in the joint's axes.
 
-    Returns positions (m, 2, S, 3) relative to the hub's centre and steps (m, 2, S, 3) outwards, both in metres; lengths
-    (m, 2, S) that bend, metres; and their flexibilities (m, 2, S, 3, 3), rad/(N m).
+    Returns
+    -------
+    (m, 2, S, 3) : positions of the stations relative to the hub's centre, metres
+    (m, 2, S, 3) : vectors along the arm over the stations, outwards, metres
+    (m, 2, S) : elastic lengths for which the stations stand, metres; 0 for station 0, the rigid hub
+    (m, 2, S, 3, 3) : bends (rotation vectors) of these lengths per moment, rad/(N m)
     """
     radius, axes, begin = arms.radius[..., None], arms.radial[:, :, None], arms.begin[..., None]
     t = np.concatenate([1.0 - begin, (1.0 - begin) * (1.0 - _NODES)], axis=2)
@@ -252,7 +274,10 @@ def _stations_along(arms: CurvedArms) -> tuple[np.ndarray, np.ndarray, np.ndarra
 def _isotropic_turns(
     arms: CurvedArms, width: np.ndarray, length: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return turns of pieces per moment, rad/(N m), in torsion, in bending out of the sheet, and in the sheet."""
+    """Return the bends per moment, rad/(N m), of pieces of an isotropic sheet with these widths and lengths in metres.
+
+    Three arrays: in torsion, in bending out of the sheet, in bending in the sheet.
+    """
     height, youngs = arms.thickness, arms.material.youngs
     torsion = torsion_constant(height / width)[0] * width**4 * 0.5 / (1.0 + arms.material.poisson)
     level, upright = width * height**3 / 12.0, height * width**3 / 12.0
@@ -260,26 +285,29 @@ def _isotropic_turns(
 
 
 def add_second_order(strains: np.ndarray, curving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return strains with second-order term, e + e.D.e (m, 6), and derivatives (m, 6, 6) by e; ``curving`` is D."""
+    """Return the corrected strains e + e.D.e (m, 6), and their derivatives (m, 6, 6) with respect to the strains e.
+
+    curving : (m, 6, 6, 6) D
+    """
     half = (curving.reshape(-1, 36, 6) @ strains[..., None]).reshape(-1, 6, 6)
     return strains + (half @ strains[..., None])[..., 0], np.eye(6) + 2.0 * half
 
 
 def contract_with_wrench(wrench: Float[np.ndarray, "joints 6"], curving: np.ndarray) -> Float[np.ndarray, "joints 6 6"]:
-    """Contract D (``curving``, (m, 6, 6, 6)) over its first index with wrenches (m, 6); returns (m, 6, 6)."""
+    """Contract D, ``curving`` (m, 6, 6, 6), over its component index with wrenches (m, 6); returns (m, 6, 6)."""
     return (wrench[:, None] @ curving.reshape(-1, 6, 36)).reshape(-1, 6, 6)
 
 
 def transfer_second_order(curving: np.ndarray, offset: Float[np.ndarray, "joints 3"]) -> np.ndarray:
-    """Convert D for the motion of one point to D for the motion of another point of the same frame.
+    """Convert D between strains that are measured about different points.
 
     Parameters
     ----------
-    curving : (m, 6, 6, 6) D for the old point
-    offset : (m, 3) metres, vector from the new point to the old
+    curving : (m, 6, 6, 6) D for strains whose shift is measured at an old point
+    offset : (m, 3) metres, vector from the point of the result to the old point, in the joint's axes
     """
     out, across = curving.copy(), skew(offset)[:, None]
-    # turns about another point cause shifts, both in the motion and in the resulting strains
+    # a turn about one point shifts the other; this holds for the strains that enter D and for those that it returns
     out[..., 3:] -= out[..., :3] @ across
     out[..., 3:, :] += across @ out[..., :3, :]
     out[:, :3] += (across[:, 0] @ out[:, 3:].reshape(-1, 3, 36)).reshape(-1, 3, 6, 6)

@@ -1,7 +1,7 @@
-"""Derivatives of the second-order term of the strains by design and rest geometry, at joints where the term matters.
+"""Derivatives of the second-order term D of the joints' strains with respect to the design and the rest geometry.
 
-Without these derivatives, the predicted motion of a soft piece under a change of its design can be wrong by half or
-more (docs/tuning.md).
+They are computed only at joints where D contributes much energy. Without them, the predicted motion of a soft piece
+under a change of its design can be wrong by half or more (docs/tuning.md).
 """
 
 from __future__ import annotations
@@ -20,20 +20,25 @@ from .cut import BESIDE, TWIST, WIDTH, rest_shapes
 from .model import ArmModel, ArmState
 from .sensitivity import PARAMETERS, JointDerivatives
 
-# The second-order term is differentiated for joints whose energy from it exceeds this share of the mean of y . K y over
-# all joints, with y a joint's motion and K its stiffness. Larger: fewer joints, faster, less exact.
+# The second-order term D is differentiated only for joints where it changes the energy by more than this share of the
+# mean of y . K y over all joints (y a joint's motion, K its stiffness). Larger: fewer joints, faster, less exact.
 MIN_SHARE = 0.01
-STEP = 1e-7  # step of forward differences: share of a width or a radius, or radians; smaller: more rounding errors
+# Step of the forward differences: radians for angles, else a share of the arm's width or radius. Smaller: more rounding
+# errors
+STEP = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
 class CurvingChanges:
-    """Derivatives of the second-order term D (see ``curving``) of k joints by three parameters of either side.
+    """Derivatives of the second-order term D (see ``curving``) of k joints.
 
-    The parameters are those of ``by_design`` or of ``by_rest_geometry``.
+    They are with respect to three parameters of each of the joint's two sides: those of the design (``by_design``) or
+    those of the rest geometry (``by_rest_geometry``). The methods return only the part of a derivative that comes from
+    the change of D.
 
-    model : elastic model of all joints, with D; joints : (k,) indices of the k joints
-    by : (k, 2, 3, 6, 6, 6) derivatives: joint, side, parameter, D; the methods return only effects of changes of D
+    model : elastic model of all joints, with D
+    joints : (k,) indices of the k joints among all joints
+    by : (k, 2, 3, 6, 6, 6) derivatives of D; axes: joint, side, parameter, and the three of D
     """
 
     model: ArmModel
@@ -42,23 +47,23 @@ class CurvingChanges:
 
     @classmethod
     def by_design(cls, model: ArmModel, state: ArmState) -> CurvingChanges:
-        """Differentiate D by ``sensitivity.PARAMETERS``: width, twist, and mean width of the arms beside.
+        """Differentiate D with respect to the design: an arm's width, its twist, and the mean width of the arms beside.
 
         Parameters
         ----------
-        model : of all joints
-        state : decides which joints matter
+        model : elastic model of all joints
+        state : D is differentiated at joints where it contributes much energy in this state
         """
         return cls._from_changes(model, state, with_design_change, _design_scale)
 
     @classmethod
     def by_rest_geometry(cls, model: ArmModel, state: ArmState) -> CurvingChanges:
-        """Differentiate D by the three parameters of the rest geometry on either side (see ``rest_geometry``).
+        """Differentiate D with respect to the rest geometry: x and y of the edge's middle, and the edge's direction.
 
         Parameters
         ----------
-        model : of all joints
-        state : decides which joints matter
+        model : elastic model of all joints
+        state : D is differentiated at joints where it contributes much energy in this state
         """
         return cls._from_changes(model, state, with_rest_change, _rest_scale)
 
@@ -75,7 +80,7 @@ class CurvingChanges:
         if not len(joints):
             return cls(model, joints, np.zeros(shape))
         assert model.curving_at_joint is not None
-        # a copy of every joint per parameter, because one large evaluation is faster than several small ones
+        # evaluate one copy of every joint per parameter, because one large evaluation is faster than several small ones
         every = np.repeat(joints, each)
         there = alone = _with_own_spirals(model.assembly, every)
         steps = np.zeros((each, len(every)))
@@ -86,7 +91,10 @@ class CurvingChanges:
         return cls(model, joints, (change / steps.sum(axis=0)[:, None, None, None]).reshape(shape))
 
     def wrenches(self, state: ArmState) -> Float[np.ndarray, "k 2 3 6"]:
-        """Return the derivatives of the joints' wrenches, in half-way axes, by the parameters at a fixed pose."""
+        """Return the derivatives of the joints' wrenches with respect to the parameters at a fixed pose.
+
+        Axes: joint, side, parameter, component in the frame half way between the hubs.
+        """
         motion, half, inner, slope = self._at(state)
         across = np.swapaxes(slope, 1, 2) @ self.model.at_joint[self.joints]
         second = (half @ motion[:, None, None, :, None])[..., 0]
@@ -98,12 +106,13 @@ class CurvingChanges:
         return (inner[:, None, None, None] @ half @ motion[:, None, None, :, None])[..., 0, 0]
 
     def convex(self, state: ArmState, rates: Float[np.ndarray, "joints 6"]) -> Float[np.ndarray, "k 2 3"]:
-        """Return the derivatives by the parameters of the joints' convex energies (see ``sensitivity``).
+        """Return the derivatives of the joints' convex energies (see ``sensitivity``) with respect to the parameters.
 
         Parameters
         ----------
         state : at which the energies are expanded
-        rates : (m, 6) rates of the motions of all joints of the model
+        rates : (m, 6) derivatives of the motions of all joints of the model along the direction for which the convex
+            energy is computed
         """
         _, half, _, slope = self._at(state)
         rate = rates[self.joints]
@@ -111,7 +120,10 @@ class CurvingChanges:
         return 4.0 * (force[:, None, None, None] @ half @ rate[:, None, None, :, None])[..., 0, 0]
 
     def _at(self, state: ArmState) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return motions y, dD y for every parameter, K (y + y.D.y) and S = 1 + 2 y.D (notation: ``sensitivity``)."""
+        """Return four arrays of the k joints: y, dD y, K (y + y.D.y) and 1 + 2 y.D.
+
+        Here y is a joint's motion, K its stiffness, and dD the derivative of D with respect to every parameter.
+        """
         assert self.model.curving_at_joint is not None
         motion = self.model.motion_at_joint(state)[self.joints]
         strains, slope = add_second_order(motion, self.model.curving_at_joint[self.joints])
@@ -121,24 +133,24 @@ class CurvingChanges:
 
 @dataclass(frozen=True, eq=False)
 class DesignChanges:
-    """Derivatives of a model's joints by pose and design, in one state; each property is computed when first used."""
+    """Derivatives of a model's joints by pose and design in one state; a property is computed at its first use."""
 
     model: ArmModel
     state: ArmState
 
     @cached_property
     def constant_curving(self) -> JointDerivatives:
-        """Derivatives of all joints by pose and design, with a constant second-order term D."""
+        """Derivatives of all joints by pose and design, as if the design did not change the second-order term D."""
         return self.model.changes(self.state)
 
     @cached_property
     def curving(self) -> CurvingChanges:
-        """Derivatives of the second-order term D by the design; without joints if the model has no D."""
+        """Derivatives of the second-order term D by the design; of no joints if the model has no D."""
         return CurvingChanges.by_design(self.model, self.state)
 
     @cached_property
     def complete(self) -> JointDerivatives:
-        """Derivatives of all joints by pose and design, with the effect of changes of the second-order term D."""
+        """Derivatives of all joints by pose and design, including the change of the second-order term D."""
         if not len(self.curving.joints):
             return self.constant_curving
         wrenches = self.constant_curving.wrench_by_design.copy()
@@ -147,14 +159,14 @@ class DesignChanges:
 
 
 def with_design_change(assembly: Assembly, side: int, number: int, step: np.ndarray) -> Assembly:
-    """Return a copy in which one of the ``PARAMETERS`` is changed on one side of all joints.
+    """Return a copy of an assembly in which one design parameter is changed on one side of all joints.
 
     Parameters
     ----------
-    assembly : of these joints, which must not share spirals
+    assembly : m joints that share no spirals
     side : 0 or 1
-    number : ``WIDTH``, ``TWIST`` or ``BESIDE`` of ``cut``
-    step : (m,) changes, metres or radians
+    number : the parameter: ``WIDTH``, ``TWIST`` or ``BESIDE`` of ``cut``
+    step : (m,) changes of the parameter, metres or radians
     """
     width, twist = assembly.width.copy(), assembly.twist.copy()
     spiral, arm = assembly.pairs[:, side], assembly.sides[:, side]
@@ -166,14 +178,14 @@ def with_design_change(assembly: Assembly, side: int, number: int, step: np.ndar
 
 
 def with_rest_change(assembly: Assembly, side: int, number: int, step: np.ndarray) -> Assembly:
-    """Return a copy in which one parameter of the rest geometry is changed on one side of all joints.
+    """Return a copy of an assembly in which one parameter of the rest geometry is changed on one side of all joints.
 
     Parameters
     ----------
-    assembly : of these joints
+    assembly : m joints
     side : 0 or 1
-    number : 0 and 1 for x and y of the edge's middle, metres; 2 for the edge's direction, radians
-    step : (m,) changes
+    number : the parameter: 0 and 1 for x and y of the edge's middle, metres; 2 for the edge's direction, radians
+    step : (m,) changes of the parameter
     """
     if number < 2:
         lever = assembly.lever.copy()
@@ -186,17 +198,23 @@ def with_rest_change(assembly: Assembly, side: int, number: int, step: np.ndarra
 
 
 def _design_scale(assembly: Assembly, side: int, number: int) -> Float[np.ndarray, " joints"]:
-    """Return the scales (m,) of difference steps by one of the ``PARAMETERS``: 1 for twists, else the arms' widths."""
+    """Return the unit (m,) of the step of a design parameter: 1 rad for twists, the arms' widths in metres for widths.
+
+    Parameters as in ``with_design_change``.
+    """
     return np.ones(len(assembly.pairs)) if number == TWIST else assembly.arm_width[:, side]
 
 
 def _rest_scale(assembly: Assembly, side: int, number: int) -> Float[np.ndarray, " joints"]:
-    """Return the scales (m,) of difference steps by the rest geometry: 1 for directions, else the radii, metres."""
+    """Return the unit (m,) of the step of a rest parameter: 1 rad for directions, the radii in metres for positions.
+
+    Parameters as in ``with_rest_change``.
+    """
     return np.ones(len(assembly.pairs)) if number == 2 else assembly.radius[:, side]
 
 
 def _joints_that_matter(model: ArmModel, state: ArmState) -> Int[np.ndarray, " k"]:
-    """Return the joints outside a rim whose second-order term is differentiated, see ``MIN_SHARE``."""
+    """Return the indices of the joints whose D is differentiated (see ``MIN_SHARE``); joints of a rim never are."""
     if model.curving_at_joint is None:
         return np.zeros(0, dtype=int)
     motion = model.motion_at_joint(state)
@@ -209,11 +227,15 @@ def _joints_that_matter(model: ArmModel, state: ArmState) -> Int[np.ndarray, " k
 def _curving_nearby(
     model: ArmModel, joints: np.ndarray, alone: Assembly, there: Assembly
 ) -> Float[np.ndarray, "k 6 6 6"]:
-    """Return the second-order term D (k, 6, 6, 6) of the joints ``joints`` (k,) after a slight change of the assembly.
+    """Return the second-order term D (k, 6, 6, 6) of k joints after a slight change of their assembly.
 
     The arms' compliances are updated to first order.
 
-    alone, there : assemblies of these joints only, as in ``model`` and after the change
+    Parameters
+    ----------
+    model : elastic model of all joints, before the change
+    joints : (k,) indices of the joints in ``model``
+    alone, there : assemblies of these k joints only, before and after the change
     """
     compliance, values = model.compliance.subset(joints), 0.0
     if there.lever is alone.lever and there.axes is alone.axes:
@@ -230,14 +252,19 @@ def _curving_nearby(
 
 
 def _cut_numbers(assembly: Assembly) -> Float[np.ndarray, "joints 2 5"]:
-    """Return the five design parameters of ``cut`` of both arms of every joint, in the order of that module."""
+    """Return the five parameters ``WIDTH``, ``TWIST``, ... of ``cut`` (last axis) of both arms of every joint."""
     width, twist = assembly.arm_width, assembly.twist[assembly.pairs]
     beside = 0.5 * sum(assembly.width[assembly.pairs, (assembly.sides + turn) % 4] for turn in (1, -1))
     return np.stack([width, twist, beside, width[:, ::-1], twist[:, ::-1]], axis=2)
 
 
 def _with_own_spirals(assembly: Assembly, joints: Int[np.ndarray, " k"]) -> Assembly:
-    """Return joints, each between own copies of its two spirals, so that changing a spiral changes one joint only."""
+    """Return an assembly of k joints that share no spirals, so that a change of a spiral changes one joint only.
+
+    Every joint gets its own copies of its two spirals.
+
+    joints : (k,) indices of the joints in ``assembly``
+    """
     parts = {name: getattr(assembly, name)[joints] for name in ("sides", "lever", "axes")}
     spirals = assembly.pairs[joints].ravel()
     width, twist = assembly.width[spirals], assembly.twist[spirals]

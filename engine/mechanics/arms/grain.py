@@ -3,18 +3,21 @@
 The material of an arm at an angle to the grain is monoclinic: symmetric about the plane of the sheet, but not about the
 arm's cross-section. Let S be the sheet's elastic compliances in the section's axes (1 along the arm, 2 across it in the
 sheet, 3 normal to the sheet), w and h the section's width and height, A = w h and I = w h^3 / 12. By Saint-Venant's
-principle (Lekhnitskii, Theory of Elasticity of an Anisotropic Body, chapters 2 and 6) the flexibilities are
+principle (Lekhnitskii, Theory of Elasticity of an Anisotropic Body, chapters 2 and 6) the flexibilities per length are
 
-    stretch S11 / A, shear 6/5 S66 / A, both coupled by S16 / A; bending in the sheet S11 / (h w^3 / 12)
-    bending out of it S11 / I, torsion 1 / D + S16^2 / (4 S11 I), both coupled by -S16 / (2 I)
+    stretch                   S11 / A
+    shear in the sheet        6/5 S66 / A,    coupled with stretch by S16 / A
+    bending in the sheet      S11 / (h w^3 / 12)
+    bending out of the sheet  S11 / I
+    torsion                   1 / D + S16^2 / (4 S11 I),    coupled with bending out of the sheet by -S16 / (2 I)
 
-D is the torsional rigidity with the shear compliances S66 - S16^2 / S11 and S55: the rigidity of an isotropic section
-widened by the root of their ratio. Apart from the shear factors this is exact for forces and moments that are constant
-along the arm.
+D is the torsional rigidity of a section with the shear compliances a = S66 - S16^2 / S11 in the sheet and b = S55
+normal to it. It is computed like that of an isotropic section whose width is multiplied by sqrt(a / b). Apart from the
+factor 6/5 all this is exact for forces and moments that are constant along the arm.
 
-A hub keeps the sections near it from warping; the effect grows with S16 (``SectionFlexibility.of_held``). A hub is also
-softer, the softer the sheet is in shear (``SectionFlexibility.of_hub``). Only the differences from an isotropic hub are
-added, because the stiffness table contains the effect of isotropic hubs.
+A hub has two further effects. It keeps the sections near it from warping, which matters more, the larger S16 is
+(``SectionFlexibility.of_held``). And it is softer, the softer the sheet is in shear (``SectionFlexibility.of_hub``).
+The stiffness table contains both effects for isotropic sheets, so only the differences from an isotropic hub are added.
 """
 
 from __future__ import annotations
@@ -32,14 +35,19 @@ from .stacked import BATCH
 from .stations import product, spiral_stations, sum_products
 from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE
 
-POINTS = 48  # Gauss points along an arm; more are slower and more exact (error 1e-6 up to 150 degrees of twist)
-# HUB_BEND, HUB_LIFT: extra flexibility of a hub in bending in the sheet and out of it, as a length of arm in arm
-# widths, per excess of the ratio of Young's to shear modulus over the isotropic ratio. Larger: softer arms in sheets
-# with a grain. HUB_HOLDS: distance from the centre, in arm widths, over which a hub keeps sections from warping.
-# Larger: stiffer arms.
-HUB_BEND, HUB_LIFT, HUB_HOLDS = 0.045, 0.025, 1.7
-HUB_TALL = 0.31  # fourth power of the w/h at which the effect of HUB_LIFT changes from tall arms to wide ones
-HUB_AT = 0.5  # distance, in arm widths, from the hub's centre to where its flexibility acts: where the arm begins
+# number of Gauss points along an arm; more are slower and more exact (error 1e-6 up to 150 degrees of twist)
+POINTS = 48
+# A hub in a sheet with a grain bends more than an isotropic hub: as much as an additional piece of arm of this length,
+# in arm widths, times the difference between E / G of the sheet and of isotropic material. HUB_BEND is for bending in
+# the sheet (with the shear modulus G in the sheet), HUB_LIFT for bending out of it (G normal to the sheet). Larger:
+# softer arms in sheets with a grain
+HUB_BEND, HUB_LIFT = 0.045, 0.025
+# distance from the hub's centre, in arm widths, up to which the hub keeps sections from warping; larger: stiffer arms
+HUB_HOLDS = 1.7
+# The effect of HUB_LIFT is proportional to w/h for tall arms and to h/w for wide ones; this is the fourth power of the
+# w/h at which the two laws meet
+HUB_TALL = 0.31
+HUB_AT = 0.5  # distance from the hub's centre, in arm widths, at which the hub's flexibility acts: where the arm begins
 _RADIUS, _WIDTH, _TWIST, _GRAIN = range(4)  # parameters by which the beam is differentiated
 
 
@@ -49,10 +57,14 @@ class SectionFlexibility:
 
     Every array is (3, ...): value, derivative by the width, derivative by the angle from the arm to the grain.
 
-    stretch, slide : stretch per force along the arm, and shear per force across it in the sheet; mixed : their coupling
+    stretch : stretch per force along the arm
+    slide : shear per force across the arm in the sheet
+    mixed : coupling of both: shear in the sheet per force along the arm
     rise : shear per force normal to the sheet
-    bend, lift, twist : turn per moment about the normal, about the direction across the arm, and about the arm itself
-    coupled : coupling of ``twist`` and ``lift``: twist per moment about the direction across the arm
+    bend : curvature in the sheet per moment about the normal
+    lift : curvature out of the sheet per moment about the direction across the arm
+    twist : twist rate per torque
+    coupled : coupling of the last two: twist rate per moment about the direction across the arm
     """
 
     stretch: np.ndarray
@@ -85,7 +97,7 @@ class SectionFlexibility:
         stretch, mixed = per_section(s11, area, 1), per_section(s16, area, 1)
         slide, rise = per_section(SHEAR_FACTOR * s66, area, 1), per_section(SHEAR_FACTOR * s55, area, 1)
         bend, lift = per_section(s11, 12.0 / (height * width**3), 3), per_section(s11, inertia, 1)
-        # S16^2 / S11, with derivative; it is subtracted from S66
+        # S16^2 / S11, then stacked with its derivative
         shared = np.stack([s16[0] ** 2, 2.0 * s16[0] * s16[1]])
         shared = np.stack([shared[0] / s11[0], (shared[1] - shared[0] * s11[1] / s11[0]) / s11[0]])
         left = s66 - shared
@@ -98,9 +110,10 @@ class SectionFlexibility:
     ) -> SectionFlexibility:
         """Return flexibilities of sections that are kept from warping minus those of free sections.
 
-        Leaves out the part of the difference that isotropic sections have too. Arguments as in ``evaluate``. The
-        section stays plane. With Q, the inverse of [S11, S16; S16, S66], its stiffness is Q11 h w^3 / 12 in bending in
-        the sheet, and [Q11 I, -Q16 I; -Q16 I, Q66 I + h w^3 / (12 S55)] in bending out of the sheet and torsion.
+        The part of the difference that isotropic sections have too is left out. A section that cannot warp stays plane.
+        With Q, the inverse of [S11, S16; S16, S66], its stiffness per length is Q11 h w^3 / 12 in bending in the sheet,
+        and the matrix [Q11 I, -Q16 I; -Q16 I, Q66 I + h w^3 / (12 S55)] for bending out of the sheet and torsion.
+        Arguments as in ``evaluate``.
         """
         free = cls.evaluate(known, angle, width, height)
         s11, s16, s66, s55 = (np.stack([v[0], np.zeros_like(v[0]), v[1]]) for v in _rotated_compliances(known, angle))
@@ -123,9 +136,9 @@ class SectionFlexibility:
     def of_hub(
         cls, known: Orthotropy, angle: np.ndarray, width: np.ndarray, height: float | np.ndarray, poisson: float
     ) -> SectionFlexibility:
-        """Return the flexibility of an arm's whole hub minus that of an isotropic hub with this Poisson's ratio.
+        """Return the flexibility of the hub at an arm's inner end minus that of an isotropic hub.
 
-        Arguments as in ``evaluate``; ``poisson`` belongs to the isotropic hub. The result is not per length.
+        It is that of the whole hub, not per length. Arguments as in ``evaluate``; poisson : of the isotropic hub.
         """
         s11, _, s66, s55 = _rotated_compliances(known, angle)
         more_level, more_upright = s66 - 2.0 * (1.0 + poisson) * s11, s55 - 2.0 * (1.0 + poisson) * s11
@@ -141,12 +154,14 @@ class SectionFlexibility:
 
 
 def _rotated_compliances(known: Orthotropy, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the compliances S11, S16, S66 and S55 (1/Pa), each (2, ...): value, and derivative by the angle.
+    """Return the elastic compliances S11, S16, S66 and S55 in the arm's axes (1/Pa), with derivatives by the angle.
 
-    Jones, Mechanics of Composite Materials, section 2.6. ``angle`` : radians from the arm to the grain
+    Jones, Mechanics of Composite Materials, section 2.6. Each is (2, ...): value and derivative.
+
+    angle : radians from the arm to the grain
     """
     s1, s2, s12, s6 = 1.0 / known.along, 1.0 / known.across, -known.poisson / known.along, 1.0 / known.shear
-    # coefficients of 1, of the cosine of twice the angle, and of the cosine of four times the angle
+    # S11 = mean + half cos(2 angle) + quarter cos(4 angle)
     mean, half = 0.125 * (3.0 * (s1 + s2) + 2.0 * s12 + s6), 0.5 * (s1 - s2)
     quarter = 0.125 * (s1 + s2 - 2.0 * s12 - s6)
     c2, n2, c4, n4 = np.cos(2.0 * angle), np.sin(2.0 * angle), np.cos(4.0 * angle), np.sin(4.0 * angle)
@@ -159,9 +174,9 @@ def _rotated_compliances(known: Orthotropy, angle: np.ndarray) -> tuple[np.ndarr
 
 
 def _torsion(level: np.ndarray, upright: np.ndarray, width: np.ndarray, height: float | np.ndarray) -> np.ndarray:
-    """Return 1 / D (3, ...) of sections, with derivatives by width and angle.
+    """Return 1 / D (3, ...) of sections, D their torsional rigidity: value, derivatives by width and by angle.
 
-    level, upright : (2, ...) shear compliances in the sheet and normal to it, with derivatives by the angle
+    level, upright : (2, ...) shear compliances in the sheet and normal to it: value, derivative by the angle
     """
     wider = np.sqrt(level[0] / upright[0])
     wider_by = 0.5 * wider * (level[1] / level[0] - upright[1] / upright[0])
@@ -174,7 +189,10 @@ def _torsion(level: np.ndarray, upright: np.ndarray, width: np.ndarray, height: 
 
 
 def _inverse(a: np.ndarray) -> np.ndarray:
-    """Return the reciprocals of values, with derivatives; ``a`` : the values, then their derivatives."""
+    """Return the reciprocals of values and the derivatives of the reciprocals.
+
+    a : (1 + P, ...) the values, then their derivatives by P parameters
+    """
     out = -a / a[0] ** 2
     out[0] = 1.0 / a[0]
     return out
@@ -189,18 +207,19 @@ def line_compliance(
     height: float | np.ndarray,
     of: Callable[..., SectionFlexibility],
 ) -> Float[np.ndarray, "12 numbers n"]:
-    """Integrate the flexibilities along lines to the tip compliances of their arms.
+    """Integrate flexibilities along lines on N arms to the compliances of the arms' tips.
 
     Parameters
     ----------
-    place, pace, width, weight : a line as in ``cut``, with derivatives by P parameters
-    grain : (1 + P, 1 or S, N) angle from the arms' first axes to the grain, radians
+    place, pace, width, weight : S stations on every arm, with derivatives by P parameters, as in ``cut._Line``
+    grain : (1 + P, 1 or S, N) angle from the arm's radius to the grain, radians
     height : thickness of the sheet, metres
-    of : function of angle, width and height that returns the flexibilities of the stations
+    of : function that returns the flexibilities of sections from their angle to the grain, width and height
 
     Returns
     -------
-    (12, 1 + P, N) : ``ENTRIES`` of the in-plane block, then of the out-of-plane block, with derivatives
+    (12, 1 + P, N) : axis 0: ``ENTRIES`` of the in-plane block, then of the out-of-plane block; axis 1: value and
+        derivatives
     """
     x, y = -place.real, -place.imag
     speed = np.abs(pace[0])
@@ -232,7 +251,7 @@ def line_compliance(
 
 
 def _sum_squares(value: np.ndarray, rows: tuple[np.ndarray, ...]) -> Float[np.ndarray, "6 numbers n"]:
-    """Sum value a_i a_j over the stations, for (i, j) in ``ENTRIES``; ``rows`` are a_0, a_1, a_2."""
+    """Return for every (i, j) in ``ENTRIES`` the sum of value * a_i * a_j over the stations; rows : a_0, a_1, a_2."""
     scaled = [product(value, row) for row in rows]
     return np.stack([sum_products(scaled[i], rows[j]) for i, j in ENTRIES])
 
@@ -240,7 +259,10 @@ def _sum_squares(value: np.ndarray, rows: tuple[np.ndarray, ...]) -> Float[np.nd
 def _sum_coupled(
     first: np.ndarray, second: np.ndarray, mixed: np.ndarray, a: tuple[np.ndarray, ...], b: tuple[np.ndarray, ...]
 ) -> Float[np.ndarray, "6 numbers n"]:
-    """Sum first a_i a_j + second b_i b_j + mixed (a_i b_j + b_i a_j) over the stations, for (i, j) in ``ENTRIES``."""
+    """Return sums over the stations, for every (i, j) in ``ENTRIES``.
+
+    The summands are first * a_i * a_j + second * b_i * b_j + mixed * (a_i * b_j + b_i * a_j).
+    """
     rows = [
         (product(first, p) + product(mixed, q), product(mixed, p) + product(second, q))
         for p, q in zip(a, b, strict=True)
@@ -250,10 +272,12 @@ def _sum_coupled(
 
 @dataclass(frozen=True, eq=False)
 class GrainBeams:
-    """Function for ``beam`` of ``stiffness.table_tip_compliance``: beams of n arms in a sheet with a grain.
+    """The beams of n arms in a sheet with a grain, as a callable for ``beam`` of ``stiffness.table_tip_compliance``.
 
-    grain : (n,) radians from the radius at the tip to the grain, positive to the side to which arms wind inwards
-    known : moduli; unit, poisson : Young's modulus (Pa) and Poisson's ratio with which the table is evaluated
+    known : moduli of the sheet
+    grain : (n,) radians from the arm's radius to the grain, positive to the side to which arms wind inwards
+    unit : Young's modulus with which the table is evaluated, Pa; the compliances are multiplied by it
+    poisson : Poisson's ratio with which the table is evaluated
     """
 
     known: Orthotropy
@@ -262,7 +286,10 @@ class GrainBeams:
     poisson: float
 
     def __call__(self, scale: np.ndarray, height: np.ndarray, twist: np.ndarray) -> Blocks:
-        """Return the compliances at these s/w, h/w and twists (n,); the fourth slope is by the angle to the grain."""
+        """Return the dimensionless tip compliances, with a fourth slope by the angle to the grain.
+
+        scale, height : (n,) scale and sheet thickness over arm width; twist : (n,) radians
+        """
         parts = [
             self._lines(*(values[start : start + BATCH] for values in (scale, height, twist, self.grain)))
             for start in range(0, len(scale), BATCH)
@@ -270,7 +297,8 @@ class GrainBeams:
         found = self.unit * np.concatenate(parts, axis=2).reshape(2, 6, 5, -1)
         value, by_radius, by_width, by_twist, by_grain = np.moveaxis(found, 2, 0)
         by_scale = 0.5 * scale * by_radius
-        # compliances are homogeneous in all lengths, of degree -1 minus the number of turns and moments of the entry
+        # If all lengths are multiplied by c, a shift per force is multiplied by c^-1, a shift per moment or turn per
+        # force by c^-2, a turn per moment by c^-3. This gives the derivative by the height from the other derivatives
         kind = np.array([[0 if r < 3 else 1 for r in rows] for rows in (IN_PLANE, OUT_OF_PLANE)])
         power = np.array([[-1 - kind[b, i] - kind[b, j] for i, j in ENTRIES] for b in (0, 1)])[..., None]
         by_height = power * value - by_scale - by_width
@@ -279,7 +307,10 @@ class GrainBeams:
     def _lines(
         self, scale: np.ndarray, height: np.ndarray, twist: np.ndarray, grain: np.ndarray
     ) -> Float[np.ndarray, "12 5 n"]:
-        """Return compliances (12, 5, n), with derivatives by ``_RADIUS`` to ``_GRAIN``; lengths in arm widths."""
+        """Return the tip compliances of the beams, as in ``line_compliance``, with lengths in arm widths.
+
+        Axis 1: value, derivatives by ``_RADIUS``, ``_WIDTH``, ``_TWIST`` and ``_GRAIN``. Parameters as in ``__call__``.
+        """
         x, w = gauss(POINTS)
         radius, n = 0.5 * scale, len(scale)
         width, angle, weight = np.zeros((5, 1, n)), np.zeros((5, 1, n)), np.zeros((5, POINTS, 1))
@@ -287,7 +318,7 @@ class GrainBeams:
         angle[0], angle[1 + _GRAIN] = grain, 1.0
         t = np.zeros((5, POINTS, 1))
         t[0] = x[:, None]
-        # degree to which the hub keeps sections from warping, by their distance from its centre in arm widths
+        # degree (1 to 0) to which the hub keeps sections from warping: it decreases with their distance from the centre
         away = radius * (1.0 - t[0])
         share = np.zeros((5, POINTS, n))
         share[0] = np.exp(-((away / HUB_HOLDS) ** 2))
@@ -303,7 +334,7 @@ class GrainBeams:
         t = np.zeros((5, 1, n))
         t[0], t[1 + _RADIUS], t[1 + _WIDTH] = 1.0 - HUB_AT / radius, HUB_AT / radius**2, -HUB_AT / radius
         places, paces = spiral_stations(radius, twist, t, **rows)
-        # the hub acts at a single station, weighted so that its length is 1 for all parameters
+        # the flexibility of the whole hub acts at a single station, so this station gets the length 1
         speed = np.abs(paces[0])
         weight = -(paces * np.conj(paces[0])).real / speed**3
         weight[0] *= -1.0
@@ -314,14 +345,14 @@ class GrainBeams:
 def direction_share(
     strength: tuple[float, float, float], stress: float, angle: Float[np.ndarray, "*n"]
 ) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
-    """Return a stress over the sheet's strength in the direction of the stress, and its derivative by ``angle``.
+    """Return stress / strength of the sheet in the direction of the stress, and the derivative by ``angle``.
 
     Norris, Strength of Orthotropic Materials Subjected to Combined Stresses, Forest Products Laboratory 1962.
 
     Parameters
     ----------
-    strength : as in ``Orthotropy``
-    stress : Pa
+    strength : along the grain, across it, and in shear, Pa, as in ``Orthotropy``
+    stress : normal stress in one direction, Pa
     angle : radians from the grain to the stress
     """
     first, second, sheared = (stress / one for one in strength)

@@ -21,10 +21,11 @@ from .stacked import EYE, cross, dot, joints_first, joints_last, outer, skew
 class JointMotion(Columns):
     """Motion of m joints, and the frame in which it is measured.
 
-    middle : (m, 3, 3) the frame half way between both hubs (half-way axes)
-    turn : (m, 3) rad, of the second hub relative to the first, in half-way axes
-    gap : (m, 3) metres, from the first bend point to the second, in half-way axes; shift : gap minus gap at rest
-    first, second : (m, 3) metres, from the centre of either hub to its bend point, in space
+    middle : (m, 3, 3) axes of the frame half way between both hubs ("half-way axes"), as columns in space
+    turn : (m, 3) rotation vector of the second hub relative to the first, in half-way axes, radians
+    gap : (m, 3) vector from the first hub's bend point to the second's (see ``arm_bend``), in half-way axes, metres
+    shift : (m, 3) gap minus gap at rest
+    first, second : (m, 3) vectors from the centres of the first and second hubs to their bend points, in space, metres
     """
 
     middle: Float[np.ndarray, "joints 3 3"]
@@ -36,7 +37,7 @@ class JointMotion(Columns):
 
     @property
     def vector(self) -> Float[np.ndarray, "joints 6"]:
-        """(m, 6): shift, then turn."""
+        """Shift (3), then turn (3), of every joint."""
         return np.concatenate([self.shift, self.turn], axis=1)
 
 
@@ -52,7 +53,10 @@ def joint_motion(
     Parameters
     ----------
     pose : of the hubs, with the rim's nodes if there is a rim
-    pairs, lever, axes, rest : as in ``ArmModel`` and its assembly
+    pairs : (m, 2) indices of the two hubs of every joint
+    lever : vectors from the hubs' centres to the bend points, in the flat frames of their patches, metres
+    axes : axes of the joints as columns, in the flat frames of both hubs' patches
+    rest : vectors from the first bend point to the second at rest, in the joints' axes, metres
     """
     pose = pose.whole
     a, b = pairs.T
@@ -66,11 +70,13 @@ def joint_motion(
 
 @dataclass(frozen=True, eq=False)
 class SpatialMotion:
-    """Motion of m joints in the axes of space, with the joints as the last axis, as the derivatives need it.
+    """Motion of m joints in space, with the joints as the last axis of all arrays, as the derivatives need it.
 
-    gap, turn, first, second : (3, m), as in ``JointMotion``, but all in space; angle : (m,) rad, length of ``turn``
-    quarter : (3, m) along the turn, with the tangent of a quarter of its angle as length
-    across : (m,) change of the turn per relative rotation of the hubs about an axis at right angles to the turn
+    gap, turn, first, second : (3, m) as in ``JointMotion``, but all with components in space
+    angle : (m,) length of the rotation vector ``turn``, radians
+    quarter : (3, m) vector along ``turn``, of the length tan(angle / 4)
+    across : (m,) (angle / 2) / sin(angle / 2), the change of ``turn`` when the hubs rotate against each other by a
+        small vector at right angles to it, over that vector
     """
 
     gap: Float[np.ndarray, "3 joints"]
@@ -86,17 +92,17 @@ class SpatialMotion:
         """Return the motion, rotated from the half-way frame to the axes of space."""
         gap, turn = (joints_last(matvec(motion.middle, v)) for v in (motion.gap, motion.turn))
         angle = np.sqrt(dot(turn, turn))
-        # (angle / 2) / sin(angle / 2)
-        across = 1.0 / np.sinc(angle / (2.0 * np.pi))
+        across = 1.0 / np.sinc(angle / (2.0 * np.pi))  # numpy's sinc(x) is sin(pi x) / (pi x)
         first, second = joints_last(motion.first), joints_last(motion.second)
         return cls(gap, turn, first, second, angle, tan_quarter(angle) * turn, across)
 
 
 def first_order(at: SpatialMotion) -> Float[np.ndarray, "joints 6 12"]:
-    """Return the derivatives (m, 6, 12) of gap and turn by both hubs' increments.
+    """Return the derivatives (m, 6, 12) of gap (3) and turn (3) by the increments of both hubs (6 each).
 
-    When the hubs turn by a and b, the half-way frame turns by (a + b)/2 - q x (b - a)/2 + ..., with q = ``quarter``
-    (from the sum of both hubs' quaternions).
+    A hub's increment is its shift and its rotation vector in space. When the hubs rotate by small vectors a and b, the
+    half-way frame rotates by (a + b)/2 - q x (b - a)/2 to first order, with q = ``quarter``, because its quaternion is
+    along the sum of both hubs' quaternions.
     """
     out = np.zeros((6, 12, len(at.angle)))
     carried = skew(0.5 * at.gap)
@@ -112,16 +118,17 @@ def first_order(at: SpatialMotion) -> Float[np.ndarray, "joints 6 12"]:
 def second_order(
     at: SpatialMotion, force: np.ndarray, moment: Float[np.ndarray, "joints 3"]
 ) -> Float[np.ndarray, "joints 12 12"]:
-    """Return second derivatives (m, 12, 12) of gap and turn by both hubs' increments, weighted by force and moment.
+    """Return second derivatives (m, 12, 12) of force . gap + moment . turn by the increments of both hubs (6 each).
 
     Parameters
     ----------
     at : motion of m joints
-    force, moment : (m, 3) weights of gap and turn, in space
+    force, moment : (m, 3) constant weights of the components of gap and turn in space
     """
     force, moment, quarter, turn = joints_last(force), joints_last(moment), at.quarter, at.turn
-    out = np.zeros((12, 12, len(at.angle)))  # half of the result; the transpose is added at the end
-    # force . e^(-m) gap, where the half-way frame turns by m and the gap changes
+    # ``out`` is half of the result; its transpose is added at the end. In these terms, the half-way frame rotates by a
+    # small vector m, to first order in the increments, and the gap changes: force . (exp(-m) gap) to second order
+    out = np.zeros((12, 12, len(at.angle)))
     level = 0.5 * dot(force, at.gap)
     bend = 0.25 * (outer(force, at.gap) + outer(at.gap, force)) - level * EYE
     aside = 0.25 * (outer(force, cross(at.gap, quarter)) + outer(at.gap, cross(force, quarter))) - level * skew(quarter)
@@ -133,21 +140,22 @@ def second_order(
     )
     around = cross(quarter, both)
     out[3:6], out[9:] = 0.5 * (both - around), 0.5 * (both + around)
-    # levers: b x (b x l) / 2
+    # a lever l (from a hub's centre to its bend point) that rotates by b changes to second order by b x (b x l) / 2
     out[3:6, 3:6] -= 0.5 * by_first
     out[9:, 9:] += 0.5 * by_second
-    # second order of the half-way frame, with s = (a + b)/2 and e = b - a:
-    # [(e.q) s - (s.e) q]/4 + (e.q)(e x q)/8
+    # when the hubs rotate by a and b, the half-way frame rotates to second order by
+    # [(e.q) s - (s.e) q]/4 + (e.q)(e x q)/8, with s = (a + b)/2, e = b - a and q = ``quarter``
     torque = cross(force, at.gap)
     mixed = 0.125 * (outer(torque, quarter) - dot(quarter, torque) * EYE)
-    # second order of the turn's logarithm: alpha |e_across|^2 n + beta (n.e) e_across
+    # the turn changes to second order by alpha |e_across|^2 n + beta (n.e) e_across, with n the direction of the turn
+    # and e_across the part of e at right angles to it (see ``_turn_coefficients``)
     alpha, beta = _turn_coefficients(at.angle)
     share = dot(moment, turn) / np.maximum(at.angle, 1e-12) ** 2
     way = (0.125 * tan_quarter(at.angle)) * cross(quarter, torque) - share * (alpha + beta) * turn + beta * moment
     own = outer(turn, way) + (share * alpha * at.angle**2) * EYE
     out[3:6, 3:6] += own - mixed
     out[9:, 9:] += own + mixed
-    # the two turns do not commute: delta = b - a - a x b / 2
+    # rotations by a and b do not commute: the relative rotation of the hubs is b - a - a x b / 2 to second order
     carried = at.across * moment + (1.0 - at.across) * share * turn
     out[3:6, 9:] -= own + np.swapaxes(own, 0, 1) - skew(0.5 * carried - 0.125 * cross(torque, quarter))
     return joints_first(out + np.swapaxes(out, 0, 1))

@@ -189,7 +189,7 @@ class ArmModel:
         return self._select_joints(self.assembly.without_strips, np.arange(self.assembly.tie_joints.stop))
 
     @property
-    def set_rim_compliances(self) -> ArmModel:
+    def rim_only(self) -> ArmModel:
         """The model of the rim's joints only."""
         whole, joints = self.assembly, np.arange(self.assembly.n_inner_joints, len(self.pairs))
         parts = {name: getattr(whole, name)[joints] for name in ("pairs", "sides", "lever", "axes")}
@@ -229,7 +229,7 @@ class ArmModel:
         rim, n = self.assembly.rim, self.assembly.spirals
         assert rim is not None
         held = Loads(np.ones((n, 6), dtype=bool), np.zeros((n, 3)))
-        resting, own = replace(pose, nodes=RimNodes.at_rest(rim.hub, rim.offset)), self.set_rim_compliances
+        resting, own = replace(pose, nodes=RimNodes.at_rest(rim.hub, rim.offset)), self.rim_only
         system = NewtonSystem(own.pairs, held.fixed)
         return solve(own, resting, held, SimulateParams(), system=system).pose
 
